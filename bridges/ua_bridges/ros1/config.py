@@ -1,0 +1,24 @@
+"""Configuration of a ROS 1 bridge in `fleet.yaml`."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from ua_fleet.config.schema import BridgeConfig
+
+__all__ = ["Ros1BridgeConfig"]
+
+
+class Ros1BridgeConfig(BridgeConfig):
+    """A bridge into the graph of a ROS 1 master."""
+
+    kind: Literal["ros1"]
+    space: Literal[1] = 1
+    master_uri: Annotated[str, Field(pattern=r"^http://[^/]+:\d{1,5}/?$")] = "http://127.0.0.1:11311"
+    """XML-RPC address of the ROS master (ROS_MASTER_URI)."""
+    host_ip: str = "127.0.0.1"
+    """Address under which other ROS nodes reach this bridge (ROS_IP)."""
+    node_name: Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_]*$")] = "ua_bridge"
+    """Name of the bridge's node in the graph."""

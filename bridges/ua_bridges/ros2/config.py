@@ -1,0 +1,31 @@
+"""Configuration of a ROS 2 bridge in `fleet.yaml`."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field, field_validator
+
+from ua_fleet.config.schema import BridgeConfig
+from ua_fleet.errors import TopicInvalid
+from ua_fleet.topics import check_ros2_space
+
+__all__ = ["Ros2BridgeConfig"]
+
+
+class Ros2BridgeConfig(BridgeConfig):
+    """A bridge into a ROS 2 domain. `space` is the domain id; 2..101 keep clear of Linux's ephemeral ports."""
+
+    kind: Literal["ros2"]
+    node_name: Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_]*$")] = "ua_bridge"
+    """Name of the bridge's node in the graph."""
+    discovery: Literal["localhost", "subnet"] = "localhost"
+    """How far DDS discovery reaches (ROS_AUTOMATIC_DISCOVERY_RANGE)."""
+
+    @field_validator("space")
+    @classmethod
+    def _domain(cls, space: int) -> int:
+        try:
+            return check_ros2_space(space)
+        except TopicInvalid as error:
+            raise ValueError(error.reason) from error

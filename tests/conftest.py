@@ -1,0 +1,55 @@
+"""What all tests share: parts of the system that may be missing, and ports that no other run uses."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import pytest
+
+from tests import system
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption(
+        "--require",
+        default="",
+        help="comma-separated parts of the system whose absence fails the tests that need them, e.g. ros1,ros2",
+    )
+
+
+def pytest_runtest_setup(item: pytest.Item) -> None:
+    required = {part for part in str(item.config.getoption("--require")).split(",") if part}
+    for marker in item.iter_markers("needs"):
+        for part in marker.args:
+            reason = system.missing(part)
+            if reason is None:
+                continue
+            if part in required:
+                pytest.fail(f"{part} is required and missing: {reason}", pytrace=False)
+            pytest.skip(f"{part}: {reason}")
+
+
+@pytest.fixture
+def udp_url() -> str:
+    """A PubSub multicast address that no other test uses."""
+    return system.free_multicast_url()
+
+
+@pytest.fixture
+def tcp_port() -> int:
+    """A free TCP port on loopback."""
+    return system.free_tcp_port()
+
+
+@pytest.fixture
+def ros_domain() -> Iterator[int]:
+    """A ROS 2 domain id that no other test run on this machine uses at the same time."""
+    with system.ros_domain() as domain:
+        yield domain
+
+
+@pytest.fixture
+def processes() -> Iterator[system.Processes]:
+    """Starts child processes and ends those, and only those, when the test is over."""
+    with system.Processes() as started:
+        yield started

@@ -1,0 +1,180 @@
+"""The machine that the tests run on: which parts are there, and resources that two runs must not share."""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+import functools
+import os
+import random
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Callable, Generator, Mapping, Sequence
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+ROOT = Path(__file__).resolve().parent.parent
+ROS1_PYTHON = ROOT / ".venv-ros1" / "bin" / "python"
+
+
+def _imports(python: str | Path, module: str) -> str | None:
+    if not Path(python).exists():
+        return f"{Path(python).relative_to(ROOT)} does not exist; run: make setup"
+    run = subprocess.run([python, "-c", f"import {module}"], capture_output=True, text=True, check=False)
+    return None if run.returncode == 0 else run.stderr.strip().splitlines()[-1]
+
+
+def _ros1() -> str | None:
+    if shutil.which("rosmaster") is None:
+        return "rosmaster is not installed (Debian package python3-rosmaster)"
+    return _imports(ROS1_PYTHON, "rospy, ua_fleet")
+
+
+def _ros2() -> str | None:
+    return _imports(sys.executable, "rclpy, std_msgs.msg")
+
+
+def _node() -> str | None:
+    if shutil.which("node") is None:
+        return "node is not installed (Debian package nodejs)"
+    packages = ROOT / "tests" / "interop" / "node_modules" / "node-opcua-client"
+    return None if packages.exists() else "node-opcua-client is not installed; run: make setup"
+
+
+_PARTS: dict[str, Callable[[], str | None]] = {"ros1": _ros1, "ros2": _ros2, "node": _node}
+
+
+@functools.cache
+def missing(part: str) -> str | None:
+    """Why a part of the system cannot be used, or None when it can."""
+    return _PARTS[part]()
+
+
+def free_tcp_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+def free_multicast_url() -> str:
+    """An `opc.udp` URL with a random group of the organisation-local scope and a free port."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        port = int(probe.getsockname()[1])
+    group = ".".join(str(random.randint(1, 254)) for _ in range(3))
+    return f"opc.udp://239.{group}:{port}"
+
+
+@contextlib.contextmanager
+def ros_domain() -> Generator[int]:
+    """A ROS 2 domain id of 2..101, locked against other test runs of this machine while the context lasts."""
+    folder = Path(tempfile.gettempdir()) / f"ua-fleet-domains-{os.getuid()}"
+    folder.mkdir(exist_ok=True)
+    domains = list(range(2, 102))
+    random.shuffle(domains)
+    for domain in domains:
+        with (folder / str(domain)).open("w") as lock:
+            try:
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                continue
+            yield domain
+            return
+    raise RuntimeError("every ROS 2 domain from 2 to 101 is in use by a test")
+
+
+def clean_environment(**extra: str) -> dict[str, str]:
+    """The environment for a child in another interpreter, without what the ROS 2 wheels leak into ours."""
+    environment = {
+        k: v for k, v in os.environ.items() if k not in ("LD_LIBRARY_PATH", "_ROS_WHEELS_BOOTSTRAP_COMPLETE")
+    }
+    return environment | extra
+
+
+class Child:
+    """A started process whose output is collected line by line."""
+
+    def __init__(self, args: Sequence[str | Path], env: Mapping[str, str] | None = None) -> None:
+        self.args = [str(arg) for arg in args]
+        self.lines: list[str] = []
+        self._changed = threading.Condition()
+        self.process = subprocess.Popen(
+            self.args,
+            env=dict(env) if env is not None else clean_environment(),
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            errors="replace",
+            start_new_session=True,
+        )
+        self._reader = threading.Thread(target=self._read, daemon=True)
+        self._reader.start()
+
+    def _read(self) -> None:
+        assert self.process.stdout is not None
+        for line in self.process.stdout:
+            with self._changed:
+                self.lines.append(line.rstrip("\n"))
+                self._changed.notify_all()
+        with self._changed:
+            self._changed.notify_all()
+
+    def wait_for(self, text: str, timeout_s: float = 20) -> str:
+        """The first line that contains `text`; fails with all output when it does not come."""
+        deadline = time.monotonic() + timeout_s
+        seen = 0
+        with self._changed:
+            while True:
+                for line in self.lines[seen:]:
+                    if text in line:
+                        return line
+                seen = len(self.lines)
+                left = deadline - time.monotonic()
+                if left <= 0 or (self.process.poll() is not None and not self._reader.is_alive()):
+                    output = "\n".join(self.lines)
+                    raise AssertionError(f"{text!r} did not come from {' '.join(self.args)}:\n{output}")
+                self._changed.wait(min(left, 0.2))
+
+    def end(self, signal_number: int = signal.SIGTERM, timeout_s: float = 10) -> int:
+        """End the process and its children; its exit code."""
+        if self.process.poll() is None:
+            os.killpg(self.process.pid, signal_number)
+            try:
+                self.process.wait(timeout_s)
+            except subprocess.TimeoutExpired:
+                os.killpg(self.process.pid, signal.SIGKILL)
+                self.process.wait()
+        self._reader.join(timeout_s)
+        if self.process.stdout is not None:
+            self.process.stdout.close()
+        return self.process.returncode
+
+
+class Processes:
+    """The child processes of one test."""
+
+    def __init__(self) -> None:
+        self._children: list[Child] = []
+
+    def start(self, *args: str | Path, env: Mapping[str, str] | None = None) -> Child:
+        """Start a process of its own group."""
+        child = Child(args, env)
+        self._children.append(child)
+        return child
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        for child in reversed(self._children):
+            child.end()

@@ -1,0 +1,1 @@
+"""A typed OPC UA client."""

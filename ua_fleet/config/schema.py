@@ -1,0 +1,296 @@
+"""The schema of `fleet.yaml`, version 1.
+
+Every key has a docstring or a description here; unknown keys are errors. `load.py` reads the file, finds the line of
+each problem and checks what one model alone cannot see (ids used twice, a robot on a bridge that does not exist).
+"""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, SerializeAsAny, field_validator, model_validator
+
+from ua_fleet.errors import TopicInvalid
+from ua_fleet.topics import SERVER_SPACE, check_space
+from ua_fleet.values import BuiltinType
+
+__all__ = [
+    "BridgeConfig",
+    "DataSetConfig",
+    "FieldConfig",
+    "FleetConfig",
+    "FleetInfo",
+    "PubSubConfig",
+    "PubSubSecurity",
+    "QosConfig",
+    "RobotConfig",
+    "ScalarType",
+    "ServerConfig",
+    "TopicMapping",
+    "UnknownSources",
+]
+
+Name = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_-]{0,63}$")]
+DataSetId = Annotated[int, Field(ge=1, le=65535)]
+
+
+class _Model(BaseModel, frozen=True):
+    model_config = ConfigDict(extra="forbid", use_attribute_docstrings=True)
+
+
+class ScalarType(StrEnum):
+    """The types that a field may have in `fleet.yaml`: names of OPC UA built-in types."""
+
+    BOOLEAN = "Boolean"
+    SBYTE = "SByte"
+    BYTE = "Byte"
+    INT16 = "Int16"
+    UINT16 = "UInt16"
+    INT32 = "Int32"
+    UINT32 = "UInt32"
+    INT64 = "Int64"
+    UINT64 = "UInt64"
+    FLOAT = "Float"
+    DOUBLE = "Double"
+    STRING = "String"
+    DATETIME = "DateTime"
+    BYTE_STRING = "ByteString"
+
+    @property
+    def builtin(self) -> BuiltinType:
+        """The built-in type with this name."""
+        return BuiltinType[{"DateTime": "DATETIME", "ByteString": "BYTE_STRING"}.get(self.value, self.value.upper())]
+
+
+class FieldConfig(_Model):
+    """One field of a DataSet."""
+
+    type: ScalarType
+    """Built-in type of the field, or of its elements."""
+    array: bool = False
+    """Whether the field is an array of `type`."""
+    unit: str | None = None
+    """Engineering unit as shown to users, e.g. `m/s` or `%`."""
+    range: tuple[float, float] | None = None
+    """Least and greatest legal value; a value outside is refused (client) or shown as Uncertain (robot)."""
+    path: str | None = None
+    """Where the field stands in the robot's own message, e.g. `twist.linear.x`; the field's name if left out."""
+    initial: bool | int | float | str | None = None
+    """First value of a node that clients write. Without it the node waits for its first value."""
+
+    @model_validator(mode="after")
+    def _check(self) -> FieldConfig:
+        if self.range is not None:
+            if self.range[0] >= self.range[1]:
+                raise ValueError("range: the first value must be less than the second")
+            if self.type in (ScalarType.BOOLEAN, ScalarType.STRING, ScalarType.DATETIME, ScalarType.BYTE_STRING):
+                raise ValueError(f"range: {self.type.value} has no range")
+        return self
+
+
+class QosConfig(_Model):
+    """ROS 2 quality of service of a mapped topic. What is left out follows the publishers that are there."""
+
+    reliability: Literal["reliable", "best_effort"] | None = None
+    durability: Literal["volatile", "transient_local"] | None = None
+    depth: int = Field(default=10, ge=1, le=10_000)
+
+
+class TopicMapping(_Model):
+    """A robot's own topic that a DataSet is read from or written to."""
+
+    topic: Annotated[str, Field(pattern=r"^/?[A-Za-z_][A-Za-z0-9_/]*$")]
+    """Name of the topic in the robot's space, e.g. `/battery_state`."""
+    type: Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*/(msg/)?[A-Z][A-Za-z0-9]*$")]
+    """Message type as `pkg/Name`."""
+    max_rate_hz: float | None = Field(default=None, gt=0)
+    """At most so many messages a second are carried; the latest wins, and the last one always arrives."""
+    latched: bool = False
+    """ROS 1: publish latched. In ROS 2 use `qos.durability: transient_local`."""
+    qos: QosConfig = QosConfig()
+
+
+class DataSetConfig(_Model):
+    """One data source of a robot: a node with a numeric id, or an object with it and a variable for each field."""
+
+    id: DataSetId | None = None
+    """Numeric id in the fleet's namespace; `ua-fleet config assign-ids` fills it in. It is an address: never reuse it."""
+    origin: Literal["robot", "server"] = "robot"
+    """`robot`: the data originates in the robot's space. `server`: clients write it, the robot receives it."""
+    description: str = ""
+    type: ScalarType | None = None
+    """Short form for a single field; use `fields` for several."""
+    array: bool = False
+    unit: str | None = None
+    range: tuple[float, float] | None = None
+    path: str | None = None
+    initial: bool | int | float | str | None = None
+    fields: dict[Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_.]{0,127}$")], FieldConfig] = {}
+    """Several fields: name to field."""
+    source: TopicMapping | None = None
+    """The robot's own topic that the data is read from. Without it the source is the topic `ua_<space>_<ns>_<id>`."""
+    sink: TopicMapping | None = None
+    """The robot's own topic that the data is also written to."""
+
+    @model_validator(mode="after")
+    def _check(self) -> DataSetConfig:
+        if self.fields and self.type is not None:
+            raise ValueError("give either `type` (one field) or `fields` (several), not both")
+        if not self.fields and self.type is None:
+            raise ValueError("give `type` (one field) or `fields` (several)")
+        if self.fields and (self.array or self.unit or self.range or self.path or self.initial is not None):
+            raise ValueError("with `fields`, array, unit, range, path and initial belong to each field")
+        if self.origin == "server" and self.source is not None:
+            raise ValueError("data of origin server has no source: clients write it")
+        if self.origin == "robot" and self.sink is not None:
+            raise ValueError("data of origin robot is read from the robot; a sink needs `origin: server`")
+        self.all_fields()
+        return self
+
+    def all_fields(self) -> dict[str, FieldConfig]:
+        """The fields by name; the single field of the short form has the empty name."""
+        if self.fields:
+            return self.fields
+        assert self.type is not None
+        single = FieldConfig(
+            type=self.type, array=self.array, unit=self.unit, range=self.range, path=self.path, initial=self.initial
+        )
+        return {"": single}
+
+
+class RobotConfig(_Model):
+    """One robot (or machine, or cell) of the fleet."""
+
+    bridge: Name
+    """The bridge in whose space the robot lives."""
+    description: str = ""
+    capacities: tuple[Name, ...] = ()
+    """What the robot can do in kind, e.g. `mobile`, `grab`."""
+    data: dict[Name, DataSetConfig] = {}
+    """The robot's data sources by browse name."""
+
+
+class BridgeConfig(_Model):
+    """What every bridge has. Each bridge package derives its own model from this one in its `config.py`.
+
+    The package is found by `kind` through the entry point group `ua_fleet.bridges`, so that a new kind of bridge
+    changes nothing here.
+    """
+
+    kind: str
+    """Kind of the bridge: the name of its package in `ua_bridges`."""
+    space: int
+    """Id of the space that the bridge stands in."""
+    status_id: DataSetId | None = None
+    """Numeric id of the bridge's own status DataSet; `ua-fleet config assign-ids` fills it in."""
+    description: str = ""
+
+    @field_validator("space")
+    @classmethod
+    def _space(cls, space: int) -> int:
+        if space == SERVER_SPACE:
+            raise ValueError("space 0 is the server's own")
+        try:
+            return check_space(space)
+        except TopicInvalid as error:
+            raise ValueError(error.reason) from error
+
+
+class PubSubSecurity(StrEnum):
+    """Message security of PubSub. `none` has to be written."""
+
+    NONE = "none"
+
+
+class PubSubConfig(_Model):
+    """OPC UA PubSub between the server and the bridges."""
+
+    security: PubSubSecurity
+    """`none` sends and accepts unsigned messages; it must be written, there is no default."""
+    url: Annotated[str, Field(pattern=r"^opc\.udp://[^/]+:\d{1,5}$")] = "opc.udp://224.0.2.14:4840"
+    """Multicast group (or a unicast address) and port (OPC 10000-14 7.3.2)."""
+    interface: str = "lo"
+    """Name or address of the network interface; `lo` keeps all traffic on this machine."""
+    ttl: int = Field(default=1, ge=0, le=255)
+    """Router hops that a multicast datagram may make."""
+    receive_buffer_bytes: int = Field(default=4 * 1024 * 1024, ge=65_536)
+    """Wanted size of the socket's receive buffer; the kernel may give less, the log says what it gave."""
+    keep_alive_s: float = Field(default=1.0, gt=0)
+    """Period of keep-alive messages while a source lives but says nothing (KeepAliveTime)."""
+    receive_timeout_s: float = Field(default=3.0, gt=0)
+    """A source silent for so long is shown as Bad_NoCommunication (MessageReceiveTimeout)."""
+    repeat_interval_s: float = Field(default=5.0, gt=0)
+    """The last message of each source is sent again with this period, with its Timestamp unchanged."""
+    inlet_size: int = Field(default=10_000, ge=1)
+    """Messages that may wait inside a bridge between its robot side and its PubSub side; then the oldest is dropped."""
+
+    @model_validator(mode="after")
+    def _check(self) -> PubSubConfig:
+        if self.receive_timeout_s <= self.keep_alive_s:
+            raise ValueError("receive_timeout_s must be greater than keep_alive_s")
+        return self
+
+
+class UnknownSources(StrEnum):
+    """What the server does with a source that `fleet.yaml` does not name."""
+
+    CREATE = "create"
+    QUARANTINE = "quarantine"
+    IGNORE = "ignore"
+
+
+class ServerConfig(_Model):
+    """The OPC UA server."""
+
+    host: str = "127.0.0.1"
+    port: int = Field(default=4840, ge=0, le=65535)
+    path: Annotated[str, Field(pattern=r"^[A-Za-z0-9_/-]*$")] = "ua_fleet"
+    """Path of the endpoint URL: opc.tcp://<host>:<port>/<path>."""
+    state_dir: str = "state"
+    """Folder for users, certificates, keys and the audit log; relative to `fleet.yaml`."""
+    allow_none_security: bool = False
+    """Also offer an endpoint without signature and encryption. Says so at every start."""
+    allow_anonymous: bool = False
+    """Let clients in without a user; they get the role observer. Says so at every start."""
+    trust_all_clients: bool = False
+    """Accept any client certificate. Otherwise each must be trusted by `ua-fleet cert trust`."""
+    unknown_sources: UnknownSources = UnknownSources.QUARANTINE
+    """`create`: read-only nodes under Discovered. `quarantine`: listed, but no values. `ignore`: counted only."""
+    max_discovered_sources: int = Field(default=1000, ge=0)
+    """Most sources that `create` and `quarantine` keep; the rest is counted."""
+    max_connections: int = Field(default=100, ge=1)
+    max_sessions: int = Field(default=50, ge=1)
+    max_subscriptions_per_session: int = Field(default=50, ge=1)
+    max_monitored_items_per_subscription: int = Field(default=20_000, ge=1)
+    max_nodes_per_request: int = Field(default=10_000, ge=1)
+    max_message_bytes: int = Field(default=4 * 1024 * 1024, ge=65_536)
+    """Largest request of an authenticated client; before authentication at most 64 KiB are taken."""
+    analog_rate_hz: float = Field(default=10.0, gt=0)
+    """An analog value's node is written at most so often; the last value always arrives."""
+
+
+class FleetInfo(_Model):
+    """The fleet as a whole."""
+
+    name: Name = "Fleet"
+    namespace_uri: Annotated[str, Field(min_length=3)] = "urn:ua-fleet:fleet"
+    namespace_index: Literal[2] = 2
+    """Index of the fleet's namespace. Topics carry it, so the server refuses to start when its table disagrees."""
+
+
+class FleetConfig(_Model):
+    """`fleet.yaml`."""
+
+    version: Literal[1]
+    """Version of this format."""
+    fleet: FleetInfo = FleetInfo()
+    server: ServerConfig = ServerConfig()
+    pubsub: PubSubConfig
+    bridges: dict[Name, SerializeAsAny[BridgeConfig]] = {}
+    """Bridges by name; `load.py` has each checked by the model of its kind before this model sees it."""
+    robots: dict[Name, RobotConfig] = {}
+
+    def space_of(self, robot_name: str) -> int:
+        """The space in which a robot lives."""
+        return self.bridges[self.robots[robot_name].bridge].space

@@ -1,0 +1,81 @@
+"""Counters of one process. Nothing is lost in silence: every drop goes to a counter with its cause."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass, field
+from enum import StrEnum
+
+__all__ = ["Counters", "Drop"]
+
+
+class Drop(StrEnum):
+    """Why a message was dropped. The values are the names that operators see."""
+
+    LOOP = "loop"
+    """Our own space's data came back over PubSub."""
+    FOREIGN = "foreign"
+    """Another bridge brought this data into our space."""
+    OWN_PUBLICATION = "own_publication"
+    """We heard what we had published into our own space."""
+    REPEATED = "repeated"
+    """A repeat of a message already handed on: its Timestamp is not new. Normal, each repeat interval."""
+    DUPLICATE = "duplicate"
+    """A DataSetMessage whose sequence number was received before."""
+    MALFORMED = "malformed"
+    """Bytes that break the rules; `Counters.malformed` has the cause."""
+    SECURED = "secured"
+    """A message with the security flag, which this process cannot verify."""
+    INVALID = "invalid"
+    """A DataSetMessage that its sender marked as not valid."""
+    NO_METADATA = "no_metadata"
+    """Data whose metadata is not known yet; it was probed for."""
+    LAYOUT = "layout"
+    """Fields that do not match the metadata."""
+    UNKNOWN_SOURCE = "unknown_source"
+    """A source that the policy for unknown sources does not let in."""
+    CONFLICT = "conflict"
+    """A second source claims the node of another."""
+    INLET_FULL = "inlet_full"
+    """More messages from the robot side than the bridge could send on; the oldest went."""
+    KERNEL = "kernel"
+    """Datagrams that the kernel dropped because the receive buffer was full."""
+    SEND_FAILED = "send_failed"
+    """The kernel did not take a datagram."""
+    TYPE_MISSING = "type_missing"
+    """The message type does not exist in this space."""
+    CONVERSION = "conversion"
+    """A value that cannot be converted to the type on the other side."""
+    ILLEGAL_TOPIC = "illegal_topic"
+    """A name that begins like a UA topic and is none."""
+    RATE_LIMITED = "rate_limited"
+    """A newer value came before this one's turn. Normal, where a rate limit is configured."""
+
+
+@dataclass(slots=True)
+class Counters:
+    """What went through a process, and what did not."""
+
+    messages_in: int = 0
+    """DataSetMessages received over PubSub, before any drop."""
+    messages_out: int = 0
+    """DataSetMessages sent over PubSub, repeats and keep-alives included."""
+    from_space: int = 0
+    """Messages taken from the robot side."""
+    to_space: int = 0
+    """Messages published into the robot side."""
+    gaps: int = 0
+    """DataSetMessages that sequence numbers show as missing."""
+    looped: int = 0
+    """Deliveries of an (origin, writer, SourceTimestamp) at a place where it had been delivered; must stay 0."""
+    drops: Counter[str] = field(default_factory=Counter[str])
+    malformed: Counter[str] = field(default_factory=Counter[str])
+
+    def drop(self, cause: Drop, count: int = 1) -> None:
+        """Count dropped messages."""
+        self.drops[cause] += count
+
+    def drop_malformed(self, cause: str) -> None:
+        """Count a message that could not be decoded; `cause` is that of the RemoteWireError."""
+        self.drops[Drop.MALFORMED] += 1
+        self.malformed[cause] += 1

@@ -1,0 +1,200 @@
+"""The error tree. Every error carries the OPC UA StatusCode that a client gets for it.
+
+    UaFleetError(ua_status)
+      ConfigError(file, line, key, suggestion)   one problem of a configuration file
+      ConfigInvalid(problems)                    all problems of a file, reported together
+      TopicInvalid(text)                         a name that is no `ua_<space>_<ns>_<id>`
+      WireError
+        LocalWireError                           we tried to send something that cannot be encoded: our bug
+        RemoteWireError(cause)                   a peer sent bytes that break the rules: count, drop, go on
+      TransportError
+        NotConnected
+        SendTimeout
+      SkillError
+        SkillRejected | SkillTimeout | SkillFailed | RobotOffline
+      ScenarioError
+        ScenarioInvalid(problems) | NoCandidate
+      BridgeUnavailable(extra)                   a package or service that a bridge needs is missing
+      ServerStartError                           the server cannot or must not start
+      AccessRefused(ua_status)                   a client may not do this, or not with this value
+
+An error's text is one line: what is wrong, where, and what to do about it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from ua_fleet.values import StatusCode
+
+__all__ = [
+    "AccessRefused",
+    "BridgeUnavailable",
+    "ConfigError",
+    "ConfigInvalid",
+    "LocalWireError",
+    "NoCandidate",
+    "NotConnected",
+    "RemoteWireError",
+    "RobotOffline",
+    "ScenarioError",
+    "ScenarioInvalid",
+    "SendTimeout",
+    "ServerStartError",
+    "SkillError",
+    "SkillFailed",
+    "SkillRejected",
+    "SkillTimeout",
+    "TopicInvalid",
+    "TransportError",
+    "UaFleetError",
+    "WireError",
+]
+
+
+class UaFleetError(Exception):
+    """Base of every error that this project raises on purpose."""
+
+    ua_status: int = StatusCode.BAD_INTERNAL_ERROR
+
+
+class ConfigError(UaFleetError):
+    """One problem in a configuration file, with the place and, where there is one, the remedy."""
+
+    ua_status = StatusCode.BAD_CONFIGURATION_ERROR
+
+    def __init__(self, message: str, *, file: str = "", line: int = 0, key: str = "", suggestion: str = "") -> None:
+        self.message, self.file, self.line, self.key, self.suggestion = message, file, line, key, suggestion
+        place = ":".join(str(part) for part in (file, line or "", key) if part)
+        text = f"{place}: {message}" if place else message
+        super().__init__(f"{text}; {suggestion}" if suggestion else text)
+
+
+class ConfigInvalid(UaFleetError):
+    """A configuration file with one or more problems, in the order of their lines."""
+
+    ua_status = StatusCode.BAD_CONFIGURATION_ERROR
+
+    def __init__(self, problems: Sequence[ConfigError]) -> None:
+        self.problems = tuple(problems)
+        super().__init__("\n".join(str(problem) for problem in self.problems))
+
+
+class TopicInvalid(UaFleetError):
+    """A name or triple that is no UA topic. `text` is the offender."""
+
+    ua_status = StatusCode.BAD_NODE_ID_INVALID
+
+    def __init__(self, text: str, reason: str) -> None:
+        self.text, self.reason = text, reason
+        super().__init__(f"{text!r} is not a UA topic: {reason}")
+
+
+class WireError(UaFleetError):
+    """A message that breaks the rules of OPC 10000-14 or OPC 10000-6."""
+
+
+class LocalWireError(WireError):
+    """We were asked to encode what cannot be encoded: a mistake on our side."""
+
+    ua_status = StatusCode.BAD_ENCODING_ERROR
+
+
+class RemoteWireError(WireError):
+    """A peer's bytes cannot be decoded. `cause` is the counter that the drop goes to."""
+
+    ua_status = StatusCode.BAD_DECODING_ERROR
+
+    def __init__(self, cause: str, detail: str = "", offset: int = -1) -> None:
+        self.cause, self.detail, self.offset = cause, detail, offset
+        where = f" at byte {offset}" if offset >= 0 else ""
+        super().__init__(f"{cause}{where}: {detail}" if detail else f"{cause}{where}")
+
+
+class TransportError(UaFleetError):
+    """The network side failed: no route, no permission, no such interface."""
+
+    ua_status = StatusCode.BAD_COMMUNICATION_ERROR
+
+
+class NotConnected(TransportError):
+    """There is no connection to send on."""
+
+    ua_status = StatusCode.BAD_NOT_CONNECTED
+
+
+class SendTimeout(TransportError):
+    """The peer or the kernel did not take the message in time."""
+
+    ua_status = StatusCode.BAD_TIMEOUT
+
+
+class SkillError(UaFleetError):
+    """A skill did not do what was asked."""
+
+
+class SkillRejected(SkillError):
+    """The robot refused to start the skill."""
+
+    ua_status = StatusCode.BAD_REQUEST_NOT_ALLOWED
+
+
+class SkillTimeout(SkillError):
+    """The skill did not end in time."""
+
+    ua_status = StatusCode.BAD_TIMEOUT
+
+
+class SkillFailed(SkillError):
+    """The robot started the skill and reported that it failed."""
+
+    ua_status = StatusCode.BAD_UNEXPECTED_ERROR
+
+
+class RobotOffline(SkillError):
+    """The robot cannot be reached."""
+
+    ua_status = StatusCode.BAD_NO_COMMUNICATION
+
+
+class ScenarioError(UaFleetError):
+    """A scenario cannot be loaded or cannot go on."""
+
+
+class ScenarioInvalid(ScenarioError):
+    """A scenario with one or more problems."""
+
+    ua_status = StatusCode.BAD_INVALID_ARGUMENT
+
+    def __init__(self, problems: Sequence[str]) -> None:
+        self.problems = tuple(problems)
+        super().__init__("\n".join(self.problems))
+
+
+class NoCandidate(ScenarioError):
+    """No robot of the fleet can take the task over."""
+
+    ua_status = StatusCode.BAD_RESOURCE_UNAVAILABLE
+
+
+class BridgeUnavailable(UaFleetError):
+    """A bridge cannot run here; `extra` names what has to be installed."""
+
+    ua_status = StatusCode.BAD_NOT_SUPPORTED
+
+    def __init__(self, message: str, *, extra: str = "") -> None:
+        self.extra = extra
+        remedy = f"; install it with: pip install 'ua-fleet[{extra}]'" if extra else ""
+        super().__init__(message + remedy)
+
+
+class ServerStartError(UaFleetError):
+    """The server cannot start, or must not start with this configuration."""
+
+
+class AccessRefused(UaFleetError):
+    """A client may not do this; `ua_status` says why in the protocol's words."""
+
+    def __init__(self, ua_status: int, reason: str) -> None:
+        self.ua_status = ua_status
+        super().__init__(reason)

@@ -1,0 +1,1 @@
+"""The state of the fleet, from facts to changes: pure."""

@@ -1,0 +1,1 @@
+"""Writers and readers of OPC UA PubSub (OPC 10000-14): pure, time is an argument."""

@@ -1,0 +1,64 @@
+"""What a subscriber tells its owner: facts, in the order in which they happened."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from ua_fleet.topics import Topic
+from ua_fleet.wire.messages import DataSetMessage, DataSetMetaData, Probe
+
+__all__ = [
+    "DataReceived",
+    "MetaDataReceived",
+    "ProbeReceived",
+    "SourceReturned",
+    "SourceSilent",
+    "SourceUnknown",
+    "SubscriberEvent",
+]
+
+
+class DataReceived(NamedTuple):
+    """A key frame with a new Timestamp, checked against its metadata. Handed on exactly once."""
+
+    topic: Topic
+    message: DataSetMessage
+    metadata: DataSetMetaData
+
+
+class MetaDataReceived(NamedTuple):
+    """Metadata that is new, or another version than before. It precedes the first data of that version."""
+
+    topic: Topic
+    metadata: DataSetMetaData
+
+
+class SourceUnknown(NamedTuple):
+    """Something was heard of a source whose metadata is not known. `datagram` is the probe to send for it now."""
+
+    topic: Topic
+    datagram: bytes
+
+
+class SourceSilent(NamedTuple):
+    """Nothing was heard of a source for MessageReceiveTimeout. Said once until it returns."""
+
+    topic: Topic
+
+
+class SourceReturned(NamedTuple):
+    """A silent source was heard again (data, a repeat or a keep-alive): its last value is fresh again.
+
+    A DataReceived, where there is one, follows.
+    """
+
+    topic: Topic
+
+
+class ProbeReceived(NamedTuple):
+    """Somebody asks our publisher for information."""
+
+    probe: Probe
+
+
+SubscriberEvent = DataReceived | MetaDataReceived | SourceUnknown | SourceSilent | SourceReturned | ProbeReceived

@@ -1,0 +1,1 @@
+"""How datagrams travel: UDP, and an in-memory network that loses, delays and duplicates."""

@@ -1,0 +1,51 @@
+"""What every transport offers to the processes above it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Protocol
+
+__all__ = ["Address", "Receive", "Transport", "TransportStats"]
+
+Address = tuple[str, int]
+"""IP address and port of a sender."""
+
+Receive = Callable[[bytes, Address], None]
+"""Called in the event loop with each datagram and its sender; must not raise and must not block."""
+
+
+@dataclass(slots=True)
+class TransportStats:
+    """Figures of one transport since its start."""
+
+    sent: int = 0
+    received: int = 0
+    send_failed: int = 0
+    """Datagrams that the kernel did not take."""
+    kernel_drops: int = 0
+    """Datagrams that the kernel dropped before we read them, where it tells."""
+    receive_buffer_bytes: int = 0
+    """Size of the receive buffer that the kernel gave."""
+
+
+class Transport(Protocol):
+    """A way for datagrams to all members of a PubSub connection, the sender included."""
+
+    stats: TransportStats
+
+    async def start(self, receive: Receive) -> None:
+        """Open the transport and hand each datagram to `receive` from now on.
+
+        Raises:
+            TransportError: no such interface, no route, no permission, address in use; with the remedy.
+        """
+        ...
+
+    def send(self, datagram: bytes) -> None:
+        """Send to all members. Never blocks; a datagram that the kernel refuses is counted, not raised."""
+        ...
+
+    async def close(self) -> None:
+        """Release everything. Safe to call twice."""
+        ...

@@ -63,7 +63,7 @@ class ScalarType(StrEnum):
         return BuiltinType[{"DateTime": "DATETIME", "ByteString": "BYTE_STRING"}.get(self.value, self.value.upper())]
 
 
-class FieldConfig(_Model):
+class FieldConfig(_Model, frozen=True):
     """One field of a DataSet."""
 
     type: ScalarType
@@ -89,7 +89,7 @@ class FieldConfig(_Model):
         return self
 
 
-class QosConfig(_Model):
+class QosConfig(_Model, frozen=True):
     """ROS 2 quality of service of a mapped topic. What is left out follows the publishers that are there."""
 
     reliability: Literal["reliable", "best_effort"] | None = None
@@ -97,7 +97,7 @@ class QosConfig(_Model):
     depth: int = Field(default=10, ge=1, le=10_000)
 
 
-class TopicMapping(_Model):
+class TopicMapping(_Model, frozen=True):
     """A robot's own topic that a DataSet is read from or written to."""
 
     topic: Annotated[str, Field(pattern=r"^/?[A-Za-z_][A-Za-z0-9_/]*$")]
@@ -111,11 +111,11 @@ class TopicMapping(_Model):
     qos: QosConfig = QosConfig()
 
 
-class DataSetConfig(_Model):
+class DataSetConfig(_Model, frozen=True):
     """One data source of a robot: a node with a numeric id, or an object with it and a variable for each field."""
 
     id: DataSetId | None = None
-    """Numeric id in the fleet's namespace; `ua-fleet config assign-ids` fills it in. It is an address: never reuse it."""
+    """Numeric id in the fleet's namespace, an address; `ua-fleet config assign-ids` fills it in. Never reuse one."""
     origin: Literal["robot", "server"] = "robot"
     """`robot`: the data originates in the robot's space. `server`: clients write it, the robot receives it."""
     description: str = ""
@@ -159,7 +159,7 @@ class DataSetConfig(_Model):
         return {"": single}
 
 
-class RobotConfig(_Model):
+class RobotConfig(_Model, frozen=True):
     """One robot (or machine, or cell) of the fleet."""
 
     bridge: Name
@@ -171,7 +171,7 @@ class RobotConfig(_Model):
     """The robot's data sources by browse name."""
 
 
-class BridgeConfig(_Model):
+class BridgeConfig(_Model, frozen=True):
     """What every bridge has. Each bridge package derives its own model from this one in its `config.py`.
 
     The package is found by `kind` through the entry point group `ua_fleet.bridges`, so that a new kind of bridge
@@ -203,7 +203,7 @@ class PubSubSecurity(StrEnum):
     NONE = "none"
 
 
-class PubSubConfig(_Model):
+class PubSubConfig(_Model, frozen=True):
     """OPC UA PubSub between the server and the bridges."""
 
     security: PubSubSecurity
@@ -240,7 +240,7 @@ class UnknownSources(StrEnum):
     IGNORE = "ignore"
 
 
-class ServerConfig(_Model):
+class ServerConfig(_Model, frozen=True):
     """The OPC UA server."""
 
     host: str = "127.0.0.1"
@@ -270,7 +270,7 @@ class ServerConfig(_Model):
     """An analog value's node is written at most so often; the last value always arrives."""
 
 
-class FleetInfo(_Model):
+class FleetInfo(_Model, frozen=True):
     """The fleet as a whole."""
 
     name: Name = "Fleet"
@@ -279,7 +279,7 @@ class FleetInfo(_Model):
     """Index of the fleet's namespace. Topics carry it, so the server refuses to start when its table disagrees."""
 
 
-class FleetConfig(_Model):
+class FleetConfig(_Model, frozen=True):
     """`fleet.yaml`."""
 
     version: Literal[1]

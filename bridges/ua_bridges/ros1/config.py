@@ -11,7 +11,7 @@ from ua_fleet.config.schema import BridgeConfig
 __all__ = ["Ros1BridgeConfig"]
 
 
-class Ros1BridgeConfig(BridgeConfig):
+class Ros1BridgeConfig(BridgeConfig, frozen=True):
     """A bridge into the graph of a ROS 1 master."""
 
     kind: Literal["ros1"]

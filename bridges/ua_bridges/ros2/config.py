@@ -13,7 +13,7 @@ from ua_fleet.topics import check_ros2_space
 __all__ = ["Ros2BridgeConfig"]
 
 
-class Ros2BridgeConfig(BridgeConfig):
+class Ros2BridgeConfig(BridgeConfig, frozen=True):
     """A bridge into a ROS 2 domain. `space` is the domain id; 2..101 keep clear of Linux's ephemeral ports."""
 
     kind: Literal["ros2"]

@@ -1,0 +1,60 @@
+# ua_fleet: `make demo` and `make test` do all set-up themselves.
+
+SHELL := /bin/bash
+PYTHON := .venv/bin/python
+PYTHON_ROS1 := .venv-ros1/bin/python
+# Parts of the system whose absence fails the tests that need them, instead of skipping these:
+#   make test REQUIRE=ros1,ros2,node
+REQUIRE ?=
+# One group of benchmarks: make bench ONLY=codec
+ONLY ?=
+# More options for pytest or the demonstration: make test ARGS="-k topics"
+ARGS ?=
+
+.PHONY: help setup setup-test demo test bench lint format lock clean
+
+help:
+	@echo "make demo    the fault-tolerant assembly line: OPC UA server, ROS 1 arm, ROS 2 mobile robot"
+	@echo "make test    all tests; what this machine lacks is skipped with the reason"
+	@echo "make lint    ruff, mypy, pyright, import rules"
+	@echo "make bench   measure against peers and floors; ONLY=codec for one group"
+	@echo "make setup   the two virtual environments alone; demo and test do it themselves"
+
+setup:
+	@scripts/setup
+
+setup-test:
+	@scripts/setup --test
+
+demo: setup
+	@.venv/bin/ua-fleet demo pal $(ARGS)
+
+test: setup-test
+	$(PYTHON) -m pytest --require="$(REQUIRE)" $(ARGS)
+	@if [ -x $(PYTHON_ROS1) ]; then \
+		$(PYTHON_ROS1) -m pytest tests/contract --drivers=ros1 --require="$(REQUIRE)" -p no:cacheprovider; \
+	else \
+		echo "skipped: the contract suite for ROS 1, since there is no .venv-ros1 (see make setup)"; \
+	fi
+
+bench: setup-test
+	$(PYTHON) -m benchmarks $(if $(ONLY),--only $(ONLY))
+
+lint: setup-test
+	.venv/bin/ruff check .
+	.venv/bin/ruff format --check .
+	.venv/bin/mypy
+	.venv/bin/pyright
+	.venv/bin/lint-imports
+
+format: setup-test
+	.venv/bin/ruff check --fix .
+	.venv/bin/ruff format .
+
+lock:
+	uv pip compile pyproject.toml --universal --python-version 3.11 --group dev \
+		--extra server --extra client --extra ros2 --extra mqtt \
+		--no-emit-index-url --no-emit-find-links --no-annotate --quiet --output-file requirements.lock
+
+clean:
+	rm -rf .venv .venv-ros1 .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache build dist

@@ -1,0 +1,1 @@
+"""Demonstrations: real robots' programs, bridges and the server, started by one command."""

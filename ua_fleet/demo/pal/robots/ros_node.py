@@ -1,0 +1,147 @@
+# pyright: basic, reportMissingImports=false
+"""One ROS node with the same few calls for ROS 1 and ROS 2, so that a robot's program can run on either."""
+
+from __future__ import annotations
+
+import json
+import signal
+import threading
+import time
+from collections.abc import Callable
+from importlib import import_module
+from types import FrameType
+from typing import Any
+
+__all__ = ["RosNode", "connect", "report"]
+
+
+def report(who: str, what: str, **details: Any) -> None:
+    """Print one event of the line."""
+    print(json.dumps({"t": time.time(), "who": who, "what": what, **details}), flush=True)
+
+
+class RosNode:
+    """A node; `Ros1Node` and `Ros2Node` are its two kinds."""
+
+    def __init__(self) -> None:
+        self.stopped = threading.Event()
+        signal.signal(signal.SIGTERM, self._stop)
+        signal.signal(signal.SIGINT, self._stop)
+
+    def _stop(self, _signal: int, _frame: FrameType | None) -> None:
+        self.stopped.set()
+
+    def wait(self, seconds: float) -> None:
+        """Wait; ends the program when it is told to stop."""
+        if self.stopped.wait(max(seconds, 0.0)):
+            raise SystemExit(0)
+
+    def wait_until(self, condition: Callable[[], bool]) -> None:
+        """Wait until a condition holds."""
+        while not condition():
+            self.wait(0.005)
+
+    def publisher(self, topic: str, kind: str, *, latched: bool = True) -> Callable[[Any], None]:
+        """A function that publishes a message of type `kind`, or the value of its `data` field."""
+        raise TypeError("use connect()")
+
+    def subscribe(self, topic: str, kind: str, callback: Callable[[Any], None], *, latched: bool = True) -> None:
+        """Have `callback` called with each message, in a thread of its own."""
+        raise TypeError("use connect()")
+
+    def message(self, kind: str) -> Any:
+        """An empty message of a type such as `sensor_msgs/JointState`, stamped with the time now if it has a header."""
+        raise TypeError("use connect()")
+
+    def close(self) -> None:
+        """Leave the graph."""
+
+    def _make(self, kind: str) -> Any:
+        package, name = kind.split("/")
+        return getattr(import_module(f"{package}.msg"), name)
+
+    def _filled(self, message_type: Any, value: Any) -> Any:
+        return value if isinstance(value, message_type) else message_type(data=value)
+
+
+class Ros1Node(RosNode):
+    """A rospy node; ROS_MASTER_URI says where its master is."""
+
+    def __init__(self, name: str) -> None:
+        import rospy
+
+        super().__init__()
+        self._rospy = rospy
+        rospy.init_node(name, disable_signals=True, disable_rosout=True)
+
+    def publisher(self, topic: str, kind: str, *, latched: bool = True) -> Callable[[Any], None]:
+        message_type = self._make(kind)
+        publisher = self._rospy.Publisher(topic, message_type, latch=latched, queue_size=10)
+        return lambda value: publisher.publish(self._filled(message_type, value))
+
+    def subscribe(self, topic: str, kind: str, callback: Callable[[Any], None], *, latched: bool = True) -> None:
+        self._rospy.Subscriber(topic, self._make(kind), callback, tcp_nodelay=True)
+
+    def message(self, kind: str) -> Any:
+        message = self._make(kind)()
+        if hasattr(message, "header"):
+            message.header.stamp = self._rospy.Time.from_sec(time.time())
+        return message
+
+    def close(self) -> None:
+        self._rospy.signal_shutdown("end of the program")
+
+
+class Ros2Node(RosNode):
+    """An rclpy node in the domain that ROS_DOMAIN_ID names."""
+
+    def __init__(self, name: str) -> None:
+        import rclpy
+        from rclpy.experimental.events_executor import EventsExecutor
+        from rclpy.signals import SignalHandlerOptions
+
+        rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+        super().__init__()
+        self._rclpy = rclpy
+        self._node = rclpy.create_node(name)
+        self._executor = EventsExecutor()
+        self._executor.add_node(self._node)
+        self._closing = False
+        self._thread = threading.Thread(target=self._spin, name="ros", daemon=True)
+        self._thread.start()
+
+    def _spin(self) -> None:
+        while not self._closing:
+            self._executor.spin_once(timeout_sec=0.1)
+
+    def _qos(self, latched: bool) -> Any:
+        from rclpy.qos import DurabilityPolicy, QoSProfile
+
+        durability = DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE
+        return QoSProfile(depth=10, durability=durability)
+
+    def publisher(self, topic: str, kind: str, *, latched: bool = True) -> Callable[[Any], None]:
+        message_type = self._make(kind)
+        publisher = self._node.create_publisher(message_type, topic, self._qos(latched))
+        return lambda value: publisher.publish(self._filled(message_type, value))
+
+    def subscribe(self, topic: str, kind: str, callback: Callable[[Any], None], *, latched: bool = True) -> None:
+        self._node.create_subscription(self._make(kind), topic, callback, self._qos(latched))
+
+    def message(self, kind: str) -> Any:
+        message = self._make(kind)()
+        if hasattr(message, "header"):
+            message.header.stamp = self._node.get_clock().now().to_msg()
+        return message
+
+    def close(self) -> None:
+        self._closing = True
+        self._thread.join()
+        self._executor.shutdown()
+        self._node.destroy_node()
+        self._rclpy.shutdown()
+
+
+def connect(ros: int, name: str) -> RosNode:
+    """Join the graph of ROS 1 or ROS 2."""
+    return Ros1Node(name) if ros == 1 else Ros2Node(name)

@@ -1,0 +1,154 @@
+"""The child processes of a demonstration: started with their output in log files, ended by their id."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import os
+import signal
+import socket
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+from ua_fleet.errors import UaFleetError
+
+__all__ = ["DemoFailed", "Processes", "free_tcp_port", "udp_port_in_use"]
+
+
+class DemoFailed(UaFleetError):
+    """A part of the demonstration did not start or ended too early."""
+
+
+class _Process:
+    def __init__(self, name: str, process: asyncio.subprocess.Process, log: Path) -> None:
+        self.name, self.process, self.log = name, process, log
+        self.reader: asyncio.Task[None] | None = None
+        self.lines: list[str] = []
+        self.changed = asyncio.Event()
+
+
+class Processes:
+    """Starts processes by name and ends all of them, last started first, when the context is left."""
+
+    def __init__(self, log_folder: Path) -> None:
+        self._log_folder = log_folder
+        self._processes: dict[str, _Process] = {}
+
+    async def __aenter__(self) -> Self:
+        self._log_folder.mkdir(parents=True, exist_ok=True)
+        return self
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        for process in reversed(self._processes.values()):
+            await self._end(process)
+
+    async def start(
+        self,
+        name: str,
+        args: Sequence[str | Path],
+        environment: Mapping[str, str],
+        on_line: Callable[[str], None] | None = None,
+        *,
+        stdin: bool = False,
+    ) -> None:
+        """Start a process in a session of its own. `on_line` gets each line that it prints on stdout."""
+        log = self._log_folder / f"{name}.log"
+        errors = log.open("ab")
+        try:
+            started = await asyncio.create_subprocess_exec(
+                *(str(arg) for arg in args),
+                env=dict(environment),
+                stdin=asyncio.subprocess.PIPE if stdin else asyncio.subprocess.DEVNULL,
+                stdout=asyncio.subprocess.PIPE,
+                stderr=errors,
+                start_new_session=True,
+            )
+        except OSError as problem:
+            raise DemoFailed(f"{name} does not start: {problem}") from problem
+        finally:
+            errors.close()
+        process = _Process(name, started, log)
+        process.reader = asyncio.create_task(self._read(process, on_line), name=f"output of {name}")
+        self._processes[name] = process
+
+    async def _read(self, process: _Process, on_line: Callable[[str], None] | None) -> None:
+        assert process.process.stdout is not None
+        with process.log.open("a", encoding="utf-8") as log:
+            async for raw in process.process.stdout:
+                line = raw.decode(errors="replace").rstrip("\n")
+                log.write(line + "\n")
+                log.flush()
+                process.lines.append(line)
+                process.changed.set()
+                if on_line is not None:
+                    on_line(line)
+        await process.process.wait()
+        process.changed.set()
+
+    def write_line(self, name: str, line: str) -> None:
+        """Write a line to the stdin of a process that was started with one."""
+        stdin = self._processes[name].process.stdin
+        assert stdin is not None
+        stdin.write(line.encode() + b"\n")
+
+    async def line_with(self, name: str, text: str, timeout_s: float) -> str:
+        """The first line on stdout of a process that contains `text`; raises DemoFailed when it does not come."""
+        process = self._processes[name]
+        seen = 0
+        with contextlib.suppress(TimeoutError):
+            async with asyncio.timeout(timeout_s):
+                while True:
+                    process.changed.clear()
+                    for line in process.lines[seen:]:
+                        if text in line:
+                            return line
+                    seen = len(process.lines)
+                    if process.process.returncode is not None:
+                        break
+                    await process.changed.wait()
+        self.check()
+        raise DemoFailed(f"{name} is not ready after {timeout_s:.0f} s; see {process.log}")
+
+    def check(self) -> None:
+        """Raise DemoFailed if a process has ended, with the last line that it wrote."""
+        for process in self._processes.values():
+            code = process.process.returncode
+            if code is not None:
+                lines = process.log.read_text(encoding="utf-8", errors="replace").strip().splitlines()
+                said = f": {lines[-1]}" if lines else ""
+                raise DemoFailed(f"{process.name} ended with code {code}{said}; see {process.log}")
+
+    async def _end(self, process: _Process) -> None:
+        for number in (signal.SIGTERM, signal.SIGKILL):
+            if process.process.returncode is not None:
+                break
+            with contextlib.suppress(ProcessLookupError):
+                os.killpg(process.process.pid, number)
+            with contextlib.suppress(TimeoutError):
+                async with asyncio.timeout(5):
+                    await process.process.wait()
+        if process.reader is not None:
+            await process.reader
+
+
+def free_tcp_port(preferred: int) -> int:
+    """`preferred`, if nobody listens there on loopback, else a free port."""
+    for port in (preferred, 0):
+        with socket.socket() as probe:
+            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            try:
+                probe.bind(("127.0.0.1", port))
+            except OSError:
+                continue
+            return int(probe.getsockname()[1])
+    raise DemoFailed("there is no free TCP port on loopback")
+
+
+def udp_port_in_use(port: int) -> bool:
+    """Whether a process of this machine has bound a UDP port (IPv4)."""
+    table = Path("/proc/net/udp").read_text(encoding="ascii").splitlines()[1:]
+    return any(int(row.split()[1].rsplit(":", 1)[1], 16) == port for row in table)

@@ -1,0 +1,148 @@
+"""DataSetMetaData as bytes (OPC 10000-14 6.2.3.2; its nested types OPC 10000-5 12.30 to 12.34)."""
+
+from __future__ import annotations
+
+from struct import Struct
+from typing import Final
+
+from ua_fleet.errors import LocalWireError
+from ua_fleet.values import BuiltinType, NodeId
+from ua_fleet.wire.builtin import (
+    decode_guid,
+    decode_localized_text,
+    decode_node_id,
+    decode_qualified_name,
+    decode_string,
+    decode_strings,
+    decode_uint32s,
+    encode_guid,
+    encode_length,
+    encode_localized_text,
+    encode_node_id,
+    encode_number,
+    encode_qualified_name,
+    encode_string,
+    encode_strings,
+    encode_uint32s,
+)
+from ua_fleet.wire.cursor import Cursor
+from ua_fleet.wire.messages import ConfigurationVersion, DataSetMetaData, FieldMetaData
+from ua_fleet.wire.variant import decode_variant, encode_typed
+
+__all__ = ["decode_metadata", "encode_metadata"]
+
+SMALLEST_DESCRIPTION: Final = 8
+"""Bytes that a description of a data type takes at least: NodeId 2, QualifiedName 6."""
+SMALLEST_FIELD: Final = 43
+SMALLEST_PROPERTY: Final = 7
+
+_FLAGS_AND_TYPE = Struct("<HB")
+_INT64 = Struct("<q")
+
+
+def decode_metadata(cursor: Cursor) -> DataSetMetaData:
+    """A DataSetMetaDataType. Descriptions of structures, enumerations and simple types are checked and passed over."""
+    namespaces = decode_strings(cursor)
+    for _ in range(cursor.length(SMALLEST_DESCRIPTION) or 0):
+        _pass_structure(cursor)
+    for _ in range(cursor.length(SMALLEST_DESCRIPTION) or 0):
+        _pass_enumeration(cursor)
+    for _ in range(cursor.length(SMALLEST_DESCRIPTION) or 0):
+        _pass_simple_type(cursor)
+    name = decode_string(cursor) or ""
+    description = decode_localized_text(cursor)
+    fields = tuple([_decode_field(cursor) for _ in range(cursor.length(SMALLEST_FIELD) or 0)])
+    class_id = decode_guid(cursor)
+    version = ConfigurationVersion(cursor.uint32(), cursor.uint32())
+    return DataSetMetaData(name, fields, version, description, class_id, namespaces)
+
+
+def _decode_field(cursor: Cursor) -> FieldMetaData:
+    name = decode_string(cursor) or ""
+    description = decode_localized_text(cursor)
+    field_flags, builtin_type = cursor.unpack(_FLAGS_AND_TYPE)
+    data_type = decode_node_id(cursor)
+    return FieldMetaData(
+        name,
+        builtin_type,
+        description,
+        field_flags,
+        None if data_type == NodeId(0, builtin_type) else data_type,
+        value_rank=cursor.int32(),
+        array_dimensions=decode_uint32s(cursor),
+        max_string_length=cursor.uint32(),
+        data_set_field_id=decode_guid(cursor),
+        properties=tuple(
+            [
+                (decode_qualified_name(cursor), *decode_variant(cursor))
+                for _ in range(cursor.length(SMALLEST_PROPERTY) or 0)
+            ]
+        ),
+    )
+
+
+def _pass_structure(cursor: Cursor) -> None:
+    decode_node_id(cursor)
+    decode_qualified_name(cursor)
+    decode_node_id(cursor)  # DefaultEncodingId
+    decode_node_id(cursor)  # BaseDataType
+    cursor.int32()  # StructureType
+    for _ in range(cursor.length(1) or 0):
+        decode_string(cursor)
+        decode_localized_text(cursor)
+        decode_node_id(cursor)
+        cursor.int32()  # ValueRank
+        decode_uint32s(cursor)
+        cursor.uint32()  # MaxStringLength
+        cursor.byte()  # IsOptional
+
+
+def _pass_enumeration(cursor: Cursor) -> None:
+    decode_node_id(cursor)
+    decode_qualified_name(cursor)
+    for _ in range(cursor.length(1) or 0):
+        cursor.unpack(_INT64)
+        decode_localized_text(cursor)
+        decode_localized_text(cursor)
+        decode_string(cursor)
+    cursor.byte()  # BuiltInType
+
+
+def _pass_simple_type(cursor: Cursor) -> None:
+    decode_node_id(cursor)
+    decode_qualified_name(cursor)
+    decode_node_id(cursor)
+    cursor.byte()  # BuiltInType
+
+
+def encode_metadata(out: bytearray, metadata: DataSetMetaData) -> None:
+    """Append a DataSetMetaDataType without descriptions of data types."""
+    encode_strings(out, metadata.namespaces)
+    for _ in ("StructureDataTypes", "EnumDataTypes", "SimpleDataTypes"):
+        encode_length(out, 0)
+    encode_string(out, metadata.name)
+    encode_localized_text(out, metadata.description)
+    encode_length(out, len(metadata.fields))
+    for field in metadata.fields:
+        _encode_field(out, field)
+    encode_guid(out, metadata.data_set_class_id)
+    encode_number(out, BuiltinType.UINT32, metadata.configuration_version.major)
+    encode_number(out, BuiltinType.UINT32, metadata.configuration_version.minor)
+
+
+def _encode_field(out: bytearray, field: FieldMetaData) -> None:
+    if not BuiltinType.BOOLEAN <= field.builtin_type <= BuiltinType.DIAGNOSTIC_INFO:
+        raise LocalWireError(f"field {field.name!r}: {field.builtin_type} is no built-in type")
+    encode_string(out, field.name)
+    encode_localized_text(out, field.description)
+    encode_number(out, BuiltinType.UINT16, field.field_flags)
+    encode_number(out, BuiltinType.BYTE, field.builtin_type)
+    encode_node_id(out, NodeId(0, field.builtin_type) if field.data_type is None else field.data_type)
+    encode_number(out, BuiltinType.INT32, field.value_rank)
+    encode_uint32s(out, field.array_dimensions)
+    encode_number(out, BuiltinType.UINT32, field.max_string_length)
+    encode_guid(out, field.data_set_field_id)
+    encode_length(out, len(field.properties))
+    for key, code, value in field.properties:
+        encode_qualified_name(out, key)
+        encode_typed(out, code, value)

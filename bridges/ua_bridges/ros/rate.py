@@ -1,16 +1,18 @@
-"""A rate limit where the latest wins and the last one always arrives. Time is an argument."""
+"""A rate limit where the latest wins and the last one always arrives: the rule, and the gate that keeps its time."""
 
 from __future__ import annotations
 
+import asyncio
+from collections.abc import Callable
 from typing import Generic, TypeVar
 
-__all__ = ["RateLimit"]
+__all__ = ["RateGate", "RateLimit"]
 
 T = TypeVar("T")
 
 
 class RateLimit(Generic[T]):
-    """Lets at most `max_rate_hz` items a second through.
+    """Lets at most `max_rate_hz` items a second through. Time is an argument.
 
     An item that comes too early waits; a newer one takes its place. The owner calls `take` at `due`.
     """
@@ -42,3 +44,59 @@ class RateLimit(Generic[T]):
         item, self._waiting = self._waiting, None
         self._next = now + self._period_s
         return item
+
+    def drain(self) -> T | None:
+        """The item that waits, before its turn."""
+        item, self._waiting = self._waiting, None
+        return item
+
+
+class RateGate(Generic[T]):
+    """Hands items on at the limited rate, in an event loop."""
+
+    def __init__(
+        self,
+        max_rate_hz: float,
+        loop: asyncio.AbstractEventLoop,
+        deliver: Callable[[T], object],
+        replaced: Callable[[], object],
+    ) -> None:
+        """`deliver` gets the items whose turn it is; `replaced` is called for each that a newer one pushed out."""
+        self._limit = RateLimit[T](max_rate_hz)
+        self._loop = loop
+        self._deliver = deliver
+        self._replaced = replaced
+        self._timer: asyncio.TimerHandle | None = None
+
+    def offer(self, item: T) -> None:
+        """Hand the item on now or when its turn comes."""
+        passed, replaced = self._limit.offer(item, self._loop.time())
+        if replaced:
+            self._replaced()
+        if passed is not None:
+            self._deliver(passed)
+        elif self._timer is None:
+            self._schedule()
+
+    def flush(self) -> None:
+        """Hand on what waits, at once: nothing comes after it."""
+        self.close()
+        item = self._limit.drain()
+        if item is not None:
+            self._deliver(item)
+
+    def close(self) -> None:
+        """Stop the timer."""
+        if self._timer is not None:
+            self._timer.cancel()
+            self._timer = None
+
+    def _schedule(self) -> None:
+        due = self._limit.due
+        self._timer = None if due is None else self._loop.call_at(due, self._fire)
+
+    def _fire(self) -> None:
+        item = self._limit.take(self._loop.time())
+        self._schedule()
+        if item is not None:
+            self._deliver(item)

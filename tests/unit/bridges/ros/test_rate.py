@@ -1,10 +1,11 @@
 from __future__ import annotations
 
+import asyncio
 import itertools
 
 from hypothesis import given
 from hypothesis import strategies as st
-from ua_bridges.ros.rate import RateLimit
+from ua_bridges.ros.rate import RateGate, RateLimit
 
 
 def test_first_goes_at_once_and_the_latest_waits_for_its_turn() -> None:
@@ -48,3 +49,30 @@ def test_rate_holds_and_the_last_one_always_arrives(gaps: list[float], rate: flo
     times = [time for time, _ in passed[:-1]]
     assert all(later - earlier >= 1.0 / rate - 1e-9 for earlier, later in itertools.pairwise(times))
     assert [number for _, number in passed] == sorted({number for _, number in passed})
+
+
+async def test_gate_delivers_the_last_one_when_its_turn_comes() -> None:
+    loop = asyncio.get_running_loop()
+    delivered = list[int]()
+    replaced = list[bool]()
+    gate = RateGate[int](200.0, loop, delivered.append, lambda: replaced.append(True))
+    for number in range(5):
+        gate.offer(number)
+    assert delivered == [0]
+    while len(delivered) < 2:
+        await asyncio.sleep(0)
+    assert delivered == [0, 4]
+    assert len(replaced) == 3
+
+
+async def test_gate_is_flushed_when_the_source_goes_and_works_again_after() -> None:
+    delivered = list[int]()
+    gate = RateGate[int](0.001, asyncio.get_running_loop(), delivered.append, lambda: None)
+    gate.offer(1)
+    gate.offer(2)
+    gate.flush()
+    assert delivered == [1, 2]
+    gate.flush()
+    gate.offer(3)
+    gate.close()
+    assert delivered == [1, 2]

@@ -1,0 +1,28 @@
+"""What can go wrong between ROS messages and flat fields."""
+
+from __future__ import annotations
+
+from ua_fleet.errors import UaFleetError
+from ua_fleet.values import StatusCode
+
+__all__ = ["ConversionError", "SchemaInvalid"]
+
+
+class SchemaInvalid(UaFleetError):
+    """A message definition that cannot be understood, or that is too large; `ros_type` is the offender."""
+
+    ua_status = StatusCode.BAD_NOT_SUPPORTED
+
+    def __init__(self, ros_type: str, reason: str) -> None:
+        self.ros_type, self.reason = ros_type, reason
+        super().__init__(f"message type {ros_type}: {reason}")
+
+
+class ConversionError(UaFleetError):
+    """A value does not fit its place on the other side. `field` is the flat field, with an index where there is one."""
+
+    ua_status = StatusCode.BAD_TYPE_MISMATCH
+
+    def __init__(self, field: str, reason: str) -> None:
+        self.field, self.reason = field, reason
+        super().__init__(f"field {field}: {reason}")

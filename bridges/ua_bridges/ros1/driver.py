@@ -1,0 +1,25 @@
+"""The entry of the ROS 1 bridge."""
+
+from __future__ import annotations
+
+from ua_fleet.bridge.driver import Driver
+from ua_fleet.config.schema import FleetConfig
+from ua_fleet.errors import BridgeUnavailable
+
+__all__ = ["create_driver"]
+
+
+def create_driver(config: FleetConfig, bridge_name: str) -> Driver:
+    """The driver of the ROS 1 bridge with this name in `fleet.yaml`.
+
+    Raises:
+        BridgeUnavailable: this Python has no rospy.
+    """
+    try:
+        from ua_bridges.ros1.session import Ros1Driver  # rospy, only where it is wanted
+    except ImportError as error:
+        raise BridgeUnavailable(
+            f"rospy cannot be imported ({error}); install the package python3-rospy, and run the bridge with the "
+            "system's Python or .venv-ros1/bin/python"
+        ) from error
+    return Ros1Driver(config, bridge_name)

@@ -1,0 +1,83 @@
+"""The ROS 1 master over XML-RPC, with a timeout on every call (rospy's own proxy has none)."""
+
+from __future__ import annotations
+
+import http.client
+import xmlrpc.client
+from collections.abc import Iterable
+from typing import Any, Final, NamedTuple
+from xml.parsers.expat import ExpatError
+
+from ua_fleet.errors import NotConnected
+
+__all__ = ["RosMaster", "SystemState"]
+
+CALL_TIMEOUT_S: Final = 2.0
+"""A master on the local network answers within milliseconds; one that takes longer counts as absent."""
+
+
+class SystemState(NamedTuple):
+    """What the master knows: the names of the nodes that publish and that subscribe to each topic."""
+
+    publishers: dict[str, list[str]]
+    subscribers: dict[str, list[str]]
+
+
+class _Transport(xmlrpc.client.Transport):
+    def make_connection(self, host: Any) -> http.client.HTTPConnection:
+        connection = super().make_connection(host)
+        connection.timeout = CALL_TIMEOUT_S
+        return connection
+
+
+class RosMaster:
+    """Calls the master in the name of one node. Not for use by several threads at the same time."""
+
+    def __init__(self, uri: str, node_name: str) -> None:
+        self.uri = uri
+        self._node_name = node_name
+        self._transport = _Transport()
+        self._proxy = xmlrpc.client.ServerProxy(uri, transport=self._transport)
+
+    def _call(self, method: str, *args: str) -> Any:
+        try:
+            answer: Any = getattr(self._proxy, method)(self._node_name, *args)
+            code, text, value = answer
+        except (OSError, http.client.HTTPException, xmlrpc.client.Error, ExpatError, TypeError, ValueError) as error:
+            self._transport.close()
+            raise NotConnected(
+                f"no ROS master at {self.uri} ({error}); start roscore there, or correct `master_uri`"
+            ) from error
+        if code != 1:
+            raise NotConnected(f"the ROS master at {self.uri} refused {method}: {text}")
+        return value
+
+    def system_state(self) -> SystemState:
+        """Who publishes and subscribes to what. This and all other calls raise NotConnected."""
+        publishers, subscribers, _ = self._call("getSystemState")
+        return SystemState(dict(publishers), dict(subscribers))
+
+    def register_publisher(self, topic: str, message_type: str, node_uri: str) -> None:
+        """Make the node a publisher of the topic; the master tells its subscribers. May be repeated."""
+        self._call("registerPublisher", topic, message_type, node_uri)
+
+    def register_subscriber(self, topic: str, message_type: str, node_uri: str) -> list[str]:
+        """Make the node a subscriber of the topic; the addresses of its publishers. May be repeated."""
+        return list(self._call("registerSubscriber", topic, message_type, node_uri))
+
+    def unregister(self, publications: Iterable[str], subscriptions: Iterable[str], node_uri: str) -> None:
+        """Take back registrations, in one call."""
+        calls = [("unregisterPublisher", topic) for topic in publications]
+        calls += [("unregisterSubscriber", topic) for topic in subscriptions]
+        multi = xmlrpc.client.MultiCall(self._proxy)
+        for method, topic in calls:
+            getattr(multi, method)(self._node_name, topic, node_uri)
+        try:
+            if calls:
+                multi()
+        except (OSError, http.client.HTTPException, xmlrpc.client.Error, ExpatError) as error:
+            raise NotConnected(f"no ROS master at {self.uri} ({error})") from error
+
+    def close(self) -> None:
+        """Close the connection that is kept between calls."""
+        self._transport.close()

@@ -1,0 +1,73 @@
+# pyright: basic, reportMissingImports=false
+"""A topic that the bridge publishes into the ROS 1 graph."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Sequence
+from typing import Any, Final
+
+import rospy
+
+from ua_bridges.ros.convert import compile_writer
+from ua_bridges.ros1.classes import MessageType
+from ua_bridges.ros1.feed import schema_of
+
+__all__ = ["Outlet"]
+
+QUEUE_SIZE: Final = 100
+"""Messages that wait for a slow subscriber; then its oldest go. A thread of the link sends them, not the event loop."""
+HOLD_S: Final = 1.0
+"""So long the first messages wait for the subscribers that are there; connecting takes them some 10 ms."""
+
+
+class Outlet:
+    """A publisher with its conversion. All methods but `is_connected` run in the event loop."""
+
+    def __init__(self, name: str, kind: MessageType, fields: Sequence[str], *, latched: bool, partial: bool) -> None:
+        """Make the publisher; the watch registers it with the master.
+
+        Args:
+            name: the topic with its slash.
+            kind: type of the messages.
+            fields: the flat field of each value that `publish` gets.
+            latched: whether late subscribers get the last message.
+            partial: whether fields of the type may be missing in `fields`; they are sent as zeros.
+
+        Raises:
+            ConversionError: the fields are not those of the type.
+        """
+        self.name = name
+        self.kind = kind
+        self._fill = compile_writer(schema_of(kind), tuple(fields), kind.make, partial=partial)
+        self._make = kind.cls
+        self._publisher = rospy.Publisher(name, kind.cls, queue_size=QUEUE_SIZE, latch=latched, tcp_nodelay=True)
+        self._held: deque[Any] | None = deque(maxlen=QUEUE_SIZE)
+
+    @property
+    def is_open(self) -> bool:
+        """Whether messages go out at once."""
+        return self._held is None
+
+    def is_connected(self, subscribers: int) -> bool:
+        """Whether so many subscribers have their link. Callable from any thread."""
+        return int(self._publisher.get_num_connections()) >= subscribers
+
+    def publish(self, values: Sequence[Any]) -> None:
+        """Publish one message, or hold it until the subscribers are there; raises ConversionError."""
+        message = self._make()
+        self._fill(message, values)
+        if self._held is None:
+            self._publisher.publish(message)
+        else:
+            self._held.append(message)
+
+    def open(self) -> None:
+        """Send what was held; from now on messages go out at once."""
+        held, self._held = self._held, None
+        for message in held or ():
+            self._publisher.publish(message)
+
+    def close(self) -> None:
+        """End the publisher."""
+        self._publisher.unregister()

@@ -1,0 +1,179 @@
+# pyright: basic, reportMissingImports=false
+"""One topic of the ROS 1 graph that the bridge listens to, whatever its message type."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Iterable, Sequence
+from typing import Any, Final, NamedTuple
+
+import genpy
+import rospy
+import structlog
+
+from ua_bridges.ros.errors import ConversionError
+from ua_bridges.ros1.classes import type_of_publisher
+from ua_bridges.ros1.feed import Feed, Read
+from ua_bridges.ros1.graph import LinkRetry
+from ua_bridges.ros1.node import RosNode
+from ua_fleet.bridge.driver import Dropped, Inlet
+from ua_fleet.counters import Drop
+from ua_fleet.errors import UaFleetError
+
+__all__ = ["RosSource"]
+
+LOST_AFTER_LOOKS: Final = 2
+"""A last message may still be on its way through a callback when its link is found closed."""
+SUBSCRIBER_BUFFER_BYTES: Final = 1 << 20
+"""What one read takes from a link; rospy's 64 KiB make an image many reads."""
+
+log = structlog.get_logger("ua_bridges.ros1")
+
+
+class _Reading(NamedTuple):
+    """How messages of one type are read."""
+
+    key: tuple[str, str]
+    cls: type[Any]
+    reads: tuple[Read, ...]
+
+
+class _Link(NamedTuple):
+    """A publisher's link: its connection header, and what becomes of its messages."""
+
+    header: dict[str, str]
+    own: bool
+    reading: _Reading | None
+    cause: Drop
+    """Why its messages are dropped, where `reading` is None."""
+
+
+class RosSource:
+    """A subscription to one topic. It is alive while a TCPROS link to another node's publisher is up.
+
+    `_on_message` runs in rospy's thread of the link, everything else in the bridge's watch.
+    """
+
+    def __init__(self, name: str, feeds: Sequence[Feed], node: RosNode, inlet: Inlet) -> None:
+        self.name = name
+        self._feeds = feeds
+        self._node = node
+        self._inlet = inlet
+        self._retry = LinkRetry()
+        self._lock = threading.Lock()
+        self._links: dict[int, _Link] = {}
+        self._last: _Link | None = None
+        self._current: _Reading | None = None
+        """The reading under which the source was announced; None while it is lost."""
+        self._missing = 0
+        self._told: set[str] = set()
+        self._subscriber = rospy.Subscriber(
+            name, rospy.AnyMsg, self._on_message, buff_size=SUBSCRIBER_BUFFER_BYTES, tcp_nodelay=True
+        )
+
+    def _on_message(self, raw: Any) -> None:
+        received_ns = time.time_ns()
+        header = raw._connection_header  # noqa: SLF001 - the documented way to it
+        link = self._last
+        if link is None or link.header is not header:
+            link = self._link_of(header)
+        reading = link.reading
+        if reading is None:
+            self._inlet.put(Dropped(link.cause))
+            return
+        try:
+            message = reading.cls().deserialize(raw._buff)  # noqa: SLF001
+            for read in reading.reads:
+                read(message, received_ns, link.own)
+        except (genpy.DeserializationError, ConversionError, UnicodeDecodeError) as error:
+            self._inlet.put(Dropped(Drop.CONVERSION, detail=self._tell_once(f"{self.name}: {error}")))
+
+    def _tell_once(self, text: str) -> str:
+        """The text the first time, then nothing: one message's reason is a robot's reason for hours."""
+        if text in self._told or len(self._told) > 20:
+            return ""
+        self._told.add(text)
+        return text
+
+    def _link_of(self, header: dict[str, str]) -> _Link:
+        """The link with this header; a new one announces the source if it is the first."""
+        with self._lock:
+            link = self._links.get(id(header))
+            if link is None:
+                link = self._links[id(header)] = self._make_link(header)
+            self._last = link
+            return link
+
+    def _make_link(self, header: dict[str, str]) -> _Link:
+        own = header.get("callerid") == self._node.name
+        key = (header["type"], header["md5sum"])
+        reading = self._current
+        if reading is None or reading.key != key:
+            if any(link.reading is reading and not link.own for link in self._links.values() if reading):
+                log.warning(
+                    "publishers disagree about the type", topic=self.name, type=key[0], node=header.get("callerid")
+                )
+                return _Link(header, own, None, Drop.CONFLICT)
+            try:
+                kind = type_of_publisher(*key, header.get("message_definition", ""))
+                reading = _Reading(key, kind.cls, tuple(feed.reader(kind) for feed in self._feeds))
+                if not own:
+                    for feed in self._feeds:
+                        feed.announce(kind, header.get("latching") == "1")
+            except UaFleetError as error:
+                log.warning("type not understood", topic=self.name, type=key[0], reason=str(error))
+                return _Link(header, own, None, Drop.TYPE_MISSING)
+            if not own:
+                self._current = reading
+                self._missing = 0
+        return _Link(header, own, reading, Drop.CONVERSION)
+
+    def check(self, publishers: Iterable[str] | None, now: float) -> bool:
+        """Look at the links; whether the master should be asked again for the publishers' addresses.
+
+        Args:
+            publishers: the nodes that the master has as publishers; None when the master is not there.
+            now: seconds of a monotonic clock.
+        """
+        links = self._node.links(self.name)
+        headers = {id(link.header): link.header for link in links}
+        for link in links:
+            if id(link.header) not in self._links:
+                self._node.watch_link(link)
+                self._link_of(link.header)
+        with self._lock:
+            for gone in [key for key in self._links if key not in headers]:
+                del self._links[gone]
+            if self._last is not None and id(self._last.header) not in self._links:
+                self._last = None
+            self._look_for_loss()
+        return publishers is not None and self._retry.due(publishers, len(links), now)
+
+    def _look_for_loss(self) -> None:
+        if self._current is None or any(
+            link.reading is self._current and not link.own for link in self._links.values()
+        ):
+            self._missing = 0
+            return
+        self._missing += 1
+        if self._missing >= LOST_AFTER_LOOKS:
+            self._lose()
+
+    def _lose(self) -> None:
+        self._current = None
+        self._links.clear()  # a link of another type may take over: it is looked at anew
+        self._last = None
+        self._told.clear()
+        for feed in self._feeds:
+            feed.lost()
+
+    def lose(self) -> None:
+        """Say that the source is lost, since the node itself is going."""
+        with self._lock:
+            if self._current is not None:
+                self._lose()
+
+    def close(self) -> None:
+        """End the subscription."""
+        self._subscriber.unregister()

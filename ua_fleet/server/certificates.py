@@ -1,0 +1,319 @@
+"""Application instance certificates (OPC 10000-6 6.2.2) and the folders they are kept in.
+
+    <state_dir>/certificates/
+        own/server.der, own/server-key.pem     our certificate and its key (mode 0600)
+        trusted/                               client certificates, or CAs, that we accept
+        issuers/                               CAs that only complete a chain
+        crl/                                   revocation lists of the CAs
+        rejected/                              what clients offered and we refused; at most 32
+"""
+
+from __future__ import annotations
+
+import ipaddress
+import os
+import secrets
+import socket
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime, timedelta
+from enum import StrEnum
+from pathlib import Path
+from typing import Final
+
+import structlog
+from cryptography import x509
+from cryptography.hazmat.primitives import hashes, serialization
+from cryptography.hazmat.primitives.asymmetric import rsa
+from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
+
+from ua_fleet.errors import ServerStartError, UaFleetError
+from ua_fleet.values import StatusCode
+
+__all__ = [
+    "CertificateError",
+    "CertificateFiles",
+    "CertificateInfo",
+    "CertificateState",
+    "certificates_folder",
+    "create_certificate",
+    "ensure_application_certificate",
+    "ensure_client_certificate",
+    "list_certificates",
+    "load_certificate",
+    "thumbprint",
+    "trust",
+]
+
+_log = structlog.get_logger("ua_fleet.certificates")
+
+KEY_BITS: Final = 2048
+VALID_DAYS: Final = 5 * 365
+WARN_DAYS: Final = 30
+MAX_FILE_BYTES: Final = 65_536
+
+
+class CertificateError(UaFleetError):
+    """A certificate cannot be found, read or written."""
+
+    ua_status = StatusCode.BAD_CONFIGURATION_ERROR
+
+
+class CertificateState(StrEnum):
+    """Which folder a certificate stands in."""
+
+    OWN = "own"
+    TRUSTED = "trusted"
+    ISSUER = "issuers"
+    REJECTED = "rejected"
+
+
+@dataclass(frozen=True, slots=True)
+class CertificateFiles:
+    """A certificate (DER) and its private key (PEM)."""
+
+    certificate: Path
+    private_key: Path
+
+
+@dataclass(frozen=True, slots=True)
+class CertificateInfo:
+    """A certificate as `ua-fleet cert list` shows it."""
+
+    path: Path
+    state: CertificateState
+    subject: str
+    application_uri: str
+    thumbprint: str
+    not_valid_after: datetime
+    expired: bool
+
+
+def certificates_folder(state_dir: Path) -> Path:
+    """The folder of all certificates."""
+    return state_dir / "certificates"
+
+
+def thumbprint(certificate: x509.Certificate) -> str:
+    """The SHA-1 of the certificate as OPC UA tools show it (OPC 10000-4 7.2), an address and no protection."""
+    return certificate.fingerprint(hashes.SHA1()).hex()  # noqa: S303 - the specification's name for a certificate
+
+
+def application_uris(certificate: x509.Certificate) -> list[str]:
+    """The URIs of the SubjectAltName; an application's certificate has one, its ApplicationUri."""
+    try:
+        names = certificate.extensions.get_extension_for_class(x509.SubjectAlternativeName).value
+    except (x509.ExtensionNotFound, ValueError):
+        return []
+    return names.get_values_for_type(x509.UniformResourceIdentifier)
+
+
+def load_certificate(path: Path) -> x509.Certificate:
+    """Read a certificate, DER or PEM; raises CertificateError."""
+    try:
+        if path.stat().st_size > MAX_FILE_BYTES:
+            raise CertificateError(f"{path}: too large for a certificate")
+        data = path.read_bytes()
+        if data.lstrip().startswith(b"-----BEGIN"):
+            return x509.load_pem_x509_certificate(data)
+        return x509.load_der_x509_certificate(data)
+    except (OSError, ValueError) as error:
+        raise CertificateError(f"{path}: no readable certificate ({error})") from error
+
+
+def write_private(path: Path, data: bytes, mode: int = 0o600) -> None:
+    """Write a file at once, with its mode from the first byte on."""
+    path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
+    temporary = path.with_name(f".{path.name}.{secrets.token_hex(4)}")
+    descriptor = os.open(temporary, os.O_CREAT | os.O_EXCL | os.O_WRONLY | os.O_CLOEXEC, mode)
+    try:
+        with os.fdopen(descriptor, "wb") as file:
+            file.write(data)
+            file.flush()
+            os.fsync(file.fileno())
+        temporary.replace(path)
+    except BaseException:
+        temporary.unlink(missing_ok=True)
+        raise
+
+
+def _host_name(host: str) -> x509.GeneralName:
+    try:
+        return x509.IPAddress(ipaddress.ip_address(host))
+    except ValueError:
+        return x509.DNSName(host)
+
+
+def create_certificate(
+    files: CertificateFiles,
+    *,
+    application_uri: str,
+    common_name: str,
+    hostnames: Sequence[str] = (),
+    days: int = VALID_DAYS,
+    server: bool = False,
+) -> x509.Certificate:
+    """Make a key and a self-signed application instance certificate, and write both."""
+    key = rsa.generate_private_key(public_exponent=65537, key_size=KEY_BITS)
+    name = x509.Name(
+        [
+            x509.NameAttribute(NameOID.COMMON_NAME, common_name[:64]),
+            x509.NameAttribute(NameOID.ORGANIZATION_NAME, "ua_fleet"),
+        ]
+    )
+    now = datetime.now(UTC).replace(microsecond=0)
+    hosts = list(dict.fromkeys(host for host in hostnames if host))
+    usage = [ExtendedKeyUsageOID.CLIENT_AUTH, *([ExtendedKeyUsageOID.SERVER_AUTH] if server else [])]
+    public = key.public_key()
+    identifier = x509.SubjectKeyIdentifier.from_public_key(public)
+    names = [x509.UniformResourceIdentifier(application_uri), *map(_host_name, hosts)]
+    certificate = (
+        x509.CertificateBuilder()
+        .subject_name(name)
+        .issuer_name(name)
+        .public_key(public)
+        .serial_number(x509.random_serial_number())
+        .not_valid_before(now - timedelta(hours=1))
+        .not_valid_after(now + timedelta(days=days))
+        .add_extension(x509.BasicConstraints(ca=False, path_length=None), critical=True)
+        .add_extension(
+            x509.KeyUsage(
+                digital_signature=True,
+                content_commitment=True,
+                key_encipherment=True,
+                data_encipherment=True,
+                # A self-signed certificate signs itself (OPC 10000-6 table 43).
+                key_cert_sign=True,
+                key_agreement=False,
+                crl_sign=False,
+                encipher_only=False,
+                decipher_only=False,
+            ),
+            critical=True,
+        )
+        .add_extension(x509.ExtendedKeyUsage(usage), critical=False)
+        .add_extension(x509.SubjectAlternativeName(names), critical=False)
+        .add_extension(identifier, critical=False)
+        .add_extension(x509.AuthorityKeyIdentifier.from_issuer_subject_key_identifier(identifier), critical=False)
+        .sign(key, hashes.SHA256())
+    )
+    pem = key.private_bytes(
+        serialization.Encoding.PEM, serialization.PrivateFormat.PKCS8, serialization.NoEncryption()
+    )
+    write_private(files.private_key, pem)
+    write_private(files.certificate, certificate.public_bytes(serialization.Encoding.DER), 0o644)
+    return certificate
+
+
+def own_files(state_dir: Path, name: str = "server") -> CertificateFiles:
+    """Where a certificate of ours and its key stand."""
+    own = certificates_folder(state_dir) / CertificateState.OWN
+    return CertificateFiles(own / f"{name}.der", own / f"{name}-key.pem")
+
+
+def ensure_application_certificate(
+    state_dir: Path, application_uri: str, hostnames: Sequence[str] = ()
+) -> CertificateFiles:
+    """The server's certificate, made if there is none; raises ServerStartError when the one there is of no use."""
+    files = own_files(state_dir)
+    hosts = [*hostnames, socket.gethostname(), "localhost", "127.0.0.1"]
+    return _ensure(files, application_uri, "ua_fleet server", hosts, server=True)
+
+
+def ensure_client_certificate(state_dir: Path, application_uri: str, name: str = "client") -> CertificateFiles:
+    """A certificate for a client of our own, made if there is none."""
+    return _ensure(
+        own_files(state_dir, name), application_uri, f"ua_fleet {name}", [socket.gethostname()], server=False
+    )
+
+
+def _ensure(
+    files: CertificateFiles, application_uri: str, common_name: str, hosts: Sequence[str], *, server: bool
+) -> CertificateFiles:
+    remedy = f"move {files.certificate} away and run: ua-fleet cert create"
+    if not files.certificate.exists() and not files.private_key.exists():
+        create_certificate(
+            files, application_uri=application_uri, common_name=common_name, hostnames=hosts, server=server
+        )
+        return files
+    try:
+        certificate = load_certificate(files.certificate)
+        mode = files.private_key.stat().st_mode & 0o777
+        key = serialization.load_pem_private_key(files.private_key.read_bytes(), password=None)
+    except (CertificateError, OSError, ValueError, TypeError) as error:
+        raise ServerStartError(f"{files.certificate}: certificate or key cannot be read ({error}); {remedy}") from error
+    if mode & 0o077:
+        raise ServerStartError(
+            f"{files.private_key}: others may read or write it (mode {mode:o}); run: chmod 600 {files.private_key}"
+        )
+    if key.public_key() != certificate.public_key():
+        raise ServerStartError(f"{files.private_key}: is not the key of {files.certificate.name}; {remedy}")
+    now = datetime.now(UTC)
+    end = certificate.not_valid_after_utc
+    if end <= now:
+        raise ServerStartError(f"{files.certificate}: expired on {end:%Y-%m-%d}; {remedy}")
+    if certificate.not_valid_before_utc > now:
+        raise ServerStartError(
+            f"{files.certificate}: valid only from {certificate.not_valid_before_utc:%Y-%m-%d}; check the clock"
+        )
+    if application_uri not in application_uris(certificate):
+        raise ServerStartError(f"{files.certificate}: is not for the application {application_uri}; {remedy}")
+    if end - now < timedelta(days=WARN_DAYS):
+        _log.warning("certificate expires soon", certificate=str(files.certificate), on=f"{end:%Y-%m-%d}", todo=remedy)
+    return files
+
+
+def _info(path: Path, state: CertificateState) -> CertificateInfo:
+    certificate = load_certificate(path)
+    return CertificateInfo(
+        path,
+        state,
+        certificate.subject.rfc4514_string(),
+        next(iter(application_uris(certificate)), ""),
+        thumbprint(certificate),
+        certificate.not_valid_after_utc,
+        certificate.not_valid_after_utc <= datetime.now(UTC),
+    )
+
+
+def certificate_paths(folder: Path) -> list[Path]:
+    """The certificate files of a folder, by name."""
+    if not folder.is_dir():
+        return []
+    suffixes = (".der", ".pem", ".crt", ".cer")
+    return sorted(path for path in folder.iterdir() if path.suffix.lower() in suffixes and "-key" not in path.stem)
+
+
+def list_certificates(state_dir: Path) -> list[CertificateInfo]:
+    """Every readable certificate of the folders; what cannot be read is left out and logged."""
+    found: list[CertificateInfo] = []
+    for state in CertificateState:
+        for path in certificate_paths(certificates_folder(state_dir) / state):
+            try:
+                found.append(_info(path, state))
+            except CertificateError as error:
+                _log.warning("certificate left out", reason=str(error))
+    return found
+
+
+def trust(state_dir: Path, what: str | Path) -> CertificateInfo:
+    """Trust a certificate: a file, or one from `rejected/` by the first characters of its thumbprint."""
+    folder = certificates_folder(state_dir)
+    source = Path(what)
+    remove: Path | None = None
+    if source.is_file():
+        certificate = load_certificate(source)
+    else:
+        prefix = str(what).lower().replace(":", "").replace(" ", "")
+        rejected = [info for info in list_certificates(state_dir) if info.state is CertificateState.REJECTED]
+        matches = [info for info in rejected if prefix and info.thumbprint.startswith(prefix)]
+        if len(matches) != 1:
+            problem = f"{len(matches)} rejected certificates begin with" if matches else "no file and no thumbprint:"
+            raise CertificateError(f"{problem} {what}; list them with: ua-fleet cert list")
+        remove = matches[0].path
+        certificate = load_certificate(remove)
+    target = folder / CertificateState.TRUSTED / f"{thumbprint(certificate)}.der"
+    write_private(target, certificate.public_bytes(serialization.Encoding.DER), 0o644)
+    if remove is not None:
+        remove.unlink(missing_ok=True)
+    return _info(target, CertificateState.TRUSTED)

@@ -1,0 +1,277 @@
+"""The users of the server: a YAML file with roles and salted scrypt hashes.
+
+    version: 1
+    users:
+      alice: {role: operator, n: 32768, r: 8, p: 1, salt: <base64>, hash: <base64>}
+
+The file must be readable and writable by its owner alone. It is read again when it changes, so that
+`ua-fleet user add` and `remove` take effect in a running server.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import base64
+import binascii
+import contextlib
+import fcntl
+import hashlib
+import hmac
+import os
+import re
+import secrets
+import threading
+from collections.abc import Generator
+from dataclasses import dataclass, replace
+from enum import StrEnum
+from pathlib import Path
+from typing import Any, Final
+
+import yaml
+
+from ua_fleet.errors import ServerStartError, UaFleetError
+from ua_fleet.values import StatusCode
+
+__all__ = ["ANONYMOUS", "DEFAULT_COST", "Role", "ScryptCost", "User", "UserFileError", "UserStore"]
+
+USERS_FILE: Final = "users.yaml"
+MIN_PASSWORD: Final = 8
+MAX_PASSWORD: Final = 1024
+"""Longest password that is hashed: what is longer is no password, and costs time."""
+MAX_WAITING: Final = 32
+"""Logins that may wait for their password check; then the server is too busy for more."""
+_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.@-]{0,63}")
+
+
+class Role(StrEnum):
+    """What a user may do; each role may do all that the ones before it may."""
+
+    OBSERVER = "observer"
+    """Browses, reads and subscribes."""
+    OPERATOR = "operator"
+    """Also writes values and calls methods."""
+    ENGINEER = "engineer"
+    """Also calls the methods that change how the fleet behaves."""
+
+    @property
+    def rank(self) -> int:
+        """Position in the order of the roles."""
+        return tuple(Role).index(self)
+
+    def covers(self, needed: Role) -> bool:
+        """Whether this role may do what `needed` may."""
+        return self.rank >= needed.rank
+
+
+@dataclass(frozen=True, slots=True)
+class User:
+    """A user who has proved who he is."""
+
+    name: str
+    role: Role
+    anonymous: bool = False
+
+
+ANONYMOUS: Final = User("anonymous", Role.OBSERVER, anonymous=True)
+
+
+class UserFileError(UaFleetError):
+    """The users file cannot be used as asked."""
+
+    ua_status = StatusCode.BAD_CONFIGURATION_ERROR
+
+
+@dataclass(frozen=True, slots=True)
+class ScryptCost:
+    """Cost parameters of scrypt (RFC 7914); memory is 128 * n * r bytes."""
+
+    n: int
+    r: int
+    p: int
+
+    def hash(self, password: str, salt: bytes) -> bytes:
+        """The 32-byte hash of a password."""
+        return hashlib.scrypt(
+            password.encode(), salt=salt, n=self.n, r=self.r, p=self.p, maxmem=2 * 128 * self.n * self.r, dklen=32
+        )
+
+    def check(self) -> None:
+        """Refuse parameters that are no protection, or that would take the machine's memory."""
+        if self.n < 2 or self.n & (self.n - 1) or self.n > 2**20 or not 1 <= self.r <= 32 or not 1 <= self.p <= 16:
+            raise ValueError(f"scrypt n={self.n}, r={self.r}, p={self.p} is out of bounds")
+
+
+DEFAULT_COST: Final = ScryptCost(n=2**15, r=8, p=1)
+"""32 MiB and some 0.1 s for each login."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Entry:
+    user: User
+    cost: ScryptCost
+    salt: bytes
+    hash: bytes
+
+    @classmethod
+    def parse(cls, name: str, data: dict[str, Any]) -> _Entry:
+        cost = ScryptCost(int(data["n"]), int(data["r"]), int(data["p"]))
+        cost.check()
+        salt, digest = (base64.b64decode(data[key], validate=True) for key in ("salt", "hash"))
+        if len(salt) < 16 or len(digest) != 32:
+            raise ValueError("salt or hash is too short")
+        return cls(User(name, Role(data["role"])), cost, salt, digest)
+
+    def dump(self) -> dict[str, Any]:
+        encoded = {key: base64.b64encode(value).decode() for key, value in (("salt", self.salt), ("hash", self.hash))}
+        return {"role": self.user.role.value, "n": self.cost.n, "r": self.cost.r, "p": self.cost.p, **encoded}
+
+
+class UserStore:
+    """The users file. `verify` blocks for the length of one hash; `authenticate` does not block the event loop."""
+
+    def __init__(self, path: Path, cost: ScryptCost = DEFAULT_COST) -> None:
+        self._path = path
+        self._cost = cost
+        self._entries: dict[str, _Entry] = {}
+        self._signature: tuple[int, ...] | None = None
+        self._lock = threading.Lock()
+        self._decoy = _Entry(User("", Role.OBSERVER), cost, secrets.token_bytes(16), secrets.token_bytes(32))
+        self._slots: asyncio.Semaphore | None = None
+        self._waiting = 0
+
+    @property
+    def path(self) -> Path:
+        """The file."""
+        return self._path
+
+    def check(self) -> None:
+        """Raise ServerStartError when the file's owner, mode or contents must not be used."""
+        try:
+            self.refresh()
+        except UserFileError as error:
+            raise ServerStartError(str(error)) from error
+
+    def refresh(self) -> bool:
+        """Read the file again if it changed; whether it did. On an error there are no users until it is mended."""
+        with self._lock:
+            try:
+                status = self._path.stat()
+            except FileNotFoundError:
+                changed = bool(self._entries)
+                self._entries, self._signature = {}, None
+                return changed
+            signature = (status.st_mtime_ns, status.st_ino, status.st_size, status.st_mode, status.st_uid)
+            if signature == self._signature:
+                return False
+            self._entries = {}
+            self._signature = None
+            if status.st_mode & 0o077:
+                raise UserFileError(
+                    f"{self._path}: others may read or write it (mode {status.st_mode & 0o777:o}); "
+                    f"run: chmod 600 {self._path}"
+                )
+            if status.st_uid not in (os.geteuid(), 0):
+                raise UserFileError(f"{self._path}: belongs to another user; run: chown $USER {self._path}")
+            self._entries = self._parse()
+            self._signature = signature
+            return True
+
+    def _parse(self) -> dict[str, _Entry]:
+        try:
+            document = yaml.safe_load(self._path.read_text(encoding="utf-8"))
+            if document["version"] != 1:
+                raise ValueError(f"version {document['version']!r} is not known")
+            users: dict[str, dict[str, Any]] = document["users"] or {}
+            return {name: _Entry.parse(name, data) for name, data in users.items()}
+        except (OSError, yaml.YAMLError, KeyError, TypeError, ValueError, AttributeError, binascii.Error) as error:
+            reason = str(error).replace("\n", " ")
+            raise UserFileError(
+                f"{self._path}: is no users file ({type(error).__name__}: {reason}); "
+                f"move it away and add the users again with: ua-fleet user add NAME"
+            ) from error
+
+    def add(self, name: str, password: str, role: Role, *, replace_existing: bool = False) -> User:
+        """Add a user, or give an existing one a new password and role; raises UserFileError."""
+        if not _NAME.fullmatch(name) or name == ANONYMOUS.name:
+            raise UserFileError(f"{name!r} is no user name; use 1 to 64 letters, digits and _ . @ -")
+        if not MIN_PASSWORD <= len(password) <= MAX_PASSWORD:
+            raise UserFileError(f"the password must have {MIN_PASSWORD} to {MAX_PASSWORD} characters")
+        salt = secrets.token_bytes(16)
+        entry = _Entry(User(name, role), self._cost, salt, self._cost.hash(password, salt))
+        with self._exclusive():
+            self.refresh()
+            if name in self._entries and not replace_existing:
+                raise UserFileError(f"user {name} exists; remove it first with: ua-fleet user remove {name}")
+            self._write({**self._entries, name: entry})
+        return entry.user
+
+    def remove(self, name: str) -> None:
+        """Remove a user; raises UserFileError when there is none of that name."""
+        with self._exclusive():
+            self.refresh()
+            if name not in self._entries:
+                raise UserFileError(f"there is no user {name}; list them with: ua-fleet user list")
+            self._write({key: entry for key, entry in self._entries.items() if key != name})
+
+    def list(self) -> tuple[User, ...]:
+        """All users, by name."""
+        self.refresh()
+        return tuple(self._entries[name].user for name in sorted(self._entries))
+
+    def get(self, name: str) -> User | None:
+        """A user as last read, without looking at the file."""
+        entry = self._entries.get(name)
+        return entry.user if entry else None
+
+    def verify(self, name: str, password: str) -> User | None:
+        """The user, if the password is right. Unknown users and wrong passwords take the same time."""
+        self.refresh()
+        entry = self._entries.get(name)
+        known = entry if entry is not None else replace(self._decoy, cost=self._usual_cost())
+        usable = len(password) <= MAX_PASSWORD
+        digest = known.cost.hash(password if usable else "", known.salt)
+        right = hmac.compare_digest(digest, known.hash)
+        return entry.user if entry is not None and right and usable else None
+
+    def _usual_cost(self) -> ScryptCost:
+        """The cost of the file's users, so that an unknown name is not told apart by its time."""
+        return max((entry.cost for entry in self._entries.values()), key=lambda c: c.n * c.r * c.p, default=self._cost)
+
+    async def authenticate(self, name: str, password: str) -> User | None:
+        """`verify` in a thread, two at a time; raises UserFileError when too many wait."""
+        if self._slots is None:
+            self._slots = asyncio.Semaphore(2)
+        if self._waiting >= MAX_WAITING:
+            raise UserFileError("too many logins at once")
+        self._waiting += 1
+        try:
+            async with self._slots:
+                return await asyncio.to_thread(self.verify, name, password)
+        finally:
+            self._waiting -= 1
+
+    @contextlib.contextmanager
+    def _exclusive(self) -> Generator[None]:
+        """Keep other processes from changing the file at the same time."""
+        self._path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
+        lock = os.open(self._path.with_suffix(".lock"), os.O_CREAT | os.O_RDWR | os.O_CLOEXEC, 0o600)
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX)
+            yield
+        finally:
+            os.close(lock)
+
+    def _write(self, entries: dict[str, _Entry]) -> None:
+        document = {"version": 1, "users": {name: entries[name].dump() for name in sorted(entries)}}
+        temporary = self._path.with_name(f".{self._path.name}.{secrets.token_hex(4)}")
+        descriptor = os.open(temporary, os.O_CREAT | os.O_EXCL | os.O_WRONLY | os.O_CLOEXEC, 0o600)
+        try:
+            with os.fdopen(descriptor, "w", encoding="utf-8") as file:
+                yaml.safe_dump(document, file, sort_keys=False)
+                file.flush()
+                os.fsync(file.fileno())
+            temporary.replace(self._path)
+        except BaseException:
+            temporary.unlink(missing_ok=True)
+            raise
+        self.refresh()

@@ -37,6 +37,7 @@ CACHED_TYPES: Final = 512
 
 _GENERATION_ERRORS = (
     genpy.dynamic.genmsg.InvalidMsgSpec,
+    genpy.dynamic.genmsg.msg_loader.MsgNotFound,
     genpy.dynamic.genmsg.MsgGenerationException,
     SyntaxError,
     NameError,

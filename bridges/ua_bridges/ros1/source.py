@@ -138,15 +138,16 @@ class RosSource:
         """
         links = self._node.links(self.name)
         headers = {id(link.header): link.header for link in links}
-        for link in links:
-            if id(link.header) not in self._links:
-                self._node.watch_link(link)
-                self._link_of(link.header)
         with self._lock:
             for gone in [key for key in self._links if key not in headers]:
                 del self._links[gone]
             if self._last is not None and id(self._last.header) not in self._links:
                 self._last = None
+        for link in links:
+            if id(link.header) not in self._links:
+                self._node.watch_link(link)
+                self._link_of(link.header)
+        with self._lock:
             self._look_for_loss()
         return publishers is not None and self._retry.due(publishers, len(links), now)
 
@@ -173,7 +174,3 @@ class RosSource:
         with self._lock:
             if self._current is not None:
                 self._lose()
-
-    def close(self) -> None:
-        """End the subscription."""
-        self._subscriber.unregister()

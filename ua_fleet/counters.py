@@ -52,6 +52,8 @@ class Drop(StrEnum):
     """The message type does not exist in this space."""
     CONVERSION = "conversion"
     """A value that cannot be converted to the type on the other side."""
+    INCOMPATIBLE_QOS = "incompatible_qos"
+    """A ROS 2 publisher and subscriber whose qualities of service do not match: nothing passes between the two."""
     ILLEGAL_TOPIC = "illegal_topic"
     """A name that begins like a UA topic and is none."""
     RATE_LIMITED = "rate_limited"

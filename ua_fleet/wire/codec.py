@@ -1,24 +1,108 @@
-"""The codec that publishers and subscribers use."""
+"""The codec that publishers and subscribers use: the generic one, with compiled plans in front of it."""
 
 from __future__ import annotations
 
+from typing import Final, TypeVar
+
+from ua_fleet.wire.decode_plan import (
+    GIVE_UP,
+    MOST_PLANNED_FIELDS,
+    DecodePlan,
+    Layout,
+    compile_decode_plan,
+    prefix_length,
+)
 from ua_fleet.wire.encode_plan import WriterPlan
 from ua_fleet.wire.generic import Decoded, decode_message, encode_message
 from ua_fleet.wire.messages import NetworkMessage
 
 __all__ = ["Codec"]
 
+USUAL_PREFIX: Final = 12
+"""Length of the constant first bytes of what our own publishers send."""
+
+MOST_PLANS: Final = 4096
+"""Plans, and layouts seen once, that a codec remembers; the oldest go first."""
+
+FULL_CREDIT: Final = 1000
+COST_OF_A_PLAN: Final = 16
+"""A message that no plan fits earns one credit, making a plan costs so many: a peer that changes its layouts all the
+time gets the generic codec and not a compiler."""
+
+_Writer = tuple[int | str | None, int | None, int]
+
 
 class Codec:
     """Encodes and decodes UADP messages. Compiled plans make known layouts fast; the result is the same."""
 
+    __slots__ = ("_credit", "_plans", "_seen", "_writer_plans")
+
+    def __init__(self) -> None:
+        self._plans: dict[bytes, DecodePlan] = {}
+        self._seen: dict[bytes, Layout] = {}
+        self._writer_plans: dict[_Writer, WriterPlan] = {}
+        self._credit = FULL_CREDIT
+
     def decode(self, datagram: bytes) -> Decoded:
         """Decode one datagram; raises RemoteWireError and nothing else."""
-        return decode_message(datagram)
+        try:
+            return self._plans[datagram[:USUAL_PREFIX]](datagram)
+        except GIVE_UP:
+            pass
+        return self._decode_without_usual_plan(datagram)
+
+    def _decode_without_usual_plan(self, datagram: bytes) -> Decoded:
+        length = prefix_length(datagram)
+        if not length:
+            return decode_message(datagram)
+        prefix = datagram[:length]
+        if length != USUAL_PREFIX and prefix in self._plans:
+            try:
+                return self._plans[prefix](datagram)
+            except GIVE_UP:
+                pass
+        message = decode_message(datagram)
+        if isinstance(message, NetworkMessage):
+            self._learn(prefix, datagram, message)
+        return message
+
+    def _learn(self, prefix: bytes, datagram: bytes, message: NetworkMessage) -> None:
+        """Make a plan for a layout that is seen for the second time in a row."""
+        part = message.messages[0]
+        self._credit = min(self._credit + 1, FULL_CREDIT)
+        if not 0 < len(part.types) <= MOST_PLANNED_FIELDS:
+            return
+        layout = Layout(
+            len(prefix),
+            part.sequence_number is not None,
+            part.timestamp is not None,
+            part.status is not None,
+            part.major_version is not None,
+            part.minor_version is not None,
+            part.types,
+        )
+        if self._seen.get(prefix) != layout:
+            _remember(self._seen, prefix, layout)
+        elif self._credit >= COST_OF_A_PLAN:
+            self._credit -= COST_OF_A_PLAN
+            plan = compile_decode_plan(datagram, layout, message)
+            if plan is not None:
+                _remember(self._plans, prefix, plan)
 
     def encode(self, message: NetworkMessage) -> bytes:
         """Encode one NetworkMessage; raises LocalWireError on what cannot be encoded."""
-        return encode_message(message)
+        if len(message.messages) != 1:
+            return encode_message(message)
+        part = message.messages[0]
+        writer: _Writer = message.publisher_id, message.writer_group_id, part.data_set_writer_id
+        plan = self._writer_plans.get(writer)
+        if plan is not None and plan.fits(message):
+            return plan.encode_like(part)
+        encoded = encode_message(message)
+        plan = WriterPlan.for_message(message)
+        if plan is not None:
+            _remember(self._writer_plans, writer, plan)
+        return encoded
 
     def writer_plan(
         self,
@@ -31,3 +115,13 @@ class Codec:
     ) -> WriterPlan:
         """A plan for the key frames of one DataSetWriter (see the package's docstring)."""
         return WriterPlan(publisher_id, writer_group_id, data_set_writer_id, types, major_version, minor_version)
+
+
+_K = TypeVar("_K")
+_V = TypeVar("_V")
+
+
+def _remember(cache: dict[_K, _V], key: _K, value: _V) -> None:
+    if key not in cache and len(cache) >= MOST_PLANS:
+        del cache[next(iter(cache))]
+    cache[key] = value

@@ -71,6 +71,8 @@ def decode_data_set_message(cursor: Cursor, data_set_writer_id: int) -> DataSetM
         raise RemoteWireError(Cause.EVENT_ENCODING, f"field encoding {encoding} in an event", cursor.position)
     if encoding == FieldEncoding.RAW_DATA:
         return message._replace(raw=cursor.take(cursor.remaining))
+    if kind == FrameKind.KEY and not cursor.remaining:  # a heartbeat is the header alone (7.2.4.5.5)
+        return message
     message = _decode_fields(cursor, message)
     cursor.expect_padding()
     return message
@@ -157,7 +159,7 @@ def encode_data_set_message(out: bytearray, message: DataSetMessage) -> None:
         if message.raw is None:
             raise LocalWireError("a RawData message without its `raw` bytes")
         out += message.raw
-    else:
+    elif message.types or message.values or kind != FrameKind.KEY:  # no fields in a key frame: a heartbeat
         _encode_fields(out, message)
 
 

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from struct import Struct
-from typing import Final
+from typing import Any, Final
 
 from ua_fleet.errors import LocalWireError
-from ua_fleet.values import BuiltinType, NodeId
+from ua_fleet.values import BuiltinType, NodeId, QualifiedName
 from ua_fleet.wire.builtin import (
     decode_guid,
     decode_localized_text,
@@ -72,13 +72,14 @@ def _decode_field(cursor: Cursor) -> FieldMetaData:
         array_dimensions=decode_uint32s(cursor),
         max_string_length=cursor.uint32(),
         data_set_field_id=decode_guid(cursor),
-        properties=tuple(
-            [
-                (decode_qualified_name(cursor), *decode_variant(cursor))
-                for _ in range(cursor.length(SMALLEST_PROPERTY) or 0)
-            ]
-        ),
+        properties=tuple([_decode_property(cursor) for _ in range(cursor.length(SMALLEST_PROPERTY) or 0)]),
     )
+
+
+def _decode_property(cursor: Cursor) -> tuple[QualifiedName, int, Any]:
+    key = decode_qualified_name(cursor)
+    variant = decode_variant(cursor)
+    return key, variant.type, variant.value
 
 
 def _pass_structure(cursor: Cursor) -> None:

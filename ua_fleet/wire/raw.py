@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from math import prod
 from typing import Any, Final
 
 from ua_fleet.errors import RemoteWireError
 from ua_fleet.values import ARRAY, DIMENSIONS, BuiltinType, Matrix
 from ua_fleet.wire.causes import Cause
-from ua_fleet.wire.cursor import Cursor
+from ua_fleet.wire.cursor import DEEPEST_NESTING, Cursor
 from ua_fleet.wire.messages import DataSetMessage, DataSetMetaData, FieldMetaData, FrameKind
 from ua_fleet.wire.variant import DECODERS, SMALLEST
 
@@ -79,13 +80,13 @@ def _decode_field(cursor: Cursor, field: FieldMetaData) -> Any:
         return _decode_element(cursor, field)
     if field.value_rank == 1:
         return _decode_array(cursor, field)
-    if field.value_rank > 1:
+    if 1 < field.value_rank <= DEEPEST_NESTING:
         return _decode_matrix(cursor, field)
     raise RemoteWireError(Cause.RAW_RANK, f"field {field.name!r} has ValueRank {field.value_rank}", cursor.position)
 
 
 def _element_size(field: FieldMetaData) -> int:
-    """Bytes of an element with its padding."""
+    """Bytes of an element with its padding, where it has a fixed size."""
     size = SMALLEST[field.builtin_type]
     return size + field.max_string_length if field.builtin_type in PADDED else size
 
@@ -113,27 +114,31 @@ def _decode_matrix(cursor: Cursor, field: FieldMetaData) -> Matrix:
     if len(dimensions) != field.value_rank or min(dimensions) < 0:
         detail = f"field {field.name!r} has dimensions {dimensions}"
         raise RemoteWireError(Cause.ARRAY_DIMENSIONS, detail, cursor.position)
-    largest = field.array_dimensions if all(field.array_dimensions) else ()
-    if not largest:
+    largest = field.array_dimensions
+    if len(largest) != len(dimensions) or not all(largest):  # then there is no maximum to pad up to
         largest = dimensions
+    if any(length > most for length, most in zip(dimensions, largest, strict=True)):
+        detail = f"field {field.name!r} has dimensions {dimensions}, its metadata allows {largest}"
+        raise RemoteWireError(Cause.RAW_TOO_LONG, detail, cursor.position)
     values: list[Any] = []
-    _decode_rows(cursor, field, dimensions, largest, values)
+    if all(dimensions):
+        _decode_rows(cursor, field, dimensions, largest, values)
+    else:
+        _pass_padding(cursor, prod(largest) * _element_size(field), field)
     return Matrix(tuple(values), dimensions)
 
 
 def _decode_rows(
     cursor: Cursor, field: FieldMetaData, dimensions: tuple[int, ...], largest: tuple[int, ...], values: list[Any]
 ) -> None:
-    size = _element_size(field)
-    for length in largest[1:]:
-        size *= length
+    """The elements of one dimension and those inside it, row after row, each padded to its largest size."""
     start = cursor.position
     for _ in range(dimensions[0]):
         if len(dimensions) == 1:
             values.append(_decode_element(cursor, field))
         else:
             _decode_rows(cursor, field, dimensions[1:], largest[1:], values)
-    _pass_padding(cursor, start + largest[0] * size - cursor.position, field)
+    _pass_padding(cursor, start + prod(largest) * _element_size(field) - cursor.position, field)
 
 
 def _pass_padding(cursor: Cursor, size: int, field: FieldMetaData) -> None:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import struct
+from collections.abc import Callable, Sequence
 from struct import Struct
-from typing import Any, Final
+from typing import Any, Final, cast
 
 from ua_fleet.errors import LocalWireError, RemoteWireError
 from ua_fleet.values import ARRAY, DIMENSIONS, BuiltinType, DataValue, DiagnosticInfo, Matrix, Variant
@@ -141,7 +142,8 @@ def _encode_element(out: bytearray, kind: int, value: Any, depth: int) -> None:
 
 def _encode_array(out: bytearray, code: int, value: Any, depth: int) -> None:
     kind = code & TYPE_BITS
-    elements, dimensions = value, ()
+    elements: Any = value
+    dimensions: tuple[int, ...] = ()
     if code & DIMENSIONS:
         if not isinstance(value, Matrix):
             raise LocalWireError(f"{value!r:.80} is no Matrix")
@@ -156,14 +158,15 @@ def _encode_array(out: bytearray, code: int, value: Any, depth: int) -> None:
     elif not isinstance(elements, tuple | list):
         raise LocalWireError(f"{value!r:.80} is no array")
     else:
-        encode_length(out, len(elements))
-        _encode_elements(out, kind, elements, depth)
+        items = cast("Sequence[Any]", elements)
+        encode_length(out, len(items))
+        _encode_elements(out, kind, items, depth)
     if dimensions:
         encode_length(out, len(dimensions))
         _encode_elements(out, BuiltinType.INT32, dimensions, depth)
 
 
-def _encode_elements(out: bytearray, kind: int, elements: tuple[Any, ...] | list[Any], depth: int) -> None:
+def _encode_elements(out: bytearray, kind: int, elements: Sequence[Any], depth: int) -> None:
     layout = FIXED.get(kind)
     if layout is None or kind == BuiltinType.BOOLEAN:
         for element in elements:
@@ -260,7 +263,7 @@ def _encode_null(_out: bytearray, value: Any) -> None:
         raise LocalWireError(f"{value!r:.80} is not null")
 
 
-NESTED_ENCODERS: Final = {
+NESTED_ENCODERS: Final[dict[int, Callable[[bytearray, Any, int], None]]] = {
     BuiltinType.DATA_VALUE: encode_data_value,
     BuiltinType.VARIANT: encode_variant,
     BuiltinType.DIAGNOSTIC_INFO: encode_diagnostic_info,

@@ -1,0 +1,42 @@
+"""A pace that receivers can follow.
+
+Ten thousand writers that answer a probe, or whose repeats fall due together, must not overrun the receive buffers of
+those who listen (212,992 bytes on a stock Linux).
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+__all__ = ["Pace"]
+
+_BYTES_PER_SECOND: Final = 4_000_000
+_BURST_BYTES: Final = 96 * 1024
+_DATAGRAM_BYTES: Final = 512
+"""What a datagram occupies in a receive buffer besides its payload."""
+
+
+class Pace:
+    """A budget of bytes that refills with time. It may be overdrawn once; then it must refill first."""
+
+    __slots__ = ("_budget", "_refilled_at")
+
+    def __init__(self) -> None:
+        self._budget = float(_BURST_BYTES)
+        self._refilled_at = 0.0
+
+    def allows(self, now: float) -> bool:
+        """Whether something more may be sent now."""
+        if now > self._refilled_at:
+            self._budget = min(_BURST_BYTES, self._budget + (now - self._refilled_at) * _BYTES_PER_SECOND)
+            self._refilled_at = now
+        return self._budget > -1.0
+
+    def take(self, size: int, *, datagrams: int = 0) -> None:
+        """Count what is sent: bytes, and whole datagrams."""
+        self._budget -= size + datagrams * _DATAGRAM_BYTES
+
+    @property
+    def ready_at(self) -> float:
+        """The time from which `allows` says yes; in the past where it does already."""
+        return self._refilled_at - min(self._budget, 0.0) / _BYTES_PER_SECOND

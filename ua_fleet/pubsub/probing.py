@@ -1,0 +1,80 @@
+"""When to probe for what is not known (OPC 10000-14 7.2.4.6.12.2).
+
+The first probe comes after a random 100 to 500 ms, so that many subscribers do not ask at once, and only if the
+answer has not come by itself. The next follow after 500 ms and then twice as long each time.
+"""
+
+from __future__ import annotations
+
+import heapq
+from itertools import count
+from random import Random
+from typing import Final
+
+__all__ = ["ProbeSchedule"]
+
+_FIRST_DELAY_S: Final = (0.1, 0.5)
+_FIRST_PERIOD_S: Final = 0.5
+_LONGEST_PERIOD_S: Final = 30.0
+"""The specification leaves it to the subscriber."""
+
+_Key = tuple[int, int]
+
+
+class ProbeSchedule:
+    """The due times of probes, each for a (PublisherId, DataSetWriterId)."""
+
+    def __init__(self, random: Random) -> None:
+        self._random = random
+        self._due: dict[_Key, float] = {}
+        self._period: dict[_Key, float] = {}
+        self._heap: list[tuple[float, int, _Key]] = []
+        self._order = count()
+
+    def want(self, key: _Key, now: float) -> None:
+        """Ask for this one, unless it is being asked for already."""
+        if key not in self._due:
+            period = self._period.get(key)
+            self._enter(key, now + (self._random.uniform(*_FIRST_DELAY_S) if period is None else period))
+
+    def asked_by_another(self, publisher_id: int, writer_ids: tuple[int, ...], now: float) -> None:
+        """Somebody asks for these, or with no id for all of a publisher: wait for that answer."""
+        keys = [(publisher_id, writer_id) for writer_id in writer_ids] or [
+            key for key in self._due if key[0] == publisher_id
+        ]
+        for key in keys:
+            due = self._due.get(key)
+            if due is not None and due < now + _FIRST_PERIOD_S:
+                self._enter(key, now + _FIRST_PERIOD_S)
+
+    def answered(self, key: _Key) -> None:
+        """An announcement came. If it does not help, the next `want` goes on with the longer period."""
+        self._due.pop(key, None)
+
+    def settled(self, key: _Key) -> None:
+        """All is known: forget the period."""
+        self._due.pop(key, None)
+        self._period.pop(key, None)
+
+    def take_due(self, now: float) -> list[_Key]:
+        """The keys to probe for now; each is entered again for its next time."""
+        keys: list[_Key] = []
+        while self._heap and self._heap[0][0] <= now:
+            due, _, key = heapq.heappop(self._heap)
+            if self._due.get(key) != due:
+                continue
+            keys.append(key)
+            period = self._period.get(key, _FIRST_PERIOD_S)
+            self._period[key] = min(2 * period, _LONGEST_PERIOD_S)
+            self._enter(key, now + period)
+        return keys
+
+    def next_deadline(self) -> float | None:
+        """When the next probe is due, or None."""
+        while self._heap and self._due.get(self._heap[0][2]) != self._heap[0][0]:
+            heapq.heappop(self._heap)
+        return self._heap[0][0] if self._heap else None
+
+    def _enter(self, key: _Key, due: float) -> None:
+        self._due[key] = due
+        heapq.heappush(self._heap, (due, next(self._order), key))

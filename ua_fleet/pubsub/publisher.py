@@ -1,0 +1,312 @@
+"""The DataSetWriters of one process.
+
+Each mirrored message is a key frame. A writer repeats its last one, so that who comes late or lost it still gets the
+value; the Timestamp of a repeat is unchanged, and otherwise Timestamps strictly increase: that is how a receiver tells
+the two apart. A keep-alive attests the source, not this process.
+
+    (new)  --announce-->           alive: repeats and keep-alives
+    alive  --source_lost-->        lost: one frame with Bad_NoCommunication, then silence
+    lost   --announce, publish-->  alive
+    any    --retire-->             forgotten but for its numbers, which go on when it is announced again
+"""
+
+from __future__ import annotations
+
+import heapq
+from itertools import count
+from typing import Any, Final
+
+from ua_fleet.counters import Counters
+from ua_fleet.errors import LocalWireError
+from ua_fleet.pubsub.pacing import Pace
+from ua_fleet.pubsub.packing import HEADER_BYTES, pack
+from ua_fleet.pubsub.sequence import MASK
+from ua_fleet.pubsub.timing import PubSubTiming, version_time
+from ua_fleet.pubsub.writer import Writer
+from ua_fleet.topics import Topic
+from ua_fleet.values import BuiltinType, StatusCode
+from ua_fleet.wire import Codec, encode_metadata_announcement
+from ua_fleet.wire.messages import (
+    ConfigurationVersion,
+    DataSetMessage,
+    DataSetMetaData,
+    FieldMetaData,
+    MetaDataAnnouncement,
+    NetworkMessage,
+    Probe,
+    ProbeKind,
+    PublisherIdType,
+)
+
+__all__ = ["MAX_DATAGRAM_BYTES", "Publisher"]
+
+MAX_DATAGRAM_BYTES: Final = 65_507
+"""The largest UDP payload over IPv4."""
+_ANSWER_INTERVAL_S: Final = 0.5
+"""Announcements of one DataSetWriter that answer probes are at least so far apart (OPC 10000-14 7.2.4.6.12.2)."""
+_EARLY: Final = 0.05
+"""Part of its period that a message may go early, to share a NetworkMessage with one that is due."""
+_UINT16: Final = PublisherIdType.UINT16.value
+
+_Batches = dict[int, list[tuple[DataSetMessage, int]]]
+"""DataSetMessages with their sizes, by WriterGroup."""
+
+
+class Publisher:
+    """All DataSetWriters of one process. Every method that sends returns the datagrams to send, in order."""
+
+    def __init__(self, publisher_id: int, timing: PubSubTiming, counters: Counters, codec: Codec) -> None:
+        """Make a publisher without writers.
+
+        Args:
+            publisher_id: the space whose data this process originates.
+            timing: periods of keep-alives, repeats and announcements.
+            counters: `messages_out` is counted here.
+            codec: the process's codec.
+        """
+        self._id = publisher_id
+        self._timing = timing
+        self._early_s = _EARLY * min(timing.keep_alive_s, timing.repeat_interval_s, timing.announce_interval_s)
+        self._counters = counters
+        self._codec = codec
+        self._writers: dict[tuple[int, int, int], Writer] = {}
+        self._majors: dict[int, int] = {}
+        """The highest major version of each DataSetWriterId: announcements name no WriterGroup."""
+        self._deadlines: list[tuple[float, int, Writer]] = []
+        self._answers: list[tuple[float, int, Writer]] = []
+        self._order = count(1)
+        self._announcement_number = 0
+        self._pace = Pace()
+
+    def announce(
+        self, topic: Topic, name: str, fields: tuple[FieldMetaData, ...], *, now: float, wall_ticks: int
+    ) -> list[bytes]:
+        """Make or update the writer of a source that is alive.
+
+        Returns its metadata announcement, and a keep-alive, which tells readers the WriterGroup. Other fields than
+        before get a new major version, another name alone a new minor version (OPC 10000-14 6.2.3.2.6).
+
+        Raises:
+            LocalWireError: a source of another space, or metadata that cannot be encoded.
+        """
+        if topic.space != self._id:
+            raise LocalWireError(f"{topic.name} does not originate in space {self._id}")
+        writer = self._writers.get(topic) or Writer(topic)
+        metadata = self._versioned(writer, name, fields, wall_ticks)
+        announcement = self._announcement(writer.topic.id, metadata)
+        self._writers[topic] = writer
+        if writer.encode is None or metadata is not writer.metadata:
+            writer.lay_out(metadata, self._codec)
+        writer.announce_at = now + self._timing.announce_interval_s
+        self._revive(writer, now)
+        writer.sent_at = now
+        return [announcement, *self._send({topic.ns: [writer.keep_alive()]})]
+
+    def publish(
+        self,
+        topic: Topic,
+        values: tuple[Any, ...],
+        *,
+        timestamp: int,
+        status: int = 0,
+        now: float,
+        types: tuple[int, ...] | None = None,
+    ) -> list[bytes]:
+        """Send a key frame at once.
+
+        Args:
+            topic: an announced source.
+            values: one for each field, in their order.
+            timestamp: the source's time in ticks; where it does not move forward, the last one plus one tick is sent.
+            status: of the whole message; its upper 16 bits travel.
+            now: the time.
+            types: where a field has another type code than its metadata says, e.g. a StatusCode in place of a value.
+
+        Raises:
+            LocalWireError: not announced, or values that do not fit. Nothing has changed then.
+        """
+        writer = self._writers.get(topic)
+        if writer is None or (encode := writer.encode) is None:
+            raise LocalWireError(f"{topic.name} is published before it is announced")
+        if types is None:
+            types = writer.types
+        elif types != writer.types:
+            if len(types) != len(writer.types):
+                raise LocalWireError(f"{topic.name}: {len(types)} types for {len(writer.types)} fields")
+            encode = writer.encoder(types, self._codec)
+        if timestamp <= writer.timestamp:
+            timestamp = writer.timestamp + 1
+        number = writer.next_number
+        datagram = encode(number, timestamp, status, values)
+        size = len(datagram)
+        if size > MAX_DATAGRAM_BYTES:
+            raise LocalWireError(f"{topic.name}: {size} bytes do not fit into a datagram")
+        writer.next_number = (number + 1) & MASK
+        writer.timestamp = timestamp
+        is_first = writer.values is None
+        writer.values = values
+        writer.sent_types = types
+        writer.status = status
+        writer.size = size - HEADER_BYTES
+        writer.sent_at = now
+        writer.repeat_at = now + self._timing.repeat_interval_s
+        if is_first or not writer.alive:
+            self._revive(writer, now)
+        self._counters.messages_out += 1
+        return [datagram]
+
+    def source_lost(self, topic: Topic, *, timestamp: int, now: float) -> list[bytes]:
+        """Say once that the source is gone, with its last values; then be silent until `announce` or `publish`."""
+        writer = self._writers.get(topic)
+        if writer is None or not writer.alive:
+            return []
+        status = int(StatusCode.BAD_NO_COMMUNICATION)
+        values, types = writer.values, writer.sent_types
+        if values is None:
+            values = (status,) * len(writer.types)
+            types = (int(BuiltinType.STATUS_CODE),) * len(writer.types)
+        datagrams = self.publish(topic, values, timestamp=timestamp, status=status, now=now, types=types)
+        writer.alive = False
+        return datagrams
+
+    def retire(self, topic: Topic) -> None:
+        """Forget a source. Its numbers are kept, so that they go on if it is announced again."""
+        writer = self._writers.get(topic)
+        if writer is not None:
+            writer.retire()
+
+    def answer(self, probe: Probe, now: float) -> list[bytes]:
+        """Answer a metadata probe: the announcement of each writer asked for, and a repeat of its last message.
+
+        An answer that would follow the one before too soon, and what is more than receivers can take at once, waits
+        for `poll`. A probe for a writer whose answer waits already is discarded for that writer.
+        """
+        if (
+            probe.kind != ProbeKind.DATA_SET_META_DATA
+            or probe.publisher_id_type != _UINT16
+            or probe.publisher_id != self._id
+        ):
+            return []
+        asked = frozenset(probe.data_set_writer_ids)
+        for writer in self._writers.values():
+            if writer.encode is None or writer.answer_pending or (asked and writer.topic.id not in asked):
+                continue
+            writer.answer_pending = True
+            due = max(now, writer.answered_at + _ANSWER_INTERVAL_S)
+            heapq.heappush(self._answers, (due, next(self._order), writer))
+        return self._send_due_answers(now)
+
+    def poll(self, now: float) -> list[bytes]:
+        """Send what is due: answers that waited, announcements, repeats and keep-alives."""
+        datagrams = self._send_due_answers(now)
+        deadlines, pace = self._deadlines, self._pace
+        if not deadlines or deadlines[0][0] > now:
+            return datagrams
+        horizon = now + self._early_s
+        batches: _Batches = {}
+        while deadlines and deadlines[0][0] <= horizon and pace.allows(now):
+            _, entry, writer = heapq.heappop(deadlines)
+            if entry != writer.entry or not writer.alive:
+                continue
+            if writer.announce_at <= horizon:
+                datagrams.append(self._announce_again(writer, now))
+            if writer.values is not None and writer.repeat_at <= horizon:
+                self._add_repeat(batches, writer, now)
+            elif writer.sent_at + self._timing.keep_alive_s <= horizon:
+                self._add_keep_alive(batches, writer, now)
+            self._queue(writer)
+        return datagrams + self._send(batches)
+
+    def next_deadline(self) -> float | None:
+        """When `poll` is to be called next, or None. It may find nothing to send then."""
+        due = [heap[0][0] for heap in (self._deadlines, self._answers) if heap]
+        return max(min(due), self._pace.ready_at) if due else None
+
+    def metadata(self, topic: Topic) -> DataSetMetaData | None:
+        """The metadata that is announced for a source, or None."""
+        writer = self._writers.get(topic)
+        return None if writer is None or writer.encode is None else writer.metadata
+
+    def _versioned(
+        self, writer: Writer, name: str, fields: tuple[FieldMetaData, ...], wall_ticks: int
+    ) -> DataSetMetaData:
+        before = writer.metadata
+        version = before.configuration_version
+        if version.major and before.fields == fields:
+            if before.name == name:
+                return before
+            minor = max(version.minor + 1, version_time(wall_ticks))
+            return DataSetMetaData(name, fields, ConfigurationVersion(version.major, minor))
+        major = max(self._majors.get(writer.topic.id, 0) + 1, version_time(wall_ticks))
+        self._majors[writer.topic.id] = major
+        return DataSetMetaData(name, fields, ConfigurationVersion(major, major))
+
+    def _announcement(self, id: int, metadata: DataSetMetaData) -> bytes:
+        number = self._announcement_number
+        announcement = encode_metadata_announcement(MetaDataAnnouncement(self._id, _UINT16, number, id, metadata))
+        if len(announcement) > MAX_DATAGRAM_BYTES:
+            raise LocalWireError(f"metadata of {metadata.name}: {len(announcement)} bytes do not fit into a datagram")
+        self._announcement_number = (number + 1) & MASK
+        return announcement
+
+    def _announce_again(self, writer: Writer, now: float) -> bytes:
+        announcement = self._announcement(writer.topic.id, writer.metadata)
+        writer.announce_at = now + self._timing.announce_interval_s
+        self._pace.take(len(announcement), datagrams=1)
+        return announcement
+
+    def _revive(self, writer: Writer, now: float) -> None:
+        if not writer.alive:
+            writer.alive = True
+            writer.repeat_at = now + self._timing.repeat_interval_s
+            writer.announce_at = now + self._timing.announce_interval_s
+        self._queue(writer)
+
+    def _queue(self, writer: Writer) -> None:
+        """Enter the writer for its next deadline. Publishing moves the deadline back without touching the heap."""
+        writer.entry = next(self._order)
+        heapq.heappush(self._deadlines, (writer.deadline(self._timing.keep_alive_s), writer.entry, writer))
+
+    def _send_due_answers(self, now: float) -> list[bytes]:
+        answers = self._answers
+        if not answers or answers[0][0] > now:
+            return []
+        datagrams: list[bytes] = []
+        batches: _Batches = {}
+        while answers and answers[0][0] <= now and self._pace.allows(now):
+            _, _, writer = heapq.heappop(answers)
+            writer.answer_pending = False
+            if writer.encode is None:
+                continue
+            writer.answered_at = now
+            datagrams.append(self._announce_again(writer, now))
+            if writer.values is not None:
+                self._add_repeat(batches, writer, now)
+            elif writer.alive:
+                self._add_keep_alive(batches, writer, now)
+        return datagrams + self._send(batches)
+
+    def _add_repeat(self, batches: _Batches, writer: Writer, now: float) -> None:
+        message = writer.repeat()
+        writer.sent_at = now
+        writer.repeat_at = now + self._timing.repeat_interval_s
+        batches.setdefault(writer.topic.ns, []).append(message)
+        self._pace.take(message[1])
+
+    def _add_keep_alive(self, batches: _Batches, writer: Writer, now: float) -> None:
+        message = writer.keep_alive()
+        writer.sent_at = now
+        batches.setdefault(writer.topic.ns, []).append(message)
+        self._pace.take(message[1])
+
+    def _send(self, batches: _Batches) -> list[bytes]:
+        """The NetworkMessages with these DataSetMessages."""
+        datagrams: list[bytes] = []
+        for ns, batch in batches.items():
+            for messages in pack(batch):
+                self._counters.messages_out += len(messages)
+                self._pace.take(0, datagrams=1)
+                datagrams.append(
+                    self._codec.encode(NetworkMessage(self._id, _UINT16, writer_group_id=ns, messages=messages))
+                )
+        return datagrams

@@ -1,0 +1,216 @@
+"""A DataSetWriter as a reader knows it: its sequence, its Timestamps, and whether it lives.
+
+Sequences are tracked for each DataSetWriter, never for the group. Of a message with a sequence number:
+
+    the next one             taken
+    a newer one              taken; what is missing between is counted
+    not newer, but a proof   taken as a restart; proofs are a later major version, a later Timestamp than all before,
+    of a restart             or a silence longer than MessageReceiveTimeout
+    not newer                dropped: a duplicate, or late where it had been counted as missing
+
+Of what is taken, only a message with a later Timestamp than the last one handed on is handed on.
+"""
+
+from __future__ import annotations
+
+from enum import Enum
+from typing import Final
+
+from ua_fleet.counters import Counters
+from ua_fleet.pubsub.sequence import MASK, NEWEST_STEP, MissingNumbers
+from ua_fleet.topics import Topic
+from ua_fleet.wire.messages import DataSetMessage, DataSetMetaData
+
+__all__ = ["UNBOUND", "RemoteWriter", "Step"]
+
+UNBOUND: Final = -1
+"""In place of a major version: the metadata has to be looked up."""
+_NEVER: Final = -(1 << 63) - 1
+
+
+class Step(Enum):
+    """What a sequence number says of a message."""
+
+    TAKEN = "taken"
+    DUPLICATE = "duplicate"
+    LATE = "late"
+
+
+class RemoteWriter:
+    """One DataSetWriter that was heard. The attributes up to `silent` are there for status displays."""
+
+    __slots__ = (
+        "_back_since",
+        "_back_timestamp",
+        "_counters",
+        "_missing",
+        "confirmed_number",
+        "duplicates",
+        "expected",
+        "gaps",
+        "handed_on",
+        "heard_major",
+        "heard_timestamp",
+        "key",
+        "last_frame",
+        "last_heard",
+        "late",
+        "major",
+        "metadata",
+        "minor",
+        "received",
+        "restarts",
+        "silent",
+        "topic",
+        "types",
+    )
+
+    def __init__(self, topic: Topic, now: float, counters: Counters) -> None:
+        self.topic = topic
+        self.metadata: DataSetMetaData | None = None
+        """Metadata of its last message; None while it is not known."""
+        self.received = 0
+        """DataSetMessages handed on or found to be repeats, and keep-alives."""
+        self.gaps = 0
+        """DataSetMessages that were missing when a newer one came."""
+        self.late = 0
+        """Those of them that came after it, and were dropped."""
+        self.duplicates = 0
+        self.restarts = 0
+        self.last_heard = now
+        self.silent = False
+        """Whether nothing was heard for MessageReceiveTimeout."""
+
+        self.key = (topic.space, topic.id)
+        self.major: int | None = UNBOUND
+        """Version in the header of the messages that `metadata` describes; None where the header has none."""
+        self.minor: int | None = UNBOUND
+        self.types: tuple[int, ...] = ()
+        self.expected: int | None = None
+        """The next sequence number."""
+        self.heard_major: int | None = None
+        self.heard_timestamp = _NEVER
+        """The latest Timestamp since the writer's start."""
+        self.handed_on = _NEVER
+        """The Timestamp that was last handed on."""
+        self.last_frame: DataSetMessage | None = None
+        """What delta frames change, and ..."""
+        self.confirmed_number: int | None = None
+        """... the sequence number up to which it is what the writer has."""
+        self._missing: MissingNumbers | None = None
+        self._back_since: float | None = None
+        self._back_timestamp = _NEVER
+        self._counters = counters
+
+    def follow(self, message: DataSetMessage, now: float, receive_timeout_s: float) -> Step:
+        """Follow the sequence with a key, delta or event frame."""
+        number = message.sequence_number
+        if number is None:
+            return Step.TAKEN
+        expected = self.expected
+        if expected is None:
+            self._start(number, message)
+            return Step.TAKEN
+        missing = (number - expected) & MASK
+        later_version = self._is_later_version(message)
+        if missing < NEWEST_STEP and not (missing and later_version):
+            self._skip(expected, missing)
+            self.expected = (number + 1) & MASK
+            self._hear(message)
+            return Step.TAKEN
+        timestamp = message.timestamp
+        if (
+            later_version
+            or (timestamp is not None and timestamp > self.heard_timestamp)
+            or now - self.last_heard > receive_timeout_s
+        ):
+            self.restarts += 1
+            self._start(number, message)
+            return Step.TAKEN
+        if self._missing is not None and self._missing.arrived(number, expected):
+            self.late += 1
+            return Step.LATE
+        self.duplicates += 1
+        return Step.DUPLICATE
+
+    def follow_keep_alive(self, message: DataSetMessage, now: float, receive_timeout_s: float) -> bool:
+        """Follow the sequence with a keep-alive, whose number is the next expected one; False if it is an old one."""
+        number = message.sequence_number
+        if number is None or number == self.expected:
+            return True
+        if self.expected is None:
+            self._start(number - 1, message)
+            return True
+        missing = (number - self.expected) & MASK
+        later_version = self._is_later_version(message)
+        if missing < NEWEST_STEP and not later_version:
+            self._skip(self.expected, missing)
+            self.expected = number
+            return True
+        if later_version or now - self.last_heard > receive_timeout_s:
+            self.restarts += 1
+            self._start(number - 1, message)
+            return True
+        return False
+
+    def is_new(self, timestamp: int, now: float, receive_timeout_s: float) -> bool:
+        """Whether a message is new though its Timestamp is not later than the last one handed on.
+
+        So it is where the source's clock was set back: for longer than the timeout we have heard nothing but
+        Timestamps that are past and increase. Without this, one time from the future would mute a source for ever.
+        """
+        if timestamp <= self._back_timestamp or timestamp == self.handed_on:
+            return False
+        self._back_timestamp = timestamp
+        if self._back_since is None:
+            self._back_since = now
+        return now - self._back_since > receive_timeout_s
+
+    def hand_on(self, message: DataSetMessage) -> None:
+        """Note that a message is handed on."""
+        timestamp = message.timestamp
+        if timestamp is not None:
+            if timestamp > self.heard_timestamp:
+                self.heard_timestamp = timestamp
+            self.handed_on = timestamp
+            self._back_since = None
+        self.last_frame = message
+        self.confirmed_number = message.sequence_number
+
+    def confirm(self, number: int | None) -> None:
+        """Note a message that changes nothing, so that a delta frame after it fits."""
+        if number is not None and self.confirmed_number == (number - 1) & MASK:
+            self.confirmed_number = number
+
+    def base_of(self, delta: DataSetMessage) -> DataSetMessage | None:
+        """The frame that a delta frame changes; None if something is missing between."""
+        number = delta.sequence_number
+        if number is not None and self.confirmed_number != (number - 1) & MASK:
+            self.last_frame = None
+        return self.last_frame
+
+    def _is_later_version(self, message: DataSetMessage) -> bool:
+        major, before = message.major_version, self.heard_major
+        return major is not None and before is not None and major > before
+
+    def _hear(self, message: DataSetMessage) -> None:
+        if message.timestamp is not None and message.timestamp > self.heard_timestamp:
+            self.heard_timestamp = message.timestamp
+        if message.major_version is not None:
+            self.heard_major = message.major_version
+
+    def _start(self, number: int, message: DataSetMessage) -> None:
+        self.expected = (number + 1) & MASK
+        self.heard_timestamp = _NEVER
+        self._hear(message)
+        self.last_frame = None
+        if self._missing is not None:
+            self._missing.clear()
+
+    def _skip(self, first: int, missing: int) -> None:
+        if missing:
+            self.gaps += missing
+            self._counters.gaps += missing
+            if self._missing is None:
+                self._missing = MissingNumbers()
+            self._missing.skipped(first, missing)

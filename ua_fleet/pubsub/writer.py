@@ -1,0 +1,125 @@
+"""The state of one DataSetWriter, and the messages that it makes again."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, Final
+
+from ua_fleet.pubsub.metadata import type_codes
+from ua_fleet.pubsub.packing import KEEP_ALIVE_BYTES
+from ua_fleet.pubsub.sequence import MASK
+from ua_fleet.topics import Topic
+from ua_fleet.wire import Codec
+from ua_fleet.wire.messages import ConfigurationVersion, DataSetMessage, DataSetMetaData, FrameKind
+
+__all__ = ["Encode", "Writer"]
+
+Encode = Callable[[int, int, int, tuple[Any, ...]], bytes]
+"""(sequence number, timestamp, status, values) -> the NetworkMessage."""
+
+_KEY: Final = FrameKind.KEY.value
+_KEEP_ALIVE: Final = FrameKind.KEEP_ALIVE.value
+
+
+class Writer:
+    """One DataSetWriter. The publisher decides when something is sent, this class what."""
+
+    __slots__ = (
+        "alive",
+        "announce_at",
+        "answer_pending",
+        "answered_at",
+        "encode",
+        "entry",
+        "metadata",
+        "next_number",
+        "repeat_at",
+        "sent_at",
+        "sent_types",
+        "size",
+        "status",
+        "timestamp",
+        "topic",
+        "types",
+        "values",
+    )
+
+    def __init__(self, topic: Topic) -> None:
+        self.topic = topic
+        self.metadata = DataSetMetaData("", (), ConfigurationVersion(0, 0))
+        self.types: tuple[int, ...] = ()
+        """The type codes that the metadata says."""
+        self.encode: Encode | None = None
+        """Encodes key frames of this version; None while retired."""
+        self.next_number = 0
+        self.timestamp = -1
+        """Timestamp of the last message; -1 before the first."""
+        self.values: tuple[Any, ...] | None = None
+        """The last message's values, None where there is nothing to repeat."""
+        self.sent_types: tuple[int, ...] = ()
+        self.status = 0
+        self.size = 0
+        """Bytes of the last message without the NetworkMessage's header."""
+        self.alive = False
+        self.sent_at = 0.0
+        self.repeat_at = 0.0
+        self.announce_at = 0.0
+        self.answered_at = float("-inf")
+        self.answer_pending = False
+        self.entry = 0
+        """Number of the writer's valid entry in the publisher's heap of deadlines."""
+
+    def lay_out(self, metadata: DataSetMetaData, codec: Codec) -> None:
+        """Take new metadata. What was sent with other fields is not repeated any more."""
+        if metadata.fields != self.metadata.fields:
+            self.values = None
+        self.metadata = metadata
+        self.types = type_codes(metadata.fields)
+        self.encode = self.encoder(self.types, codec)
+
+    def encoder(self, types: tuple[int, ...], codec: Codec) -> Encode:
+        """What encodes this version's key frames with these type codes."""
+        space, ns, writer_id = self.topic
+        major, minor = self.metadata.configuration_version
+        return codec.writer_plan(space, ns, writer_id, types, major, minor).encode
+
+    def retire(self) -> None:
+        """Forget the source, but for the numbers that must go on if it comes back."""
+        self.alive = False
+        self.values = None
+        self.encode = None
+
+    def deadline(self, keep_alive_s: float) -> float:
+        """When this writer has to send something next."""
+        due = min(self.sent_at + keep_alive_s, self.announce_at)
+        return due if self.values is None else min(due, self.repeat_at)
+
+    def repeat(self) -> tuple[DataSetMessage, int]:
+        """The last message again, with the next sequence number, and its size."""
+        assert self.values is not None
+        number = self.next_number
+        self.next_number = (number + 1) & MASK
+        version = self.metadata.configuration_version
+        return DataSetMessage(
+            self.topic.id,
+            _KEY,
+            self.sent_types,
+            self.values,
+            number,
+            self.timestamp,
+            None,
+            self.status,
+            version.major,
+            version.minor,
+        ), self.size
+
+    def keep_alive(self) -> tuple[DataSetMessage, int]:
+        """A keep-alive and its size; its sequence number is the next expected one (OPC 10000-14 7.2.4.5.8)."""
+        version = self.metadata.configuration_version
+        return DataSetMessage(
+            self.topic.id,
+            kind=_KEEP_ALIVE,
+            sequence_number=self.next_number,
+            major_version=version.major,
+            minor_version=version.minor,
+        ), KEEP_ALIVE_BYTES

@@ -9,6 +9,7 @@ from typing import Any, Protocol
 
 from ua_bridges.ros.convert import compile_reader
 from ua_bridges.ros.fields import fields_of
+from ua_bridges.ros.latched import mark_latched
 from ua_bridges.ros.mapping import MappedSource
 from ua_bridges.ros.rate import RateGate
 from ua_bridges.ros.schema import MessageSchema, schema_from_definition
@@ -19,12 +20,8 @@ from ua_fleet.config.schema import DataSetConfig
 from ua_fleet.counters import Drop
 from ua_fleet.pubsub.metadata import make_field
 from ua_fleet.topics import Topic
-from ua_fleet.values import BuiltinType, QualifiedName
 
-__all__ = ["LATCHED", "Feed", "MappedFeed", "MirrorFeed", "Read"]
-
-LATCHED = "RosLatched"
-"""Property of a source whose robot publishes it latched: late subscribers in other spaces get the last message too."""
+__all__ = ["Feed", "MappedFeed", "MirrorFeed", "Read", "schema_of"]
 
 Read = Callable[[Any, int, bool], None]
 """Hands on one message object; its time of arrival (ns since 1970), and whether this bridge had published it."""
@@ -76,10 +73,7 @@ class MirrorFeed:
         """See Feed."""
         schema = schema_of(kind)
         fields = fields_of(schema, schema.name, kind.definition)
-        if latched:
-            mark = (QualifiedName(0, LATCHED), int(BuiltinType.BOOLEAN), True)
-            fields = (fields[0]._replace(properties=(*fields[0].properties, mark)), *fields[1:])
-        self._inlet.put(SourceFound(self.topic, self.topic.name, fields))
+        self._inlet.put(SourceFound(self.topic, self.topic.name, mark_latched(fields) if latched else fields))
 
     def reader(self, kind: MessageType) -> Read:
         """See Feed."""

@@ -19,11 +19,12 @@ import structlog
 
 from ua_bridges.ros.errors import ConversionError
 from ua_bridges.ros.fields import ros_type_of
+from ua_bridges.ros.latched import is_latched
 from ua_bridges.ros.rate import RateGate
 from ua_bridges.ros.schema import ros1_type_name
 from ua_bridges.ros1.classes import MessageType, TypeUnavailable, installed_type, type_from_definition
 from ua_bridges.ros1.config import Ros1BridgeConfig
-from ua_bridges.ros1.feed import LATCHED, Feed, MappedFeed, MirrorFeed
+from ua_bridges.ros1.feed import Feed, MappedFeed, MirrorFeed
 from ua_bridges.ros1.graph import GraphWatch, unregistered
 from ua_bridges.ros1.master import RosMaster, SystemState
 from ua_bridges.ros1.node import RosNode
@@ -33,9 +34,7 @@ from ua_fleet.bridge.driver import DriverStatus, Dropped, Inlet
 from ua_fleet.config.schema import DataSetConfig, FleetConfig
 from ua_fleet.counters import Drop
 from ua_fleet.errors import NotConnected, UaFleetError
-from ua_fleet.pubsub.metadata import field_property
 from ua_fleet.topics import SERVER_SPACE, Topic
-from ua_fleet.values import BuiltinType, Quality, quality_of
 from ua_fleet.wire.messages import DataSetMessage, DataSetMetaData
 
 __all__ = ["Ros1Driver"]
@@ -129,18 +128,11 @@ class Ros1Driver:
         if node is None or node.was_shut_down:
             self._inlet.put(Dropped(Drop.SEND_FAILED, detail=self._status.detail))
             return False
-        if quality_of(message.status or 0) is Quality.BAD:
-            # A ROS message has no place for a status: there is nothing to say but nothing.
-            return False
         published = self._published.get(topic)
         if published is None or (published.metadata is not metadata and published.metadata.fields != metadata.fields):
             published = self._make_outlet(topic, metadata)
             if published is None:
                 return False
-        if BuiltinType.STATUS_CODE in message.types:
-            bad = message.types.index(BuiltinType.STATUS_CODE)
-            self._inlet.put(Dropped(Drop.CONVERSION, detail=f"{topic.name} field {metadata.fields[bad].name} is Bad"))
-            return False
         sinks = self._sinks.get(topic, ())
         sent = False
         if published.outlet is not None:
@@ -180,7 +172,7 @@ class Ros1Driver:
         try:
             kind, names = _type_for(metadata)
             # A Variable of the server is a state, a robot's message is an event unless the robot says otherwise.
-            latched = topic.space == SERVER_SPACE or field_property(metadata.fields[0], LATCHED) is True
+            latched = topic.space == SERVER_SPACE or is_latched(metadata.fields)
             outlet = Outlet(f"/{topic.name}", kind, names, latched=latched, partial=False)
         except UaFleetError as error:
             log.warning("cannot be published here", topic=topic.name, reason=str(error))

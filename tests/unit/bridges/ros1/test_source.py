@@ -13,7 +13,8 @@ pytest.importorskip("rospy", reason="needs the Python that has rospy")
 
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, Header, String
-from ua_bridges.ros1.feed import LATCHED, MappedFeed, MirrorFeed
+from ua_bridges.ros.latched import is_latched
+from ua_bridges.ros1.feed import MappedFeed, MirrorFeed
 from ua_bridges.ros1.source import RosSource
 
 from ua_fleet.bridge.driver import DriverEvent, Dropped, SampleRead, SourceFound, SourceLost
@@ -179,7 +180,7 @@ def test_own_publisher_does_not_make_the_source_alive_and_its_messages_are_marke
 def test_latched_source_says_so(bench: Bench) -> None:
     (found,) = bench.look(Link(Float64, latched=True))
     assert isinstance(found, SourceFound)
-    assert (LATCHED, True) in [(key.name, value) for key, _, value in found.fields[0].properties]
+    assert is_latched(found.fields)
 
 
 def test_type_without_a_class_is_counted_for_each_message(bench: Bench) -> None:

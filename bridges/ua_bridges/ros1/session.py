@@ -15,7 +15,6 @@ from collections.abc import Callable
 from typing import Final, NamedTuple
 
 import rospy
-import structlog
 
 from ua_bridges.ros.errors import ConversionError
 from ua_bridges.ros.fields import ros_type_of
@@ -44,7 +43,8 @@ LOOK_PERIOD_S: Final = 0.1
 MAX_OUTLETS: Final = 2000
 """Topics of other spaces that are published here; each costs a registration, and anybody may send new ones."""
 
-log = structlog.get_logger("ua_bridges.ros1")
+
+_NOTHING: Final = Dropped(Drop.TYPE_MISSING, 0)
 
 
 class _Published(NamedTuple):
@@ -52,8 +52,9 @@ class _Published(NamedTuple):
 
     metadata: DataSetMetaData
     outlet: Outlet | None
-    """None: its type does not exist here."""
     made: float
+    refusal: Dropped
+    """Why nothing is published, where there is no outlet."""
 
 
 class _Sink(NamedTuple):
@@ -62,7 +63,7 @@ class _Sink(NamedTuple):
     outlet: Outlet | None
     gate: RateGate[tuple[object, ...]] | None
     made: float
-    reason: str
+    refusal: Dropped
 
 
 class Ros1Driver:
@@ -138,7 +139,7 @@ class Ros1Driver:
         if published.outlet is not None:
             sent = self._send(published.outlet, message.values)
         elif not sinks:
-            self._inlet.put(Dropped(Drop.TYPE_MISSING))
+            self._inlet.put(published.refusal)
         for sink in sinks:
             sent = self._send_sink(sink, message.values) or sent
         return sent
@@ -153,7 +154,7 @@ class Ros1Driver:
 
     def _send_sink(self, sink: _Sink, values: tuple[object, ...]) -> bool:
         if sink.outlet is None:
-            self._inlet.put(Dropped(Drop.TYPE_MISSING, detail=sink.reason))
+            self._inlet.put(sink.refusal)
             return False
         if sink.gate is None:
             return self._send(sink.outlet, values)
@@ -168,15 +169,15 @@ class Ros1Driver:
         if before is not None and before.outlet is not None:
             self._forget("publisher", before.outlet.name)
             before.outlet.close()
-        outlet: Outlet | None = None
+        outlet, refusal = None, _NOTHING
         try:
             kind, names = _type_for(metadata)
             # A Variable of the server is a state, a robot's message is an event unless the robot says otherwise.
             latched = topic.space == SERVER_SPACE or is_latched(metadata.fields)
             outlet = Outlet(f"/{topic.name}", kind, names, latched=latched, partial=False)
         except UaFleetError as error:
-            log.warning("cannot be published here", topic=topic.name, reason=str(error))
-        self._published[topic] = published = _Published(metadata, outlet, time.monotonic())
+            refusal = Dropped(Drop.TYPE_MISSING, detail=f"{topic.name} cannot be published here: {error}")
+        self._published[topic] = published = _Published(metadata, outlet, time.monotonic(), refusal)
         self._wake.set()
         return published
 
@@ -200,21 +201,20 @@ class Ros1Driver:
         assert mapping is not None
         type_name = ros1_type_name(mapping.type.replace("/msg/", "/"))
         paths = [field.path or field_name or "data" for field_name, field in dataset.all_fields().items()]
-        outlet, reason = None, ""
+        outlet, refusal = None, _NOTHING
         try:
             outlet = Outlet(
                 _absolute(mapping.topic), _installed(type_name), paths, latched=mapping.latched, partial=True
             )
         except UaFleetError as error:
-            reason = f"{name} cannot be written to {mapping.topic}: {error}"
-            log.warning("sink not possible", reason=reason)
+            refusal = Dropped(Drop.TYPE_MISSING, detail=f"{name} cannot be written to {mapping.topic}: {error}")
         gate = None
         if mapping.max_rate_hz is not None and outlet is not None:
             deliver = _deliver_to(self._send, outlet)
             gate = RateGate[tuple[object, ...]](
                 mapping.max_rate_hz, self._loop, deliver, lambda: self._inlet.put(Dropped(Drop.RATE_LIMITED))
             )
-        return _Sink(outlet, gate, time.monotonic(), reason)
+        return _Sink(outlet, gate, time.monotonic(), refusal)
 
     # The watch's side.
 
@@ -232,9 +232,9 @@ class Ros1Driver:
             try:
                 state = self._master.system_state()
                 self._follow(watch, state, node)
-                self._say(True, f"node {node.name} at the ROS master {self._config.master_uri}")
+                self._status = DriverStatus(True, f"node {node.name} at the ROS master {self._config.master_uri}")
             except NotConnected as error:
-                self._say(False, str(error))
+                self._status = DriverStatus(False, str(error))
             self._check_links(state, node)
             self._wake.wait(LOOK_PERIOD_S)
             self._wake.clear()
@@ -284,15 +284,10 @@ class Ros1Driver:
             if (there and outlet.is_connected(len(others))) or now > made + HOLD_S:
                 self._loop.call_soon_threadsafe(outlet.open)
 
-    def _say(self, connected: bool, detail: str) -> None:
-        if self._status.connected != connected or self._status.detail.startswith("looking"):
-            log.info("ROS master found" if connected else "ROS master lost", detail=detail)
-        self._status = DriverStatus(connected, detail)
-
     def _evicted(self, node: RosNode) -> None:
         for source in self._sources.values():
             source.lose()
-        self._say(
+        self._status = DriverStatus(
             False,
             f"another node took the name {node.name}, or somebody ended it; stop the other one and restart this bridge",
         )
@@ -308,8 +303,8 @@ class Ros1Driver:
                 [name for role, name in names if role == "subscriber"],
                 node.uri,
             )
-        except NotConnected as error:
-            log.info("left without the master", detail=str(error))
+        except NotConnected:
+            pass  # then there is nobody to sign off from
         self._master.close()
         node.close()
         self._status = DriverStatus(False, "stopped")

@@ -10,7 +10,6 @@ from typing import Any, Final, NamedTuple
 
 import genpy
 import rospy
-import structlog
 
 from ua_bridges.ros.errors import ConversionError
 from ua_bridges.ros1.classes import type_of_publisher
@@ -28,7 +27,7 @@ LOST_AFTER_LOOKS: Final = 2
 SUBSCRIBER_BUFFER_BYTES: Final = 1 << 20
 """What one read takes from a link; rospy's 64 KiB make an image many reads."""
 
-log = structlog.get_logger("ua_bridges.ros1")
+_NOTHING: Final = Dropped(Drop.CONVERSION, 0)
 
 
 class _Reading(NamedTuple):
@@ -45,7 +44,7 @@ class _Link(NamedTuple):
     header: dict[str, str]
     own: bool
     reading: _Reading | None
-    cause: Drop
+    refusal: Dropped
     """Why its messages are dropped, where `reading` is None."""
 
 
@@ -80,7 +79,7 @@ class RosSource:
             link = self._link_of(header)
         reading = link.reading
         if reading is None:
-            self._inlet.put(Dropped(link.cause))
+            self._inlet.put(link.refusal)
             return
         try:
             message = reading.cls().deserialize(raw._buff)  # noqa: SLF001
@@ -111,10 +110,10 @@ class RosSource:
         reading = self._current
         if reading is None or reading.key != key:
             if any(link.reading is reading and not link.own for link in self._links.values() if reading):
-                log.warning(
-                    "publishers disagree about the type", topic=self.name, type=key[0], node=header.get("callerid")
+                text = (
+                    f"{self.name}: publishers disagree about the type; {key[0]} of {header.get('callerid')} is not read"
                 )
-                return _Link(header, own, None, Drop.CONFLICT)
+                return _Link(header, own, None, Dropped(Drop.CONFLICT, detail=text))
             try:
                 kind = type_of_publisher(*key, header.get("message_definition", ""))
                 reading = _Reading(key, kind.cls, tuple(feed.reader(kind) for feed in self._feeds))
@@ -122,12 +121,11 @@ class RosSource:
                     for feed in self._feeds:
                         feed.announce(kind, header.get("latching") == "1")
             except UaFleetError as error:
-                log.warning("type not understood", topic=self.name, type=key[0], reason=str(error))
-                return _Link(header, own, None, Drop.TYPE_MISSING)
+                return _Link(header, own, None, Dropped(Drop.TYPE_MISSING, detail=f"{self.name}: {error}"))
             if not own:
                 self._current = reading
                 self._missing = 0
-        return _Link(header, own, reading, Drop.CONVERSION)
+        return _Link(header, own, reading, _NOTHING)
 
     def check(self, publishers: Iterable[str] | None, now: float) -> bool:
         """Look at the links; whether the master should be asked again for the publishers' addresses.

@@ -154,7 +154,8 @@ def test_publisher_of_another_type_is_a_conflict_until_the_first_has_gone(bench:
     first, second = Link(Float64, "/a"), Link(String, "/b")
     bench.look(first)
     assert bench.look(first, second) == []
-    assert bench.hear(second, String("x")) == [Dropped(Drop.CONFLICT)]
+    text = "/ua_1_2_7: publishers disagree about the type; std_msgs/String of /b is not read"
+    assert bench.hear(second, String("x")) == [Dropped(Drop.CONFLICT, detail=text)]
     assert bench.look(second) == []
     assert bench.look(second) == [SourceLost(TOPIC)]
     assert kinds(bench.look(second)) == ["SourceFound"]
@@ -187,7 +188,8 @@ def test_type_without_a_class_is_counted_for_each_message(bench: Bench) -> None:
     link = Link(Float64)
     link.header |= {"type": "acme_msgs/Evil", "md5sum": "0" * 32, "message_definition": "int8 X;Y=1"}
     assert bench.look(link) == []
-    assert bench.hear(link, Float64(1.0)) == [Dropped(Drop.TYPE_MISSING)]
+    text = "/ua_1_2_7: 'int8 X;Y=1' is neither a field nor a constant"
+    assert bench.hear(link, Float64(1.0)) == [Dropped(Drop.TYPE_MISSING, detail=text)]
 
 
 def test_bytes_that_are_no_message_are_counted_and_told_once(bench: Bench) -> None:

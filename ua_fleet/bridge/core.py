@@ -1,0 +1,219 @@
+"""The bridge without I/O: what arrives on one side goes to the other, or is dropped by the loop rule and counted.
+
+Time is an argument. What is to be sent and published goes through two callables, since effects as objects would cost
+more than the work itself. The rule is asked in two places: here for what the space says, and in the subscriber for
+what PubSub says.
+
+A message whose status is Bad is not published into the space: ROS has no way to say it. The same is true of a source
+that falls silent. Each is seen in the OPC UA server.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+from typing import Any, Final
+
+from ua_fleet.bridge.driver import DriverEvent, SampleRead, SourceFound, SourceLost
+from ua_fleet.counters import Counters, Drop
+from ua_fleet.errors import LocalWireError
+from ua_fleet.pubsub.events import (
+    DataReceived,
+    MetaDataReceived,
+    ProbeReceived,
+    SourceUnknown,
+    SubscriberEvent,
+)
+from ua_fleet.pubsub.metadata import first_property, type_codes
+from ua_fleet.pubsub.publisher import Publisher
+from ua_fleet.pubsub.subscriber import Subscriber
+from ua_fleet.topics import Side, Topic, Verdict, loop_verdict
+from ua_fleet.values import BuiltinType, StatusCode, Variant, ticks_from_unix_ns
+from ua_fleet.wire.messages import DataSetMessage, DataSetMetaData
+
+__all__ = ["NODE_ONLY", "BridgeCore", "PublishIntoSpace", "Rule", "SendDatagram"]
+
+Rule = Callable[[Side, int, int, bool], Verdict]
+"""`loop_verdict`, or what a test puts in its place."""
+SendDatagram = Callable[[bytes], None]
+PublishIntoSpace = Callable[[Topic, DataSetMetaData, DataSetMessage], bool]
+
+NODE_ONLY: Final = "NodeOnly"
+"""Property of a DataSet's first field: the data is for the server's nodes and has no form in a robot's space."""
+
+_DROPS: Final = {
+    Verdict.DROP_LOOP: Drop.LOOP,
+    Verdict.DROP_FOREIGN: Drop.FOREIGN,
+    Verdict.DROP_OWN: Drop.OWN_PUBLICATION,
+}
+_REMEMBERED: Final = 16
+"""Deliveries of each source that are remembered. Their Timestamps increase but where a source's clock is set back."""
+_STATUS_CODE: Final = int(BuiltinType.STATUS_CODE)
+_BAD: Final = int(StatusCode.BAD)
+
+
+class BridgeCore:
+    """One bridge between a space and PubSub."""
+
+    def __init__(
+        self,
+        space: int,
+        publisher: Publisher,
+        subscriber: Subscriber,
+        counters: Counters,
+        *,
+        send: SendDatagram,
+        publish: PublishIntoSpace,
+        rule: Rule = loop_verdict,
+    ) -> None:
+        """Connect the parts.
+
+        Args:
+            space: the space that the bridge stands in.
+            publisher: the DataSetWriters of the space's sources.
+            subscriber: the DataSetReaders of everything else, with the same rule.
+            counters: where all of them count.
+            send: sends a datagram over PubSub.
+            publish: publishes a message into the space; says whether it could.
+            rule: the loop rule.
+        """
+        self.space, self.counters = space, counters
+        self._publisher, self._subscriber, self._rule = publisher, subscriber, rule
+        self._send, self._publish = send, publish
+        self._types: dict[Topic, tuple[int, ...]] = {}
+        """Type codes of the fields of each source of the space."""
+        self._read: dict[Topic, int] = {}
+        """The last timestamp of each source of the space. It was at the space side, and so were all before."""
+        self._published: dict[Topic, deque[int]] = {}
+        """The latest timestamps of other spaces' sources that were published into the space."""
+        self._node_only: set[Topic] = set()
+
+    def from_space(self, event: DriverEvent, *, now: float, wall_ticks: int) -> None:
+        """Take in what the driver tells."""
+        if isinstance(event, SampleRead):
+            self.counters.from_space += 1
+            verdict = self._rule(Side.SPACE, event.topic.space, self.space, event.own_publication)
+            if verdict is Verdict.TO_PUBSUB:
+                self.tell(event.topic, event.values, ticks_from_unix_ns(event.source_time_ns), event.status, now=now)
+            else:
+                self.counters.drop(_DROPS[verdict])
+        elif isinstance(event, SourceFound):
+            self._found(event, now, wall_ticks)
+        elif isinstance(event, SourceLost):
+            self._lost(event.topic, now, wall_ticks)
+        else:
+            self.counters.drop(event.cause, event.count)
+
+    def tell(self, topic: Topic, values: tuple[Any, ...], timestamp: int, status: int = 0, *, now: float) -> None:
+        """Publish a message of an announced source. Its timestamp moves forward, if only by a tick."""
+        types = self._types.get(topic)
+        if types is None:
+            self.counters.drop(Drop.NO_METADATA)
+            return
+        for value in values:
+            if type(value) is Variant:  # a Bad field: its StatusCode in place of a value
+                types, values = _unwrapped(types, values)
+                break
+        timestamp = max(timestamp, self._read.get(topic, -1) + 1)
+        try:
+            datagrams = self._publisher.publish(topic, values, timestamp=timestamp, status=status, now=now, types=types)
+        except LocalWireError:
+            self.counters.drop(Drop.CONVERSION)
+            return
+        self._read[topic] = timestamp
+        for datagram in datagrams:
+            self._send(datagram)
+
+    def from_pubsub(self, datagram: bytes, *, now: float) -> None:
+        """Take in a datagram."""
+        for event in self._subscriber.receive(datagram, now):
+            self._heard(event, now)
+
+    def poll(self, now: float) -> None:
+        """Do what is due."""
+        for datagram in self._publisher.poll(now):
+            self._send(datagram)
+        for event in self._subscriber.poll(now):
+            self._heard(event, now)
+
+    def next_deadline(self) -> float | None:
+        """When `poll` is to be called next, or None."""
+        ours, theirs = self._publisher.next_deadline(), self._subscriber.next_deadline()
+        if ours is None or theirs is None:
+            return theirs if ours is None else ours
+        return min(ours, theirs)
+
+    def _found(self, source: SourceFound, now: float, wall_ticks: int) -> None:
+        if self._rule(Side.SPACE, source.topic.space, self.space, False) is not Verdict.TO_PUBSUB:
+            return
+        try:
+            datagrams = self._publisher.announce(
+                source.topic, source.name, source.fields, now=now, wall_ticks=wall_ticks
+            )
+        except LocalWireError:
+            self.counters.drop(Drop.CONVERSION)
+            return
+        self._types[source.topic] = type_codes(source.fields)
+        for datagram in datagrams:
+            self._send(datagram)
+
+    def _lost(self, topic: Topic, now: float, wall_ticks: int) -> None:
+        timestamp = max(wall_ticks, self._read.get(topic, -1) + 1)
+        for datagram in self._publisher.source_lost(topic, timestamp=timestamp, now=now):
+            self._read[topic] = timestamp
+            self._send(datagram)
+
+    def _heard(self, event: SubscriberEvent, now: float) -> None:
+        if isinstance(event, DataReceived):
+            self._data(event)
+        elif isinstance(event, SourceUnknown):
+            if event.datagram:
+                self._send(event.datagram)
+        elif isinstance(event, ProbeReceived):
+            for datagram in self._publisher.answer(event.probe, now):
+                self._send(datagram)
+        elif isinstance(event, MetaDataReceived):
+            if first_property(event.metadata, NODE_ONLY):
+                self._node_only.add(event.topic)
+            else:
+                self._node_only.discard(event.topic)
+
+    def _data(self, event: DataReceived) -> None:
+        topic, message, metadata = event
+        if (message.status or 0) & _BAD or topic in self._node_only:
+            return
+        if _has_bad_field(message, metadata):
+            self.counters.drop(Drop.CONVERSION)
+            return
+        if not self._publish(topic, metadata, message):
+            return  # the driver has counted why
+        self.counters.to_space += 1
+        if message.timestamp is not None:
+            self._delivered(topic, message.timestamp)
+
+    def _delivered(self, topic: Topic, timestamp: int) -> None:
+        """Count a delivery of what was at the space side before."""
+        published = self._published.get(topic)
+        if published is None:
+            published = self._published[topic] = deque(maxlen=_REMEMBERED)
+        if timestamp <= self._read.get(topic, -1) or timestamp in published:
+            self.counters.looped += 1
+        else:
+            published.append(timestamp)
+
+
+def _unwrapped(types: tuple[int, ...], values: tuple[Any, ...]) -> tuple[tuple[int, ...], tuple[Any, ...]]:
+    """Type codes and values where a Variant stands for a value of another type than its field's."""
+    return (
+        tuple(value.type if isinstance(value, Variant) else code for code, value in zip(types, values, strict=False)),
+        tuple(value.value if isinstance(value, Variant) else value for value in values),
+    )
+
+
+def _has_bad_field(message: DataSetMessage, metadata: DataSetMetaData) -> bool:
+    """Whether a field has a StatusCode in place of its value, or a Bad one beside it (OPC 10000-14 table 31)."""
+    if message.field_status is not None and any(status & _BAD for status in message.field_status):
+        return True
+    return _STATUS_CODE in message.types and any(
+        code == _STATUS_CODE != field.builtin_type for code, field in zip(message.types, metadata.fields, strict=False)
+    )

@@ -1,0 +1,186 @@
+"""The bridge as a process: the event loop, one timer, the driver on one side and the transport on the other.
+
+No task and no queue stands between them: a datagram goes from the socket to `driver.publish`, and a sample from the
+inlet to the socket, within one callback.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from collections.abc import Callable
+from contextlib import AsyncExitStack
+from typing import Any, Final
+
+import structlog
+
+from ua_fleet.bridge.core import BridgeCore, Rule
+from ua_fleet.bridge.driver import Driver, DriverEvent, Dropped, SampleRead, SourceFound
+from ua_fleet.bridge.inlet import BoundedInlet
+from ua_fleet.bridge.status import STATUS_FIELDS, STATUS_INTERVAL_S, status_topic, status_values
+from ua_fleet.config.schema import FleetConfig, PubSubConfig
+from ua_fleet.counters import Counters, Drop
+from ua_fleet.pubsub.publisher import Publisher
+from ua_fleet.pubsub.subscriber import Subscriber
+from ua_fleet.pubsub.timing import PubSubTiming
+from ua_fleet.topics import loop_verdict
+from ua_fleet.transport.base import Address, Transport
+from ua_fleet.values import ticks_from_unix_ns
+from ua_fleet.wire import Codec
+
+__all__ = ["run_bridge", "timing_of"]
+
+_TOLD: Final = 256
+"""Different reasons of drops that are logged; the counters go on."""
+
+
+def timing_of(config: PubSubConfig) -> PubSubTiming:
+    """The periods of PubSub that `fleet.yaml` says."""
+    return PubSubTiming(
+        keep_alive_s=config.keep_alive_s,
+        receive_timeout_s=config.receive_timeout_s,
+        repeat_interval_s=config.repeat_interval_s,
+    )
+
+
+def _wall_ticks() -> int:
+    return ticks_from_unix_ns(time.time_ns())
+
+
+class _Shell:
+    """What the event loop calls: one method for each cause of work."""
+
+    def __init__(self, config: FleetConfig, bridge_name: str, driver: Driver, transport: Transport, rule: Rule) -> None:
+        self._loop = asyncio.get_running_loop()
+        self._name, self._bridge = bridge_name, config.bridges[bridge_name]
+        self._driver, self._transport = driver, transport
+        self._status_topic = status_topic(config, self._bridge)
+        self.counters = Counters()
+        timing, codec, space = timing_of(config.pubsub), Codec(), self._bridge.space
+        self._subscriber = Subscriber(space, timing, self.counters, codec, rule)
+        self._core = BridgeCore(
+            space,
+            Publisher(space, timing, self.counters, codec),
+            self._subscriber,
+            self.counters,
+            send=transport.send,
+            publish=driver.publish,
+            rule=rule,
+        )
+        self.inlet = BoundedInlet(self._loop, config.pubsub.inlet_size, self._from_space)
+        self._timer: asyncio.TimerHandle | None = None
+        self._status_at = 0.0
+        self._connected: bool | None = None
+        self._told: set[tuple[Drop, str]] = set()
+        self._log: Any = structlog.get_logger(bridge=bridge_name, space=space)
+
+    def begin(self) -> None:
+        """Begin to work; the driver and the transport have started."""
+        now = self._loop.time()
+        if self._status_topic is not None:
+            source = SourceFound(self._status_topic, f"{self._name} status", STATUS_FIELDS)
+            self._core.from_space(source, now=now, wall_ticks=_wall_ticks())
+        self._status_at = now
+        self.inlet.open()
+        self._on_timer()
+
+    def end(self) -> None:
+        """Take nothing in any more."""
+        self.inlet.close()
+        if self._timer is not None:
+            self._timer.cancel()
+
+    def receive(self, datagram: bytes, _sender: Address) -> None:
+        """Take a datagram from the transport."""
+        self._core.from_pubsub(datagram, now=self._loop.time())
+        self._arm()
+
+    def _from_space(self, event: DriverEvent) -> None:
+        self._core.from_space(event, now=self._loop.time(), wall_ticks=_wall_ticks())
+        if not isinstance(event, SampleRead):
+            self._arm()
+            if isinstance(event, Dropped) and event.detail:
+                self._tell(event)
+
+    def _tell(self, drop: Dropped) -> None:
+        key = (drop.cause, drop.detail)
+        if key not in self._told and len(self._told) < _TOLD:
+            self._told.add(key)
+            self._log.warning("dropped", cause=drop.cause.value, detail=drop.detail)
+
+    def _arm(self) -> None:
+        """Set the one timer to the next deadline, unless it will ring before that."""
+        deadline = self._core.next_deadline()
+        at = self._status_at if deadline is None else min(deadline, self._status_at)
+        if self._timer is not None:
+            if self._timer.when() <= at:
+                return
+            self._timer.cancel()
+        self._timer = self._loop.call_at(at, self._on_timer)
+
+    def _on_timer(self) -> None:
+        self._timer = None
+        now = self._loop.time()
+        try:
+            self._core.poll(now)
+            if now >= self._status_at:
+                self._status_at = now + STATUS_INTERVAL_S
+                self._report(now)
+        finally:
+            self._arm()
+
+    def _report(self, now: float) -> None:
+        """Log a change of the connection and what is malformed, and publish the bridge's status."""
+        status = self._driver.status()
+        if status.connected is not self._connected:
+            if status.connected:
+                self._log.info("connected to the space", detail=status.detail)
+            else:
+                self._log.warning("not connected to the space", detail=status.detail)
+            self._connected = status.connected
+        for complaint in self._subscriber.complaints(now):
+            self._log.warning(
+                "malformed datagrams", cause=complaint.cause, count=complaint.count, detail=complaint.detail
+            )
+        stats = self._transport.stats
+        self.counters.drops[Drop.KERNEL] = stats.kernel_drops
+        self.counters.drops[Drop.SEND_FAILED] = stats.send_failed
+        if self._status_topic is not None:
+            values = status_values(self._name, self._bridge.kind, status, self.counters)
+            self._core.tell(self._status_topic, values, _wall_ticks(), now=now)
+
+
+async def run_bridge(
+    config: FleetConfig,
+    bridge_name: str,
+    driver: Driver,
+    transport: Transport,
+    *,
+    ready: Callable[[], None] | None = None,
+    rule: Rule = loop_verdict,
+) -> None:
+    """Run a bridge until cancelled; then the driver has left its space and the transport is closed.
+
+    Args:
+        config: the fleet.
+        bridge_name: which of its bridges this is.
+        driver: the bridge's driver, not started.
+        transport: the PubSub side, not started.
+        ready: called once both sides work.
+        rule: the loop rule; only a test puts another one in its place.
+
+    Raises:
+        BridgeUnavailable: a library that the driver needs is missing.
+        TransportError: the PubSub side cannot be opened; with the remedy.
+    """
+    async with AsyncExitStack() as cleanup:
+        shell = _Shell(config, bridge_name, driver, transport, rule)
+        cleanup.push_async_callback(transport.close)
+        cleanup.push_async_callback(driver.stop)
+        cleanup.callback(shell.end)
+        await driver.start(shell.inlet)
+        await transport.start(shell.receive)
+        shell.begin()
+        if ready is not None:
+            ready()
+        await asyncio.get_running_loop().create_future()

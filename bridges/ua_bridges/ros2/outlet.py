@@ -1,0 +1,116 @@
+# pyright: basic, reportMissingImports=false
+"""A topic that the bridge publishes into the ROS 2 graph."""
+
+from __future__ import annotations
+
+import threading
+from collections import deque
+from collections.abc import Callable, Sequence
+from typing import Any, Final
+
+from ua_bridges.ros.convert import Writer
+from ua_bridges.ros2.classes import MessageType
+from ua_bridges.ros2.node import Ros2Node
+from ua_bridges.ros2.qos import Qos
+
+__all__ = ["Outlet"]
+
+_MOST_HELD: Final = 1000
+_HOLD_S: Final = 1.0
+"""So long the first messages wait for the subscribers that are there; they match within some 10 ms."""
+_SETTLE_S: Final = 0.3
+"""A node that has just come up has not heard of all subscribers before."""
+
+
+class Outlet:
+    """A publisher with its conversion.
+
+    The node's thread makes it (`attend`), the event loop uses it (`publish`). Between the two the first messages are
+    held: the subscribers that are there need some milliseconds to match, and what is published before is lost to them.
+    """
+
+    def __init__(self, name: str, kind: MessageType, fill: Writer, qos: Qos) -> None:
+        """`fill` puts the values that `publish` gets into a message of the type."""
+        self.name = name
+        self.kind = kind
+        self.qos = qos
+        self._fill = fill
+        self._message = kind.cls()
+        self._publisher: Any = None
+        self._is_open = False
+        self._held: deque[Any] = deque(maxlen=_MOST_HELD)
+        self._lock = threading.Lock()
+        self._hold_until = 0.0
+
+    @property
+    def is_open(self) -> bool:
+        """Whether messages go out at once."""
+        return self._is_open
+
+    def message(self, values: Sequence[Any]) -> Any:
+        """A new message with these values; raises ConversionError."""
+        message = self.kind.cls()
+        self._fill(message, values)
+        return message
+
+    def publish(self, values: Sequence[Any]) -> None:
+        """Publish one message, or hold it until the subscribers are there; raises ConversionError."""
+        if self._is_open:
+            message = self._message  # rclpy serialises it before it returns
+            self._fill(message, values)
+            self._publisher.publish(message)
+            return
+        message = self.message(values)
+        if not self._hold(message):
+            self._publisher.publish(message)
+
+    def _hold(self, message: Any) -> bool:
+        """Keep the message until the outlet is open; False if it is open by now."""
+        with self._lock:
+            if not self._is_open:
+                self._held.append(message)
+            return not self._is_open
+
+    def attend(self, node: Ros2Node, now: float, opened_at: float, on_incompatible: Callable[[Any], None]) -> bool:
+        """Make the publisher, and open when the subscribers that are there have matched; whether that is done.
+
+        Args:
+            node: the node, in whose thread this is called.
+            now: the monotonic time.
+            opened_at: when the node came up.
+            on_incompatible: told of subscribers that the publisher's quality of service does not suit.
+        """
+        if self._publisher is None:
+            self._publisher = node.create_publisher(self.kind.cls, self.name, self.qos, on_incompatible)
+            self._hold_until = now + _HOLD_S
+        if now < self._hold_until:
+            if now < opened_at + _SETTLE_S:
+                return False
+            there = sum(1 for s in node.subscribers(self.name) if not s.own and self._suits(s.type, s.offer))
+            if self._publisher.get_subscription_count() < there:
+                return False
+        self._open()
+        return True
+
+    def _suits(self, ros_type: str, asked: Any) -> bool:
+        return (
+            ros_type.replace("/msg/", "/") == self.kind.name
+            and (self.qos.reliable or not asked.reliable)
+            and (self.qos.transient_local or not asked.transient_local)
+        )
+
+    def _open(self) -> None:
+        while True:
+            with self._lock:
+                if not self._held:
+                    self._is_open = True
+                    return
+                message = self._held.popleft()
+            self._publisher.publish(message)
+
+    def close(self, node: Ros2Node) -> None:
+        """End the publisher, in the node's thread."""
+        self._is_open = False
+        if self._publisher is not None:
+            node.node.destroy_publisher(self._publisher)
+            self._publisher = None

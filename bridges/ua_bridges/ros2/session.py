@@ -1,0 +1,229 @@
+# pyright: basic, reportMissingImports=false
+"""The ROS 2 driver: one node with its thread, and the topics on both ways. This module is the event loop's side."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from collections.abc import Callable
+from functools import partial
+from typing import Any, Final, NamedTuple
+
+import structlog
+
+from ua_bridges.ros.convert import compile_writer
+from ua_bridges.ros.delivered import Delivered, state_folder
+from ua_bridges.ros.errors import ConversionError
+from ua_bridges.ros.fields import ros_type_of
+from ua_bridges.ros.rate import RateGate
+from ua_bridges.ros.sink import compile_sink
+from ua_bridges.ros2.classes import load_type, make
+from ua_bridges.ros2.config import Ros2BridgeConfig
+from ua_bridges.ros2.outlet import Outlet
+from ua_bridges.ros2.qos import MIRROR, sink_qos
+from ua_bridges.ros2.thread import NodeThread
+from ua_bridges.ros2.watch import Mapped, Watch, absolute
+from ua_fleet.bridge.driver import DriverStatus, Dropped, Inlet
+from ua_fleet.config.schema import DataSetConfig, FleetConfig
+from ua_fleet.counters import Drop
+from ua_fleet.errors import UaFleetError
+from ua_fleet.topics import SERVER_SPACE, Topic
+from ua_fleet.wire.messages import DataSetMessage, DataSetMetaData
+
+__all__ = ["Ros2Driver"]
+
+MAX_TOPICS: Final = 2000
+"""Topics of other spaces that are published here: anybody may send new ones."""
+
+_log = structlog.get_logger("ua_bridges.ros2")
+
+Values = tuple[Any, ...]
+
+
+class _Sink(NamedTuple):
+    """A robot's own topic that a DataSet of the server is written to."""
+
+    outlet: Outlet
+    gate: RateGate[Values] | None
+
+
+class _Route:
+    """Where the messages of one topic go to."""
+
+    __slots__ = ("metadata", "mirror", "sinks", "started")
+
+    def __init__(self, metadata: DataSetMetaData, mirror: Outlet | None, sinks: list[_Sink]) -> None:
+        self.metadata, self.mirror, self.sinks = metadata, mirror, sinks
+        self.started = False
+        """Whether anything has been published on it."""
+
+
+class Ros2Driver:
+    """See `ua_fleet.bridge.driver.Driver`."""
+
+    def __init__(self, config: FleetConfig, bridge_name: str) -> None:
+        bridge = config.bridges[bridge_name]
+        assert isinstance(bridge, Ros2BridgeConfig)
+        self._config = bridge
+        self._identity = ("ros2", bridge.space, bridge_name, config.pubsub.url, config.pubsub.interface)
+        namespace = config.fleet.namespace_index
+        self._datasets: list[tuple[Topic, str, DataSetConfig]] = [
+            (Topic(bridge.space if dataset.origin == "robot" else SERVER_SPACE, namespace, dataset.id), name, dataset)
+            for robot in config.robots.values()
+            if robot.bridge == bridge_name
+            for name, dataset in robot.data.items()
+            if dataset.id is not None
+        ]
+        self._thread = NodeThread(bridge.space, bridge.node_name, bridge.discovery)
+        self._routes: dict[Topic, _Route] = {}
+        self._delivered = Delivered(None)
+        self._started = self._stopped = False
+
+    async def start(self, inlet: Inlet) -> None:
+        """See Driver."""
+        self._inlet = inlet
+        self._loop = asyncio.get_running_loop()
+        mapped: list[Mapped] = [each for each in self._datasets if each[2].source is not None]
+        written = {absolute(dataset.sink.topic) for _, _, dataset in self._datasets if dataset.sink is not None}
+        self._watch = Watch(self._config, inlet, mapped, written, self._thread.wake_at)
+        await self._thread.start(self._watch.opened, self._watch.turn, self._watch.closing)
+        self._delivered = Delivered(state_folder(), *self._identity)
+        self._started = True
+
+    def status(self) -> DriverStatus:
+        """See Driver."""
+        if self._thread.failure is not None:
+            return DriverStatus(False, self._thread.failure)
+        where = f"node /{self._config.node_name} in ROS 2 domain {self._config.space} ({self._config.discovery})"
+        if self._thread.running:
+            return DriverStatus(True, where)
+        return DriverStatus(False, "stopped" if self._stopped else "not started")
+
+    async def stop(self) -> None:
+        """See Driver."""
+        self._stopped = True
+        for route in self._routes.values():
+            for sink in route.sinks:
+                if sink.gate is not None:
+                    sink.gate.close()
+        await self._thread.stop()
+        self._delivered.close()
+
+    def publish(self, topic: Topic, metadata: DataSetMetaData, message: DataSetMessage) -> bool:
+        """See Driver."""
+        route = self._routes.get(topic)
+        if route is None or (route.metadata is not metadata and route.metadata.fields != metadata.fields):
+            if not self._thread.running:
+                self._inlet.put(Dropped(Drop.SEND_FAILED, detail=self.status().detail))
+                return False
+            route = self._make_route(topic, metadata)
+            if route is None:
+                return False
+        if not route.started:
+            return self._publish_first(route, topic, message)
+        return self._publish(route, topic, message)
+
+    def _publish(self, route: _Route, topic: Topic, message: DataSetMessage) -> bool:
+        sent = False
+        values = message.values
+        if route.mirror is not None:
+            sent = self._send(route.mirror, values)
+        elif not route.sinks:
+            self._inlet.put(Dropped(Drop.TYPE_MISSING))
+        for sink in route.sinks:
+            if sink.gate is None:
+                sent = self._send(sink.outlet, values) or sent
+            else:
+                sink.gate.offer(values)
+                sent = True
+        if sent:
+            self._delivered.note(topic, message.timestamp)
+        return sent
+
+    def _publish_first(self, route: _Route, topic: Topic, message: DataSetMessage) -> bool:
+        """The first message after a start may be one that the bridge before this one has published."""
+        outlets = [outlet for outlet in (route.mirror, *(sink.outlet for sink in route.sinks)) if outlet is not None]
+        if not self._delivered.is_known(topic, message.timestamp):
+            route.started = bool(outlets)
+            for outlet in outlets:
+                self._thread.call(partial(self._watch.late.forget, outlet.name))
+            return self._publish(route, topic, message)
+        self._inlet.put(Dropped(Drop.REPEATED))
+        for outlet in outlets:
+            if outlet.qos.transient_local:
+                try:
+                    again = outlet.message(message.values)
+                except ConversionError:
+                    continue  # it could not be published before either
+                now = time.monotonic()
+                self._thread.call(partial(self._watch.late.keep, outlet.name, outlet.kind.cls, again, now))
+        return False
+
+    def _send(self, outlet: Outlet, values: Values) -> bool:
+        try:
+            outlet.publish(values)
+        except ConversionError as error:
+            self._inlet.put(Dropped(Drop.CONVERSION, detail=f"{outlet.name}: {error}"))
+            return False
+        return True
+
+    def _make_route(self, topic: Topic, metadata: DataSetMetaData) -> _Route | None:
+        before = self._routes.get(topic)
+        if before is None and len(self._routes) >= MAX_TOPICS:
+            self._inlet.put(Dropped(Drop.UNKNOWN_SOURCE, detail=f"more than {MAX_TOPICS} topics of other spaces"))
+            return None
+        if before is not None and before.mirror is not None:
+            self._thread.call(partial(self._watch.drop, before.mirror))
+        sinks = before.sinks if before is not None else self._make_sinks(topic)
+        mirror: Outlet | None = None
+        try:
+            mirror = self._make_mirror(topic, metadata)
+        except UaFleetError as error:
+            if not sinks:
+                _log.warning("cannot be published here", topic=topic.name, reason=str(error))
+        route = self._routes[topic] = _Route(metadata, mirror, sinks)
+        if mirror is not None:
+            self._thread.call(partial(self._watch.attend, mirror))
+        return route
+
+    def _make_mirror(self, topic: Topic, metadata: DataSetMetaData) -> Outlet | None:
+        """The publisher of a mirrored topic; None or an UaFleetError where this space has no type for it."""
+        found = ros_type_of(metadata.fields)
+        if found is None:
+            return None
+        ros_type, _definition, names = found
+        kind = load_type(ros_type)
+        return Outlet(f"/{topic.name}", kind, compile_writer(kind.schema, names, make), MIRROR)
+
+    def _make_sinks(self, topic: Topic) -> list[_Sink]:
+        sinks: list[_Sink] = []
+        for dataset_topic, name, dataset in self._datasets:
+            if dataset_topic != topic or dataset.sink is None:
+                continue
+            try:
+                sink = self._make_sink(name, dataset)
+            except UaFleetError as error:
+                _log.warning("cannot be written to the robot's topic", data=name, reason=str(error))
+                self._inlet.put(Dropped(Drop.TYPE_MISSING, detail=f"{name}: {error}"))
+                continue
+            sinks.append(sink)
+            self._thread.call(partial(self._watch.attend, sink.outlet))
+        return sinks
+
+    def _make_sink(self, name: str, dataset: DataSetConfig) -> _Sink:
+        mapping = dataset.sink
+        assert mapping is not None
+        kind = load_type(mapping.type)
+        paths = [
+            (field_name or name, field.path or field_name or "data")
+            for field_name, field in dataset.all_fields().items()
+        ]
+        outlet = Outlet(absolute(mapping.topic), kind, compile_sink(kind.schema, paths), sink_qos(mapping.qos))
+        gate: RateGate[Values] | None = None
+        if mapping.max_rate_hz is not None:
+            deliver: Callable[[Values], object] = partial(self._send, outlet)
+            gate = RateGate(mapping.max_rate_hz, self._loop, deliver, self._count_rate_limited)
+        return _Sink(outlet, gate)
+
+    def _count_rate_limited(self) -> None:
+        self._inlet.put(Dropped(Drop.RATE_LIMITED))

@@ -1,0 +1,132 @@
+# pyright: basic, reportMissingImports=false
+"""The one thread in which a ROS 2 node lives: it makes the node, spins it, looks after it, and ends it."""
+
+from __future__ import annotations
+
+import asyncio
+import threading
+import time
+from collections import deque
+from collections.abc import Callable
+from typing import Final, Literal
+
+import structlog
+
+from ua_bridges.ros2.node import Ros2Node, guarded
+from ua_fleet.errors import UaFleetError
+
+__all__ = ["NodeThread"]
+
+_LONGEST_SPIN_S: Final = 0.2
+_SHORTEST_SPIN_S: Final = 0.0005
+
+_log = structlog.get_logger(__name__)
+
+
+class NodeThread:
+    """Runs a node until it is stopped. `call` hands it work from any other thread."""
+
+    def __init__(self, domain: int, node_name: str, discovery: Literal["localhost", "subnet"]) -> None:
+        self._domain, self._node_name = domain, node_name
+        self._discovery: Literal["localhost", "subnet"] = discovery
+        self._thread: threading.Thread | None = None
+        self._node: Ros2Node | None = None
+        self._jobs: deque[Callable[[], None]] = deque()
+        self._due = 0.0
+        self._stopping = False
+        self._waking = threading.Lock()
+        """Keeps the node from ending while another thread wakes it."""
+        self.failure: str | None = None
+        """Why the node is gone without having been stopped."""
+
+    @property
+    def running(self) -> bool:
+        """Whether the node is in its domain."""
+        return self._node is not None and not self._stopping and self.failure is None
+
+    async def start(
+        self, opened: Callable[[Ros2Node], None], turn: Callable[[float], float], closing: Callable[[], None]
+    ) -> None:
+        """Make the node; returns when it is there.
+
+        Args:
+            opened: called once with the node; may raise an UaFleetError, which is raised here.
+            turn: called with the monotonic time when the time that it returned last has come.
+            closing: called before the node ends.
+
+        All three are called in the node's thread.
+        """
+        loop = asyncio.get_running_loop()
+        ready: asyncio.Future[None] = loop.create_future()
+
+        def tell(error: UaFleetError | None) -> None:
+            if ready.done():
+                return
+            if error is None:
+                ready.set_result(None)
+            else:
+                ready.set_exception(error)
+
+        def run() -> None:
+            try:
+                node = Ros2Node(self._domain, self._node_name, self._discovery)
+            except UaFleetError as error:
+                loop.call_soon_threadsafe(tell, error)
+                return
+            try:
+                opened(node)
+                self._node = node
+                loop.call_soon_threadsafe(tell, None)
+                self._spin(node, turn)
+            except UaFleetError as error:
+                loop.call_soon_threadsafe(tell, error)
+            finally:
+                with self._waking:
+                    self._node = None
+                closing()
+                node.close()
+
+        self._thread = threading.Thread(target=run, name=f"ros2 domain {self._domain}", daemon=True)
+        self._thread.start()
+        await ready
+
+    def _spin(self, node: Ros2Node, turn: Callable[[float], float]) -> None:
+        spin_once, jobs = node.executor.spin_once, self._jobs
+        try:
+            while not self._stopping:
+                while jobs:
+                    guarded(jobs.popleft())()
+                now = time.monotonic()
+                if now >= self._due:
+                    self._due = turn(now)
+                spin_once(timeout_sec=min(max(self._due - now, _SHORTEST_SPIN_S), _LONGEST_SPIN_S))
+        except Exception as error:  # noqa: BLE001 - nobody else would hear of it: `status` tells
+            _log.exception("the ROS 2 node ended", domain=self._domain)
+            self.failure = f"the node ended by a mistake of the bridge ({error}); restart it and report the log"
+
+    def call(self, job: Callable[[], None]) -> None:
+        """Have `job` done soon in the node's thread; forgotten when the node ends before its turn."""
+        self._jobs.append(job)
+        self._wake()
+
+    def _wake(self) -> None:
+        with self._waking:
+            if self._node is not None:
+                self._node.executor.create_task(_nothing)  # ends a spin_once that waits
+
+    def wake_at(self, due: float) -> None:
+        """Have the turn come no later than `due`; for the node's own thread."""
+        self._due = min(self._due, due)
+
+    async def stop(self) -> None:
+        """End the node and its thread."""
+        thread, self._thread = self._thread, None
+        if thread is None:
+            return
+        self._stopping = True
+        self._wake()
+        await asyncio.to_thread(thread.join)
+
+
+def _nothing() -> None:
+    """Wakes the executor."""

@@ -1,0 +1,80 @@
+"""Network interfaces by name or IPv4 address."""
+
+from __future__ import annotations
+
+import array
+import contextlib
+import fcntl
+import ipaddress
+import socket
+import struct
+from dataclasses import dataclass
+from typing import Final
+
+from ua_fleet.errors import TransportError
+
+__all__ = ["Interface", "find_interface", "list_interfaces"]
+
+_SIOCGIFCONF: Final = 0x8912
+_SIOCGIFFLAGS: Final = 0x8913
+_IFF_UP: Final = 0x1
+_REQUEST_BYTES: Final = 40
+"""Size of `struct ifreq` on 64-bit machines."""
+_MOST_ADDRESSES: Final = 256
+_LOOPBACK: Final = ipaddress.IPv4Network("127.0.0.0/8")
+
+
+@dataclass(frozen=True, slots=True)
+class Interface:
+    """An interface as it is now. While it stays equal, sockets made for it stay good."""
+
+    name: str
+    index: int
+    address: str
+    """One of its IPv4 addresses: the one asked for, or the first."""
+    is_up: bool
+
+
+def list_interfaces() -> list[Interface]:
+    """All IPv4 addresses of this machine with their interfaces."""
+    buffer = array.array("B", bytes(_REQUEST_BYTES * _MOST_ADDRESSES))
+    start, size = buffer.buffer_info()
+    interfaces: list[Interface] = []
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        answer = fcntl.ioctl(probe, _SIOCGIFCONF, struct.pack("iL", size, start))
+        used: int = struct.unpack_from("i", answer)[0]
+        for offset in range(0, used, _REQUEST_BYTES):
+            request = buffer[offset : offset + _REQUEST_BYTES].tobytes()
+            name = request[:16].split(b"\0", 1)[0].split(b":", 1)[0].decode()
+            with contextlib.suppress(OSError):  # it went meanwhile
+                flags_request = struct.pack(f"{_REQUEST_BYTES}s", name.encode())
+                flags: int = struct.unpack_from("H", fcntl.ioctl(probe, _SIOCGIFFLAGS, flags_request), 16)[0]
+                address = socket.inet_ntoa(request[20:24])
+                interfaces.append(Interface(name, socket.if_nametoindex(name), address, bool(flags & _IFF_UP)))
+    return interfaces
+
+
+def find_interface(wanted: str) -> Interface:
+    """The interface with this name or IPv4 address.
+
+    Raises:
+        TransportError: there is none, or it has no IPv4 address; names those that are there.
+    """
+    interfaces = list_interfaces()
+    for interface in interfaces:
+        if wanted in (interface.name, interface.address):
+            return interface
+    there = ", ".join(f"{interface.name} ({interface.address})" for interface in interfaces)
+    there = f"there are {there}" if there else "no interface of this machine has an IPv4 address"
+    try:
+        address = ipaddress.IPv4Address(wanted)
+    except ValueError:
+        if any(name == wanted for _, name in socket.if_nameindex()):
+            remedy = f"give it one (ip addr add <address> dev {wanted})"
+            raise TransportError(f"network interface {wanted} has no IPv4 address: {remedy}; {there}") from None
+        raise TransportError(f"there is no network interface {wanted!r}; {there}") from None
+    if address in _LOOPBACK:  # all of 127/8 is ours without being listed
+        for interface in interfaces:
+            if interface.address.startswith("127."):
+                return Interface(interface.name, interface.index, wanted, interface.is_up)
+    raise TransportError(f"no network interface has the address {wanted}; {there}")

@@ -1,0 +1,330 @@
+"""UDP over IPv4, multicast and unicast (OPC 10000-14 7.3.2).
+
+Multicast: every member sends to the group and hears the group, itself included. The receiving socket is bound to the
+group's address, so it gets nothing of other groups on the same port, and shares the port with other processes.
+Unicast: we listen on the interface's address and send to the URL's host; only one process can listen on an address.
+
+An interface is looked up again each second: when it went and came back, or has another address, the sockets follow.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import errno
+import ipaddress
+import socket
+import struct
+from typing import Final
+
+import structlog
+
+from ua_fleet.errors import TransportError
+from ua_fleet.transport.base import Receive, TransportStats
+from ua_fleet.transport.interfaces import Interface, find_interface
+
+__all__ = ["UdpTransport", "parse_url"]
+
+_SCHEME: Final = "opc.udp://"
+_LARGEST_DATAGRAM: Final = 65_536
+_BATCH: Final = 64
+"""Datagrams that are read at each wake-up at most, so that the event loop gets on."""
+_CHECK_PERIOD_S: Final = 1.0
+_WARNING_PERIOD_S: Final = 60.0
+_SEND_BUFFER_BYTES: Final = 1024 * 1024
+
+# Linux's numbers, which Python has no names for.
+_IP_MULTICAST_ALL: Final = 49
+_SO_RCVBUFFORCE: Final = 33
+_SO_MEMINFO: Final = 55
+_MEMINFO_DROPS: Final = 8
+
+_log = structlog.get_logger(__name__)
+
+
+def parse_url(url: str) -> tuple[str, int]:
+    """Host and port of `opc.udp://host:port`."""
+    host, separator, port = url.removeprefix(_SCHEME).rstrip("/").rpartition(":")
+    if not url.startswith(_SCHEME) or not separator or not host or not port.isdecimal() or not 0 < int(port) < 65_536:
+        raise TransportError(
+            f"{url!r} is no PubSub address; write {_SCHEME}<host>:<port>, e.g. {_SCHEME}224.0.2.14:4840"
+        )
+    return host, int(port)
+
+
+class UdpTransport:
+    """A Transport over one UDP port and one interface."""
+
+    def __init__(self, url: str, interface: str, *, ttl: int = 1, receive_buffer_bytes: int = 4 * 1024 * 1024) -> None:
+        """Prepare a transport; nothing is opened before `start`.
+
+        Args:
+            url: `opc.udp://<host>:<port>`.
+            interface: name or IPv4 address of the network interface.
+            ttl: router hops that a multicast datagram may make.
+            receive_buffer_bytes: wanted size of the receive buffer; `stats` says what the kernel gave.
+        """
+        self.stats = TransportStats()
+        self._url = url
+        self._host, self._port = parse_url(url)
+        self._interface_name = interface
+        self._ttl = ttl
+        self._wanted_buffer_bytes = receive_buffer_bytes
+        self._is_multicast = False
+        self._loop: asyncio.AbstractEventLoop | None = None
+        self._receive: Receive | None = None
+        self._interface: Interface | None = None
+        self._receiver: socket.socket | None = None
+        self._sender: socket.socket | None = None
+        self._timer: asyncio.TimerHandle | None = None
+        self._joined_index: int | None = None
+        """Index of the interface on which the group was joined."""
+        self._send_failing = False
+        self._earlier_drops = 0
+        """Kernel drops of receivers that were closed."""
+        self._warned_at = float("-inf")
+        self._warned_drops = 0
+
+    async def start(self, receive: Receive) -> None:
+        """Open the sockets and hand each datagram to `receive` from now on."""
+        loop = self._loop = asyncio.get_running_loop()
+        self._receive = receive
+        self._host = await self._resolve(loop)
+        self._is_multicast = ipaddress.IPv4Address(self._host).is_multicast
+        try:
+            self._open(find_interface(self._interface_name))
+        except BaseException:
+            await self.close()
+            raise
+        self._timer = loop.call_later(_CHECK_PERIOD_S, self._check)
+        self._say_opened()
+
+    def send(self, datagram: bytes) -> None:
+        """Send to all members. Never blocks; a datagram that the kernel refuses is counted."""
+        sender = self._sender
+        if sender is None:
+            self.stats.send_failed += 1
+            return
+        try:
+            sender.send(datagram)
+        except OSError as error:
+            self._send_again(sender, datagram, error)
+        else:
+            self.stats.sent += 1
+
+    async def close(self) -> None:
+        """Release everything. Safe to call twice."""
+        if self._timer is not None:
+            self._timer.cancel()
+            self._timer = None
+        self._close_receiver()
+        self._close_sender()
+
+    async def _resolve(self, loop: asyncio.AbstractEventLoop) -> str:
+        try:
+            found = await loop.getaddrinfo(self._host, self._port, family=socket.AF_INET, type=socket.SOCK_DGRAM)
+        except socket.gaierror as error:
+            raise TransportError(
+                f"{self._url}: {self._host} is no IPv4 address and no known host name ({error.strerror})"
+            ) from error
+        return str(found[0][4][0])
+
+    def _open(self, interface: Interface) -> None:
+        """Open both sockets for an interface as it is now."""
+        if not interface.is_up:
+            name = interface.name
+            raise TransportError(f"network interface {name} is down; bring it up: ip link set {name} up")
+        if self._receiver is None or not self._is_multicast:
+            self._close_receiver()
+            self._open_receiver(interface)
+        if self._is_multicast:
+            self._join(interface)
+        self._close_sender()
+        self._open_sender(interface)
+        self._interface = interface
+
+    def _open_receiver(self, interface: Interface) -> None:
+        address = self._host if self._is_multicast else interface.address
+        receiver = socket.socket(socket.AF_INET, socket.SOCK_DGRAM | socket.SOCK_NONBLOCK)
+        try:
+            if self._is_multicast:
+                receiver.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+                receiver.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEPORT, 1)
+                # Only what this socket joined, on the interface where it joined it.
+                receiver.setsockopt(socket.IPPROTO_IP, _IP_MULTICAST_ALL, 0)
+            self._enlarge(receiver)
+            receiver.bind((address, self._port))
+        except OSError as error:
+            receiver.close()
+            raise self._bind_error(address, error) from error
+        self._receiver = receiver
+        assert self._loop is not None
+        self._loop.add_reader(receiver.fileno(), self._drain)
+
+    def _enlarge(self, receiver: socket.socket) -> None:
+        """Get the largest receive buffer up to the wanted size; above rmem_max that takes CAP_NET_ADMIN."""
+        wanted = self._wanted_buffer_bytes
+        receiver.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, wanted)
+        if receiver.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF) < 2 * wanted:
+            with contextlib.suppress(OSError):
+                receiver.setsockopt(socket.SOL_SOCKET, _SO_RCVBUFFORCE, wanted)
+        # The kernel doubles what it is asked for, for its own accounting (man 7 socket).
+        self.stats.receive_buffer_bytes = receiver.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF) // 2
+
+    def _bind_error(self, address: str, error: OSError) -> TransportError:
+        place = f"{address} port {self._port}"
+        if error.errno == errno.EADDRINUSE:
+            remedy = f"stop the program that holds it (ss -ulpn sport = :{self._port}) or choose another port"
+            return TransportError(f"{place} is in use; {remedy}")
+        if error.errno in (errno.EACCES, errno.EPERM):
+            remedy = "choose a port above 1023, or grant CAP_NET_BIND_SERVICE"
+            return TransportError(f"no permission to listen on {place}; {remedy}")
+        return TransportError(f"cannot listen on {place}: {error.strerror}")
+
+    def _join(self, interface: Interface) -> None:
+        assert self._receiver is not None
+        group = socket.inet_aton(self._host)
+        if self._joined_index is not None:
+            before = _ip_mreqn(group=group, index=self._joined_index)
+            with contextlib.suppress(OSError):  # the kernel took it away with the interface
+                self._receiver.setsockopt(socket.IPPROTO_IP, socket.IP_DROP_MEMBERSHIP, before)
+            self._joined_index = None
+        joined = _ip_mreqn(group=group, index=interface.index)
+        try:
+            self._receiver.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, joined)
+        except OSError as error:
+            if error.errno == errno.ENOBUFS:
+                remedy = "raise it: sysctl net.ipv4.igmp_max_memberships=100"
+                raise TransportError(f"cannot join {self._host}: too many groups; {remedy}") from error
+            raise TransportError(f"cannot join {self._host} on {interface.name}: {error.strerror}") from error
+        self._joined_index = interface.index
+
+    def _open_sender(self, interface: Interface) -> None:
+        sender = socket.socket(socket.AF_INET, socket.SOCK_DGRAM | socket.SOCK_NONBLOCK)
+        try:
+            sender.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SEND_BUFFER_BYTES)
+            if self._is_multicast:
+                option = _ip_mreqn(address=socket.inet_aton(interface.address), index=interface.index)
+                sender.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, option)
+                sender.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_TTL, self._ttl)
+                sender.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_LOOP, 1)
+            else:
+                sender.bind((interface.address, 0))
+            sender.connect((self._host, self._port))
+        except OSError as error:
+            sender.close()
+            raise self._route_error(interface, error) from error
+        self._sender = sender
+        self._send_failing = False
+
+    def _route_error(self, interface: Interface, error: OSError) -> TransportError:
+        place = f"{self._host} through {interface.name}"
+        if error.errno in (errno.ENETUNREACH, errno.EHOSTUNREACH):
+            network = "224.0.0.0/4" if self._is_multicast else self._host
+            kind = "multicast route" if self._is_multicast else "route"
+            return TransportError(f"no {kind} to {place}; add one: ip route add {network} dev {interface.name}")
+        if error.errno in (errno.EACCES, errno.EPERM):
+            return TransportError(f"no permission to send to {place}; look at the firewall's rules for output")
+        return TransportError(f"cannot send to {place}: {error.strerror}")
+
+    def _drain(self) -> None:
+        """Read what is there, up to a bound; the event loop calls again while there is more."""
+        receiver, receive, stats = self._receiver, self._receive, self.stats
+        if receiver is None or receive is None:
+            return
+        recvfrom = receiver.recvfrom
+        for _ in range(_BATCH):
+            try:
+                datagram, sender = recvfrom(_LARGEST_DATAGRAM)
+            except OSError:  # no more, or closed by `receive`; a broken interface is seen by the check
+                return
+            stats.received += 1
+            receive(datagram, sender)
+
+    def _send_again(self, sender: socket.socket, datagram: bytes, error: OSError) -> None:
+        """After a refusal: an ICMP answer to an earlier datagram is reported here once, then the way is free."""
+        if error.errno == errno.ECONNREFUSED:
+            try:
+                sender.send(datagram)
+            except OSError as again:
+                error = again
+            else:
+                self.stats.sent += 1
+                return
+        self.stats.send_failed += 1
+        if error.errno not in (errno.EAGAIN, errno.ENOBUFS, errno.EMSGSIZE, errno.ECONNREFUSED):
+            self._send_failing = True
+
+    def _check(self) -> None:
+        """Each second: follow the interface, and ask the kernel for its drops."""
+        assert self._loop is not None
+        self._timer = self._loop.call_later(_CHECK_PERIOD_S, self._check)
+        self._count_kernel_drops()
+        before = self._interface
+        try:
+            interface = find_interface(self._interface_name)
+            if interface == before and not self._send_failing and self._sender is not None:
+                return
+            self._open(interface)
+        except (TransportError, OSError) as error:
+            if before is not None:
+                self._interface = None
+                _log.warning("pubsub interface lost", url=self._url, reason=str(error))
+            return
+        if before is None:
+            _log.info("pubsub interface back", url=self._url, interface=interface.name, address=interface.address)
+
+    def _say_opened(self) -> None:
+        assert self._interface is not None
+        granted, wanted = self.stats.receive_buffer_bytes, self._wanted_buffer_bytes
+        _log.info(
+            "pubsub transport open",
+            url=self._url,
+            interface=self._interface.name,
+            address=self._interface.address,
+            receive_buffer_bytes=granted,
+        )
+        if granted < wanted:
+            _log.warning(
+                "receive buffer smaller than wanted",
+                granted_bytes=granted,
+                wanted_bytes=wanted,
+                remedy=f"sysctl -w net.core.rmem_max={wanted}",
+            )
+
+    def _count_kernel_drops(self) -> None:
+        """SO_MEMINFO costs half a microsecond; /proc/net/udp 47, and SO_RXQ_OVFL 0.3 for each datagram."""
+        if self._receiver is not None:
+            with contextlib.suppress(OSError, struct.error):
+                memory = self._receiver.getsockopt(socket.SOL_SOCKET, _SO_MEMINFO, 4 * (_MEMINFO_DROPS + 1))
+                drops: int = struct.unpack_from("I", memory, 4 * _MEMINFO_DROPS)[0]
+                self.stats.kernel_drops = self._earlier_drops + drops
+        assert self._loop is not None
+        now = self._loop.time()
+        if self.stats.kernel_drops > self._warned_drops and now - self._warned_at >= _WARNING_PERIOD_S:
+            _log.warning(
+                "kernel dropped datagrams",
+                url=self._url,
+                dropped=self.stats.kernel_drops - self._warned_drops,
+                receive_buffer_bytes=self.stats.receive_buffer_bytes,
+            )
+            self._warned_at, self._warned_drops = now, self.stats.kernel_drops
+
+    def _close_receiver(self) -> None:
+        if self._receiver is not None:
+            self._count_kernel_drops()
+            self._earlier_drops = self.stats.kernel_drops
+            assert self._loop is not None
+            self._loop.remove_reader(self._receiver.fileno())
+            self._receiver.close()
+            self._receiver = None
+
+    def _close_sender(self) -> None:
+        if self._sender is not None:
+            self._sender.close()
+            self._sender = None
+
+
+def _ip_mreqn(*, group: bytes = b"", address: bytes = b"", index: int) -> bytes:
+    """A `struct ip_mreqn` (man 7 ip)."""
+    return struct.pack("4s4si", group, address, index)

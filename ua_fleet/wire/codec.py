@@ -9,7 +9,9 @@ from ua_fleet.wire.decode_plan import (
     MOST_PLANNED_FIELDS,
     DecodePlan,
     Layout,
-    compile_decode_plan,
+    PlanFactory,
+    compile_layout,
+    make_plan,
     prefix_length,
 )
 from ua_fleet.wire.encode_plan import WriterPlan
@@ -18,16 +20,19 @@ from ua_fleet.wire.messages import NetworkMessage
 
 __all__ = ["Codec"]
 
-USUAL_PREFIX: Final = 12
+USUAL_PREFIX_LENGTH: Final = 12
 """Length of the constant first bytes of what our own publishers send."""
+USUAL_PREFIX: Final = slice(USUAL_PREFIX_LENGTH)
 
-MOST_PLANS: Final = 4096
-"""Plans, and layouts seen once, that a codec remembers; the oldest go first."""
+MOST_PLANS: Final = 16_384
+"""Writers whose plans, or layouts seen once, a codec remembers; the oldest go first."""
+MOST_LAYOUTS: Final = 256
+"""Generated functions that it keeps; writers with the same fields share one."""
 
 FULL_CREDIT: Final = 1000
-COST_OF_A_PLAN: Final = 16
-"""A message that no plan fits earns one credit, making a plan costs so many: a peer that changes its layouts all the
-time gets the generic codec and not a compiler."""
+COST_OF_A_LAYOUT: Final = 16
+"""A message that no plan fits earns one credit, generating a function costs so many: a peer that changes its fields all
+the time gets the generic codec and not a compiler."""
 
 _Writer = tuple[int | str | None, int | None, int]
 
@@ -35,18 +40,19 @@ _Writer = tuple[int | str | None, int | None, int]
 class Codec:
     """Encodes and decodes UADP messages. Compiled plans make known layouts fast; the result is the same."""
 
-    __slots__ = ("_credit", "_plans", "_seen", "_writer_plans")
+    __slots__ = ("_credit", "_layouts", "_plans", "_seen", "_writer_plans")
 
     def __init__(self) -> None:
         self._plans: dict[bytes, DecodePlan] = {}
         self._seen: dict[bytes, Layout] = {}
+        self._layouts: dict[Layout, PlanFactory] = {}
         self._writer_plans: dict[_Writer, WriterPlan] = {}
         self._credit = FULL_CREDIT
 
     def decode(self, datagram: bytes) -> Decoded:
         """Decode one datagram; raises RemoteWireError and nothing else."""
         try:
-            return self._plans[datagram[:USUAL_PREFIX]](datagram)
+            return self._plans[datagram[USUAL_PREFIX]](datagram)
         except GIVE_UP:
             pass
         return self._decode_without_usual_plan(datagram)
@@ -56,7 +62,7 @@ class Codec:
         if not length:
             return decode_message(datagram)
         prefix = datagram[:length]
-        if length != USUAL_PREFIX and prefix in self._plans:
+        if length != USUAL_PREFIX_LENGTH and prefix in self._plans:
             try:
                 return self._plans[prefix](datagram)
             except GIVE_UP:
@@ -67,7 +73,7 @@ class Codec:
         return message
 
     def _learn(self, prefix: bytes, datagram: bytes, message: NetworkMessage) -> None:
-        """Make a plan for a layout that is seen for the second time in a row."""
+        """Make a plan where a writer's layout is seen for the second time in a row."""
         part = message.messages[0]
         self._credit = min(self._credit + 1, FULL_CREDIT)
         if not 0 < len(part.types) <= MOST_PLANNED_FIELDS:
@@ -83,11 +89,19 @@ class Codec:
         )
         if self._seen.get(prefix) != layout:
             _remember(self._seen, prefix, layout)
-        elif self._credit >= COST_OF_A_PLAN:
-            self._credit -= COST_OF_A_PLAN
-            plan = compile_decode_plan(datagram, layout, message)
-            if plan is not None:
-                _remember(self._plans, prefix, plan)
+            return
+        make = self._layouts.get(layout) or self._compile(layout)
+        plan = make and make_plan(make, layout, datagram, message)
+        if plan is not None:
+            _remember(self._plans, prefix, plan)
+
+    def _compile(self, layout: Layout) -> PlanFactory | None:
+        if self._credit < COST_OF_A_LAYOUT:
+            return None
+        self._credit -= COST_OF_A_LAYOUT
+        make = compile_layout(layout)
+        _remember(self._layouts, layout, make, MOST_LAYOUTS)
+        return make
 
     def encode(self, message: NetworkMessage) -> bytes:
         """Encode one NetworkMessage; raises LocalWireError on what cannot be encoded."""
@@ -121,7 +135,7 @@ _K = TypeVar("_K")
 _V = TypeVar("_V")
 
 
-def _remember(cache: dict[_K, _V], key: _K, value: _V) -> None:
-    if key not in cache and len(cache) >= MOST_PLANS:
+def _remember(cache: dict[_K, _V], key: _K, value: _V, most: int = MOST_PLANS) -> None:
+    if key not in cache and len(cache) >= most:
         del cache[next(iter(cache))]
     cache[key] = value

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Callable
-from functools import lru_cache
 from struct import Struct
 from typing import Any, Final, NamedTuple
 
@@ -28,12 +27,16 @@ __all__ = [
     "ArrayUnpackers",
     "DecodePlan",
     "Layout",
-    "compile_decode_plan",
+    "PlanFactory",
+    "compile_layout",
+    "make_plan",
     "prefix_length",
 ]
 
 DecodePlan = Callable[[bytes], NetworkMessage]
 """Decodes a message of its layout, and raises one of GIVE_UP on any other."""
+
+PlanFactory = Callable[..., DecodePlan]
 
 GIVE_UP: Final = (struct.error, KeyError, UnicodeDecodeError, RemoteWireError)
 """What a plan may raise on bytes that are not of its layout."""
@@ -115,12 +118,21 @@ class ArrayUnpackers(dict[int, Callable[..., tuple[Any, ...]]]):
 _ARRAYS: Final = {kind: ArrayUnpackers(kind) for kind in FIXED}
 
 
-def compile_decode_plan(data: bytes, layout: Layout, message: NetworkMessage) -> DecodePlan | None:
+def compile_layout(layout: Layout) -> PlanFactory:
+    """Generate the function for a layout: it takes what differs between writers and gives a plan."""
+    source, names = _Source(layout).write()
+    code = compile(source, "<decode plan>", "exec")
+    exec(code, names)  # noqa: S102 - the source is made of our own words and of type codes
+    make: PlanFactory = names["make"]
+    return make
+
+
+def make_plan(make: PlanFactory, layout: Layout, data: bytes, message: NetworkMessage) -> DecodePlan | None:
     """A plan for messages like `message`, which the generic codec decoded from `data`; None if it can have none."""
     part = message.messages[0]
     start = layout.prefix_length + 2 * layout.has_sequence_number + 8 * layout.has_timestamp + 2 * layout.has_status
     size = 4 * layout.has_major_version + 4 * layout.has_minor_version + 3
-    plan: DecodePlan = _function_for(layout)(
+    plan = make(
         data[start : start + size],
         message.publisher_id,
         message.publisher_id_type,
@@ -138,13 +150,11 @@ def compile_decode_plan(data: bytes, layout: Layout, message: NetworkMessage) ->
     return plan
 
 
-@lru_cache(maxsize=256)
-def _function_for(layout: Layout) -> Callable[..., DecodePlan]:
-    source, names = _Source(layout).write()
-    code = compile(source, "<decode plan>", "exec")
-    exec(code, names)  # noqa: S102 - the source is made of our own words and of type codes
-    make: Callable[..., DecodePlan] = names["make"]
-    return make
+OF_A_PLAN: Final = (
+    "expected_constant, publisher_id, publisher_id_type, writer_group_id, payload_header, "
+    "data_set_writer_id, types, major_version, minor_version"
+)
+"""What differs between plans of the same layout."""
 
 
 class _Source:
@@ -163,8 +173,7 @@ class _Source:
         self._format = ""
         self._targets: list[str] = []
         self._checked: list[str] = []
-        """Variables that hold type codes, and what they must be."""
-        self._expected: list[int] = []
+        """Conditions on constants, any of which shows that the message is of another layout."""
         self._position = "0"
         self._segments = 0
 
@@ -185,9 +194,9 @@ class _Source:
         status = "status and status << 16" if layout.has_status else "None"
         values = "".join(f"v{index}," for index in range(len(layout.types)))
         lines = [
-            "def make(expected_constant, publisher_id, publisher_id_type, writer_group_id, payload_header,",
-            "         data_set_writer_id, types, major_version, minor_version):",
-            " def decode(data):",
+            f"def make({OF_A_PLAN}):",
+            # As defaults of arguments they are local variables, the fastest there are.
+            f" def decode(data, {', '.join(f'{name}={name}' for name in (*OF_A_PLAN.split(', '), *self._names))}):",
             *(f"  {line}" for line in self._lines),
             "  return new(NetworkMessage, (",
             "   publisher_id, publisher_id_type, None, writer_group_id, None, None, None, None, None, None, None,",
@@ -210,8 +219,7 @@ class _Source:
         kind = type_code & ~ARRAY
         if index:  # the first type code is a part of the constant
             self._take("B", f"t{index}")
-            self._checked.append(f"t{index}")
-            self._expected.append(type_code)
+            self._checked.append(f"t{index} != {type_code}")
         value = f"v{index}"
         if type_code in FIXED:
             self._take(FIXED[type_code].format[1:], value)
@@ -241,7 +249,7 @@ class _Source:
         arguments = f"data, {self._position}" if self._segments else "data"
         self._lines.append(f"{', '.join(self._targets)}, = {name}({arguments})")
         if not self._segments:
-            self._checked.insert(0, "constant")
+            self._checked.insert(0, "constant != expected_constant")
         self._segments += 1
         self._format, self._targets = "", []
         return layout.size
@@ -265,11 +273,6 @@ class _Source:
 
     def _check(self) -> None:
         """Write the comparison of the constants that were unpacked since the last one."""
-        if self._checked and self._checked[0] == "constant":
-            self._lines.append("if constant != expected_constant: raise KeyError")
-            del self._checked[0]
         if self._checked:
-            expected = f"expected{len(self._lines)}"
-            self._names[expected] = tuple(self._expected)
-            self._lines.append(f"if ({', '.join(self._checked)},) != {expected}: raise KeyError")
-            self._checked, self._expected = [], []
+            self._lines.append(f"if {' or '.join(self._checked)}: raise KeyError")
+            self._checked = []

@@ -1,0 +1,70 @@
+"""Run the benchmarks: `python -m benchmarks [--only GROUP] [--rounds N]`.
+
+Writes `results.json`, prints the same as a table, and ends with exit code 1 where a figure does not hold.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import sys
+from pathlib import Path
+
+from rich.console import Console
+from rich.table import Table
+
+from benchmarks.harness import FEWEST_ROUNDS, Figure, Unavailable, merge_results
+
+HERE = Path(__file__).parent
+RESULTS = HERE / "results.json"
+NO_GROUPS = {"__init__", "__main__", "harness"}
+
+
+def groups() -> list[str]:
+    """The modules here that are groups; what begins with an underscore belongs to one of them."""
+    names = sorted(path.stem for path in HERE.glob("*.py"))
+    return [name for name in names if name not in NO_GROUPS and not name.startswith("_")]
+
+
+def run(group: str, rounds: int) -> list[Figure]:
+    module = importlib.import_module(f"benchmarks.{group}")
+    figures: list[Figure] = module.figures(rounds)
+    merge_results(RESULTS, group, figures)
+    return figures
+
+
+def print_table(results: dict[str, list[Figure]]) -> None:
+    table = Table("figure", "value", "reference", "ratio", "goal", "holds", title="Benchmarks")
+    for group, figures in results.items():
+        for figure in figures:
+            table.add_row(
+                f"{group}: {figure.name}",
+                f"{figure.value:.4g} {figure.unit}",
+                f"{figure.reference_value:.4g} {figure.unit} ({figure.reference})",
+                f"{figure.ratio:.2f}",
+                "" if figure.goal is None else f"{figure.goal:g}",
+                "yes" if figure.holds else "NO",
+            )
+    # Wide enough for whole rows where the output goes to a file.
+    console = Console() if sys.stdout.isatty() else Console(width=160)
+    console.print(table)
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(prog="python -m benchmarks", description="Figures beside a peer or a floor.")
+    parser.add_argument("--only", choices=groups(), metavar="GROUP", help=f"one of {', '.join(groups())}")
+    parser.add_argument("--rounds", type=int, default=FEWEST_ROUNDS, help=f"at least {FEWEST_ROUNDS}")
+    arguments = parser.parse_args()
+    results: dict[str, list[Figure]] = {}
+    for group in [arguments.only] if arguments.only else groups():
+        print(f"{group} ...", file=sys.stderr, flush=True)
+        try:
+            results[group] = run(group, arguments.rounds)
+        except Unavailable as reason:
+            print(f"{group}: skipped, {reason}", file=sys.stderr)
+    print_table(results)
+    return 0 if all(figure.holds for figures in results.values() for figure in figures) else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

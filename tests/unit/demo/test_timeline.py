@@ -27,9 +27,9 @@ def _run(timeline: Timeline) -> None:
 def test_all_delivered_only_after_the_last_cover_arrived() -> None:
     timeline = Timeline(speed=10)
     _run(timeline)
-    assert not timeline.all_delivered
+    before = timeline.all_delivered
     _say(timeline, 98, "human", "takes a cover", carrier="turtlebot3", boxes=4)
-    assert timeline.all_delivered
+    assert (before, timeline.all_delivered) == (False, True)
     covers = timeline.report(looped=0, drops={}, ros1=True)["covers"]
     assert [cover["carrier"] for cover in covers] == ["conveyor", "conveyor", "turtlebot3", "turtlebot3"]
     assert [cover["placed_s"] for cover in covers] == pytest.approx([8, 18, 29, 76])

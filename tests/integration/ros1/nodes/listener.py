@@ -1,0 +1,41 @@
+# pyright: basic, reportMissingImports=false
+"""A stock ROS 1 node: prints one topic's messages, like `rostopic echo`, each on one line.
+
+listener.py TOPIC TYPE [--name NODE] [--delay S]
+"""
+
+import argparse
+import threading
+
+import genpy.message
+import rospy
+
+parser = argparse.ArgumentParser()
+parser.add_argument("topic")
+parser.add_argument("type")
+parser.add_argument("--name", default="listener")
+args = parser.parse_args()
+
+
+def heard(message: genpy.Message) -> None:
+    text = " ".join(genpy.message.strify_message(message).split())
+    latched = " latched" if message._connection_header.get("latching") == "1" else ""
+    print(f"heard{latched}: {text}", flush=True)
+
+
+rospy.init_node(args.name, disable_rosout=True)
+subscriber = rospy.Subscriber(args.topic, genpy.message.get_message_class(args.type), heard)
+print("ready", flush=True)
+
+
+def tell_links() -> None:
+    links = 0
+    while not rospy.is_shutdown():
+        if subscriber.get_num_connections() != links:
+            links = subscriber.get_num_connections()
+            print(f"links {links}", flush=True)
+        rospy.sleep(0.02)
+
+
+threading.Thread(target=tell_links, daemon=True).start()
+rospy.spin()

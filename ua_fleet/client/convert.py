@@ -1,0 +1,101 @@
+"""Text to values of a node's own type, and values to what JSON and people can read."""
+
+from __future__ import annotations
+
+import json
+import math
+from datetime import datetime
+from typing import Any, Final, cast
+
+from asyncua import ua
+
+from ua_fleet.errors import AccessRefused
+from ua_fleet.values import StatusCode
+
+__all__ = ["parse_value", "plain_value"]
+
+_INTEGERS: Final = {
+    ua.VariantType.SByte: (-(2**7), 2**7 - 1),
+    ua.VariantType.Byte: (0, 2**8 - 1),
+    ua.VariantType.Int16: (-(2**15), 2**15 - 1),
+    ua.VariantType.UInt16: (0, 2**16 - 1),
+    ua.VariantType.Int32: (-(2**31), 2**31 - 1),
+    ua.VariantType.UInt32: (0, 2**32 - 1),
+    ua.VariantType.Int64: (-(2**63), 2**63 - 1),
+    ua.VariantType.UInt64: (0, 2**64 - 1),
+}
+_BOOLEANS: Final = {
+    "true": True,
+    "1": True,
+    "yes": True,
+    "on": True,
+    "false": False,
+    "0": False,
+    "no": False,
+    "off": False,
+}
+
+
+def _mismatch(text: str, kind: ua.VariantType, hint: str = "") -> AccessRefused:
+    return AccessRefused(StatusCode.BAD_TYPE_MISMATCH, f"{text!r} is no {kind.name}{hint}")
+
+
+def _scalar(text: str, kind: ua.VariantType) -> Any:
+    try:
+        if kind is ua.VariantType.Boolean:
+            return _BOOLEANS[text.strip().lower()]
+        if kind in _INTEGERS:
+            number = int(text, 0)
+            low, high = _INTEGERS[kind]
+            if not low <= number <= high:
+                raise _mismatch(text, kind, f", which goes from {low} to {high}")
+            return number
+        if kind in (ua.VariantType.Float, ua.VariantType.Double):
+            return float(text)
+        if kind is ua.VariantType.DateTime:
+            return datetime.fromisoformat(text)
+        if kind is ua.VariantType.ByteString:
+            return bytes.fromhex(text)
+    except (ValueError, KeyError):
+        hint = {ua.VariantType.ByteString: "; give it in hexadecimal", ua.VariantType.Boolean: "; give true or false"}
+        raise _mismatch(text, kind, hint.get(kind, "")) from None
+    if kind is ua.VariantType.String:
+        return text
+    raise AccessRefused(StatusCode.BAD_NOT_SUPPORTED, f"values of type {kind.name} cannot be given as text")
+
+
+def parse_value(text: str, kind: ua.VariantType, *, array: bool) -> ua.Variant:
+    """A Variant of a node's own type from a text; an array is given as JSON, e.g. `[1, 2.5]`.
+
+    Raises:
+        AccessRefused: the text is no value of this type.
+    """
+    if not array:
+        return ua.Variant(_scalar(text, kind), kind)
+    try:
+        elements: Any = json.loads(text)
+    except json.JSONDecodeError:
+        elements = None
+    if not isinstance(elements, list):
+        raise _mismatch(text, kind, " array; give it as JSON, such as [1, 2]")
+    given = cast("list[Any]", elements)
+    texts = [element if isinstance(element, str) else json.dumps(element) for element in given]
+    return ua.Variant([_scalar(element, kind) for element in texts], kind, is_array=True)
+
+
+def plain_value(value: Any) -> Any:
+    """A value as JSON can hold it: times as ISO 8601, bytes as hexadecimal, NaN as text."""
+    if isinstance(value, list | tuple):
+        elements: Sequence[Any] = value  # pyright: ignore[reportUnknownVariableType]
+        return [plain_value(element) for element in elements]
+    if isinstance(value, datetime):
+        return value.isoformat()
+    if isinstance(value, bytes):
+        return value.hex()
+    if isinstance(value, float) and not math.isfinite(value):
+        return str(value)
+    if isinstance(value, ua.LocalizedText):
+        return value.Text
+    if value is None or isinstance(value, bool | int | float | str):
+        return value
+    return str(value)

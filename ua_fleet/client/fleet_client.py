@@ -1,0 +1,313 @@
+# asyncua is typed in part only.
+# pyright: reportUnknownMemberType=false, reportUnknownVariableType=false, reportUnknownArgumentType=false
+# pyright: reportPrivateImportUsage=false
+"""A typed OPC UA client for a fleet's server."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from collections.abc import AsyncGenerator, Sequence
+from contextlib import asynccontextmanager
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from typing import Any, Final, Self
+
+from asyncua import Client, Node, ua
+from asyncua.common.subscription import DataChangeNotif
+from asyncua.crypto import security_policies
+from asyncua.ua.uaerrors import UaError, UaStatusCodeError
+
+from ua_fleet.client.addresses import parse_address
+from ua_fleet.client.convert import parse_value, plain_value
+from ua_fleet.client.identity import ClientIdentity, default_identity_folder
+from ua_fleet.errors import AccessRefused, NotConnected, SendTimeout, UaFleetError
+from ua_fleet.values import StatusCode, status_name
+
+__all__ = ["Change", "FleetClient", "NodeInfo", "NodeNotFound", "Reading"]
+
+POLICY: Final = security_policies.SecurityPolicyBasic256Sha256
+_QUEUE: Final = 100_000
+"""Changes that may wait for a slow consumer; asyncua drops the oldest beyond that."""
+
+_REMEDIES: Final = {
+    ua.StatusCodes.BadUserAccessDenied: "user or password is wrong, or the user's role does not allow this; "
+    "see: ua-fleet user list",
+    ua.StatusCodes.BadIdentityTokenRejected: "the server wants a user and a password: --user and --password-file",
+    ua.StatusCodes.BadIdentityTokenInvalid: "the server wants a user and a password: --user and --password-file",
+    ua.StatusCodes.BadSecurityChecksFailed: "the server does not trust this client's certificate; "
+    "on the server run: ua-fleet cert list, then ua-fleet cert trust THUMBPRINT",
+    ua.StatusCodes.BadCertificateUntrusted: "the server does not trust this client's certificate; "
+    "on the server run: ua-fleet cert list, then ua-fleet cert trust THUMBPRINT",
+    ua.StatusCodes.BadNotWritable: "clients may not write this node",
+    ua.StatusCodes.BadTypeMismatch: "the node has another type",
+    ua.StatusCodes.BadOutOfRange: "the value is outside the node's range",
+}
+
+
+class NodeNotFound(UaFleetError):
+    """There is no such node."""
+
+    ua_status = StatusCode.BAD_NODE_ID_UNKNOWN
+
+
+@dataclass(frozen=True, slots=True)
+class NodeInfo:
+    """A node as it is browsed."""
+
+    node_id: str
+    browse_name: str
+    node_class: str
+    depth: int
+
+
+@dataclass(frozen=True, slots=True)
+class Reading:
+    """A node's value with its quality and times."""
+
+    node_id: str
+    value: Any
+    type_name: str | None
+    status: int
+    source_time: datetime | None
+    server_time: datetime | None
+
+    @property
+    def status_text(self) -> str:
+        """Name of the StatusCode, e.g. `Good` or `BadNoCommunication`."""
+        return status_name(self.status)
+
+
+Change = Reading
+"""A value that a subscription reports."""
+
+
+def _reading(node_id: str, data: ua.DataValue) -> Reading:
+    variant = data.Value
+    return Reading(
+        node_id=node_id,
+        value=None if variant is None else plain_value(variant.Value),
+        type_name=None if variant is None else variant.VariantType.name,
+        status=0 if data.StatusCode is None else data.StatusCode.value,
+        source_time=_aware(data.SourceTimestamp),
+        server_time=_aware(data.ServerTimestamp),
+    )
+
+
+def _aware(moment: datetime | None) -> datetime | None:
+    return moment if moment is None or moment.tzinfo is not None else moment.replace(tzinfo=UTC)
+
+
+class _Feed:
+    """The subscription handler: hands each change to whoever iterates."""
+
+    def __init__(self) -> None:
+        self.queue: asyncio.Queue[Change | None] = asyncio.Queue(_QUEUE)
+
+    def datachange_notification(self, node: Node, val: Any, data: DataChangeNotif) -> None:
+        self.queue.put_nowait(_reading(node.nodeid.to_string(), data.monitored_item.Value))
+
+    def status_change_notification(self, status: ua.StatusChangeNotification) -> None:
+        self.queue.put_nowait(None)
+
+
+class FleetClient:
+    """A connected client; made by `FleetClient.connect`."""
+
+    def __init__(self, client: Client, endpoint: str, *, first_meeting: bool) -> None:
+        self._client = client
+        self.endpoint = endpoint
+        self.first_meeting = first_meeting
+        """Whether the server's certificate was seen for the first time, and is trusted from now on."""
+        self._feeds: set[_Feed] = set()
+        client.connection_lost_callback = self._lost
+
+    async def _lost(self, _error: Exception) -> None:
+        for feed in self._feeds:
+            feed.queue.put_nowait(None)
+
+    @classmethod
+    @asynccontextmanager
+    async def connect(
+        cls,
+        endpoint: str,
+        *,
+        user: str | None = None,
+        password: str | None = None,
+        identity: ClientIdentity | None = None,
+        insecure: bool = False,
+        timeout_s: float = 10.0,
+    ) -> AsyncGenerator[Self]:
+        """Connect, with Basic256Sha256, signed and encrypted, and hand out the client.
+
+        Args:
+            endpoint: URL such as `opc.tcp://127.0.0.1:4840/ua_fleet`.
+            user: user name; without it the client is anonymous, which most servers refuse.
+            password: the user's password.
+            identity: own certificate and known servers; by default those of this user of the machine.
+            insecure: neither sign nor encrypt, where the server allows that.
+            timeout_s: longest wait for any answer.
+
+        Raises:
+            NotConnected: nobody answers there.
+            SendTimeout: the server did not answer in time.
+            AccessRefused: the server refuses this client or user, or is not the server that it was.
+        """
+        # asyncua reports with tracebacks what is raised to us anyhow.
+        logging.getLogger("asyncua").setLevel(logging.CRITICAL)
+        client = Client(endpoint, timeout=timeout_s)
+        first_meeting = False
+        with _translated(endpoint):
+            if not insecure:
+                identity = identity or ClientIdentity(default_identity_folder())
+                await identity.ensure()
+                client.application_uri = identity.application_uri
+                endpoints = await client.connect_and_get_server_endpoints()
+                offer = _encrypted_endpoint(endpoint, endpoints)
+                first_meeting = identity.check_server(endpoint, offer.ServerCertificate)
+                await client.set_security(
+                    POLICY,
+                    str(identity.certificate),
+                    str(identity.key),
+                    server_certificate=offer.ServerCertificate,
+                    mode=ua.MessageSecurityMode.SignAndEncrypt,
+                )
+            if user is not None:
+                client.set_user(user)
+                client.set_password(password or "")
+            await client.connect()
+        try:
+            yield cls(client, endpoint, first_meeting=first_meeting)
+        finally:
+            await _disconnect(client)
+
+    async def _node(self, address: str) -> Node:
+        parsed = parse_address(address)
+        if isinstance(parsed, str):
+            try:
+                return self._client.get_node(parsed)
+            except (UaError, ValueError):
+                raise NodeNotFound(f"{address!r} is not a NodeId; look with: ua-fleet browse") from None
+        node = self._client.nodes.objects
+        for depth, name in enumerate(parsed):
+            for child in await node.get_children_descriptions(refs=ua.ObjectIds.HierarchicalReferences):
+                if name in (child.BrowseName.Name, f"{child.BrowseName.NamespaceIndex}:{child.BrowseName.Name}"):
+                    node = self._client.get_node(child.NodeId)
+                    break
+            else:
+                above = "/".join(parsed[:depth]) or "Objects"
+                raise NodeNotFound(f"there is no {name!r} below {above}; look with: ua-fleet browse {above}")
+        return node
+
+    async def browse(self, address: str = "Objects", *, depth: int = 1) -> list[NodeInfo]:
+        """The nodes below a node, depth first, down to `depth` levels."""
+        with _translated(self.endpoint):
+            found: list[NodeInfo] = []
+            await self._browse(await self._node(address), 0, depth, found, set())
+            return found
+
+    async def _browse(self, node: Node, level: int, depth: int, found: list[NodeInfo], seen: set[str]) -> None:
+        for child in await node.get_children_descriptions(refs=ua.ObjectIds.HierarchicalReferences):
+            node_id = child.NodeId.to_string()
+            found.append(NodeInfo(node_id, child.BrowseName.Name or "", child.NodeClass.name, level))
+            if level + 1 < depth and node_id not in seen:
+                seen.add(node_id)
+                await self._browse(self._client.get_node(child.NodeId), level + 1, depth, found, seen)
+
+    async def read(self, addresses: Sequence[str]) -> list[Reading]:
+        """The values of some nodes; one of Bad quality is a Reading too. An unknown node raises NodeNotFound."""
+        with _translated(self.endpoint):
+            nodes = [await self._node(address) for address in addresses]
+            values = await self._client.uaclient.read_attributes([node.nodeid for node in nodes], ua.AttributeIds.Value)
+        readings = [_reading(node.nodeid.to_string(), value) for node, value in zip(nodes, values, strict=True)]
+        for address, reading in zip(addresses, readings, strict=True):
+            if reading.status in (ua.StatusCodes.BadNodeIdUnknown, ua.StatusCodes.BadNodeIdInvalid):
+                raise NodeNotFound(f"there is no node {address}; look with: ua-fleet browse")
+        return readings
+
+    async def write(self, address: str, text: str) -> Reading:
+        """Write a value given as text, in the node's own type; the node's value after that.
+
+        Raises:
+            AccessRefused: the text is no such value, or the server refuses it.
+        """
+        with _translated(self.endpoint, f"write {address}: "):
+            node = await self._node(address)
+            kind = await node.read_data_type_as_variant_type()
+            array = (await node.read_value_rank()) >= ua.ValueRank.OneOrMoreDimensions
+            await node.write_attribute(ua.AttributeIds.Value, ua.DataValue(parse_value(text, kind, array=array)))
+        return (await self.read([address]))[0]
+
+    async def watch(self, addresses: Sequence[str], *, period_ms: float = 100.0) -> AsyncGenerator[Change]:
+        """The current values of some nodes, then each change, until the iteration is closed.
+
+        Raises:
+            NodeNotFound: one of the nodes does not exist.
+            NotConnected: the connection was lost.
+        """
+        feed = _Feed()
+        with _translated(self.endpoint):
+            nodes = [await self._node(address) for address in addresses]
+            subscription = await self._client.create_subscription(period_ms, feed, queue_maxsize=_QUEUE)
+            self._feeds.add(feed)
+            results = await subscription.subscribe_data_change(nodes, queuesize=1000, sampling_interval=ua.Double(0))
+        try:
+            for address, result in zip(addresses, results, strict=True):
+                if isinstance(result, ua.StatusCode):
+                    raise NodeNotFound(f"{address} cannot be watched: {result.name}; look with: ua-fleet browse")
+            while (change := await feed.queue.get()) is not None:
+                yield change
+            raise NotConnected(f"the connection to {self.endpoint} was lost")
+        finally:
+            self._feeds.discard(feed)
+            await _quietly(subscription.delete())
+
+
+def _encrypted_endpoint(endpoint: str, endpoints: Sequence[ua.EndpointDescription]) -> ua.EndpointDescription:
+    for offer in endpoints:
+        if offer.SecurityPolicyUri == POLICY.URI and offer.SecurityMode == ua.MessageSecurityMode.SignAndEncrypt:
+            return offer
+    raise AccessRefused(
+        StatusCode.BAD_SECURITY_CHECKS_FAILED,
+        f"{endpoint} offers no endpoint with Basic256Sha256, Sign & Encrypt; for an unsecured one add --insecure",
+    )
+
+
+async def _disconnect(client: Client) -> None:
+    await _quietly(client.disconnect())
+
+
+async def _quietly(ending: Any) -> None:
+    """End something that may have ended by itself when the connection went."""
+    try:
+        await ending
+    except (UaError, OSError, TimeoutError, asyncio.CancelledError) as error:
+        if isinstance(error, asyncio.CancelledError) and (task := asyncio.current_task()) and task.cancelling():
+            raise
+
+
+class _translated:  # noqa: N801  (reads like a function where it is used)
+    """Turns asyncua's and the socket's errors into ours."""
+
+    def __init__(self, endpoint: str, prefix: str = "") -> None:
+        self._endpoint, self._prefix = endpoint, prefix
+
+    def __enter__(self) -> None:
+        return None
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: object) -> None:
+        if isinstance(error, UaStatusCodeError):
+            remedy = _REMEDIES.get(error.code)
+            name = ua.StatusCode(error.code).name
+            text = f"{self._prefix}{name}" + (f": {remedy}" if remedy else "")
+            if error.code in (ua.StatusCodes.BadNodeIdUnknown, ua.StatusCodes.BadNodeIdInvalid):
+                raise NodeNotFound(text) from error
+            raise AccessRefused(error.code, text) from error
+        if isinstance(error, TimeoutError):
+            raise SendTimeout(f"{self._endpoint} did not answer in time") from error
+        if isinstance(error, OSError):
+            raise NotConnected(
+                f"nobody answers at {self._endpoint} ({error.strerror or error}); start it with: ua-fleet serve"
+            ) from error
+        if isinstance(error, UaError):
+            raise NotConnected(f"{self._endpoint}: {error or type(error).__name__}") from error

@@ -1,5 +1,6 @@
 """Text to values of a node's own type, and values to what JSON and people can read."""
 
+# pyright: reportUnknownVariableType=false
 from __future__ import annotations
 
 import json
@@ -79,7 +80,7 @@ def parse_value(text: str, kind: ua.VariantType, *, array: bool) -> ua.Variant:
         elements = None
     if not isinstance(elements, list):
         raise _mismatch(text, kind, " array; give it as JSON, such as [1, 2]")
-    given = cast("list[Any]", elements)
+    given: Sequence[Any] = elements
     texts = [element if isinstance(element, str) else json.dumps(element) for element in given]
     return ua.Variant([_scalar(element, kind) for element in texts], kind, is_array=True)
 
@@ -87,7 +88,7 @@ def parse_value(text: str, kind: ua.VariantType, *, array: bool) -> ua.Variant:
 def plain_value(value: Any) -> Any:
     """A value as JSON can hold it: times as ISO 8601, bytes as hexadecimal, NaN as text."""
     if isinstance(value, list | tuple):
-        elements: Sequence[Any] = value  # pyright: ignore[reportUnknownVariableType]
+        elements: Sequence[Any] = value
         return [plain_value(element) for element in elements]
     if isinstance(value, datetime):
         return value.isoformat()

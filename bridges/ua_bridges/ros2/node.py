@@ -107,9 +107,12 @@ class Ros2Node:
             TopicInvalid, BridgeUnavailable: see `make_node`.
         """
         self._context, self.node = make_node(domain, name, discovery)
+        from rclpy.duration import Duration
         from rclpy.experimental.events_executor import EventsExecutor
         from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 
+        self.no_time: Any = Duration()
+        """A timeout that asks and does not wait."""
         self._reliable, self._transient_local = ReliabilityPolicy.RELIABLE, DurabilityPolicy.TRANSIENT_LOCAL
         self.executor: Any = EventsExecutor(context=self._context)
         self.executor.add_node(self.node)

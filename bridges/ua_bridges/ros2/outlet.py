@@ -11,13 +11,14 @@ from typing import Any, Final
 from ua_bridges.ros.convert import Writer
 from ua_bridges.ros2.classes import MessageType
 from ua_bridges.ros2.node import Ros2Node
-from ua_bridges.ros2.qos import Qos
+from ua_bridges.ros2.qos import Offer, Qos
 
 __all__ = ["Outlet"]
 
 _MOST_HELD: Final = 1000
 _HOLD_S: Final = 1.0
 """So long the first messages wait for the subscribers that are there; they match within some 10 ms."""
+_UNRELIABLE_MATCH_S: Final = 0.05
 _SETTLE_S: Final = 0.3
 """A node that has just come up has not heard of all subscribers before."""
 
@@ -27,6 +28,8 @@ class Outlet:
 
     The node's thread makes it (`attend`), the event loop uses it (`publish`). Between the two the first messages are
     held: the subscribers that are there need some milliseconds to match, and what is published before is lost to them.
+    A match on our side says nothing of theirs, and a publisher of depth 1 has only its last message to send again. So
+    the first message goes alone, and the others when it is acknowledged.
     """
 
     def __init__(self, name: str, kind: MessageType, fill: Writer, qos: Qos) -> None:
@@ -41,6 +44,9 @@ class Outlet:
         self._held: deque[Any] = deque(maxlen=_MOST_HELD)
         self._lock = threading.Lock()
         self._hold_until = 0.0
+        self._matched_at: float | None = None
+        self._is_tried = False
+        """Whether the first message is under way."""
 
     @property
     def is_open(self) -> bool:
@@ -83,30 +89,47 @@ class Outlet:
         if self._publisher is None:
             self._publisher = node.create_publisher(self.kind.cls, self.name, self.qos, on_incompatible)
             self._hold_until = now + _HOLD_S
-        if now < self._hold_until:
-            if now < opened_at + _SETTLE_S:
-                return False
-            there = sum(1 for s in node.subscribers(self.name) if not s.own and self._suits(s.type, s.offer))
-            if self._publisher.get_subscription_count() < there:
-                return False
-        self._open()
-        return True
+        if now >= self._hold_until:
+            while not self._next():
+                pass
+            return True
+        if now < opened_at + _SETTLE_S or not self._is_matched(node, now):
+            return False
+        if not self._publisher.wait_for_all_acked(node.no_time):
+            return False
+        if self._is_tried:
+            while not self._next():
+                pass
+            return True
+        self._is_tried = True
+        return self._next()
 
-    def _suits(self, ros_type: str, asked: Any) -> bool:
+    def _is_matched(self, node: Ros2Node, now: float) -> bool:
+        """Whether the subscribers that are there hear us, as far as one can know."""
+        if self._matched_at is None:
+            there = [s.offer for s in node.subscribers(self.name) if not s.own and self._suits(s.type, s.offer)]
+            if self._publisher.get_subscription_count() < len(there):
+                return False
+            unreliable = any(not offer.reliable for offer in there)  # they never tell what they have got
+            self._matched_at = now + (_UNRELIABLE_MATCH_S if unreliable else 0.0)
+        return now >= self._matched_at
+
+    def _suits(self, ros_type: str, asked: Offer) -> bool:
         return (
             ros_type.replace("/msg/", "/") == self.kind.name
             and (self.qos.reliable or not asked.reliable)
             and (self.qos.transient_local or not asked.transient_local)
         )
 
-    def _open(self) -> None:
-        while True:
-            with self._lock:
-                if not self._held:
-                    self._is_open = True
-                    return
-                message = self._held.popleft()
-            self._publisher.publish(message)
+    def _next(self) -> bool:
+        """Publish the oldest message that is held; open when none is, and say so."""
+        with self._lock:
+            if not self._held:
+                self._is_open = True
+                return True
+            message = self._held.popleft()
+        self._publisher.publish(message)
+        return False
 
     def close(self, node: Ros2Node) -> None:
         """End the publisher, in the node's thread."""

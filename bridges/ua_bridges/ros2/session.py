@@ -9,11 +9,9 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any, Final, NamedTuple
 
-import structlog
-
 from ua_bridges.ros.convert import compile_writer
 from ua_bridges.ros.delivered import Delivered, state_folder
-from ua_bridges.ros.errors import ConversionError
+from ua_bridges.ros.errors import ConversionError, SchemaInvalid
 from ua_bridges.ros.fields import ros_type_of
 from ua_bridges.ros.rate import RateGate
 from ua_bridges.ros.sink import compile_sink
@@ -35,8 +33,6 @@ __all__ = ["Ros2Driver"]
 MAX_TOPICS: Final = 2000
 """Topics of other spaces that are published here: anybody may send new ones."""
 
-_log = structlog.get_logger("ua_bridges.ros2")
-
 Values = tuple[Any, ...]
 
 
@@ -50,10 +46,10 @@ class _Sink(NamedTuple):
 class _Route:
     """Where the messages of one topic go to."""
 
-    __slots__ = ("metadata", "mirror", "sinks", "started")
+    __slots__ = ("metadata", "mirror", "reason", "sinks", "started")
 
-    def __init__(self, metadata: DataSetMetaData, mirror: Outlet | None, sinks: list[_Sink]) -> None:
-        self.metadata, self.mirror, self.sinks = metadata, mirror, sinks
+    def __init__(self, metadata: DataSetMetaData, mirror: Outlet | None, sinks: list[_Sink], reason: str) -> None:
+        self.metadata, self.mirror, self.sinks, self.reason = metadata, mirror, sinks, reason
         self.started = False
         """Whether anything has been published on it."""
 
@@ -129,7 +125,7 @@ class Ros2Driver:
         if route.mirror is not None:
             sent = self._send(route.mirror, values)
         elif not route.sinks:
-            self._inlet.put(Dropped(Drop.TYPE_MISSING))
+            self._inlet.put(Dropped(Drop.TYPE_MISSING, detail=route.reason))
         for sink in route.sinks:
             if sink.gate is None:
                 sent = self._send(sink.outlet, values) or sent
@@ -176,21 +172,21 @@ class Ros2Driver:
             self._thread.call(partial(self._watch.drop, before.mirror))
         sinks = before.sinks if before is not None else self._make_sinks(topic)
         mirror: Outlet | None = None
+        reason = ""
         try:
             mirror = self._make_mirror(topic, metadata)
         except UaFleetError as error:
-            if not sinks:
-                _log.warning("cannot be published here", topic=topic.name, reason=str(error))
-        route = self._routes[topic] = _Route(metadata, mirror, sinks)
+            reason = f"{topic.name} cannot be published here: {error}"
+        route = self._routes[topic] = _Route(metadata, mirror, sinks, reason)
         if mirror is not None:
             self._thread.call(partial(self._watch.attend, mirror))
         return route
 
-    def _make_mirror(self, topic: Topic, metadata: DataSetMetaData) -> Outlet | None:
-        """The publisher of a mirrored topic; None or an UaFleetError where this space has no type for it."""
+    def _make_mirror(self, topic: Topic, metadata: DataSetMetaData) -> Outlet:
+        """The publisher of a mirrored topic; raises an UaFleetError where this space has no type for it."""
         found = ros_type_of(metadata.fields)
         if found is None:
-            return None
+            raise SchemaInvalid(topic.name, "several fields without a ROS type, or a type that ROS does not have")
         ros_type, _definition, names = found
         kind = load_type(ros_type)
         return Outlet(f"/{topic.name}", kind, compile_writer(kind.schema, names, make), MIRROR)
@@ -203,8 +199,8 @@ class Ros2Driver:
             try:
                 sink = self._make_sink(name, dataset)
             except UaFleetError as error:
-                _log.warning("cannot be written to the robot's topic", data=name, reason=str(error))
-                self._inlet.put(Dropped(Drop.TYPE_MISSING, detail=f"{name}: {error}"))
+                reason = f"{name} cannot be written to {dataset.sink.topic}: {error}"
+                self._inlet.put(Dropped(Drop.TYPE_MISSING, detail=reason))
                 continue
             sinks.append(sink)
             self._thread.call(partial(self._watch.attend, sink.outlet))

@@ -7,8 +7,6 @@ import time
 from collections.abc import Callable
 from typing import Any, Final
 
-import structlog
-
 from ua_bridges.ros2.config import Ros2BridgeConfig
 from ua_bridges.ros2.environment import PROFILES_VARIABLE
 from ua_bridges.ros2.feed import MappedFeed, MirrorFeed
@@ -28,8 +26,6 @@ __all__ = ["Mapped", "Watch", "absolute"]
 _ATTEND_S: Final = 0.005
 """New publishers are looked at so often until their subscribers have matched."""
 _LATE_S: Final = 0.2
-
-_log = structlog.get_logger("ua_bridges.ros2")
 
 Mapped = tuple[Topic, str, DataSetConfig]
 """A DataSet that is read from a robot's own topic: its UA topic, its browse name, and what `fleet.yaml` says."""
@@ -71,7 +67,6 @@ class Watch:
         self._graph = GraphWatch(config.space, self._mapped)
         self._sources: dict[str, RosSource] = {}
         self._opening: list[Outlet] = []
-        self._told: set[str] = set()
         self._look_at = self._late_at = 0.0
 
     def opened(self, node: Ros2Node) -> None:
@@ -128,7 +123,6 @@ class Watch:
         for change in self._graph.look(self._node, now):
             if isinstance(change, TopicIllegal):
                 self._inlet.put(Dropped(Drop.ILLEGAL_TOPIC, detail=f"{change.topic_name}: {change.reason}"))
-                _log.warning("not a UA topic", topic=change.topic_name, reason=change.reason)
             else:
                 guarded(self._follow)(change)
         for source in self._sources.values():
@@ -162,9 +156,6 @@ class Watch:
                 "set `qos` of the sink in fleet.yaml"
             )
             self._inlet.put(Dropped(Drop.INCOMPATIBLE_QOS, detail=text))
-            if text not in self._told:
-                self._told.add(text)
-                _log.warning(text)
 
         return outlet.attend(self._node, now, self._opened_at, on_incompatible)
 

@@ -1,0 +1,123 @@
+"""The other side of a bridge, in the test's process: hears its PubSub side, and publishes as another space."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager
+from typing import Any
+
+from ua_fleet.counters import Counters
+from ua_fleet.pubsub.events import (
+    DataReceived,
+    ProbeReceived,
+    SourceReturned,
+    SourceSilent,
+    SourceUnknown,
+    SubscriberEvent,
+)
+from ua_fleet.pubsub.publisher import Publisher
+from ua_fleet.pubsub.subscriber import Subscriber
+from ua_fleet.pubsub.timing import PubSubTiming
+from ua_fleet.topics import Topic
+from ua_fleet.transport.udp import UdpTransport
+from ua_fleet.values import ticks_from_unix_ns
+from ua_fleet.wire import Codec
+from ua_fleet.wire.messages import DataSetMessage, FieldMetaData
+
+
+class Peer:
+    """All that comes over a multicast group, seen from one space."""
+
+    def __init__(self, url: str, space: int = 0) -> None:
+        self.counters = Counters()
+        self.events: list[SubscriberEvent] = []
+        self._transport = UdpTransport(url, "lo", ttl=1, receive_buffer_bytes=1 << 22)
+        codec, timing = Codec(), PubSubTiming(1.0, 3.0, 5.0)
+        self._publisher = Publisher(space, timing, self.counters, codec)
+        self._subscriber = Subscriber(space, timing, self.counters, codec)
+        self._changed = asyncio.Event()
+
+    def _now(self) -> float:
+        return asyncio.get_running_loop().time()
+
+    def _receive(self, datagram: bytes, _sender: Any) -> None:
+        self._take(self._subscriber.receive(datagram, self._now()))
+
+    def _take(self, events: list[SubscriberEvent]) -> None:
+        for event in events:
+            if isinstance(event, SourceUnknown):
+                self._transport.send(event.datagram)
+            elif isinstance(event, ProbeReceived):
+                self._send(self._publisher.answer(event.probe, self._now()))
+        self.events += events
+        self._changed.set()
+
+    def _send(self, datagrams: list[bytes]) -> None:
+        for datagram in datagrams:
+            self._transport.send(datagram)
+
+    async def _tick(self) -> None:
+        while True:
+            self._send(self._publisher.poll(self._now()))
+            self._take(self._subscriber.poll(self._now()))
+            await asyncio.sleep(0.02)
+
+    def announce(self, topic: Topic, fields: tuple[FieldMetaData, ...]) -> None:
+        ticks = ticks_from_unix_ns(time.time_ns())
+        self._send(self._publisher.announce(topic, topic.name, fields, now=self._now(), wall_ticks=ticks))
+
+    def publish(self, topic: Topic, *values: Any) -> None:
+        ticks = ticks_from_unix_ns(time.time_ns())
+        self._send(self._publisher.publish(topic, values, timestamp=ticks, now=self._now()))
+
+    def messages(self, topic: Topic) -> list[DataSetMessage]:
+        """All that was received of a source, in order, those with a Bad status too."""
+        return [e.message for e in self.events if isinstance(e, DataReceived) and e.topic == topic]
+
+    def good(self, topic: Topic) -> list[tuple[Any, ...]]:
+        """The values of all good messages of a source."""
+        return [message.values for message in self.messages(topic) if not message.status]
+
+    def properties(self, topic: Topic) -> dict[str, Any]:
+        """The properties of a source's first field."""
+        event = next(e for e in self.events if isinstance(e, DataReceived) and e.topic == topic)
+        return {str(key.name): value for key, _, value in event.metadata.fields[0].properties}
+
+    def is_silent(self, topic: Topic) -> bool:
+        """Whether nothing comes from a source any more."""
+        said = [type(e) for e in self.events if isinstance(e, SourceSilent | SourceReturned) and e.topic == topic]
+        return bool(said) and said[-1] is SourceSilent
+
+    async def until(self, condition: Callable[[], Any], timeout_s: float = 15) -> None:
+        """Wait until a condition on what was received holds."""
+        async with asyncio.timeout(timeout_s):
+            while not condition():
+                self._changed.clear()
+                try:
+                    async with asyncio.timeout(0.1):
+                        await self._changed.wait()
+                except TimeoutError:
+                    continue
+
+    async def status(self, topic: Topic) -> dict[str, Any]:
+        """The next status of a bridge, by field name."""
+        seen = len(self.messages(topic))
+        await self.until(lambda: len(self.messages(topic)) > seen)
+        event = [e for e in self.events if isinstance(e, DataReceived) and e.topic == topic][-1]
+        return {field.name: value for field, value in zip(event.metadata.fields, event.message.values, strict=True)}
+
+    @classmethod
+    @asynccontextmanager
+    async def at(cls, url: str, space: int = 0) -> AsyncIterator[Peer]:
+        """A peer that works while the context lasts."""
+        peer = cls(url, space)
+        await peer._transport.start(peer._receive)
+        ticking = asyncio.ensure_future(peer._tick())
+        try:
+            yield peer
+        finally:
+            ticking.cancel()
+            await asyncio.wait([ticking])
+            await peer._transport.close()

@@ -1,0 +1,75 @@
+from __future__ import annotations
+
+import json
+import os
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+from ua_bridges.ros2.environment import PROFILES_VARIABLE, profile_path
+
+from tests.system import Child, Processes, clean_environment
+
+NODES = Path(__file__).parent / "nodes"
+STATUS_ID = 1900
+
+
+class Ros2Space:
+    """A ROS 2 domain with a bridge and stock nodes, each a process."""
+
+    def __init__(self, domain: int, udp_url: str, folder: Path, processes: Processes) -> None:
+        self.domain, self.udp_url = domain, udp_url
+        self._folder, self._processes = folder, processes
+
+    def environment(self, **extra: str) -> dict[str, str]:
+        return clean_environment(
+            ROS_DOMAIN_ID=str(self.domain), ROS_AUTOMATIC_DISCOVERY_RANGE="LOCALHOST", PYTHONUNBUFFERED="1", **extra
+        )
+
+    def bridge(self, robots: dict[str, Any] | None = None, *, wait: bool = True, **bridge: Any) -> Child:
+        """Start a bridge named `mobile`."""
+        config = {
+            "version": 1,
+            "pubsub": {"security": "none", "url": self.udp_url, "interface": "lo"},
+            "bridges": {"mobile": {"kind": "ros2", "space": self.domain, "status_id": STATUS_ID} | bridge},
+            "robots": robots or {},
+        }
+        path = self._folder / "fleet.json"
+        path.write_text(json.dumps(config))
+        program = Path(__file__).parent.parent / "run_bridge.py"
+        environment = clean_environment(
+            PYTHONUNBUFFERED="1", PYTHONPATH=os.pathsep.join(("bridges", ".")), UA_FLEET_RUNTIME_DIR=str(self._folder)
+        )
+        environment.pop(PROFILES_VARIABLE, None)
+        child = self._processes.start(sys.executable, program, path, "mobile", env=environment)
+        if wait:
+            child.wait_for("ready")
+        return child
+
+    def node(self, program: str, *args: object, quick: bool = True) -> Child:
+        """Start a stock node; `quick` with the robots' Fast DDS profile."""
+        profile = {PROFILES_VARIABLE: str(profile_path("robot"))} if quick else {}
+        command = [str(arg) for arg in args]
+        child = self._processes.start(sys.executable, NODES / program, *command, env=self.environment(**profile))
+        child.wait_for("ready")
+        return child
+
+    def talker(self, topic: str, kind: str, values: Any, *options: object, quick: bool = True) -> Child:
+        return self.node(
+            "talker.py", topic, kind, json.dumps(values).replace('"COUNT"', "COUNT"), *options, quick=quick
+        )
+
+    def listener(self, topic: str, kind: str, *options: object, quick: bool = True) -> Child:
+        return self.node("listener.py", topic, kind, *options, quick=quick)
+
+
+@pytest.fixture
+def ros2(request: pytest.FixtureRequest, udp_url: str, tmp_path: Path, processes: Processes) -> Ros2Space:
+    domain: int = request.getfixturevalue("ros_domain")
+    return Ros2Space(domain, udp_url, tmp_path, processes)
+
+
+def heard(child: Child) -> list[str]:
+    """What a listener has printed so far."""
+    return [line.removeprefix("heard: ") for line in child.lines if line.startswith("heard: ")]

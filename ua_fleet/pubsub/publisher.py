@@ -98,8 +98,8 @@ class Publisher:
         if writer.encode is None or metadata is not writer.metadata:
             writer.lay_out(metadata, self._codec)
         writer.announce_at = now + self._timing.announce_interval_s
-        self._revive(writer, now)
         writer.sent_at = now
+        self._revive(writer, now)
         return [announcement, *self._send({topic.ns: [writer.keep_alive()]})]
 
     def publish(
@@ -219,8 +219,15 @@ class Publisher:
 
     def next_deadline(self) -> float | None:
         """When `poll` is to be called next, or None. It may find nothing to send then."""
-        due = [heap[0][0] for heap in (self._deadlines, self._answers) if heap]
-        return max(min(due), self._pace.ready_at) if due else None
+        deadlines, answers = self._deadlines, self._answers
+        if deadlines and (not answers or deadlines[0][0] <= answers[0][0]):
+            due = deadlines[0][0]
+        elif answers:
+            due = answers[0][0]
+        else:
+            return None
+        ready = self._pace.ready_at
+        return due if due > ready else ready
 
     def metadata(self, topic: Topic) -> DataSetMetaData | None:
         """The metadata that is announced for a source, or None."""

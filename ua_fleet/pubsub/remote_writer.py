@@ -4,9 +4,10 @@ Sequences are tracked for each DataSetWriter, never for the group. Of a message 
 
     the next one             taken
     a newer one              taken; what is missing between is counted
+    counted as missing       late: taken if its Timestamp is the latest (a keep-alive was faster), else dropped
     not newer, but a proof   taken as a restart; proofs are a later major version, a later Timestamp than all before,
     of a restart             or a silence longer than MessageReceiveTimeout
-    not newer                dropped: a duplicate, or late where it had been counted as missing
+    not newer                dropped as a duplicate
 
 Of what is taken, only a message with a later Timestamp than the last one handed on is handed on.
 """
@@ -74,7 +75,7 @@ class RemoteWriter:
         self.gaps = 0
         """DataSetMessages that were missing when a newer one came."""
         self.late = 0
-        """Those of them that came after it, and were dropped."""
+        """Those of them that came after it."""
         self.duplicates = 0
         self.restarts = 0
         self.last_heard = now
@@ -119,17 +120,17 @@ class RemoteWriter:
             self._hear(message)
             return Step.TAKEN
         timestamp = message.timestamp
-        if (
-            later_version
-            or (timestamp is not None and timestamp > self.heard_timestamp)
-            or now - self.last_heard > receive_timeout_s
-        ):
+        is_latest = timestamp is not None and timestamp > self.heard_timestamp
+        if not later_version and self._missing is not None and self._missing.arrived(number, expected):
+            self.late += 1
+            if not is_latest:
+                return Step.LATE
+            self._hear(message)  # only a keep-alive was faster
+            return Step.TAKEN
+        if later_version or is_latest or now - self.last_heard > receive_timeout_s:
             self.restarts += 1
             self._start(number, message)
             return Step.TAKEN
-        if self._missing is not None and self._missing.arrived(number, expected):
-            self.late += 1
-            return Step.LATE
         self.duplicates += 1
         return Step.DUPLICATE
 
@@ -170,8 +171,6 @@ class RemoteWriter:
         """Note that a message is handed on."""
         timestamp = message.timestamp
         if timestamp is not None:
-            if timestamp > self.heard_timestamp:
-                self.heard_timestamp = timestamp
             self.handed_on = timestamp
             self._back_since = None
         self.last_frame = message

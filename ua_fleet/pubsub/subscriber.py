@@ -188,12 +188,14 @@ class Subscriber:
         self, writer: RemoteWriter, frame: DataSetMessage, now: float, events: list[SubscriberEvent]
     ) -> None:
         number = frame.sequence_number
+        timestamp = frame.timestamp
         if number is not None and number == writer.expected:
             writer.expected = (number + 1) & MASK
+            if timestamp is not None and timestamp > writer.heard_timestamp:
+                writer.heard_timestamp = timestamp
         elif (step := writer.follow(frame, now, self._timeout)) is not Step.TAKEN:
             self._counters.drop(Drop.LATE if step is Step.LATE else Drop.DUPLICATE)
             return
-        timestamp = frame.timestamp
         is_new = timestamp is None or timestamp > writer.handed_on or writer.is_new(timestamp, now, self._timeout)
         if is_new or (frame.status or 0) >> 16 != _NO_COMMUNICATION:  # repeated, that one attests nothing
             self._attest(writer, now, events)

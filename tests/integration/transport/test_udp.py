@@ -1,0 +1,370 @@
+"""Real sockets on loopback, and on interfaces of the test's own where it may make them."""
+
+from __future__ import annotations
+
+import asyncio
+import errno
+import os
+import socket
+import struct
+import subprocess
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
+from contextlib import AsyncExitStack
+
+import pytest
+from structlog.testing import capture_logs
+
+from tests import system
+from ua_fleet.errors import TransportError
+from ua_fleet.transport import Address, UdpTransport, parse_url
+from ua_fleet.transport.interfaces import find_interface, list_interfaces
+
+
+class Listening:
+    """A started transport and what it heard."""
+
+    def __init__(self, transport: UdpTransport) -> None:
+        self.transport = transport
+        self.heard: list[bytes] = []
+        self.senders: list[Address] = []
+
+    def receive(self, datagram: bytes, sender: Address) -> None:
+        self.heard.append(datagram)
+        self.senders.append(sender)
+
+    async def until(self, count: int) -> list[bytes]:
+        """What was heard, once it is `count` datagrams."""
+        async with asyncio.timeout(10):
+            while len(self.heard) < count:
+                await asyncio.sleep(0.005)
+        return self.heard
+
+
+Start = Callable[..., Awaitable[Listening]]
+
+
+@pytest.fixture
+async def start() -> AsyncIterator[Start]:
+    """Starts transports and closes them when the test is over."""
+    async with AsyncExitStack() as stack:
+
+        async def started(url: str, interface: str = "lo", **options: int) -> Listening:
+            listening = Listening(UdpTransport(url, interface, **options))
+            stack.push_async_callback(listening.transport.close)
+            await listening.transport.start(listening.receive)
+            return listening
+
+        yield started
+
+
+async def settle() -> None:
+    """Let what is on its way over loopback arrive: it is in the socket's buffer when `send` returns."""
+    for _ in range(5):
+        await asyncio.sleep(0.01)
+
+
+async def test_all_members_of_a_group_hear_a_datagram_the_sender_too(udp_url: str, start: Start) -> None:
+    one, other = await start(udp_url), await start(udp_url, "127.0.0.1")
+    one.transport.send(b"hello")
+    assert await one.until(1) == [b"hello"]
+    assert await other.until(1) == [b"hello"]
+    assert one.senders[0][0] == "127.0.0.1"
+    assert one.transport.stats.sent == one.transport.stats.received == 1
+
+
+async def test_another_group_on_the_same_port_is_not_heard(udp_url: str, start: Start) -> None:
+    host, port = parse_url(udp_url)
+    first, second, third, last = host.split(".")
+    sibling = f"opc.udp://{first}.{second}.{third}.{int(last) % 254 + 1}:{port}"
+    one, other = await start(udp_url), await start(sibling)
+    one.transport.send(b"one")
+    other.transport.send(b"other")
+    await one.until(1)
+    await other.until(1)
+    await settle()
+    assert (one.heard, other.heard) == ([b"one"], [b"other"])
+
+
+async def test_multicast_stays_on_its_interface(udp_url: str, start: Start) -> None:
+    beside = next((found for found in list_interfaces() if found.is_up and found.name != "lo"), None)
+    if beside is None:
+        pytest.skip("this machine has loopback only")
+    on_loopback, on_other = await start(udp_url), await start(udp_url, beside.name)
+    on_loopback.transport.send(b"lo")
+    on_other.transport.send(b"other")
+    await on_loopback.until(1)
+    await on_other.until(1)
+    await settle()
+    assert (on_loopback.heard, on_other.heard) == ([b"lo"], [b"other"])
+
+
+async def test_unicast_goes_to_the_host_and_comes_to_the_interface_s_address(start: Start) -> None:
+    _, port = parse_url(system.free_multicast_url())
+    one = await start(f"opc.udp://127.0.0.3:{port}", "127.0.0.2")
+    other = await start(f"opc.udp://127.0.0.2:{port}", "127.0.0.3")
+    one.transport.send(b"from one")
+    other.transport.send(b"from other")
+    assert await one.until(1) == [b"from other"]
+    assert await other.until(1) == [b"from one"]
+    assert one.senders[0][0] == "127.0.0.3"
+
+
+async def test_a_unicast_peer_that_is_away_does_not_disturb(start: Start) -> None:
+    """The kernel reports its ICMP answer at a later send; that datagram is sent again."""
+    _, port = parse_url(system.free_multicast_url())
+    one = await start(f"opc.udp://127.0.0.3:{port}", "127.0.0.2")
+    for _ in range(5):
+        one.transport.send(b"nobody there")
+    other = await start(f"opc.udp://127.0.0.2:{port}", "127.0.0.3")
+    one.transport.send(b"now")
+    assert await other.until(1) == [b"now"]
+    assert one.transport.stats.send_failed == 0
+
+
+async def test_a_host_name_is_looked_up(start: Start) -> None:
+    _, port = parse_url(system.free_multicast_url())
+    one = await start(f"opc.udp://localhost:{port}")
+    one.transport.send(b"to myself")
+    assert await one.until(1) == [b"to myself"]
+    with pytest.raises(TransportError, match="no IPv4 address and no known host name"):
+        await start(f"opc.udp://nobody.invalid:{port}")
+
+
+async def test_a_unicast_address_in_use_is_told_with_the_remedy(start: Start) -> None:
+    _, port = parse_url(system.free_multicast_url())
+    await start(f"opc.udp://127.0.0.1:{port}")
+    with pytest.raises(TransportError, match=rf"127\.0\.0\.1 port {port} is in use; .*choose another port"):
+        await start(f"opc.udp://127.0.0.1:{port}")
+
+
+async def test_a_multicast_port_that_is_not_shared_is_told(udp_url: str, start: Start) -> None:
+    host, port = parse_url(udp_url)
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as selfish:
+        selfish.bind((host, port))
+        with pytest.raises(TransportError, match="is in use"):
+            await start(udp_url)
+
+
+@pytest.mark.parametrize(
+    ("interface", "expected"),
+    [
+        ("nope0", r"no network interface 'nope0'; there are .*lo \(127\.0\.0\.1\)"),
+        ("203.0.113.77", r"no network interface has the address 203\.0\.113\.77; there are .*lo \(127\.0\.0\.1\)"),
+    ],
+)
+async def test_an_interface_that_is_not_there_is_told_with_those_that_are(
+    udp_url: str, start: Start, interface: str, expected: str
+) -> None:
+    with pytest.raises(TransportError, match=expected) as caught:
+        await start(udp_url, interface)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("number", "expected"),
+    [
+        (errno.ENETUNREACH, r"no multicast route to 239\..* through lo; add one: ip route add 224\.0\.0\.0/4 dev lo"),
+        (errno.EPERM, "no permission to send to .* look at the firewall's rules"),
+        (errno.EINVAL, "cannot send to .* through lo: Invalid argument"),
+    ],
+)
+async def test_what_the_kernel_refuses_is_told_with_the_remedy(
+    udp_url: str, start: Start, monkeypatch: pytest.MonkeyPatch, number: int, expected: str
+) -> None:
+    def refuse(self: socket.socket, address: object) -> None:
+        raise OSError(number, os.strerror(number))
+
+    monkeypatch.setattr(socket.socket, "connect", refuse)
+    with pytest.raises(TransportError, match=expected):
+        await start(udp_url)
+
+
+async def test_a_privileged_port_is_told_with_the_remedy(start: Start, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(self: socket.socket, address: object) -> None:
+        raise PermissionError(errno.EACCES, "Permission denied")
+
+    monkeypatch.setattr(socket.socket, "bind", refuse)
+    with pytest.raises(TransportError, match="no permission to listen on .* port 99; choose a port above 1023"):
+        await start("opc.udp://127.0.0.1:99")
+
+
+async def test_kernel_drops_are_counted(udp_url: str, start: Start) -> None:
+    listening = await start(udp_url, receive_buffer_bytes=4096)
+    with capture_logs() as logs:
+        for _ in range(500):  # without giving the event loop a chance to read
+            listening.transport.send(b"x" * 500)
+        async with asyncio.timeout(10):
+            while listening.transport.stats.kernel_drops == 0:
+                await asyncio.sleep(0.05)
+    stats = listening.transport.stats
+    assert stats.sent == 500
+    assert stats.kernel_drops + stats.received == 500
+    assert [log["dropped"] for log in logs] == [stats.kernel_drops]
+
+
+async def test_a_large_burst_fits_a_large_buffer(udp_url: str, start: Start) -> None:
+    listening = await start(udp_url)
+    burst = min(2000, listening.transport.stats.receive_buffer_bytes // 1500)
+    for number in range(burst):
+        listening.transport.send(struct.pack("<H", number) * 40)
+    heard = await listening.until(burst)
+    assert [struct.unpack_from("<H", datagram)[0] for datagram in heard] == list(range(burst))
+
+
+async def test_the_event_loop_gets_on_while_datagrams_keep_coming(udp_url: str, start: Start) -> None:
+    listening = await start(udp_url)
+    turns: list[int] = []
+    loop = asyncio.get_running_loop()
+    for _ in range(300):
+        listening.transport.send(b"x")
+
+    def turn() -> None:
+        turns.append(len(listening.heard))
+        if len(listening.heard) < 300:
+            loop.call_soon(turn)
+
+    loop.call_soon(turn)
+    await listening.until(300)
+    assert len(set(turns)) >= 300 // 64, "other callbacks run between batches"
+
+
+async def test_a_small_buffer_is_said_with_the_remedy(udp_url: str, start: Start) -> None:
+    with capture_logs() as logs:
+        listening = await start(udp_url, receive_buffer_bytes=1 << 30)
+    granted = listening.transport.stats.receive_buffer_bytes
+    opened = next(log for log in logs if log["event"] == "pubsub transport open")
+    assert opened["receive_buffer_bytes"] == granted > 0
+    warned = [log for log in logs if log["event"] == "receive buffer smaller than wanted"]
+    assert bool(warned) == (granted < 1 << 30)
+    assert all("net.core.rmem_max" in log["remedy"] for log in warned)
+
+
+async def test_a_datagram_that_is_too_large_is_counted(udp_url: str, start: Start) -> None:
+    listening = await start(udp_url)
+    listening.transport.send(b"x" * 65_508)
+    listening.transport.send(b"x" * 65_507)
+    assert [len(datagram) for datagram in await listening.until(1)] == [65_507]
+    assert (listening.transport.stats.sent, listening.transport.stats.send_failed) == (1, 1)
+
+
+async def test_closing_twice_and_in_the_middle_of_a_batch_is_safe(udp_url: str) -> None:
+    transport = UdpTransport(udp_url, "lo")
+    heard: list[bytes] = []
+    closing: list[asyncio.Future[None]] = []
+
+    def receive(datagram: bytes, _: Address) -> None:
+        heard.append(datagram)
+        closing.append(asyncio.ensure_future(transport.close()))
+
+    await transport.start(receive)
+    transport.send(b"a")
+    async with asyncio.timeout(10):
+        while not closing:
+            await asyncio.sleep(0.005)
+    await asyncio.gather(*closing)
+    await transport.close()
+    transport.send(b"b")
+    assert transport.stats.send_failed == 1
+
+
+async def test_a_failed_start_leaves_nothing_open(udp_url: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    before = set(os.listdir("/proc/self/fd"))
+    with pytest.raises(TransportError):
+        await UdpTransport(udp_url, "nope0").start(lambda _, __: None)
+    assert set(os.listdir("/proc/self/fd")) == before
+
+
+def ip(*arguments: str) -> None:
+    subprocess.run(["ip", *arguments], check=True, capture_output=True)
+
+
+@pytest.fixture
+def cable() -> Iterator[str]:
+    """One end of a virtual cable of this test's own, named after its process."""
+    name = f"uaf{os.getpid() % 1_000_000}"
+    try:
+        ip("link", "add", name, "type", "veth", "peer", "name", f"{name}p")
+    except (OSError, subprocess.CalledProcessError) as error:
+        pytest.skip(f"cannot make a network interface: {error}")
+    try:
+        bring_up(name, "198.18.7.1")
+        yield name
+    finally:
+        subprocess.run(["ip", "link", "del", name], check=False, capture_output=True)
+
+
+def bring_up(name: str, address: str) -> None:
+    ip("addr", "add", f"{address}/24", "dev", name)
+    for end in (name, f"{name}p"):
+        ip("link", "set", end, "up")
+
+
+async def heard_again(listening: Listening, marker: bytes) -> Address:
+    """Send until it is heard; the sender's address then."""
+    async with asyncio.timeout(10):
+        while marker not in listening.heard:
+            listening.transport.send(marker)
+            await asyncio.sleep(0.05)
+    return listening.senders[listening.heard.index(marker)]
+
+
+async def test_an_interface_that_goes_and_comes_back_is_followed(udp_url: str, start: Start, cable: str) -> None:
+    listening = await start(udp_url, cable)
+    assert (await heard_again(listening, b"first"))[0] == "198.18.7.1"
+    with capture_logs() as logs:
+        ip("link", "del", cable)
+        async with asyncio.timeout(10):
+            while not logs:
+                listening.transport.send(b"into the void")
+                await asyncio.sleep(0.05)
+        ip("link", "add", cable, "type", "veth", "peer", "name", f"{cable}p")
+        bring_up(cable, "198.18.7.9")
+        assert (await heard_again(listening, b"again"))[0] == "198.18.7.9"
+    assert [log["event"] for log in logs] == ["pubsub interface lost", "pubsub interface back"]
+    assert listening.transport.stats.send_failed > 0
+
+
+async def test_a_new_address_of_the_interface_is_followed(udp_url: str, start: Start, cable: str) -> None:
+    listening = await start(udp_url, cable)
+    ip("addr", "del", "198.18.7.1/24", "dev", cable)
+    ip("addr", "add", "198.18.7.20/24", "dev", cable)
+    async with asyncio.timeout(10):
+        while "198.18.7.20" not in {host for host, _ in listening.senders}:
+            listening.transport.send(b"x")
+            await asyncio.sleep(0.05)
+
+
+async def test_a_unicast_listener_follows_its_interface_s_address(start: Start, cable: str) -> None:
+    _, port = parse_url(system.free_multicast_url())
+    listening = await start(f"opc.udp://198.18.7.1:{port}", cable)
+    ip("addr", "del", "198.18.7.1/24", "dev", cable)
+    ip("addr", "add", "198.18.7.20/24", "dev", cable)
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+        async with asyncio.timeout(10):
+            while b"x" not in listening.heard:
+                sender.sendto(b"x", ("198.18.7.20", port))
+                await asyncio.sleep(0.05)
+
+
+async def test_an_interface_that_is_down_is_told_with_the_remedy(udp_url: str, start: Start, cable: str) -> None:
+    ip("link", "set", cable, "down")
+    with pytest.raises(TransportError, match=f"interface {cable} is down; bring it up: ip link set {cable} up"):
+        await start(udp_url, cable)
+
+
+def test_interfaces_are_found_by_name_and_by_each_address(cable: str) -> None:
+    ip("addr", "add", "198.18.8.5/24", "dev", cable)
+    by_name, by_second = find_interface(cable), find_interface("198.18.8.5")
+    assert (by_name.name, by_name.address, by_name.is_up) == (cable, "198.18.7.1", True)
+    assert (by_second.name, by_second.index, by_second.address) == (cable, by_name.index, "198.18.8.5")
+
+
+def test_an_interface_without_an_address_is_told_with_the_remedy(cable: str) -> None:
+    ip("addr", "flush", "dev", cable)
+    with pytest.raises(TransportError, match=f"interface {cable} has no IPv4 address: give it one"):
+        find_interface(cable)
+
+
+def test_every_address_of_loopback_is_found() -> None:
+    assert find_interface("127.0.0.5").name == "lo"
+    assert find_interface("127.0.0.5").address == "127.0.0.5"

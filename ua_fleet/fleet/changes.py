@@ -1,0 +1,57 @@
+"""What the state of the fleet tells: facts about nodes and sources, in the order in which they happened."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+from ua_fleet.fleet.model import DataSetModel
+from ua_fleet.topics import Topic
+from ua_fleet.values import NodeId
+
+__all__ = ["Change", "Noticed", "SourceAdded", "SourceQuarantined", "SourceRemoved", "ValueChanged"]
+
+
+class ValueChanged(NamedTuple):
+    """A node has another value, status or time. A status that is Bad may stand beside the last value that was known."""
+
+    key: NodeId
+    type: int
+    """Type code of the value; 0 where there is none."""
+    value: Any
+    status: int
+    source_timestamp: int | None
+    """Ticks."""
+    can_wait: bool
+    """An analog value of the same quality as the one before: of several in quick succession the last one will do."""
+
+
+class SourceAdded(NamedTuple):
+    """A source that `fleet.yaml` does not name gets nodes. Precedes its first ValueChanged."""
+
+    data_set: DataSetModel
+
+
+class SourceRemoved(NamedTuple):
+    """The nodes of a source that had been added are gone, since its fields are others now."""
+
+    data_set: DataSetModel
+
+
+class SourceQuarantined(NamedTuple):
+    """A source is listed without values."""
+
+    topic: Topic
+    name: str
+    message_type: str
+    reason: str
+
+
+class Noticed(NamedTuple):
+    """Something for the log, said once until it has changed."""
+
+    is_problem: bool
+    text: str
+    topic: Topic | None = None
+
+
+Change = ValueChanged | SourceAdded | SourceRemoved | SourceQuarantined | Noticed

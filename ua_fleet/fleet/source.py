@@ -1,0 +1,211 @@
+"""One data source and its fields: from messages to the values of its nodes."""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+from ua_fleet.counters import Counters, Drop
+from ua_fleet.fleet.changes import Change, Noticed, ValueChanged
+from ua_fleet.fleet.check import Misfit, is_analog, misfit, type_name
+from ua_fleet.fleet.model import DataSetModel, FieldModel
+from ua_fleet.values import BuiltinType, StatusCode, status_name
+from ua_fleet.wire.messages import DataSetMessage, DataSetMetaData, FieldMetaData
+
+__all__ = ["Field", "Source"]
+
+_WAITING: Final = int(StatusCode.BAD_WAITING_FOR_INITIAL_DATA)
+_NO_COMMUNICATION: Final = int(StatusCode.BAD_NO_COMMUNICATION)
+_LAST_USABLE: Final = int(StatusCode.UNCERTAIN_LAST_USABLE_VALUE)
+_STATUS: Final = int(BuiltinType.STATUS_CODE)
+_RECENT: Final = 64
+"""Timestamps that a source remembers, to see a message that is delivered twice."""
+
+
+class Field:
+    """One node and the last that was heard of it."""
+
+    __slots__ = ("analog", "model", "plain", "problem", "shown", "status", "timestamp", "type", "value")
+
+    def __init__(self, model: FieldModel) -> None:
+        self.model = model
+        self.analog = is_analog(model.type)
+        self.plain = model.range is None and not model.length
+        """Whether every value of the type fits."""
+        self.type = 0
+        self.value: Any = None
+        self.status = _WAITING
+        """Status of the last value heard, without what silence makes of it."""
+        self.timestamp: int | None = None
+        self.shown = _WAITING
+        """Status that the node has."""
+        self.problem = ""
+        """Why the values do not fit the node; empty where they do."""
+
+    def show(self, status: int) -> ValueChanged:
+        """The last value with another status."""
+        self.shown = status
+        return ValueChanged(self.model.key, self.type, self.value, status, self.timestamp, False)
+
+
+class Source:
+    """One data source as the server knows it."""
+
+    __slots__ = ("alive", "fields", "lost", "metadata", "model", "newest", "plan", "recent")
+
+    def __init__(self, model: DataSetModel) -> None:
+        self.model = model
+        self.fields = tuple(Field(field) for field in model.fields)
+        self.metadata: DataSetMetaData | None = None
+        self.plan: tuple[tuple[int, Field], ...] = ()
+        """Where in a message each field stands."""
+        self.alive = False
+        self.lost = False
+        """Whether the source itself said that it is gone, in place of mere silence."""
+        self.newest = -1
+        self.recent: list[int] = []
+
+    def bind(self, metadata: DataSetMetaData, counters: Counters) -> list[Change]:
+        """Find the node's fields in the layout of the messages."""
+        self.metadata = metadata
+        found: list[tuple[int, Field]] = []
+        changes: list[Change] = []
+        for field in self.fields:
+            index = self._index_of(field.model, metadata.fields)
+            if index is None:
+                counters.drop(Drop.LAYOUT)
+                names = ", ".join(announced.name for announced in metadata.fields[:8])
+                changes += self._refuse(
+                    field,
+                    Misfit(StatusCode.BAD_CONFIGURATION_ERROR, f"its messages have no such field, but {names}"),
+                    None,
+                )
+            else:
+                found.append((index, field))
+        self.plan = tuple(found)
+        return changes
+
+    def _index_of(self, model: FieldModel, announced: tuple[FieldMetaData, ...]) -> int | None:
+        if self.model.is_single and len(announced) == 1:
+            return 0
+        for name in (model.name, model.path):
+            for index, field in enumerate(announced):
+                if name is not None and field.name == name:
+                    return index
+        return None
+
+    def take(self, message: DataSetMessage, counters: Counters) -> list[Change]:
+        """The changes that a message with new data makes."""
+        timestamp = message.timestamp
+        if timestamp is not None:
+            if timestamp > self.newest:
+                self.newest = timestamp
+            elif timestamp in self.recent:
+                counters.looped += 1
+            self.remember(timestamp)
+        status = message.status or 0
+        if status >> 16 == _NO_COMMUNICATION >> 16:
+            self.alive, self.lost = False, True
+            return self.silence()
+        self.alive, self.lost = True, False
+        if message.field_status is not None or message.field_source_timestamps is not None:
+            return self._take_data_values(message, status, counters)
+        changes: list[Change] = []
+        types, values = message.types, message.values
+        for index, field in self.plan:
+            type_code = types[index]
+            if field.plain and type_code == field.model.type and not field.problem:
+                field.type, field.value, field.status, field.timestamp = type_code, values[index], status, timestamp
+                can_wait = field.analog and field.shown == status
+                field.shown = status
+                changes.append(ValueChanged(field.model.key, type_code, values[index], status, timestamp, can_wait))
+            else:
+                changes += self._take_checked(field, type_code, values[index], status, timestamp, counters)
+        return changes
+
+    def remember(self, timestamp: int) -> None:
+        """A message with this Timestamp has been delivered to the nodes."""
+        recent = self.recent
+        if len(recent) >= _RECENT:
+            del recent[: _RECENT // 2]
+        recent.append(timestamp)
+        if timestamp > self.newest:
+            self.newest = timestamp
+
+    def _take_data_values(self, message: DataSetMessage, status: int, counters: Counters) -> list[Change]:
+        """DataValue encoding: each field may have a status and a time of its own."""
+        changes: list[Change] = []
+        stamps = message.field_source_timestamps
+        for index, field in self.plan:
+            own = message.field_status[index] if message.field_status is not None else 0
+            stamp = stamps[index] if stamps is not None else None
+            changes += self._take_checked(
+                field,
+                message.types[index],
+                message.values[index],
+                max(own, status, key=lambda code: code >> 30),
+                message.timestamp if stamp is None else stamp,
+                counters,
+            )
+        return changes
+
+    def _take_checked(
+        self, field: Field, type_code: int, value: Any, status: int, timestamp: int | None, counters: Counters
+    ) -> list[Change]:
+        if type_code == _STATUS and field.model.type != _STATUS:  # a Bad field of the Variant encoding
+            return [self._set(field, field.type, field.value, int(value), timestamp)]
+        if type_code == 0 and status >> 31:
+            return [self._set(field, field.type, field.value, status, timestamp)]
+        problem = misfit(field.model, type_code, value)
+        if problem is None:
+            changes: list[Change] = []
+            if field.problem:
+                field.problem = ""
+                changes.append(Noticed(False, f"{self._name(field)} fits its node again", self.model.topic))
+            changes.append(self._set(field, type_code, value, status, timestamp))
+            return changes
+        if problem.is_usable:
+            changes = self._notice(field, problem)
+            changes.append(self._set(field, type_code, value, max(status, problem.status), timestamp))
+            return changes
+        counters.drop(Drop.CONVERSION)
+        return self._refuse(field, problem, timestamp)
+
+    def _refuse(self, field: Field, problem: Misfit, timestamp: int | None) -> list[Change]:
+        changes = self._notice(field, problem)
+        changes.append(self._set(field, 0, None, problem.status, timestamp))
+        return changes
+
+    def _notice(self, field: Field, problem: Misfit) -> list[Change]:
+        if field.problem == problem.reason:
+            return []
+        field.problem = problem.reason
+        text = f"{self._name(field)} does not fit its node ({status_name(problem.status)}): {problem.reason}"
+        return [Noticed(True, text, self.model.topic)]
+
+    def _name(self, field: Field) -> str:
+        return f"{self.model.topic.name} {field.model.name} ({type_name(field.model.type)})"
+
+    def _set(self, field: Field, type_code: int, value: Any, status: int, timestamp: int | None) -> ValueChanged:
+        field.type, field.value, field.status, field.timestamp = type_code, value, status, timestamp
+        can_wait = field.analog and field.shown == status and status >> 31 == 0
+        field.shown = status
+        return ValueChanged(field.model.key, type_code, value, status, timestamp, can_wait)
+
+    def silence(self) -> list[Change]:
+        """The source is not heard any more: its last values stay, and are Bad."""
+        return [field.show(_NO_COMMUNICATION) for field in self.fields if field.shown != _NO_COMMUNICATION]
+
+    def return_(self) -> list[Change]:
+        """The source is heard again and has said nothing new.
+
+        After mere silence its last values are valid again. A source that had said that it is gone may have had another
+        life since, so that its last values are only the last usable ones.
+        """
+        changes: list[Change] = []
+        for field in self.fields:
+            status = field.status
+            if self.lost and status >> 30 == 0:
+                status = _LAST_USABLE
+            if field.shown != status:
+                changes.append(field.show(status))
+        return changes

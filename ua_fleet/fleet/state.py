@@ -1,0 +1,192 @@
+"""The state of the fleet: facts in, changes out, without I/O and without a clock.
+
+    DataReceived       the nodes of the source change; a source nobody knows falls under the policy for unknown sources
+    SourceSilent       its nodes become Bad_NoCommunication and keep their last values and times
+    SourceReturned     they come back
+    tick (each second) what the server says of robots, bridges and itself
+
+(namespace index, id) is an address: the first source that has it keeps it, and what another space sends for it is a
+conflict that is counted and never shown.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+from ua_fleet.config.schema import UnknownSources
+from ua_fleet.counters import Counters, Drop
+from ua_fleet.fleet.changes import Change, Noticed, SourceAdded, SourceRemoved
+from ua_fleet.fleet.discovery import Discovery
+from ua_fleet.fleet.members import BridgeStatus, RobotStatus, Traffic
+from ua_fleet.fleet.model import FleetModel
+from ua_fleet.fleet.source import Source
+from ua_fleet.pubsub.events import DataReceived, MetaDataReceived, SourceReturned, SourceSilent, SubscriberEvent
+from ua_fleet.topics import Topic
+from ua_fleet.wire.messages import DataSetMetaData
+
+__all__ = ["FleetState"]
+
+_MAX_CONFLICTS: Final = 1000
+"""Conflicts that the log is told of."""
+
+
+class FleetState:
+    """What is known of each data source, robot and bridge. Times are ticks of the wall clock."""
+
+    def __init__(
+        self,
+        model: FleetModel,
+        counters: Counters,
+        *,
+        unknown_sources: UnknownSources = UnknownSources.QUARANTINE,
+        max_discovered_sources: int = 1000,
+    ) -> None:
+        """Make the state of a fleet of which nothing has been heard.
+
+        Args:
+            model: the nodes that are configured.
+            counters: the server's; drops are counted here.
+            unknown_sources: what happens to sources that the model does not name.
+            max_discovered_sources: most of those that are kept.
+        """
+        self._counters = counters
+        self._discovery = Discovery(unknown_sources, max_discovered_sources, model.ns)
+        self._sources: dict[Topic, Source] = {}
+        self._claims: dict[tuple[int, int], Topic] = {}
+        self._conflicts: set[Topic] = set()
+        self._discovered: set[Topic] = set()
+        self._bridges = [BridgeStatus(bridge) for bridge in model.bridges]
+        by_name = {bridge.model.name: bridge for bridge in self._bridges}
+        self._robots = [RobotStatus(robot, by_name.get(robot.bridge)) for robot in model.robots]
+        self._robot_of = {
+            data_set.topic: robot
+            for robot in self._robots
+            for data_set in robot.model.data_sets
+            if not data_set.writable
+        }
+        self._bridge_of = {
+            bridge.model.status.topic: bridge for bridge in self._bridges if bridge.model.status is not None
+        }
+        self._bridges_in: dict[int, list[BridgeStatus]] = {}
+        for bridge in self._bridges:
+            self._bridges_in.setdefault(bridge.model.space, []).append(bridge)
+        self._traffic = Traffic(model)
+        for data_set in model.data_sets():
+            self._sources[data_set.topic] = Source(data_set)
+            self._claims[data_set.topic.ns, data_set.topic.id] = data_set.topic
+
+    @property
+    def sources(self) -> int:
+        """Number of sources that have nodes."""
+        return len(self._sources)
+
+    def apply(self, event: SubscriberEvent, wall_ticks: int) -> list[Change]:
+        """What an event changes. Events that do not concern nodes change nothing."""
+        if isinstance(event, DataReceived):
+            return self._data(event, wall_ticks)
+        if isinstance(event, MetaDataReceived):
+            source, changes = self._find(event.topic, event.metadata)
+            if source is not None:
+                changes += source.bind(event.metadata, self._counters)
+            return changes
+        if isinstance(event, SourceSilent):
+            return self._silent(event.topic, wall_ticks)
+        if isinstance(event, SourceReturned):
+            return self._returned(event.topic, wall_ticks)
+        return []
+
+    def tick(self, wall_ticks: int) -> list[Change]:
+        """What the server says by itself; to be called each second."""
+        changes: list[Change] = []
+        for bridge in self._bridges:
+            changes += bridge.tick(wall_ticks)
+        for robot in self._robots:
+            changes += robot.tick(wall_ticks)
+        return changes + self._traffic.tick(self._counters, wall_ticks)
+
+    def delivered(self, topic: Topic, timestamp: int) -> None:
+        """A client's write has reached the nodes of a source of space 0 with this time."""
+        source = self._sources.get(topic)
+        if source is not None:
+            source.remember(timestamp)
+
+    def _data(self, event: DataReceived, wall_ticks: int) -> list[Change]:
+        topic, message, metadata = event
+        source = self._sources.get(topic)
+        changes: list[Change] = []
+        if source is None:
+            source, changes = self._find(topic, metadata)
+            if source is None:
+                is_conflict = (topic.ns, topic.id) in self._claims
+                self._counters.drop(Drop.CONFLICT if is_conflict else Drop.UNKNOWN_SOURCE)
+                return changes
+        if source.metadata is not metadata:
+            changes += source.bind(metadata, self._counters)
+        was_alive = source.alive
+        changes += source.take(message, self._counters)
+        for bridge in self._bridges_in.get(topic.space, ()):
+            bridge.last_seen = wall_ticks
+        robot = self._robot_of.get(topic)
+        if robot is not None:
+            robot.last_update = wall_ticks
+        if source.alive != was_alive:
+            changes += self._life_changed(source, wall_ticks)
+        return changes
+
+    def _silent(self, topic: Topic, wall_ticks: int) -> list[Change]:
+        source = self._sources.get(topic)
+        if source is None:
+            return []
+        changes = source.silence()
+        if source.alive:
+            source.alive = False
+            changes += self._life_changed(source, wall_ticks)
+        return changes
+
+    def _returned(self, topic: Topic, wall_ticks: int) -> list[Change]:
+        source = self._sources.get(topic)
+        if source is None or source.alive:
+            return []
+        source.alive = True
+        return source.return_() + self._life_changed(source, wall_ticks)
+
+    def _life_changed(self, source: Source, wall_ticks: int) -> list[Change]:
+        """Carry it to the robot or bridge that the source belongs to."""
+        topic = source.model.topic
+        robot = self._robot_of.get(topic)
+        if robot is not None:
+            return robot.source_changed(source.model.name, source.alive, wall_ticks)
+        bridge = self._bridge_of.get(topic)
+        if bridge is not None:
+            changes = bridge.set_online(source.alive, wall_ticks)
+            for one in self._robots:
+                if one.bridge is bridge:
+                    changes += one.state(wall_ticks)
+            return changes
+        what = f"{topic.name} ({source.model.name})"
+        if source.alive:
+            return [Noticed(False, f"{what} is there", topic)]
+        return [Noticed(True, f"{what} is silent: its nodes are Bad_NoCommunication", topic)]
+
+    def _find(self, topic: Topic, metadata: DataSetMetaData) -> tuple[Source | None, list[Change]]:
+        """The source of a topic, made by the policy for unknown sources where there is none."""
+        known = self._sources.get(topic)
+        if known is not None and topic not in self._discovered:
+            return known, []
+        owner = self._claims.get((topic.ns, topic.id))
+        if owner is not None and owner != topic:
+            if topic in self._conflicts or len(self._conflicts) >= _MAX_CONFLICTS:
+                return None, []
+            self._conflicts.add(topic)
+            text = f"{topic.name} claims the node of {owner.name}: give one of them another id"
+            return None, [Noticed(True, text, topic)]
+        data_set, changes = self._discovery.meet(topic, metadata)
+        for change in changes:
+            if isinstance(change, SourceRemoved):
+                self._discovered.discard(topic)
+                del self._sources[topic], self._claims[topic.ns, topic.id]
+            elif isinstance(change, SourceAdded):
+                self._discovered.add(topic)
+                self._sources[topic] = Source(change.data_set)
+                self._claims[topic.ns, topic.id] = topic
+        return (self._sources.get(topic) if data_set is not None else None), changes

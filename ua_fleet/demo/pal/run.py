@@ -17,6 +17,7 @@ from ua_fleet.client import Change, ClientIdentity, FleetClient, NodeNotFound
 from ua_fleet.demo.pal.setting import Setting
 from ua_fleet.demo.pal.timeline import LineEvent, Timeline
 from ua_fleet.demo.processes import DemoFailed, Processes
+from ua_fleet.errors import UaFleetError
 from ua_fleet.server.users import Role, UserStore
 
 __all__ = ["USER", "PalResult", "run_pal"]
@@ -224,22 +225,34 @@ async def run_pal(
         async with FleetClient.connect(
             setting.endpoint, user=USER, password=setting.password, identity=identity
         ) as client:
-            async with asyncio.TaskGroup() as tasks:
-                watching = [
-                    tasks.create_task(_watch(client, run, nodes))
-                    for nodes in ([CONVEYOR, ON_CONVEYOR, ON_TURTLEBOT], [JOINTS, POSE])
-                ]
-                try:
-                    await run.start_robots()
-                    problems = await run.until_delivered()
-                    # The bridges publish their status each second.
-                    await asyncio.sleep(1.5)
-                    result = run.result(*await _totals(client), problems)
-                    finished(result)
-                    while stay:
-                        processes.check()
-                        await asyncio.sleep(0.5)
-                finally:
-                    for task in watching:
-                        task.cancel()
-            return result
+            return await _with_client(client, run, processes, finished, stay=stay)
+
+
+async def _with_client(
+    client: FleetClient, run: _Run, processes: Processes, finished: Callable[[PalResult], None], *, stay: bool
+) -> PalResult:
+    try:
+        async with asyncio.TaskGroup() as tasks:
+            watching = [
+                tasks.create_task(_watch(client, run, nodes))
+                for nodes in ([CONVEYOR, ON_CONVEYOR, ON_TURTLEBOT], [JOINTS, POSE])
+            ]
+            try:
+                await run.start_robots()
+                problems = await run.until_delivered()
+                # The bridges publish their status each second.
+                await asyncio.sleep(1.5)
+                result = run.result(*await _totals(client), problems)
+                finished(result)
+                while stay:
+                    processes.check()
+                    await asyncio.sleep(0.5)
+            finally:
+                for task in watching:
+                    task.cancel()
+    except ExceptionGroup as group:
+        failed, other = group.split(UaFleetError)
+        if failed is None or other is not None:
+            raise
+        raise failed.exceptions[0] from None
+    return result

@@ -1,0 +1,78 @@
+"""The fault-tolerant assembly line as a user runs it: one command, real ROS nodes, ten times faster."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.system import Child, Processes, free_multicast_url, free_tcp_port
+
+RUN_TIMEOUT_S = 90
+
+
+def _start(processes: Processes, folder: Path, domain: int, *options: str) -> tuple[Child, Path]:
+    report = folder / "report.json"
+    command = [
+        *(sys.executable, "-m", "ua_fleet.cli", "demo", "pal", "--once", "--speed", "10", "--json", str(report)),
+        *("--domain", str(domain), "--port", str(free_tcp_port()), "--ros-master-port", str(free_tcp_port())),
+        *("--pubsub-url", free_multicast_url(), "--folder", str(folder / "run")),
+        *options,
+    ]
+    return processes.start(*command), report
+
+
+def _finish(child: Child) -> int:
+    return child.process.wait(RUN_TIMEOUT_S)
+
+
+def _run(processes: Processes, folder: Path, domain: int, *options: str) -> dict[str, Any]:
+    child, path = _start(processes, folder, domain, *options)
+    code = _finish(child)
+    assert code == 0, "\n".join(child.lines)
+    report: dict[str, Any] = json.loads(path.read_text())
+    return report
+
+
+def _check_line(report: dict[str, Any]) -> None:
+    covers = report["covers"]
+    assert [cover["carrier"] for cover in covers] == ["conveyor", "conveyor", "turtlebot3", "turtlebot3"]
+    placed = [cover["placed_s"] for cover in covers]
+    assert placed == sorted(placed)
+    # As in Figure 7: two covers before the belt stops at 25 s, two after it.
+    assert placed[1] < 25 < placed[2]
+    assert all(cover["placed_s"] < cover["delivered_s"] for cover in covers)
+    # The last cover had to wait until the TurtleBot3 had delivered the one before.
+    assert covers[3]["placed_s"] > covers[2]["delivered_s"]
+    assert report["looped"] == 0
+    assert report["drops"]["loop"] > 0
+    for way in ("ros1_to_ros2", "ros1_to_server", "ros2_to_server"):
+        assert 0 < report["delays_ms"][way]["p50"] <= report["delays_ms"][way]["p99"] <= report["delays_ms"][way]["max"]
+    said = [event["what"] for event in report["events"]]
+    assert any("turns the conveyor off" in what for what in said)
+    assert any(what.startswith("server sees the conveyor") for what in said)
+
+
+@pytest.mark.needs("ros1", "ros2")
+def test_the_line_with_the_arm_in_ros1(processes: Processes, tmp_path: Path, ros_domain: int) -> None:
+    report = _run(processes, tmp_path, ros_domain)
+    _check_line(report)
+    assert report["ros1"] is True
+
+
+@pytest.mark.needs("ros2")
+def test_the_line_without_ros1_has_the_arm_in_ros2(processes: Processes, tmp_path: Path, ros_domain: int) -> None:
+    report = _run(processes, tmp_path, ros_domain, "--without-ros1")
+    _check_line(report)
+    assert report["ros1"] is False
+
+
+@pytest.mark.needs("ros1", "ros2")
+def test_without_the_loop_rule_messages_come_round_again(processes: Processes, tmp_path: Path, ros_domain: int) -> None:
+    child, path = _start(processes, tmp_path, ros_domain, "--without-loop-rule")
+    assert _finish(child) == 1
+    assert json.loads(path.read_text())["looped"] > 0
+    assert any("delivered twice" in line for line in child.lines)

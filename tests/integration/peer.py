@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncGenerator, Callable
 from contextlib import asynccontextmanager
 from typing import Any
 
@@ -110,7 +110,7 @@ class Peer:
 
     @classmethod
     @asynccontextmanager
-    async def at(cls, url: str, space: int = 0) -> AsyncIterator[Peer]:
+    async def at(cls, url: str, space: int = 0) -> AsyncGenerator[Peer]:
         """A peer that works while the context lasts."""
         peer = cls(url, space)
         await peer._transport.start(peer._receive)

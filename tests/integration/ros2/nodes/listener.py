@@ -1,3 +1,4 @@
+# pyright: basic, reportMissingImports=false, reportPrivateImportUsage=false
 """A stock ROS 2 node: prints one topic's messages, like `ros2 topic echo`, each on one line.
 
 listener.py TOPIC TYPE [--best-effort] [--transient-local] [--name NODE]

@@ -1,3 +1,4 @@
+# pyright: basic, reportMissingImports=false, reportPrivateImportUsage=false
 """A stock ROS 2 node: publishes one topic, like `ros2 topic pub`.
 
     talker.py TOPIC TYPE JSON [--rate HZ] [--count N] [--best-effort] [--transient-local] [--depth N] [--wait]
@@ -9,6 +10,7 @@ import argparse
 import importlib
 import json
 import time
+from typing import Any
 
 import rclpy
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
@@ -27,7 +29,7 @@ parser.add_argument("--name", default="talker")
 args = parser.parse_args()
 
 
-def fill(message, values):
+def fill(message: Any, values: dict[str, Any]) -> None:
     for name, value in values.items():
         if isinstance(value, dict):
             fill(getattr(message, name), value)

@@ -1,0 +1,60 @@
+# pyright: basic, reportMissingImports=false
+"""A stock ROS 2 node that does what the lines on its standard input say; see `harness.RobotProcess`."""
+
+import importlib
+import json
+import operator
+import sys
+import threading
+
+import rclpy
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.qos import QoSProfile
+from rclpy.signals import SignalHandlerOptions
+
+QOS = QoSProfile(depth=100)
+lock = threading.Lock()
+
+
+def say(**what):
+    with lock:
+        print(json.dumps(what), flush=True)
+
+
+def class_of(ros_type):
+    package, _, name = ros_type.partition("/")
+    return getattr(importlib.import_module(f"{package}.msg"), name)
+
+
+def fill(message, values):
+    for path, value in values.items():
+        parent, _, name = path.rpartition(".")
+        setattr(operator.attrgetter(parent)(message) if parent else message, name, value)
+    return message
+
+
+def listener(name, fields):
+    return lambda message: say(heard=name, values={path: operator.attrgetter(path)(message) for path in fields})
+
+
+rclpy.init(signal_handler_options=SignalHandlerOptions.NO)  # else a SIGTERM would not end the loop below
+node = rclpy.create_node("robot")
+executor = SingleThreadedExecutor()
+executor.add_node(node)
+threading.Thread(target=executor.spin, daemon=True).start()
+publishers, subscriptions = {}, []
+say(done=True)
+for line in sys.stdin:
+    order = json.loads(line)
+    name, topic = order["name"], f"/{order['name']}"
+    if order["do"] == "advertise":
+        publishers[name] = node.create_publisher(class_of(order["type"]), topic, QOS)
+    elif order["do"] == "publish":
+        if name in publishers:
+            publishers[name].publish(fill(publishers[name].msg_type(), order["values"]))
+    elif order["do"] == "withdraw":
+        node.destroy_publisher(publishers.pop(name))
+    elif order["do"] == "subscribe":
+        kind = class_of(order["type"])
+        subscriptions.append(node.create_subscription(kind, topic, listener(name, order["fields"]), QOS))
+    say(done=True)

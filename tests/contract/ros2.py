@@ -1,0 +1,73 @@
+"""A ROS 2 domain for the contract suite: the real driver here, and a stock rclpy node in a process of its own."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import AsyncGenerator
+from contextlib import asynccontextmanager
+from pathlib import Path
+
+import pytest
+from ua_bridges.ros.delivered import STATE_VARIABLE
+from ua_bridges.ros2.config import Ros2BridgeConfig
+from ua_bridges.ros2.driver import create_driver
+from ua_bridges.ros2.environment import PROFILES_VARIABLE, profile_path
+
+from tests import system
+from tests.contract.harness import RobotProcess
+from ua_fleet.bridge import Driver
+from ua_fleet.config.schema import FleetConfig, PubSubConfig, PubSubSecurity
+
+NEEDS = ("ros2",)
+# rclpy's type support imports lark, which imports a deprecated module of the standard library.
+WARNINGS = ("ignore:module 'sre_:DeprecationWarning",)
+
+ROBOT = Path(__file__).parent / "robots" / "ros2_robot.py"
+
+
+class Ros2Space:
+    """See Space."""
+
+    can_be_absent = False
+
+    def __init__(self, domain: int) -> None:
+        self.number = domain
+        self._robot: RobotProcess | None = None
+        self._config = FleetConfig(
+            version=1,
+            pubsub=PubSubConfig(security=PubSubSecurity.NONE),
+            bridges={"mobile": Ros2BridgeConfig(kind="ros2", space=domain)},
+        )
+
+    @property
+    def robot(self) -> RobotProcess:
+        """See Space."""
+        assert self._robot is not None
+        return self._robot
+
+    def make_driver(self) -> Driver:
+        """See Space."""
+        return create_driver(self._config, "mobile")
+
+    def appear(self) -> None:
+        """See Space."""
+        env = system.clean_environment(ROS_DOMAIN_ID=str(self.number), ROS_AUTOMATIC_DISCOVERY_RANGE="LOCALHOST")
+        env[PROFILES_VARIABLE] = str(profile_path("robot"))
+        self._robot = RobotProcess([sys.executable, "-u", ROBOT], env)
+
+    def end(self) -> None:
+        """End the robot."""
+        if self._robot is not None:
+            self._robot.end()
+
+
+@asynccontextmanager
+async def open_space(folder: Path, processes: system.Processes) -> AsyncGenerator[Ros2Space]:
+    """A domain that no other test uses."""
+    with system.ros_domain() as domain, pytest.MonkeyPatch.context() as patch:
+        patch.setenv(STATE_VARIABLE, str(folder))
+        space = Ros2Space(domain)
+        try:
+            yield space
+        finally:
+            space.end()

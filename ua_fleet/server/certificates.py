@@ -1,11 +1,13 @@
 """Application instance certificates (OPC 10000-6 6.2.2) and the folders they are kept in.
 
-    <state_dir>/certificates/
-        own/server.der, own/server-key.pem     our certificate and its key (mode 0600)
-        trusted/                               client certificates, or CAs, that we accept
-        issuers/                               CAs that only complete a chain
-        crl/                                   revocation lists of the CAs
-        rejected/                              what clients offered and we refused; at most 32
+<state_dir>/certificates/
+    own/server.der, own/server-key.pem     our certificate and its key (mode 0600)
+    trusted/                               client certificates, or CAs, that we accept
+    issuers/                               CAs that only complete a chain
+    crl/                                   revocation lists of the CAs
+    rejected/                              what clients offered and we refused; at most 32
+
+Files are written whole or not at all, keys with mode 0600 from their first byte on.
 """
 
 from __future__ import annotations
@@ -197,9 +199,7 @@ def create_certificate(
         .add_extension(x509.AuthorityKeyIdentifier.from_issuer_subject_key_identifier(identifier), critical=False)
         .sign(key, hashes.SHA256())
     )
-    pem = key.private_bytes(
-        serialization.Encoding.PEM, serialization.PrivateFormat.PKCS8, serialization.NoEncryption()
-    )
+    pem = key.private_bytes(serialization.Encoding.PEM, serialization.PrivateFormat.PKCS8, serialization.NoEncryption())
     write_private(files.private_key, pem)
     write_private(files.certificate, certificate.public_bytes(serialization.Encoding.DER), 0o644)
     return certificate

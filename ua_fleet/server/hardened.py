@@ -1,47 +1,201 @@
 """The OPC UA server that the fleet stands on: asyncua's address space behind our own, closed door."""
 
 # pyright: reportUnknownMemberType=false, reportUnknownArgumentType=false, reportUnknownVariableType=false
+# pyright: reportPrivateUsage=false
 
 from __future__ import annotations
 
+import asyncio
+import contextlib
 from pathlib import Path
-from typing import Protocol
+from typing import Any
 
-import asyncua
+import structlog
 from asyncua import ua
+from asyncua.server.server import Server
 
 from ua_fleet.config.schema import ServerConfig
+from ua_fleet.errors import ServerStartError
+from ua_fleet.server.audit import AuditLog
 from ua_fleet.server.certificates import ensure_application_certificate
-from ua_fleet.server.users import User
+from ua_fleet.server.endpoint.attributes import WRITE
+from ua_fleet.server.endpoint.context import Context, NodeGate, Statistics
+from ua_fleet.server.endpoint.limits import CHUNK_BYTES, Limits
+from ua_fleet.server.endpoint.listener import Listener
+from ua_fleet.server.endpoint.processor import Services
+from ua_fleet.server.endpoint.subscriptions import Subscriptions
+from ua_fleet.server.internals import check_internals
+from ua_fleet.server.trust import TrustList
+from ua_fleet.server.users import USERS_FILE, Role, UserStore
 
 __all__ = ["HardenedServer", "NodeGate", "create_server"]
 
+_log = structlog.get_logger("ua_fleet.server")
 
-class NodeGate(Protocol):
-    """The model behind the nodes, which has the last word on what clients write."""
-
-    def check_write(self, node_id: ua.NodeId, value: ua.DataValue, user: User) -> int:
-        """StatusCode of a write before it happens; 0 lets it go on."""
-        ...
-
-    def written(self, node_id: ua.NodeId, value: ua.DataValue, user: User) -> None:
-        """A client's write has been done; the node has this value."""
-        ...
+_ENCRYPTED = [
+    ua.SecurityPolicyType.Basic256Sha256_SignAndEncrypt,
+    ua.SecurityPolicyType.Aes128Sha256RsaOaep_SignAndEncrypt,
+    ua.SecurityPolicyType.Aes256Sha256RsaPss_SignAndEncrypt,
+]
 
 
-class HardenedServer(asyncua.Server):
-    """asyncua's server; set `gate` before `start`."""
+class HardenedServer(Server):
+    """asyncua's server with our own listener, sessions and services; made by `create_server`."""
 
-    gate: NodeGate | None = None
+    def __init__(self) -> None:
+        super().__init__()
+        self._context: Context | None = None
+        self._listener: Listener | None = None
+        self._services: Services | None = None
+
+    @property
+    def context(self) -> Context:
+        """What all connections share."""
+        assert self._context is not None
+        return self._context
+
+    @property
+    def gate(self) -> NodeGate | None:
+        """The model behind the nodes; without one AccessLevel alone decides on writes."""
+        return self.context.gate
+
+    @gate.setter
+    def gate(self, gate: NodeGate | None) -> None:
+        self.context.gate = gate
+
+    @property
+    def statistics(self) -> Statistics:
+        """Counters of what came through the door, and what did not."""
+        return self.context.statistics
+
+    @property
+    def sessions(self) -> int:
+        """Number of active sessions."""
+        return self._services.sessions.active if self._services is not None else 0
+
+    @property
+    def port(self) -> int:
+        """The port that is listened on."""
+        return self._listener.port if self._listener is not None else self.endpoint.port or 0
+
+    def require_role(self, method_id: ua.NodeId, role: Role) -> None:
+        """Let only users of this role call a method; without it operators may."""
+        self.context.method_roles[method_id] = role
+
+    async def prepare(self, context: Context, host: str, port: int) -> None:
+        """Put our services over asyncua's; `init` has been called."""
+        self._context = context
+        subscriptions = Subscriptions(self.iserver.aspace, self.iserver)
+        self.iserver.subscription_service = subscriptions
+        # asyncua's own session was made before, with the registry that we replace.
+        self.iserver.isession.subscription_service = subscriptions
+        self._services = Services(context, subscriptions)
+        self._listener = Listener(self._services, host, port)
+        await context.limits.advertise(self)
+        _close_standard_nodes(self)
+
+    async def start(self) -> None:
+        """Listen, with endpoints that name the port that is really listened on."""
+        assert self._listener is not None
+        _warn(self.context)
+        await self._listener.bind()
+        self.endpoint = self.endpoint._replace(netloc=f"{self.endpoint.hostname}:{self._listener.port}")
+        await self._setup_server_nodes()
+        self.context.policies = self._policies
+        await self.iserver.start()
+        await self._listener.start()
+
+    async def stop(self) -> None:
+        """Close the door, then asyncua's inside."""
+        if self._listener is not None:
+            await self._listener.stop()
+        clock = self.iserver.time_task
+        if clock is not None:
+            # asyncua would wait for its clock's next second.
+            clock.cancel()
+            with contextlib.suppress(asyncio.CancelledError):
+                await clock
+            self.iserver.time_task = None
+        for subscription in list[Any](self.iserver.subscription_service.subscriptions.values()):
+            await subscription.stop()
+        await self.iserver.stop()
+        self.context.audit.close()
 
 
-async def create_server(config: ServerConfig, state_dir: Path, *, application_uri: str) -> HardenedServer:
-    """A server that is initialised and not started, with its certificates, users and limits in place."""
+def _close_standard_nodes(server: Server) -> None:
+    """Take the right to write from the nodes of the base namespace: nothing stands behind them."""
+    aspace = server.iserver.aspace
+    for node_id in list(aspace.keys()):
+        if node_id.NamespaceIndex != 0:
+            continue
+        for attribute in (ua.AttributeIds.AccessLevel, ua.AttributeIds.UserAccessLevel):
+            held = aspace[node_id].attributes.get(attribute)
+            variant = held.value.Value if held is not None and held.value is not None else None
+            if held is not None and variant is not None and variant.Value and variant.Value & WRITE:
+                held.value = ua.DataValue(ua.Variant(variant.Value & ~WRITE, ua.VariantType.Byte))
+
+
+def _warn(context: Context) -> None:
+    if context.allow_none_security:
+        _log.warning(
+            "endpoint without security is open: all traffic can be read and changed", setting="allow_none_security"
+        )
+    if context.allow_anonymous:
+        _log.warning("clients are let in without a user, as observers", setting="allow_anonymous")
+    if context.trust.trusts_all:
+        _log.warning("every client certificate is accepted", setting="trust_all_clients")
+    if not context.users.list() and not context.allow_anonymous:
+        _log.warning("nobody can log in yet; add a user with: ua-fleet user add NAME", file=str(context.users.path))
+
+
+async def create_server(
+    config: ServerConfig,
+    state_dir: Path,
+    *,
+    application_uri: str,
+    limits: Limits | None = None,
+    users: UserStore | None = None,
+) -> HardenedServer:
+    """A server that is initialised and not started, with its certificates, users and limits in place.
+
+    Raises ServerStartError, in one line, for what must not be started.
+    """
+    check_internals()
+    try:
+        state_dir.mkdir(parents=True, exist_ok=True, mode=0o700)  # noqa: ASYNC240 - before anything is served
+    except OSError as error:
+        raise ServerStartError(
+            f"{state_dir}: cannot be made ({error.strerror}); set server.state_dir to a folder of this user"
+        ) from error
+    store = users or UserStore(state_dir / USERS_FILE)
+    store.check()
+    files = ensure_application_certificate(state_dir, application_uri, [config.host])
+    trust = TrustList(state_dir, trust_all=config.trust_all_clients)
     server = HardenedServer()
+    server.name = "ua_fleet"
+    server.manufacturer_name = "ua_fleet"
+    server.product_uri = "urn:ua-fleet"
+    server.application_type = ua.ApplicationType.Server
     await server.init()
     await server.set_application_uri(application_uri)
     server.set_endpoint(f"opc.tcp://{config.host}:{config.port}/{config.path}")
-    files = ensure_application_certificate(state_dir, application_uri, [config.host])
     await server.load_certificate(files.certificate)
     await server.load_private_key(files.private_key)
+    server.allow_remote_admin(False)
+    none = [ua.SecurityPolicyType.NoSecurity] if config.allow_none_security else []
+    server.set_security_policy([*_ENCRYPTED, *none])
+    anonymous = [ua.AnonymousIdentityToken] if config.allow_anonymous else []
+    server.set_identity_tokens([ua.UserNameIdentityToken, *anonymous])
+    server.limits.max_recv_buffer = server.limits.max_send_buffer = CHUNK_BYTES
+    context = Context(
+        iserver=server.iserver,
+        limits=limits or Limits.from_config(config),
+        trust=trust,
+        users=store,
+        audit=AuditLog(state_dir / "audit.log"),
+        private_key=server.iserver.private_key,
+        allow_none_security=config.allow_none_security,
+        allow_anonymous=config.allow_anonymous,
+    )
+    await server.prepare(context, config.host, config.port)
     return server

@@ -22,6 +22,7 @@ import re
 import secrets
 import threading
 from collections.abc import Generator
+from contextvars import ContextVar
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from pathlib import Path
@@ -32,7 +33,7 @@ import yaml
 from ua_fleet.errors import ServerStartError, UaFleetError
 from ua_fleet.values import StatusCode
 
-__all__ = ["ANONYMOUS", "DEFAULT_COST", "Role", "ScryptCost", "User", "UserFileError", "UserStore"]
+__all__ = ["ANONYMOUS", "DEFAULT_COST", "Role", "ScryptCost", "User", "UserFileError", "UserStore", "current_user"]
 
 USERS_FILE: Final = "users.yaml"
 MIN_PASSWORD: Final = 8
@@ -73,6 +74,9 @@ class User:
 
 
 ANONYMOUS: Final = User("anonymous", Role.OBSERVER, anonymous=True)
+
+current_user: ContextVar[User | None] = ContextVar("current_user", default=None)
+"""The caller, while the implementation of a method runs."""
 
 
 class UserFileError(UaFleetError):
@@ -138,6 +142,8 @@ class UserStore:
         self._decoy = _Entry(User("", Role.OBSERVER), cost, secrets.token_bytes(16), secrets.token_bytes(32))
         self._slots: asyncio.Semaphore | None = None
         self._waiting = 0
+        self.generation = 0
+        """Grows whenever the users have changed."""
 
     @property
     def path(self) -> Path:
@@ -151,20 +157,18 @@ class UserStore:
         except UserFileError as error:
             raise ServerStartError(str(error)) from error
 
-    def refresh(self) -> bool:
-        """Read the file again if it changed; whether it did. On an error there are no users until it is mended."""
+    def refresh(self) -> None:
+        """Read the file again if it changed. On an error there are no users until it is mended."""
         with self._lock:
             try:
                 status = self._path.stat()
             except FileNotFoundError:
-                changed = bool(self._entries)
-                self._entries, self._signature = {}, None
-                return changed
+                self._forget()
+                return
             signature = (status.st_mtime_ns, status.st_ino, status.st_size, status.st_mode, status.st_uid)
             if signature == self._signature:
-                return False
-            self._entries = {}
-            self._signature = None
+                return
+            self._forget()
             if status.st_mode & 0o077:
                 raise UserFileError(
                     f"{self._path}: others may read or write it (mode {status.st_mode & 0o777:o}); "
@@ -174,7 +178,12 @@ class UserStore:
                 raise UserFileError(f"{self._path}: belongs to another user; run: chown $USER {self._path}")
             self._entries = self._parse()
             self._signature = signature
-            return True
+            self.generation += 1
+
+    def _forget(self) -> None:
+        if self._entries:
+            self.generation += 1
+        self._entries, self._signature = {}, None
 
     def _parse(self) -> dict[str, _Entry]:
         try:

@@ -1,0 +1,207 @@
+"""Read, Write and HistoryRead, by what AccessLevel and the user's role allow (OPC 10000-4 5.11)."""
+
+# pyright: reportUnknownMemberType=false, reportUnknownVariableType=false, reportUnknownArgumentType=false
+# pyright: reportPrivateUsage=false
+
+from __future__ import annotations
+
+import dataclasses
+from datetime import UTC, datetime
+from typing import Any, Final
+
+import structlog
+from asyncua import ua
+from asyncua.server.address_space import AddressSpace
+
+from ua_fleet.server.audit import summary
+from ua_fleet.server.endpoint.context import Context
+from ua_fleet.server.endpoint.indexrange import apply_range, parse_range
+from ua_fleet.server.endpoint.monitoring import with_timestamps
+from ua_fleet.server.endpoint.request import Request, operations
+from ua_fleet.server.endpoint.stack import Refusal, StatusCodes, name_of, status, status_of
+from ua_fleet.server.users import Role, User
+
+__all__ = ["AttributeServices", "access_level", "readable_value"]
+
+_log = structlog.get_logger("ua_fleet.server")
+
+READ: Final = 1 << ua.AccessLevel.CurrentRead.value
+WRITE: Final = 1 << ua.AccessLevel.CurrentWrite.value
+HISTORY: Final = 1 << ua.AccessLevel.HistoryRead.value
+
+
+def access_level(aspace: AddressSpace, node_id: ua.NodeId) -> int:
+    """What AccessLevel and UserAccessLevel of a variable allow together."""
+    allowed = 0xFF
+    for attribute in (ua.AttributeIds.AccessLevel, ua.AttributeIds.UserAccessLevel):
+        variant = aspace.read_attribute_value(node_id, attribute).Value
+        allowed &= int(variant.Value) if variant is not None and variant.Value is not None else 0
+    return allowed
+
+
+def readable_value(aspace: AddressSpace, node_id: ua.NodeId, attribute: int) -> ua.DataValue:
+    """An attribute's value; raises Refusal where clients may not read it."""
+    value = aspace.read_attribute_value(node_id, attribute)  # pyright: ignore[reportArgumentType]
+    if attribute == ua.AttributeIds.Value and not access_level(aspace, node_id) & READ:
+        code = value.StatusCode
+        unknown = code is not None and int(code.value) in (
+            StatusCodes.BadNodeIdUnknown,
+            StatusCodes.BadAttributeIdInvalid,
+        )
+        raise Refusal(int(code.value) if unknown and code is not None else StatusCodes.BadNotReadable)
+    return value
+
+
+class AttributeServices:
+    """OPC 10000-4 5.11."""
+
+    def __init__(self, context: Context) -> None:
+        self._context, self._limits = context, context.limits
+        self._aspace = context.iserver.aspace
+
+    async def read(self, request: Request, params: ua.ReadParameters) -> Any:
+        """Read."""
+        nodes = operations(params.NodesToRead, self._limits.nodes_per_request)
+        if params.MaxAge < 0:
+            raise Refusal(StatusCodes.BadMaxAgeInvalid)
+        wanted = params.TimestampsToReturn
+        if not isinstance(wanted, ua.TimestampsToReturn) or wanted == ua.TimestampsToReturn.Invalid:
+            raise Refusal(StatusCodes.BadTimestampsToReturnInvalid)
+        user = request.user
+        results = [self._read(node, user) for node in nodes]
+        if wanted != ua.TimestampsToReturn.Both:
+            results = [with_timestamps(value, wanted) for value in results]
+        response = ua.ReadResponse()
+        response.Results = results
+        return response
+
+    def _read(self, wanted: ua.ReadValueId, user: User) -> ua.DataValue:
+        try:
+            attribute = wanted.AttributeId
+            value = readable_value(self._aspace, wanted.NodeId, attribute)
+            if wanted.IndexRange:
+                if attribute != ua.AttributeIds.Value:
+                    raise Refusal(StatusCodes.BadIndexRangeInvalid)
+                index_range = parse_range(wanted.IndexRange)
+                assert index_range is not None
+                value = apply_range(value, index_range)
+            encoding = wanted.DataEncoding
+            if encoding is not None and encoding.Name:
+                self._check_encoding(encoding, attribute)
+        except Refusal as error:
+            return ua.DataValue(StatusCode=status(error.ua_status))
+        if not user.role.covers(Role.OPERATOR):
+            return _for_observer(value, attribute)
+        return value
+
+    @staticmethod
+    def _check_encoding(encoding: ua.QualifiedName, attribute: int) -> None:
+        if attribute != ua.AttributeIds.Value:
+            raise Refusal(StatusCodes.BadDataEncodingInvalid)
+        if encoding.Name != "Default Binary":
+            raise Refusal(StatusCodes.BadDataEncodingUnsupported)
+
+    async def write(self, request: Request, params: ua.WriteParameters) -> Any:
+        """Write: each value goes through the gate, and into the audit log."""
+        nodes = operations(params.NodesToWrite, self._limits.nodes_per_request)
+        response = ua.WriteResponse()
+        lines: list[dict[str, Any]] = []
+        for node in nodes:
+            code = await self._write(request, node)
+            response.Results.append(status(code))
+            value = node.Value.Value if node.Value is not None else None
+            line = {"node": str(node.NodeId.to_string()), "value": summary(value.Value if value is not None else None)}
+            if node.AttributeId != ua.AttributeIds.Value:
+                line["attribute"] = str(node.AttributeId)
+            lines.append({**line, "status": name_of(code)})
+        self._context.statistics.writes += len(lines)
+        self._context.audit.record_all("write", request.caller, lines)
+        return response
+
+    async def _write(self, request: Request, wanted: ua.WriteValue) -> int:
+        """StatusCode of one write."""
+        node_id, given = wanted.NodeId, wanted.Value
+        try:
+            now = datetime.now(UTC)
+            self._check_write(request.user, wanted)
+            # The time of a command is ours, and a fresh DataValue is never changed afterwards.
+            value = ua.DataValue(given.Value, status(0), SourceTimestamp=now, ServerTimestamp=now)
+            gate = self._context.gate
+            if gate is not None and (code := gate.check_write(node_id, value, request.user)):
+                return int(code)
+            result = await self._aspace.write_attribute_value(node_id, ua.AttributeIds.Value, value)
+            if result.is_good() and gate is not None:
+                gate.written(node_id, value, request.user)
+            return int(result.value)
+        except Exception as error:  # noqa: BLE001 - what is no refusal is logged with its traceback
+            if (known := status_of(error)) is not None:
+                return known
+            # Whatever goes wrong behind the gate, the client's connection and its other writes go on.
+            _log.exception("write failed", node=str(node_id))
+            return int(StatusCodes.BadInternalError)
+
+    def _check_write(self, user: User, wanted: ua.WriteValue) -> None:
+        node = self._aspace.get(wanted.NodeId)
+        if node is None:
+            raise Refusal(StatusCodes.BadNodeIdUnknown)
+        if wanted.AttributeId not in node.attributes:
+            raise Refusal(StatusCodes.BadAttributeIdInvalid)
+        if wanted.AttributeId != ua.AttributeIds.Value or not access_level(self._aspace, wanted.NodeId) & WRITE:
+            raise Refusal(StatusCodes.BadNotWritable)
+        if not user.role.covers(Role.OPERATOR):
+            raise Refusal(StatusCodes.BadUserAccessDenied)
+        if wanted.IndexRange:
+            raise Refusal(StatusCodes.BadWriteNotSupported)
+        given = wanted.Value
+        if given is None or given.Value is None or given.Value.Value is None:
+            raise Refusal(StatusCodes.BadTypeMismatch)
+        if given.StatusCode is not None and not given.StatusCode.is_good():
+            raise Refusal(StatusCodes.BadWriteNotSupported)
+
+    async def history_read(self, request: Request, params: ua.HistoryReadParameters) -> Any:
+        """HistoryRead of nodes that have and show a history."""
+        nodes = operations(params.NodesToRead, self._limits.nodes_per_request)
+        _timestamps_known(params.TimestampsToReturn)
+        response = ua.HistoryReadResponse()
+        if params.ReleaseContinuationPoints:
+            response.Results = [ua.HistoryReadResult() for _ in nodes]
+            return response
+        for node in nodes:
+            try:
+                self._check_history(node.NodeId, params.HistoryReadDetails)
+                single = dataclasses.replace(params, NodesToRead=[node])
+                response.Results += await self._context.iserver.history_manager.read_history(single)
+            except Refusal as error:
+                response.Results.append(ua.HistoryReadResult(status(error.ua_status)))
+        return response
+
+    def _check_history(self, node_id: ua.NodeId, details: Any) -> None:
+        node = self._aspace.get(node_id)
+        if node is None:
+            raise Refusal(StatusCodes.BadNodeIdUnknown)
+        if isinstance(details, ua.ReadEventDetails):
+            notifier = self._aspace.read_attribute_value(node_id, ua.AttributeIds.EventNotifier).Value
+            allowed = int(notifier.Value) & 4 if notifier is not None and notifier.Value is not None else 0
+        else:
+            allowed = access_level(self._aspace, node_id) & HISTORY
+        if not allowed:
+            raise Refusal(StatusCodes.BadHistoryOperationUnsupported)
+
+
+def _timestamps_known(wanted: Any) -> None:
+    if not isinstance(wanted, ua.TimestampsToReturn) or wanted == ua.TimestampsToReturn.Invalid:
+        raise Refusal(StatusCodes.BadTimestampsToReturnInvalid)
+
+
+def _for_observer(value: ua.DataValue, attribute: int) -> ua.DataValue:
+    """The attributes that say what this user may do, as they are for a role that neither writes nor calls."""
+    variant = value.Value
+    if variant is None or variant.Value is None:
+        return value
+    if attribute == ua.AttributeIds.UserAccessLevel:
+        own = ua.Variant(variant.Value & ~WRITE, variant.VariantType)
+    elif attribute == ua.AttributeIds.UserExecutable:
+        own = ua.Variant(False, variant.VariantType)
+    else:
+        return value
+    return dataclasses.replace(value, Value=own)

@@ -1,0 +1,72 @@
+"""What all connections of one server share."""
+
+# pyright: reportUnknownMemberType=false, reportUnknownVariableType=false
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any, Protocol
+
+from asyncua import ua
+from asyncua.crypto.security_policies import SecurityPolicyFactory
+from asyncua.server.internal_server import InternalServer
+
+from ua_fleet.server.audit import AuditLog
+from ua_fleet.server.endpoint.limits import Limits
+from ua_fleet.server.endpoint.throttle import LoginThrottle
+from ua_fleet.server.trust import TrustList
+from ua_fleet.server.users import Role, User, UserStore
+
+__all__ = ["Context", "NodeGate", "Statistics"]
+
+
+class NodeGate(Protocol):
+    """The model behind the nodes, which has the last word on what clients write."""
+
+    def check_write(self, node_id: ua.NodeId, value: ua.DataValue, user: User) -> int:
+        """StatusCode of a write before it happens; 0 lets it go on."""
+        ...
+
+    def written(self, node_id: ua.NodeId, value: ua.DataValue, user: User) -> None:
+        """A client's write has been done; the node has this value."""
+        ...
+
+
+@dataclass(slots=True)
+class Statistics:
+    """Counters of the endpoint since its start."""
+
+    connections: int = 0
+    connections_refused: int = 0
+    connections_evicted: int = 0
+    """Unauthenticated connections closed to make room for newer ones."""
+    handshake_timeouts: int = 0
+    frames_refused: int = 0
+    certificates_rejected: int = 0
+    sessions: int = 0
+    logins: int = 0
+    requests: int = 0
+    requests_refused: int = 0
+    writes: int = 0
+    calls: int = 0
+
+
+@dataclass
+class Context:
+    """What all connections of one server share."""
+
+    iserver: InternalServer
+    limits: Limits
+    trust: TrustList
+    users: UserStore
+    audit: AuditLog
+    private_key: Any
+    allow_none_security: bool
+    allow_anonymous: bool
+    policies: Sequence[SecurityPolicyFactory] = ()
+    gate: NodeGate | None = None
+    throttle: LoginThrottle = field(default_factory=LoginThrottle)
+    statistics: Statistics = field(default_factory=Statistics)
+    method_roles: dict[ua.NodeId, Role] = field(default_factory=dict[ua.NodeId, Role])
+    """Roles that methods need, where that is not operator."""

@@ -1,0 +1,66 @@
+"""NumericRange (OPC 10000-4 7.27): a part of an array, a String or a ByteString, as clients ask for it."""
+
+# pyright: reportUnknownMemberType=false, reportUnknownVariableType=false, reportUnknownArgumentType=false
+
+from __future__ import annotations
+
+import dataclasses
+import re
+from typing import Any, Final
+
+from asyncua import ua
+
+from ua_fleet.server.endpoint.stack import Refusal, StatusCodes, status
+
+__all__ = ["IndexRange", "apply_range", "parse_range"]
+
+IndexRange = tuple[slice, ...]
+MAX_DIMENSIONS: Final = 8
+_PART = re.compile(r"(\d{1,9})(?::(\d{1,9}))?")
+
+
+def parse_range(text: str | None) -> IndexRange | None:
+    """The slices of a range, or None without one; raises Refusal for what is no range."""
+    if not text:
+        return None
+    parts = text.split(",") if len(text) <= 200 else []
+    slices: list[slice] = []
+    for part in parts:
+        match = _PART.fullmatch(part)
+        if match is None:
+            break
+        first = int(match[1])
+        last = first if match[2] is None else int(match[2])
+        if match[2] is not None and last <= first:
+            break
+        slices.append(slice(first, last + 1))
+    if not slices or len(slices) != len(parts) or len(slices) > MAX_DIMENSIONS:
+        raise Refusal(StatusCodes.BadIndexRangeInvalid, f"index range {text[:40]!r}")
+    return tuple(slices)
+
+
+def apply_range(value: ua.DataValue, wanted: IndexRange) -> ua.DataValue:
+    """A new DataValue with the part alone, or with Bad_IndexRangeNoData; the one given is not changed."""
+    variant = value.Value
+    if variant is None or variant.Value is None:
+        return value
+    content: Any = variant.Value
+    part = _cut(content, wanted) if isinstance(content, list | tuple | str | bytes) else None
+    if part is None or len(part) == 0:
+        return dataclasses.replace(value, Value=None, StatusCode=status(StatusCodes.BadIndexRangeNoData))
+    # The dimensions of a part are those of its nested lists.
+    cut = ua.Variant(part, variant.VariantType, is_array=variant.is_array)
+    return dataclasses.replace(value, Value=cut)
+
+
+def _cut(content: Any, wanted: IndexRange) -> Any:
+    """The part of nested lists, or of a String or ByteString as the innermost; None where there is none."""
+    if not isinstance(content, list | tuple | str | bytes):
+        return None
+    part = content[wanted[0]]
+    if len(wanted) == 1 or len(part) == 0:
+        return part
+    if isinstance(part, str | bytes):
+        return None
+    rows = [_cut(row, wanted[1:]) for row in part]
+    return None if any(row is None or len(row) == 0 for row in rows) else rows

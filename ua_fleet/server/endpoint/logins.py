@@ -1,0 +1,87 @@
+"""Who a client's user is: the identity tokens of ActivateSession (OPC 10000-4 5.6.3 and 7.40)."""
+
+# pyright: reportUnknownMemberType=false, reportUnknownVariableType=false, reportUnknownArgumentType=false
+
+from __future__ import annotations
+
+import hmac
+import time
+from collections.abc import Callable
+from typing import Any, Final
+
+from asyncua import ua
+from asyncua.crypto import uacrypto
+
+from ua_fleet.server.endpoint.context import Context
+from ua_fleet.server.endpoint.stack import Refusal, StatusCodes
+from ua_fleet.server.users import ANONYMOUS, User, UserFileError
+
+__all__ = ["identify"]
+
+_DECRYPT: Final[dict[str, Callable[[Any, bytes], bytes]]] = {
+    "http://www.w3.org/2001/04/xmlenc#rsa-oaep": uacrypto.decrypt_rsa_oaep,
+    "http://opcfoundation.org/UA/security/rsa-oaep-sha2-256": uacrypto.decrypt_rsa_oaep_sha256,
+}
+"""RSA with PKCS #1 v1.5 is not among them: what it answers can be used to decrypt (Bleichenbacher)."""
+_MAX_SECRET: Final = 4_096
+
+
+async def identify(context: Context, token: Any, *, nonce: bytes, encrypted: bool, address: str) -> User:
+    """The user behind an identity token; raises Refusal."""
+    if token is None or (isinstance(token, ua.ExtensionObject) and token.TypeId.is_null()):
+        # A null token is anonymous (OPC 10000-4 5.6.3.2).
+        token = ua.AnonymousIdentityToken()
+    if isinstance(token, ua.AnonymousIdentityToken):
+        if not context.allow_anonymous:
+            raise Refusal(StatusCodes.BadIdentityTokenRejected, "anonymous users are not let in")
+        return ANONYMOUS
+    if not isinstance(token, ua.UserNameIdentityToken):
+        raise Refusal(StatusCodes.BadIdentityTokenRejected, "only users with a password are let in")
+    name = token.UserName or ""
+    shown = repr(name[:64])
+    now = time.monotonic()
+    if wait := context.throttle.locked_for(address, name, now):
+        raise Refusal(StatusCodes.BadUserAccessDenied, f"login of {shown}: locked out for {wait:.0f} s more")
+    password = _password(context, token, nonce=nonce, encrypted=encrypted)
+    try:
+        user = await context.users.authenticate(name, password)
+    except UserFileError as error:
+        raise Refusal(StatusCodes.BadServerTooBusy, str(error)) from error
+    if user is None:
+        context.throttle.failure(address, name, time.monotonic())
+        raise Refusal(StatusCodes.BadUserAccessDenied, f"login of {shown}: wrong user or password")
+    context.throttle.success(address, name)
+    return user
+
+
+def _password(context: Context, token: ua.UserNameIdentityToken, *, nonce: bytes, encrypted: bool) -> str:
+    secret = token.Password or b""
+    if isinstance(secret, str):
+        secret = secret.encode()
+    if token.EncryptionAlgorithm:
+        secret = _decrypt(context.private_key, token.EncryptionAlgorithm, secret, nonce)
+    elif not encrypted and not context.allow_none_security:
+        raise Refusal(StatusCodes.BadIdentityTokenRejected, "a password in plain text over an open channel")
+    try:
+        return secret.decode()
+    except UnicodeDecodeError as error:
+        raise Refusal(StatusCodes.BadIdentityTokenInvalid, "the password is no UTF-8") from error
+
+
+def _decrypt(private_key: Any, algorithm: str, secret: bytes, nonce: bytes) -> bytes:
+    """Length, password and the session's nonce, which stops a replay (OPC 10000-4 7.40.2.2)."""
+    decrypt = _DECRYPT.get(algorithm)
+    if decrypt is None:
+        raise Refusal(StatusCodes.BadIdentityTokenInvalid, f"password encryption {algorithm[:80]!r}")
+    block = private_key.key_size // 8
+    if not secret or len(secret) % block or len(secret) > _MAX_SECRET:
+        raise Refusal(StatusCodes.BadIdentityTokenInvalid, "the encrypted password has a wrong length")
+    try:
+        plain = b"".join(decrypt(private_key, secret[at : at + block]) for at in range(0, len(secret), block))
+    except ValueError as error:
+        raise Refusal(StatusCodes.BadIdentityTokenInvalid, "the password cannot be decrypted") from error
+    length = int.from_bytes(plain[:4], "little")
+    body = plain[4 : 4 + length]
+    if len(plain) < 4 + length or length < len(nonce) or not hmac.compare_digest(body[length - len(nonce) :], nonce):
+        raise Refusal(StatusCodes.BadIdentityTokenInvalid, "the password is not for this session")
+    return body[: length - len(nonce)]

@@ -1,0 +1,38 @@
+"""One request of a client, as the services get it."""
+
+# pyright: reportUnknownMemberType=false, reportUnknownVariableType=false, reportUnknownArgumentType=false
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from ua_fleet.server.audit import Caller
+from ua_fleet.server.endpoint.sessions import Session
+from ua_fleet.server.endpoint.stack import Refusal, StatusCodes
+from ua_fleet.server.users import User
+
+__all__ = ["Request", "operations"]
+
+
+@dataclass(frozen=True, slots=True)
+class Request:
+    """A request on an active session."""
+
+    session: Session
+    user: User
+    caller: Caller
+    handle: int
+    request_id: int
+    timeout_s: float
+    """TimeoutHint of the request; 0 is none."""
+
+
+def operations(items: Sequence[Any] | None, limit: int) -> Sequence[Any]:
+    """The operations of a request; raises Refusal for none and for too many (OPC 10000-4 5.3)."""
+    if not items:
+        raise Refusal(StatusCodes.BadNothingToDo)
+    if len(items) > limit:
+        raise Refusal(StatusCodes.BadTooManyOperations, f"{len(items)} operations, the limit is {limit}")
+    return items

@@ -1,0 +1,200 @@
+"""Discovery and the session services (OPC 10000-4 5.5 and 5.7)."""
+
+# pyright: reportUnknownMemberType=false, reportUnknownVariableType=false, reportUnknownArgumentType=false
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+from asyncua import ua
+from cryptography.exceptions import InvalidSignature
+
+from ua_fleet.server.endpoint.channel import Channel
+from ua_fleet.server.endpoint.context import Context
+from ua_fleet.server.endpoint.logins import identify
+from ua_fleet.server.endpoint.sessions import NONCE_BYTES, Link, Session, Sessions
+from ua_fleet.server.endpoint.stack import DECODE_ERRORS, Refusal, StatusCodes
+from ua_fleet.server.endpoint.subscriptions import Subscriptions
+from ua_fleet.server.trust import CertificateRefused
+
+__all__ = ["SessionServices"]
+
+
+class SessionServices:
+    """What is done before and around a session; also ends sessions."""
+
+    def __init__(self, context: Context, sessions: Sessions, subscriptions: Subscriptions) -> None:
+        self._context, self._limits = context, context.limits
+        self._sessions, self._subscriptions = sessions, subscriptions
+
+    async def get_endpoints(self, params: ua.GetEndpointsParameters, server: tuple[str, int] | None) -> Any:
+        """GetEndpoints, on any channel."""
+        response = ua.GetEndpointsResponse()
+        response.Endpoints = await self._context.iserver.get_endpoints(params, sockname=server)
+        return response
+
+    def find_servers(self, params: ua.FindServersParameters, server: tuple[str, int] | None) -> Any:
+        """FindServers, on any channel: this server alone, since nobody can register."""
+        response = ua.FindServersResponse()
+        response.Servers = self._context.iserver.find_servers(params, sockname=server)
+        return response
+
+    async def create(
+        self, link: Link, channel: Channel, params: ua.CreateSessionParameters, server: tuple[str, int] | None
+    ) -> tuple[Session, Any]:
+        """CreateSession: a session that nobody may use yet."""
+        if not channel.sessions_allowed:
+            raise Refusal(StatusCodes.BadSecurityModeInsufficient, "a session without security")
+        certificate = channel.client_certificate
+        application = params.ClientDescription.ApplicationUri or ""
+        if channel.secured:
+            given = params.ClientCertificate or b""
+            if given[: len(certificate)] != certificate:
+                raise Refusal(StatusCodes.BadCertificateInvalid, "another certificate than the channel's")
+            if len(params.ClientNonce or b"") < NONCE_BYTES:
+                raise Refusal(StatusCodes.BadNonceInvalid)
+            self._check_certificate(channel)
+            try:
+                self._context.trust.check_uri(channel.chain[0], application)
+            except CertificateRefused as error:
+                raise Refusal(error.ua_status, str(error)) from error
+        if self._sessions.active >= self._limits.sessions:
+            raise Refusal(StatusCodes.BadTooManySessions)
+        for session in self._sessions.on(link):
+            if not session.active:
+                await self.end(session, delete_subscriptions=True)
+        least, most = self._limits.session_timeout_s
+        wish = float(params.RequestedSessionTimeout or 0) / 1000
+        session = Session(link, certificate, application, min(max(wish, least), most) if wish == wish else least)
+        self._sessions.add(session)
+        self._context.statistics.sessions += 1
+        return session, await self._created(session, channel, params, server)
+
+    async def _created(
+        self,
+        session: Session,
+        channel: Channel,
+        params: ua.CreateSessionParameters,
+        server: tuple[str, int] | None,
+    ) -> Any:
+        result: Any = ua.CreateSessionResult()
+        result.SessionId = session.session_id
+        result.AuthenticationToken = session.auth_token
+        result.RevisedSessionTimeout = session.timeout_s * 1000
+        result.MaxRequestMessageSize = self._limits.message_bytes
+        result.ServerNonce = session.nonce
+        result.ServerCertificate = channel.policy.host_certificate
+        wanted = ua.GetEndpointsParameters()
+        wanted.EndpointUrl = params.EndpointUrl
+        result.ServerEndpoints = await self._context.iserver.get_endpoints(wanted, sockname=server)
+        signed = channel.client_certificate + (params.ClientNonce or b"")
+        result.ServerSignature.Signature = channel.policy.asymmetric_cryptography.signature(signed)
+        result.ServerSignature.Algorithm = channel.policy.AsymmetricSignatureURI
+        response = ua.CreateSessionResponse()
+        response.Parameters = result
+        return response
+
+    def _check_certificate(self, channel: Channel) -> None:
+        try:
+            channel.check_certificate()
+        except CertificateRefused as error:
+            raise Refusal(StatusCodes.BadSecurityChecksFailed, str(error)) from error
+
+    async def activate(
+        self, link: Link, channel: Channel, token: ua.NodeId, params: ua.ActivateSessionParameters
+    ) -> tuple[Session, Any]:
+        """ActivateSession: everything is checked first, then the session is bound; a refusal changes nothing."""
+        session = self._sessions.find(token)
+        if session is None or session.closed:
+            raise Refusal(StatusCodes.BadSessionIdInvalid, "no such session")
+        if not channel.sessions_allowed:
+            raise Refusal(StatusCodes.BadSecurityModeInsufficient, "a session without security")
+        before = session.link
+        # Only an active session is taken along to a new channel, and only by the certificate that it belongs to.
+        same = channel.secured and session.client_certificate == channel.client_certificate
+        if before is not link and not (session.active and same):
+            raise Refusal(StatusCodes.BadSessionIdInvalid, "the session of another channel")
+        self._check_certificate(channel)
+        self._check_signature(session, channel, params)
+        nonce = session.nonce
+        user = await identify(
+            self._context, params.UserIdentityToken, nonce=nonce, encrypted=channel.secured, address=link.address
+        )
+        # The password was checked in a thread; meanwhile another request may have changed the session.
+        if session.closed or session.link is not before or session.nonce is not nonce:
+            raise Refusal(StatusCodes.BadSessionIdInvalid, "the session changed during its activation")
+        if before is not link and (session.user is None or session.user.name != user.name):
+            raise Refusal(StatusCodes.BadIdentityChangeNotSupported, "another user's session")
+        if not session.active and self._sessions.active >= self._limits.sessions:
+            raise Refusal(StatusCodes.BadTooManySessions)
+        if before is not link:
+            session.unbind()
+        session.link = link
+        session.user = user
+        session.last_seen = time.monotonic()
+        self._context.statistics.logins += 1
+        self._context.audit.record("login", session.caller, "Good", application=session.application[:200])
+        response: Any = ua.ActivateSessionResponse()
+        response.Parameters.ServerNonce = session.new_nonce()
+        return session, response
+
+    def _check_signature(self, session: Session, channel: Channel, params: ua.ActivateSessionParameters) -> None:
+        """The client proves that it has the key of its certificate, and that it got our nonce (5.7.3)."""
+        if not channel.secured:
+            return
+        policy = channel.policy
+        signature = params.ClientSignature.Signature or b""
+        if params.ClientSignature.Algorithm not in (None, "", policy.AsymmetricSignatureURI):
+            raise Refusal(StatusCodes.BadApplicationSignatureInvalid, "another algorithm than the channel's")
+        try:
+            policy.asymmetric_cryptography.verify(policy.host_certificate + session.nonce, signature)
+        except (InvalidSignature, *DECODE_ERRORS) as error:
+            raise Refusal(StatusCodes.BadApplicationSignatureInvalid, "the client's signature is wrong") from error
+
+    async def close(self, session: Session, *, delete_subscriptions: bool) -> Any:
+        """CloseSession."""
+        self._context.audit.record("logout", session.caller, "Good")
+        await self.end(session, delete_subscriptions=delete_subscriptions)
+        return ua.CloseSessionResponse()
+
+    async def end(self, session: Session, *, delete_subscriptions: bool) -> None:
+        """End a session. Subscriptions that are left wait for a transfer, as many as one session may have."""
+        session.closed = True
+        self._sessions.remove(session)
+        user = session.user
+        for subscription in list(session.subscriptions.values()):
+            kept = user is not None and self._subscriptions.orphans(user) < self._limits.subscriptions_per_session
+            if delete_subscriptions or not kept or subscription.owner.anonymous:
+                await self._subscriptions.delete(subscription)
+            else:
+                session.subscriptions.pop(subscription.id)
+                subscription.session = None
+        session.unbind()
+        session.continuations.clear()
+
+    async def lost(self, link: Link) -> None:
+        """A connection is gone: sessions with subscriptions wait for their client, the others end."""
+        for session in self._sessions.on(link):
+            if session.active and session.client_certificate and session.subscriptions:
+                session.unbind()
+            else:
+                await self.end(session, delete_subscriptions=True)
+
+    async def end_overdue(self) -> None:
+        """End the sessions whose clients have been silent for too long, and those of removed users."""
+        for session in self._sessions.overdue(time.monotonic()):
+            self._context.audit.record("logout", session.caller, "BadTimeout")
+            await self.end(session, delete_subscriptions=True)
+
+    async def follow_users(self) -> None:
+        """The users file has changed: removed users lose their sessions, changed roles hold at once."""
+        for session in self._sessions:
+            if session.user is None or session.user.anonymous:
+                continue
+            user = self._context.users.get(session.user.name)
+            if user is None:
+                self._context.audit.record("logout", session.caller, "BadUserAccessDenied", reason="user removed")
+                await self.end(session, delete_subscriptions=True)
+            else:
+                session.user = user

@@ -1,0 +1,181 @@
+"""Sessions: made on one SecureChannel, used on that one alone, and moved to another only by their owner.
+
+    created --activate (certificate, signature and user right)--> active --close, timeout--> closed
+
+A refused ActivateSession changes nothing: the request is checked in full before anything is bound. After a dropped
+connection a session may be activated again from a new channel, when the client's certificate, its signature and the
+user are those that the session has. Without security there is no such proof, so there it is refused.
+"""
+
+# pyright: reportUnknownMemberType=false, reportUnknownVariableType=false, reportUnknownArgumentType=false
+
+from __future__ import annotations
+
+import secrets
+import time
+import uuid
+from collections import OrderedDict, deque
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, Final, Protocol
+
+from asyncua import ua
+
+from ua_fleet.server.audit import Caller
+from ua_fleet.server.endpoint.stack import StatusCodes, guid_id, opaque_id, status
+from ua_fleet.server.users import User
+
+if TYPE_CHECKING:
+    from ua_fleet.server.endpoint.subscriptions import ClientSubscription
+
+__all__ = ["Link", "PublishRequest", "Session", "Sessions"]
+
+TOKEN_BYTES: Final = 32
+NONCE_BYTES: Final = 32
+"""OPC 10000-4 5.6.2.2: at least 32."""
+
+
+class Link(Protocol):
+    """The connection that a session is bound to."""
+
+    peer: str
+    address: str
+
+    @property
+    def writable(self) -> bool:
+        """Whether the client keeps up."""
+        ...
+
+    def respond(self, response: Any, handle: int, request_id: int) -> None:
+        """Send a response."""
+        ...
+
+
+@dataclass(slots=True)
+class PublishRequest:
+    """A Publish request that waits for something to send."""
+
+    handle: int
+    request_id: int
+    expires_at: float
+    results: list[ua.StatusCode]
+
+
+@dataclass(slots=True, eq=False)
+class Session:
+    """One client's session."""
+
+    link: Link | None
+    client_certificate: bytes
+    application: str
+    timeout_s: float
+    token: bytes = field(default_factory=lambda: secrets.token_bytes(TOKEN_BYTES))
+    session_id: ua.NodeId = field(default_factory=lambda: guid_id(uuid.uuid4(), 1))
+    nonce: bytes = field(default_factory=lambda: secrets.token_bytes(NONCE_BYTES))
+    user: User | None = None
+    """Set while the session is active."""
+    closed: bool = False
+    last_seen: float = field(default_factory=time.monotonic)
+    last_peer: str = ""
+    subscriptions: dict[int, ClientSubscription] = field(default_factory=dict)
+    late: OrderedDict[int, None] = field(default_factory=OrderedDict)
+    """Ids of subscriptions that have something to send and no request to send it with."""
+    requests: deque[PublishRequest] = field(default_factory=deque)
+    continuations: OrderedDict[bytes, list[Any]] = field(default_factory=OrderedDict)
+
+    @property
+    def active(self) -> bool:
+        """Whether services other than activation may be used."""
+        return self.user is not None and not self.closed
+
+    @property
+    def auth_token(self) -> ua.NodeId:
+        """The AuthenticationToken, known to this client alone."""
+        return opaque_id(self.token)
+
+    @property
+    def label(self) -> str:
+        """Short name of the session for logs; its token is never shown."""
+        return str(self.session_id.Identifier)[:8]
+
+    @property
+    def caller(self) -> Caller:
+        """The session for a line of the audit log."""
+        peer = self.link.peer if self.link is not None else self.last_peer
+        if self.user is None:
+            return Caller(peer, session=self.label)
+        return Caller(peer, self.user.name, self.user.role.value, self.label)
+
+    def new_nonce(self) -> bytes:
+        """A fresh nonce for the next activation."""
+        self.nonce = secrets.token_bytes(NONCE_BYTES)
+        return self.nonce
+
+    def unbind(self) -> None:
+        """The connection is gone; its requests with it."""
+        if self.link is not None:
+            self.last_peer = self.link.peer
+        self.link = None
+        self.requests.clear()
+
+    def take_request(self, subscription_id: int) -> PublishRequest | None:
+        """A Publish request to answer; without one the subscription is remembered as late."""
+        if self.link is not None and self.link.writable:
+            self.drop_expired_requests()
+            if self.requests:
+                self.late.pop(subscription_id, None)
+                return self.requests.popleft()
+        self.late[subscription_id] = None
+        return None
+
+    def drop_expired_requests(self) -> None:
+        """Answer the Publish requests whose time is over with Bad_Timeout."""
+        now = time.monotonic()
+        while self.requests and self.requests[0].expires_at < now:
+            self.refuse_request(self.requests.popleft(), StatusCodes.BadTimeout)
+
+    def refuse_request(self, request: PublishRequest, code: int) -> None:
+        """Answer a Publish request with a fault."""
+        if self.link is not None:
+            fault = ua.ServiceFault()
+            fault.ResponseHeader.ServiceResult = status(code)
+            self.link.respond(fault, request.handle, request.request_id)
+
+
+class Sessions:
+    """All sessions of the server, by token."""
+
+    def __init__(self) -> None:
+        self._by_token: dict[bytes, Session] = {}
+
+    def __iter__(self) -> Iterator[Session]:
+        return iter(list(self._by_token.values()))
+
+    def __len__(self) -> int:
+        return len(self._by_token)
+
+    @property
+    def active(self) -> int:
+        """Number of active sessions."""
+        return sum(session.active for session in self._by_token.values())
+
+    def add(self, session: Session) -> None:
+        """Keep a new session."""
+        self._by_token[session.token] = session
+
+    def remove(self, session: Session) -> None:
+        """Forget a closed session."""
+        self._by_token.pop(session.token, None)
+
+    def find(self, token: ua.NodeId | None) -> Session | None:
+        """The session with this AuthenticationToken. Tokens have 256 random bits, so a lookup tells nothing."""
+        identifier = token.Identifier if token is not None else None
+        return self._by_token.get(identifier) if isinstance(identifier, bytes) else None
+
+    def on(self, link: Link) -> list[Session]:
+        """The sessions that are bound to a connection."""
+        return [session for session in self._by_token.values() if session.link is link]
+
+    def overdue(self, now: float) -> list[Session]:
+        """Sessions whose client has been silent for longer than their timeout."""
+        return [session for session in self._by_token.values() if now - session.last_seen > session.timeout_s]

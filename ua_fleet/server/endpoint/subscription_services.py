@@ -1,0 +1,316 @@
+"""The services for subscriptions and monitored items. Each looks first whether the subscription is its session's."""
+
+# pyright: reportUnknownMemberType=false, reportUnknownVariableType=false, reportUnknownArgumentType=false
+# pyright: reportPrivateUsage=false
+
+from __future__ import annotations
+
+import time
+from typing import Any, Final
+
+from asyncua import ua
+
+from ua_fleet.server.endpoint.attributes import readable_value
+from ua_fleet.server.endpoint.context import Context
+from ua_fleet.server.endpoint.filters import check_data_filter, check_event_filter, filter_of
+from ua_fleet.server.endpoint.indexrange import parse_range
+from ua_fleet.server.endpoint.monitoring import DataItem, EventItem
+from ua_fleet.server.endpoint.request import Request, operations
+from ua_fleet.server.endpoint.sessions import PublishRequest
+from ua_fleet.server.endpoint.stack import GOOD, Refusal, StatusCodes, status
+from ua_fleet.server.endpoint.subscriptions import ClientSubscription, Subscriptions
+
+__all__ = ["SubscriptionServices"]
+
+_SPARE_REQUESTS: Final = 10
+"""Publish requests that a session may queue beyond one for each of its subscriptions."""
+_LONGEST_WAIT_S: Final = 3_600.0
+
+
+class SubscriptionServices:
+    """OPC 10000-4 5.13 and 5.14."""
+
+    def __init__(self, context: Context, subscriptions: Subscriptions) -> None:
+        self._context, self._limits, self._subscriptions = context, context.limits, subscriptions
+        self._aspace = context.iserver.aspace
+
+    def _own(self, request: Request, subscription_id: int) -> ClientSubscription:
+        subscription = request.session.subscriptions.get(subscription_id)
+        if subscription is None:
+            raise Refusal(StatusCodes.BadSubscriptionIdInvalid, f"subscription {subscription_id}")
+        subscription.touch()
+        return subscription
+
+    async def create_subscription(self, request: Request, params: ua.CreateSubscriptionParameters) -> Any:
+        """CreateSubscription."""
+        if len(request.session.subscriptions) >= self._limits.subscriptions_per_session:
+            raise Refusal(StatusCodes.BadTooManySubscriptions)
+        subscription = self._subscriptions.create(request.session, request.user, self._limits, params)
+        subscription.start()
+        response = ua.CreateSubscriptionResponse()
+        response.Parameters = ua.CreateSubscriptionResult(subscription.id, *_revised(subscription))  # pyright: ignore[reportArgumentType]
+        return response
+
+    async def modify_subscription(self, request: Request, params: ua.ModifySubscriptionParameters) -> Any:
+        """ModifySubscription."""
+        subscription = self._own(request, params.SubscriptionId)
+        subscription.revise(
+            params.RequestedPublishingInterval,
+            params.RequestedLifetimeCount,
+            params.RequestedMaxKeepAliveCount,
+            params.MaxNotificationsPerPublish,
+        )
+        response = ua.ModifySubscriptionResponse()
+        response.Parameters = ua.ModifySubscriptionResult(*_revised(subscription))  # pyright: ignore[reportArgumentType]
+        return response
+
+    async def delete_subscriptions(self, request: Request, params: ua.DeleteSubscriptionsParameters) -> Any:
+        """DeleteSubscriptions."""
+        response = ua.DeleteSubscriptionsResponse()
+        for subscription_id in operations(params.SubscriptionIds, self._limits.nodes_per_request):
+            subscription = request.session.subscriptions.get(subscription_id)
+            if subscription is None:
+                self._foreign(request, "DeleteSubscriptions", subscription_id)
+                response.Results.append(status(StatusCodes.BadSubscriptionIdInvalid))
+            else:
+                await self._subscriptions.delete(subscription)
+                response.Results.append(GOOD)
+        if not request.session.subscriptions:
+            while request.session.requests:
+                request.session.refuse_request(request.session.requests.popleft(), StatusCodes.BadNoSubscription)
+        return response
+
+    def _foreign(self, request: Request, service: str, subscription_id: int) -> None:
+        self._context.audit.refuse(
+            request.caller, service, "BadSubscriptionIdInvalid", reason=f"subscription {subscription_id} is not its own"
+        )
+
+    async def set_publishing_mode(self, request: Request, params: ua.SetPublishingModeParameters) -> Any:
+        """SetPublishingMode."""
+        response = ua.SetPublishingModeResponse()
+        for subscription_id in operations(params.SubscriptionIds, self._limits.nodes_per_request):
+            subscription = request.session.subscriptions.get(subscription_id)
+            if subscription is None:
+                self._foreign(request, "SetPublishingMode", subscription_id)
+                response.Parameters.Results.append(status(StatusCodes.BadSubscriptionIdInvalid))
+            else:
+                subscription.touch()
+                subscription.enabled = bool(params.PublishingEnabled)
+                response.Parameters.Results.append(GOOD)
+        return response
+
+    async def publish(self, request: Request, params: ua.PublishParameters) -> None:
+        """Publish: answered at once if a subscription is late, otherwise when there is something to tell."""
+        session = request.session
+        if not session.subscriptions:
+            raise Refusal(StatusCodes.BadNoSubscription)
+        acknowledgements = params.SubscriptionAcknowledgements or []
+        if len(acknowledgements) > self._limits.nodes_per_request:
+            raise Refusal(StatusCodes.BadTooManyOperations)
+        results: list[ua.StatusCode] = []
+        for acknowledgement in acknowledgements:
+            own = session.subscriptions.get(acknowledgement.SubscriptionId)
+            if own is None:
+                results.append(status(StatusCodes.BadSubscriptionIdInvalid))
+            else:
+                results.append(own.acknowledge(acknowledgement.SequenceNumber))
+        session.drop_expired_requests()
+        wait = request.timeout_s or _LONGEST_WAIT_S
+        waiting = PublishRequest(request.handle, request.request_id, time.monotonic() + wait, results)
+        for late in list(session.late):
+            del session.late[late]
+            subscription = session.subscriptions.get(late)
+            if subscription is not None:
+                if subscription.answer(waiting):
+                    session.late[late] = None
+                return
+        if len(session.requests) >= len(session.subscriptions) + _SPARE_REQUESTS:
+            session.refuse_request(session.requests.popleft(), StatusCodes.BadTooManyPublishRequests)
+        session.requests.append(waiting)
+
+    async def republish(self, request: Request, params: ua.RepublishParameters) -> Any:
+        """Republish."""
+        message = self._own(request, params.SubscriptionId).sent(params.RetransmitSequenceNumber)
+        if message is None:
+            raise Refusal(StatusCodes.BadMessageNotAvailable)
+        response = ua.RepublishResponse()
+        response.NotificationMessage = message
+        return response
+
+    async def transfer_subscriptions(self, request: Request, params: ua.TransferSubscriptionsParameters) -> Any:
+        """TransferSubscriptions: only those of the same user, with the same client certificate."""
+        response = ua.TransferSubscriptionsResponse()
+        for subscription_id in operations(params.SubscriptionIds, self._limits.nodes_per_request):
+            result = ua.TransferResult()
+            try:
+                subscription = self._transfer(request, int(subscription_id))
+                result.AvailableSequenceNumbers = subscription.unacknowledged  # pyright: ignore[reportAttributeAccessIssue]
+                if params.SendInitialValues:
+                    for item in subscription.items:
+                        if isinstance(item, DataItem):
+                            item.tell_again(self._aspace)
+            except Refusal as error:
+                result.StatusCode = status(error.ua_status)
+                self._context.audit.refuse(
+                    request.caller, "TransferSubscriptions", result.StatusCode.name, reason=str(error)
+                )
+            response.Parameters.Results.append(result)
+        return response
+
+    def _transfer(self, request: Request, subscription_id: int) -> ClientSubscription:
+        subscription = self._subscriptions.find(subscription_id)
+        if subscription is None:
+            raise Refusal(StatusCodes.BadSubscriptionIdInvalid)
+        session = request.session
+        same = subscription.owner.name == request.user.name and not request.user.anonymous
+        if not same or subscription.owner_certificate != session.client_certificate:
+            raise Refusal(StatusCodes.BadUserAccessDenied, f"subscription {subscription_id} is another user's")
+        if subscription.session is session:
+            return subscription
+        if len(session.subscriptions) >= self._limits.subscriptions_per_session:
+            raise Refusal(StatusCodes.BadTooManySubscriptions)
+        subscription.move(session)
+        return subscription
+
+    async def create_monitored_items(self, request: Request, params: ua.CreateMonitoredItemsParameters) -> Any:
+        """CreateMonitoredItems."""
+        subscription = self._own(request, params.SubscriptionId)
+        timestamps = _timestamps(params.TimestampsToReturn)
+        response = ua.CreateMonitoredItemsResponse()
+        for item in operations(params.ItemsToCreate, self._limits.nodes_per_request):
+            try:
+                result = self._create_item(request, subscription, item, timestamps)
+            except Refusal as error:
+                result = ua.MonitoredItemCreateResult(status(error.ua_status))
+            response.Results.append(result)
+        return response
+
+    def _create_item(
+        self,
+        request: Request,
+        subscription: ClientSubscription,
+        wanted: ua.MonitoredItemCreateRequest,
+        timestamps: ua.TimestampsToReturn,
+    ) -> ua.MonitoredItemCreateResult:
+        if len(subscription.items) >= self._limits.monitored_items_per_subscription:
+            raise Refusal(StatusCodes.BadTooManyMonitoredItems)
+        target, parameters = wanted.ItemToMonitor, wanted.RequestedParameters
+        wanted.MonitoringMode = _monitoring_mode(wanted.MonitoringMode)
+        parameters.Filter = filter_of(parameters)
+        if target.NodeId is None or self._aspace.get(target.NodeId) is None:
+            raise Refusal(StatusCodes.BadNodeIdUnknown)
+        size = self._queue_size(parameters.QueueSize)
+        result: Any = ua.MonitoredItemCreateResult()
+        if target.AttributeId == ua.AttributeIds.EventNotifier and isinstance(parameters.Filter, ua.EventFilter):
+            notifier = self._aspace.read_attribute_value(target.NodeId, ua.AttributeIds.EventNotifier)
+            bits = notifier.Value.Value if notifier.Value is not None else None
+            if not bits or not int(bits) & 1:
+                raise Refusal(StatusCodes.BadNotSupported, "the node has no events")
+            event_filter = check_event_filter(self._aspace, parameters.Filter, self._limits.filter_elements)
+            size = self._limits.queue_size if not parameters.QueueSize else size
+            events = EventItem(subscription, subscription.items.next_id(), wanted, size, event_filter)
+            subscription.items.add_events(events)
+            result.MonitoredItemId = events.id
+        else:
+            value = readable_value(self._aspace, target.NodeId, target.AttributeId)
+            check_data_filter(parameters.Filter, attribute=target.AttributeId, value=value)
+            index_range = parse_range(target.IndexRange)
+            if index_range is not None and target.AttributeId != ua.AttributeIds.Value:
+                raise Refusal(StatusCodes.BadIndexRangeInvalid)
+            data = DataItem(subscription, subscription.items.next_id(), wanted, size, index_range, timestamps)
+            if not (code := subscription.items.add_data(data)).is_good():
+                raise Refusal(int(code.value))
+            result.MonitoredItemId = data.id
+        # Values are told when they are written; there is no sampling.
+        result.RevisedSamplingInterval = 0.0
+        result.RevisedQueueSize = size
+        return result
+
+    def _queue_size(self, requested: int) -> int:
+        return min(max(int(requested), 1), self._limits.queue_size)
+
+    async def modify_monitored_items(self, request: Request, params: ua.ModifyMonitoredItemsParameters) -> Any:
+        """ModifyMonitoredItems."""
+        subscription = self._own(request, params.SubscriptionId)
+        timestamps = _timestamps(params.TimestampsToReturn)
+        response = ua.ModifyMonitoredItemsResponse()
+        for wanted in operations(params.ItemsToModify, self._limits.nodes_per_request):
+            try:
+                result = self._modify_item(subscription, wanted, timestamps)
+            except Refusal as error:
+                result = ua.MonitoredItemModifyResult(status(error.ua_status))
+            response.Results.append(result)
+        return response
+
+    def _modify_item(
+        self,
+        subscription: ClientSubscription,
+        wanted: ua.MonitoredItemModifyRequest,
+        timestamps: ua.TimestampsToReturn,
+    ) -> ua.MonitoredItemModifyResult:
+        item = subscription.items.get(wanted.MonitoredItemId)
+        parameters = wanted.RequestedParameters
+        if item is None:
+            raise Refusal(StatusCodes.BadMonitoredItemIdInvalid)
+        parameters.Filter = filter_of(parameters)
+        if isinstance(item, EventItem):
+            item.filter = check_event_filter(self._aspace, parameters.Filter, self._limits.filter_elements)
+        elif isinstance(item, DataItem):
+            value = self._aspace.read_attribute_value(item.node_id, item.attribute)
+            check_data_filter(parameters.Filter, attribute=item.attribute, value=value)
+            item.set_filter(parameters.Filter)
+            item.timestamps = timestamps
+        item.client_handle = parameters.ClientHandle
+        item.discard_oldest = bool(parameters.DiscardOldest)
+        item.queue_size = self._queue_size(parameters.QueueSize)
+        result: Any = ua.MonitoredItemModifyResult()
+        result.RevisedSamplingInterval = 0.0
+        result.RevisedQueueSize = item.queue_size
+        return result
+
+    async def set_monitoring_mode(self, request: Request, params: ua.SetMonitoringModeParameters) -> Any:
+        """SetMonitoringMode."""
+        subscription = self._own(request, params.SubscriptionId)
+        mode = _monitoring_mode(params.MonitoringMode)
+        response = ua.SetMonitoringModeResponse()
+        for item_id in operations(params.MonitoredItemIds, self._limits.nodes_per_request):
+            item = subscription.items.get(item_id)
+            if item is None:
+                response.Parameters.Results.append(status(StatusCodes.BadMonitoredItemIdInvalid))
+                continue
+            before, item.mode = item.mode, mode
+            if mode is not ua.MonitoringMode.Reporting:
+                subscription.silence(item)
+            elif before is not mode and isinstance(item, DataItem):
+                item.tell_again(self._aspace)
+            response.Parameters.Results.append(GOOD)
+        return response
+
+    async def delete_monitored_items(self, request: Request, params: ua.DeleteMonitoredItemsParameters) -> Any:
+        """DeleteMonitoredItems."""
+        subscription = self._own(request, params.SubscriptionId)
+        response = ua.DeleteMonitoredItemsResponse()
+        ids = operations(params.MonitoredItemIds, self._limits.nodes_per_request)
+        response.Results = [subscription.remove(item_id) for item_id in ids]
+        return response
+
+
+def _revised(subscription: ClientSubscription) -> tuple[float, int, int]:
+    return subscription.interval_s * 1000, subscription.lifetime_count, subscription.keep_alive_count
+
+
+def _timestamps(value: Any) -> ua.TimestampsToReturn:
+    try:
+        timestamps = ua.TimestampsToReturn(value)
+    except ValueError as error:
+        raise Refusal(StatusCodes.BadTimestampsToReturnInvalid) from error
+    if timestamps == ua.TimestampsToReturn.Invalid:
+        raise Refusal(StatusCodes.BadTimestampsToReturnInvalid)
+    return timestamps
+
+
+def _monitoring_mode(value: Any) -> ua.MonitoringMode:
+    try:
+        return ua.MonitoringMode(value)
+    except ValueError as error:
+        raise Refusal(StatusCodes.BadMonitoringModeInvalid) from error

@@ -1,0 +1,281 @@
+"""Which client certificates are accepted (OPC 10000-4 6.1.3), and what becomes of the others.
+
+A certificate is trusted when it stands in `trusted/` itself, or when its chain of issuers ends at a CA that does. The
+folders are looked at again whenever they change, so that `ua-fleet cert trust` takes effect in a running server.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Final
+
+import structlog
+from cryptography import x509
+from cryptography.exceptions import InvalidSignature
+from cryptography.hazmat.primitives import hashes, serialization
+from cryptography.hazmat.primitives.asymmetric import rsa
+from cryptography.x509.oid import ExtendedKeyUsageOID
+
+from ua_fleet.errors import UaFleetError
+from ua_fleet.server.certificates import (
+    CertificateError,
+    CertificateState,
+    application_uris,
+    certificate_paths,
+    certificates_folder,
+    load_certificate,
+    thumbprint,
+    write_private,
+)
+
+__all__ = ["CertificateRefused", "TrustList", "split_chain"]
+
+_log = structlog.get_logger("ua_fleet.certificates")
+
+MIN_KEY_BITS: Final = 2048
+MAX_KEY_BITS: Final = 4096
+"""Key lengths of all policies that we offer (OPC 10000-7, MinAsymmetricKeyLength and MaxAsymmetricKeyLength)."""
+MAX_CHAIN: Final = 5
+MAX_CHAIN_BYTES: Final = 16_384
+MAX_REJECTED: Final = 32
+_WEAK_HASHES: Final = (hashes.MD5, hashes.SHA1)
+
+
+class CertificateRefused(UaFleetError):
+    """A client's certificate is not accepted; `ua_status` and the text are for our log."""
+
+    def __init__(self, ua_status: int, reason: str) -> None:
+        self.ua_status = ua_status
+        super().__init__(reason)
+
+
+# OPC 10000-6 annex A; StatusCodes of certificates, which nothing else in the project needs.
+INVALID: Final = 0x8012_0000
+TIME_INVALID: Final = 0x8014_0000
+ISSUER_TIME_INVALID: Final = 0x8015_0000
+URI_INVALID: Final = 0x8017_0000
+USE_NOT_ALLOWED: Final = 0x8018_0000
+UNTRUSTED: Final = 0x801A_0000
+REVOKED: Final = 0x801D_0000
+POLICY_CHECK_FAILED: Final = 0x8114_0000
+
+
+def split_chain(data: bytes) -> list[x509.Certificate]:
+    """The certificates of a SenderCertificate: DER after DER, the application's own first."""
+    if len(data) > MAX_CHAIN_BYTES:
+        raise CertificateRefused(INVALID, f"the certificate has {len(data)} bytes")
+    chain: list[x509.Certificate] = []
+    offset = 0
+    try:
+        while offset < len(data):
+            if len(chain) == MAX_CHAIN:
+                raise CertificateRefused(INVALID, f"more than {MAX_CHAIN} certificates in a chain")
+            end = offset + _der_length(data[offset : offset + 6])
+            chain.append(x509.load_der_x509_certificate(data[offset:end]))
+            offset = end
+    except (ValueError, TypeError, IndexError) as error:
+        raise CertificateRefused(INVALID, f"the certificate cannot be read ({error})") from error
+    if not chain:
+        raise CertificateRefused(INVALID, "there is no certificate")
+    return chain
+
+
+def _der_length(head: bytes) -> int:
+    """Length of a DER SEQUENCE with its tag and length octets."""
+    if head[0] != 0x30:
+        raise ValueError("no DER sequence")
+    if head[1] < 0x80:
+        return 2 + head[1]
+    octets = head[1] & 0x7F
+    if not 1 <= octets <= 3:
+        raise ValueError("DER length out of bounds")
+    return 2 + octets + int.from_bytes(head[2 : 2 + octets], "big")
+
+
+@dataclass
+class _Folder:
+    """The certificates of one folder, read again when the folder changes."""
+
+    path: Path
+    certificates: dict[bytes, x509.Certificate] = field(default_factory=dict[bytes, x509.Certificate])
+    signature: tuple[int, int] | None = None
+
+    def refresh(self) -> dict[bytes, x509.Certificate]:
+        try:
+            status = self.path.stat()
+        except OSError:
+            self.certificates, self.signature = {}, None
+            return self.certificates
+        signature = (status.st_mtime_ns, status.st_ino)
+        if signature != self.signature:
+            self.signature = signature
+            self.certificates = {}
+            for path in certificate_paths(self.path):
+                try:
+                    certificate = load_certificate(path)
+                except CertificateError as error:
+                    _log.warning("certificate left out", reason=str(error))
+                    continue
+                self.certificates[certificate.fingerprint(hashes.SHA256())] = certificate
+        return self.certificates
+
+
+class TrustList:
+    """Checks client certificates against the folders of one server."""
+
+    def __init__(self, state_dir: Path, *, trust_all: bool = False) -> None:
+        folder = certificates_folder(state_dir)
+        self._trust_all = trust_all
+        self._trusted = _Folder(folder / CertificateState.TRUSTED)
+        self._issuers = _Folder(folder / CertificateState.ISSUER)
+        self._revocations = folder / "crl"
+        self._rejected = folder / CertificateState.REJECTED
+        for path in (self._trusted.path, self._issuers.path, self._revocations, self._rejected):
+            path.mkdir(parents=True, exist_ok=True, mode=0o700)
+
+    @property
+    def trusts_all(self) -> bool:
+        """Whether every sound certificate is accepted."""
+        return self._trust_all
+
+    def check(self, chain: list[x509.Certificate]) -> None:
+        """Raise CertificateRefused unless the first certificate of the chain is sound and trusted."""
+        certificate = chain[0]
+        self._check_sound(certificate, TIME_INVALID)
+        _check_use(certificate)
+        self_signed = certificate.issuer == certificate.subject
+        if self_signed and not _issued_by(certificate, certificate):
+            raise CertificateRefused(INVALID, "the certificate's own signature is wrong")
+        if self._trust_all:
+            return
+        trusted = self._trusted.refresh()
+        if certificate.fingerprint(hashes.SHA256()) in trusted:
+            self._check_not_revoked(certificate, [*trusted.values(), *self._issuers.refresh().values()])
+            return
+        if self_signed or not self._chain_trusted(chain):
+            raise CertificateRefused(
+                UNTRUSTED,
+                f"certificate {thumbprint(certificate)[:12]} of {certificate.subject.rfc4514_string()[:100]!r} is not "
+                f"trusted; trust it with: ua-fleet cert trust {thumbprint(certificate)[:12]}",
+            )
+
+    def check_uri(self, certificate: x509.Certificate, application_uri: str) -> None:
+        """Raise CertificateRefused unless the certificate is that of the application (OPC 10000-4 6.1.3)."""
+        if application_uri not in application_uris(certificate):
+            raise CertificateRefused(URI_INVALID, f"the certificate is not that of {application_uri[:100]!r}")
+
+    def reject(self, certificate: x509.Certificate) -> None:
+        """Keep a refused certificate, so that it can be trusted later; the oldest of too many goes."""
+        path = self._rejected / f"{thumbprint(certificate)}.der"
+        if path.exists():
+            return
+        try:
+            write_private(path, certificate.public_bytes(serialization.Encoding.DER), 0o644)
+            kept = sorted(certificate_paths(self._rejected), key=lambda entry: entry.stat().st_mtime_ns)
+            for old in kept[: max(0, len(kept) - MAX_REJECTED)]:
+                old.unlink(missing_ok=True)
+        except OSError as error:
+            _log.error("rejected certificate cannot be kept", path=str(path), reason=os.strerror(error.errno or 0))
+
+    def _check_sound(self, certificate: x509.Certificate, time_status: int) -> None:
+        try:
+            key = certificate.public_key()
+        except (ValueError, TypeError) as error:
+            raise CertificateRefused(INVALID, f"the certificate's key cannot be read ({error})") from error
+        if not isinstance(key, rsa.RSAPublicKey) or not MIN_KEY_BITS <= key.key_size <= MAX_KEY_BITS:
+            raise CertificateRefused(
+                POLICY_CHECK_FAILED, f"the key is not RSA with {MIN_KEY_BITS} to {MAX_KEY_BITS} bits"
+            )
+        if isinstance(certificate.signature_hash_algorithm, _WEAK_HASHES):
+            raise CertificateRefused(POLICY_CHECK_FAILED, "the certificate is signed with a weak hash")
+        now = datetime.now(UTC)
+        if not certificate.not_valid_before_utc <= now <= certificate.not_valid_after_utc:
+            raise CertificateRefused(
+                time_status,
+                f"the certificate is valid from {certificate.not_valid_before_utc:%Y-%m-%d} "
+                f"to {certificate.not_valid_after_utc:%Y-%m-%d} only",
+            )
+
+    def _chain_trusted(self, chain: list[x509.Certificate]) -> bool:
+        """Whether the issuers of the certificate lead to a trusted CA, each of them sound and none revoked."""
+        trusted = self._trusted.refresh()
+        known = [*trusted.values(), *self._issuers.refresh().values()]
+        current = chain[0]
+        for _ in range(MAX_CHAIN):
+            issuer = next((ca for ca in [*known, *chain[1:]] if _is_ca(ca) and _issued_by(current, ca)), None)
+            if issuer is None or issuer == current:
+                return False
+            self._check_sound(issuer, ISSUER_TIME_INVALID)
+            self._check_not_revoked(current, [issuer])
+            if issuer.fingerprint(hashes.SHA256()) in trusted:
+                return True
+            current = issuer
+        return False
+
+    def _check_not_revoked(self, certificate: x509.Certificate, authorities: Iterable[x509.Certificate]) -> None:
+        for revocations in self._load_revocations():
+            if revocations.issuer != certificate.issuer:
+                continue
+            if not any(_signed(revocations, authority) for authority in authorities):
+                continue
+            if revocations.get_revoked_certificate_by_serial_number(certificate.serial_number) is not None:
+                raise CertificateRefused(REVOKED, f"certificate {thumbprint(certificate)[:12]} is revoked")
+
+    def _load_revocations(self) -> list[x509.CertificateRevocationList]:
+        found: list[x509.CertificateRevocationList] = []
+        for path in sorted(self._revocations.iterdir()) if self._revocations.is_dir() else []:
+            try:
+                data = path.read_bytes()
+                pem = data.lstrip().startswith(b"-----BEGIN")
+                found.append(x509.load_pem_x509_crl(data) if pem else x509.load_der_x509_crl(data))
+            except (OSError, ValueError) as error:
+                # A list that cannot be read must not let revoked certificates in.
+                raise CertificateRefused(INVALID, f"{path}: no readable revocation list ({error})") from error
+        return found
+
+
+def _signed(revocations: x509.CertificateRevocationList, authority: x509.Certificate) -> bool:
+    key = authority.public_key()
+    return (
+        authority.subject == revocations.issuer
+        and isinstance(key, rsa.RSAPublicKey)
+        and revocations.is_signature_valid(key)
+    )
+
+
+def _check_use(certificate: x509.Certificate) -> None:
+    try:
+        usage = certificate.extensions.get_extension_for_class(x509.KeyUsage).value
+        allowed = usage.digital_signature and usage.key_encipherment and usage.data_encipherment
+    except x509.ExtensionNotFound:
+        allowed = False
+    except ValueError as error:
+        raise CertificateRefused(INVALID, f"the certificate's extensions cannot be read ({error})") from error
+    try:
+        extended = certificate.extensions.get_extension_for_class(x509.ExtendedKeyUsage).value
+        allowed = allowed and ExtendedKeyUsageOID.CLIENT_AUTH in extended
+    except x509.ExtensionNotFound:
+        pass
+    if not allowed:
+        raise CertificateRefused(USE_NOT_ALLOWED, "the certificate's key usage is not that of an OPC UA client")
+
+
+def _is_ca(certificate: x509.Certificate) -> bool:
+    try:
+        constraints = certificate.extensions.get_extension_for_class(x509.BasicConstraints).value
+        usage = certificate.extensions.get_extension_for_class(x509.KeyUsage).value
+    except (x509.ExtensionNotFound, ValueError):
+        return False
+    return constraints.ca and usage.key_cert_sign
+
+
+def _issued_by(certificate: x509.Certificate, issuer: x509.Certificate) -> bool:
+    try:
+        certificate.verify_directly_issued_by(issuer)
+    except (ValueError, TypeError, InvalidSignature):
+        return False
+    return True

@@ -33,6 +33,13 @@ __all__ = [
 
 Name = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_-]{0,63}$")]
 DataSetId = Annotated[int, Field(ge=1, le=65535)]
+FieldPath = Annotated[
+    str,
+    Field(
+        pattern=r"^[A-Za-z][A-Za-z0-9_]*(\[[0-9]{1,6}\])*(\.[A-Za-z][A-Za-z0-9_]*(\[[0-9]{1,6}\])*)*$",
+        examples=["twist.linear.x"],
+    ),
+]
 
 
 class _Model(BaseModel, frozen=True):
@@ -74,7 +81,7 @@ class FieldConfig(_Model, frozen=True):
     """Engineering unit as shown to users, e.g. `m/s` or `%`."""
     range: tuple[float, float] | None = None
     """Least and greatest legal value; a value outside is refused (client) or shown as Uncertain (robot)."""
-    path: str | None = None
+    path: FieldPath | None = None
     """Where the field stands in the robot's own message, e.g. `twist.linear.x`; the field's name if left out."""
     initial: bool | int | float | str | None = None
     """First value of a node that clients write. Without it the node waits for its first value."""
@@ -100,9 +107,11 @@ class QosConfig(_Model, frozen=True):
 class TopicMapping(_Model, frozen=True):
     """A robot's own topic that a DataSet is read from or written to."""
 
-    topic: Annotated[str, Field(pattern=r"^/?[A-Za-z_][A-Za-z0-9_/]*$")]
+    topic: Annotated[str, Field(pattern=r"^/?[A-Za-z_][A-Za-z0-9_/]*$", examples=["/battery_state"])]
     """Name of the topic in the robot's space, e.g. `/battery_state`."""
-    type: Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*/(msg/)?[A-Z][A-Za-z0-9]*$")]
+    type: Annotated[
+        str, Field(pattern=r"^[a-z][a-z0-9_]*/(msg/)?[A-Z][A-Za-z0-9]*$", examples=["sensor_msgs/BatteryState"])
+    ]
     """Message type as `pkg/Name`."""
     max_rate_hz: float | None = Field(default=None, gt=0)
     """At most so many messages a second are carried; the latest wins, and the last one always arrives."""
@@ -124,7 +133,7 @@ class DataSetConfig(_Model, frozen=True):
     array: bool = False
     unit: str | None = None
     range: tuple[float, float] | None = None
-    path: str | None = None
+    path: FieldPath | None = None
     initial: bool | int | float | str | None = None
     fields: dict[Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_.]{0,127}$")], FieldConfig] = {}
     """Several fields: name to field."""

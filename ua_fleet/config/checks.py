@@ -1,0 +1,215 @@
+"""What one model alone cannot see: names that lead nowhere, ids used twice, values that do not fit their field."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+from datetime import datetime
+from typing import Any, Final
+
+from ua_fleet.config.document import Document, KeyPath, as_mapping, key_text
+from ua_fleet.config.schema import BridgeConfig, DataSetConfig, FieldConfig, PubSubConfig, ScalarType, TopicMapping
+from ua_fleet.config.wording import closest, listed
+
+__all__ = ["Parts", "check_all"]
+
+_UA_TOPIC: Final = re.compile(r"/?ua_[0-9]")
+_BITS: Final = re.compile(r"(U?)(?:Int)(\d+)")
+_MAX_FLOAT: Final = 3.4028234663852886e38
+
+
+@dataclass(frozen=True, slots=True)
+class Parts:
+    """What is valid by itself; the rest has its problems already."""
+
+    document: Document
+    file: str
+    pubsub: PubSubConfig | None
+    bridges: dict[str, BridgeConfig]
+    bridge_of: dict[str, str]
+    """The bridge of each valid robot."""
+    data: dict[tuple[str, str], DataSetConfig]
+    """By robot and name."""
+
+    def mapping_at(self, path: KeyPath) -> dict[str, Any]:
+        """The mapping that stands at a path of the file; empty where there is none."""
+        value = self.document.data
+        for step in path:
+            value = as_mapping(value.get(str(step))) or {}
+        return value
+
+
+def _check_bridges_exist(parts: Parts) -> None:
+    known = list(parts.mapping_at(("bridges",)))
+    for robot, bridge in parts.bridge_of.items():
+        if bridge not in known:
+            there = f"there are: {listed(known)}" if known else "add it under `bridges`"
+            parts.document.problem(
+                ("robots", robot, "bridge"), f"there is no bridge `{bridge}`", closest(bridge, known) or there
+            )
+
+
+def _check_spaces(parts: Parts) -> None:
+    first: dict[int, str] = {}
+    for name, bridge in parts.bridges.items():
+        other = first.setdefault(bridge.space, name)
+        if other != name:
+            parts.document.problem(
+                ("bridges", name, "space"),
+                f"bridge `{other}` stands in space {bridge.space} already, and two would forward everything twice",
+                "give this bridge another space, or remove it",
+            )
+
+
+def _id_paths(parts: Parts) -> list[KeyPath]:
+    paths: list[KeyPath] = [("bridges", name, "status_id") for name in parts.mapping_at(("bridges",))]
+    for robot in parts.mapping_at(("robots",)):
+        paths += [("robots", robot, "data", name, "id") for name in parts.mapping_at(("robots", robot, "data"))]
+    return paths
+
+
+def _check_ids(parts: Parts) -> None:
+    """All ids share the fleet's namespace, whatever space their data comes from."""
+    used: dict[int, KeyPath] = {}
+    for path in _id_paths(parts):
+        number = parts.mapping_at(path[:-1]).get(str(path[-1]))
+        if isinstance(number, bool) or not isinstance(number, int):
+            continue
+        first = used.setdefault(number, path)
+        if first != path:
+            line = parts.document.place_of(first).line
+            where = f"{key_text(first)}, line {line}" if line else key_text(first)
+            parts.document.problem(
+                path,
+                f"{number} is in use already ({where})",
+                f"remove it here and run: ua-fleet config assign-ids {parts.file}",
+            )
+
+
+def check_ids_given(parts: Parts) -> None:
+    """Each data source and each bridge's status must have its id."""
+    remedy = f"run: ua-fleet config assign-ids {parts.file}"
+    for path in _id_paths(parts):
+        if parts.mapping_at(path[:-1]).get(str(path[-1])) is None:
+            parts.document.problem(path, f"`{path[-1]}` is missing", remedy)
+
+
+def _absolute(topic: str) -> str:
+    return topic if topic.startswith("/") else f"/{topic}"
+
+
+def _check_topics(parts: Parts) -> None:
+    sources: dict[tuple[str, str], tuple[KeyPath, TopicMapping]] = {}
+    sinks: dict[tuple[str, str], KeyPath] = {}
+    for (robot, name), dataset in parts.data.items():
+        bridge = parts.bridge_of.get(robot, "")
+        for side, mapping in (("source", dataset.source), ("sink", dataset.sink)):
+            if mapping is None:
+                continue
+            path: KeyPath = ("robots", robot, "data", name, side, "topic")
+            if _UA_TOPIC.match(mapping.topic):
+                parts.document.problem(
+                    path,
+                    f"{mapping.topic} is a UA topic, which is bridged without being named here",
+                    f"remove `{side}`",
+                )
+            key = (bridge, _absolute(mapping.topic))
+            if side == "sink":
+                first_sink = sinks.setdefault(key, path)
+                if first_sink != path:
+                    line = parts.document.place_of(first_sink).line
+                    parts.document.problem(
+                        path,
+                        f"{mapping.topic} is written by {key_text(first_sink[:-2])} already (line {line})",
+                        "make one data source with `fields`",
+                    )
+                continue
+            first_path, first = sources.setdefault(key, (path, mapping))
+            if first.type.replace("/msg/", "/") != mapping.type.replace("/msg/", "/"):
+                parts.document.problem(
+                    (*path[:-1], "type"),
+                    f"{mapping.topic} has the type {first.type} in {key_text(first_path[:-2])}",
+                    "a topic has one type; correct one of them",
+                )
+
+
+def _number_problem(kind: ScalarType, value: float) -> str:
+    if kind is ScalarType.DOUBLE:
+        return ""
+    if kind is ScalarType.FLOAT:
+        return "does not fit into Float" if abs(value) > _MAX_FLOAT else ""
+    if not isinstance(value, int):
+        return f"must be a whole number for {kind.value}"
+    bits = {ScalarType.SBYTE: ("", 8), ScalarType.BYTE: ("U", 8)}.get(kind)
+    if bits is None:
+        match = _BITS.fullmatch(kind.value)
+        assert match is not None
+        bits = (match[1], int(match[2]))
+    least, greatest = (0, 2 ** bits[1] - 1) if bits[0] else (-(2 ** (bits[1] - 1)), 2 ** (bits[1] - 1) - 1)
+    return "" if least <= value <= greatest else f"does not fit into {kind.value}, {least} to {greatest}"
+
+
+def _is_time(text: str) -> bool:
+    try:
+        return datetime.fromisoformat(text).tzinfo is not None
+    except ValueError:
+        return False
+
+
+def _initial_problem(field: FieldConfig) -> str:
+    """What is wrong with a field's initial value; the empty text where nothing is."""
+    value, kind = field.initial, field.type
+    if field.array:
+        return "an array has no initial value"
+    if kind is ScalarType.BYTE_STRING:
+        return "a ByteString has no initial value"
+    if kind is ScalarType.BOOLEAN:
+        return "" if isinstance(value, bool) else "must be true or false for Boolean"
+    if kind is ScalarType.STRING:
+        return "" if isinstance(value, str) else "must be a text for String, in quotes"
+    if kind is ScalarType.DATETIME:
+        return "" if isinstance(value, str) and _is_time(value) else "must be a time like 2030-01-31T12:00:00Z"
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return f"must be a number for {kind.value}"
+    if (problem := _number_problem(kind, value)) != "":
+        return problem
+    if field.range is not None and not field.range[0] <= value <= field.range[1]:
+        return f"is outside of the range {field.range[0]:g} to {field.range[1]:g}"
+    return ""
+
+
+def _check_initial_values(parts: Parts) -> None:
+    for (robot, name), dataset in parts.data.items():
+        for field_name, field in dataset.all_fields().items():
+            if field.initial is None:
+                continue
+            inner: KeyPath = ("fields", field_name) if field_name else ()
+            path: KeyPath = ("robots", robot, "data", name, *inner, "initial")
+            if dataset.origin == "robot":
+                parts.document.problem(
+                    path, "is for data that clients write", "remove it, or set `origin: server` for this data source"
+                )
+            elif problem := _initial_problem(field):
+                parts.document.problem(path, problem)
+
+
+def _check_pubsub(parts: Parts) -> None:
+    if parts.pubsub is not None and not 1 <= int(parts.pubsub.url.rpartition(":")[2]) <= 65535:
+        parts.document.problem(("pubsub", "url"), "a port is 1 to 65535", "the registered one is 4840")
+
+
+_CHECKS: Final[tuple[Callable[[Parts], None], ...]] = (
+    _check_bridges_exist,
+    _check_spaces,
+    _check_ids,
+    _check_topics,
+    _check_initial_values,
+    _check_pubsub,
+)
+
+
+def check_all(parts: Parts) -> None:
+    """Note every problem between the parts."""
+    for check in _CHECKS:
+        check(parts)

@@ -1,0 +1,188 @@
+"""Loading `fleet.yaml`: defaults < file < environment < options, with all problems at once.
+
+Each bridge, robot and data source is validated by itself, so that one mistake hides no other.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Final, TypeVar
+
+from pydantic import BaseModel, TypeAdapter, ValidationError
+
+from ua_fleet.config.checks import Parts, check_all, check_ids_given
+from ua_fleet.config.document import MAX_BYTES, Document, KeyPath, as_mapping, key_text, read_document
+from ua_fleet.config.kinds import known_kinds, model_of_kind
+from ua_fleet.config.layers import apply_environment, apply_options
+from ua_fleet.config.schema import BridgeConfig, DataSetConfig, FleetConfig, Name, RobotConfig
+from ua_fleet.config.wording import closest, explain, listed
+from ua_fleet.errors import ConfigError, ConfigInvalid
+
+__all__ = ["VERSION", "load", "read_content"]
+
+VERSION: Final = 1
+"""The version of the format that this code reads."""
+
+_NAME: Final[TypeAdapter[str]] = TypeAdapter(Name)
+_SECTIONS: Final = ("fleet", "server", "pubsub", "bridges", "robots")
+_Model = TypeVar("_Model", bound=BaseModel)
+
+
+def read_content(path: Path) -> bytes:
+    """The bytes of a configuration file; raises ConfigInvalid when it cannot be read."""
+    try:
+        with path.open("rb") as file:
+            return file.read(MAX_BYTES + 1)
+    except FileNotFoundError as error:
+        problem = ConfigError(
+            "there is no such file", file=str(path), suggestion=f"write a commented one: ua-fleet config init {path}"
+        )
+        raise ConfigInvalid([problem]) from error
+    except OSError as error:
+        reason = (error.strerror or "it").lower()
+        raise ConfigInvalid([ConfigError(f"cannot be read: {reason}", file=str(path))]) from error
+
+
+class _Loading:
+    """One file on its way into the models; problems go to the document."""
+
+    def __init__(self, document: Document) -> None:
+        self._document = document
+        self._told = {problem.key for problem in document.problems}
+
+    def mapping(self, path: KeyPath, value: Any) -> dict[str, Any]:
+        """The mapping at `path`; a key without a value counts as an empty one."""
+        if value is not None and not isinstance(value, dict):
+            self._document.problem(path, "must have keys with values")
+        return as_mapping(value) or {}
+
+    def model(self, model: type[_Model], data: Mapping[str, Any], path: KeyPath) -> _Model | None:
+        """`data` as a model, or None after its problems were noted."""
+        try:
+            # JSON is pydantic's one mode that is strict about scalars and yet takes lists and names of enumerations.
+            return model.model_validate_json(json.dumps(data), strict=True)
+        except ValidationError as error:
+            for finding in explain(model, data, error.errors(include_url=False)):
+                where = (*path, *finding.path)
+                if key_text(where) not in self._told:
+                    self._document.problem(where, finding.message, finding.suggestion)
+            return None
+
+    def named(self, path: KeyPath, value: Any) -> dict[str, Any]:
+        """The mapping at `path`, whose keys are names that users give."""
+        mapping = self.mapping(path, value)
+        for name in mapping:
+            try:
+                _NAME.validate_python(name)
+            except ValidationError:
+                self._document.problem(
+                    (*path, name),
+                    f"`{name}` is not allowed as a name",
+                    "begin with a letter; then letters, digits, _ and -, 64 at most",
+                )
+        return mapping
+
+    def bridge(self, name: str, value: Any) -> BridgeConfig | None:
+        """A bridge, validated by the model of its kind."""
+        path: KeyPath = ("bridges", name)
+        data = self.mapping(path, value)
+        kind, kinds = data.get("kind"), known_kinds()
+        there = f"there are: {listed(kinds)}"
+        if kind is None:
+            self._document.problem((*path, "kind"), "`kind` is missing", there)
+        elif kind not in kinds:
+            hint = f"{closest(str(kind), kinds)} {there}".strip()
+            self._document.problem((*path, "kind"), f"no bridge of kind `{kind}` is installed", hint)
+        else:
+            try:
+                return self.model(model_of_kind(kind), data, path)
+            except ConfigError as error:
+                self._document.problem((*path, "kind"), error.message)
+        return None
+
+
+def _read(document: Document, file: str, allow_missing_ids: bool) -> FleetConfig | None:
+    root, loading = document.data, _Loading(document)
+    sections = {name: loading.mapping((name,), root.get(name)) for name in _SECTIONS}
+    shell = loading.model(
+        FleetConfig, {**root, **{name: sections[name] for name in ("fleet", "server", "pubsub")}, **_NO_NAMES}, ()
+    )
+    bridges: dict[str, BridgeConfig] = {}
+    for name, value in loading.named(("bridges",), sections["bridges"]).items():
+        if (bridge := loading.bridge(name, value)) is not None:
+            bridges[name] = bridge
+    robots: dict[str, RobotConfig] = {}
+    data: dict[tuple[str, str], DataSetConfig] = {}
+    for name, value in loading.named(("robots",), sections["robots"]).items():
+        path: KeyPath = ("robots", name)
+        given = loading.mapping(path, value)
+        if (robot := loading.model(RobotConfig, {**given, "data": {}}, path)) is not None:
+            robots[name] = robot
+        path = (*path, "data")
+        for data_name, data_value in loading.named(path, given.get("data")).items():
+            inner = (*path, data_name)
+            if (valid := loading.model(DataSetConfig, loading.mapping(inner, data_value), inner)) is not None:
+                data[name, data_name] = valid
+    bridge_of = {name: robot.bridge for name, robot in robots.items()}
+    parts = Parts(document, file, shell.pubsub if shell else None, bridges, bridge_of, data)
+    check_all(parts)
+    if not allow_missing_ids:
+        check_ids_given(parts)
+    if shell is None or document.problems:
+        return None
+    of_robot: dict[str, dict[str, DataSetConfig]] = {name: {} for name in robots}
+    for (robot_name, data_name), dataset in data.items():
+        of_robot[robot_name][data_name] = dataset
+    whole = {name: robot.model_copy(update={"data": of_robot[name]}) for name, robot in robots.items()}
+    return shell.model_copy(update={"bridges": bridges, "robots": whole})
+
+
+_NO_NAMES: Final[dict[str, Any]] = {"bridges": {}, "robots": {}}
+
+
+def _check_version(document: Document) -> None:
+    """A newer format has unknown keys everywhere: say what it is, and nothing else."""
+    version = document.data.get("version")
+    if isinstance(version, int) and not isinstance(version, bool) and version > VERSION:
+        document.problems.clear()
+        document.problem(
+            ("version",),
+            f"this file has version {version}, and this ua-fleet reads version {VERSION}",
+            "upgrade it: pip install --upgrade ua-fleet",
+        )
+        raise ConfigInvalid(document.problems)
+
+
+def load(
+    path: str | Path,
+    environment: Mapping[str, str] | None = None,
+    *,
+    overrides: Mapping[str, object] | None = None,
+    allow_missing_ids: bool = False,
+) -> FleetConfig:
+    """Load a configuration file.
+
+    Args:
+        path: the file.
+        environment: values for `${VAR}` and `UA_FLEET__...`; by default those of the process.
+        overrides: values that come last, by key paths like `server.port`.
+        allow_missing_ids: data without an id is no problem, since it is about to get one.
+
+    Raises:
+        ConfigInvalid: with all problems, in the order of their lines.
+    """
+    file = str(path)
+    variables = os.environ if environment is None else environment
+    document = read_document(read_content(Path(path)), file, variables)
+    _check_version(document)
+    config = None
+    if document.data:
+        apply_environment(document, variables)
+        apply_options(document, overrides or {})
+        config = _read(document, file, allow_missing_ids)
+    if config is None or document.problems:
+        raise ConfigInvalid(sorted(document.problems, key=lambda problem: (problem.file != file, problem.line)))
+    return config

@@ -25,6 +25,7 @@ from ua_fleet.wire.cursor import Cursor
 
 __all__ = [
     "FIXED",
+    "MISFITS",
     "Decoder",
     "Encoder",
     "decode_byte_string",
@@ -76,6 +77,10 @@ _NUMERIC_NODE_ID = Struct("<HI")
 NAMESPACE_URI_FLAG: Final = 0x80
 SERVER_INDEX_FLAG: Final = 0x40
 """Flags in the encoding byte of an ExpandedNodeId (OPC 10000-6 5.2.2.10)."""
+
+
+MISFITS: Final = (TypeError, ValueError, AttributeError, OverflowError, struct.error)
+"""What Python raises where a part of a message is of an altogether wrong type; encoders report it as LocalWireError."""
 
 
 def encode_number(out: bytearray, kind: int, value: Any) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Final, TypeVar
 
+from ua_fleet.wire.builtin import MISFITS
 from ua_fleet.wire.decode_plan import (
     GIVE_UP,
     MOST_PLANNED_FIELDS,
@@ -16,7 +17,7 @@ from ua_fleet.wire.decode_plan import (
 )
 from ua_fleet.wire.encode_plan import WriterPlan
 from ua_fleet.wire.generic import Decoded, decode_message, encode_message
-from ua_fleet.wire.messages import NetworkMessage
+from ua_fleet.wire.messages import DataSetMessage, NetworkMessage
 
 __all__ = ["Codec"]
 
@@ -88,12 +89,12 @@ class Codec:
             part.types,
         )
         if self._seen.get(prefix) != layout:
-            _remember(self._seen, prefix, layout)
+            _remember(self._seen, prefix, layout, MOST_PLANS)
             return
         make = self._layouts.get(layout) or self._compile(layout)
         plan = make and make_plan(make, layout, datagram, message)
         if plan is not None:
-            _remember(self._plans, prefix, plan)
+            _remember(self._plans, prefix, plan, MOST_PLANS)
 
     def _compile(self, layout: Layout) -> PlanFactory | None:
         if self._credit < COST_OF_A_LAYOUT:
@@ -105,17 +106,22 @@ class Codec:
 
     def encode(self, message: NetworkMessage) -> bytes:
         """Encode one NetworkMessage; raises LocalWireError on what cannot be encoded."""
-        if len(message.messages) != 1:
-            return encode_message(message)
-        part = message.messages[0]
+        try:
+            if len(message.messages) == 1:
+                return self._encode_one(message, message.messages[0])
+        except MISFITS:
+            pass  # the generic codec says what is wrong
+        return encode_message(message)
+
+    def _encode_one(self, message: NetworkMessage, part: DataSetMessage) -> bytes:
         writer: _Writer = message.publisher_id, message.writer_group_id, part.data_set_writer_id
         plan = self._writer_plans.get(writer)
-        if plan is not None and plan.fits(message):
+        if plan is not None and plan.fits(message, part):
             return plan.encode_like(part)
         encoded = encode_message(message)
-        plan = WriterPlan.for_message(message)
+        plan = WriterPlan.for_message(message, part)
         if plan is not None:
-            _remember(self._writer_plans, writer, plan)
+            _remember(self._writer_plans, writer, plan, MOST_PLANS)
         return encoded
 
     def writer_plan(
@@ -135,7 +141,7 @@ _K = TypeVar("_K")
 _V = TypeVar("_V")
 
 
-def _remember(cache: dict[_K, _V], key: _K, value: _V, most: int = MOST_PLANS) -> None:
+def _remember(cache: dict[_K, _V], key: _K, value: _V, most: int) -> None:
     if key not in cache and len(cache) >= most:
         del cache[next(iter(cache))]
     cache[key] = value

@@ -6,7 +6,7 @@ from typing import Final
 
 from ua_fleet.errors import LocalWireError, RemoteWireError
 from ua_fleet.values import BuiltinType
-from ua_fleet.wire.builtin import decode_uint16s, encode_number, encode_uint16s
+from ua_fleet.wire.builtin import MISFITS, decode_uint16s, encode_number, encode_uint16s
 from ua_fleet.wire.causes import Cause
 from ua_fleet.wire.cursor import Cursor
 from ua_fleet.wire.header import Header, MessageType, encode_discovery_header
@@ -62,20 +62,27 @@ def encode_probe(probe: Probe) -> bytes:
     if probe.kind not in (ProbeKind.ENDPOINTS, *KINDS_WITH_WRITER_IDS):
         raise LocalWireError(f"probes of kind {probe.kind} are not sent")
     out = bytearray()
-    encode_discovery_header(out, MessageType.PROBE, probe.publisher_id, probe.publisher_id_type)
-    out += bytes((INFORMATION_PROBE, probe.kind))
-    if probe.kind in KINDS_WITH_WRITER_IDS:
-        encode_uint16s(out, probe.data_set_writer_ids)
+    try:
+        encode_discovery_header(out, MessageType.PROBE, probe.publisher_id, probe.publisher_id_type)
+        out += bytes((INFORMATION_PROBE, probe.kind))
+        if probe.kind in KINDS_WITH_WRITER_IDS:
+            encode_uint16s(out, probe.data_set_writer_ids)
+    except MISFITS as error:
+        raise LocalWireError(f"a probe that is not put together right: {error}") from error
     return bytes(out)
 
 
 def encode_metadata_announcement(announcement: MetaDataAnnouncement) -> bytes:
     """The datagram that announces the metadata of a DataSetWriter."""
     out = bytearray()
-    encode_discovery_header(out, MessageType.ANNOUNCEMENT, announcement.publisher_id, announcement.publisher_id_type)
-    out.append(META_DATA)
-    encode_number(out, BuiltinType.UINT16, announcement.sequence_number)
-    encode_number(out, BuiltinType.UINT16, announcement.data_set_writer_id)
-    encode_metadata(out, announcement.metadata)
-    encode_number(out, BuiltinType.STATUS_CODE, announcement.status)
+    publisher = announcement.publisher_id, announcement.publisher_id_type
+    try:
+        encode_discovery_header(out, MessageType.ANNOUNCEMENT, *publisher)
+        out.append(META_DATA)
+        encode_number(out, BuiltinType.UINT16, announcement.sequence_number)
+        encode_number(out, BuiltinType.UINT16, announcement.data_set_writer_id)
+        encode_metadata(out, announcement.metadata)
+        encode_number(out, BuiltinType.STATUS_CODE, announcement.status)
+    except MISFITS as error:
+        raise LocalWireError(f"metadata that is not put together right: {error}") from error
     return bytes(out)

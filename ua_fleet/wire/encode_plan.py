@@ -72,9 +72,8 @@ class WriterPlan:
             self.encode = _function_for(types)(prefix, constant, self._encode_generic)
 
     @classmethod
-    def for_message(cls, message: NetworkMessage) -> WriterPlan | None:
-        """The plan for messages like this one, which has one DataSetMessage; None where there is none."""
-        part = message.messages[0]
+    def for_message(cls, message: NetworkMessage, part: DataSetMessage) -> WriterPlan | None:
+        """The plan for messages like this one, which has the one DataSetMessage `part`; None where there is none."""
         if (
             message.publisher_id_type != PublisherIdType.UINT16
             or not isinstance(message.publisher_id, int)
@@ -93,11 +92,10 @@ class WriterPlan:
             part.major_version,
             part.minor_version,
         )
-        return plan if plan.fits(message) else None
+        return plan if plan.fits(message, part) else None
 
-    def fits(self, message: NetworkMessage) -> bool:
-        """Whether `encode` makes of the variable parts of a message with one DataSetMessage all of its bytes."""
-        part = message[12][0]
+    def fits(self, message: NetworkMessage, part: DataSetMessage) -> bool:
+        """Whether `encode` makes of the variable parts of a message, with its one DataSetMessage, all of its bytes."""
         return (
             message[:12] == self._head
             and part[8:] == self._tail

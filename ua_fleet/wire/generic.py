@@ -6,7 +6,7 @@ from struct import Struct
 
 from ua_fleet.errors import LocalWireError
 from ua_fleet.values import BuiltinType
-from ua_fleet.wire.builtin import encode_number
+from ua_fleet.wire.builtin import MISFITS, encode_number
 from ua_fleet.wire.cursor import Cursor
 from ua_fleet.wire.data_set_message import decode_data_set_message, encode_data_set_message
 from ua_fleet.wire.discovery import decode_announcement, decode_probe
@@ -60,6 +60,13 @@ def _decode_payload(cursor: Cursor, header: Header) -> tuple[DataSetMessage, ...
 
 def encode_message(message: NetworkMessage) -> bytes:
     """Encode one NetworkMessage; raises LocalWireError for what cannot be encoded."""
+    try:
+        return _encode_message(message)
+    except MISFITS as error:
+        raise LocalWireError(f"a NetworkMessage that is not put together right: {error}") from error
+
+
+def _encode_message(message: NetworkMessage) -> bytes:
     out = bytearray()
     encode_header(out, message)
     if len(message.messages) == 1:

@@ -58,7 +58,9 @@ class DataSetMessage(NamedTuple):
     """One DataSetMessage. `types[i]` is the type code of `values[i]` (see `ua_fleet.values`).
 
     With DataValue encoding `values` still holds the bare values, and the five `field_*` tuples hold what stood beside
-    them. In Variant encoding a field may be a StatusCode in place of its value (a Bad field); it stays so here.
+    them: `field_status` always, the others where at least one field has such a part. A field that had no value has type
+    code 0. In Variant encoding a field may be a StatusCode in place of its value (a Bad field); it stays so here. A key
+    frame without fields is a heartbeat (OPC 10000-14 7.2.4.5.5).
     """
 
     data_set_writer_id: int

@@ -75,14 +75,16 @@ def _type_code(field: FieldMetaData) -> int:
 
 def _decode_field(cursor: Cursor, field: FieldMetaData) -> Any:
     if field.builtin_type in FORBIDDEN or field.builtin_type > BuiltinType.DIAGNOSTIC_INFO:
-        raise RemoteWireError(Cause.RAW_TYPE, f"field {field.name!r} has type {field.builtin_type}", cursor.position)
+        raise RemoteWireError(
+            Cause.RAW_TYPE, f"field {field.name!r:.80} has type {field.builtin_type}", cursor.position
+        )
     if field.value_rank == -1:
         return _decode_element(cursor, field)
     if field.value_rank == 1:
         return _decode_array(cursor, field)
     if 1 < field.value_rank <= DEEPEST_NESTING:
         return _decode_matrix(cursor, field)
-    raise RemoteWireError(Cause.RAW_RANK, f"field {field.name!r} has ValueRank {field.value_rank}", cursor.position)
+    raise RemoteWireError(Cause.RAW_RANK, f"field {field.name!r:.80} has ValueRank {field.value_rank}", cursor.position)
 
 
 def _element_size(field: FieldMetaData) -> int:
@@ -112,13 +114,13 @@ def _decode_matrix(cursor: Cursor, field: FieldMetaData) -> Matrix:
     """An inline matrix (OPC 10000-6 5.2.5): its dimensions, then the elements, each dimension padded to its maximum."""
     dimensions = tuple([cursor.int32() for _ in range(cursor.length(4) or 0)])
     if len(dimensions) != field.value_rank or min(dimensions) < 0:
-        detail = f"field {field.name!r} has dimensions {dimensions}"
+        detail = f"field {field.name!r:.80} has dimensions {dimensions!s:.80}"
         raise RemoteWireError(Cause.ARRAY_DIMENSIONS, detail, cursor.position)
     largest = field.array_dimensions
     if len(largest) != len(dimensions) or not all(largest):  # then there is no maximum to pad up to
         largest = dimensions
     if any(length > most for length, most in zip(dimensions, largest, strict=True)):
-        detail = f"field {field.name!r} has dimensions {dimensions}, its metadata allows {largest}"
+        detail = f"field {field.name!r:.80} has dimensions {dimensions}, its metadata allows {largest}"
         raise RemoteWireError(Cause.RAW_TOO_LONG, detail, cursor.position)
     values: list[Any] = []
     if all(dimensions):
@@ -143,9 +145,9 @@ def _decode_rows(
 
 def _pass_padding(cursor: Cursor, size: int, field: FieldMetaData) -> None:
     if size < 0:
-        detail = f"field {field.name!r} is {-size} bytes longer than its metadata allows"
+        detail = f"field {field.name!r:.80} is {-size} bytes longer than its metadata allows"
         raise RemoteWireError(Cause.RAW_TOO_LONG, detail, cursor.position)
     if cursor.take(size).strip(b"\0"):
         raise RemoteWireError(
-            Cause.RAW_PADDING, f"field {field.name!r} is padded with other bytes than 0", cursor.position
+            Cause.RAW_PADDING, f"field {field.name!r:.80} is padded with other bytes than 0", cursor.position
         )

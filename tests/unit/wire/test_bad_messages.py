@@ -1,0 +1,228 @@
+"""What breaks the rules gets a cause. Every place in `wire/` that raises RemoteWireError is reached from here."""
+
+from __future__ import annotations
+
+import ast
+import sys
+from collections.abc import Callable, Iterator
+from functools import partial
+from pathlib import Path
+from types import FrameType
+from typing import Any
+
+import pytest
+
+import ua_fleet.wire
+from tests.unit.wire.corpus import valid_messages
+from ua_fleet.errors import RemoteWireError
+from ua_fleet.values import Matrix
+from ua_fleet.wire import Cause, Codec, SecuredMessage, decode_raw_fields
+from ua_fleet.wire.cursor import DEEPEST_NESTING
+from ua_fleet.wire.messages import (
+    ConfigurationVersion,
+    DataSetMessage,
+    DataSetMetaData,
+    FieldEncoding,
+    FieldMetaData,
+    FrameKind,
+)
+
+HEAD = "f1 01 0200 01 0200 01 0900"
+"""Of a NetworkMessage with one DataSetMessage."""
+ONE_FIELD = HEAD + "01 0100"
+PROBE = "91 91 04 0700 00 00000000 00"
+ANNOUNCEMENT = "91 91 08 0700 00 00000000 00"
+
+TABLE: list[tuple[str, Cause, str]] = [
+    ("nothing", Cause.TRUNCATED, ""),
+    ("another version", Cause.UADP_VERSION, "f2 01 0200 01 0200 01 0900 01 0000"),
+    ("version 0", Cause.UADP_VERSION, "00"),
+    *[
+        (f"PublisherId type {kind}", Cause.RESERVED_PUBLISHER_ID_TYPE, f"d1 0{kind} 0200 01 0900 01 0000")
+        for kind in (5, 6, 7)
+    ],
+    ("ExtendedFlags2 bit 6", Cause.RESERVED_EXTENDED_FLAGS, "d1 81 40 0200 01 0900 01 0000"),
+    ("ExtendedFlags2 bit 7", Cause.RESERVED_EXTENDED_FLAGS, "d1 81 80 0200 01 0900 01 0000"),
+    *[
+        (f"NetworkMessage type {kind}", Cause.RESERVED_MESSAGE_TYPE, f"d1 81 {kind << 2:02x} 0200 01 0900 01 0000")
+        for kind in range(3, 8)
+    ],
+    *[
+        (f"GroupFlags bit {bit}", Cause.RESERVED_GROUP_FLAGS, f"f1 01 0200 {1 << bit | 1:02x} 0200 01 0900 01 0000")
+        for bit in range(4, 8)
+    ],
+    ("security flag", Cause.SECURED, "f1 11 0200 01 0200 01 0900 00 00000000 00 01 0100 01 01"),
+    ("signed discovery", Cause.SECURED, "91 91 08 0700 01 01000000 00 01 0000"),
+    ("chunk", Cause.CHUNK, "d1 81 01 0700 0900 0300 00000000 08000000 4142"),
+    ("Action header", Cause.ACTION, "d1 81 20 0200 01 0900 01 0000"),
+    ("Action request", Cause.ACTION, HEAD + "81 04 0000"),
+    ("Action response", Cause.ACTION, HEAD + "81 05 0000"),
+    ("payload header with count 0", Cause.NO_DATA_SET_MESSAGE, "f1 01 0200 01 0200 00 01 0000"),
+    (
+        "promoted fields of two messages",
+        Cause.PROMOTED_COUNT,
+        "d1 81 02 0200 02 0900 0800 0200 01 01 0300 0300 01 0000 01 0000",
+    ),
+    ("promoted size inside a field", Cause.PROMOTED_SIZE, "d1 81 02 0200 01 0900 0100 01 01 01 0000"),
+    ("encoding 3", Cause.RESERVED_FIELD_ENCODING, HEAD + "07 0000"),
+    ("DataSetFlags2 bit 6", Cause.RESERVED_DATA_SET_FLAGS, HEAD + "81 40 0000"),
+    ("DataSetFlags2 bit 7", Cause.RESERVED_DATA_SET_FLAGS, HEAD + "81 80 0000"),
+    *[
+        (f"DataSetMessage type {kind}", Cause.RESERVED_FRAME_KIND, HEAD + f"81 {kind:02x} 0000")
+        for kind in range(6, 16)
+    ],
+    ("event as DataValues", Cause.EVENT_ENCODING, HEAD + "85 02 0100 01 01 01"),
+    ("event as RawData", Cause.EVENT_ENCODING, HEAD + "83 02 01"),
+    ("index used twice", Cause.REPEATED_FIELD_INDEX, HEAD + "81 01 0200 0100 01 01 0100 01 01"),
+    ("too many fields", Cause.LENGTH_BEYOND_END, HEAD + "01 ffff 01 01"),
+    ("too many delta fields", Cause.LENGTH_BEYOND_END, HEAD + "81 01 0200 0000 01 01"),
+    ("bytes behind the fields", Cause.TRAILING_BYTES, ONE_FIELD + "01 01 07"),
+    ("bytes behind a keep-alive", Cause.TRAILING_BYTES, HEAD + "81 03 07"),
+    ("bytes behind the last message", Cause.TRAILING_BYTES, "d1 01 0200 02 0900 0800 0300 0300 01 0000 01 0000 07"),
+    ("a size beyond the end", Cause.TRUNCATED, "d1 01 0200 02 0900 0800 0300 ffff 01 0000 01 0000"),
+    ("a size of 0", Cause.TRUNCATED, "d1 01 0200 02 0900 0800 0000 0600 01 0000 01 0000"),
+    ("unknown type", Cause.VARIANT_TYPE, ONE_FIELD + "20 00"),
+    ("array of null", Cause.VARIANT_TYPE, ONE_FIELD + "80 00000000"),
+    ("dimensions of null", Cause.VARIANT_TYPE, ONE_FIELD + "40"),
+    ("Variant in a Variant", Cause.VARIANT_IN_VARIANT, ONE_FIELD + "18 01 01"),
+    ("dimensions without an array", Cause.DIMENSIONS_WITHOUT_ARRAY, ONE_FIELD + "43 07"),
+    ("dimensions that do not fit", Cause.ARRAY_DIMENSIONS, ONE_FIELD + "c3 02000000 0102 02000000 02000000 02000000"),
+    ("negative dimensions", Cause.ARRAY_DIMENSIONS, ONE_FIELD + "c3 01000000 01 02000000 ffffffff ffffffff"),
+    ("length below null", Cause.NEGATIVE_LENGTH, ONE_FIELD + "0c feffffff 61"),
+    ("array length below null", Cause.NEGATIVE_LENGTH, ONE_FIELD + "83 00000080"),
+    ("a String of 2 GB", Cause.LENGTH_BEYOND_END, ONE_FIELD + "0c ffffff7f 61"),
+    ("an array of 2 G Variants", Cause.LENGTH_BEYOND_END, ONE_FIELD + "98 ffffff7f 00"),
+    ("no UTF-8", Cause.INVALID_UTF8, ONE_FIELD + "0c 02000000 c328"),
+    ("half of a character", Cause.INVALID_UTF8, ONE_FIELD + "0c 02000000 e6b0"),
+    ("a surrogate", Cause.INVALID_UTF8, ONE_FIELD + "0c 03000000 eda080"),
+    ("NodeId encoding 6", Cause.NODE_ID_ENCODING, ONE_FIELD + "11 06 00"),
+    ("NodeId with the flags of an ExpandedNodeId", Cause.NODE_ID_ENCODING, ONE_FIELD + "11 80 05 ffffffff"),
+    ("ExtensionObject encoding 3", Cause.EXTENSION_OBJECT_ENCODING, ONE_FIELD + "16 00 05 03"),
+    ("LocalizedText mask", Cause.RESERVED_MASK_BITS, ONE_FIELD + "15 04"),
+    ("DataValue mask", Cause.RESERVED_MASK_BITS, ONE_FIELD + "17 40"),
+    ("DiagnosticInfo mask", Cause.RESERVED_MASK_BITS, ONE_FIELD + "19 80"),
+    ("Variants nested 100 deep", Cause.TOO_DEEP, ONE_FIELD + "98 01000000" * 100 + "01 01"),
+    ("DataValues nested 100 deep", Cause.TOO_DEEP, ONE_FIELD + "17 01" * 100 + "01 01"),
+    ("DiagnosticInfos nested 100 deep", Cause.TOO_DEEP, ONE_FIELD + "19" + "40" * 100 + "00"),
+    ("probe with a group header", Cause.DISCOVERY_FLAGS, "b1 91 04 0700 01 0200 00 00000000 00 01 01"),
+    ("probe with a payload header", Cause.DISCOVERY_FLAGS, "d1 91 04 0700 01 0100 00 00000000 00 01 01"),
+    ("probe without a PublisherId", Cause.DISCOVERY_FLAGS, "81 91 04 00 00000000 00 01 01"),
+    ("probe with a timestamp", Cause.DISCOVERY_FLAGS, "91 b1 04 0700 0000000000000000 00 00000000 00 01 01"),
+    ("announcement with promoted fields", Cause.DISCOVERY_FLAGS, "91 91 0a 0700 0000 00 00000000 00 01 0000"),
+    ("FindApplications", Cause.PROBE_TYPE, PROBE + "02"),
+    ("information of type 0", Cause.PROBE_TYPE, PROBE + "01 00"),
+    ("information of type 6", Cause.PROBE_TYPE, PROBE + "01 06"),
+    ("bytes behind a probe", Cause.TRAILING_BYTES, PROBE + "01 02 00000000 07"),
+    ("a probe for too many writers", Cause.LENGTH_BEYOND_END, PROBE + "01 02 ffffff7f"),
+    ("announcement of type 0", Cause.ANNOUNCEMENT_TYPE, ANNOUNCEMENT + "00 0000"),
+    ("announcement of type 8", Cause.ANNOUNCEMENT_TYPE, ANNOUNCEMENT + "08 0000"),
+    (
+        "metadata with 2 G fields",
+        Cause.LENGTH_BEYOND_END,
+        ANNOUNCEMENT + "02 0000 0900" + "00" * 16 + "00000000 00 ffffff7f",
+    ),
+]
+
+
+def metadata(*fields: FieldMetaData) -> DataSetMetaData:
+    return DataSetMetaData("raw", fields, ConfigurationVersion(1, 1))
+
+
+RAW = DataSetMessage(1, encoding=FieldEncoding.RAW_DATA)
+TWO_BYTES = FieldMetaData("f", 12, max_string_length=2)
+MATRIX = FieldMetaData("f", 3, value_rank=2, array_dimensions=(2, 2))
+
+RAW_TABLE: list[tuple[Cause, FieldMetaData, str]] = [
+    (Cause.RAW_TYPE, FieldMetaData("f", 17), "00 05"),
+    (Cause.RAW_RANK, FieldMetaData("f", 3, value_rank=-2), "05"),
+    (Cause.RAW_TOO_LONG, TWO_BYTES, "03000000 616263"),
+    (Cause.RAW_TOO_LONG, MATRIX, "02000000 03000000 01000000 010203"),
+    (Cause.RAW_PADDING, TWO_BYTES, "01000000 6107"),
+    (Cause.ARRAY_DIMENSIONS, MATRIX, "03000000 01000000 01000000 01000000 07"),
+]
+
+
+def decode(encoded: str) -> object:
+    return Codec().decode(bytes.fromhex(encoded))
+
+
+@pytest.mark.parametrize(("cause", "encoded"), [pytest.param(*row[1:], id=row[0]) for row in TABLE])
+def test_cause(cause: Cause, encoded: str) -> None:
+    with pytest.raises(RemoteWireError) as caught:
+        decode(encoded)
+    assert caught.value.cause == cause
+    assert isinstance(caught.value, SecuredMessage) == (cause == Cause.SECURED)
+    assert str(caught.value).startswith(cause)
+    assert "\n" not in str(caught.value)
+
+
+def test_nesting_up_to_the_limit_is_read() -> None:
+    decode(ONE_FIELD + "98 01000000" * DEEPEST_NESTING + "01 01")
+
+
+def test_a_frame_that_is_not_valid_is_not_looked_into() -> None:
+    decode(HEAD + "86 ff ff")
+
+
+def _all_bad() -> Iterator[Callable[[], object]]:
+    for _, _, encoded in TABLE:
+        yield partial(decode, encoded)
+    for data in valid_messages():
+        for size in range(0, len(data), 3):
+            yield partial(Codec().decode, data[:size])
+    for _, of, encoded in RAW_TABLE:
+        yield partial(decode_raw_fields, RAW._replace(raw=bytes.fromhex(encoded)), metadata(of))
+    delta = RAW._replace(kind=FrameKind.DELTA, raw=bytes.fromhex("0100 0500"))
+    yield partial(decode_raw_fields, delta, metadata(TWO_BYTES))
+
+
+def _places() -> set[tuple[str, int, int]]:
+    """Every statement of the package that raises a RemoteWireError: file, first and last line."""
+    return {
+        (str(path), node.lineno, node.end_lineno or node.lineno)
+        for path in Path(ua_fleet.wire.__file__).parent.glob("*.py")
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(node, ast.Raise)
+        and isinstance(node.exc, ast.Call)
+        and ast.unparse(node.exc.func) in ("RemoteWireError", "SecuredMessage")
+    }
+
+
+def test_every_place_that_raises_is_reached() -> None:
+    places = _places()
+    assert len(places) > 30
+    files = {path for path, _, _ in places}
+    lines: set[tuple[str, int]] = set()
+    causes: set[str] = set()
+
+    def trace(frame: FrameType, event: str, _: object) -> Any:
+        if frame.f_code.co_filename not in files:
+            return None
+        if event == "line":
+            lines.add((frame.f_code.co_filename, frame.f_lineno))
+        return trace
+
+    before = sys.gettrace()
+    sys.settrace(trace)
+    try:
+        for bad in _all_bad():
+            try:
+                bad()
+            except RemoteWireError as error:
+                causes.add(error.cause)
+    finally:
+        sys.settrace(before)
+    missed = {
+        (Path(path).name, first)
+        for path, first, last in places
+        if not any((path, line) in lines for line in range(first, last + 1))
+    }
+    assert not missed
+    assert causes == set(Cause)
+
+
+def test_announced_sizes_allocate_nothing() -> None:
+    """A matrix of 2**31 elements of nothing is as good as none."""
+    field = FieldMetaData("f", 3, value_rank=2)
+    decoded = decode_raw_fields(RAW._replace(raw=bytes.fromhex("02000000 ffffff7f 00000000")), metadata(field))
+    assert decoded.values == (Matrix((), (0x7FFF_FFFF, 0)),)

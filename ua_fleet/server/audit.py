@@ -14,11 +14,11 @@ import json
 import os
 import time
 from collections import OrderedDict
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, cast
 
 import structlog
 
@@ -31,6 +31,7 @@ _log = structlog.get_logger("ua_fleet.audit")
 MAX_BYTES: Final = 8 * 1024 * 1024
 BACKUPS: Final = 4
 MAX_SUMMARY: Final = 200
+MAX_ITEMS: Final = 8
 REFUSALS_PER_MINUTE: Final = 120
 MAX_ADDRESSES: Final = 1_000
 
@@ -50,13 +51,13 @@ class Caller:
         return self.client.rpartition(":")[0] or self.client
 
 
-def summary(value: object) -> str:
+def summary(value: Any) -> str:
     """A value as short text for one line of the log."""
     if isinstance(value, bytes):
         return f"{len(value)} bytes"
-    if isinstance(value, list | tuple) and len(value) > 8:  # pyright: ignore[reportUnknownArgumentType]
-        return f"array of {len(value)}"  # pyright: ignore[reportUnknownArgumentType]
-    text = repr(value[: MAX_SUMMARY + 1] if isinstance(value, str) else value)
+    if isinstance(value, list | tuple) and len(cast("Sequence[Any]", value)) > MAX_ITEMS:
+        return f"array of {len(cast('Sequence[Any]', value))}"
+    text = repr(value[: MAX_SUMMARY + 1] if isinstance(value, str) else cast("object", value))
     return text if len(text) <= MAX_SUMMARY else text[:MAX_SUMMARY] + ".."
 
 

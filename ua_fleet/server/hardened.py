@@ -23,6 +23,7 @@ from ua_fleet.server.endpoint.context import Context, NodeGate, Statistics
 from ua_fleet.server.endpoint.limits import CHUNK_BYTES, Limits
 from ua_fleet.server.endpoint.listener import Listener
 from ua_fleet.server.endpoint.processor import Services
+from ua_fleet.server.endpoint.stack import AttributeIds
 from ua_fleet.server.endpoint.subscriptions import Subscriptions
 from ua_fleet.server.internals import check_internals
 from ua_fleet.server.trust import TrustList
@@ -128,7 +129,7 @@ def _close_standard_nodes(server: Server) -> None:
     for node_id in list(aspace.keys()):
         if node_id.NamespaceIndex != 0:
             continue
-        for attribute in (ua.AttributeIds.AccessLevel, ua.AttributeIds.UserAccessLevel):
+        for attribute in (AttributeIds.AccessLevel, AttributeIds.UserAccessLevel):
             held = aspace[node_id].attributes.get(attribute)
             variant = held.value.Value if held is not None and held.value is not None else None
             if held is not None and variant is not None and variant.Value and variant.Value & WRITE:

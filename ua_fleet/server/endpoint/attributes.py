@@ -18,7 +18,7 @@ from ua_fleet.server.endpoint.context import Context
 from ua_fleet.server.endpoint.indexrange import apply_range, parse_range
 from ua_fleet.server.endpoint.monitoring import with_timestamps
 from ua_fleet.server.endpoint.request import Request, operations
-from ua_fleet.server.endpoint.stack import Refusal, StatusCodes, name_of, status, status_of
+from ua_fleet.server.endpoint.stack import AttributeIds, Refusal, StatusCodes, name_of, status, status_of
 from ua_fleet.server.users import Role, User
 
 __all__ = ["AttributeServices", "access_level", "readable_value"]
@@ -33,16 +33,16 @@ HISTORY: Final = 1 << ua.AccessLevel.HistoryRead.value
 def access_level(aspace: AddressSpace, node_id: ua.NodeId) -> int:
     """What AccessLevel and UserAccessLevel of a variable allow together."""
     allowed = 0xFF
-    for attribute in (ua.AttributeIds.AccessLevel, ua.AttributeIds.UserAccessLevel):
+    for attribute in (AttributeIds.AccessLevel, AttributeIds.UserAccessLevel):
         variant = aspace.read_attribute_value(node_id, attribute).Value
         allowed &= int(variant.Value) if variant is not None and variant.Value is not None else 0
     return allowed
 
 
-def readable_value(aspace: AddressSpace, node_id: ua.NodeId, attribute: int) -> ua.DataValue:
+def readable_value(aspace: AddressSpace, node_id: ua.NodeId, attribute: Any) -> ua.DataValue:
     """An attribute's value; raises Refusal where clients may not read it."""
-    value = aspace.read_attribute_value(node_id, attribute)  # pyright: ignore[reportArgumentType]
-    if attribute == ua.AttributeIds.Value and not access_level(aspace, node_id) & READ:
+    value = aspace.read_attribute_value(node_id, attribute)
+    if attribute == AttributeIds.Value and not access_level(aspace, node_id) & READ:
         code = value.StatusCode
         unknown = code is not None and int(code.value) in (
             StatusCodes.BadNodeIdUnknown,
@@ -80,7 +80,7 @@ class AttributeServices:
             attribute = wanted.AttributeId
             value = readable_value(self._aspace, wanted.NodeId, attribute)
             if wanted.IndexRange:
-                if attribute != ua.AttributeIds.Value:
+                if attribute != AttributeIds.Value:
                     raise Refusal(StatusCodes.BadIndexRangeInvalid)
                 index_range = parse_range(wanted.IndexRange)
                 assert index_range is not None
@@ -96,7 +96,7 @@ class AttributeServices:
 
     @staticmethod
     def _check_encoding(encoding: ua.QualifiedName, attribute: int) -> None:
-        if attribute != ua.AttributeIds.Value:
+        if attribute != AttributeIds.Value:
             raise Refusal(StatusCodes.BadDataEncodingInvalid)
         if encoding.Name != "Default Binary":
             raise Refusal(StatusCodes.BadDataEncodingUnsupported)
@@ -111,7 +111,7 @@ class AttributeServices:
             response.Results.append(status(code))
             value = node.Value.Value if node.Value is not None else None
             line = {"node": str(node.NodeId.to_string()), "value": summary(value.Value if value is not None else None)}
-            if node.AttributeId != ua.AttributeIds.Value:
+            if node.AttributeId != AttributeIds.Value:
                 line["attribute"] = str(node.AttributeId)
             lines.append({**line, "status": name_of(code)})
         self._context.statistics.writes += len(lines)
@@ -122,14 +122,14 @@ class AttributeServices:
         """StatusCode of one write."""
         node_id, given = wanted.NodeId, wanted.Value
         try:
-            now = datetime.now(UTC)
+            now: Any = datetime.now(UTC)
             self._check_write(request.user, wanted)
             # The time of a command is ours, and a fresh DataValue is never changed afterwards.
             value = ua.DataValue(given.Value, status(0), SourceTimestamp=now, ServerTimestamp=now)
             gate = self._context.gate
             if gate is not None and (code := gate.check_write(node_id, value, request.user)):
                 return int(code)
-            result = await self._aspace.write_attribute_value(node_id, ua.AttributeIds.Value, value)
+            result = await self._aspace.write_attribute_value(node_id, AttributeIds.Value, value)
             if result.is_good() and gate is not None:
                 gate.written(node_id, value, request.user)
             return int(result.value)
@@ -146,7 +146,7 @@ class AttributeServices:
             raise Refusal(StatusCodes.BadNodeIdUnknown)
         if wanted.AttributeId not in node.attributes:
             raise Refusal(StatusCodes.BadAttributeIdInvalid)
-        if wanted.AttributeId != ua.AttributeIds.Value or not access_level(self._aspace, wanted.NodeId) & WRITE:
+        if wanted.AttributeId != AttributeIds.Value or not access_level(self._aspace, wanted.NodeId) & WRITE:
             raise Refusal(StatusCodes.BadNotWritable)
         if not user.role.covers(Role.OPERATOR):
             raise Refusal(StatusCodes.BadUserAccessDenied)
@@ -180,7 +180,7 @@ class AttributeServices:
         if node is None:
             raise Refusal(StatusCodes.BadNodeIdUnknown)
         if isinstance(details, ua.ReadEventDetails):
-            notifier = self._aspace.read_attribute_value(node_id, ua.AttributeIds.EventNotifier).Value
+            notifier = self._aspace.read_attribute_value(node_id, AttributeIds.EventNotifier).Value
             allowed = int(notifier.Value) & 4 if notifier is not None and notifier.Value is not None else 0
         else:
             allowed = access_level(self._aspace, node_id) & HISTORY
@@ -198,9 +198,9 @@ def _for_observer(value: ua.DataValue, attribute: int) -> ua.DataValue:
     variant = value.Value
     if variant is None or variant.Value is None:
         return value
-    if attribute == ua.AttributeIds.UserAccessLevel:
+    if attribute == AttributeIds.UserAccessLevel:
         own = ua.Variant(variant.Value & ~WRITE, variant.VariantType)
-    elif attribute == ua.AttributeIds.UserExecutable:
+    elif attribute == AttributeIds.UserExecutable:
         own = ua.Variant(False, variant.VariantType)
     else:
         return value

@@ -32,6 +32,14 @@ from ua_fleet.server.trust import MAX_KEY_BITS, MIN_KEY_BITS, CertificateRefused
 __all__ = ["Channel"]
 
 NONE_URI: Final = SecurityPolicyNone.URI
+# asyncua declares these as an enumeration and uses them as the bytes that they are.
+_HELLO: Final[Any] = ua.MessageType.Hello
+_ACKNOWLEDGE: Final[Any] = ua.MessageType.Acknowledge
+_ERROR: Final[Any] = ua.MessageType.Error
+_OPEN: Final[Any] = ua.MessageType.SecureOpen
+_CLOSE: Final[Any] = ua.MessageType.SecureClose
+_MESSAGE: Final[Any] = ua.MessageType.SecureMessage
+_NO_SECURITY: Final[Any] = SecurityPolicyNone
 _CHUNKS_BEFORE_AUTHENTICATION: Final = 16
 
 
@@ -39,7 +47,7 @@ class _SecureConnection(SecureConnection):
     """asyncua's, with a certificate that is looked at before its key is used."""
 
     def __init__(self, limits: TransportLimits, policies: Sequence[SecurityPolicyFactory]) -> None:
-        super().__init__(SecurityPolicyNone(), limits)
+        super().__init__(_NO_SECURITY(), limits)
         self.set_policy_factories(list(policies))
         self.chain: list[x509.Certificate] = []
 
@@ -51,7 +59,7 @@ class _SecureConnection(SecureConnection):
             if mode not in (None, ua.MessageSecurityMode.None_):
                 raise FrameError(StatusCodes.BadSecurityModeRejected, f"mode {mode} without a policy")
             # Without an endpoint for it the channel serves discovery alone (OPC 10000-4 5.5.2).
-            self.security_policy = matching.create(None) if matching else SecurityPolicyNone()
+            self.security_policy = matching.create(None) if matching else _NO_SECURITY()
             self.chain = []
             return
         if matching is None:
@@ -87,7 +95,7 @@ class Channel:
             max_message_size=CHUNK_BYTES,
         )
         self._secure = _SecureConnection(self._transport_limits, policies)
-        self._none_offered = any(policy.matches(NONE_URI) for policy in policies)
+        self._none_offered = any(policy.cls.URI == NONE_URI for policy in policies)
         self._hello = False
         self._response_bytes = 0
         self._authenticated = False
@@ -148,25 +156,25 @@ class Channel:
         if self.secured:
             self._trust.check(self._secure.chain)
 
-    def receive(self, frame: bytes) -> ua.Message | None:
+    def receive(self, frame: bytes) -> Any:
         """A whole request, or None; raises FrameError or CertificateRefused, then the connection ends."""
         buffer = Buffer(frame)
         try:
-            header = header_from_binary(buffer)
-            if header.MessageType == ua.MessageType.Hello:
+            header: Any = header_from_binary(buffer)
+            if header.MessageType == _HELLO:
                 self._receive_hello(struct_from_binary(ua.Hello, buffer))
                 return None
-            if not self._hello or (header.MessageType != ua.MessageType.SecureOpen and not self.is_open):
+            if not self._hello or (header.MessageType != _OPEN and not self.is_open):
                 raise FrameError(StatusCodes.BadTcpMessageTypeInvalid, "a message before Hello or an open channel")
-            if header.MessageType == ua.MessageType.SecureOpen and header.ChunkType != ua.ChunkType.Single:
+            if header.MessageType == _OPEN and header.ChunkType != ua.ChunkType.Single:
                 raise FrameError(StatusCodes.BadTcpMessageTypeInvalid, "an OpenSecureChannel in chunks")
-            message = self._secure.receive_from_header_and_body(header, buffer)
+            message: Any = self._secure.receive_from_header_and_body(header, buffer)
             if message is None:
                 return None
-            if header.MessageType == ua.MessageType.SecureClose:
+            if header.MessageType == _CLOSE:
                 self._secure.close()
                 raise FrameError(0, "closed by the client")
-            if header.MessageType == ua.MessageType.SecureOpen:
+            if header.MessageType == _OPEN:
                 self._open(message)
                 message = None
         except InvalidSignature as error:
@@ -187,15 +195,15 @@ class Channel:
         self._transport_limits.max_send_buffer = min(CHUNK_BYTES, hello.ReceiveBufferSize)
         self._transport_limits.max_recv_buffer = min(CHUNK_BYTES, hello.SendBufferSize)
         self._response_bytes = hello.MaxMessageSize
-        acknowledge = ua.Acknowledge()
+        acknowledge: Any = ua.Acknowledge()
         acknowledge.ProtocolVersion = 0
         acknowledge.ReceiveBufferSize = self._transport_limits.max_recv_buffer
         acknowledge.SendBufferSize = self._transport_limits.max_send_buffer
         acknowledge.MaxMessageSize = self._limits.message_bytes
         acknowledge.MaxChunkCount = self._limits.message_bytes // MIN_CHUNK_BYTES + 1
-        self.output.append(uatcp_to_binary(ua.MessageType.Acknowledge, acknowledge))
+        self.output.append(uatcp_to_binary(_ACKNOWLEDGE, acknowledge))
 
-    def _open(self, message: ua.Message) -> None:
+    def _open(self, message: Any) -> None:
         """Issue or renew the channel's token, for a certificate that is trusted."""
         algorithm = message.SecurityHeader()
         request = struct_from_binary(ua.OpenSecureChannelRequest, message.body())
@@ -225,7 +233,7 @@ class Channel:
         response = ua.OpenSecureChannelResponse()
         response.Parameters = self._secure.open(parameters, self._iserver)
         response.ResponseHeader.RequestHandle = request.RequestHeader.RequestHandle
-        self._send(struct_to_binary(response), message.SequenceHeader().RequestId, ua.MessageType.SecureOpen)
+        self._send(struct_to_binary(response), message.SequenceHeader().RequestId, _OPEN)
 
     def _check_renewal(self, algorithm: Any, parameters: Any) -> None:
         policy = self._secure.security_policy
@@ -246,12 +254,12 @@ class Channel:
 
     def respond(self, data: bytes, request_id: int) -> None:
         """Put an encoded response out."""
-        self._send(data, request_id, ua.MessageType.SecureMessage)
+        self._send(data, request_id, _MESSAGE)
 
-    def _send(self, data: bytes, request_id: int, message_type: ua.MessageType) -> None:
+    def _send(self, data: bytes, request_id: int, message_type: Any) -> None:
         self.output.append(self._secure.message_to_binary(data, message_type=message_type, request_id=request_id))
 
     @staticmethod
     def error_message(code: int, reason: str) -> bytes:
         """An Error message, the last one on a connection (OPC 10000-6 7.1.2.5)."""
-        return uatcp_to_binary(ua.MessageType.Error, ua.ErrorMessage(status(code), ua.String(reason)))
+        return uatcp_to_binary(_ERROR, ua.ErrorMessage(status(code), ua.String(reason)))

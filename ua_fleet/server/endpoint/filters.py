@@ -14,7 +14,7 @@ from asyncua import ua
 from asyncua.server.address_space import AddressSpace
 from asyncua.server.monitored_item_service import WhereClauseEvaluator
 
-from ua_fleet.server.endpoint.stack import DECODE_ERRORS, ObjectIds, Refusal, StatusCodes, ns0
+from ua_fleet.server.endpoint.stack import DECODE_ERRORS, AttributeIds, ObjectIds, Refusal, StatusCodes, ns0
 
 __all__ = ["EventFilter", "check_data_filter", "check_event_filter", "deadband_of", "filter_of"]
 
@@ -169,7 +169,7 @@ def check_data_filter(wanted: Any, *, attribute: int, value: ua.DataValue) -> No
         return
     if not isinstance(wanted, ua.DataChangeFilter):
         raise Refusal(StatusCodes.BadMonitoredItemFilterInvalid, "a data item takes a DataChangeFilter")
-    if attribute != ua.AttributeIds.Value:
+    if attribute != AttributeIds.Value:
         raise Refusal(StatusCodes.BadFilterNotAllowed, "a filter on another attribute than Value")
     try:
         trigger = ua.DataChangeTrigger(wanted.Trigger)

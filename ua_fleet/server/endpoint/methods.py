@@ -19,7 +19,17 @@ from asyncua.server.address_space import NodeData
 from ua_fleet.server.audit import summary
 from ua_fleet.server.endpoint.context import Context
 from ua_fleet.server.endpoint.request import Request, operations
-from ua_fleet.server.endpoint.stack import GOOD, ObjectIds, Refusal, StatusCodes, name_of, ns0, status, status_of
+from ua_fleet.server.endpoint.stack import (
+    GOOD,
+    AttributeIds,
+    ObjectIds,
+    Refusal,
+    StatusCodes,
+    name_of,
+    ns0,
+    status,
+    status_of,
+)
 from ua_fleet.server.users import Role, User, current_user
 
 __all__ = ["MethodServices"]
@@ -115,15 +125,15 @@ class MethodServices:
             raise Refusal(StatusCodes.BadMethodInvalid)
         if method.call is None:
             raise Refusal(StatusCodes.BadNotImplemented if _is_method(method) else StatusCodes.BadMethodInvalid)
-        if not self._flag(wanted.MethodId, ua.AttributeIds.Executable):
+        if not self._flag(wanted.MethodId, AttributeIds.Executable):
             raise Refusal(StatusCodes.BadNotExecutable)
         needed = self._context.method_roles.get(wanted.MethodId, Role.OPERATOR)
         allowed = wanted.MethodId in _OWN_METHODS or user.role.covers(needed)
-        if not allowed or not self._flag(wanted.MethodId, ua.AttributeIds.UserExecutable):
+        if not allowed or not self._flag(wanted.MethodId, AttributeIds.UserExecutable):
             raise Refusal(StatusCodes.BadUserAccessDenied)
         return method.call
 
-    def _flag(self, node_id: ua.NodeId, attribute: ua.AttributeIds) -> bool:
+    def _flag(self, node_id: ua.NodeId, attribute: AttributeIds) -> bool:
         variant = self._aspace.read_attribute_value(node_id, attribute).Value
         return variant is not None and variant.Value is True
 
@@ -144,7 +154,7 @@ class MethodServices:
         node = self._aspace.get(method_id)
         for ref in node.references if node is not None else ():
             if ref.IsForward and ref.ReferenceTypeId == _HAS_PROPERTY and ref.BrowseName.Name == "InputArguments":
-                variant = self._aspace.read_attribute_value(ref.NodeId, ua.AttributeIds.Value).Value
+                variant = self._aspace.read_attribute_value(ref.NodeId, AttributeIds.Value).Value
                 return list(variant.Value or []) if variant is not None else []
         return []
 
@@ -205,6 +215,6 @@ class MethodServices:
 
 
 def _is_method(node: NodeData) -> bool:
-    value = node.attributes.get(ua.AttributeIds.NodeClass)
+    value = node.attributes.get(AttributeIds.NodeClass)
     variant = value.value.Value if value is not None and value.value is not None else None
     return variant is not None and variant.Value == ua.NodeClass.Method

@@ -20,7 +20,7 @@ from asyncua.server.address_space import AddressSpace
 
 from ua_fleet.server.endpoint.filters import EventFilter, deadband_of
 from ua_fleet.server.endpoint.indexrange import IndexRange, apply_range
-from ua_fleet.server.endpoint.stack import status
+from ua_fleet.server.endpoint.stack import AttributeIds, status
 
 __all__ = ["DataItem", "EventItem", "Item", "Owner"]
 
@@ -48,10 +48,12 @@ class Owner(Protocol):
         """An item has something to tell that it had not before."""
         ...
 
-    crowded: bool
-    """Whether so much waits that each item is to keep its newest alone."""
-
     queued: int
+
+    @property
+    def crowded(self) -> bool:
+        """Whether so much waits that each item is to keep its newest alone."""
+        ...
 
 
 class Item:
@@ -113,7 +115,7 @@ class DataItem(Item):
         timestamps: ua.TimestampsToReturn,
     ) -> None:
         super().__init__(owner, item_id, request, queue_size)
-        self.attribute: ua.AttributeIds = request.ItemToMonitor.AttributeId
+        self.attribute: AttributeIds = request.ItemToMonitor.AttributeId
         self.index_range = index_range
         self.timestamps = timestamps
         self.last: ua.DataValue | None = None

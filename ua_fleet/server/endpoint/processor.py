@@ -210,7 +210,7 @@ class Processor:
             self._connection.send(data)
         self._channel.output.clear()
 
-    async def _serve(self, message: ua.Message) -> None:
+    async def _serve(self, message: Any) -> None:
         """Serve one request; whatever it is, the client gets an answer."""
         self._context.statistics.requests += 1
         body: Buffer = message.body()

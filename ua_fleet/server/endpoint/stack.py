@@ -10,13 +10,26 @@ from typing import Final
 
 from asyncua import ua
 from asyncua.common.utils import ServiceError
+from asyncua.ua.attribute_ids import AttributeIds
 from asyncua.ua.object_ids import ObjectIds
 from asyncua.ua.status_codes import StatusCodes
 
 from ua_fleet.errors import UaFleetError
 
-__all__ = ["DECODE_ERRORS", "GOOD", "ObjectIds", "Refusal", "StatusCodes", "guid_id", "name_of", "ns0", "opaque_id"]
-__all__ += ["status", "status_of"]
+__all__ = [
+    "DECODE_ERRORS",
+    "GOOD",
+    "AttributeIds",
+    "ObjectIds",
+    "Refusal",
+    "StatusCodes",
+    "guid_id",
+    "name_of",
+    "ns0",
+    "opaque_id",
+    "status",
+    "status_of",
+]
 
 DECODE_ERRORS: Final = (
     ua.UaError,

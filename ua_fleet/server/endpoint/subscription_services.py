@@ -17,7 +17,7 @@ from ua_fleet.server.endpoint.indexrange import parse_range
 from ua_fleet.server.endpoint.monitoring import DataItem, EventItem
 from ua_fleet.server.endpoint.request import Request, operations
 from ua_fleet.server.endpoint.sessions import PublishRequest
-from ua_fleet.server.endpoint.stack import GOOD, Refusal, StatusCodes, status
+from ua_fleet.server.endpoint.stack import GOOD, AttributeIds, Refusal, StatusCodes, status
 from ua_fleet.server.endpoint.subscriptions import ClientSubscription, Subscriptions
 
 __all__ = ["SubscriptionServices"]
@@ -191,7 +191,7 @@ class SubscriptionServices:
         subscription: ClientSubscription,
         wanted: ua.MonitoredItemCreateRequest,
         timestamps: ua.TimestampsToReturn,
-    ) -> ua.MonitoredItemCreateResult:
+    ) -> Any:
         if len(subscription.items) >= self._limits.monitored_items_per_subscription:
             raise Refusal(StatusCodes.BadTooManyMonitoredItems)
         target, parameters = wanted.ItemToMonitor, wanted.RequestedParameters
@@ -201,8 +201,8 @@ class SubscriptionServices:
             raise Refusal(StatusCodes.BadNodeIdUnknown)
         size = self._queue_size(parameters.QueueSize)
         result: Any = ua.MonitoredItemCreateResult()
-        if target.AttributeId == ua.AttributeIds.EventNotifier and isinstance(parameters.Filter, ua.EventFilter):
-            notifier = self._aspace.read_attribute_value(target.NodeId, ua.AttributeIds.EventNotifier)
+        if target.AttributeId == AttributeIds.EventNotifier and isinstance(parameters.Filter, ua.EventFilter):
+            notifier = self._aspace.read_attribute_value(target.NodeId, AttributeIds.EventNotifier)
             bits = notifier.Value.Value if notifier.Value is not None else None
             if not bits or not int(bits) & 1:
                 raise Refusal(StatusCodes.BadNotSupported, "the node has no events")
@@ -215,7 +215,7 @@ class SubscriptionServices:
             value = readable_value(self._aspace, target.NodeId, target.AttributeId)
             check_data_filter(parameters.Filter, attribute=target.AttributeId, value=value)
             index_range = parse_range(target.IndexRange)
-            if index_range is not None and target.AttributeId != ua.AttributeIds.Value:
+            if index_range is not None and target.AttributeId != AttributeIds.Value:
                 raise Refusal(StatusCodes.BadIndexRangeInvalid)
             data = DataItem(subscription, subscription.items.next_id(), wanted, size, index_range, timestamps)
             if not (code := subscription.items.add_data(data)).is_good():
@@ -247,7 +247,7 @@ class SubscriptionServices:
         subscription: ClientSubscription,
         wanted: ua.MonitoredItemModifyRequest,
         timestamps: ua.TimestampsToReturn,
-    ) -> ua.MonitoredItemModifyResult:
+    ) -> Any:
         item = subscription.items.get(wanted.MonitoredItemId)
         parameters = wanted.RequestedParameters
         if item is None:

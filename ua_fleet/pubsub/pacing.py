@@ -12,6 +12,8 @@ __all__ = ["Pace"]
 
 _BYTES_PER_SECOND: Final = 4_000_000
 _BURST_BYTES: Final = 96 * 1024
+_RESUME_BYTES: Final = 24 * 1024
+"""After it is used up, the budget first refills so far: else each datagram would carry one message."""
 _DATAGRAM_BYTES: Final = 512
 """What a datagram occupies in a receive buffer besides its payload."""
 
@@ -19,10 +21,11 @@ _DATAGRAM_BYTES: Final = 512
 class Pace:
     """A budget of bytes that refills with time. It may be overdrawn once; then it must refill first."""
 
-    __slots__ = ("_budget", "_refilled_at")
+    __slots__ = ("_budget", "_needed", "_refilled_at")
 
     def __init__(self) -> None:
         self._budget = float(_BURST_BYTES)
+        self._needed = 0.0
         self._refilled_at = 0.0
 
     def allows(self, now: float) -> bool:
@@ -30,13 +33,18 @@ class Pace:
         if now > self._refilled_at:
             self._budget = min(_BURST_BYTES, self._budget + (now - self._refilled_at) * _BYTES_PER_SECOND)
             self._refilled_at = now
-        return self._budget > -1.0
+        if self._budget > self._needed - 1.0:  # one byte less, so that rounding cannot ask for another round
+            self._needed = 0.0
+            return True
+        return False
 
     def take(self, size: int, *, datagrams: int = 0) -> None:
         """Count what is sent: bytes, and whole datagrams."""
         self._budget -= size + datagrams * _DATAGRAM_BYTES
+        if self._budget <= 0:
+            self._needed = _RESUME_BYTES
 
     @property
     def ready_at(self) -> float:
         """The time from which `allows` says yes; in the past where it does already."""
-        return self._refilled_at - min(self._budget, 0.0) / _BYTES_PER_SECOND
+        return self._refilled_at + max(self._needed - self._budget, 0.0) / _BYTES_PER_SECOND

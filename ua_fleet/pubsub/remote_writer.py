@@ -20,12 +20,15 @@ from typing import Final
 from ua_fleet.counters import Counters
 from ua_fleet.pubsub.sequence import MASK, NEWEST_STEP, MissingNumbers
 from ua_fleet.topics import Topic
+from ua_fleet.values import StatusCode
 from ua_fleet.wire.messages import DataSetMessage, DataSetMetaData
 
-__all__ = ["UNBOUND", "RemoteWriter", "Step"]
+__all__ = ["NO_COMMUNICATION", "UNBOUND", "RemoteWriter", "Step"]
 
 UNBOUND: Final = -1
 """In place of a major version: the metadata has to be looked up."""
+NO_COMMUNICATION: Final = int(StatusCode.BAD_NO_COMMUNICATION) >> 16
+"""The upper half of the status with which a bridge says that the source is gone."""
 _NEVER: Final = -(1 << 63) - 1
 
 
@@ -44,6 +47,7 @@ class RemoteWriter:
         "_back_since",
         "_back_timestamp",
         "_counters",
+        "_handed_on_alive",
         "_missing",
         "confirmed_number",
         "duplicates",
@@ -98,6 +102,8 @@ class RemoteWriter:
         """What delta frames change, and ..."""
         self.confirmed_number: int | None = None
         """... the sequence number up to which it is what the writer has."""
+        self._handed_on_alive = _NEVER
+        """The same, of what was not the news that the source is gone."""
         self._missing: MissingNumbers | None = None
         self._back_since: float | None = None
         self._back_timestamp = _NEVER
@@ -157,14 +163,15 @@ class RemoteWriter:
     def is_new(self, timestamp: int, now: float, receive_timeout_s: float) -> bool:
         """Whether a message is new though its Timestamp is not later than the last one handed on.
 
-        So it is where the source's clock was set back: for longer than the timeout we have heard nothing but
-        Timestamps that are past and increase. Without this, one time from the future would mute a source for ever.
+        So it is where the source's clock was set back: for longer than the timeout we have heard nothing but past
+        Timestamps that do not decrease. Without this, one time from the future would mute a source for ever. The
+        values that were handed on last stay what they are, however often a restarted bridge sends them.
         """
-        if timestamp <= self._back_timestamp or timestamp == self.handed_on:
+        if timestamp in (self.handed_on, self._handed_on_alive):
             return False
-        self._back_timestamp = timestamp
-        if self._back_since is None:
+        if self._back_since is None or timestamp < self._back_timestamp:
             self._back_since = now
+        self._back_timestamp = timestamp
         return now - self._back_since > receive_timeout_s
 
     def hand_on(self, message: DataSetMessage) -> None:
@@ -172,6 +179,8 @@ class RemoteWriter:
         timestamp = message.timestamp
         if timestamp is not None:
             self.handed_on = timestamp
+            if (message.status or 0) >> 16 != NO_COMMUNICATION:
+                self._handed_on_alive = timestamp
             self._back_since = None
         self.last_frame = message
         self.confirmed_number = message.sequence_number

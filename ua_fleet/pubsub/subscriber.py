@@ -29,11 +29,11 @@ from ua_fleet.pubsub.events import (
 from ua_fleet.pubsub.frames import merge_delta, types_fit
 from ua_fleet.pubsub.metadata import type_codes
 from ua_fleet.pubsub.probing import ProbeSchedule
-from ua_fleet.pubsub.remote_writer import RemoteWriter, Step
+from ua_fleet.pubsub.remote_writer import NO_COMMUNICATION, RemoteWriter, Step
 from ua_fleet.pubsub.sequence import MASK
 from ua_fleet.pubsub.timing import PubSubTiming
 from ua_fleet.topics import Side, Topic, Verdict, loop_verdict
-from ua_fleet.values import Quality, StatusCode, quality_of
+from ua_fleet.values import Quality, quality_of
 from ua_fleet.wire import Codec, SecuredMessage, decode_raw_fields, encode_probe
 from ua_fleet.wire.messages import (
     DataSetMessage,
@@ -59,7 +59,6 @@ _DELTA: Final = FrameKind.DELTA.value
 _KEEP_ALIVE: Final = FrameKind.KEEP_ALIVE.value
 _VARIANT: Final = FieldEncoding.VARIANT.value
 _RAW: Final = FieldEncoding.RAW_DATA.value
-_NO_COMMUNICATION: Final = int(StatusCode.BAD_NO_COMMUNICATION) >> 16
 
 
 class Subscriber:
@@ -84,7 +83,8 @@ class Subscriber:
             counters: what is received and dropped is counted here.
             codec: the process's codec.
             rule: the loop rule.
-            max_writers: most writers to know; what others send is counted as of an unknown source.
+            max_writers: most writers to know. Beyond, the longest silent one is forgotten; while all of them live, what
+                others send is counted as of an unknown source.
             random: where the random delay of probes comes from.
         """
         self._own_space = own_space
@@ -92,11 +92,14 @@ class Subscriber:
         self._counters = counters
         self._codec = codec
         self._rule = rule
+        self._verdicts: dict[int, bool] = {}
         self._max_writers = max_writers
         self._writers: dict[tuple[int, int | None, int], RemoteWriter] = {}
         self._catalog = Catalog(max_writers)
         self._probes = ProbeSchedule(random or Random())  # noqa: S311 - spreads probes, keeps no secret
         self._silences: list[tuple[float, int, RemoteWriter]] = []
+        self._silent: dict[RemoteWriter, None] = {}
+        """The longest silent first."""
         self._order = count()
         self._complaints = Complaints()
 
@@ -115,7 +118,7 @@ class Subscriber:
         except RemoteWireError as error:
             self._count_malformed(error)
             return []
-        if isinstance(message, NetworkMessage):
+        if type(message) is NetworkMessage:
             return self._receive_data(message, now)
         if isinstance(message, MetaDataAnnouncement):
             self._receive_metadata(message)
@@ -138,6 +141,7 @@ class Subscriber:
                 self._forget(writer)
             else:
                 writer.silent = True
+                self._silent[writer] = None
                 events.append(SourceSilent(writer.topic))
         self._probe(self._probes.take_due(now), events)
         return events
@@ -158,10 +162,10 @@ class Subscriber:
         parts = message.messages
         self._counters.messages_in += len(parts)
         publisher_id = message.publisher_id
-        if message.publisher_id_type != _UINT16 or not isinstance(publisher_id, int):
+        if message.publisher_id_type != _UINT16 or type(publisher_id) is not int:
             self._counters.drop(Drop.UNKNOWN_SOURCE, len(parts))
             return []
-        if self._rule(Side.PUBSUB, publisher_id, self._own_space, False) is not Verdict.TO_SPACE:
+        if not self._comes_in(publisher_id):
             self._counters.drop(Drop.LOOP, len(parts))
             return []
         events: list[SubscriberEvent] = []
@@ -197,7 +201,7 @@ class Subscriber:
             self._counters.drop(Drop.LATE if step is Step.LATE else Drop.DUPLICATE)
             return
         is_new = timestamp is None or timestamp > writer.handed_on or writer.is_new(timestamp, now, self._timeout)
-        if is_new or (frame.status or 0) >> 16 != _NO_COMMUNICATION:  # repeated, that one attests nothing
+        if is_new or (frame.status or 0) >> 16 != NO_COMMUNICATION:  # repeated, that one attests nothing
             self._attest(writer, now, events)
         if (frame.major_version != writer.major or frame.minor_version != writer.minor) and not self._bind(
             writer, frame, now, events
@@ -210,7 +214,7 @@ class Subscriber:
             self._counters.drop(Drop.REPEATED)
             return
         if frame.kind != _KEY or frame.encoding != _VARIANT or frame.types != writer.types:
-            checked = self._check(writer, frame)
+            checked = self._check(writer, frame, now)
             if checked is None:
                 return
             frame = checked
@@ -218,7 +222,7 @@ class Subscriber:
         assert writer.metadata is not None
         events.append(DataReceived(writer.topic, frame, writer.metadata))
 
-    def _check(self, writer: RemoteWriter, frame: DataSetMessage) -> DataSetMessage | None:
+    def _check(self, writer: RemoteWriter, frame: DataSetMessage, now: float) -> DataSetMessage | None:
         """The key frame that a frame of any form stands for; None, after counting why, if there is none."""
         metadata = writer.metadata
         assert metadata is not None
@@ -246,6 +250,7 @@ class Subscriber:
             return None
         if frame.types != writer.types and not types_fit(frame.types, metadata.fields):
             self._counters.drop(Drop.LAYOUT)
+            self._probes.want(writer.key, now)  # it may be the metadata that is wrong
             return None
         return frame
 
@@ -266,7 +271,7 @@ class Subscriber:
         if announcement.publisher_id_type != _UINT16 or not isinstance(publisher_id, int):
             self._counters.drop(Drop.UNKNOWN_SOURCE)
             return
-        if self._rule(Side.PUBSUB, publisher_id, self._own_space, False) is not Verdict.TO_SPACE:
+        if not self._comes_in(publisher_id):
             self._counters.drop(Drop.LOOP)
             return
         if quality_of(announcement.status) is Quality.BAD:  # the publisher has no such writer (7.2.4.6.4)
@@ -285,22 +290,33 @@ class Subscriber:
             self._probes.asked_by_another(publisher_id, probe.data_set_writer_ids, now)
         return []
 
+    def _comes_in(self, publisher_id: int) -> bool:
+        """What the loop rule says to a publisher; it is asked once for each."""
+        known = self._verdicts.get(publisher_id)
+        if known is None:
+            verdict = self._rule(Side.PUBSUB, publisher_id, self._own_space, False)
+            known = self._verdicts[publisher_id] = verdict is Verdict.TO_SPACE
+        return known
+
     def _meet(self, publisher_id: int, group_id: int | None, writer_id: int, now: float) -> RemoteWriter | None:
         """Begin to know a writer; None if it is no legal source, or one too many."""
-        if len(self._writers) >= self._max_writers:
-            return None
         try:
             topic = Topic.checked(publisher_id, group_id or 0, writer_id)
         except TopicInvalid:
             return None
+        if len(self._writers) >= self._max_writers:
+            if not self._silent:
+                return None
+            self._forget(next(iter(self._silent)))
         writer = self._writers[topic] = RemoteWriter(topic, now, self._counters)
         self._catalog.add_writer(writer)
         self._watch(writer)
         return writer
 
     def _forget(self, writer: RemoteWriter) -> None:
-        """Forget a silent writer that never said what it sends, so that inventions cannot fill the memory."""
+        """Forget a silent writer: one that never said what it sends, or the longest silent where there are too many."""
         del self._writers[writer.topic]
+        self._silent.pop(writer, None)
         self._catalog.remove_writer(writer)
         self._probes.settled(writer.key)
 
@@ -311,6 +327,7 @@ class Subscriber:
         writer.last_heard = now
         if writer.silent:
             writer.silent = False
+            del self._silent[writer]
             self._watch(writer)
             events.append(SourceReturned(writer.topic))
 

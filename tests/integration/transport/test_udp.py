@@ -184,7 +184,7 @@ async def test_a_privileged_port_is_told_with_the_remedy(start: Start, monkeypat
         raise PermissionError(errno.EACCES, "Permission denied")
 
     monkeypatch.setattr(socket.socket, "bind", refuse)
-    with pytest.raises(TransportError, match="no permission to listen on .* port 99; choose a port above 1023"):
+    with pytest.raises(TransportError, match=r"no permission to listen on .* port 99; choose a port above 1023"):
         await start("opc.udp://127.0.0.1:99")
 
 

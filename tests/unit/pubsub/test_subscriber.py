@@ -185,6 +185,38 @@ def test_a_source_whose_clock_was_set_back_is_heard_again_after_the_timeout() ->
     assert reading.counters.drops == {Drop.REPEATED: 4}
 
 
+def test_a_value_that_does_not_change_is_heard_again_after_the_clock_was_set_back() -> None:
+    reading = Reading()
+    reading.receive([foreign_metadata(), foreign(frame(timestamp=WALL + 10**12))], 100.0)
+    times = [100.0, 101.0, 104.0, 105.0]
+    events = [only(DataReceived, reading.receive([foreign(frame(timestamp=WALL))], time)) for time in times]
+    assert [len(found) for found in events] == [0, 0, 1, 0]
+
+
+def test_a_restarted_bridge_that_reads_the_latched_value_again_hands_nothing_on_twice() -> None:
+    reading = Reading()
+    lost = frame(timestamp=WALL + 50, status=int(StatusCode.BAD_NO_COMMUNICATION))
+    reading.receive([foreign_metadata(), foreign(frame(timestamp=WALL)), foreign(lost)], 100.0)
+    for second in range(60):
+        assert reading.receive([foreign(frame(timestamp=WALL))], 100.0 + second) == []
+
+
+def test_wrong_metadata_of_the_right_version_is_probed_for() -> None:
+    writing, reading = Writing(), Reading()
+    announced = writing.announce()
+    version = writing.publisher.metadata(TOPIC)
+    assert version is not None
+    reading.receive([foreign_metadata(FIELDS[:1], version.configuration_version.major), *announced[1:]], 100.0)
+    assert reading.receive(writing.publish(), 100.0) == []
+    assert reading.counters.drops == {Drop.LAYOUT: 1}
+    [(time, unknown)] = reading.run_until(100.6)
+    assert isinstance(unknown, SourceUnknown)
+    probe = CODEC.decode(unknown.datagram)
+    assert isinstance(probe, Probe)
+    events = reading.receive(writing.publisher.answer(probe, time), time)
+    assert kinds(events) == ["MetaDataReceived", "DataReceived"], "the repeat brings what did not fit before"
+
+
 def test_old_values_that_are_read_again_once_are_not_a_clock_set_back() -> None:
     reading = Reading()
     reading.receive([foreign_metadata(), foreign(frame(timestamp=WALL + 100))], 100.0)
@@ -478,6 +510,17 @@ def test_no_more_writers_than_allowed_are_known() -> None:
         reading.receive([*writing.announce(topic), *writing.publish(topic=topic)], 100.0)
     assert len(reading.subscriber.writers) == 3
     assert reading.counters.drops[Drop.UNKNOWN_SOURCE] == 4
+
+
+def test_the_longest_silent_writer_makes_room_for_a_new_one() -> None:
+    writing, reading = Writing(), Reading(max_writers=2)
+    topics = [Topic(1, 2, number) for number in (1, 2, 3)]
+    for second, topic in enumerate(topics[:2]):
+        reading.receive(writing.announce(topic), 100.0 + second)
+    reading.run_until(110.0)
+    assert kinds(reading.receive(writing.announce(topics[2]), 110.0)) == ["MetaDataReceived"]
+    assert set(reading.subscriber.writers) == set(topics[1:])
+    assert kinds(reading.receive(writing.announce(topics[1]), 111.0)) == ["SourceReturned"]
 
 
 def test_announcements_that_nobody_sends_data_for_do_not_fill_the_memory() -> None:

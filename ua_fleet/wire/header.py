@@ -109,6 +109,8 @@ def decode_header(cursor: Cursor) -> Header:
     message_type = _message_type(extended2)
     if message_type is not MessageType.DATA_SET:
         _check_discovery_flags(flags, extended1, extended2)
+    elif extended1 & HAS_SECURITY_HEADER:
+        raise SecuredMessage("a DataSetMessage with the security flag", 1)
     publisher_id: int | str | None = None
     publisher_id_type = PublisherIdType.UINT16.value
     if flags & HAS_PUBLISHER_ID:
@@ -117,6 +119,8 @@ def decode_header(cursor: Cursor) -> Header:
     data_set_class_id = decode_guid(cursor) if extended1 & HAS_DATA_SET_CLASS_ID else None
     group = _decode_group_header(cursor) if flags & HAS_GROUP_HEADER else (None, None, None, None)
     data_set_writer_ids = None
+    if extended1 & HAS_SECURITY_HEADER:  # a discovery message, in which it follows the PublisherId
+        _pass_security_header(cursor)
     if extended2 & IS_CHUNK:
         raise RemoteWireError(Cause.CHUNK, "chunks are not put together", 2)
     if flags & HAS_PAYLOAD_HEADER:
@@ -126,8 +130,6 @@ def decode_header(cursor: Cursor) -> Header:
     promoted_types = promoted_values = None
     if extended2 & HAS_PROMOTED_FIELDS:
         promoted_types, promoted_values = _decode_promoted_fields(cursor, data_set_writer_ids)
-    if extended1 & HAS_SECURITY_HEADER:
-        _decode_security_header(cursor, message_type)
     if extended2 & HAS_ACTION_HEADER:
         raise RemoteWireError(Cause.ACTION, "an Action message", 2)
     if data_set_writer_ids is not None and not data_set_writer_ids:
@@ -202,10 +204,8 @@ def _decode_promoted_fields(
     return tuple([field.type for field in fields]), tuple([field.value for field in fields])
 
 
-def _decode_security_header(cursor: Cursor, message_type: MessageType) -> None:
-    """Pass over the security header of an unsecured discovery message; refuse everything that has keys."""
-    if message_type is MessageType.DATA_SET:
-        raise SecuredMessage("a DataSetMessage with the security flag", 1)
+def _pass_security_header(cursor: Cursor) -> None:
+    """Pass over the security header of a discovery message that says None; refuse one that has keys."""
     flags = cursor.byte()
     if flags:
         raise SecuredMessage(f"a discovery message with SecurityFlags 0x{flags:02x}", cursor.position - 1)

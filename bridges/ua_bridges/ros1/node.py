@@ -13,13 +13,15 @@ import logging
 import os
 import socket
 import threading
+import time
 from typing import Any, Final
 
 import rosgraph.xmlrpc
 import rospy
 import rospy.core
-import rospy.impl.init
+import rospy.impl.masterslave
 import rospy.impl.registration
+import rospy.impl.tcpros
 import rospy.impl.tcpros_base
 import rospy.names
 import rospy.rostime
@@ -63,7 +65,7 @@ class RosNode:
     """The one ROS node of this process."""
 
     def __init__(self, name: str, master_uri: str, host_ip: str) -> None:
-        """Bring the node up; takes about 0.1 s and needs no master.
+        """Bring the node up, which needs no master.
 
         Raises:
             BridgeUnavailable: there is a node in this process already, or the address is not this machine's.
@@ -81,7 +83,7 @@ class RosNode:
             rospy.names.initialize_mappings(self.name)
             # Else each link asks the master, without a timeout, whether it may use TCP keep-alive.
             rospy.impl.tcpros_base._use_tcp_keepalive = True  # noqa: SLF001
-            self._server = rospy.impl.init.start_node(os.environ, self.name, master_uri=master_uri)
+            self._server, self._thread = self._start_server(master_uri)
             self.uri: str = self._server.uri
             # No topic exists yet, so rospy has registered nothing and needed no master. From here on the watch does.
             rospy.impl.registration.get_registration_listeners().clear()
@@ -89,6 +91,18 @@ class RosNode:
             rospy.core.add_shutdown_hook(self._server.shutdown)
             rospy.rostime.set_rostime_initialized(True)
             rospy.core.set_initialized(True)
+
+    def _start_server(self, master_uri: str) -> tuple[Any, threading.Thread]:
+        """What `rospy.impl.init.start_node` does, in a thread that can be joined."""
+        rospy.impl.tcpros.init_tcpros()
+        rospy.names._set_caller_id(self.name)  # noqa: SLF001 - there is no public way
+        handler = rospy.impl.masterslave.ROSHandler(self.name, master_uri)
+        server = rosgraph.xmlrpc.XmlRpcNode(0, handler)
+        thread = threading.Thread(target=server.run, name="ros1-slave", daemon=True)
+        thread.start()
+        while not handler._is_registered():  # noqa: SLF001 - true as soon as its own thread runs, without a master
+            time.sleep(0.001)
+        return server, thread
 
     @staticmethod
     def _check_address(host_ip: str) -> None:
@@ -150,6 +164,7 @@ class RosNode:
         if xmlrpc is not None:
             self._server.is_shutdown = True
             xmlrpc.shutdown()
+            self._thread.join()
         tcpros = rospy.impl.tcpros_base._tcpros_server  # noqa: SLF001
         listener = tcpros.tcp_ros_server if tcpros is not None else None
         if listener is not None:

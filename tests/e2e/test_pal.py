@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 
 from tests.system import Child, Processes, free_multicast_url, free_tcp_port
+from tests.system import ros_domain as ros_domain_lock
 
 RUN_TIMEOUT_S = 90
 
@@ -65,7 +66,8 @@ def test_the_line_with_the_arm_in_ros1(processes: Processes, tmp_path: Path, ros
 
 @pytest.mark.needs("ros2")
 def test_the_line_without_ros1_has_the_arm_in_ros2(processes: Processes, tmp_path: Path, ros_domain: int) -> None:
-    report = _run(processes, tmp_path, ros_domain, "--without-ros1")
+    with ros_domain_lock() as arm_domain:
+        report = _run(processes, tmp_path, ros_domain, "--without-ros1", "--arm-domain", str(arm_domain))
     _check_line(report)
     assert report["ros1"] is False
 

@@ -1,1 +1,5 @@
-"""The command line, one command a file."""
+"""The command line, one command a file. `main` is the entry point of `ua-fleet`."""
+
+from ua_fleet.cli.app import main
+
+__all__ = ["main"]

@@ -11,7 +11,8 @@ from pathlib import Path
 from string import Template
 
 from ua_fleet.bridge.launch import child_environment, find_ros1_python
-from ua_fleet.demo.processes import free_tcp_port, udp_port_in_use
+from ua_fleet.demo.processes import DemoFailed, free_tcp_port, udp_port_in_use
+from ua_fleet.topics import check_ros2_space
 
 __all__ = ["Setting", "make_setting"]
 
@@ -70,6 +71,7 @@ def make_setting(
     speed: float,
     loop_rule: bool,
     without_ros1: bool,
+    arm_domain: int = ARM_DOMAIN_WITHOUT_ROS1,
     port: int = OPC_UA_PORT,
     master_port: int = ROS_MASTER_PORT,
     pubsub_url: str | None = None,
@@ -83,11 +85,13 @@ def make_setting(
         speed: how many times faster than in the paper.
         loop_rule: False lets the bridges forward everything, for a test.
         without_ros1: run the arm in ROS 2 even if ROS 1 is there.
+        arm_domain: ROS 2 domain of the arm where it does not run in ROS 1.
         port: wanted TCP port of the OPC UA server; another is taken if it is in use.
         master_port: wanted TCP port of the ROS master, likewise.
         pubsub_url: PubSub address; by default the registered one, or another group if its port is in use.
         say: prints a line for people.
     """
+    check_ros2_space(domain)
     server_port = _free_port("the OPC UA server", port, say)
     if pubsub_url is None:
         pubsub_url = f"opc.udp://{DEFAULT_GROUP}:{OPC_UA_PORT}"
@@ -100,7 +104,11 @@ def make_setting(
         master_port = _free_port("the ROS master", master_port, say)
     arm_space = 1
     if ros1_python is None:
-        arm_space = ARM_DOMAIN_WITHOUT_ROS1 if domain != ARM_DOMAIN_WITHOUT_ROS1 else ARM_DOMAIN_WITHOUT_ROS1 + 1
+        arm_space = check_ros2_space(arm_domain)
+        if arm_space == domain:
+            raise DemoFailed(
+                f"arm and TurtleBot3 cannot both have domain {domain}; choose another --arm-domain"
+            )
         why = "as asked" if without_ros1 else "since there is no .venv-ros1 (make setup says why)"
         say(f"without ROS 1, {why}: the arm runs in ROS 2 domain {arm_space}")
     arm_bridge = (

@@ -1,0 +1,52 @@
+"""`ua-fleet bridge NAME`: one UA bridge."""
+
+from __future__ import annotations
+
+import asyncio
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from ua_fleet.cli.options import Config, Json, WithoutLoopRule, load_config
+from ua_fleet.cli.output import message, print_json, print_line, set_up_logging
+from ua_fleet.cli.rules import rule_for
+from ua_fleet.errors import ConfigError
+
+__all__ = ["bridge"]
+
+
+def bridge(
+    name: Annotated[str, typer.Argument(help="Name of the bridge in the configuration file.")],
+    config: Config = Path("fleet.yaml"),
+    as_json: Json = False,
+    without_loop_rule: WithoutLoopRule = False,
+) -> None:
+    """Run one UA bridge between its space and OPC UA PubSub until Ctrl-C.
+
+    Each bridge is a process of its own. A ROS 1 bridge runs on the system's Python with rospy, for example
+    `.venv-ros1/bin/ua-fleet bridge cell`; it waits for a ROS master that is not up yet.
+    """
+    fleet = load_config(config)
+    if name not in fleet.bridges:
+        there = ", ".join(fleet.bridges) or "none"
+        raise ConfigError(f"there is no bridge {name!r}", file=str(config), suggestion=f"bridges there: {there}")
+    set_up_logging()
+    from ua_fleet.bridge.registry import load_driver
+    from ua_fleet.bridge.runner import run_bridge
+    from ua_fleet.transport.udp import UdpTransport
+
+    pubsub = fleet.pubsub
+    transport = UdpTransport(
+        pubsub.url, pubsub.interface, ttl=pubsub.ttl, receive_buffer_bytes=pubsub.receive_buffer_bytes
+    )
+    driver = load_driver(fleet, name)
+
+    def ready() -> None:
+        if as_json:
+            print_json({"ready": True, "bridge": name})
+        else:
+            print_line(f"ready: bridge {name}")
+
+    message(f"bridge {name} ({fleet.bridges[name].kind}, space {fleet.bridges[name].space}); end it with Ctrl-C")
+    asyncio.run(run_bridge(fleet, name, driver, transport, ready=ready, rule=rule_for(without_loop_rule)))

@@ -1,0 +1,41 @@
+"""`ua-fleet browse`: the nodes below a node."""
+
+from __future__ import annotations
+
+import asyncio
+from dataclasses import asdict
+from typing import Annotated
+
+import typer
+
+from ua_fleet.cli.connect import connected
+from ua_fleet.cli.options import DEFAULT_ENDPOINT, Endpoint, Insecure, Json, PasswordFile, Timeout, User
+from ua_fleet.cli.output import print_json, print_line
+
+__all__ = ["browse"]
+
+
+def browse(
+    node: Annotated[str, typer.Argument(help="NodeId, UA topic, or path such as Fleet/Robots.")] = "Objects",
+    depth: Annotated[int, typer.Option(help="Levels to go down.", min=1, max=20)] = 1,
+    endpoint: Endpoint = DEFAULT_ENDPOINT,
+    user: User = None,
+    password_file: PasswordFile = None,
+    insecure: Insecure = False,
+    timeout: Timeout = 10.0,
+    as_json: Json = False,
+) -> None:
+    """List the nodes below a node.
+
+    Examples: `ua-fleet browse -u anna`, `ua-fleet browse Fleet/Robots/ned --depth 2 -u anna`.
+    """
+
+    async def run() -> None:
+        async with connected(endpoint, user, password_file, insecure=insecure, timeout_s=timeout) as client:
+            for info in await client.browse(node, depth=depth):
+                if as_json:
+                    print_json(asdict(info))
+                else:
+                    print_line(f"{'  ' * info.depth}{info.browse_name}  [{info.node_class}]  {info.node_id}")
+
+    asyncio.run(run())

@@ -1,0 +1,98 @@
+"""`ua-fleet demo`: demonstrations with real robots' programs."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import tempfile
+from contextlib import ExitStack
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from ua_fleet.cli.options import WithoutLoopRule
+from ua_fleet.cli.output import message, print_line
+from ua_fleet.errors import BridgeUnavailable, ConfigError
+
+if TYPE_CHECKING:
+    from ua_fleet.demo.pal.run import PalResult
+    from ua_fleet.demo.pal.setting import Setting
+
+__all__ = ["app"]
+
+app = typer.Typer(no_args_is_help=True, help="Demonstrations with real robots' programs.")
+
+
+@app.callback()
+def demonstrations() -> None:
+    """Demonstrations with real robots' programs."""
+
+
+@app.command("pal")
+def pal(
+    once: Annotated[bool, typer.Option("--once", help="End when all covers have arrived.")] = False,
+    speed: Annotated[float, typer.Option(help="How many times faster than in the paper.", min=0.1, max=20)] = 1.0,
+    json_file: Annotated[Path | None, typer.Option("--json", help="Write the result to this file.")] = None,
+    domain: Annotated[int, typer.Option(help="ROS 2 domain of the TurtleBot3.", min=2, max=232)] = 2,
+    port: Annotated[int, typer.Option(help="TCP port of the OPC UA server.", min=1, max=65535)] = 4840,
+    ros_master_port: Annotated[int, typer.Option(help="TCP port of the ROS master.", min=1, max=65535)] = 11311,
+    pubsub_url: Annotated[str | None, typer.Option(help="PubSub address, e.g. opc.udp://239.1.2.3:4840.")] = None,
+    folder: Annotated[Path | None, typer.Option(help="Keep configuration, state and logs here.")] = None,
+    without_ros1: Annotated[bool, typer.Option("--without-ros1", help="Run the arm in ROS 2.")] = False,
+    arm_domain: Annotated[int, typer.Option(help="ROS 2 domain of the arm without ROS 1.", min=2, max=232)] = 3,
+    without_loop_rule: WithoutLoopRule = False,
+) -> None:
+    """Run the fault-tolerant assembly line of Nguyen et al. (ONCON 2022).
+
+    A robot arm in ROS 1 places covers on a conveyor belt; after 25 s the belt is turned off, and a TurtleBot3 in ROS 2
+    carries the rest. Times of the timeline are the line's seconds: wall time times --speed. Exit code 0 if all four
+    covers arrived and nothing was delivered twice.
+    """
+    try:
+        from ua_fleet.demo.pal.run import USER, run_pal
+        from ua_fleet.demo.pal.setting import make_setting
+    except ImportError as error:
+        raise BridgeUnavailable(f"the demonstration cannot run: {error}", extra="server") from error
+
+    def started(setting: Setting) -> None:
+        message(f"UaExpert: {setting.endpoint}  (Basic256Sha256, Sign & Encrypt)")
+        message(f"          user {USER}, password {setting.password}")
+
+    def finished(result: PalResult) -> None:
+        if json_file is not None:
+            json_file.write_text(json.dumps(result.report, indent=2) + "\n", encoding="utf-8")
+        print_line("")
+        print_line(f"{'delay':<46} {'in the paper':>13}   here")
+        for what, paper, here in result.delays:
+            print_line(f"{what:<46} {paper:>13}   {here}")
+        report = result.report
+        drops = ", ".join(f"{cause} {count}" for cause, count in report["drops"].items())
+        print_line(f"delivered twice: {report['looped']}; dropped, by cause: {drops or 'nothing'}")
+        for problem in result.problems:
+            message(f"ua-fleet: {problem}")
+        if not once:
+            message("the line stays up for UaExpert; end it with Ctrl-C")
+
+    with ExitStack() as cleanup:
+        place = folder or Path(cleanup.enter_context(tempfile.TemporaryDirectory(prefix="ua-fleet-pal-")))
+        try:
+            place.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise ConfigError(f"cannot make this folder: {error.strerror}", file=str(place)) from error
+        setting = make_setting(
+            place,
+            domain=domain,
+            speed=speed,
+            loop_rule=not without_loop_rule,
+            without_ros1=without_ros1,
+            arm_domain=arm_domain,
+            port=port,
+            master_port=ros_master_port,
+            pubsub_url=pubsub_url,
+            say=message,
+        )
+        message("starting the server, the bridges and the robots' programs (some seconds)")
+        result = asyncio.run(run_pal(setting, say=print_line, started=started, finished=finished, stay=not once))
+    if result.problems:
+        raise typer.Exit(1)

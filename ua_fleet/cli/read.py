@@ -1,0 +1,36 @@
+"""`ua-fleet read`: values of nodes."""
+
+from __future__ import annotations
+
+import asyncio
+from typing import Annotated
+
+import typer
+
+from ua_fleet.cli.connect import connected
+from ua_fleet.cli.options import DEFAULT_ENDPOINT, Endpoint, Insecure, Json, PasswordFile, Timeout, User
+from ua_fleet.cli.output import print_reading
+
+__all__ = ["read"]
+
+
+def read(
+    nodes: Annotated[list[str], typer.Argument(help="NodeIds, UA topics, or paths such as Fleet/Robots/ned/battery.")],
+    endpoint: Endpoint = DEFAULT_ENDPOINT,
+    user: User = None,
+    password_file: PasswordFile = None,
+    insecure: Insecure = False,
+    timeout: Timeout = 10.0,
+    as_json: Json = False,
+) -> None:
+    """Print the values of some nodes, with their quality and the source's time.
+
+    Example: `ua-fleet read ua_1_2_1001 ns=2;i=1002 -u anna`.
+    """
+
+    async def run() -> None:
+        async with connected(endpoint, user, password_file, insecure=insecure, timeout_s=timeout) as client:
+            for node, reading in zip(nodes, await client.read(nodes), strict=True):
+                print_reading(node, reading, as_json=as_json)
+
+    asyncio.run(run())

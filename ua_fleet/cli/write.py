@@ -1,0 +1,37 @@
+"""`ua-fleet write`: a value to a node."""
+
+from __future__ import annotations
+
+import asyncio
+from typing import Annotated
+
+import typer
+
+from ua_fleet.cli.connect import connected
+from ua_fleet.cli.options import DEFAULT_ENDPOINT, Endpoint, Insecure, Json, PasswordFile, Timeout, User
+from ua_fleet.cli.output import print_reading
+
+__all__ = ["write"]
+
+
+def write(
+    node: Annotated[str, typer.Argument(help="NodeId, UA topic, or path.")],
+    value: Annotated[str, typer.Argument(help="Value in the node's own type; an array as JSON, e.g. '[1, 2]'.")],
+    endpoint: Endpoint = DEFAULT_ENDPOINT,
+    user: User = None,
+    password_file: PasswordFile = None,
+    insecure: Insecure = False,
+    timeout: Timeout = 10.0,
+    as_json: Json = False,
+) -> None:
+    """Write a value to a node that clients may write, and print what the node holds then.
+
+    Example: `ua-fleet write ua_0_2_1020 0.25 -u anna`. The server sends it to the robots over PubSub. A negative number
+    needs `--` before it: `ua-fleet write -u anna -- ua_0_2_1020 -0.25`.
+    """
+
+    async def run() -> None:
+        async with connected(endpoint, user, password_file, insecure=insecure, timeout_s=timeout) as client:
+            print_reading(node, await client.write(node, value), as_json=as_json)
+
+    asyncio.run(run())

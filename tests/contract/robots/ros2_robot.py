@@ -6,6 +6,8 @@ import json
 import operator
 import sys
 import threading
+from collections.abc import Callable
+from typing import Any
 
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
@@ -16,24 +18,24 @@ QOS = QoSProfile(depth=100)
 lock = threading.Lock()
 
 
-def say(**what):
+def say(**what: object) -> None:
     with lock:
         print(json.dumps(what), flush=True)
 
 
-def class_of(ros_type):
+def class_of(ros_type: str) -> Any:
     package, _, name = ros_type.partition("/")
     return getattr(importlib.import_module(f"{package}.msg"), name)
 
 
-def fill(message, values):
+def fill(message: Any, values: dict[str, Any]) -> Any:
     for path, value in values.items():
         parent, _, name = path.rpartition(".")
         setattr(operator.attrgetter(parent)(message) if parent else message, name, value)
     return message
 
 
-def listener(name, fields):
+def listener(name: str, fields: list[str]) -> Callable[[Any], None]:
     return lambda message: say(heard=name, values={path: operator.attrgetter(path)(message) for path in fields})
 
 
@@ -42,7 +44,8 @@ node = rclpy.create_node("robot")
 executor = SingleThreadedExecutor()
 executor.add_node(node)
 threading.Thread(target=executor.spin, daemon=True).start()
-publishers, subscriptions = {}, []
+publishers: dict[str, Any] = {}
+subscriptions: list[Any] = []
 say(done=True)
 for line in sys.stdin:
     order = json.loads(line)
@@ -58,3 +61,6 @@ for line in sys.stdin:
         kind = class_of(order["type"])
         subscriptions.append(node.create_subscription(kind, topic, listener(name, order["fields"]), QOS))
     say(done=True)
+executor.shutdown()
+node.destroy_node()
+rclpy.shutdown()

@@ -1,0 +1,233 @@
+"""What the contract suite asks of each driver's surroundings, and what it uses to watch a driver."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import subprocess
+import threading
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Final, Protocol
+
+from ua_fleet.bridge import Driver, DriverEvent, Dropped, SampleRead, SourceFound, SourceLost
+from ua_fleet.counters import Drop
+from ua_fleet.pubsub.metadata import make_field
+from ua_fleet.topics import Topic
+from ua_fleet.values import BuiltinType, ticks_from_unix_ns
+from ua_fleet.wire.messages import ConfigurationVersion, DataSetMessage, DataSetMetaData
+
+__all__ = ["NUMBER", "TEXT", "TWIST", "UNKNOWN", "Kind", "Recorder", "Robot", "RobotProcess", "Space", "message_of"]
+
+WAIT_S: Final = 20.0
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A type of message, with its flat fields."""
+
+    ros_type: str
+    fields: tuple[tuple[str, BuiltinType], ...]
+
+    def metadata(self, name: str) -> DataSetMetaData:
+        """Metadata as it comes from another space."""
+        fields = tuple(
+            make_field(field, builtin, properties={} if index else {"RosType": self.ros_type})
+            for index, (field, builtin) in enumerate(self.fields)
+        )
+        return DataSetMetaData(name, fields, ConfigurationVersion(1, 1))
+
+    def values(self, *values: Any) -> dict[str, Any]:
+        """Values by field name."""
+        return dict(zip((name for name, _ in self.fields), values, strict=True))
+
+
+NUMBER: Final = Kind("std_msgs/Float64", (("data", BuiltinType.DOUBLE),))
+TEXT: Final = Kind("std_msgs/String", (("data", BuiltinType.STRING),))
+TWIST: Final = Kind(
+    "geometry_msgs/Twist",
+    tuple((f"{part}.{axis}", BuiltinType.DOUBLE) for part in ("linear", "angular") for axis in "xyz"),
+)
+UNKNOWN: Final = Kind("no_such_msgs/Thing", (("data", BuiltinType.DOUBLE),))
+
+
+def message_of(topic: Topic, *values: Any, kind: Kind = NUMBER) -> DataSetMessage:
+    """A message of another space, as a subscriber hands it on."""
+    return DataSetMessage(
+        topic.id,
+        types=tuple(int(builtin) for _, builtin in kind.fields),
+        values=values,
+        timestamp=ticks_from_unix_ns(time.time_ns()),
+        status=0,
+        major_version=1,
+        minor_version=1,
+    )
+
+
+class Robot(Protocol):
+    """A robot in the space, independent of the driver. Names are those of topics, without a slash before them."""
+
+    def advertise(self, name: str, kind: Kind) -> None:
+        """Begin to publish on a topic."""
+        ...
+
+    def publish(self, name: str, values: Mapping[str, Any]) -> None:
+        """Publish a message on an advertised topic; returns when it is handed to the robot's own library."""
+        ...
+
+    def withdraw(self, name: str) -> None:
+        """Cease to publish on a topic."""
+        ...
+
+    def subscribe(self, name: str, kind: Kind) -> None:
+        """Begin to hear a topic."""
+        ...
+
+    def heard(self, name: str) -> list[dict[str, Any]]:
+        """The messages heard so far, in order."""
+        ...
+
+
+class Space(Protocol):
+    """A space with its robots' side, up or not."""
+
+    number: int
+    can_be_absent: bool
+    """Whether the robots' side has something that must be up (a ROS master)."""
+
+    @property
+    def robot(self) -> Robot:
+        """The robot; there once the space has appeared."""
+        ...
+
+    def make_driver(self) -> Driver:
+        """A new driver for this space, not started."""
+        ...
+
+    def appear(self) -> None:
+        """Bring the robots' side up."""
+        ...
+
+
+@dataclass
+class Recorder:
+    """An inlet that keeps all it gets."""
+
+    events: list[DriverEvent] = field(default_factory=list[DriverEvent])
+
+    def put(self, event: DriverEvent) -> None:
+        """Appending to a list is safe from any thread."""
+        self.events.append(event)
+
+    def of(self, topic: Topic) -> list[DriverEvent]:
+        """Everything about a source, in order."""
+        return [event for event in list(self.events) if not isinstance(event, Dropped) and event.topic == topic]
+
+    def samples(self, topic: Topic) -> list[SampleRead]:
+        """The samples of a source."""
+        return [event for event in self.of(topic) if isinstance(event, SampleRead)]
+
+    def found(self, topic: Topic) -> list[SourceFound]:
+        """How often and with what a source was found."""
+        return [event for event in self.of(topic) if isinstance(event, SourceFound)]
+
+    def lost(self, topic: Topic) -> int:
+        """How often a source was lost."""
+        return sum(isinstance(event, SourceLost) for event in self.of(topic))
+
+    def dropped(self, cause: Drop) -> int:
+        """How many messages were dropped for a reason."""
+        return sum(e.count for e in list(self.events) if isinstance(e, Dropped) and e.cause is cause)
+
+
+async def until(condition: Callable[[], Any], what: str, timeout_s: float = WAIT_S) -> None:
+    """Wait for a condition, and say what did not come."""
+    deadline = time.monotonic() + timeout_s
+    while not condition():
+        if time.monotonic() > deadline:
+            raise AssertionError(f"{what} did not come within {timeout_s:g} s")
+        await asyncio.sleep(0.005)
+
+
+class RobotProcess:
+    """A robot in another process. One JSON object for each line, and for each command the answer `{"done": true}`.
+
+    {"do": "advertise", "name": .., "type": "pkg/Name"}     {"do": "withdraw", "name": ..}
+    {"do": "publish", "name": .., "values": {"linear.x": 1.0}}
+    {"do": "subscribe", "name": .., "type": .., "fields": ["linear.x"]}
+    and at any time, from the robot:  {"heard": name, "values": {..}}
+    """
+
+    def __init__(self, command: Sequence[str | Path], env: Mapping[str, str]) -> None:
+        self._heard: dict[str, list[dict[str, Any]]] = {}
+        self._done = threading.Semaphore(0)
+        self._other: list[str] = []
+        self._process = subprocess.Popen(
+            [str(part) for part in command],
+            env=dict(env),
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            bufsize=1,
+        )
+        self._reader = threading.Thread(target=self._read, name="robot-reader", daemon=True)
+        self._reader.start()
+        self._wait("the robot's start")
+
+    def _read(self) -> None:
+        assert self._process.stdout is not None
+        for line in self._process.stdout:
+            if not line.startswith("{"):
+                self._other.append(line)
+                continue
+            said: dict[str, Any] = json.loads(line)
+            if "heard" in said:
+                self._heard.setdefault(said["heard"], []).append(said["values"])
+            else:
+                self._done.release()
+
+    def _wait(self, what: str) -> None:
+        if not self._done.acquire(timeout=WAIT_S):
+            raise AssertionError(f"{what} took more than {WAIT_S:g} s:\n{''.join(self._other)}")
+
+    def _do(self, command: str, name: str, **rest: Any) -> None:
+        assert self._process.stdin is not None
+        self._process.stdin.write(json.dumps({"do": command, "name": name, **rest}) + "\n")
+        self._process.stdin.flush()
+        self._wait(f"the robot's {command}")
+
+    def advertise(self, name: str, kind: Kind) -> None:
+        """See Robot."""
+        self._do("advertise", name, type=kind.ros_type)
+
+    def publish(self, name: str, values: Mapping[str, Any]) -> None:
+        """See Robot."""
+        self._do("publish", name, values=dict(values))
+
+    def withdraw(self, name: str) -> None:
+        """See Robot."""
+        self._do("withdraw", name)
+
+    def subscribe(self, name: str, kind: Kind) -> None:
+        """See Robot."""
+        self._do("subscribe", name, type=kind.ros_type, fields=[field for field, _ in kind.fields])
+
+    def heard(self, name: str) -> list[dict[str, Any]]:
+        """See Robot."""
+        return list(self._heard.get(name, []))
+
+    def end(self) -> None:
+        """End the process, which its end of input asks for."""
+        assert self._process.stdin is not None
+        try:
+            self._process.stdin.close()
+            self._process.wait(5)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+        self._reader.join(5)
+        if self._process.stdout is not None:
+            self._process.stdout.close()

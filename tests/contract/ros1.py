@@ -1,0 +1,87 @@
+"""A ROS 1 graph for the contract suite: a real master, the real driver here, and a stock rospy node elsewhere."""
+
+from __future__ import annotations
+
+import time
+import xmlrpc.client
+from collections.abc import AsyncGenerator
+from contextlib import asynccontextmanager
+from pathlib import Path
+
+from ua_bridges.ros1.config import Ros1BridgeConfig
+from ua_bridges.ros1.driver import create_driver
+
+from tests import system
+from tests.contract.harness import RobotProcess
+from ua_fleet.bridge import Driver
+from ua_fleet.config.schema import FleetConfig, PubSubConfig, PubSubSecurity
+
+NEEDS = ("ros1",)
+# rospy calls functions of the standard library that Python 3.11 calls deprecated.
+WARNINGS: tuple[str, ...] = (
+    "ignore:notifyAll:DeprecationWarning",  # rospy, in threads of its own
+    "ignore:unclosed <socket:ResourceWarning",  # rospy leaves the sockets of its XML-RPC calls to the collector
+)
+
+ROBOT = Path(__file__).parent / "robots" / "ros1_robot.py"
+
+
+class Ros1Space:
+    """See Space."""
+
+    number = 1
+    can_be_absent = True
+
+    def __init__(self, folder: Path, processes: system.Processes) -> None:
+        self._processes = processes
+        self._port = system.free_tcp_port()
+        self._uri = f"http://127.0.0.1:{self._port}"
+        self._env = system.clean_environment(
+            ROS_MASTER_URI=self._uri, ROS_IP="127.0.0.1", ROS_LOG_DIR=str(folder / "log"), HOME=str(folder)
+        )
+        self._robot: RobotProcess | None = None
+        self._config = FleetConfig(
+            version=1,
+            pubsub=PubSubConfig(security=PubSubSecurity.NONE),
+            bridges={"arm": Ros1BridgeConfig(kind="ros1", master_uri=self._uri)},
+        )
+
+    @property
+    def robot(self) -> RobotProcess:
+        """See Space."""
+        assert self._robot is not None
+        return self._robot
+
+    def make_driver(self) -> Driver:
+        """See Space."""
+        return create_driver(self._config, "arm")
+
+    def appear(self) -> None:
+        """See Space."""
+        self._processes.start("/usr/bin/rosmaster", "--core", "-p", str(self._port), "-w", "3", env=self._env)
+        deadline = time.monotonic() + 20
+        while True:
+            try:
+                with xmlrpc.client.ServerProxy(self._uri) as master:
+                    master.getPid("/test")
+                break
+            except OSError:
+                if time.monotonic() > deadline:
+                    raise
+                time.sleep(0.02)
+        self._robot = RobotProcess([system.ROS1_PYTHON, "-u", ROBOT], self._env)
+
+    def end(self) -> None:
+        """End the robot."""
+        if self._robot is not None:
+            self._robot.end()
+
+
+@asynccontextmanager
+async def open_space(folder: Path, processes: system.Processes) -> AsyncGenerator[Ros1Space]:
+    """A graph of its own."""
+    space = Ros1Space(folder, processes)
+    try:
+        yield space
+    finally:
+        space.end()

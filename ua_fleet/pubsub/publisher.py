@@ -46,6 +46,8 @@ _ANSWER_INTERVAL_S: Final = 0.5
 """Announcements of one DataSetWriter that answer probes are at least so far apart (OPC 10000-14 7.2.4.6.12.2)."""
 _EARLY: Final = 0.05
 """Part of its period that a message may go early, to share a NetworkMessage with one that is due."""
+_MOST_AT_ONCE: Final = 256
+"""Writers that one call serves, about a millisecond of work; `next_deadline` then asks for the next call at once."""
 _UINT16: Final = PublisherIdType.UINT16.value
 
 _Batches = dict[int, list[tuple[DataSetMessage, int]]]
@@ -70,6 +72,8 @@ class Publisher:
         self._counters = counters
         self._codec = codec
         self._writers: dict[tuple[int, int, int], Writer] = {}
+        self._by_id: dict[int, list[Writer]] = {}
+        """The writers of each DataSetWriterId: one, unless several WriterGroups use it."""
         self._majors: dict[int, int] = {}
         """The highest major version of each DataSetWriterId: announcements name no WriterGroup."""
         self._deadlines: list[tuple[float, int, Writer]] = []
@@ -91,10 +95,13 @@ class Publisher:
         """
         if topic.space != self._id:
             raise LocalWireError(f"{topic.name} does not originate in space {self._id}")
-        writer = self._writers.get(topic) or Writer(topic)
+        known = self._writers.get(topic)
+        writer = known or Writer(topic)
         metadata = self._versioned(writer, name, fields, wall_ticks)
         announcement = self._announcement(writer.topic.id, metadata)
-        self._writers[topic] = writer
+        if known is None:
+            self._writers[topic] = writer
+            self._by_id.setdefault(topic.id, []).append(writer)
         if writer.encode is None or metadata is not writer.metadata:
             writer.lay_out(metadata, self._codec)
         writer.announce_at = now + self._timing.announce_interval_s
@@ -187,9 +194,9 @@ class Publisher:
             or probe.publisher_id != self._id
         ):
             return []
-        asked = frozenset(probe.data_set_writer_ids)
-        for writer in self._writers.values():
-            if writer.encode is None or writer.answer_pending or (asked and writer.topic.id not in asked):
+        asked = probe.data_set_writer_ids or tuple(self._by_id)
+        for writer in [writer for writer_id in asked for writer in self._by_id.get(writer_id, ())]:
+            if writer.encode is None or writer.answer_pending:
                 continue
             writer.answer_pending = True
             due = max(now, writer.answered_at + _ANSWER_INTERVAL_S)
@@ -204,10 +211,12 @@ class Publisher:
             return datagrams
         horizon = now + self._early_s
         batches: _Batches = {}
-        while deadlines and deadlines[0][0] <= horizon and pace.allows(now):
+        served = 0
+        while served < _MOST_AT_ONCE and deadlines and deadlines[0][0] <= horizon and pace.allows(now):
             _, entry, writer = heapq.heappop(deadlines)
             if entry != writer.entry or not writer.alive:
                 continue
+            served += 1
             if writer.announce_at <= horizon:
                 datagrams.append(self._announce_again(writer, now))
             if writer.values is not None and writer.repeat_at <= horizon:
@@ -280,7 +289,9 @@ class Publisher:
             return []
         datagrams: list[bytes] = []
         batches: _Batches = {}
-        while answers and answers[0][0] <= now and self._pace.allows(now):
+        for _ in range(_MOST_AT_ONCE):
+            if not answers or answers[0][0] > now or not self._pace.allows(now):
+                break
             _, _, writer = heapq.heappop(answers)
             writer.answer_pending = False
             if writer.encode is None:

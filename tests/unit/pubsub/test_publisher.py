@@ -273,6 +273,18 @@ def test_due_messages_of_one_group_share_network_messages_that_fit_a_frame() -> 
     assert {part.kind for part in messages(repeats)} == {KEY}
 
 
+def test_one_poll_does_not_hold_the_event_loop_up() -> None:
+    writing = Writing()
+    for number in range(1, 1001):
+        writing.announce(Topic(1, 2, number))
+    writing.now = 101.0
+    counts: list[int] = []
+    while (due := writing.publisher.next_deadline()) is not None and due <= 101.0:
+        counts.append(len(messages(writing.publisher.poll(writing.now))))
+    assert sum(counts) == 1000
+    assert max(counts) == 256
+
+
 def test_a_message_that_is_almost_due_travels_with_one_that_is() -> None:
     writing = Writing()
     writing.announce()

@@ -18,32 +18,37 @@ from ua_bridges.ros2.qos import MIRROR
 
 __all__ = ["LateSubscribers"]
 
-_SETTLE_S: Final = 2.0
-"""Subscribers that are discovered so soon after the value was kept were there before the restart."""
+_SETTLE_S: Final = 1.0
+"""Subscribers that are discovered so soon after our start were there before it."""
 
 
 class _Kept:
     """A value that nobody needs yet."""
 
-    def __init__(self, message_class: Any, message: Any, now: float) -> None:
+    def __init__(self, message_class: Any, message: Any) -> None:
         self.message_class, self.message = message_class, message
-        self.settled_at = now + _SETTLE_S
         self.present: set[bytes] = set()
 
 
 class LateSubscribers:
     """Publishes kept values when a late subscriber needs them."""
 
-    def __init__(self, config: Ros2BridgeConfig) -> None:
+    def __init__(self, config: Ros2BridgeConfig, opened_at: float) -> None:
         self._config = config
+        self._settled_at = opened_at + _SETTLE_S
         self._kept: dict[str, _Kept] = {}
         self._published: dict[str, tuple[Any, Any]] = {}
         """Node and publisher of each value that was needed."""
         self._participants: list[tuple[Any, Any]] = []
 
-    def keep(self, name: str, message_class: Any, message: Any, now: float) -> None:
+    def keep(self, node: Ros2Node, name: str, message_class: Any, message: Any) -> None:
         """Keep the last message of a topic, published by the bridge before this one."""
-        self._kept[name] = _Kept(message_class, message, now)
+        kept = self._kept[name] = _Kept(message_class, message)
+        kept.present = self._subscribers(node, name)
+
+    @staticmethod
+    def _subscribers(node: Ros2Node, name: str) -> set[bytes]:
+        return {s.offer.gid for s in node.subscribers(name) if s.offer.transient_local and not s.own}
 
     def forget(self, name: str) -> None:
         """There is a newer message."""
@@ -57,8 +62,8 @@ class LateSubscribers:
         """Look for late subscribers; to be called a few times a second."""
         needed: list[str] = []
         for name, kept in self._kept.items():
-            gids = {s.offer.gid for s in node.subscribers(name) if s.offer.transient_local and not s.own}
-            if now < kept.settled_at:
+            gids = self._subscribers(node, name)
+            if now < self._settled_at:
                 kept.present |= gids
             elif gids - kept.present:
                 needed.append(name)

@@ -45,6 +45,17 @@ def guarded(callback: Callable[..., None]) -> Callable[..., None]:
     return call
 
 
+def _policy_teller(on_incompatible: Callable[[str], None]) -> Callable[[Any], None]:
+    """An event callback that hands on the name of the policy, e.g. `durability`."""
+    from rclpy.qos import qos_policy_name_from_kind
+
+    return guarded(lambda event: on_incompatible(qos_policy_name_from_kind(event.last_policy_kind).lower()))
+
+
+def _ignore(_policy: str) -> None:
+    """For topics that nobody else knows."""
+
+
 def make_profile(qos: Qos) -> Any:
     """The profile with which rclpy says a quality of service."""
     from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
@@ -122,7 +133,7 @@ class Ros2Node:
     def _find_participant(self) -> bytes:
         """The prefix of our own GIDs. rclpy tells nobody's, so we look ourselves up under a name that nobody has."""
         name = f"_ua_fleet_{os.urandom(8).hex()}"
-        publisher = self.create_publisher(load_type("std_msgs/Bool").cls, name, _PROBE)
+        publisher = self.create_publisher(load_type("std_msgs/Bool").cls, name, _PROBE, _ignore)
         try:
             for _ in range(100):
                 for info in self.node.get_publishers_info_by_topic(name):
@@ -136,8 +147,8 @@ class Ros2Node:
         """Whether the node's subscriptions match its own publishers, which its Fast DDS profile should prevent."""
         name = f"_ua_fleet_{os.urandom(8).hex()}"
         message_class = load_type("std_msgs/Bool").cls
-        publisher = self.create_publisher(message_class, name, _PROBE)
-        subscription = self.create_subscription(message_class, name, _PROBE, lambda _pair, _info=None: None)
+        publisher = self.create_publisher(message_class, name, _PROBE, _ignore)
+        subscription = self.create_subscription(message_class, name, _PROBE, lambda _pair, _info=None: None, _ignore)
         end = time.monotonic() + _SELF_MATCH_S
         while not publisher.get_subscription_count() and time.monotonic() < end:
             time.sleep(0.01)
@@ -152,13 +163,16 @@ class Ros2Node:
         topic_name: str,
         qos: Qos,
         on_pair: Callable[..., None],
-        on_incompatible: Callable[[Any], None] | None = None,
+        on_incompatible: Callable[[str], None],
     ) -> Any:
-        """A subscription whose callback gets (message, info) as one argument, or as two where rclpy is repaired."""
+        """A subscription whose callback gets (message, info) as one argument, or as two where rclpy is repaired.
+
+        `on_incompatible` gets the name of the policy in which a publisher offers less than is asked for.
+        """
         from rclpy.event_handler import SubscriptionEventCallbacks
 
         events = SubscriptionEventCallbacks(
-            incompatible_qos=guarded(on_incompatible) if on_incompatible else None, use_default_callbacks=False
+            incompatible_qos=_policy_teller(on_incompatible), use_default_callbacks=False
         )
         subscription = self.node.create_subscription(
             message_class, topic_name, on_pair, make_profile(qos), event_callbacks=events
@@ -167,14 +181,12 @@ class Ros2Node:
         return subscription
 
     def create_publisher(
-        self, message_class: Any, topic_name: str, qos: Qos, on_incompatible: Callable[[Any], None] | None = None
+        self, message_class: Any, topic_name: str, qos: Qos, on_incompatible: Callable[[str], None]
     ) -> Any:
-        """A publisher; its `publish` may be called from any thread."""
+        """A publisher; its `publish` may be called from any thread. `on_incompatible` as for a subscription."""
         from rclpy.event_handler import PublisherEventCallbacks
 
-        events = PublisherEventCallbacks(
-            incompatible_qos=guarded(on_incompatible) if on_incompatible else None, use_default_callbacks=False
-        )
+        events = PublisherEventCallbacks(incompatible_qos=_policy_teller(on_incompatible), use_default_callbacks=False)
         return self.node.create_publisher(message_class, topic_name, make_profile(qos), event_callbacks=events)
 
     def topic_names(self) -> Iterator[str]:

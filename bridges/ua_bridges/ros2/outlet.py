@@ -77,7 +77,7 @@ class Outlet:
                 self._held.append(message)
             return not self._is_open
 
-    def attend(self, node: Ros2Node, now: float, opened_at: float, on_incompatible: Callable[[Any], None]) -> bool:
+    def attend(self, node: Ros2Node, now: float, opened_at: float, on_incompatible: Callable[[str], None]) -> bool:
         """Make the publisher, and open when the subscribers that are there have matched; whether that is done.
 
         Args:

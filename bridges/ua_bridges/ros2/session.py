@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import asyncio
-import time
 from collections.abc import Callable
 from functools import partial
 from typing import Any, Final, NamedTuple
@@ -142,7 +141,7 @@ class Ros2Driver:
         if not self._delivered.is_known(topic, message.timestamp):
             route.started = bool(outlets)
             for outlet in outlets:
-                self._thread.call(partial(self._watch.late.forget, outlet.name))
+                self._thread.call(partial(self._watch.forget, outlet.name))
             return self._publish(route, topic, message)
         self._inlet.put(Dropped(Drop.REPEATED))
         for outlet in outlets:
@@ -151,8 +150,7 @@ class Ros2Driver:
                     again = outlet.message(message.values)
                 except ConversionError:
                     continue  # it could not be published before either
-                now = time.monotonic()
-                self._thread.call(partial(self._watch.late.keep, outlet.name, outlet.kind.cls, again, now))
+                self._thread.call(partial(self._watch.keep, outlet.name, outlet.kind.cls, again))
         return False
 
     def _send(self, outlet: Outlet, values: Values) -> bool:

@@ -222,14 +222,13 @@ class RosSource:
         self._told.add(text)
         return text
 
-    def _on_incompatible(self, event: Any) -> None:
+    def _on_incompatible(self, policy: str) -> None:
         """A publisher offers less than we ask for. Unless `fleet.yaml` asks for it, the next look mends that."""
-        policy = str(getattr(event.last_policy_kind, "name", event.last_policy_kind))
-        if not self._is_configured and policy in ("RELIABILITY", "DURABILITY"):
+        if not self._is_configured and policy in ("reliability", "durability"):
             self._look_now()
             return
         told = self._tell_once(
-            f"{self.name}: a publisher offers another {policy.lower()} than the bridge asks for, so that nothing comes "
+            f"{self.name}: a publisher offers another {policy} than the bridge asks for, so that nothing comes "
             "from it; correct `qos` of the mapping, or leave it out"
         )
         self._put(Dropped(Drop.INCOMPATIBLE_QOS, detail=told))

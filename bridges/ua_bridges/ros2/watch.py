@@ -77,7 +77,7 @@ class Watch:
         """
         self._node = node
         self._opened_at = time.monotonic()
-        self.late = LateSubscribers(self._config)
+        self._late = LateSubscribers(self._config, self._opened_at)
         both_ways = sorted(self._written & set(self._mapped))
         if both_ways and node.hears_itself():
             raise BridgeUnavailable(
@@ -112,7 +112,7 @@ class Watch:
                 due = min(due, now + _ATTEND_S)
         if now >= self._late_at:
             self._late_at = now + _LATE_S
-            self.late.look(self._node, now)
+            self._late.look(self._node, now)
         return due
 
     def _look_soon(self) -> None:
@@ -145,12 +145,19 @@ class Watch:
         """End an outlet."""
         if outlet in self._opening:
             self._opening.remove(outlet)
-        self.late.forget(outlet.name)
+        self._late.forget(outlet.name)
         outlet.close(self._node)
 
+    def keep(self, name: str, message_class: Any, message: Any) -> None:
+        """Keep a message that the bridge before this one has published."""
+        self._late.keep(self._node, name, message_class, message)
+
+    def forget(self, name: str) -> None:
+        """There is a newer message than the one that is kept."""
+        self._late.forget(name)
+
     def _attend(self, outlet: Outlet, now: float) -> bool:
-        def on_incompatible(event: Any) -> None:
-            policy = str(getattr(event.last_policy_kind, "name", event.last_policy_kind)).lower()
+        def on_incompatible(policy: str) -> None:
             text = (
                 f"{outlet.name}: a subscriber asks for another {policy} than the bridge offers and gets nothing; "
                 "set `qos` of the sink in fleet.yaml"
@@ -163,5 +170,5 @@ class Watch:
         """Leave nothing behind."""
         for source in self._sources.values():
             source.close()
-        if hasattr(self, "late"):
-            self.late.close()
+        if hasattr(self, "_late"):
+            self._late.close()

@@ -3,8 +3,9 @@ from __future__ import annotations
 import json
 import os
 import sys
+import time
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import pytest
 from ua_bridges.ros2.environment import PROFILES_VARIABLE, profile_path
@@ -27,12 +28,14 @@ class Ros2Space:
             ROS_DOMAIN_ID=str(self.domain), ROS_AUTOMATIC_DISCOVERY_RANGE="LOCALHOST", PYTHONUNBUFFERED="1", **extra
         )
 
-    def bridge(self, robots: dict[str, Any] | None = None, *, wait: bool = True, **bridge: Any) -> Child:
+    def bridge(
+        self, robots: dict[str, Any] | None = None, *, wait: bool = True, profile: Literal["robot"] | None = None
+    ) -> Child:
         """Start a bridge named `mobile`."""
         config = {
             "version": 1,
             "pubsub": {"security": "none", "url": self.udp_url, "interface": "lo"},
-            "bridges": {"mobile": {"kind": "ros2", "space": self.domain, "status_id": STATUS_ID} | bridge},
+            "bridges": {"mobile": {"kind": "ros2", "space": self.domain, "status_id": STATUS_ID}},
             "robots": robots or {},
         }
         path = self._folder / "fleet.json"
@@ -42,6 +45,8 @@ class Ros2Space:
             PYTHONUNBUFFERED="1", PYTHONPATH=os.pathsep.join(("bridges", ".")), UA_FLEET_RUNTIME_DIR=str(self._folder)
         )
         environment.pop(PROFILES_VARIABLE, None)
+        if profile is not None:
+            environment[PROFILES_VARIABLE] = str(profile_path(profile))
         child = self._processes.start(sys.executable, program, path, "mobile", env=environment)
         if wait:
             child.wait_for("ready")
@@ -53,6 +58,7 @@ class Ros2Space:
         command = [str(arg) for arg in args]
         child = self._processes.start(sys.executable, NODES / program, *command, env=self.environment(**profile))
         child.wait_for("ready")
+        time.sleep(0.3)  # the bridge finds the node
         return child
 
     def talker(self, topic: str, kind: str, values: Any, *options: object, quick: bool = True) -> Child:

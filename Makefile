@@ -32,7 +32,7 @@ demo: setup
 test: setup-test
 	$(PYTHON) -m pytest --require="$(REQUIRE)" $(ARGS)
 	@if [ -x $(PYTHON_ROS1) ]; then \
-		$(PYTHON_ROS1) -m pytest tests/contract --drivers=ros1 --require="$(REQUIRE)" -p no:cacheprovider; \
+		$(PYTHON_ROS1) -m pytest tests/contract tests/unit/bridges/ros1 --drivers=ros1 --require="$(REQUIRE)" -p no:cacheprovider; \
 	else \
 		echo "skipped: the contract suite for ROS 1, since there is no .venv-ros1 (see make setup)"; \
 	fi

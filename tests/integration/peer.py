@@ -6,7 +6,7 @@ import asyncio
 import time
 from collections.abc import AsyncGenerator, Callable
 from contextlib import asynccontextmanager
-from typing import Any
+from typing import Any, Self
 
 from ua_fleet.counters import Counters
 from ua_fleet.pubsub.events import (
@@ -110,7 +110,7 @@ class Peer:
 
     @classmethod
     @asynccontextmanager
-    async def at(cls, url: str, space: int = 0) -> AsyncGenerator[Peer]:
+    async def at(cls, url: str, space: int = 0) -> AsyncGenerator[Self]:
         """A peer that works while the context lasts."""
         peer = cls(url, space)
         await peer._transport.start(peer._receive)

@@ -18,5 +18,5 @@ def graph(processes: system.Processes, tmp_path: Path, udp_url: str) -> Ros1Grap
 @pytest.fixture
 async def peer(udp_url: str) -> AsyncIterator[Peer]:
     """The bridge of ROS 2 domain 2, as far as space 1 can see."""
-    async with Peer(udp_url) as started:
+    async with Peer.at(udp_url, space=2) as started:
         yield started

@@ -8,26 +8,12 @@ import time
 import xmlrpc.client
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any, NamedTuple, Self
+from typing import Any
 
 from tests import system
-from ua_fleet.counters import Counters
-from ua_fleet.pubsub.events import (
-    DataReceived,
-    ProbeReceived,
-    SourceReturned,
-    SourceSilent,
-    SourceUnknown,
-    SubscriberEvent,
-)
-from ua_fleet.pubsub.publisher import Publisher
-from ua_fleet.pubsub.subscriber import Subscriber
-from ua_fleet.pubsub.timing import PubSubTiming
+from tests.integration import peer
+from ua_fleet.pubsub.events import DataReceived, SourceReturned, SourceSilent
 from ua_fleet.topics import Topic
-from ua_fleet.transport.udp import UdpTransport
-from ua_fleet.values import ticks_from_unix_ns
-from ua_fleet.wire import Codec
-from ua_fleet.wire.messages import DataSetMessage, FieldMetaData
 
 HERE = Path(__file__).parent
 STATUS = Topic(1, 2, 900)
@@ -82,7 +68,7 @@ class Ros1Graph:
         }
         path = self.folder / "fleet.json"
         path.write_text(json.dumps(config))
-        child = self.processes.start(system.ROS1_PYTHON, HERE / "run_bridge.py", path, "ros1", env=self.env)
+        child = self.processes.start(system.ROS1_PYTHON, HERE.parent / "run_bridge.py", path, "ros1", env=self.env)
         child.wait_for("ready")
         return child
 
@@ -94,93 +80,23 @@ class Ros1Graph:
         return dict(publishers), dict(subscribers)
 
 
-class Heard(NamedTuple):
-    """What came over PubSub, with the time of its arrival (seconds, monotonic)."""
-
-    at: float
-    event: SubscriberEvent
-
-
-class Peer:
-    """Another member of the PubSub connection: the server (space 0) or another bridge."""
-
-    def __init__(self, url: str, space: int = 2) -> None:
-        timing, codec = PubSubTiming(), Codec()
-        self.counters = Counters()
-        self.space = space
-        self.heard: list[Heard] = []
-        self._subscriber = Subscriber(space, timing, self.counters, codec)
-        self._publisher = Publisher(space, timing, self.counters, codec)
-        self._transport = UdpTransport(url, "lo", ttl=1, receive_buffer_bytes=1 << 20)
-        self._loop = asyncio.get_running_loop()
-        self._timer: asyncio.TimerHandle | None = None
-
-    async def __aenter__(self) -> Self:
-        await self._transport.start(lambda datagram, _: self._receive(datagram))
-        self._poll()
-        return self
-
-    async def __aexit__(self, *_: object) -> None:
-        if self._timer is not None:
-            self._timer.cancel()
-        await self._transport.close()
-
-    def _receive(self, datagram: bytes) -> None:
-        now = self._loop.time()
-        for event in self._subscriber.receive(datagram, now):
-            self._take(event, now)
-
-    def _take(self, event: SubscriberEvent, now: float) -> None:
-        self.heard.append(Heard(now, event))
-        if isinstance(event, SourceUnknown):
-            self._transport.send(event.datagram)
-        elif isinstance(event, ProbeReceived):
-            for datagram in self._publisher.answer(event.probe, now):
-                self._transport.send(datagram)
-
-    def _poll(self) -> None:
-        now = self._loop.time()
-        for event in self._subscriber.poll(now):
-            self._take(event, now)
-        for datagram in self._publisher.poll(now):
-            self._transport.send(datagram)
-        self._timer = self._loop.call_later(0.02, self._poll)
-
-    def announce(self, topic: Topic, fields: tuple[FieldMetaData, ...]) -> None:
-        for datagram in self._publisher.announce(
-            topic, topic.name, fields, now=self._loop.time(), wall_ticks=self._wall()
-        ):
-            self._transport.send(datagram)
-
-    def publish(self, topic: Topic, *values: Any) -> None:
-        for datagram in self._publisher.publish(topic, values, timestamp=self._wall(), now=self._loop.time()):
-            self._transport.send(datagram)
-
-    def _wall(self) -> int:
-        return ticks_from_unix_ns(time.time_ns())
+class Peer(peer.Peer):
+    """Another member of the PubSub connection, with what these tests ask of it."""
 
     def data(self, topic: Topic) -> list[DataReceived]:
-        return [
-            heard.event for heard in self.heard if isinstance(heard.event, DataReceived) and heard.event.topic == topic
-        ]
-
-    def good(self, topic: Topic) -> list[DataSetMessage]:
-        return [data.message for data in self.data(topic) if not data.message.status]
-
-    def values(self, topic: Topic) -> list[tuple[Any, ...]]:
-        return [message.values for message in self.good(topic)]
+        """All that was received of a source, with its metadata."""
+        return [event for event in self.events if isinstance(event, DataReceived) and event.topic == topic]
 
     def silent(self, topic: Topic) -> bool:
         """Whether the source is silent, or said that it is gone."""
-        for heard in reversed(self.heard):
-            event = heard.event
+        for event in reversed(self.events):
             if isinstance(event, DataReceived | SourceReturned | SourceSilent) and event.topic == topic:
                 return isinstance(event, SourceSilent) or (
                     isinstance(event, DataReceived) and bool((event.message.status or 0) >> 31)
                 )
         return False
 
-    def status(self, field: str) -> Any:
+    def bridge(self, field: str) -> Any:
         """A field of the bridge's own status, None before the first one."""
         seen = self.data(STATUS)
         if not seen:
@@ -188,19 +104,15 @@ class Peer:
         names = [each.name for each in seen[-1].metadata.fields]
         return seen[-1].message.values[names.index(field)]
 
-    async def until(self, condition: Callable[[], Any], timeout_s: float = WAIT_S) -> float:
+    async def takes(self, condition: Callable[[], Any]) -> float:
         """Wait for the condition; how long it took."""
-        started = self._loop.time()
-        while not condition():
-            if self._loop.time() > started + timeout_s:
-                tail = "\n".join(str(heard.event)[:300] for heard in self.heard[-20:])
-                raise AssertionError(f"it did not come within {timeout_s} s; the last events:\n{tail}")
-            await asyncio.sleep(0.01)
-        return self._loop.time() - started
+        started = time.monotonic()
+        await self.until(condition)
+        return time.monotonic() - started
 
     async def stays(self, condition: Callable[[], Any], seconds: float) -> None:
         """The condition holds all the time."""
-        end = self._loop.time() + seconds
-        while self._loop.time() < end:
+        end = time.monotonic() + seconds
+        while time.monotonic() < end:
             assert condition()
             await asyncio.sleep(0.01)

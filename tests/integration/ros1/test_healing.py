@@ -23,12 +23,13 @@ TEXT = (make_field("data", BuiltinType.STRING, properties={"RosType": "std_msgs/
 
 async def test_master_may_come_after_the_bridge(graph: Ros1Graph, peer: Peer) -> None:
     bridge = graph.bridge()
-    await peer.until(lambda: peer.status("Connected") is False)
-    assert "no ROS master at" in peer.status("Detail")
+    await peer.until(lambda: "no ROS master at" in (peer.bridge("Detail") or ""))
+    assert peer.bridge("Connected") is False
     graph.master()
     graph.talker("/ua_1_2_7", "std_msgs/Float64", "{data: COUNT}")
-    await peer.until(lambda: peer.values(SOURCE))
-    await peer.until(lambda: peer.status("Connected") is True)
+    await peer.until(lambda: peer.good(SOURCE))
+    await peer.until(lambda: peer.bridge("Connected") is True)
+    await asyncio.to_thread(bridge.wait_for, "] connected to the space")
     said = [line for line in bridge.lines if "connected to the space" in line]
     assert len(said) == 2  # once each way
 
@@ -39,37 +40,37 @@ async def test_restarted_master_hears_of_everything_again(graph: Ros1Graph, peer
     graph.talker("/ua_1_2_7", "std_msgs/Float64", "{data: COUNT}", "--name", "old")
     peer.announce(FOREIGN, TEXT)
     peer.publish(FOREIGN, "before")
-    await peer.until(lambda: peer.values(SOURCE) and "/ua_2_2_5" in graph.state()[0])
+    await peer.until(lambda: peer.good(SOURCE) and "/ua_2_2_5" in graph.state()[0])
     master.end()
-    await peer.until(lambda: peer.status("Connected") is False)
-    before = len(peer.values(SOURCE))
-    await peer.until(lambda: len(peer.values(SOURCE)) > before + 5)  # links do not need the master
+    await peer.until(lambda: peer.bridge("Connected") is False)
+    before = len(peer.good(SOURCE))
+    await peer.until(lambda: len(peer.good(SOURCE)) > before + 5)  # links do not need the master
     assert not peer.silent(SOURCE)
     graph.master()
     await peer.until(lambda: graph.state()[0].get("/ua_2_2_5") == ["/ua_bridge"])
     graph.talker("/ua_1_2_8", "std_msgs/Float64", "{data: COUNT}", "--name", "new")
-    await peer.until(lambda: peer.values(OTHER))
+    await peer.until(lambda: peer.good(OTHER))
     listener = graph.listener("/ua_2_2_5", "std_msgs/String")
     await asyncio.to_thread(listener.wait_for, "links 1")
     peer.publish(FOREIGN, "after")
     await asyncio.to_thread(listener.wait_for, 'data: "after"')
     # A node that is registered with the new master under a topic that the bridge already watches.
     graph.talker("/ua_1_2_7", "std_msgs/Float64", "{data: -1.0}", "--name", "third")
-    await peer.until(lambda: (-1.0,) in peer.values(SOURCE))
+    await peer.until(lambda: (-1.0,) in peer.good(SOURCE))
 
 
 async def test_killed_robot_is_missed_at_once_and_heard_when_it_is_back(graph: Ros1Graph, peer: Peer) -> None:
     graph.master()
     graph.bridge()
     robot = graph.talker("/ua_1_2_7", "std_msgs/Float64", "{data: COUNT}")
-    await peer.until(lambda: len(peer.values(SOURCE)) > 3)
+    await peer.until(lambda: len(peer.good(SOURCE)) > 3)
     robot.end(signal.SIGKILL)
-    assert await peer.until(lambda: peer.silent(SOURCE)) < 1.5
+    assert await peer.takes(lambda: peer.silent(SOURCE)) < 1.5
     assert graph.state()[0]["/ua_1_2_7"] == ["/talker"]  # the master still believes in it
     await peer.stays(lambda: peer.silent(SOURCE), 1.5)
-    said = len(peer.values(SOURCE))
+    said = len(peer.good(SOURCE))
     graph.talker("/ua_1_2_7", "std_msgs/Float64", "{data: COUNT}")
-    assert await peer.until(lambda: len(peer.values(SOURCE)) > said) < 1.5
+    assert await peer.takes(lambda: len(peer.good(SOURCE)) > said) < 1.5
     assert not peer.silent(SOURCE)
 
 
@@ -77,20 +78,20 @@ async def test_robot_that_leaves_properly_comes_back_with_another_type(graph: Ro
     graph.master()
     graph.bridge()
     robot = graph.talker("/ua_1_2_7", "std_msgs/Float64", "{data: COUNT}")
-    await peer.until(lambda: peer.values(SOURCE))
+    await peer.until(lambda: peer.good(SOURCE))
     robot.end(signal.SIGINT)
     await peer.until(lambda: peer.silent(SOURCE))
     graph.talker("/ua_1_2_7", "std_msgs/String", "{data: hello}")
-    await peer.until(lambda: ("hello",) in peer.values(SOURCE))
+    await peer.until(lambda: ("hello",) in peer.good(SOURCE))
 
 
 async def test_source_that_lives_but_says_nothing_stays_alive(graph: Ros1Graph, peer: Peer) -> None:
     graph.master()
     graph.bridge(keep_alive_s=0.3)
     graph.talker("/ua_1_2_7", "std_msgs/Float64", "{data: COUNT}", "--count", "1", "--wait").wait_for("published")
-    await peer.until(lambda: peer.values(SOURCE))
+    await peer.until(lambda: peer.good(SOURCE))
     await peer.stays(lambda: not peer.silent(SOURCE), 4.0)
-    assert len(peer.values(SOURCE)) == 1
+    assert len(peer.good(SOURCE)) == 1
 
 
 async def test_killed_bridge_starts_again_beside_its_own_ghost(graph: Ros1Graph, peer: Peer) -> None:
@@ -101,11 +102,11 @@ async def test_killed_bridge_starts_again_beside_its_own_ghost(graph: Ros1Graph,
     peer.announce(FOREIGN, TEXT)
     peer.publish(FOREIGN, "before")
     await asyncio.to_thread(listener.wait_for, "before")
-    await peer.until(lambda: peer.values(SOURCE))
+    await peer.until(lambda: peer.good(SOURCE))
     bridge.end(signal.SIGKILL)
-    said = len(peer.values(SOURCE))
+    said = len(peer.good(SOURCE))
     graph.bridge()
-    await peer.until(lambda: len(peer.values(SOURCE)) > said)
+    await peer.until(lambda: len(peer.good(SOURCE)) > said)
     peer.publish(FOREIGN, "after")
     await asyncio.to_thread(listener.wait_for, "after")
 
@@ -116,7 +117,7 @@ async def test_bridge_leaves_nothing_behind_when_it_stops(graph: Ros1Graph, peer
     graph.talker("/ua_1_2_7", "std_msgs/Float64", "{data: COUNT}")
     peer.announce(FOREIGN, TEXT)
     peer.publish(FOREIGN, "x")
-    await peer.until(lambda: peer.values(SOURCE) and "/ua_2_2_5" in graph.state()[0])
+    await peer.until(lambda: peer.good(SOURCE) and "/ua_2_2_5" in graph.state()[0])
     started = time.monotonic()
     assert bridge.end(signal.SIGTERM) == 0
     assert time.monotonic() - started < 2
@@ -131,8 +132,8 @@ async def test_bridge_whose_name_is_taken_says_so(graph: Ros1Graph, peer: Peer) 
     graph.master()
     graph.bridge()
     graph.talker("/ua_1_2_7", "std_msgs/Float64", "{data: COUNT}")
-    await peer.until(lambda: peer.values(SOURCE))
+    await peer.until(lambda: peer.good(SOURCE))
     graph.listener("/chatter", "std_msgs/String", "--name", "ua_bridge")
-    await peer.until(lambda: "took the name /ua_bridge" in peer.status("Detail"))
-    assert peer.status("Connected") is False
+    await peer.until(lambda: "took the name /ua_bridge" in peer.bridge("Detail"))
+    assert peer.bridge("Connected") is False
     await peer.until(lambda: peer.silent(SOURCE))

@@ -53,8 +53,8 @@ async def test_fields_of_a_robots_own_topic_reach_their_datasets(graph: Ros1Grap
         BuiltinType.STATUS_CODE,
         BuiltinType.STRING,
     )
-    assert peer.values(CHARGE)[0] == ((1.0, 2.0),)
-    await peer.until(lambda: (peer.status("Drops.conversion") or 0) > 1)
+    assert peer.good(CHARGE)[0] == ((1.0, 2.0),)
+    await peer.until(lambda: (peer.bridge("Drops.conversion") or 0) > 1)
 
 
 async def test_topic_of_another_type_than_configured_is_bad_and_the_rest_goes_on(graph: Ros1Graph, peer: Peer) -> None:
@@ -69,7 +69,7 @@ async def test_topic_of_another_type_than_configured_is_bad_and_the_rest_goes_on
     graph.talker("/battery", "std_msgs/Float64", "{data: 80.0}", "--name", "two")
     await peer.until(lambda: peer.data(BATTERY) and peer.data(CHARGE))
     assert peer.data(CHARGE)[0].message.values == (StatusCode.BAD_TYPE_MISMATCH,)
-    assert peer.values(BATTERY)[0] == (80.0,)
+    assert peer.good(BATTERY)[0] == (80.0,)
     reason = "the topic carries std_msgs/String, fleet.yaml says std_msgs/Float64"
     assert len([line for line in bridge.lines if reason in line]) == 1
 
@@ -79,7 +79,7 @@ async def test_latched_topic_of_a_robot_is_read_by_a_bridge_that_comes_later(gra
     graph.talker("/charge", "std_msgs/Float64", "{data: 55.0}", "--latch", "--count", "1").wait_for("published")
     source = {"topic": "charge", "type": "std_msgs/Float64"}
     graph.bridge(robot(Charge={"id": 12, "type": "Double", "source": source}))
-    await peer.until(lambda: peer.values(CHARGE) == [(55.0,)])
+    await peer.until(lambda: peer.good(CHARGE) == [(55.0,)])
 
 
 async def test_rate_limit_lets_the_last_value_through(graph: Ros1Graph, peer: Peer) -> None:
@@ -87,11 +87,11 @@ async def test_rate_limit_lets_the_last_value_through(graph: Ros1Graph, peer: Pe
     source = {"topic": "/charge", "type": "std_msgs/Float64", "max_rate_hz": 5.0}
     graph.bridge(robot(Charge={"id": 12, "type": "Double", "source": source}))
     graph.talker("/charge", "std_msgs/Float64", "{data: COUNT}", "--rate", "200", "--count", "300", "--wait")
-    await peer.until(lambda: (299.0,) in peer.values(CHARGE))
-    values = [value for (value,) in peer.values(CHARGE)]
+    await peer.until(lambda: (299.0,) in peer.good(CHARGE))
+    values = [value for (value,) in peer.good(CHARGE)]
     assert values == sorted(set(values))
     assert 5 <= len(values) <= 11  # 1.5 s at 5 Hz
-    await peer.until(lambda: (peer.status("Drops.rate_limited") or 0) > 250)
+    await peer.until(lambda: (peer.bridge("Drops.rate_limited") or 0) > 250)
 
 
 async def test_what_clients_write_reaches_the_robots_own_topic(graph: Ros1Graph, udp_url: str) -> None:
@@ -111,14 +111,14 @@ async def test_what_clients_write_reaches_the_robots_own_topic(graph: Ros1Graph,
         )
     )
     listener = graph.listener("/cmd_vel", "geometry_msgs/Twist")
-    async with Peer(udp_url, space=0) as server:
+    async with Peer.at(udp_url) as server:
         await asyncio.to_thread(listener.wait_for, "links 1")
         server.announce(COMMAND, (make_field("Speed", BuiltinType.DOUBLE), make_field("Turn", BuiltinType.DOUBLE)))
         server.publish(COMMAND, 0.25, -1.0)
         line = await asyncio.to_thread(listener.wait_for, "heard")
         assert line == "heard: linear: x: 0.25 y: 0.0 z: 0.0 angular: x: 0.0 y: 0.0 z: -1.0"
-        await server.until(lambda: server.status("ToSpace") == 1)
-        assert server.status("Drops.type_missing") == 0
+        await server.until(lambda: server.bridge("ToSpace") == 1)
+        assert server.bridge("Drops.type_missing") == 0
 
 
 async def test_sink_is_rate_limited_and_latched(graph: Ros1Graph, udp_url: str) -> None:
@@ -126,7 +126,7 @@ async def test_sink_is_rate_limited_and_latched(graph: Ros1Graph, udp_url: str) 
     sink = {"topic": "/limit", "type": "std_msgs/Float64", "max_rate_hz": 5.0, "latched": True}
     graph.bridge(robot(Limit={"id": 21, "origin": "server", "type": "Double", "sink": sink}))
     early = graph.listener("/limit", "std_msgs/Float64", "--name", "early")
-    async with Peer(udp_url, space=0) as server:
+    async with Peer.at(udp_url) as server:
         await asyncio.to_thread(early.wait_for, "links 1")
         server.announce(COMMAND, (make_field("Limit", BuiltinType.DOUBLE),))
         for number in range(100):
@@ -148,13 +148,13 @@ async def test_topic_that_is_mapped_in_both_directions_does_not_feed_itself(grap
         )
     )
     listener = graph.listener("/target", "std_msgs/Float64")
-    async with Peer(udp_url, space=0) as server:
+    async with Peer.at(udp_url) as server:
         await asyncio.to_thread(listener.wait_for, "links 1")
         server.announce(COMMAND, (make_field("Wanted", BuiltinType.DOUBLE),))
         server.publish(COMMAND, 7.0)
         await asyncio.to_thread(listener.wait_for, "data: 7.0")
-        await server.until(lambda: server.status("Drops.own_publication") == 1)
-        assert server.values(CHARGE) == []
+        await server.until(lambda: server.bridge("Drops.own_publication") == 1)
+        assert server.good(CHARGE) == []
         graph.talker("/target", "std_msgs/Float64", "{data: 8.0}")
-        await server.until(lambda: (8.0,) in server.values(CHARGE))
-        assert (7.0,) not in server.values(CHARGE)
+        await server.until(lambda: (8.0,) in server.good(CHARGE))
+        assert (7.0,) not in server.good(CHARGE)

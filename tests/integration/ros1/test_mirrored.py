@@ -26,8 +26,8 @@ async def test_any_message_type_is_mirrored_without_configuration(graph: Ros1Gra
     graph.bridge()
     graph.talker("/ua_1_2_7", "std_msgs/Float64", "{data: COUNT}", "--name", "one")
     graph.talker("/ua_1_2_8", "sensor_msgs/JointState", JOINT_YAML, "--name", "two", "--rate", "50")
-    await peer.until(lambda: len(peer.values(FLOAT)) > 5 and len(peer.values(JOINTS)) > 5)
-    numbers = [value for (value,) in peer.values(FLOAT)]
+    await peer.until(lambda: len(peer.good(FLOAT)) > 5 and len(peer.good(JOINTS)) > 5)
+    numbers = [value for (value,) in peer.good(FLOAT)]
     assert numbers == [numbers[0] + step for step in range(len(numbers))]
     first, second = peer.data(JOINTS)[:2]
     fields = {field.name: value for field, value in zip(first.metadata.fields, first.message.values, strict=True)}
@@ -38,15 +38,15 @@ async def test_any_message_type_is_mirrored_without_configuration(graph: Ros1Gra
     for data in (first, second):  # the robot's own time
         assert data.message.timestamp is not None
         assert unix_ns_from_ticks(data.message.timestamp) // 1_000_000_000 == 1_700_000_000
-    assert peer.status("Looped") in (None, 0)
+    assert peer.bridge("Looped") in (None, 0)
 
 
 async def test_latched_source_is_delivered_even_when_the_bridge_comes_later(graph: Ros1Graph, peer: Peer) -> None:
     graph.master()
     graph.talker("/ua_1_2_7", "std_msgs/String", "{data: parked}", "--latch", "--count", "1").wait_for("published")
     graph.bridge()
-    await peer.until(lambda: peer.values(FLOAT))
-    assert peer.values(FLOAT) == [("parked",)]
+    await peer.until(lambda: peer.good(FLOAT))
+    assert peer.good(FLOAT) == [("parked",)]
     assert is_latched(peer.data(FLOAT)[0].metadata.fields)
 
 
@@ -73,7 +73,7 @@ async def test_another_spaces_data_is_published_from_its_first_message_on(graph:
     assert "secs: 17 nsecs: 4" in line
     assert 'frame_id: "base" name: - a position: [0.0] velocity: [] effort: []' in line
     await asyncio.to_thread(listener.wait_for, "position: [2.0]")
-    await peer.until(lambda: peer.status("ToSpace"))
+    await peer.until(lambda: peer.bridge("ToSpace"))
     assert not peer.data(topic)  # nothing of it comes back
 
 
@@ -81,7 +81,7 @@ async def test_scalar_of_the_server_is_a_std_message_that_a_late_node_gets_too(g
     graph.master()
     graph.bridge()
     topic = Topic(0, 2, 3)
-    async with Peer(udp_url, space=0) as server:
+    async with Peer.at(udp_url) as server:
         server.announce(topic, (make_field("Speed", BuiltinType.DOUBLE),))
         server.publish(topic, 1.5)
         await server.until(lambda: "/ua_0_2_3" in graph.state()[0])
@@ -103,7 +103,7 @@ async def test_event_of_another_space_is_not_told_to_who_comes_later_unless_it_i
     peer.announce(latched, mark_latched(fields))
     peer.publish(plain, "go")
     peer.publish(latched, "map")
-    await peer.until(lambda: peer.status("ToSpace") == 2)
+    await peer.until(lambda: peer.bridge("ToSpace") == 2)
     await asyncio.sleep(1.2)  # the first messages are held for subscribers that are about to connect
     late = graph.listener("/ua_2_2_5", "std_msgs/String", "--name", "late")
     other = graph.listener("/ua_2_2_6", "std_msgs/String", "--name", "other")
@@ -118,19 +118,19 @@ async def test_illegal_names_and_missing_types_are_counted(graph: Ros1Graph, pee
     graph.bridge()
     for number, name in enumerate(("/ua_1_2", "/ua_1_2_007", "/ua_999999_2_1")):
         graph.talker(name, "std_msgs/Float64", "{data: 1.0}", "--name", f"bad{number}")
-    await peer.until(lambda: peer.status("Drops.illegal_topic") == 3)
+    await peer.until(lambda: peer.bridge("Drops.illegal_topic") == 3)
     _, subscribers = graph.state()
     assert not {"/ua_1_2", "/ua_1_2_007", "/ua_999999_2_1"} & set(subscribers)
     topic = Topic(2, 2, 5)
     peer.announce(topic, (make_field("data", BuiltinType.DOUBLE, properties={"RosType": "acme_msgs/Nothing"}),))
     peer.publish(topic, 1.0)
-    await peer.until(lambda: peer.status("Drops.type_missing") == 1)
+    await peer.until(lambda: peer.bridge("Drops.type_missing") == 1)
     wrong = Topic(2, 2, 6)
     peer.announce(wrong, (make_field("data", BuiltinType.DOUBLE, properties={"RosType": "std_msgs/Int8"}),))
     peer.publish(wrong, float("nan"))
-    await peer.until(lambda: peer.status("Drops.conversion") == 1)
+    await peer.until(lambda: peer.bridge("Drops.conversion") == 1)
     graph.talker("/ua_1_2_7", "std_msgs/Float64", "{data: COUNT}")
-    await peer.until(lambda: peer.values(FLOAT))  # the rest goes on
+    await peer.until(lambda: peer.good(FLOAT))  # the rest goes on
 
 
 async def test_slow_subscriber_holds_up_nobody(graph: Ros1Graph, peer: Peer) -> None:
@@ -151,7 +151,7 @@ async def test_slow_subscriber_holds_up_nobody(graph: Ros1Graph, peer: Peer) -> 
             await asyncio.sleep(0.002)
         peer.publish(topic, "the last one")
         await asyncio.to_thread(quick.wait_for, "the last one")
-        await peer.until(lambda: peer.status("ToSpace") == 402)
+        await peer.until(lambda: peer.bridge("ToSpace") == 402)
     finally:
         os.kill(stuck.process.pid, signal.SIGCONT)
     await asyncio.to_thread(stuck.wait_for, "the last one")

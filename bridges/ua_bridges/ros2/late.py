@@ -33,13 +33,17 @@ class _Kept:
 class LateSubscribers:
     """Publishes kept values when a late subscriber needs them."""
 
-    def __init__(self, config: Ros2BridgeConfig, opened_at: float) -> None:
+    def __init__(self, config: Ros2BridgeConfig) -> None:
         self._config = config
-        self._settled_at = opened_at + _SETTLE_S
+        self._settled_at = 0.0
         self._kept: dict[str, _Kept] = {}
         self._published: dict[str, tuple[Any, Any]] = {}
         """Node and publisher of each value that was needed."""
         self._participants: list[tuple[Any, Any]] = []
+
+    def opened(self, now: float) -> None:
+        """The bridge's node is there."""
+        self._settled_at = now + _SETTLE_S
 
     def keep(self, node: Ros2Node, name: str, message_class: Any, message: Any) -> None:
         """Keep the last message of a topic, published by the bridge before this one."""

@@ -65,6 +65,7 @@ class Watch:
         self._written = written
         self._wake_at = wake_at
         self._graph = GraphWatch(config.space, self._mapped)
+        self._late = LateSubscribers(config)
         self._sources: dict[str, RosSource] = {}
         self._opening: list[Outlet] = []
         self._look_at = self._late_at = 0.0
@@ -77,7 +78,7 @@ class Watch:
         """
         self._node = node
         self._opened_at = time.monotonic()
-        self._late = LateSubscribers(self._config, self._opened_at)
+        self._late.opened(self._opened_at)
         both_ways = sorted(self._written & set(self._mapped))
         if both_ways and node.hears_itself():
             raise BridgeUnavailable(
@@ -170,5 +171,4 @@ class Watch:
         """Leave nothing behind."""
         for source in self._sources.values():
             source.close()
-        if hasattr(self, "_late"):
-            self._late.close()
+        self._late.close()

@@ -1,0 +1,85 @@
+from __future__ import annotations
+
+import pytest
+from ua_bridges.ros.convert import compile_writer
+from ua_bridges.ros.errors import ConversionError
+from ua_bridges.ros2.outlet import Outlet
+from ua_bridges.ros2.qos import MIRROR, Qos
+
+from tests.unit.bridges.ros2.fakes import FakeNode, Message, fake_type, publisher
+
+
+def make(qos: Qos = MIRROR) -> Outlet:
+    kind = fake_type("std_msgs/Int32")
+    return Outlet("/ua_1_2_9", kind, compile_writer(kind.schema, ("data",), lambda _native: Message()), qos)
+
+
+def attend(outlet: Outlet, node: FakeNode, now: float) -> bool:
+    return outlet.attend(node.as_node(), now, 0.0, lambda _policy: None)
+
+
+def test_first_messages_wait_until_the_subscribers_have_matched() -> None:
+    outlet, node = make(), FakeNode()
+    node.there = [publisher(b"s"), publisher(b"t")]
+    for number in range(3):
+        outlet.publish((number,))
+    node.publisher.matched = 1
+    assert not attend(outlet, node, 10.0)
+    assert node.publisher.sent == []
+    node.publisher.matched = 2
+    assert not attend(outlet, node, 10.005)
+    assert node.publisher.sent == [0]
+    node.publisher.acknowledged = False
+    assert not attend(outlet, node, 10.01)
+    node.publisher.acknowledged = True
+    assert attend(outlet, node, 10.015)
+    assert node.publisher.sent == [0, 1, 2]
+    outlet.publish((3,))
+    assert node.publisher.sent == [0, 1, 2, 3]
+
+
+def test_they_do_not_wait_for_ever() -> None:
+    outlet, node = make(), FakeNode()
+    node.there = [publisher(b"s")]
+    outlet.publish((0,))
+    assert not attend(outlet, node, 10.0)
+    assert attend(outlet, node, 11.0)
+    assert node.publisher.sent == [0]
+
+
+def test_nobody_is_waited_for_where_nobody_can_match() -> None:
+    outlet, node = make(Qos(reliable=True, transient_local=False, depth=10)), FakeNode()
+    node.there = [publisher(b"s", transient_local=True), publisher(b"t", kind="std_msgs/msg/Float64")]
+    assert attend(outlet, node, 10.0)
+    assert outlet.is_open
+
+
+def test_subscriber_that_acknowledges_nothing_gets_a_moment() -> None:
+    outlet, node = make(), FakeNode()
+    node.there, node.publisher.matched = [publisher(b"s", reliable=False)], 1
+    outlet.publish((0,))
+    assert not attend(outlet, node, 10.0)
+    assert node.publisher.sent == []
+    assert not attend(outlet, node, 10.06)
+    assert node.publisher.sent == [0]
+    assert attend(outlet, node, 10.07)
+
+
+def test_node_that_has_just_come_up_waits_for_what_it_has_not_heard_of() -> None:
+    outlet, node = make(), FakeNode()
+    assert not attend(outlet, node, 0.1)
+    assert attend(outlet, node, 0.4)
+
+
+@pytest.mark.parametrize("value", ["x", 1 << 31, None])
+def test_value_that_does_not_fit_is_refused(value: object) -> None:
+    with pytest.raises(ConversionError, match="field data"):
+        make().publish((value,))
+
+
+def test_close_ends_the_publisher() -> None:
+    outlet, node = make(), FakeNode()
+    attend(outlet, node, 10.0)
+    outlet.close(node.as_node())
+    assert node.destroyed == 1
+    assert not outlet.is_open

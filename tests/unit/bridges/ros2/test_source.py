@@ -1,0 +1,230 @@
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+from ua_bridges.ros2.feed import MappedFeed, MirrorFeed
+from ua_bridges.ros2.qos import QUEUE_DEPTH, Qos
+from ua_bridges.ros2.source import RosSource
+
+from tests.unit.bridges.ros2.fakes import FakeNode, Message, Recorder, fake_type, publisher
+from ua_fleet.bridge.driver import SampleRead, SourceFound
+from ua_fleet.config.schema import DataSetConfig, QosConfig, ScalarType, TopicMapping
+from ua_fleet.errors import UaFleetError
+from ua_fleet.topics import Topic
+from ua_fleet.values import BuiltinType, StatusCode, Variant
+
+TOPIC = Topic(5, 2, 1001)
+T0 = 1_700_000_000_000_000_000
+
+
+class NotInstalled(UaFleetError):
+    """Stands for TypeMissing."""
+
+
+@pytest.fixture(autouse=True)
+def types(monkeypatch: pytest.MonkeyPatch) -> None:
+    def load(ros_type: str) -> Any:
+        try:
+            return known[ros_type.replace("/msg/", "/")]
+        except KeyError:
+            raise NotInstalled(f"{ros_type} is not installed") from None
+
+    known = {name: fake_type(name) for name in ("std_msgs/Int32", "std_msgs/Float64", "my_msgs/Stamped")}
+    monkeypatch.setattr("ua_bridges.ros2.source.load_type", load)
+
+
+class Scene:
+    def __init__(self, **options: Any) -> None:
+        self.node, self.inlet, self.looks = FakeNode(), Recorder(), 0
+        feeds = options.pop("feeds", None)
+        self.source = RosSource(
+            f"/{TOPIC.name}",
+            feeds(self.inlet) if feeds else [MirrorFeed(TOPIC, self.inlet)],
+            self.node.as_node(),
+            self.inlet,
+            self._look,
+            **options,
+        )
+
+    def _look(self) -> None:
+        self.looks += 1
+
+
+def test_source_is_found_before_its_samples_and_lost_after_them() -> None:
+    scene = Scene()
+    scene.source.follow([publisher()])
+    scene.node.say(1, T0)
+    scene.node.say(2, T0 + 1)
+    scene.source.follow([])
+    assert scene.inlet.said() == ["found", "1", "2", "lost"]
+    assert scene.node.subscriptions == [("/ua_5_2_1001", Qos(True, False, QUEUE_DEPTH))]
+    found = scene.inlet.events[0]
+    assert isinstance(found, SourceFound)
+    assert [str(key.name) for key, _, _ in found.fields[0].properties] == ["RosType"]
+
+
+def test_latched_source_says_so() -> None:
+    scene = Scene()
+    scene.source.follow([publisher(transient_local=True)])
+    found = scene.inlet.events[0]
+    assert isinstance(found, SourceFound)
+    assert [str(key.name) for key, _, _ in found.fields[0].properties] == ["RosType", "RosLatched"]
+
+
+def test_history_that_comes_again_is_not_handed_on_again() -> None:
+    scene = Scene()
+    scene.source.follow([publisher(transient_local=True)])
+    scene.node.say(1, T0)
+    scene.source.follow([publisher(transient_local=True), publisher(b"b")])
+    assert scene.node.destroyed == 1
+    scene.node.say(1, T0)
+    scene.node.say(2, T0 + 1)
+    assert scene.inlet.said() == ["found", "1", "2"]
+
+
+def test_subscription_is_kept_while_nobody_publishes() -> None:
+    scene = Scene()
+    scene.source.follow([publisher()])
+    scene.source.follow([])
+    assert scene.node.destroyed == 0
+    scene.source.follow([publisher(b"b")])
+    assert len(scene.node.subscriptions) == 1
+    assert scene.inlet.said() == ["found", "lost", "found"]
+
+
+def test_message_of_a_publisher_that_is_not_seen_yet_waits_for_the_look() -> None:
+    scene = Scene()
+    scene.source.follow([publisher()])
+    scene.source.follow([])
+    scene.node.say(7, T0)
+    assert scene.looks == 1
+    assert scene.inlet.said() == ["found", "lost"]
+    scene.source.follow([publisher(b"b")])
+    scene.source.looked()
+    scene.node.say(8, T0 + 1)
+    assert scene.inlet.said() == ["found", "lost", "found", "7", "8"]
+
+
+def test_message_of_a_publisher_that_has_gone_again_is_handed_on() -> None:
+    scene = Scene()
+    scene.source.follow([publisher()])
+    scene.source.follow([])
+    scene.node.say(7, T0)
+    scene.source.looked()
+    assert scene.inlet.said() == ["found", "lost", "found", "7", "lost"]
+
+
+def test_time_is_the_headers_where_it_is_plausible() -> None:
+    scene = Scene()
+    scene.source.follow([publisher(kind="my_msgs/msg/Stamped")])
+
+    def stamped(sec: int) -> Message:
+        return Message(stamp=Message(sec=sec, nanosec=5), frame_id="")
+
+    scene.node.say(0, T0, header=stamped(1_699_999_999), value=0.0)
+    scene.node.say(0, T0 + 1, header=stamped(12), value=0.0)
+    times = [event.source_time_ns for event in scene.inlet.events if isinstance(event, SampleRead)]
+    assert times == [1_699_999_999_000_000_005, T0 + 1]
+
+
+def test_type_that_is_not_installed_is_counted_once() -> None:
+    scene = Scene()
+    for gid in (b"a", b"b"):
+        scene.source.follow([publisher(gid, kind="nobody_msgs/msg/Thing")])
+    assert scene.inlet.said() == ["type_missing:1"]
+    assert scene.node.subscriptions == []
+
+
+def test_publishers_that_disagree_are_a_conflict_and_the_first_type_stays() -> None:
+    scene = Scene()
+    scene.source.follow([publisher()])
+    scene.source.follow([publisher(b"0", kind="std_msgs/msg/Float64"), publisher()])
+    scene.node.say(1, T0)
+    assert scene.inlet.said() == ["found", "conflict:1", "1"]
+
+
+def test_publisher_with_another_type_is_announced_anew() -> None:
+    scene = Scene()
+    scene.source.follow([publisher()])
+    scene.source.follow([publisher(b"b", kind="std_msgs/msg/Float64")])
+    scene.node.say(1.5, T0)
+    assert scene.inlet.said() == ["found", "found", "1.5"]
+    assert len(scene.node.subscriptions) == 2
+
+
+def test_message_that_cannot_be_converted_is_counted_and_ends_nothing() -> None:
+    scene = Scene()
+    scene.source.follow([publisher()])
+    scene.node.callback((Message(), {"source_timestamp": T0, "received_timestamp": T0}))
+    scene.node.callback((Message(), {}))
+    scene.node.say(1, T0 + 1)
+    assert scene.inlet.said() == ["found", "conversion:1", "1"]
+
+
+def test_incompatible_publisher_makes_a_look_unless_fleet_yaml_asks_for_it() -> None:
+    scene = Scene()
+    scene.source.follow([publisher()])
+    scene.node.tell_incompatible("durability")
+    assert (scene.looks, scene.inlet.said()) == (1, ["found"])
+    scene.node.tell_incompatible("deadline")
+    assert scene.inlet.said() == ["found", "incompatible_qos:1"]
+    scene = Scene(qos=QosConfig(reliability="reliable"))
+    scene.source.follow([publisher(reliable=False)])
+    assert scene.node.subscriptions[0][1] == Qos(True, False, 10)
+    scene.node.tell_incompatible("reliability")
+    assert scene.inlet.said() == ["found", "incompatible_qos:1"]
+
+
+class Clock:
+    def __init__(self) -> None:
+        self.now = 0.0
+        self.wakes: list[float] = []
+
+
+def mapped_scene(clock: Clock, **options: Any) -> Scene:
+    source = TopicMapping(topic="/count", type="std_msgs/Int32", **options)
+    dataset = DataSetConfig(type=ScalarType.BYTE, source=source)
+
+    def feeds(inlet: Recorder) -> list[MappedFeed]:
+        return [MappedFeed(TOPIC, dataset, "Count", inlet, lambda: clock.now, clock.wakes.append)]
+
+    return Scene(feeds=feeds, wanted_type="std_msgs/Int32", qos=source.qos)
+
+
+def test_mapped_field_that_does_not_fit_is_bad() -> None:
+    scene = mapped_scene(Clock())
+    scene.source.follow([publisher()])
+    scene.node.say(5, T0)
+    scene.node.say(300, T0 + 1)
+    bad = Variant(BuiltinType.STATUS_CODE, StatusCode.BAD_OUT_OF_RANGE)
+    assert scene.inlet.said() == ["found", "5", "conversion:1", str(bad)]
+
+
+def test_mapped_topic_with_another_type_is_bad_once_until_the_right_one_comes() -> None:
+    scene = mapped_scene(Clock())
+    wrong = publisher(b"b", kind="std_msgs/msg/Float64")
+    scene.source.follow([wrong])
+    scene.source.follow([wrong, publisher(b"c", kind="std_msgs/msg/Float64")])
+    bad = str(Variant(BuiltinType.STATUS_CODE, StatusCode.BAD_TYPE_MISMATCH))
+    assert scene.inlet.said() == ["found", "conversion:1", bad]
+    scene.source.follow([publisher(), wrong])
+    scene.node.say(5, T0)
+    assert scene.inlet.said()[-2:] == ["found", "5"]
+
+
+def test_rate_limit_hands_on_the_latest_when_its_turn_comes_or_the_source_goes() -> None:
+    clock = Clock()
+    scene = mapped_scene(clock, max_rate_hz=10)
+    scene.source.follow([publisher()])
+    for number in range(3):
+        scene.node.say(number, T0 + number)
+    assert scene.inlet.said() == ["found", "0", "rate_limited:1"]
+    assert clock.wakes == [0.1, 0.1]
+    assert scene.source.release(0.05) == 0.1
+    assert scene.source.release(0.1) is None
+    assert scene.inlet.said()[-1] == "2"
+    clock.now = 0.15
+    scene.node.say(3, T0 + 3)
+    scene.source.follow([])
+    assert scene.inlet.said()[-2:] == ["3", "lost"]

@@ -3,6 +3,7 @@ from __future__ import annotations
 from ua_fleet.bridge import STATUS_FIELDS, DriverStatus, status_topic, status_values
 from ua_fleet.config.schema import BridgeConfig, FleetConfig, PubSubConfig, PubSubSecurity
 from ua_fleet.counters import Counters, Drop
+from ua_fleet.fleet.model import BRIDGE_FIELDS, drop_field
 from ua_fleet.topics import Topic
 from ua_fleet.values import BuiltinType
 
@@ -21,6 +22,13 @@ def test_every_drop_has_its_field_and_its_value() -> None:
 
 def test_all_counters_are_uint64() -> None:
     assert {field.builtin_type for field in STATUS_FIELDS[4:]} == {BuiltinType.UINT64}
+
+
+def test_fields_are_those_that_the_server_shows() -> None:
+    wanted = {(name, int(kind)) for name, kind in BRIDGE_FIELDS}
+    wanted |= {(drop_field(drop.value), int(BuiltinType.UINT64)) for drop in Drop}
+    published = {(field.name, field.builtin_type) for field in STATUS_FIELDS}
+    assert wanted <= published
 
 
 def test_topic_is_in_the_bridges_space_and_needs_an_id() -> None:

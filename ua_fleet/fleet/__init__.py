@@ -2,6 +2,7 @@
 
 from ua_fleet.fleet.changes import Change, Noticed, SourceAdded, SourceQuarantined, SourceRemoved, ValueChanged
 from ua_fleet.fleet.coalesce import Coalescer
+from ua_fleet.fleet.commands import Commands, Publication
 from ua_fleet.fleet.model import (
     BridgeModel,
     DataSetModel,
@@ -16,11 +17,13 @@ __all__ = [
     "BridgeModel",
     "Change",
     "Coalescer",
+    "Commands",
     "DataSetModel",
     "FieldModel",
     "FleetModel",
     "FleetState",
     "Noticed",
+    "Publication",
     "RobotModel",
     "RobotState",
     "SourceAdded",

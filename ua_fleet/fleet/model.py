@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from enum import IntEnum
 from typing import Any, Final
 
-from ua_fleet.config.schema import BridgeConfig, DataSetConfig, FleetConfig, RobotConfig
+from ua_fleet.config.schema import BridgeConfig, DataSetConfig, FleetConfig, RobotConfig, ScalarType
 from ua_fleet.counters import Drop
 from ua_fleet.errors import ConfigError, ConfigInvalid
 from ua_fleet.topics import SERVER_SPACE, Topic
@@ -45,6 +45,22 @@ BRIDGE_FIELDS: Final[tuple[tuple[str, BuiltinType], ...]] = (
     *((name, BuiltinType.UINT64) for name in TRAFFIC_FIELDS),
 )
 """Fields of a bridge's status DataSet that BridgeType shows, beside its drops."""
+
+
+_INTEGER_LIMITS: Final[dict[int, tuple[int, int]]] = {
+    kind: (-(1 << bits - 1), (1 << bits - 1) - 1) if signed else (0, (1 << bits) - 1)
+    for kind, bits, signed in (
+        (BuiltinType.SBYTE, 8, True),
+        (BuiltinType.BYTE, 8, False),
+        (BuiltinType.INT16, 16, True),
+        (BuiltinType.UINT16, 16, False),
+        (BuiltinType.INT32, 32, True),
+        (BuiltinType.UINT32, 32, False),
+        (BuiltinType.INT64, 64, True),
+        (BuiltinType.UINT64, 64, False),
+    )
+}
+"""Least and greatest value of each integer type (OPC 10000-6 table 1)."""
 
 
 class RobotState(IntEnum):
@@ -216,12 +232,19 @@ def _robot(ns: int, name: str, config: RobotConfig, space: int, problems: list[C
             )
             continue
         origin = SERVER_SPACE if data_set.origin == "server" else space
-        data_sets.append(_data_set(Topic.checked(origin, ns, data_set.id), browse_name, data_set))
+        made = _data_set(Topic.checked(origin, ns, data_set.id), browse_name, data_set)
+        for field in made.fields:
+            if field.initial is not None and not _fits_initial(field):
+                text = f"initial {field.initial!r} does not fit {field.name}"
+                key = f"robots.{name}.data.{browse_name}"
+                problems.append(ConfigError(text, key=key, suggestion="give a value of its type and range"))
+        data_sets.append(made)
     return RobotModel(name, config.bridge, config.description, config.capacities, tuple(data_sets), ns)
 
 
 def _data_set(topic: Topic, name: str, config: DataSetConfig) -> DataSetModel:
     is_single = not config.fields
+    origin_is_server = topic.space == SERVER_SPACE
     fields = tuple(
         FieldModel(
             NodeId(topic.ns, topic.id if is_single else f"{topic.id}.{field_name}"),
@@ -229,10 +252,33 @@ def _data_set(topic: Topic, name: str, config: DataSetConfig) -> DataSetModel:
             int(field.type.builtin) | (ARRAY if field.array else 0),
             field.unit,
             field.range,
-            initial=field.initial,
+            initial=_initial(field.initial, field.type) if origin_is_server else None,
             path=field.path,
         )
         for field_name, field in config.all_fields().items()
     )
     message_type = config.sink.type.replace("/msg/", "/") if config.sink is not None else None
     return DataSetModel(topic, name, fields, config.description, is_single, message_type)
+
+
+def _initial(value: Any, wanted: ScalarType) -> Any:
+    """YAML writes 0 where a Double is meant."""
+    is_float = wanted in (ScalarType.FLOAT, ScalarType.DOUBLE)
+    return float(value) if is_float and isinstance(value, int) and not isinstance(value, bool) else value
+
+
+def _fits_initial(field: FieldModel) -> bool:
+    """Whether a configured first value has the field's type and range."""
+    value, kind = field.initial, field.type
+    if kind in _INTEGER_LIMITS:
+        low, high = _INTEGER_LIMITS[kind]
+        fits = isinstance(value, int) and not isinstance(value, bool) and low <= value <= high
+    elif kind in (BuiltinType.FLOAT, BuiltinType.DOUBLE):
+        fits = isinstance(value, float)
+    elif kind == BuiltinType.BOOLEAN:
+        fits = isinstance(value, bool)
+    else:
+        fits = kind == BuiltinType.STRING and isinstance(value, str)
+    if not fits or field.range is None:
+        return fits
+    return bool(field.range[0] <= float(value) <= field.range[1])

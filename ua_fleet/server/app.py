@@ -1,0 +1,76 @@
+"""The server as one coroutine: `run_server`."""
+
+# pyright: reportUnknownMemberType=false, reportUnknownVariableType=false, reportUnknownArgumentType=false
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+from ua_fleet.config.schema import FleetConfig, PubSubConfig
+from ua_fleet.fleet.model import FleetModel
+from ua_fleet.pubsub.subscriber import LoopRule
+from ua_fleet.server.address_space import FleetNodes
+from ua_fleet.server.hardened import create_server
+from ua_fleet.server.hub import Hub, wall_ticks
+from ua_fleet.server.nodeset import load_types
+from ua_fleet.server.projection import Projection
+from ua_fleet.server.writes import ClientWrites
+from ua_fleet.topics import loop_verdict
+from ua_fleet.transport.base import Transport
+from ua_fleet.transport.udp import UdpTransport
+
+__all__ = ["application_uri", "run_server"]
+
+
+def application_uri(config: FleetConfig) -> str:
+    """The ApplicationUri of a fleet's server; its certificate carries it."""
+    return f"urn:ua-fleet:{config.fleet.name}:server"
+
+
+async def run_server(
+    config: FleetConfig,
+    config_dir: Path,
+    *,
+    transport: Transport | None = None,
+    ready: Callable[[str], None] | None = None,
+    rule: LoopRule = loop_verdict,
+) -> None:
+    """Serve a fleet until cancelled.
+
+    Args:
+        config: the checked `fleet.yaml`.
+        config_dir: its folder; `server.state_dir` is relative to it.
+        transport: in place of the UDP transport that the configuration describes.
+        ready: called with the endpoint URL once clients can connect and data is received.
+        rule: the loop rule.
+
+    Raises:
+        ConfigInvalid: a DataSet has no id, or an id is given twice.
+        ServerStartError: the port is in use, or something that the server needs is missing.
+        TransportError: PubSub has no route, no permission or no such interface.
+    """
+    model = FleetModel.from_config(config)
+    server = await create_server(
+        config.server, config_dir / config.server.state_dir, application_uri=application_uri(config)
+    )
+    try:
+        await load_types(server, config.fleet.namespace_uri, config.fleet.namespace_index)
+        nodes = FleetNodes(server.iserver.aspace, model)
+        nodes.build()
+        hub = Hub(config, model, transport or _udp(config.pubsub), Projection(nodes), rule=rule)
+        server.gate = ClientWrites(hub.commands, nodes, hub.publish, hub.flush_soon, wall_ticks)
+        try:
+            await hub.start()
+            await server.start()
+            if ready is not None:
+                ready(server.endpoint.geturl())
+            await hub.run()
+        finally:
+            await hub.close()
+    finally:
+        await server.stop()
+
+
+def _udp(config: PubSubConfig) -> Transport:
+    return UdpTransport(config.url, config.interface, ttl=config.ttl, receive_buffer_bytes=config.receive_buffer_bytes)

@@ -1,0 +1,162 @@
+"""Our values as asyncua's, and back."""
+
+# pyright: reportUnknownMemberType=false, reportUnknownVariableType=false, reportUnknownArgumentType=false
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from datetime import UTC
+from functools import lru_cache
+from typing import Any, Final
+
+from asyncua import ua
+
+from ua_fleet.values import (
+    ARRAY,
+    DIMENSIONS,
+    BuiltinType,
+    DataValue,
+    ExpandedNodeId,
+    ExtensionObject,
+    LocalizedText,
+    NodeId,
+    QualifiedName,
+    StatusCode,
+    Variant,
+    datetime_from_ticks,
+    ticks_from_datetime,
+)
+
+__all__ = [
+    "Unrepresentable",
+    "data_value",
+    "fleet_value",
+    "fleet_variant",
+    "node_id",
+    "raw_id",
+    "to_status",
+    "to_variant",
+]
+
+_BUILTIN: Final = 0x3F
+
+
+class Unrepresentable(ValueError):
+    """A value that asyncua cannot carry."""
+
+
+def raw_id(identifier: Any, namespace: Any = 0) -> ua.NodeId:
+    """A NodeId in asyncua's form; plain Python values serve, whatever its types say."""
+    return ua.NodeId(identifier, namespace)
+
+
+def node_id(key: NodeId) -> ua.NodeId:
+    """A NodeId in asyncua's form."""
+    return raw_id(key.identifier, key.namespace)
+
+
+@lru_cache(maxsize=1024)
+def to_status(code: int) -> ua.StatusCode:
+    """A StatusCode in asyncua's form; one object for each code, which nobody changes."""
+    return ua.StatusCode(ua.UInt32(code))
+
+
+def _expanded(value: ExpandedNodeId) -> ua.ExpandedNodeId:
+    identifier: Any = value.node_id.identifier
+    namespace: Any = value.node_id.namespace
+    uri: Any = value.namespace_uri
+    server_index: Any = value.server_index
+    return ua.ExpandedNodeId(identifier, namespace, NamespaceUri=uri, ServerIndex=server_index)
+
+
+def _extension_object(value: ExtensionObject) -> ua.ExtensionObject:
+    if not isinstance(value.body, bytes):
+        raise Unrepresentable("a structure in XML")
+    return ua.ExtensionObject(node_id(value.type_id), ua.ByteString(value.body))
+
+
+def _nested(value: Variant) -> ua.Variant:
+    return to_variant(value.type, value.value)
+
+
+def _data_value(value: DataValue) -> ua.DataValue:
+    inner = value.variant
+    source: Any = None if value.source_timestamp is None else datetime_from_ticks(value.source_timestamp)
+    server: Any = None if value.server_timestamp is None else datetime_from_ticks(value.server_timestamp)
+    variant = ua.Variant() if inner is None else to_variant(inner.type, inner.value)
+    return ua.DataValue(variant, to_status(value.status), source, server)
+
+
+_OUT: Final[dict[int, Callable[[Any], Any]]] = {
+    BuiltinType.DATETIME: datetime_from_ticks,
+    BuiltinType.NODE_ID: node_id,
+    BuiltinType.EXPANDED_NODE_ID: _expanded,
+    BuiltinType.STATUS_CODE: to_status,
+    BuiltinType.QUALIFIED_NAME: lambda value: ua.QualifiedName(value.name, value.namespace),
+    BuiltinType.LOCALIZED_TEXT: lambda value: ua.LocalizedText(value.text, value.locale),
+    BuiltinType.EXTENSION_OBJECT: _extension_object,
+    BuiltinType.DATA_VALUE: _data_value,
+    BuiltinType.VARIANT: _nested,
+    BuiltinType.XML_ELEMENT: ua.XmlElement,
+}
+_IN: Final[dict[int, Callable[[Any], Any]]] = {
+    BuiltinType.DATETIME: lambda value: ticks_from_datetime(
+        value.replace(tzinfo=UTC) if value.tzinfo is None else value
+    ),
+    BuiltinType.STATUS_CODE: lambda value: int(value.value),
+    BuiltinType.QUALIFIED_NAME: lambda value: QualifiedName(value.NamespaceIndex, value.Name),
+    BuiltinType.LOCALIZED_TEXT: lambda value: LocalizedText(value.Text, value.Locale),
+    BuiltinType.NODE_ID: lambda value: NodeId(value.NamespaceIndex, value.Identifier),
+}
+_VARIANT_TYPES: Final = {int(kind): ua.VariantType(int(kind)) for kind in BuiltinType}
+
+
+def to_variant(type_code: int, value: Any) -> ua.Variant:
+    """A Variant in asyncua's form; raises Unrepresentable."""
+    kind = type_code & _BUILTIN
+    convert = _OUT.get(kind)
+    variant_type = _VARIANT_TYPES[kind]
+    if kind == BuiltinType.XML_ELEMENT:
+        value = tuple(item or "" for item in value) if type(value) is tuple else value or ""
+    if not type_code & ARRAY:
+        return ua.Variant(value if convert is None or value is None else convert(value), variant_type, None, False)
+    dimensions: list[Any] | None = None
+    if type_code & DIMENSIONS:
+        dimensions = list(value.dimensions)
+        value = value.values
+    if value is not None:
+        value = list(value) if convert is None else [None if item is None else convert(item) for item in value]
+    return ua.Variant(value, variant_type, dimensions, True)
+
+
+_NULL: Final = ua.Variant(None, ua.VariantType.Null, None, False)
+
+
+def data_value(type_code: int, value: Any, status: int, source_timestamp: Any, server_timestamp: Any) -> ua.DataValue:
+    """A fresh DataValue. What asyncua cannot carry has no value and is Bad_DataEncodingInvalid."""
+    if not type_code:
+        variant = _NULL
+    else:
+        try:
+            variant = to_variant(type_code, value)
+        except (Unrepresentable, ua.UaError, AttributeError, TypeError, ValueError):
+            variant, status = _NULL, int(StatusCode.BAD_DATA_ENCODING_INVALID)
+    return ua.DataValue(variant, to_status(status), source_timestamp, server_timestamp)
+
+
+def fleet_variant(variant: ua.Variant | None) -> tuple[int, Any]:
+    """Type code and value of what a client sent; type code 0 for no value."""
+    if variant is None or variant.VariantType == ua.VariantType.Null:
+        return 0, None
+    kind = int(variant.VariantType.value)
+    if variant.Dimensions and len(variant.Dimensions) > 1:
+        return kind | ARRAY | DIMENSIONS, variant.Value
+    if variant.is_array:
+        return kind | ARRAY, None if variant.Value is None else tuple(fleet_value(kind, item) for item in variant.Value)
+    return kind, fleet_value(kind, variant.Value)
+
+
+def fleet_value(kind: int, value: Any) -> Any:
+    """A scalar of asyncua as ours."""
+    convert = _IN.get(kind)
+    return value if convert is None or value is None else convert(value)

@@ -1,0 +1,226 @@
+"""PubSub and nodes together: the only place of the server that runs tasks.
+
+transport -> subscriber -> state -> coalescer -> projection -> nodes and their subscriptions
+a client's write -> commands -> publisher -> transport
+"""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from collections.abc import Iterable
+
+import structlog
+
+from ua_fleet.config.schema import FleetConfig
+from ua_fleet.counters import Counters, Drop
+from ua_fleet.errors import LocalWireError
+from ua_fleet.fleet.changes import Change, Noticed, ValueChanged
+from ua_fleet.fleet.coalesce import Coalescer
+from ua_fleet.fleet.commands import Commands, Publication
+from ua_fleet.fleet.model import FleetModel
+from ua_fleet.fleet.state import FleetState
+from ua_fleet.pubsub.events import ProbeReceived, SourceUnknown, SubscriberEvent
+from ua_fleet.pubsub.publisher import Publisher
+from ua_fleet.pubsub.subscriber import LoopRule, Subscriber
+from ua_fleet.pubsub.timing import PubSubTiming
+from ua_fleet.server.projection import Projection
+from ua_fleet.topics import SERVER_SPACE, loop_verdict
+from ua_fleet.transport.base import Address, Transport
+from ua_fleet.values import ticks_from_unix_ns
+from ua_fleet.wire import Codec
+
+__all__ = ["Hub", "wall_ticks"]
+
+TICK_S = 1.0
+"""Period of what the server says of robots, bridges and its own traffic."""
+SHORTEST_WAIT_S = 0.005
+"""Deadlines that lie closer together are served together."""
+BURST = 20
+"""DataSets that are announced at once at the start, so that receivers' buffers hold them."""
+BURST_PAUSE_S = 0.005
+
+_log = structlog.get_logger("ua_fleet.server")
+
+
+def wall_ticks() -> int:
+    """The time of the wall clock."""
+    return ticks_from_unix_ns(time.time_ns())
+
+
+class Hub:
+    """Carries data between a transport and the nodes until it is cancelled."""
+
+    def __init__(
+        self,
+        config: FleetConfig,
+        model: FleetModel,
+        transport: Transport,
+        projection: Projection,
+        *,
+        rule: LoopRule = loop_verdict,
+    ) -> None:
+        """Make a hub.
+
+        Args:
+            config: periods, rates and the policy for unknown sources.
+            model: the nodes that are configured.
+            transport: not started yet; `start` does.
+            projection: onto the nodes of the model.
+            rule: the loop rule.
+        """
+        pubsub = config.pubsub
+        timing = PubSubTiming(pubsub.keep_alive_s, pubsub.receive_timeout_s, pubsub.repeat_interval_s)
+        codec = Codec()
+        self.counters = Counters()
+        self.commands = Commands(model)
+        self._transport = transport
+        self._projection = projection
+        self._subscriber = Subscriber(SERVER_SPACE, timing, self.counters, codec, rule)
+        self._publisher = Publisher(SERVER_SPACE, timing, self.counters, codec)
+        self._state = FleetState(
+            model,
+            self.counters,
+            unknown_sources=config.server.unknown_sources,
+            max_discovered_sources=config.server.max_discovered_sources,
+        )
+        self._coalescer = Coalescer(config.server.analog_rate_hz)
+        self._sooner = asyncio.Event()
+        self._wake_at = 0.0
+        self._next_tick = 0.0
+        self._flush_is_due = False
+        self._refused = 0
+        """Publications that could not be encoded."""
+
+    async def start(self) -> None:
+        """Open the transport; data reaches the nodes once `run` runs.
+
+        Raises:
+            TransportError: it cannot be opened.
+        """
+        await self._transport.start(self._receive)
+
+    async def run(self) -> None:
+        """Announce what originates here, then carry data until cancelled."""
+        async with asyncio.TaskGroup() as tasks:
+            tasks.create_task(self._projection.run())
+            tasks.create_task(self._keep_time())
+            await self._announce()
+
+    async def close(self) -> None:
+        """Release the transport."""
+        await self._transport.close()
+
+    def publish(self, publication: Publication) -> None:
+        """Send a DataSet of space 0."""
+        topic, types, values, timestamp = publication
+        now = asyncio.get_running_loop().time()
+        try:
+            datagrams = self._publisher.publish(topic, values, timestamp=timestamp, now=now, types=types)
+        except LocalWireError as error:
+            self._refused += 1
+            _log.error("not published", topic=topic.name, reason=str(error))
+            return
+        self._state.delivered(topic, timestamp)
+        self._send(datagrams)
+        self._check_deadline()
+
+    def flush_soon(self) -> None:
+        """Publish what clients have written, when the request that is being served is done."""
+        if not self._flush_is_due:
+            self._flush_is_due = True
+            asyncio.get_running_loop().call_soon(self._flush)
+
+    def _flush(self) -> None:
+        self._flush_is_due = False
+        for publication in self.commands.flush():
+            self.publish(publication)
+
+    async def _announce(self) -> None:
+        now = asyncio.get_running_loop().time()
+        for number, (data_set, fields) in enumerate(self.commands.sources(), start=1):
+            name = data_set.name
+            self._send(self._publisher.announce(data_set.topic, name, fields, now=now, wall_ticks=wall_ticks()))
+            if number % BURST == 0:
+                await asyncio.sleep(BURST_PAUSE_S)
+        for number, publication in enumerate(self.commands.initial(wall_ticks()), start=1):
+            self.publish(publication)
+            if number % BURST == 0:
+                await asyncio.sleep(BURST_PAUSE_S)
+        self._check_deadline()
+
+    def _receive(self, datagram: bytes, sender: Address) -> None:
+        del sender
+        now = asyncio.get_running_loop().time()
+        events = self._subscriber.receive(datagram, now)
+        if events:
+            self._handle(events, now)
+        self._check_deadline()
+
+    def _handle(self, events: Iterable[SubscriberEvent], now: float) -> None:
+        wall = wall_ticks()
+        for event in events:
+            if isinstance(event, SourceUnknown):
+                if event.datagram:
+                    self._transport.send(event.datagram)
+            elif isinstance(event, ProbeReceived):
+                self._send(self._publisher.answer(event.probe, now))
+            else:
+                self._take(self._state.apply(event, wall), now)
+
+    def _take(self, changes: Iterable[Change], now: float) -> None:
+        for change in changes:
+            if isinstance(change, ValueChanged):
+                if (ready := self._coalescer.offer(change, now)) is not None:
+                    self._projection.put(ready)
+            elif isinstance(change, Noticed):
+                (_log.warning if change.is_problem else _log.info)(change.text)
+            else:
+                self._projection.put(change)
+
+    async def _keep_time(self) -> None:
+        loop = asyncio.get_running_loop()
+        while True:
+            self._wake_at = max(self._deadline(), loop.time() + SHORTEST_WAIT_S)
+            try:
+                async with asyncio.timeout_at(self._wake_at):
+                    await self._sooner.wait()
+            except TimeoutError:
+                pass
+            self._sooner.clear()
+            self._poll(loop.time())
+
+    def _deadline(self) -> float:
+        deadlines = (
+            self._subscriber.next_deadline(),
+            self._publisher.next_deadline(),
+            self._coalescer.next_deadline(),
+            self._next_tick,
+        )
+        return min(deadline for deadline in deadlines if deadline is not None)
+
+    def _check_deadline(self) -> None:
+        """Wake the timer where something has to be done before it would wake by itself."""
+        if self._deadline() < self._wake_at - SHORTEST_WAIT_S:
+            self._sooner.set()
+
+    def _poll(self, now: float) -> None:
+        self._handle(self._subscriber.poll(now), now)
+        self._send(self._publisher.poll(now))
+        for change in self._coalescer.poll(now):
+            self._projection.put(change)
+        if now >= self._next_tick:
+            self._next_tick = now + TICK_S
+            self._tick(now)
+
+    def _tick(self, now: float) -> None:
+        stats = self._transport.stats
+        self.counters.drops[Drop.KERNEL] = stats.kernel_drops
+        self.counters.drops[Drop.SEND_FAILED] = stats.send_failed + self._refused
+        self._take(self._state.tick(wall_ticks()), now)
+        for complaint in self._subscriber.complaints(now):
+            _log.warning("malformed datagrams", cause=complaint.cause, count=complaint.count, detail=complaint.detail)
+
+    def _send(self, datagrams: Iterable[bytes]) -> None:
+        for datagram in datagrams:
+            self._transport.send(datagram)

@@ -1,0 +1,235 @@
+"""Nodes straight into asyncua's address space: the one place that knows how it keeps them.
+
+asyncua's AddNodes service looks at every reference of the parent for each child and makes a dozen objects for each
+attribute. Here attributes that many nodes have in common (AccessLevel, DataType, an often used name) are one object,
+which nobody writes to, and the only own objects of a Variable are its NodeId and its Value. A test compares what
+clients see of such nodes with what AddNodes makes.
+"""
+
+# pyright: reportUnknownMemberType=false, reportUnknownVariableType=false, reportUnknownArgumentType=false
+# pyright: reportPrivateUsage=false
+
+from __future__ import annotations
+
+import gc
+from collections.abc import Generator
+from contextlib import contextmanager
+from typing import Any, Final
+
+from asyncua import ua
+from asyncua.server.address_space import AddressSpace, AttributeValue, NodeData
+from asyncua.ua.attribute_ids import AttributeIds
+from asyncua.ua.object_ids import ObjectIds
+
+from ua_fleet.errors import ServerStartError
+from ua_fleet.server.convert import raw_id, to_status
+from ua_fleet.values import QualifiedName, StatusCode
+
+__all__ = ["HAS_COMPONENT", "HAS_PROPERTY", "ORGANIZES", "NodeBuilder", "paused_collection"]
+
+HAS_COMPONENT: Final = raw_id(ObjectIds.HasComponent)
+HAS_PROPERTY: Final = raw_id(ObjectIds.HasProperty)
+ORGANIZES: Final = raw_id(ObjectIds.Organizes)
+_HAS_TYPE_DEFINITION: Final = raw_id(ObjectIds.HasTypeDefinition)
+
+READ: Final = 1
+"""Bit CurrentRead of AccessLevel (OPC 10000-3 8.57)."""
+WRITE: Final = 2
+"""Bit CurrentWrite of AccessLevel."""
+
+_TRUE: Final[Any] = True
+
+_Attributes = dict[AttributeIds, AttributeValue]
+
+
+@contextmanager
+def paused_collection() -> Generator[None]:
+    """No garbage collection while many objects are made that stay; afterwards it never looks at them again."""
+    was_enabled = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        gc.freeze()
+        if was_enabled:
+            gc.enable()
+
+
+class NodeBuilder:
+    """Adds Objects and Variables to an address space, and removes them."""
+
+    def __init__(self, space: AddressSpace) -> None:
+        self._space = space
+        self._shared: dict[tuple[str, Any], AttributeValue] = {}
+        self._objects: dict[str, _Attributes] = {}
+        self._type_references: dict[ua.NodeId, ua.ReferenceDescription] = {}
+        self._parent_references: dict[tuple[ua.NodeId, ua.NodeId], ua.ReferenceDescription] = {}
+
+    def add_object(
+        self,
+        node_id: ua.NodeId,
+        name: QualifiedName,
+        parent: ua.NodeId,
+        type_definition: ua.NodeId,
+        *,
+        reference: ua.NodeId = HAS_COMPONENT,
+        description: str = "",
+        display_name: str | None = None,
+    ) -> None:
+        """Add an Object."""
+        attributes = self._objects.get(description)
+        if attributes is None:
+            attributes = self._objects[description] = self._common(ua.NodeClass.Object, description) | {
+                AttributeIds.EventNotifier: self._share("Byte", 0, ua.VariantType.Byte)
+            }
+        self._add(
+            node_id, name, parent, type_definition, reference, ua.NodeClass.Object, dict(attributes), display_name
+        )
+
+    def add_variable(
+        self,
+        node_id: ua.NodeId,
+        name: QualifiedName,
+        parent: ua.NodeId,
+        type_definition: ua.NodeId,
+        *,
+        data_type: ua.NodeId,
+        value: ua.DataValue,
+        value_rank: int = -1,
+        array_length: int = 0,
+        writable: bool = False,
+        reference: ua.NodeId = HAS_COMPONENT,
+        description: str = "",
+    ) -> AttributeValue:
+        """Add a Variable; returns what holds its value."""
+        attributes = self._common(ua.NodeClass.Variable, description)
+        access = self._share("Byte", READ | WRITE if writable else READ, ua.VariantType.Byte)
+        attributes[AttributeIds.AccessLevel] = access
+        attributes[AttributeIds.UserAccessLevel] = access
+        attributes[AttributeIds.DataType] = self._share("DataType", data_type, ua.VariantType.NodeId)
+        attributes[AttributeIds.ValueRank] = self._share("Int32", value_rank, ua.VariantType.Int32)
+        attributes[AttributeIds.Historizing] = self._share("Boolean", False, ua.VariantType.Boolean)
+        if value_rank > 0:
+            dimensions = [array_length] * value_rank
+            attributes[AttributeIds.ArrayDimensions] = self._share(
+                "ArrayDimensions", tuple(dimensions), ua.VariantType.UInt32, dimensions
+            )
+        held = attributes[AttributeIds.Value] = AttributeValue(value)
+        self._add(node_id, name, parent, type_definition, reference, ua.NodeClass.Variable, attributes, None)
+        return held
+
+    def add_reference(self, source: ua.NodeId, reference: ua.NodeId, target: ua.NodeId) -> None:
+        """Add a reference between two nodes that are there, in both directions."""
+        from_data, to_data = self._space[source], self._space[target]
+        from_data.references.append(self._describe(reference, to_data, is_forward=True))
+        to_data.references.append(self._describe(reference, from_data, is_forward=False))
+
+    async def remove(self, node_id: ua.NodeId, parent: ua.NodeId) -> None:
+        """Remove a node that has no references but those to its parent, type and removed children.
+
+        Who watches it is told BadNodeIdUnknown.
+        """
+        data = self._space.get(node_id)
+        if data is None:
+            return
+        parent_data = self._space.get(parent)
+        if parent_data is not None:
+            parent_data.references[:] = [ref for ref in parent_data.references if ref.NodeId != node_id]
+        gone = ua.DataValue(StatusCode=to_status(StatusCode.BAD_NODE_ID_UNKNOWN))
+        watched = self._space._handle_to_attribute_map  # noqa: SLF001 - the only place that knows whose handle it is
+        for attribute in data.attributes.values():
+            for handle, callback in list(attribute.datachange_callbacks.items()):
+                if watched[handle][0] == node_id:  # else another node's that shares the attribute
+                    await callback(handle, gone)
+                    self._space.delete_datachange_callback(handle)
+        del self._space[node_id]
+
+    def _add(
+        self,
+        node_id: ua.NodeId,
+        name: QualifiedName,
+        parent: ua.NodeId,
+        type_definition: ua.NodeId,
+        reference: ua.NodeId,
+        node_class: ua.NodeClass,
+        attributes: _Attributes,
+        display_name: str | None,
+    ) -> None:
+        if node_id in self._space:
+            raise ServerStartError(f"two nodes would have the id {node_id.to_string()}; rename one of them")
+        parent_data = self._space[parent]
+        text = display_name if display_name is not None else name.name
+        attributes[AttributeIds.NodeId] = AttributeValue(ua.DataValue(ua.Variant(node_id, ua.VariantType.NodeId)))
+        browse_name = ua.QualifiedName(name.name, name.namespace)
+        named = attributes[AttributeIds.BrowseName] = self._share(
+            "BrowseName", name, ua.VariantType.QualifiedName, browse_name
+        )
+        shown = attributes[AttributeIds.DisplayName] = self._share(
+            "LocalizedText", text, ua.VariantType.LocalizedText, ua.LocalizedText(text)
+        )
+        data = NodeData(node_id)
+        data.attributes = attributes
+        target: Any = node_id
+        own_type: Any = type_definition
+        parent_data.references.append(
+            ua.ReferenceDescription(reference, _TRUE, target, _held(named), _held(shown), node_class, own_type)
+        )
+        data.references = [self._to_parent(reference, parent_data), self._to_type(type_definition)]
+        self._space[node_id] = data
+
+    def _common(self, node_class: ua.NodeClass, description: str) -> _Attributes:
+        no_mask = self._share("UInt32", 0, ua.VariantType.UInt32)
+        return {
+            AttributeIds.NodeClass: self._share("NodeClass", node_class, ua.VariantType.Int32),
+            AttributeIds.Description: self._share(
+                "LocalizedText", description, ua.VariantType.LocalizedText, ua.LocalizedText(description)
+            ),
+            AttributeIds.WriteMask: no_mask,
+            AttributeIds.UserWriteMask: no_mask,
+        }
+
+    def _share(self, kind: str, key: Any, variant_type: ua.VariantType, value: Any = None) -> AttributeValue:
+        shared = self._shared.get((kind, key))
+        if shared is None:
+            variant = ua.Variant(key if value is None else value, variant_type)
+            shared = self._shared[kind, key] = AttributeValue(ua.DataValue(variant))
+        return shared
+
+    def _to_parent(self, reference: ua.NodeId, parent: NodeData) -> ua.ReferenceDescription:
+        known = self._parent_references.get((reference, parent.nodeid))
+        if known is None:
+            known = self._parent_references[reference, parent.nodeid] = self._describe(
+                reference, parent, is_forward=False
+            )
+        return known
+
+    def _to_type(self, type_definition: ua.NodeId) -> ua.ReferenceDescription:
+        known = self._type_references.get(type_definition)
+        if known is None:
+            known = self._type_references[type_definition] = self._describe(
+                _HAS_TYPE_DEFINITION, self._space[type_definition], is_forward=True
+            )
+        return known
+
+    def _describe(self, reference: ua.NodeId, target: NodeData, *, is_forward: bool) -> ua.ReferenceDescription:
+        type_definition: Any = next(
+            (ref.NodeId for ref in target.references if ref.IsForward and ref.ReferenceTypeId == _HAS_TYPE_DEFINITION),
+            raw_id(0),
+        )
+        forward: Any = is_forward
+        identifier: Any = target.nodeid
+        return ua.ReferenceDescription(
+            reference,
+            forward,
+            identifier,
+            _held(target.attributes[AttributeIds.BrowseName]),
+            _held(target.attributes[AttributeIds.DisplayName]),
+            _held(target.attributes[AttributeIds.NodeClass]),
+            type_definition,
+        )
+
+
+def _held(attribute: AttributeValue) -> Any:
+    assert attribute.value is not None
+    assert attribute.value.Value is not None
+    return attribute.value.Value.Value

@@ -1,0 +1,59 @@
+"""The namespaces of the server, and the types of the UaFleet nodeset."""
+
+# pyright: reportUnknownMemberType=false, reportUnknownVariableType=false, reportUnknownArgumentType=false
+
+from __future__ import annotations
+
+from enum import IntEnum
+from importlib.resources import files
+from importlib.resources.abc import Traversable
+from pathlib import Path
+from typing import Final
+
+from asyncua.server.server import Server
+
+from ua_fleet.errors import ServerStartError
+
+__all__ = ["TYPES_INDEX", "TYPES_URI", "TypeId", "load_types", "nodeset_file"]
+
+TYPES_URI: Final = "http://ua-fleet.org/UA/"
+"""Namespace of the UaFleet types. A name, not an address."""
+TYPES_INDEX: Final = 3
+
+
+class TypeId(IntEnum):
+    """Ids of the nodeset's types that instances are made of; see nodesets/UaFleet.NodeIds.csv."""
+
+    DATA_SET = 1001
+    SENSOR = 1002
+    CAPABILITY = 1003
+    ROBOT = 1004
+    TRAFFIC = 1005
+    BRIDGE = 1006
+    QUARANTINED_SOURCE = 1007
+    DISCOVERED = 1008
+    FLEET = 1009
+    ROBOT_STATE = 3001
+    PROVIDES_CAPABILITY = 4001
+
+
+def nodeset_file(name: str) -> Path | Traversable:
+    """A file of the folder `nodesets`, of the repository or of the installed package."""
+    in_repository = Path(__file__).resolve().parents[2] / "nodesets" / name
+    return in_repository if in_repository.exists() else files("ua_fleet") / "nodesets" / name
+
+
+async def load_types(server: Server, fleet_uri: str, fleet_index: int) -> None:
+    """Register the fleet's namespace and load the types.
+
+    Raises:
+        ServerStartError: a namespace would get another index than topics and nodes are addressed with.
+    """
+    text = nodeset_file("UaFleet.NodeSet2.xml").read_text(encoding="utf-8")
+    for uri, wanted in ((fleet_uri, fleet_index), (TYPES_URI, TYPES_INDEX)):
+        index = await server.register_namespace(uri)
+        if index != wanted:
+            raise ServerStartError(
+                f"namespace {uri!r} would have the index {index}, not {wanted}; give fleet.namespace_uri another name"
+            )
+    await server.import_xml(xmlstring=text)

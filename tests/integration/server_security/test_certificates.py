@@ -1,0 +1,107 @@
+"""Which clients may open a channel at all."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.integration.server_security.harness import CLIENT_URI, Door, Identities, bad, door, load
+from ua_fleet.server.certificates import CertificateState, list_certificates, thumbprint, trust
+
+pytestmark = pytest.mark.asyncio(loop_scope="module")
+
+
+async def connects(hardened: Door, name: str, uri: str = CLIENT_URI, **options: Any) -> str:
+    """StatusCode with which a client with that certificate connects."""
+    client = await hardened.client(files=hardened.identities.get(name, **options), uri=uri)
+    result = await bad(client.connect())
+    if result == "Good":
+        await client.disconnect()
+    return result
+
+
+def rejected(hardened: Door) -> list[str]:
+    return [info.thumbprint for info in list_certificates(hardened.state_dir) if info.state is CertificateState.REJECTED]
+
+
+async def test_unknown_certificates_wait_to_be_trusted(hardened: Door) -> None:
+    """Stock asyncua accepts any; with a validator it looks in CreateSession only. Here the channel is not opened."""
+    assert await connects(hardened, "stranger") == "BadSecurityChecksFailed"
+    mark = thumbprint(load(hardened.identities.get("stranger"))[0])
+    assert rejected(hardened) == [mark]
+    line = next(line for line in hardened.audit() if line.get("what") == "certificate")
+    assert line["status"] == "BadCertificateUntrusted"
+    assert f"ua-fleet cert trust {mark[:12]}" in line["reason"]
+    assert hardened.server.statistics.sessions == 0
+    trust(hardened.state_dir, mark[:8])
+    assert rejected(hardened) == []
+    assert await connects(hardened, "stranger") == "Good"
+
+
+@pytest.mark.parametrize(
+    ("name", "options", "status"),
+    [
+        ("expired", {"days": (-30, -1)}, "BadCertificateTimeInvalid"),
+        ("early", {"days": (1, 30)}, "BadCertificateTimeInvalid"),
+        ("short", {"bits": 1024}, "BadCertificatePolicyCheckFailed"),
+        ("serveronly", {"client": False}, "BadCertificateUseNotAllowed"),
+    ],
+)
+async def test_unsound_certificates_are_refused_though_trusted(
+    hardened: Door, name: str, options: dict[str, Any], status: str
+) -> None:
+    """Stock asyncua's default checks know neither key length, nor use, and are not made before CreateSession."""
+    files = hardened.identities.get(name, **options)
+    trust(hardened.state_dir, files.certificate)
+    assert await connects(hardened, name) == "BadSecurityChecksFailed"
+    assert [line for line in hardened.audit() if line.get("what") == "certificate"][-1]["status"] == status
+
+
+async def test_certificate_of_another_application(hardened: Door) -> None:
+    """The ApplicationUri of the session is that of the certificate."""
+    assert await connects(hardened, "client", uri="urn:test:somebody-else") == "BadCertificateUriInvalid"
+
+
+async def test_certificates_of_a_trusted_authority(hardened: Door) -> None:
+    """A CA in trusted/ covers what it has signed; a CA of the same name does not."""
+    authority = hardened.identities.get("authority", ca=True)
+    trust(hardened.state_dir, authority.certificate)
+    assert await connects(hardened, "employee", issuer=load(authority)) == "Good"
+    impostor = hardened.identities.get("impostor", ca=True)
+    name = load(authority)[0]
+    forged = hardened.identities.get("forged", issuer=(name, load(impostor)[1]))
+    client = await hardened.client(files=forged)
+    assert await bad(client.connect()) == "BadSecurityChecksFailed"
+
+
+async def test_trust_taken_away_holds_at_the_next_renewal(hardened: Door) -> None:
+    """Stock asyncua never looks at the certificate again."""
+    files = hardened.identities.get("leaver")
+    info = trust(hardened.state_dir, files.certificate)
+    client = await hardened.client(files=files)
+    await client.connect()
+    info.path.unlink()
+    assert await bad(client.activate_session("oscar", "operate-1")) == "BadSecurityChecksFailed"
+    assert await bad(client.open_secure_channel(renew=True)) in {"BadSecurityChecksFailed", "closed"}
+    for task in (client._stale_watchdog_task, client._supervisor_task, client._renew_channel_task):
+        await client._cancel_task(task)
+    client.disconnect_socket()
+
+
+async def test_any_client_when_asked_for(
+    tmp_path: Path, identities: Identities, capsys: pytest.CaptureFixture[str]
+) -> None:
+    async with door(tmp_path, identities, trust_all_clients=True) as lab:
+        said = capsys.readouterr()
+        assert "trust_all_clients" in said.out + said.err
+        assert await connects(lab, "nobody") == "Good"
+        assert await connects(lab, "expired", days=(-30, -1)) == "BadSecurityChecksFailed"
+
+
+async def test_renewed_channels_go_on(hardened: Door) -> None:
+    async with hardened.connected() as client:
+        for _ in range(3):
+            await client.open_secure_channel(renew=True)
+            assert await client.get_node(hardened.nodes.plain).read_value() == 7.0

@@ -1,0 +1,285 @@
+"""Sessions belong to the client, the certificate, the channel and the user that made them."""
+
+from __future__ import annotations
+
+import asyncio
+from pathlib import Path
+from typing import Any
+
+import pytest
+from asyncua.client.client import Client
+
+from tests.integration.server_security.harness import (
+    Door,
+    Identities,
+    Stock,
+    bad,
+    door,
+    send,
+    ua,
+)
+
+pytestmark = pytest.mark.asyncio(loop_scope="module")
+
+
+def token_of(client: Client) -> Any:
+    return client.uaclient.session.authentication_token
+
+
+async def open_channel(client: Client) -> None:
+    await client.connect_sessionless()
+
+
+async def call_add(client: Client, method: Any) -> Any:
+    request = ua.CallRequest()
+    call = ua.CallMethodRequest(ua.NodeId(ua.ObjectIds.ObjectsFolder), method)
+    call.InputArguments = [ua.Variant(1, ua.VariantType.Int64), ua.Variant(2, ua.VariantType.Int64)]
+    request.Parameters.MethodsToCall = [call]
+    response = await send(client, request, ua.CallResponse)
+    return response.Results[0].StatusCode
+
+
+async def steal(thief: Client, token: Any, method: Any) -> tuple[str, str]:
+    """Activate another's session with a bad login, then call a method with it: both StatusCodes."""
+    await open_channel(thief)
+    try:
+        thief.uaclient.session.restore_authentication_token(token)
+        parameters = ua.ActivateSessionParameters()
+        parameters.UserIdentityToken = ua.IssuedIdentityToken()
+        activation = await bad(thief.uaclient.activate_session(parameters))
+        return activation, await bad(call_add(thief, method))
+    finally:
+        thief.disconnect_socket()
+
+
+async def test_refused_activation_binds_no_session_stock(plain: Stock) -> None:
+    """The hole in stock asyncua: the refused thief calls a method as the victim."""
+    async with plain.client("admin") as victim:
+        activation, call = await steal(plain.client(), token_of(victim), plain.nodes.methods["add"])
+    assert activation != "Good"
+    assert call == "Good"
+    assert plain.nodes.called
+
+
+async def test_refused_activation_binds_no_session(hardened: Door) -> None:
+    """Stock asyncua binds the session before it verifies the user; here a refusal changes nothing."""
+    before = len(hardened.nodes.called)
+    async with hardened.connected() as victim:
+        thief = await hardened.client(None)
+        activation, call = await steal(thief, token_of(victim), hardened.nodes.methods["add"])
+        assert activation == "BadApplicationSignatureInvalid"
+        assert call == "BadSecureChannelIdInvalid"
+        assert (await call_add(victim, hardened.nodes.methods["add"])).is_good()
+    assert len(hardened.nodes.called) == before + 1
+
+
+async def test_wrong_password_leaves_the_session_with_its_owner(hardened: Door, identities: Identities) -> None:
+    """Even with the right certificate a refused login gets nothing, and the owner's session goes on."""
+    async with hardened.connected() as victim:
+        thief = await hardened.client("oliver", password="wrong")
+        await open_channel(thief)
+        thief.uaclient.session.restore_authentication_token(token_of(victim))
+        thief._server_nonce = victim._server_nonce
+        thief._policy_ids = victim._policy_ids
+        assert await bad(thief.activate_session("oliver", "wrong")) == "BadUserAccessDenied"
+        assert await bad(call_add(thief, hardened.nodes.methods["add"])) == "BadSecureChannelIdInvalid"
+        thief.disconnect_socket()
+        assert (await call_add(victim, hardened.nodes.methods["add"])).is_good()
+
+
+async def test_tokens_cannot_be_guessed(hardened: Door, plain: Stock) -> None:
+    """Stock asyncua counts its tokens from 1000; ours have 32 random bytes."""
+    async with hardened.connected() as one, hardened.connected("olga") as two:
+        tokens = [token_of(one).Identifier, token_of(two).Identifier]
+    assert all(isinstance(token, bytes) and len(token) == 32 for token in tokens)
+    assert len(set(tokens)) == 2
+    async with plain.client() as first, plain.client() as second:
+        assert 0 < token_of(second).Identifier - token_of(first).Identifier < 10
+
+
+async def test_token_is_good_on_its_own_channel_only(hardened: Door) -> None:
+    """Stock asyncua takes the session from the connection and never looks at the token of a request."""
+    async with hardened.connected("oscar") as victim, hardened.connected("olga") as other:
+        own = token_of(other)
+        other.uaclient.session.restore_authentication_token(token_of(victim))
+        assert await bad(call_add(other, hardened.nodes.methods["add"])) == "BadSecureChannelIdInvalid"
+        other.uaclient.session.restore_authentication_token(ua.NodeId(1001))
+        assert await bad(call_add(other, hardened.nodes.methods["add"])) == "BadSessionIdInvalid"
+        other.uaclient.session.restore_authentication_token(own)
+
+
+async def test_services_need_an_activated_session(hardened: Door) -> None:
+    client = await hardened.client()
+    await open_channel(client)
+    await client.create_session()
+    assert await bad(call_add(client, hardened.nodes.methods["add"])) == "BadSessionNotActivated"
+    await client._cancel_task(client._renew_channel_task)
+    client.disconnect_socket()
+
+
+async def reattach(hardened: Door, old: Client, **options: Any) -> tuple[Client, str]:
+    """Take a session along to a new connection."""
+    client = await hardened.client(**options)
+    await open_channel(client)
+    client.uaclient.session.restore_authentication_token(token_of(old))
+    client._server_nonce, client._policy_ids = old._server_nonce, old._policy_ids
+    return client, await bad(client.activate_session(client._username, client._password))
+
+
+async def lose(client: Client) -> None:
+    """Lose the connection without closing the session."""
+    await client._cancel_task(client._stale_watchdog_task)
+    await client._cancel_task(client._supervisor_task)
+    await client._cancel_task(client._renew_channel_task)
+    client.disconnect_socket()
+    await asyncio.sleep(0.05)
+
+
+class Changes:
+    """Collects what a subscription tells."""
+
+    def __init__(self) -> None:
+        self.queue: asyncio.Queue[Any] = asyncio.Queue()
+
+    def datachange_notification(self, node: Any, value: Any, data: Any) -> None:
+        self.queue.put_nowait(value)
+
+
+async def test_owner_takes_the_session_along_others_do_not(hardened: Door, identities: Identities) -> None:
+    """Safe reattachment: the same certificate, signature and user, or nothing."""
+    client = await hardened.client()
+    await client.connect()
+    await client.create_subscription(100, Changes())
+    await lose(client)
+    for options in (
+        {"user": "oliver"},
+        {"user": "oscar", "files": identities.other, "uri": "urn:test:other"},
+        {"user": "oscar", "password": "wrong"},
+    ):
+        thief, refused = await reattach(hardened, client, **options)
+        assert refused in {"BadIdentityChangeNotSupported", "BadSessionIdInvalid", "BadUserAccessDenied"}
+        thief.disconnect_socket()
+    owner, activated = await reattach(hardened, client)
+    assert activated == "Good"
+    assert (await call_add(owner, hardened.nodes.methods["add"])).is_good()
+    await owner.uaclient.close_session(True)
+    await lose(client)
+    owner.disconnect_socket()
+
+
+async def test_client_signature_is_checked(hardened: Door) -> None:
+    """A session cannot be activated without the key of the client's certificate."""
+    client = await hardened.client()
+    await open_channel(client)
+    await client.create_session()
+    client._server_nonce = b"x" * 32
+    assert await bad(client.activate_session("oscar", "operate-1")) == "BadApplicationSignatureInvalid"
+    await client._cancel_task(client._renew_channel_task)
+    client.disconnect_socket()
+
+
+async def test_no_session_without_security(hardened: Door) -> None:
+    """Discovery needs no security, all else does; stock asyncua serves sessions on a channel it has no endpoint for."""
+    client = await hardened.client("oscar", policy=None)
+    endpoints = await client.connect_and_get_server_endpoints()
+    assert {str(endpoint.SecurityMode.name) for endpoint in endpoints} == {"SignAndEncrypt"}
+    assert len(endpoints) == 3
+    assert {token.PolicyId for endpoint in endpoints for token in endpoint.UserIdentityTokens} == {"username"}
+    assert len(await client.connect_and_find_servers()) == 1
+    await open_channel(client)
+    assert await bad(client.create_session()) == "BadSecurityModeInsufficient"
+    client.disconnect_socket()
+
+
+@pytest.mark.parametrize(
+    ("user", "password"), [("admin", "anything"), ("Admin", ""), ("oscar", ""), ("oscar", "x" * 5000), ("", "")]
+)
+async def test_only_users_with_their_password(hardened: Door, user: str, password: str) -> None:
+    """Stock asyncua lets `admin` in as administrator with any password."""
+    client = await hardened.client(user, password=password)
+    assert await bad(client.connect()) in {"BadUserAccessDenied", "BadIdentityTokenRejected"}
+
+
+async def test_admin_with_any_password_stock(plain: Stock) -> None:
+    async with plain.client("admin") as client:
+        await client.nodes.objects.add_object(ua.NodeId("intruder", 2), "intruder")
+
+
+async def test_anonymous_and_none_security_when_asked_for(
+    tmp_path: Path, identities: Identities, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Asked for by name they are there, the server says so, and anonymous users only observe."""
+    async with door(tmp_path, identities, allow_none_security=True, allow_anonymous=True) as lab:
+        said = capsys.readouterr()
+        assert "allow_none_security" in said.out + said.err
+        assert "allow_anonymous" in said.out + said.err
+        async with lab.connected(None, policy=None) as client:
+            assert await client.get_node(lab.nodes.value).read_value() == 1.5
+            assert await bad(client.get_node(lab.nodes.value).write_value(2.0)) == "BadUserAccessDenied"
+            assert (await call_add(client, lab.nodes.methods["add"])).name == "BadUserAccessDenied"
+        # A session of a channel without security belongs to nobody who could prove it.
+        async with lab.connected("oscar", policy=None) as owner:
+            thief = await lab.client(None, policy=None)
+            activation, call = await steal(thief, token_of(owner), lab.nodes.methods["add"])
+            assert (activation, call) == ("BadSessionIdInvalid", "BadSecureChannelIdInvalid")
+
+
+async def test_silent_session_ends_with_its_subscriptions(tmp_path: Path, identities: Identities) -> None:
+    """After a dropped connection a session waits for its client no longer than its timeout."""
+    async with door(tmp_path, identities, limits={"session_timeout_s": (0.1, 0.2)}) as short:
+        client = await short.client()
+        await client.connect()
+        await client.create_subscription(100, Changes())
+        await lose(client)
+        assert short.server.sessions == 1
+        for _ in range(100):
+            if not short.server.sessions:
+                break
+            await asyncio.sleep(0.02)
+        assert short.server.sessions == 0
+        assert not short.server.iserver.subscription_service.subscriptions
+        assert any(line["event"] == "logout" and line["status"] == "BadTimeout" for line in short.audit())
+
+
+async def test_removed_user_loses_the_session(hardened: Door) -> None:
+    """A user who is removed, or whose role changes, is so at once."""
+    hardened.users.add("paul", "password-1", hardened.users.list()[0].role)
+    client = await hardened.client("paul", password="password-1")
+    await client.connect()
+    hardened.users.remove("paul")
+    for _ in range(100):
+        if await bad(client.get_node(hardened.nodes.value).read_value()) == "BadSessionIdInvalid":
+            break
+        await asyncio.sleep(0.02)
+    assert await bad(client.get_node(hardened.nodes.value).read_value()) == "BadSessionIdInvalid"
+    await lose(client)
+
+
+@pytest.mark.parametrize(
+    "name", ["RegisterServer", "RegisterServer2", "AddNodes", "DeleteNodes", "AddReferences", "DeleteReferences"]
+)
+async def test_management_services_are_not_there(hardened: Door, name: str) -> None:
+    """Stock asyncua registers servers for anybody, without a session, and FindServers then tells of them."""
+    anybody = await hardened.client(None, policy=None)
+    await open_channel(anybody)
+    request = getattr(ua, f"{name}Request")()
+    response = getattr(ua, f"{name}Response")
+    assert await bad(send(anybody, request, response)) == "BadServiceUnsupported"
+    anybody.disconnect_socket()
+    async with hardened.connected("eva") as engineer:
+        assert await bad(send(engineer, request, response)) == "BadServiceUnsupported"
+        assert len(await engineer.find_servers()) == 1
+
+
+async def test_register_server_stock(plain: Stock) -> None:
+    client = plain.client()
+    await open_channel(client)
+    request = ua.RegisterServerRequest()
+    request.Server.ServerUri = "urn:evil"
+    request.Server.ServerNames = [ua.LocalizedText("evil")]
+    request.Server.DiscoveryUrls = ["opc.tcp://evil:4840"]
+    await send(client, request, ua.RegisterServerResponse)
+    assert len(await client.find_servers()) == 2
+    client.disconnect_socket()
+
+

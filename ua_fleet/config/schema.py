@@ -100,8 +100,11 @@ class QosConfig(_Model, frozen=True):
     """ROS 2 quality of service of a mapped topic. What is left out follows the publishers that are there."""
 
     reliability: Literal["reliable", "best_effort"] | None = None
+    """Whether lost messages are sent again. A sink without it is `reliable`."""
     durability: Literal["volatile", "transient_local"] | None = None
+    """Whether late subscribers get the last messages too. A sink without it is `volatile`."""
     depth: int = Field(default=10, ge=1, le=10_000)
+    """Messages that the queue holds."""
 
 
 class TopicMapping(_Model, frozen=True):
@@ -118,23 +121,31 @@ class TopicMapping(_Model, frozen=True):
     latched: bool = False
     """ROS 1: publish latched. In ROS 2 use `qos.durability: transient_local`."""
     qos: QosConfig = QosConfig()
+    """ROS 2 only: quality of service."""
 
 
 class DataSetConfig(_Model, frozen=True):
     """One data source of a robot: a node with a numeric id, or an object with it and a variable for each field."""
 
     id: DataSetId | None = None
-    """Numeric id in the fleet's namespace, an address; `ua-fleet config assign-ids` fills it in. Never reuse one."""
+    """Needed in the end: numeric id in the fleet's namespace, an address. `ua-fleet config assign-ids` fills it in. Never
+    use one again for something else."""
     origin: Literal["robot", "server"] = "robot"
     """`robot`: the data originates in the robot's space. `server`: clients write it, the robot receives it."""
     description: str = ""
+    """Text for people, the description of the node."""
     type: ScalarType | None = None
     """Short form for a single field; use `fields` for several."""
     array: bool = False
+    """Short form, as in a field."""
     unit: str | None = None
+    """Short form, as in a field."""
     range: tuple[float, float] | None = None
+    """Short form, as in a field."""
     path: FieldPath | None = None
+    """Short form, as in a field; `data` if left out."""
     initial: bool | int | float | str | None = None
+    """Short form, as in a field."""
     fields: dict[Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_.]{0,127}$")], FieldConfig] = {}
     """Several fields: name to field."""
     source: TopicMapping | None = None
@@ -174,6 +185,7 @@ class RobotConfig(_Model, frozen=True):
     bridge: Name
     """The bridge in whose space the robot lives."""
     description: str = ""
+    """Text for people, the description of the node."""
     capacities: tuple[Name, ...] = ()
     """What the robot can do in kind, e.g. `mobile`, `grab`."""
     data: dict[Name, DataSetConfig] = {}
@@ -192,8 +204,9 @@ class BridgeConfig(_Model, frozen=True):
     space: int
     """Id of the space that the bridge stands in."""
     status_id: DataSetId | None = None
-    """Numeric id of the bridge's own status DataSet; `ua-fleet config assign-ids` fills it in."""
+    """Needed in the end: numeric id of the bridge's own status DataSet. `ua-fleet config assign-ids` fills it in."""
     description: str = ""
+    """Text for people, the description of the node."""
 
     @field_validator("space")
     @classmethod
@@ -253,9 +266,11 @@ class ServerConfig(_Model, frozen=True):
     """The OPC UA server."""
 
     host: str = "127.0.0.1"
+    """Address to listen on; `0.0.0.0` for all of this machine's."""
     port: int = Field(default=4840, ge=0, le=65535)
+    """TCP port; 0 takes any free one."""
     path: Annotated[str, Field(pattern=r"^[A-Za-z0-9_/-]*$")] = "ua_fleet"
-    """Path of the endpoint URL: opc.tcp://<host>:<port>/<path>."""
+    """Path of the endpoint URL `opc.tcp://<host>:<port>/<path>`."""
     state_dir: str = "state"
     """Folder for users, certificates, keys and the audit log; relative to `fleet.yaml`."""
     allow_none_security: bool = False
@@ -269,10 +284,15 @@ class ServerConfig(_Model, frozen=True):
     max_discovered_sources: int = Field(default=1000, ge=0)
     """Most sources that `create` and `quarantine` keep; the rest is counted."""
     max_connections: int = Field(default=100, ge=1)
+    """TCP connections of all clients together."""
     max_sessions: int = Field(default=50, ge=1)
+    """Sessions of all clients together."""
     max_subscriptions_per_session: int = Field(default=50, ge=1)
+    """Subscriptions of one session."""
     max_monitored_items_per_subscription: int = Field(default=20_000, ge=1)
+    """Monitored items of one subscription."""
     max_nodes_per_request: int = Field(default=10_000, ge=1)
+    """Operations of one request, e.g. nodes that are read at once."""
     max_message_bytes: int = Field(default=4 * 1024 * 1024, ge=65_536)
     """Largest request of an authenticated client; before authentication at most 64 KiB are taken."""
     analog_rate_hz: float = Field(default=10.0, gt=0)
@@ -283,7 +303,9 @@ class FleetInfo(_Model, frozen=True):
     """The fleet as a whole."""
 
     name: Name = "Fleet"
+    """Name of the fleet's object, `Objects/<name>`."""
     namespace_uri: Annotated[str, Field(min_length=3)] = "urn:ua-fleet:fleet"
+    """URI of the namespace of all nodes of the fleet. Clients remember it: choose your own, and keep it."""
     namespace_index: Literal[2] = 2
     """Index of the fleet's namespace. Topics carry it, so the server refuses to start when its table disagrees."""
 
@@ -294,11 +316,15 @@ class FleetConfig(_Model, frozen=True):
     version: Literal[1]
     """Version of this format."""
     fleet: FleetInfo = FleetInfo()
+    """The fleet as a whole."""
     server: ServerConfig = ServerConfig()
+    """The OPC UA server."""
     pubsub: PubSubConfig
+    """OPC UA PubSub between the server and the bridges."""
     bridges: dict[Name, SerializeAsAny[BridgeConfig]] = {}
-    """Bridges by name; `load.py` has each checked by the model of its kind before this model sees it."""
+    """Bridges by name, each with the keys of its kind."""
     robots: dict[Name, RobotConfig] = {}
+    """Robots by name."""
 
     def space_of(self, robot_name: str) -> int:
         """The space in which a robot lives."""

@@ -17,6 +17,9 @@ class Ros2BridgeConfig(BridgeConfig, frozen=True):
     """A bridge into a ROS 2 domain. `space` is the domain id; 2..101 keep clear of Linux's ephemeral ports."""
 
     kind: Literal["ros2"]
+    """Always `ros2`."""
+    space: int
+    """Id of the ROS 2 domain, 2 to 232; 2 to 101 keep clear of Linux's ephemeral ports."""
     node_name: Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_]*$")] = "ua_bridge"
     """Name of the bridge's node in the graph."""
     discovery: Literal["localhost", "subnet"] = "localhost"

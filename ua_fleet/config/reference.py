@@ -1,0 +1,138 @@
+"""The reference of `fleet.yaml` as Markdown tables, made from its schema.
+
+`python -m ua_fleet.config.reference` prints it; with a file it is put between the file's two markers.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+import sys
+import typing
+from collections.abc import Iterator, Sequence
+from enum import Enum
+from pathlib import Path
+from typing import Any, Final
+
+from pydantic import BaseModel
+from pydantic.fields import FieldInfo
+
+from ua_fleet.config.kinds import known_kinds, model_of_kind
+from ua_fleet.config.schema import (
+    BridgeConfig,
+    DataSetConfig,
+    FieldConfig,
+    FleetConfig,
+    FleetInfo,
+    PubSubConfig,
+    QosConfig,
+    RobotConfig,
+    ServerConfig,
+    TopicMapping,
+)
+from ua_fleet.config.wording import choices
+
+__all__ = ["BEGIN", "END", "put_between", "reference"]
+
+BEGIN: Final = "<!-- reference: made by `python -m ua_fleet.config.reference docs/fleet-yaml.md` -->"
+END: Final = "<!-- end of the reference -->"
+
+_SECTIONS: Final[tuple[tuple[str, type[BaseModel]], ...]] = (
+    ("Outermost keys", FleetConfig),
+    ("`fleet`", FleetInfo),
+    ("`server`", ServerConfig),
+    ("`pubsub`", PubSubConfig),
+    ("`bridges.<name>`, whatever its kind", BridgeConfig),
+    ("`robots.<name>`", RobotConfig),
+    ("`robots.<name>.data.<name>`", DataSetConfig),
+    ("`robots.<name>.data.<name>.fields.<name>`", FieldConfig),
+    ("`source` and `sink` of a data source", TopicMapping),
+    ("`qos` of a `source` or `sink`", QosConfig),
+)
+_WORDS: Final = {bool: "true or false", int: "whole number", float: "number", str: "text", type(None): ""}
+_BOUNDS: Final = (("ge", "at least {:g}"), ("gt", "above {:g}"), ("le", "at most {:g}"), ("lt", "below {:g}"))
+
+
+def _words(annotation: Any) -> Iterator[str]:
+    """The kinds of value that an annotation allows, in plain words."""
+    origin, arguments = typing.get_origin(annotation), typing.get_args(annotation)
+    if origin is typing.Annotated:
+        yield from _words(arguments[0])
+    elif listed := choices(annotation):
+        yield ", ".join(f"`{choice}`" for choice in listed)
+    elif origin is tuple:
+        yield "list" if len(arguments) == 2 and arguments[1] is ... else f"list of {len(arguments)} numbers"
+    elif origin is dict or (isinstance(annotation, type) and issubclass(annotation, BaseModel)):
+        yield "keys"
+    elif arguments:
+        for argument in arguments:
+            yield from _words(argument)
+    elif word := _WORDS[annotation]:
+        yield word
+
+
+def _bounds(field: FieldInfo) -> str:
+    """`, 0 to 65535`, or what there is of it."""
+    found = {name: getattr(item, name) for item in field.metadata for name, _ in _BOUNDS if hasattr(item, name)}
+    if not found and len(arguments := typing.get_args(field.annotation)) == 2 and arguments[1] is type(None):
+        inner = [part for part in typing.get_args(arguments[0]) if isinstance(part, FieldInfo)]
+        return _bounds(inner[0]) if inner else ""
+    if "ge" in found and "le" in found:
+        return f", {found['ge']} to {found['le']}"
+    return "".join(f", {text.format(found[name])}" for name, text in _BOUNDS if name in found)
+
+
+def _default(field: FieldInfo) -> str:
+    if field.is_required():
+        return "**needed**"
+    value = field.default
+    if isinstance(value, BaseModel) or value is None or value in ("", (), {}):
+        return ""
+    return f"`{value.value if isinstance(value, Enum) else value if isinstance(value, str) else json.dumps(value)}`"
+
+
+def _table(model: type[BaseModel], left_out: Sequence[str] = ()) -> str:
+    rows = ["| key | value | default | |", "|---|---|---|---|"]
+    for name, field in model.model_fields.items():
+        if name in left_out:
+            continue
+        value = " or ".join(dict.fromkeys(_words(field.annotation))) + _bounds(field)
+        text = " ".join((field.description or "").split())
+        cells = (f"`{name}`", value, _default(field), text)
+        rows.append("| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |")
+    return "\n".join(rows)
+
+
+def reference() -> str:
+    """All keys, section by section; those of the installed kinds of bridges too."""
+    parts: list[str] = []
+    for title, model in _SECTIONS:
+        parts.append(f"### {title}\n\n{_table(model)}")
+        if model is BridgeConfig:
+            shared = [name for name in BridgeConfig.model_fields if name != "space"]
+            parts += [
+                f"### `bridges.<name>` of kind `{kind}`, besides\n\n{_table(model_of_kind(kind), shared)}"
+                for kind in known_kinds()
+            ]
+    return "\n\n".join(parts)
+
+
+def put_between(text: str, begin: str, end: str, content: str) -> str:
+    """`text` with `content` in place of what stands between two markers; raises ValueError without them."""
+    pattern = re.compile(rf"({re.escape(begin)}\n).*?(\n?{re.escape(end)})", re.DOTALL)
+    if pattern.search(text) is None:
+        raise ValueError(f"no lines {begin} and {end}")
+    return pattern.sub(lambda match: f"{match[1]}\n{content}\n\n{end}", text, count=1)
+
+
+def main(arguments: Sequence[str]) -> None:
+    """Print the reference, or put it into a file."""
+    if not arguments:
+        sys.stdout.write(reference() + "\n")
+        return
+    path = Path(arguments[0])
+    path.write_text(put_between(path.read_text(encoding="utf-8"), BEGIN, END, reference()), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

@@ -12,7 +12,7 @@ from ua_fleet.config.document import Document, KeyPath, as_mapping, key_text
 from ua_fleet.config.schema import BridgeConfig, DataSetConfig, FieldConfig, PubSubConfig, ScalarType, TopicMapping
 from ua_fleet.config.wording import closest, listed
 
-__all__ = ["Parts", "check_all"]
+__all__ = ["Parts", "check_all", "check_ids_given"]
 
 _UA_TOPIC: Final = re.compile(r"/?ua_[0-9]")
 _BITS: Final = re.compile(r"(U?)(?:Int)(\d+)")
@@ -87,12 +87,16 @@ def _check_ids(parts: Parts) -> None:
             )
 
 
-def check_ids_given(parts: Parts) -> None:
-    """Each data source and each bridge's status must have its id."""
+def check_ids_given(parts: Parts, *, allow_missing: bool) -> None:
+    """Each data source and each bridge's status must have its id; an `id:` without a value is never right."""
     remedy = f"run: ua-fleet config assign-ids {parts.file}"
     for path in _id_paths(parts):
-        if parts.mapping_at(path[:-1]).get(str(path[-1])) is None:
-            parts.document.problem(path, f"`{path[-1]}` is missing", remedy)
+        key, around = str(path[-1]), parts.mapping_at(path[:-1])
+        if key in around:
+            if around[key] is None:
+                parts.document.problem(path, f"`{key}` has no value", f"remove it and {remedy}")
+        elif not allow_missing:
+            parts.document.problem(path, f"`{key}` is missing", remedy)
 
 
 def _absolute(topic: str) -> str:

@@ -21,7 +21,7 @@ from ua_fleet.config.schema import BridgeConfig, DataSetConfig, FleetConfig, Nam
 from ua_fleet.config.wording import closest, explain, listed
 from ua_fleet.errors import ConfigError, ConfigInvalid
 
-__all__ = ["VERSION", "load", "read_content"]
+__all__ = ["VERSION", "load", "load_content", "read_content"]
 
 VERSION: Final = 1
 """The version of the format that this code reads."""
@@ -129,8 +129,7 @@ def _read(document: Document, file: str, allow_missing_ids: bool) -> FleetConfig
     bridge_of = {name: robot.bridge for name, robot in robots.items()}
     parts = Parts(document, file, shell.pubsub if shell else None, bridges, bridge_of, data)
     check_all(parts)
-    if not allow_missing_ids:
-        check_ids_given(parts)
+    check_ids_given(parts, allow_missing=allow_missing_ids)
     if shell is None or document.problems:
         return None
     of_robot: dict[str, dict[str, DataSetConfig]] = {name: {} for name in robots}
@@ -174,13 +173,25 @@ def load(
     Raises:
         ConfigInvalid: with all problems, in the order of their lines.
     """
-    file = str(path)
     variables = os.environ if environment is None else environment
-    document = read_document(read_content(Path(path)), file, variables)
+    content = read_content(Path(path))
+    return load_content(content, str(path), variables, overrides=overrides, allow_missing_ids=allow_missing_ids)
+
+
+def load_content(
+    content: bytes,
+    file: str,
+    environment: Mapping[str, str],
+    *,
+    overrides: Mapping[str, object] | None = None,
+    allow_missing_ids: bool = False,
+) -> FleetConfig:
+    """`load` for bytes that were read already; `file` names them in problems."""
+    document = read_document(content, file, environment)
     _check_version(document)
     config = None
     if document.data:
-        apply_environment(document, variables)
+        apply_environment(document, environment)
         apply_options(document, overrides or {})
         config = _read(document, file, allow_missing_ids)
     if config is None or document.problems:

@@ -55,7 +55,8 @@ def listed(names: Iterable[str]) -> str:
 def closest(word: str, known: Iterable[str]) -> str:
     """`did you mean ...?` where a known word is near, else the empty text."""
     by_lower = {name.lower(): name for name in known}
-    matches = difflib.get_close_matches(word.lower(), by_lower, n=1, cutoff=0.6)
+    longer = [name for name in by_lower if len(word) >= 3 and name.startswith(word.lower())]
+    matches = longer or difflib.get_close_matches(word.lower(), by_lower, n=1, cutoff=0.6)
     return f"did you mean `{by_lower[matches[0]]}`?" if matches else ""
 
 
@@ -123,11 +124,20 @@ def fields_at(model: type[BaseModel], path: KeyPath) -> dict[str, FieldInfo]:
     return dict(inner.model_fields) if inner is not None else {}
 
 
+def _examples(annotation: Any) -> list[Any]:
+    """The examples that stand inside an annotation, as in Optional[Annotated[str, Field(examples=...)]]."""
+    arguments = typing.get_args(annotation)
+    if typing.get_origin(annotation) is Annotated:
+        return [example for part in arguments[1:] if isinstance(part, FieldInfo) for example in part.examples or []]
+    return [example for part in arguments for example in _examples(part)]
+
+
 def _example(field: FieldInfo | None) -> str:
     if field is None:
         return ""
-    if field.examples:
-        return f"write it like `{field.examples[0]}`"
+    for examples in (field.examples, _examples(field.annotation)):
+        if examples:
+            return f"write it like `{examples[0]}`"
     if isinstance(field.default, str) and field.default:
         return f"write it like `{field.default}`"
     return ""

@@ -1,0 +1,62 @@
+from __future__ import annotations
+
+import subprocess
+import sys
+from importlib import metadata
+from importlib.metadata import EntryPoint, EntryPoints
+from pathlib import Path
+
+import pytest
+
+from tests.system import clean_environment
+from ua_fleet.config import kinds
+from ua_fleet.config.load import load_content
+from ua_fleet.errors import ConfigInvalid
+
+FLEET = b"version: 1\npubsub: {security: none}\nbridges:\n  a: {kind: plc, space: 300, status_id: 1, rack: 2}\n"
+
+
+def install(monkeypatch: pytest.MonkeyPatch, value: str) -> None:
+    entry = EntryPoint("plc", value, kinds.ENTRY_POINT_GROUP)
+
+    def entry_points(*, group: str, name: str | None = None) -> EntryPoints:
+        assert group == kinds.ENTRY_POINT_GROUP
+        return EntryPoints([entry] if name in (None, "plc") else [])
+
+    monkeypatch.setattr(metadata, "entry_points", entry_points)
+
+
+def test_a_new_kind_brings_its_own_keys(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    (tmp_path / "plc_config.py").write_text(
+        "from ua_fleet.config.schema import BridgeConfig\nclass PlcConfig(BridgeConfig, frozen=True):\n    rack: int\n"
+    )
+    monkeypatch.setattr(sys, "path", [str(tmp_path), *sys.path])
+    install(monkeypatch, "plc_config:PlcConfig")
+    config = load_content(FLEET, "f.yaml", {"UA_FLEET__BRIDGES__A__RACK": "5"})
+    assert config.bridges["a"].model_dump()["rack"] == 5
+    assert kinds.known_kinds() == ("plc",)
+
+
+@pytest.mark.parametrize(
+    "value", ["no_such_package.config:Config", "ua_fleet.config.schema:NoSuch", "ua_fleet.errors:ConfigError"]
+)
+def test_a_broken_package_is_a_problem_of_the_bridge(value: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    install(monkeypatch, value)
+    with pytest.raises(ConfigInvalid, match=r"f\.yaml:4:bridges\.a\.kind: bridges of kind plc cannot be configured: "):
+        load_content(FLEET, "f.yaml", {})
+
+
+def test_loading_a_file_imports_no_robot_library_and_no_server(tmp_path: Path) -> None:
+    path = tmp_path / "fleet.yaml"
+    path.write_text(
+        "version: 1\npubsub: {security: none}\nbridges:\n"
+        "  a: {kind: ros1, status_id: 1}\n  b: {kind: ros2, space: 2, status_id: 2}\n"
+    )
+    code = (
+        "import sys; from ua_fleet.config import load; load(sys.argv[1]);"
+        "print([name for name in ('rospy', 'rclpy', 'asyncua') if name in sys.modules])"
+    )
+    run = subprocess.run(
+        [sys.executable, "-c", code, path], capture_output=True, text=True, check=True, env=clean_environment()
+    )
+    assert run.stdout.strip() == "[]"

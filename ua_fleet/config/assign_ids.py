@@ -1,0 +1,145 @@
+"""Inserting missing ids into a file, with every other byte left alone.
+
+An id becomes the first key of its mapping, in the mapping's own style. It is never one that the file has, or
+below one that it has: an id that was removed belongs to something that is gone, and clients may remember it.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import secrets
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Final
+
+from ua_fleet.config.document import Document, KeyPath, as_mapping, key_text, read_document
+from ua_fleet.config.layers import ENVIRONMENT_PREFIX
+from ua_fleet.config.load import load_content, read_content
+from ua_fleet.errors import ConfigError, ConfigInvalid
+
+__all__ = ["FIRST_ID", "assign_ids", "insert_ids"]
+
+FIRST_ID: Final = 1001
+LAST_ID: Final = 65_535
+
+_LINE_BREAK: Final = re.compile("\r\n|[\r\n\x85\u2028\u2029]")
+"""All that YAML 1.1, which the parser follows, takes for the end of a line."""
+_BOM: Final = b"\xef\xbb\xbf"
+
+
+def _owners(document: Document) -> dict[KeyPath, str]:
+    """The mappings that must have an id, in the order of the file, with the name of that key."""
+    owners: dict[KeyPath, str] = {}
+    for path in document.mappings:  # in the order in which they begin
+        if len(path) == 2 and path[0] == "bridges":
+            owners[path] = "status_id"
+        elif len(path) == 4 and path[0] == "robots" and path[2] == "data":
+            owners[path] = "id"
+    return owners
+
+
+def _at(data: dict[str, Any], path: KeyPath) -> dict[str, Any]:
+    for step in path:
+        data = as_mapping(data[str(step)]) or {}
+    return data
+
+
+def _insertion(text: str, document: Document, path: KeyPath, key: str, number: int) -> tuple[int, str]:
+    """Where to insert what, in characters."""
+    mark = document.mappings[path]
+    _, position, column = mark.keys[0]
+    if mark.flow:
+        return position, f"{key}: {number}, "
+    # Straight under the line of the mapping's own name, so that a comment stays with the key that follows it.
+    name = next(start for name, start, _ in document.mappings[path[:-1]].keys if name == path[-1])
+    line_end = _LINE_BREAK.search(text, name)
+    if line_end is None or line_end.end() > position - column:
+        return position, f"{key}: {number}, "  # no layout that takes an id: the check below says so
+    return line_end.end(), f"{text[position - column : position]}{key}: {number}{line_end[0]}"
+
+
+def insert_ids(content: bytes, file: str) -> tuple[bytes, dict[str, int]]:
+    """The content with the missing ids, and these by the path of their keys.
+
+    Raises:
+        ConfigInvalid: the file cannot be read, or has no place for an id.
+    """
+    document = read_document(content, file)
+    if document.problems:
+        raise ConfigInvalid(document.problems)
+    owners = _owners(document)
+    used = [_at(document.data, path).get(key) for path, key in owners.items()]
+    number = max([FIRST_ID - 1, *(value for value in used if isinstance(value, int))])
+    text = content.removeprefix(_BOM).decode("utf-8")
+    given: dict[KeyPath, int] = {}
+    insertions: list[tuple[int, str]] = []
+    for path, key in owners.items():
+        if key in _at(document.data, path) or not document.mappings[path].keys:
+            continue
+        number += 1
+        given[(*path, key)] = number
+        insertions.append(_insertion(text, document, path, key, number))
+    if number > LAST_ID and given:
+        problem = ConfigError(
+            f"no ids are left: they are counted upward from the highest one, and end at {LAST_ID}",
+            file=file,
+            suggestion="write the missing ids by hand",
+        )
+        raise ConfigInvalid([problem])
+    for position, piece in sorted(insertions, reverse=True):
+        text = text[:position] + piece + text[position:]
+    changed = content[: len(_BOM)] + text.encode() if content.startswith(_BOM) else text.encode()
+    _check_result(document, read_document(changed, file), given)
+    return changed, {key_text(path): value for path, value in given.items()}
+
+
+def _check_result(before: Document, after: Document, given: dict[KeyPath, int]) -> None:
+    """YAML has more layouts than anyone knows: the new text must say the same and the ids, or it is not written."""
+    for path, number in given.items():
+        _at(before.data, path[:-1])[str(path[-1])] = number
+    if after.problems or after.data != before.data:
+        path = next(iter(given))
+        before.problem(path, "the layout here has no place for an id", "write the ids of this file by hand")
+        raise ConfigInvalid(before.problems)
+
+
+def _replace_file(path: Path, content: bytes) -> None:
+    """Write a file whole or not at all, with its mode and, where we may, its owner."""
+    target = Path(os.path.realpath(path))
+    status = target.stat()
+    temporary = target.with_name(f".{target.name}.{secrets.token_hex(4)}")
+    try:
+        descriptor = os.open(temporary, os.O_CREAT | os.O_EXCL | os.O_WRONLY | os.O_CLOEXEC, 0o600)
+        try:
+            with os.fdopen(descriptor, "wb") as file:
+                file.write(content)
+                file.flush()
+                os.fsync(file.fileno())
+            if (status.st_uid, status.st_gid) != (os.geteuid(), os.getegid()) and os.geteuid() == 0:
+                os.chown(temporary, status.st_uid, status.st_gid)
+            temporary.chmod(status.st_mode & 0o7777)
+            temporary.replace(target)
+        except BaseException:
+            temporary.unlink(missing_ok=True)
+            raise
+    except OSError as error:
+        reason = (error.strerror or "it").lower()
+        raise ConfigError(f"cannot be written: {reason}", file=str(path)) from error
+
+
+def assign_ids(path: str | Path, environment: Mapping[str, str] | None = None) -> dict[str, int]:
+    """Give each data source and bridge of a file that has no id the next one; those given, by the path of their keys.
+
+    Raises:
+        ConfigInvalid: the file has other problems; then it is left alone.
+        ConfigError: it cannot be written.
+    """
+    file, content = str(path), read_content(Path(path))
+    variables = os.environ if environment is None else environment
+    of_file = {name: value for name, value in variables.items() if not name.upper().startswith(ENVIRONMENT_PREFIX)}
+    load_content(content, file, of_file, allow_missing_ids=True)
+    changed, given = insert_ids(content, file)
+    if given:
+        _replace_file(Path(path), changed)
+    return given

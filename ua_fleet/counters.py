@@ -48,6 +48,8 @@ class Drop(StrEnum):
     """Datagrams that the kernel dropped because the receive buffer was full."""
     SEND_FAILED = "send_failed"
     """The kernel did not take a datagram."""
+    NOT_CONNECTED = "not_connected"
+    """A message for a space that the bridge has been put out of."""
     TYPE_MISSING = "type_missing"
     """The message type does not exist in this space."""
     CONVERSION = "conversion"

@@ -54,8 +54,12 @@ class RosMaster:
 
     def system_state(self) -> SystemState:
         """Who publishes and subscribes to what. This and all other calls raise NotConnected."""
-        publishers, subscribers, _ = self._call("getSystemState")
-        return SystemState(dict(publishers), dict(subscribers))
+        answer = self._call("getSystemState")
+        try:
+            publishers, subscribers, _ = answer
+            return SystemState(dict(publishers), dict(subscribers))
+        except (TypeError, ValueError) as error:
+            raise NotConnected(f"what answers at {self.uri} is no ROS master; correct `master_uri`") from error
 
     def register_publisher(self, topic: str, message_type: str, node_uri: str) -> None:
         """Make the node a publisher of the topic; the master tells its subscribers. May be repeated."""

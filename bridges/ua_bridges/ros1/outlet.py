@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+import copy
+import time
 from collections import deque
 from collections.abc import Sequence
 from typing import Any, Final
@@ -22,9 +24,11 @@ HOLD_S: Final = 1.0
 
 
 class Outlet:
-    """A publisher with its conversion. All methods but `is_connected` run in the event loop."""
+    """A publisher with its conversion. All methods but `is_ready` run in the event loop."""
 
-    def __init__(self, name: str, kind: MessageType, fields: Sequence[str], *, latched: bool, partial: bool) -> None:
+    def __init__(
+        self, name: str, kind: MessageType, fields: Sequence[str], *, latched: bool, shared: Any | None = None
+    ) -> None:
         """Make the publisher; the watch registers it with the master.
 
         Args:
@@ -32,31 +36,42 @@ class Outlet:
             kind: type of the messages.
             fields: the flat field of each value that `publish` gets.
             latched: whether late subscribers get the last message.
-            partial: whether fields of the type may be missing in `fields`; they are sent as zeros.
+            shared: a message in which `fields` are set and all others stay, for DataSets that share a topic.
 
         Raises:
             ConversionError: the fields are not those of the type.
         """
         self.name = name
         self.kind = kind
-        self._fill = compile_writer(schema_of(kind), tuple(fields), kind.make, partial=partial)
+        self._fill = compile_writer(schema_of(kind), tuple(fields), kind.make, partial=shared is not None)
+        self._shared = shared
         self._make = kind.cls
         self._publisher = rospy.Publisher(name, kind.cls, queue_size=QUEUE_SIZE, latch=latched, tcp_nodelay=True)
         self._held: deque[Any] | None = deque(maxlen=QUEUE_SIZE)
+        self._made = time.monotonic()
 
     @property
     def is_open(self) -> bool:
         """Whether messages go out at once."""
         return self._held is None
 
-    def is_connected(self, subscribers: int) -> bool:
-        """Whether so many subscribers have their link. Callable from any thread."""
-        return int(self._publisher.get_num_connections()) >= subscribers
+    def is_ready(self, subscribers: int | None) -> bool:
+        """Whether it should be opened: so many subscribers are there (None: unknown), and they have their links.
+
+        Callable from any thread.
+        """
+        if time.monotonic() > self._made + HOLD_S:
+            return True
+        return subscribers is not None and int(self._publisher.get_num_connections()) >= subscribers
 
     def publish(self, values: Sequence[Any]) -> None:
         """Publish one message, or hold it until the subscribers are there; raises ConversionError."""
-        message = self._make()
-        self._fill(message, values)
+        if self._shared is None:
+            message = self._make()
+            self._fill(message, values)
+        else:
+            self._fill(self._shared, values)
+            message = copy.deepcopy(self._shared)
         if self._held is None:
             self._publisher.publish(message)
         else:

@@ -158,3 +158,20 @@ async def test_topic_that_is_mapped_in_both_directions_does_not_feed_itself(grap
         graph.talker("/target", "std_msgs/Float64", "{data: 8.0}")
         await server.until(lambda: (8.0,) in server.good(CHARGE))
         assert (7.0,) not in server.good(CHARGE)
+
+
+async def test_datasets_that_share_a_topic_keep_each_others_fields(graph: Ros1Graph, udp_url: str) -> None:
+    graph.master()
+    sink = {"topic": "/cmd_vel", "type": "geometry_msgs/Twist"}
+    speed = {"id": 21, "origin": "server", "type": "Double", "path": "linear.x", "sink": sink}
+    graph.bridge(robot(Speed=speed, Turn=speed | {"id": 22, "path": "angular.z"}))
+    listener = graph.listener("/cmd_vel", "geometry_msgs/Twist")
+    turn = Topic(0, 2, 22)
+    async with Peer.at(udp_url) as server:
+        await asyncio.to_thread(listener.wait_for, "links 1")
+        server.announce(COMMAND, (make_field("Speed", BuiltinType.DOUBLE),))
+        server.announce(turn, (make_field("Turn", BuiltinType.DOUBLE),))
+        server.publish(COMMAND, 0.5)
+        await asyncio.to_thread(listener.wait_for, "heard: linear: x: 0.5 y: 0.0 z: 0.0 angular: x: 0.0 y: 0.0 z: 0.0")
+        server.publish(turn, 2.0)
+        await asyncio.to_thread(listener.wait_for, "heard: linear: x: 0.5 y: 0.0 z: 0.0 angular: x: 0.0 y: 0.0 z: 2.0")

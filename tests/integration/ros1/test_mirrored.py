@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import os
 import signal
+import time
 
 import pytest
 from ua_bridges.ros.latched import is_latched, mark_latched
@@ -135,7 +136,7 @@ async def test_illegal_names_and_missing_types_are_counted(graph: Ros1Graph, pee
 
 async def test_slow_subscriber_holds_up_nobody(graph: Ros1Graph, peer: Peer) -> None:
     graph.master()
-    graph.bridge()
+    bridge = graph.bridge()
     topic = Topic(2, 2, 5)
     peer.announce(topic, (make_field("data", BuiltinType.STRING, properties={"RosType": "std_msgs/String"}),))
     stuck = graph.listener("/ua_2_2_5", "std_msgs/String", "--name", "stuck")
@@ -152,6 +153,8 @@ async def test_slow_subscriber_holds_up_nobody(graph: Ros1Graph, peer: Peer) -> 
         peer.publish(topic, "the last one")
         await asyncio.to_thread(quick.wait_for, "the last one")
         await peer.until(lambda: peer.bridge("ToSpace") == 402)
+        started = time.monotonic()
+        assert bridge.end() == 0
+        assert time.monotonic() - started < 2
     finally:
         os.kill(stuck.process.pid, signal.SIGCONT)
-    await asyncio.to_thread(stuck.wait_for, "the last one")

@@ -1,0 +1,179 @@
+# pyright: basic, reportMissingImports=false
+"""All that the bridge publishes into the ROS 1 graph: mirrored topics of other spaces, and the sinks of `fleet.yaml`.
+
+Used in the event loop. The watch only reads which outlets there are.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable, Iterator
+from typing import Any, Final, NamedTuple
+
+import rospy
+
+from ua_bridges.ros.errors import ConversionError
+from ua_bridges.ros.fields import ros_type_of
+from ua_bridges.ros.latched import is_latched
+from ua_bridges.ros.rate import RateGate
+from ua_bridges.ros.schema import ros1_type_name
+from ua_bridges.ros1.classes import MessageType, TypeUnavailable, installed_type, type_from_definition
+from ua_bridges.ros1.outlet import Outlet
+from ua_fleet.bridge.driver import Dropped, Inlet
+from ua_fleet.config.schema import DataSetConfig, TopicMapping
+from ua_fleet.counters import Drop
+from ua_fleet.errors import ConfigError, UaFleetError
+from ua_fleet.topics import SERVER_SPACE, Topic
+from ua_fleet.wire.messages import DataSetMessage, DataSetMetaData
+
+__all__ = ["Outlets", "absolute"]
+
+MAX_MIRRORED: Final = 2000
+"""Topics of other spaces that are published here; each costs a registration, and anybody may send new ones."""
+
+_Values = tuple[Any, ...]
+
+
+class _Mirrored(NamedTuple):
+    """A topic of another space, and the metadata that its outlet was made for."""
+
+    metadata: DataSetMetaData
+    outlet: Outlet | Dropped
+    """Or why there is none."""
+
+
+class _Sink(NamedTuple):
+    """A robot's own topic that a DataSet of the server is written to."""
+
+    outlet: Outlet | Dropped
+    gate: RateGate[_Values] | None
+
+
+class Outlets:
+    """The publishers of the bridge, by the DataSet that they publish."""
+
+    def __init__(self, inlet: Inlet, loop: asyncio.AbstractEventLoop, changed: Callable[[Outlet | None], None]) -> None:
+        """`changed` is told when an outlet is made, and with the old one when it takes the place of another."""
+        self._inlet, self._loop, self._changed = inlet, loop, changed
+        self._mirrored: dict[Topic, _Mirrored] = {}
+        self._sinks: dict[Topic, list[_Sink]] = {}
+        self._shared: dict[str, tuple[MessageType, Any]] = {}
+        """The message that the sinks of one topic share."""
+
+    def __iter__(self) -> Iterator[Outlet]:
+        """All outlets that there are now; callable from any thread."""
+        outlets = [mirrored.outlet for mirrored in list(self._mirrored.values())]
+        outlets += [sink.outlet for sinks in list(self._sinks.values()) for sink in sinks]
+        return iter([outlet for outlet in outlets if isinstance(outlet, Outlet)])
+
+    def publish(self, topic: Topic, metadata: DataSetMetaData, message: DataSetMessage) -> bool:
+        """Publish a message on all topics that it belongs to; whether it went out on any."""
+        mirrored = self._mirrored.get(topic)
+        if mirrored is None or (mirrored.metadata is not metadata and mirrored.metadata.fields != metadata.fields):
+            mirrored = self._mirror(topic, metadata, mirrored)
+        sinks = self._sinks.get(topic, ())
+        sent = False
+        if not (sinks and isinstance(mirrored.outlet, Dropped)):  # what reaches its sink needs no form as a UA topic
+            sent = self._send(mirrored.outlet, message.values)
+        for sink in sinks:
+            if sink.gate is None:
+                sent = self._send(sink.outlet, message.values) or sent
+            else:
+                sink.gate.offer(message.values)
+                sent = True
+        return sent
+
+    def add_sink(self, topic: Topic, browse_name: str, dataset: DataSetConfig) -> None:
+        """Write the DataSet to the robot's own topic, too."""
+        mapping = dataset.sink
+        assert mapping is not None
+        paths = [field.path or name or "data" for name, field in dataset.all_fields().items()]
+        outlet: Outlet | Dropped
+        try:
+            outlet = self._sink_outlet(mapping, paths)
+        except UaFleetError as error:
+            outlet = Dropped(Drop.TYPE_MISSING, detail=f"{browse_name} cannot be written to {mapping.topic}: {error}")
+        gate = None
+        if mapping.max_rate_hz is not None and isinstance(outlet, Outlet):
+            gate = self._gate(mapping.max_rate_hz, outlet)
+        self._sinks.setdefault(topic, []).append(_Sink(outlet, gate))
+
+    def close(self) -> None:
+        """Stop all timers."""
+        for sinks in self._sinks.values():
+            for sink in sinks:
+                if sink.gate is not None:
+                    sink.gate.close()
+
+    def _send(self, outlet: Outlet | Dropped, values: _Values) -> bool:
+        if isinstance(outlet, Dropped):
+            self._inlet.put(outlet)
+            return False
+        try:
+            outlet.publish(values)
+        except (ConversionError, rospy.ROSException, rospy.ROSSerializationException) as error:
+            self._inlet.put(Dropped(Drop.CONVERSION, detail=f"{outlet.name}: {error}"))
+            return False
+        return True
+
+    def _mirror(self, topic: Topic, metadata: DataSetMetaData, before: _Mirrored | None) -> _Mirrored:
+        if before is None and len(self._mirrored) >= MAX_MIRRORED:
+            return _Mirrored(
+                metadata, Dropped(Drop.UNKNOWN_SOURCE, detail=f"more than {MAX_MIRRORED} topics of other spaces")
+            )
+        replaced = before.outlet if before is not None and isinstance(before.outlet, Outlet) else None
+        if replaced is not None:
+            replaced.close()
+        outlet: Outlet | Dropped
+        try:
+            kind, names = _type_for(metadata)
+            # A Variable of the server is a state; a robot's message is an event unless the robot says otherwise.
+            latched = topic.space == SERVER_SPACE or is_latched(metadata.fields)
+            outlet = Outlet(f"/{topic.name}", kind, names, latched=latched)
+        except UaFleetError as error:
+            outlet = Dropped(Drop.TYPE_MISSING, detail=f"{topic.name} cannot be published here: {error}")
+        self._mirrored[topic] = mirrored = _Mirrored(metadata, outlet)
+        self._changed(replaced)
+        return mirrored
+
+    def _sink_outlet(self, mapping: TopicMapping, paths: list[str]) -> Outlet:
+        name = absolute(mapping.topic)
+        kind = _installed(ros1_type_name(mapping.type.replace("/msg/", "/")))
+        shared_kind, shared = self._shared.setdefault(name, (kind, kind.cls()))
+        if shared_kind.name != kind.name:
+            raise ConfigError(f"another sink has the type {shared_kind.name} for this topic, not {kind.name}")
+        return Outlet(name, kind, paths, latched=mapping.latched, shared=shared)
+
+    def _gate(self, rate_hz: float, outlet: Outlet) -> RateGate[_Values]:
+        def replaced() -> None:
+            self._inlet.put(Dropped(Drop.RATE_LIMITED))
+
+        def deliver(values: _Values) -> None:
+            self._send(outlet, values)
+
+        return RateGate(rate_hz, self._loop, deliver, replaced)
+
+
+def absolute(topic: str) -> str:
+    """The name of a topic with its slash."""
+    return topic if topic.startswith("/") else f"/{topic}"
+
+
+def _installed(type_name: str) -> MessageType:
+    kind = installed_type(type_name)
+    if kind is None:
+        package = type_name.split("/", 1)[0].replace("_", "-")
+        raise TypeUnavailable(f"the message type {type_name} is not installed; install python3-{package}")
+    return kind
+
+
+def _type_for(metadata: DataSetMetaData) -> tuple[MessageType, tuple[str, ...]]:
+    """The type to publish a DataSet with, and the flat names of its values; raises UaFleetError."""
+    found = ros_type_of(metadata.fields)
+    if found is None:
+        raise TypeUnavailable("several fields without a ROS type, or a type that ROS does not have")
+    canonical, definition, names = found
+    type_name = ros1_type_name(canonical)
+    if installed_type(type_name) is None and definition is not None:
+        return type_from_definition(type_name, definition), names
+    return _installed(type_name), names

@@ -1,0 +1,158 @@
+# pyright: basic, reportMissingImports=false
+"""The thread that watches the ROS 1 graph.
+
+It looks at the master several times a second, since ROS 1 tells nobody about new topics, and it is the only one that
+talks to the master, so that nothing else ever waits for it. Links between nodes do not need the master: what is
+linked goes on while it is away.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import threading
+import time
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, Final
+
+from ua_bridges.ros1.feed import Feed, MirrorFeed
+from ua_bridges.ros1.graph import GraphWatch, unregistered
+from ua_bridges.ros1.master import RosMaster, SystemState
+from ua_bridges.ros1.node import RosNode
+from ua_bridges.ros1.outlet import Outlet
+from ua_bridges.ros1.source import RosSource
+from ua_fleet.bridge.driver import DriverStatus, Dropped, Inlet
+from ua_fleet.counters import Drop
+from ua_fleet.errors import NotConnected
+
+__all__ = ["Watch"]
+
+LOOK_PERIOD_S: Final = 0.1
+"""A look costs the master about half a millisecond."""
+
+
+class Watch:
+    """Finds topics, keeps the node registered, and says which sources are alive."""
+
+    def __init__(
+        self,
+        space: int,
+        node: RosNode,
+        master: RosMaster,
+        inlet: Inlet,
+        loop: asyncio.AbstractEventLoop,
+        mapped: Mapping[str, Sequence[Feed]],
+        outlets: Iterable[Outlet],
+    ) -> None:
+        """`mapped` are the DataSets that are read from robots' own topics, by the topic's name with its slash."""
+        self._node, self._master, self._inlet, self._loop = node, master, inlet, loop
+        self._mapped, self._outlets = mapped, outlets
+        self._graph = GraphWatch(space)
+        self._sources: dict[str, RosSource] = {}
+        self._registered: set[tuple[str, str]] = set()
+        """What this process has registered: ("publisher" or "subscriber", topic)."""
+        self._stopping = threading.Event()
+        self._wake = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="ros1-watch", daemon=True)
+        self.status = DriverStatus(False, f"looking for the ROS master at {master.uri}")
+
+    def start(self) -> None:
+        """Begin to look."""
+        self._thread.start()
+
+    def outlets_changed(self, replaced: Outlet | None = None) -> None:
+        """Register what is new without waiting for the next look. Callable from any thread."""
+        if replaced is not None:
+            self._registered.discard(("publisher", replaced.name))
+        self._wake.set()
+
+    def leave(self) -> None:
+        """Stop looking, and sign off from the master. Blocks for some 10 ms, at most for a call to the master."""
+        self._stopping.set()
+        self._wake.set()
+        self._thread.join()
+        registered = self._registered
+        with contextlib.suppress(NotConnected):  # without a master there is nobody to sign off from
+            self._master.unregister(
+                [name for role, name in registered if role == "publisher"],
+                [name for role, name in registered if role == "subscriber"],
+                self._node.uri,
+            )
+        self._master.close()
+        self.status = DriverStatus(False, "stopped")
+
+    def _run(self) -> None:
+        try:
+            for name, feeds in self._mapped.items():
+                self._sources[name] = RosSource(name, feeds, self._node, self._inlet)
+            while not self._stopping.is_set():
+                if self._node.was_shut_down:
+                    self._evicted()
+                    return
+                self._look()
+                self._wake.wait(LOOK_PERIOD_S)
+                self._wake.clear()
+        finally:
+            if not self._stopping.is_set() and self.status.connected:  # a mistake of ours, which must not look healthy
+                self.status = DriverStatus(False, "the watch of the ROS graph has failed; restart this bridge")
+
+    def _look(self) -> None:
+        state: SystemState | None = None
+        try:
+            state = self._master.system_state()
+            self._find(state)
+            self._register(state)
+            self.status = DriverStatus(True, f"node {self._node.name} at the ROS master {self._master.uri}")
+        except NotConnected as error:
+            self.status = DriverStatus(False, str(error))
+        self._check_sources(state)
+        self._check_outlets(state)
+
+    def _find(self, state: SystemState) -> None:
+        news = self._graph.look(state.publishers)
+        for error in news.illegal:
+            self._inlet.put(Dropped(Drop.ILLEGAL_TOPIC, detail=str(error)))
+        for topic in news.found:
+            name = f"/{topic.name}"
+            self._sources[name] = RosSource(name, [MirrorFeed(topic, self._inlet)], self._node, self._inlet)
+
+    def _register(self, state: SystemState) -> None:
+        types = {outlet.name: outlet.kind.name for outlet in self._outlets}
+        for name in self._due("publisher", types, state.publishers):
+            self._master.register_publisher(name, types[name], self._node.uri)
+            self._registered.add(("publisher", name))
+        for name in self._due("subscriber", self._sources, state.subscribers):
+            self._node.connect(name, self._master.register_subscriber(name, "*", self._node.uri))
+            self._registered.add(("subscriber", name))
+
+    def _due(self, role: str, wanted: Mapping[str, Any], known: Mapping[str, list[str]]) -> list[str]:
+        # A bridge that was killed may still stand in the master under our name, with a dead address: what this
+        # process has not registered itself is due whatever the master says.
+        forgotten = set(unregistered(wanted, known, self._node.name))
+        return [name for name in wanted if name in forgotten or (role, name) not in self._registered]
+
+    def _check_sources(self, state: SystemState | None) -> None:
+        now = time.monotonic()
+        for name, source in self._sources.items():
+            publishers = None if state is None else state.publishers.get(name, ())
+            if source.check(publishers, now):
+                self._registered.discard(("subscriber", name))  # registering again tells the publishers' addresses
+
+    def _check_outlets(self, state: SystemState | None) -> None:
+        for outlet in self._outlets:
+            if outlet.is_open:
+                continue
+            subscribers = None
+            if state is not None and ("publisher", outlet.name) in self._registered:
+                subscribers = sum(name != self._node.name for name in state.subscribers.get(outlet.name, ()))
+            if outlet.is_ready(subscribers):
+                self._loop.call_soon_threadsafe(outlet.open)
+
+    def _evicted(self) -> None:
+        for source in self._sources.values():
+            source.lose()
+        self.status = DriverStatus(
+            False,
+            f"another node took the name {self._node.name}, or somebody ended it; stop the other one and restart this "
+            "bridge",
+        )

@@ -126,6 +126,8 @@ class RemoteWriter:
             self._hear(message)
             return Step.TAKEN
         timestamp = message.timestamp
+        if timestamp == self.handed_on:
+            self._back_since = None  # as in is_new
         is_latest = timestamp is not None and timestamp > self.heard_timestamp
         if not later_version and self._missing is not None and self._missing.arrived(number, expected):
             self.late += 1
@@ -167,7 +169,12 @@ class RemoteWriter:
         Timestamps that do not decrease. Without this, one time from the future would mute a source for ever. The
         values that were handed on last stay what they are, however often a restarted bridge sends them.
         """
-        if timestamp in (self.handed_on, self._handed_on_alive):
+        if timestamp == self.handed_on:
+            # It is still being said: a past Timestamp beside it is that of another bridge of the same space, which
+            # repeats its own last message with its own sequence.
+            self._back_since = None
+            return False
+        if timestamp == self._handed_on_alive:
             return False
         if self._back_since is None or timestamp < self._back_timestamp:
             self._back_since = now

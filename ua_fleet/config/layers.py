@@ -35,14 +35,14 @@ def _plain(name: str) -> str:
 def _path_of(variable: str, data: Mapping[str, Any]) -> KeyPath:
     path: KeyPath = ()
     for word in variable.removeprefix(ENVIRONMENT_PREFIX).split("__"):
-        names = _names_at(data, path)
-        matches = [name for name in sorted(names) if _plain(name) == _plain(word)]
+        names = sorted(_names_at(data, path))
+        matches = [name for name in names if _plain(name) == _plain(word)]
         if len(matches) != 1:
             where = f"under `{key_text(path)}`" if path else "in the file"
             problem = f"there is no key `{word.lower()}` {where}"
+            hint = closest(word, names) or (f"there are: {listed(names)}" if names else "")
             if matches:
-                problem = f"`{word.lower()}` may mean {listed(matches)} {where}"
-            hint = closest(word, names) or (f"there are: {listed(sorted(names))}" if names else "")
+                problem, hint = f"`{word.lower()}` may mean {listed(matches)} {where}", "rename one of them"
             raise ConfigError(problem, file="environment", key=variable, suggestion=hint)
         path = (*path, matches[0])
     return path

@@ -128,8 +128,8 @@ class DataSetConfig(_Model, frozen=True):
     """One data source of a robot: a node with a numeric id, or an object with it and a variable for each field."""
 
     id: DataSetId | None = None
-    """Needed in the end: numeric id in the fleet's namespace, an address. `ua-fleet config assign-ids` fills it in.
-    Never use one again for something else."""
+    """Needed in the end: numeric id in the fleet's namespace, an address. `ua-fleet config assign-ids`
+    fills it in. Never use one again for something else."""
     origin: Literal["robot", "server"] = "robot"
     """`robot`: the data originates in the robot's space. `server`: clients write it, the robot receives it."""
     description: str = ""

@@ -575,7 +575,7 @@ def test_a_wrong_variable_is_named(variable: str, value: str, message: str, tmp_
 def test_names_that_differ_only_in_case_cannot_be_told_apart(tmp_path: Path) -> None:
     text = BRIDGES + "robots:\n  ned: {bridge: cell}\n  Ned: {bridge: cell}\n"
     assert problems(tmp_path, text, {"UA_FLEET__ROBOTS__NED__BRIDGE": "floor"}) == [
-        "environment:UA_FLEET__ROBOTS__NED__BRIDGE: `ned` may mean `Ned`, `ned` under `robots`; did you mean `ned`?"
+        "environment:UA_FLEET__ROBOTS__NED__BRIDGE: `ned` may mean `Ned`, `ned` under `robots`; rename one of them"
     ]
 
 

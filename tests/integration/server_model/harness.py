@@ -1,0 +1,138 @@
+"""A whole server in the test's event loop, a bridge's PubSub side beside it, and encrypted clients."""
+
+from __future__ import annotations
+
+import asyncio
+import importlib
+from collections.abc import AsyncGenerator, Callable, Mapping
+from contextlib import asynccontextmanager
+from pathlib import Path
+from typing import Any, Final
+
+from asyncua.client.client import Client
+from asyncua.crypto import security_policies
+
+from tests import system
+from tests.integration.peer import Peer
+from ua_fleet.config.schema import FleetConfig
+from ua_fleet.pubsub.subscriber import LoopRule
+from ua_fleet.server.app import run_server
+from ua_fleet.server.certificates import CertificateFiles, create_certificate
+from ua_fleet.server.users import USERS_FILE, Role, ScryptCost, UserStore
+from ua_fleet.topics import Topic, loop_verdict
+
+# asyncua declares UInt32 where it takes an int; tests use it without types.
+ua: Any = importlib.import_module("asyncua.ua")
+
+SPACE: Final = 2
+SPEED: Final = Topic(SPACE, 2, 1001)
+GOAL: Final = Topic(0, 2, 1002)
+VELOCITY: Final = Topic(0, 2, 1003)
+POSE: Final = Topic(SPACE, 2, 1004)
+STATUS: Final = Topic(SPACE, 2, 1900)
+OPERATOR: Final = ("oscar", "operate-1")
+OBSERVER: Final = ("olga", "observe-1")
+CLIENT_URI: Final = "urn:test:client"
+_BASIC: Final[Any] = security_policies.SecurityPolicyBasic256Sha256
+
+ROBOTS: Final[Mapping[str, Any]] = {
+    "rover": {
+        "bridge": "mobile_side",
+        "description": "A rover",
+        "capacities": ["mobile"],
+        "data": {
+            "speed": {"id": 1001, "type": "Double", "unit": "m/s", "range": [-2, 2]},
+            "goal": {"id": 1002, "type": "Double", "origin": "server", "range": [0, 1], "initial": 0},
+            "velocity": {
+                "id": 1003,
+                "origin": "server",
+                "fields": {"linear.x": {"type": "Double"}, "angular.z": {"type": "Double"}},
+                "sink": {"topic": "/cmd_vel", "type": "geometry_msgs/Twist"},
+            },
+            "pose": {"id": 1004, "fields": {"x": {"type": "Double"}, "frame": {"type": "String"}}},
+        },
+    }
+}
+
+
+def fleet_config(url: str, port: int, *, robots: Mapping[str, Any] = ROBOTS, **server: Any) -> FleetConfig:
+    """A fleet with one robot that has a source of each kind, and short times."""
+    return FleetConfig.model_validate(
+        {
+            "version": 1,
+            "server": {"port": port, "trust_all_clients": True, **server},
+            "pubsub": {"security": "none", "url": url, "keep_alive_s": 0.2, "receive_timeout_s": 0.8},
+            "bridges": {"mobile_side": {"kind": "ros2", "space": SPACE, "status_id": STATUS.id}},
+            "robots": robots,
+        }
+    )
+
+
+class Running:
+    """A server that runs, and the peer that plays its bridge."""
+
+    def __init__(self, url: str, peer: Peer, folder: Path) -> None:
+        self.url = url
+        self.peer = peer
+        self.folder = folder
+
+    @asynccontextmanager
+    async def client(self, user: tuple[str, str] = OPERATOR) -> AsyncGenerator[Client]:
+        """An encrypted session of a user."""
+        client = Client(self.url)
+        client.application_uri = CLIENT_URI
+        files = CertificateFiles(self.folder / "client.der", self.folder / "client.pem")
+        if not files.certificate.exists():
+            create_certificate(files, application_uri=CLIENT_URI, common_name="client")
+        await client.set_security(
+            _BASIC, str(files.certificate), str(files.private_key), mode=ua.MessageSecurityMode.SignAndEncrypt
+        )
+        client.set_user(user[0])
+        client.set_password(user[1])
+        async with client:
+            yield client
+
+
+@asynccontextmanager
+async def serving(folder: Path, config: FleetConfig, *, rule: LoopRule = loop_verdict) -> AsyncGenerator[Running]:
+    """A server that serves while the context lasts, and whose end is clean."""
+    users = UserStore(folder / config.server.state_dir / USERS_FILE, ScryptCost(2**8, 8, 1))
+    users.path.parent.mkdir(parents=True, exist_ok=True)
+    users.add(*OPERATOR, Role.OPERATOR)
+    users.add(*OBSERVER, Role.OBSERVER)
+    ready: asyncio.Future[str] = asyncio.get_running_loop().create_future()
+    async with Peer.at(config.pubsub.url, SPACE) as peer:
+        task = asyncio.ensure_future(run_server(config, folder, ready=ready.set_result, rule=rule))
+        await asyncio.wait([task, ready], return_when=asyncio.FIRST_COMPLETED, timeout=30)
+        if not ready.done():
+            task.result()
+        try:
+            yield Running(ready.result(), peer, folder)
+            assert not task.done(), task.exception()
+        finally:
+            task.cancel()
+            await asyncio.wait([task])
+
+
+async def until(read: Callable[[], Any], expected: Callable[[Any], bool], timeout_s: float = 15) -> Any:
+    """Read until what is read is as expected; the last that was read."""
+    last = None
+    try:
+        async with asyncio.timeout(timeout_s):
+            while True:
+                last = await read()
+                if expected(last):
+                    return last
+                await asyncio.sleep(0.02)
+    except TimeoutError:
+        raise AssertionError(f"still {last!r}") from None
+
+
+def reader(client: Client, node_id: str) -> Callable[[], Any]:
+    """Reads a node's DataValue, Bad or not."""
+    node = client.get_node(node_id)
+
+    async def read() -> Any:
+        return await node.read_data_value(raise_on_bad_status=False)
+
+    return read

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import json
-import tempfile
-from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -13,7 +11,7 @@ import typer
 
 from ua_fleet.cli.options import WithoutLoopRule
 from ua_fleet.cli.output import message, print_line
-from ua_fleet.errors import BridgeUnavailable, ConfigError
+from ua_fleet.errors import BridgeUnavailable
 
 if TYPE_CHECKING:
     from ua_fleet.demo.pal.run import PalResult
@@ -50,6 +48,7 @@ def pal(
     covers arrived and nothing was delivered twice.
     """
     try:
+        from ua_fleet.demo.folder import run_folder
         from ua_fleet.demo.pal.run import USER, run_pal
         from ua_fleet.demo.pal.setting import make_setting
     except ImportError as error:
@@ -74,12 +73,7 @@ def pal(
         if not once:
             message("the line stays up for UaExpert; end it with Ctrl-C")
 
-    with ExitStack() as cleanup:
-        place = folder or Path(cleanup.enter_context(tempfile.TemporaryDirectory(prefix="ua-fleet-pal-")))
-        try:
-            place.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise ConfigError(f"cannot make this folder: {error.strerror}", file=str(place)) from error
+    with run_folder(folder, keep=not once) as place:
         setting = make_setting(
             place,
             domain=domain,

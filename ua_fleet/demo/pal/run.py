@@ -113,7 +113,7 @@ class _Run:
         state = setting.folder / "state"
         state.mkdir(mode=0o700, exist_ok=True)
         store = UserStore(state / "users.yaml")
-        await asyncio.to_thread(store.add, USER, setting.password, Role.OPERATOR)
+        await asyncio.to_thread(store.add, USER, setting.password, Role.OPERATOR, replace_existing=True)
         if setting.arm_ros == 1:
             master = ["/usr/bin/env", "rosmaster", "--core", "-p", str(setting.master_port), "-w", "3"]
             await processes.start("rosmaster", master, setting.robot_environment(None))
@@ -188,7 +188,7 @@ async def _totals(client: FleetClient) -> tuple[int, dict[str, int]]:
     """Deliveries that looped and drops by cause, over the server and both bridges, from their status nodes."""
     looped, drops = 0, Counter[str]()
     for place in ("Traffic", "Bridges/arm_side", "Bridges/mobile_side"):
-        path = f"AssemblyLine/{place}"
+        path = f"Fleet/{place}"
         (reading,) = await client.read([f"{path}/Looped"])
         looped += int(reading.value or 0)
         causes = await client.browse(f"{path}/Drops")

@@ -106,9 +106,7 @@ def make_setting(
     if ros1_python is None:
         arm_space = check_ros2_space(arm_domain)
         if arm_space == domain:
-            raise DemoFailed(
-                f"arm and TurtleBot3 cannot both have domain {domain}; choose another --arm-domain"
-            )
+            raise DemoFailed(f"arm and TurtleBot3 cannot both have domain {domain}; choose another --arm-domain")
         why = "as asked" if without_ros1 else "since there is no .venv-ros1 (make setup says why)"
         say(f"without ROS 1, {why}: the arm runs in ROS 2 domain {arm_space}")
     arm_bridge = (

@@ -102,9 +102,9 @@ class Peer:
                     continue
 
     async def status(self, topic: Topic) -> dict[str, Any]:
-        """The next status of a bridge, by field name."""
+        """The status of a bridge from now on, by field name; the next one to come may be a repeat of an older one."""
         seen = len(self.messages(topic))
-        await self.until(lambda: len(self.messages(topic)) > seen)
+        await self.until(lambda: len(self.messages(topic)) > seen + 1)
         event = [e for e in self.events if isinstance(e, DataReceived) and e.topic == topic][-1]
         return {field.name: value for field, value in zip(event.metadata.fields, event.message.values, strict=True)}
 

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import copy
 import threading
 from collections import deque
 from collections.abc import Callable, Sequence
@@ -32,13 +33,12 @@ class Outlet:
     the first message goes alone, and the others when it is acknowledged.
     """
 
-    def __init__(self, name: str, kind: MessageType, fill: Writer, qos: Qos) -> None:
-        """`fill` puts the values that `publish` gets into a message of the type."""
+    def __init__(self, name: str, kind: MessageType, qos: Qos) -> None:
         self.name = name
         self.kind = kind
         self.qos = qos
-        self._fill = fill
         self._message = kind.cls()
+        """The last message. DataSets that share a topic each set their fields in it, and leave those of the others."""
         self._publisher: Any = None
         self._is_open = False
         self._held: deque[Any] = deque(maxlen=_MOST_HELD)
@@ -53,28 +53,25 @@ class Outlet:
         """Whether messages go out at once."""
         return self._is_open
 
-    def message(self, values: Sequence[Any]) -> Any:
-        """A new message with these values; raises ConversionError."""
-        message = self.kind.cls()
-        self._fill(message, values)
-        return message
+    def remember(self, fill: Writer, values: Sequence[Any]) -> Any:
+        """Set the values without publishing; a copy of the message as it is now. Raises ConversionError."""
+        fill(self._message, values)
+        return copy.deepcopy(self._message)
 
-    def publish(self, values: Sequence[Any]) -> None:
-        """Publish one message, or hold it until the subscribers are there; raises ConversionError."""
-        if self._is_open:
-            message = self._message  # rclpy serialises it before it returns
-            self._fill(message, values)
-            self._publisher.publish(message)
-            return
-        message = self.message(values)
-        if not self._hold(message):
-            self._publisher.publish(message)
+    def publish(self, fill: Writer, values: Sequence[Any]) -> None:
+        """Publish one message, or hold it until the subscribers are there; raises ConversionError.
 
-    def _hold(self, message: Any) -> bool:
-        """Keep the message until the outlet is open; False if it is open by now."""
+        `fill` puts the values into the message.
+        """
+        fill(self._message, values)
+        if self._is_open or not self._hold():
+            self._publisher.publish(self._message)  # rclpy serialises it before it returns
+
+    def _hold(self) -> bool:
+        """Keep a copy of the message until the outlet is open; False if it is open by now."""
         with self._lock:
             if not self._is_open:
-                self._held.append(message)
+                self._held.append(copy.deepcopy(self._message))
             return not self._is_open
 
     def attend(self, node: Ros2Node, now: float, opened_at: float, on_incompatible: Callable[[str], None]) -> bool:

@@ -8,20 +8,20 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any, Final, NamedTuple
 
-from ua_bridges.ros.convert import compile_writer
+from ua_bridges.ros.convert import Writer, compile_writer
 from ua_bridges.ros.delivered import Delivered, state_folder
 from ua_bridges.ros.errors import ConversionError, SchemaInvalid
 from ua_bridges.ros.fields import ros_type_of
 from ua_bridges.ros.rate import RateGate
 from ua_bridges.ros.sink import compile_sink
-from ua_bridges.ros2.classes import load_type, make
+from ua_bridges.ros2.classes import MessageType, load_type, make
 from ua_bridges.ros2.config import Ros2BridgeConfig
 from ua_bridges.ros2.outlet import Outlet
 from ua_bridges.ros2.qos import MIRROR, sink_qos
 from ua_bridges.ros2.thread import NodeThread
 from ua_bridges.ros2.watch import Mapped, Watch, absolute
 from ua_fleet.bridge.driver import DriverStatus, Dropped, Inlet
-from ua_fleet.config.schema import DataSetConfig, FleetConfig
+from ua_fleet.config.schema import DataSetConfig, FleetConfig, TopicMapping
 from ua_fleet.counters import Drop
 from ua_fleet.errors import UaFleetError
 from ua_fleet.topics import SERVER_SPACE, Topic
@@ -39,6 +39,7 @@ class _Sink(NamedTuple):
     """A robot's own topic that a DataSet of the server is written to."""
 
     outlet: Outlet
+    fill: Writer
     gate: RateGate[Values] | None
 
 
@@ -47,7 +48,9 @@ class _Route:
 
     __slots__ = ("metadata", "mirror", "reason", "sinks", "started")
 
-    def __init__(self, metadata: DataSetMetaData, mirror: Outlet | None, sinks: list[_Sink], reason: str) -> None:
+    def __init__(
+        self, metadata: DataSetMetaData, mirror: tuple[Outlet, Writer] | None, sinks: list[_Sink], reason: str
+    ) -> None:
         self.metadata, self.mirror, self.sinks, self.reason = metadata, mirror, sinks, reason
         self.started = False
         """Whether anything has been published on it."""
@@ -71,8 +74,10 @@ class Ros2Driver:
         ]
         self._thread = NodeThread(bridge.space, bridge.node_name, bridge.discovery)
         self._routes: dict[Topic, _Route] = {}
+        self._shared: dict[str, Outlet] = {}
+        """Publishers of robots' own topics, by name."""
         self._delivered = Delivered(None)
-        self._started = self._stopped = False
+        self._stopped = False
 
     async def start(self, inlet: Inlet) -> None:
         """See Driver."""
@@ -83,7 +88,6 @@ class Ros2Driver:
         self._watch = Watch(self._config, inlet, mapped, written, self._thread.wake_at)
         await self._thread.start(self._watch.opened, self._watch.turn, self._watch.closing)
         self._delivered = Delivered(state_folder(), *self._identity)
-        self._started = True
 
     def status(self) -> DriverStatus:
         """See Driver."""
@@ -122,12 +126,12 @@ class Ros2Driver:
         sent = False
         values = message.values
         if route.mirror is not None:
-            sent = self._send(route.mirror, values)
+            sent = self._send(*route.mirror, values)
         elif not route.sinks:
             self._inlet.put(Dropped(Drop.TYPE_MISSING, detail=route.reason))
         for sink in route.sinks:
             if sink.gate is None:
-                sent = self._send(sink.outlet, values) or sent
+                sent = self._send(sink.outlet, sink.fill, values) or sent
             else:
                 sink.gate.offer(values)
                 sent = True
@@ -137,25 +141,27 @@ class Ros2Driver:
 
     def _publish_first(self, route: _Route, topic: Topic, message: DataSetMessage) -> bool:
         """The first message after a start may be one that the bridge before this one has published."""
-        outlets = [outlet for outlet in (route.mirror, *(sink.outlet for sink in route.sinks)) if outlet is not None]
+        ways = [(sink.outlet, sink.fill) for sink in route.sinks]
+        if route.mirror is not None:
+            ways.append(route.mirror)
         if not self._delivered.is_known(topic, message.timestamp):
-            route.started = bool(outlets)
-            for outlet in outlets:
+            route.started = bool(ways)
+            for outlet, _ in ways:
                 self._thread.call(partial(self._watch.forget, outlet.name))
             return self._publish(route, topic, message)
         self._inlet.put(Dropped(Drop.REPEATED))
-        for outlet in outlets:
+        for outlet, fill in ways:
+            try:
+                again = outlet.remember(fill, message.values)
+            except ConversionError:
+                continue  # it could not be published before either
             if outlet.qos.transient_local:
-                try:
-                    again = outlet.message(message.values)
-                except ConversionError:
-                    continue  # it could not be published before either
                 self._thread.call(partial(self._watch.keep, outlet.name, outlet.kind.cls, again))
         return False
 
-    def _send(self, outlet: Outlet, values: Values) -> bool:
+    def _send(self, outlet: Outlet, fill: Writer, values: Values) -> bool:
         try:
-            outlet.publish(values)
+            outlet.publish(fill, values)
         except ConversionError as error:
             self._inlet.put(Dropped(Drop.CONVERSION, detail=f"{outlet.name}: {error}"))
             return False
@@ -167,9 +173,9 @@ class Ros2Driver:
             self._inlet.put(Dropped(Drop.UNKNOWN_SOURCE, detail=f"more than {MAX_TOPICS} topics of other spaces"))
             return None
         if before is not None and before.mirror is not None:
-            self._thread.call(partial(self._watch.drop, before.mirror))
+            self._thread.call(partial(self._watch.drop, before.mirror[0]))
         sinks = before.sinks if before is not None else self._make_sinks(topic)
-        mirror: Outlet | None = None
+        mirror: tuple[Outlet, Writer] | None = None
         reason = ""
         try:
             mirror = self._make_mirror(topic, metadata)
@@ -177,17 +183,17 @@ class Ros2Driver:
             reason = f"{topic.name} cannot be published here: {error}"
         route = self._routes[topic] = _Route(metadata, mirror, sinks, reason)
         if mirror is not None:
-            self._thread.call(partial(self._watch.attend, mirror))
+            self._thread.call(partial(self._watch.attend, mirror[0]))
         return route
 
-    def _make_mirror(self, topic: Topic, metadata: DataSetMetaData) -> Outlet:
+    def _make_mirror(self, topic: Topic, metadata: DataSetMetaData) -> tuple[Outlet, Writer]:
         """The publisher of a mirrored topic; raises an UaFleetError where this space has no type for it."""
         found = ros_type_of(metadata.fields)
         if found is None:
             raise SchemaInvalid(topic.name, "several fields without a ROS type, or a type that ROS does not have")
         ros_type, _definition, names = found
         kind = load_type(ros_type)
-        return Outlet(f"/{topic.name}", kind, compile_writer(kind.schema, names, make), MIRROR)
+        return Outlet(f"/{topic.name}", kind, MIRROR), compile_writer(kind.schema, names, make)
 
     def _make_sinks(self, topic: Topic) -> list[_Sink]:
         sinks: list[_Sink] = []
@@ -195,13 +201,10 @@ class Ros2Driver:
             if dataset_topic != topic or dataset.sink is None:
                 continue
             try:
-                sink = self._make_sink(name, dataset)
+                sinks.append(self._make_sink(name, dataset))
             except UaFleetError as error:
                 reason = f"{name} cannot be written to {dataset.sink.topic}: {error}"
                 self._inlet.put(Dropped(Drop.TYPE_MISSING, detail=reason))
-                continue
-            sinks.append(sink)
-            self._thread.call(partial(self._watch.attend, sink.outlet))
         return sinks
 
     def _make_sink(self, name: str, dataset: DataSetConfig) -> _Sink:
@@ -212,12 +215,24 @@ class Ros2Driver:
             (field_name or name, field.path or field_name or "data")
             for field_name, field in dataset.all_fields().items()
         ]
-        outlet = Outlet(absolute(mapping.topic), kind, compile_sink(kind.schema, paths), sink_qos(mapping.qos))
+        fill = compile_sink(kind.schema, paths)
+        outlet = self._shared_outlet(mapping, kind)
         gate: RateGate[Values] | None = None
         if mapping.max_rate_hz is not None:
-            deliver: Callable[[Values], object] = partial(self._send, outlet)
+            deliver: Callable[[Values], object] = partial(self._send, outlet, fill)
             gate = RateGate(mapping.max_rate_hz, self._loop, deliver, self._count_rate_limited)
-        return _Sink(outlet, gate)
+        return _Sink(outlet, fill, gate)
+
+    def _shared_outlet(self, mapping: TopicMapping, kind: MessageType) -> Outlet:
+        """The one publisher of a robot's topic, for all DataSets that are written to it."""
+        name = absolute(mapping.topic)
+        outlet = self._shared.get(name)
+        if outlet is None:
+            outlet = self._shared[name] = Outlet(name, kind, sink_qos(mapping.qos))
+            self._thread.call(partial(self._watch.attend, outlet))
+        elif outlet.kind is not kind:
+            raise SchemaInvalid(kind.name, f"another sink writes {outlet.kind.name} to the same topic")
+        return outlet
 
     def _count_rate_limited(self) -> None:
         self._inlet.put(Dropped(Drop.RATE_LIMITED))

@@ -183,3 +183,20 @@ async def test_topic_that_is_mapped_both_ways_does_not_come_back(ros2: Ros2Space
         ros2.talker("/cmd_vel", "geometry_msgs/Twist", {"linear": {"x": 0.25}})
         await peer.until(lambda: len(peer.good(Topic(ros2.domain, 2, 2003))) > 3)
         assert set(peer.good(Topic(ros2.domain, 2, 2003))) == {(0.25,)}
+
+
+async def test_datasets_that_share_a_topic_keep_each_others_fields(ros2: Ros2Space) -> None:
+    robots = sink()
+    turn = dict(robots["turtle"]["data"]["speed"], id=2004, path="angular.z")
+    robots["turtle"]["data"]["turn"] = turn
+    ros2.bridge(robots)
+    listener = ros2.listener("/cmd_vel", "geometry_msgs/Twist")
+    async with Peer.at(ros2.udp_url) as peer:
+        announce_speed(peer)
+        peer.announce(Topic(0, 2, 2004), (make_field("turn", BuiltinType.DOUBLE),))
+        peer.publish(SPEED, 0.5)
+        await peer.until(lambda: heard(listener))
+        peer.publish(Topic(0, 2, 2004), 2.0)
+        await peer.until(lambda: len(heard(listener)) == 2)
+    assert "Vector3(x=0.5, y=0.0, z=0.0), angular=geometry_msgs.msg.Vector3(x=0.0, y=0.0, z=2.0)" in heard(listener)[1]
+    assert "publishers 2" not in listener.lines

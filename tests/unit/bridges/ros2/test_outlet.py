@@ -8,10 +8,12 @@ from ua_bridges.ros2.qos import MIRROR, Qos
 
 from tests.unit.bridges.ros2.fakes import FakeNode, Message, fake_type, publisher
 
+KIND = fake_type("std_msgs/Int32")
+FILL = compile_writer(KIND.schema, ("data",), lambda _native: Message())
+
 
 def make(qos: Qos = MIRROR) -> Outlet:
-    kind = fake_type("std_msgs/Int32")
-    return Outlet("/ua_1_2_9", kind, compile_writer(kind.schema, ("data",), lambda _native: Message()), qos)
+    return Outlet("/ua_1_2_9", KIND, qos)
 
 
 def attend(outlet: Outlet, node: FakeNode, now: float) -> bool:
@@ -22,7 +24,7 @@ def test_first_messages_wait_until_the_subscribers_have_matched() -> None:
     outlet, node = make(), FakeNode()
     node.there = [publisher(b"s"), publisher(b"t")]
     for number in range(3):
-        outlet.publish((number,))
+        outlet.publish(FILL, (number,))
     node.publisher.matched = 1
     assert not attend(outlet, node, 10.0)
     assert node.publisher.sent == []
@@ -34,14 +36,14 @@ def test_first_messages_wait_until_the_subscribers_have_matched() -> None:
     node.publisher.acknowledged = True
     assert attend(outlet, node, 10.015)
     assert node.publisher.sent == [0, 1, 2]
-    outlet.publish((3,))
+    outlet.publish(FILL, (3,))
     assert node.publisher.sent == [0, 1, 2, 3]
 
 
 def test_they_do_not_wait_for_ever() -> None:
     outlet, node = make(), FakeNode()
     node.there = [publisher(b"s")]
-    outlet.publish((0,))
+    outlet.publish(FILL, (0,))
     assert not attend(outlet, node, 10.0)
     assert attend(outlet, node, 11.0)
     assert node.publisher.sent == [0]
@@ -57,7 +59,7 @@ def test_nobody_is_waited_for_where_nobody_can_match() -> None:
 def test_subscriber_that_acknowledges_nothing_gets_a_moment() -> None:
     outlet, node = make(), FakeNode()
     node.there, node.publisher.matched = [publisher(b"s", reliable=False)], 1
-    outlet.publish((0,))
+    outlet.publish(FILL, (0,))
     assert not attend(outlet, node, 10.0)
     assert node.publisher.sent == []
     assert not attend(outlet, node, 10.06)
@@ -74,7 +76,7 @@ def test_node_that_has_just_come_up_waits_for_what_it_has_not_heard_of() -> None
 @pytest.mark.parametrize("value", ["x", 1 << 31, None])
 def test_value_that_does_not_fit_is_refused(value: object) -> None:
     with pytest.raises(ConversionError, match="field data"):
-        make().publish((value,))
+        make().publish(FILL, (value,))
 
 
 def test_close_ends_the_publisher() -> None:

@@ -17,7 +17,7 @@ from benchmarks.harness import FEWEST_ROUNDS, Figure, Unavailable, merge_results
 
 HERE = Path(__file__).parent
 RESULTS = HERE / "results.json"
-NO_GROUPS = {"__init__", "__main__", "harness"}
+NO_GROUPS = {"__init__", "__main__", "harness", "report"}
 
 
 def groups() -> list[str]:

@@ -172,7 +172,7 @@ class AttributeServices:
                 single = dataclasses.replace(params, NodesToRead=[node])
                 response.Results += await self._context.iserver.history_manager.read_history(single)
             except Refusal as error:
-                response.Results.append(ua.HistoryReadResult(status(error.ua_status)))
+                response.Results.append(ua.HistoryReadResult(StatusCode=status(error.ua_status)))
         return response
 
     def _check_history(self, node_id: ua.NodeId, details: Any) -> None:

@@ -14,6 +14,9 @@ from asyncua import ua
 from asyncua.server.address_space import AddressSpace
 from asyncua.server.monitored_item_service import WhereClauseEvaluator
 
+# The class that is decoded; `ua` has one derived from it under the same name.
+from asyncua.ua.uaprotocol_auto import DataChangeFilter
+
 from ua_fleet.server.endpoint.stack import DECODE_ERRORS, AttributeIds, ObjectIds, Refusal, StatusCodes, ns0
 
 __all__ = ["EventFilter", "check_data_filter", "check_event_filter", "deadband_of", "filter_of"]
@@ -167,7 +170,7 @@ def check_data_filter(wanted: Any, *, attribute: int, value: ua.DataValue) -> No
     """Raise Refusal for a filter that a data item of this attribute cannot have."""
     if wanted is None:
         return
-    if not isinstance(wanted, ua.DataChangeFilter):
+    if not isinstance(wanted, DataChangeFilter):
         raise Refusal(StatusCodes.BadMonitoredItemFilterInvalid, "a data item takes a DataChangeFilter")
     if attribute != AttributeIds.Value:
         raise Refusal(StatusCodes.BadFilterNotAllowed, "a filter on another attribute than Value")

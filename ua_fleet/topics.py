@@ -15,6 +15,7 @@ from ua_fleet.errors import TopicInvalid
 
 __all__ = [
     "FIRST_VENDOR_SPACE",
+    "LAST_ROS2_SPACE",
     "ROS1_SPACE",
     "SERVER_SPACE",
     "Side",

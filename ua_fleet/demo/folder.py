@@ -1,17 +1,21 @@
-"""The folder of a demonstration: kept for one that stays up, since clients remember its server's certificate."""
+"""What two demonstrations on one machine must not share: the folder, and the ROS 2 domain.
+
+The folder of one that stays up is kept, since clients remember its server's certificate.
+"""
 
 from __future__ import annotations
 
 import fcntl
 import os
 import tempfile
-from collections.abc import Generator
-from contextlib import contextmanager
+from collections.abc import Callable, Generator
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 from ua_fleet.errors import ConfigError
+from ua_fleet.topics import LAST_ROS2_SPACE, check_ros2_space
 
-__all__ = ["run_folder"]
+__all__ = ["claim_domain", "run_folder"]
 
 
 @contextmanager
@@ -29,16 +33,37 @@ def run_folder(wanted: Path | None, *, keep: bool) -> Generator[Path]:
     if keep:
         base = os.environ.get("XDG_STATE_HOME") or str(Path.home() / ".local" / "state")
         shared = _made(Path(base) / "ua-fleet" / "demo-pal")
-        with (shared / "lock").open("w") as lock:
-            try:
-                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except BlockingIOError:
-                pass
-            else:
+        with ExitStack() as held:
+            if _lock(shared / "lock", held):
                 yield shared
                 return
     with tempfile.TemporaryDirectory(prefix="ua-fleet-pal-") as temporary:
         yield Path(temporary)
+
+
+@contextmanager
+def claim_domain(wanted: int, say: Callable[[str], None]) -> Generator[int]:
+    """The ROS 2 domain `wanted`, or the next one that no other demonstration of this user has, which is said."""
+    check_ros2_space(wanted)
+    folder = _made(Path(tempfile.gettempdir()) / f"ua-fleet-demo-domains-{os.getuid()}")
+    with ExitStack() as held:
+        for domain in (*range(wanted, LAST_ROS2_SPACE + 1), *range(2, wanted)):
+            if _lock(folder / str(domain), held):
+                if domain != wanted:
+                    say(f"another demonstration has ROS 2 domain {wanted}; this one takes {domain}")
+                yield domain
+                return
+    raise ConfigError("every ROS 2 domain is in use by a demonstration")
+
+
+def _lock(path: Path, held: ExitStack) -> bool:
+    """Lock a file until `held` is closed, unless another process has it."""
+    file = held.enter_context(path.open("w"))
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    return True
 
 
 def _made(folder: Path) -> Path:

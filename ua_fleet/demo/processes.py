@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import os
+import shutil
 import signal
 import socket
 from collections.abc import Callable, Mapping, Sequence
@@ -57,10 +58,12 @@ class Processes:
     ) -> None:
         """Start a process in a session of its own. `on_line` gets each line that it prints on stdout."""
         log = self._log_folder / f"{name}.log"
+        # Children end with us, also when we are killed.
+        guard = ["setpriv", "--pdeathsig", "TERM"] if shutil.which("setpriv") else []
         errors = log.open("ab")
         try:
             started = await asyncio.create_subprocess_exec(
-                *(str(arg) for arg in args),
+                *(*guard, *(str(arg) for arg in args)),
                 env=dict(environment),
                 stdin=asyncio.subprocess.PIPE if stdin else asyncio.subprocess.DEVNULL,
                 stdout=asyncio.subprocess.PIPE,

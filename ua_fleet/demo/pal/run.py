@@ -204,7 +204,7 @@ async def run_pal(
     started: Callable[[Setting], None],
     finished: Callable[[PalResult], None],
     stay: bool,
-) -> PalResult:
+) -> None:
     """Run the line once; with `stay` keep everything up afterwards until cancelled.
 
     Args:
@@ -225,12 +225,12 @@ async def run_pal(
         async with FleetClient.connect(
             setting.endpoint, user=USER, password=setting.password, identity=identity
         ) as client:
-            return await _with_client(client, run, processes, finished, stay=stay)
+            await _with_client(client, run, processes, finished, stay=stay)
 
 
 async def _with_client(
     client: FleetClient, run: _Run, processes: Processes, finished: Callable[[PalResult], None], *, stay: bool
-) -> PalResult:
+) -> None:
     try:
         async with asyncio.TaskGroup() as tasks:
             watching = [
@@ -242,8 +242,7 @@ async def _with_client(
                 problems = await run.until_delivered()
                 # The bridges publish their status each second.
                 await asyncio.sleep(1.5)
-                result = run.result(*await _totals(client), problems)
-                finished(result)
+                finished(run.result(*await _totals(client), problems))
                 while stay:
                     processes.check()
                     await asyncio.sleep(0.5)
@@ -255,4 +254,3 @@ async def _with_client(
         if failed is None or other is not None:
             raise
         raise failed.exceptions[0] from None
-    return result

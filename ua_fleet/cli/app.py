@@ -6,64 +6,112 @@ unreachable, 5 timeout, 130 interrupted.
 
 from __future__ import annotations
 
+import inspect
 import os
 import signal
 import sys
-from typing import Final, NoReturn
+from collections.abc import Callable
+from typing import Annotated, Any, Final, NoReturn
 
 import typer
 
-from ua_fleet.cli import bridge, browse, demo, read, serve, watch, write
-from ua_fleet.errors import (
-    BridgeUnavailable,
-    ConfigError,
-    ConfigInvalid,
-    NotConnected,
-    SendTimeout,
-    SkillTimeout,
-    TopicInvalid,
-    TransportError,
-    UaFleetError,
-)
-from ua_fleet.values import StatusCode
+from ua_fleet import __version__
+from ua_fleet.cli.endings import exit_code_of
+from ua_fleet.errors import UaFleetError
 
-__all__ = ["app", "exit_code_of", "main"]
+__all__ = ["app", "main"]
 
-app = typer.Typer(
-    name="ua-fleet",
-    no_args_is_help=True,
-    add_completion=False,
-    rich_markup_mode=None,
-    pretty_exceptions_enable=False,
-    help="A mixed fleet of robots as one OPC UA server, with UA bridges over OPC UA PubSub.",
-)
-app.command("serve")(serve.serve)
-app.command("bridge")(bridge.bridge)
-app.command("browse")(browse.browse)
-app.command("read")(read.read)
-app.command("write")(write.write)
-app.command("watch")(watch.watch)
-app.add_typer(demo.app, name="demo")
-
-EXIT_FAILED: Final = 1
-EXIT_USAGE: Final = 2
-EXIT_NOT_FOUND: Final = 3
-EXIT_UNREACHABLE: Final = 4
-EXIT_TIMEOUT: Final = 5
 EXIT_INTERRUPTED: Final = 130
 
+_HELP: Final = """A mixed fleet of robots as one OPC UA server, with UA bridges over OPC UA PubSub.
 
-def exit_code_of(error: UaFleetError) -> int:
-    """The exit code that an error ends the command with."""
-    if isinstance(error, ConfigError | ConfigInvalid | TopicInvalid | BridgeUnavailable):
-        return EXIT_USAGE
-    if isinstance(error, SendTimeout | SkillTimeout):
-        return EXIT_TIMEOUT
-    if isinstance(error, NotConnected | TransportError):
-        return EXIT_UNREACHABLE
-    if error.ua_status == StatusCode.BAD_NODE_ID_UNKNOWN:
-        return EXIT_NOT_FOUND
-    return EXIT_FAILED
+\b
+A first fleet:
+  ua-fleet config init fleet.yaml           write a commented file, then edit it
+  ua-fleet config check fleet.yaml          find its mistakes
+  ua-fleet config assign-ids fleet.yaml     give each data source its address
+  ua-fleet user add anna --role operator    nobody gets in without a user
+  ua-fleet serve                            the OPC UA server
+  ua-fleet bridge cell                      one process for each bridge
+  ua-fleet browse -u anna                   look at it
+"""
+
+_GROUPS: Final = {
+    "config": "The configuration file: write one, check it, assign ids.",
+    "user": "Who may use the server, and what they may do.",
+    "cert": "The server's certificate, and which clients it trusts.",
+    "pubsub": "OPC UA PubSub between the server and the bridges.",
+}
+"""Groups whose commands stand in one module each."""
+
+
+def _new(help_text: str) -> typer.Typer:
+    return typer.Typer(
+        no_args_is_help=True,
+        add_completion=False,
+        rich_markup_mode=None,
+        pretty_exceptions_enable=False,
+        context_settings={"help_option_names": ["--help", "-h"]},
+        help=help_text,
+    )
+
+
+def _add(group: typer.Typer, name: str, command: Callable[..., Any], examples: tuple[str, ...]) -> None:
+    shown = "\n".join(f"  {example}" for example in examples)
+    group.command(name, help=f"{inspect.getdoc(command)}\n\n\b\nExamples:\n{shown}")(command)
+
+
+def _build() -> typer.Typer:
+    whole = _new(_HELP)
+    from ua_fleet.cli import bridge, browse, cert, config, demo, pubsub, read, serve, user, watch, write
+
+    _add(whole, "serve", serve.serve, serve.EXAMPLES)
+    _add(whole, "bridge", bridge.bridge, bridge.EXAMPLES)
+    _add(whole, "browse", browse.browse, browse.EXAMPLES)
+    _add(whole, "read", read.read, read.EXAMPLES)
+    _add(whole, "write", write.write, write.EXAMPLES)
+    _add(whole, "watch", watch.watch, watch.EXAMPLES)
+    groups = {name: _new(help_text) for name, help_text in _GROUPS.items()}
+    _add(groups["config"], "init", config.init, config.INIT_EXAMPLES)
+    _add(groups["config"], "check", config.check, config.CHECK_EXAMPLES)
+    _add(groups["config"], "assign-ids", config.assign, config.IDS_EXAMPLES)
+    _add(groups["user"], "add", user.add, user.ADD_EXAMPLES)
+    _add(groups["user"], "list", user.show, user.LIST_EXAMPLES)
+    _add(groups["user"], "remove", user.remove, user.REMOVE_EXAMPLES)
+    _add(groups["cert"], "create", cert.create, cert.CREATE_EXAMPLES)
+    _add(groups["cert"], "trust", cert.trust_certificate, cert.TRUST_EXAMPLES)
+    _add(groups["cert"], "list", cert.show, cert.LIST_EXAMPLES)
+    _add(groups["pubsub"], "listen", pubsub.listen, pubsub.EXAMPLES)
+    # A group of one command needs a callback, or typer takes the command for the group.
+    groups["pubsub"].callback()(_no_options)
+    for name, group in groups.items():
+        whole.add_typer(group, name=name)
+    whole.add_typer(demo.app, name="demo")
+    whole.callback()(_common)
+    return whole
+
+
+def _no_options() -> None:
+    """Nothing that the commands of a group share."""
+
+
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        sys.stdout.write(f"ua-fleet {__version__}\n")
+        raise typer.Exit
+
+
+def _common(
+    verbose: Annotated[bool, typer.Option("--verbose", "-v", help="Log more; the same as UA_FLEET_LOG=debug.")] = False,
+    version: Annotated[
+        bool, typer.Option("--version", help="Print the version and exit.", is_eager=True, callback=_print_version)
+    ] = False,
+) -> None:
+    if verbose:
+        os.environ["UA_FLEET_LOG"] = "debug"
+
+
+app = _build()
 
 
 def _end(code: int) -> NoReturn:
@@ -84,15 +132,11 @@ def main() -> NoReturn:
     # Ended by a supervisor is ended in order, as with Ctrl-C.
     signal.signal(signal.SIGTERM, _interrupt)
     try:
-        app(standalone_mode=False)
-    except typer.Exit as ending:
-        _end(ending.exit_code)
-    except typer.Abort:
-        _end(EXIT_INTERRUPTED)
+        app(prog_name="ua-fleet")
+    except SystemExit as ending:
+        _end(ending.code if isinstance(ending.code, int) else 0)
     except KeyboardInterrupt:
         _end(EXIT_INTERRUPTED)
-    except BrokenPipeError:
-        _end(EXIT_FAILED)
     except UaFleetError as error:
         sys.stderr.write(f"ua-fleet: {error}\n" if "\n" not in str(error) else f"{error}\n")
         _end(exit_code_of(error))

@@ -2,35 +2,37 @@
 
 from __future__ import annotations
 
-import asyncio
-from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from ua_fleet.cli.options import Config, Json, WithoutLoopRule, load_config
-from ua_fleet.cli.output import message, print_json, print_line, set_up_logging
+from ua_fleet.cli.endings import NotFound
+from ua_fleet.cli.logs import set_up_logging
+from ua_fleet.cli.options import DEFAULT_CONFIG, Config, Json, WithoutLoopRule, load_config
+from ua_fleet.cli.output import message, print_json, print_line
+from ua_fleet.cli.process import run
 from ua_fleet.cli.rules import rule_for
-from ua_fleet.errors import ConfigError
 
-__all__ = ["bridge"]
+__all__ = ["EXAMPLES", "bridge"]
+
+EXAMPLES = ("ua-fleet bridge floor", ".venv-ros1/bin/ua-fleet bridge cell -c hall2.yaml")
 
 
 def bridge(
     name: Annotated[str, typer.Argument(help="Name of the bridge in the configuration file.")],
-    config: Config = Path("fleet.yaml"),
+    config: Config = DEFAULT_CONFIG,
     as_json: Json = False,
     without_loop_rule: WithoutLoopRule = False,
 ) -> None:
     """Run one UA bridge between its space and OPC UA PubSub until Ctrl-C.
 
-    Each bridge is a process of its own. A ROS 1 bridge runs on the system's Python with rospy, for example
-    `.venv-ros1/bin/ua-fleet bridge cell`; it waits for a ROS master that is not up yet.
+    Each bridge is a process of its own. A ROS 1 bridge runs on the system's Python with rospy, in `.venv-ros1`; it
+    waits for a ROS master that is not up yet.
     """
     fleet = load_config(config)
     if name not in fleet.bridges:
         there = ", ".join(fleet.bridges) or "none"
-        raise ConfigError(f"there is no bridge {name!r}", file=str(config), suggestion=f"bridges there: {there}")
+        raise NotFound(f"{config}: there is no bridge {name!r}; bridges there: {there}")
     set_up_logging()
     from ua_fleet.bridge.registry import load_driver
     from ua_fleet.bridge.runner import run_bridge
@@ -49,4 +51,4 @@ def bridge(
             print_line(f"ready: bridge {name}")
 
     message(f"bridge {name} ({fleet.bridges[name].kind}, space {fleet.bridges[name].space}); end it with Ctrl-C")
-    asyncio.run(run_bridge(fleet, name, driver, transport, ready=ready, rule=rule_for(without_loop_rule)))
+    run(run_bridge(fleet, name, driver, transport, ready=ready, rule=rule_for(without_loop_rule)))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 from dataclasses import asdict
 from typing import Annotated
 
@@ -11,8 +10,11 @@ import typer
 from ua_fleet.cli.connect import connected
 from ua_fleet.cli.options import DEFAULT_ENDPOINT, Endpoint, Insecure, Json, PasswordFile, Timeout, User
 from ua_fleet.cli.output import print_json, print_line
+from ua_fleet.cli.process import run
 
-__all__ = ["browse"]
+__all__ = ["EXAMPLES", "browse"]
+
+EXAMPLES = ("ua-fleet browse -u anna", "ua-fleet browse Fleet/Robots/ned --depth 2 -u anna")
 
 
 def browse(
@@ -25,12 +27,9 @@ def browse(
     timeout: Timeout = 10.0,
     as_json: Json = False,
 ) -> None:
-    """List the nodes below a node.
+    """List the nodes below a node."""
 
-    Examples: `ua-fleet browse -u anna`, `ua-fleet browse Fleet/Robots/ned --depth 2 -u anna`.
-    """
-
-    async def run() -> None:
+    async def main() -> None:
         async with connected(endpoint, user, password_file, insecure=insecure, timeout_s=timeout) as client:
             for info in await client.browse(node, depth=depth):
                 if as_json:
@@ -38,4 +37,4 @@ def browse(
                 else:
                     print_line(f"{'  ' * info.depth}{info.browse_name}  [{info.node_class}]  {info.node_id}")
 
-    asyncio.run(run())
+    run(main())

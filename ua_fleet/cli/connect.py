@@ -7,9 +7,9 @@ from contextlib import asynccontextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from ua_fleet.cli.endings import extra_needed
 from ua_fleet.cli.options import password_for
 from ua_fleet.cli.output import message
-from ua_fleet.errors import BridgeUnavailable
 
 if TYPE_CHECKING:
     from ua_fleet.client import FleetClient
@@ -22,10 +22,8 @@ async def connected(
     endpoint: str, user: str | None, password_file: Path | None, *, insecure: bool, timeout_s: float
 ) -> AsyncGenerator[FleetClient]:
     """The client that the options ask for."""
-    try:
+    with extra_needed("this command", "client"):
         from ua_fleet.client import FleetClient
-    except ImportError as error:
-        raise BridgeUnavailable(f"the client cannot run: {error}", extra="client") from error
     password = password_for(user, password_file)
     async with FleetClient.connect(
         endpoint, user=user, password=password, insecure=insecure, timeout_s=timeout_s

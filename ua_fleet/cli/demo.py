@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -11,6 +10,7 @@ import typer
 
 from ua_fleet.cli.options import WithoutLoopRule
 from ua_fleet.cli.output import message, print_line
+from ua_fleet.cli.process import run
 from ua_fleet.errors import BridgeUnavailable
 
 if TYPE_CHECKING:
@@ -48,11 +48,13 @@ def pal(
     covers arrived and nothing was delivered twice.
     """
     try:
-        from ua_fleet.demo.folder import run_folder
+        from ua_fleet.demo.folder import claim_domain, run_folder
         from ua_fleet.demo.pal.run import USER, run_pal
         from ua_fleet.demo.pal.setting import make_setting
     except ImportError as error:
         raise BridgeUnavailable(f"the demonstration cannot run: {error}", extra="server") from error
+
+    problems: list[str] = []
 
     def started(setting: Setting) -> None:
         message(f"UaExpert: {setting.endpoint}  (Basic256Sha256, Sign & Encrypt)")
@@ -68,15 +70,16 @@ def pal(
         report = result.report
         drops = ", ".join(f"{cause} {count}" for cause, count in report["drops"].items())
         print_line(f"delivered twice: {report['looped']}; dropped, by cause: {drops or 'nothing'}")
-        for problem in result.problems:
+        problems.extend(result.problems)
+        for problem in problems:
             message(f"ua-fleet: {problem}")
         if not once:
             message("the line stays up for UaExpert; end it with Ctrl-C")
 
-    with run_folder(folder, keep=not once) as place:
+    with run_folder(folder, keep=not once) as place, claim_domain(domain, message) as mobile_domain:
         setting = make_setting(
             place,
-            domain=domain,
+            domain=mobile_domain,
             speed=speed,
             loop_rule=not without_loop_rule,
             without_ros1=without_ros1,
@@ -87,6 +90,6 @@ def pal(
             say=message,
         )
         message("starting the server, the bridges and the robots' programs (some seconds)")
-        result = asyncio.run(run_pal(setting, say=print_line, started=started, finished=finished, stay=not once))
-    if result.problems:
+        run(run_pal(setting, say=print_line, started=started, finished=finished, stay=not once))
+    if problems:
         raise typer.Exit(1)

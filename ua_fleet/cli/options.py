@@ -4,15 +4,19 @@ from __future__ import annotations
 
 import os
 import sys
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Final
+from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
 
-from ua_fleet.config import FleetConfig, load
-from ua_fleet.errors import ConfigError
+from ua_fleet.cli.endings import UsageError
+
+if TYPE_CHECKING:
+    from ua_fleet.config import FleetConfig
 
 __all__ = [
+    "DEFAULT_CONFIG",
     "DEFAULT_ENDPOINT",
     "Config",
     "Endpoint",
@@ -24,8 +28,11 @@ __all__ = [
     "WithoutLoopRule",
     "load_config",
     "password_for",
+    "read_secret",
+    "state_folder",
 ]
 
+DEFAULT_CONFIG: Final = Path("fleet.yaml")
 DEFAULT_ENDPOINT: Final = "opc.tcp://127.0.0.1:4840/ua_fleet"
 
 Config = Annotated[
@@ -38,7 +45,9 @@ Endpoint = Annotated[
 User = Annotated[str | None, typer.Option("--user", "-u", envvar="UA_FLEET_USER", help="User; without it, anonymous.")]
 PasswordFile = Annotated[
     Path | None,
-    typer.Option(help="File that holds the password; otherwise UA_FLEET_PASSWORD, otherwise it is asked for."),
+    typer.Option(
+        help="File that holds the password (- for stdin); otherwise UA_FLEET_PASSWORD, otherwise it is asked for."
+    ),
 ]
 Insecure = Annotated[bool, typer.Option("--insecure", help="Neither sign nor encrypt, where the server allows it.")]
 Timeout = Annotated[float, typer.Option(help="Longest wait for an answer, in seconds.", min=0.1)]
@@ -48,9 +57,29 @@ WithoutLoopRule = Annotated[
 ]
 
 
-def load_config(path: Path) -> FleetConfig:
-    """Load the configuration file with the environment's layer."""
-    return load(path, os.environ)
+def load_config(
+    path: Path, *, overrides: Mapping[str, object] | None = None, allow_missing_ids: bool = False
+) -> FleetConfig:
+    """Load the configuration file with the environment's layer, and the command's options above it."""
+    from ua_fleet.config import load
+
+    return load(path, os.environ, overrides=overrides, allow_missing_ids=allow_missing_ids)
+
+
+def state_folder(path: Path) -> tuple[FleetConfig, Path]:
+    """A fleet, and the folder of its users and certificates."""
+    config = load_config(path, allow_missing_ids=True)
+    return config, path.resolve().parent / config.server.state_dir
+
+
+def read_secret(path: Path) -> str:
+    """The first line of a file, or of stdin for `-`."""
+    try:
+        text = sys.stdin.read() if str(path) == "-" else path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        reason = error.strerror if isinstance(error, OSError) else "it is not UTF-8 text"
+        raise UsageError(f"{path}: the password cannot be read: {reason}; name another --password-file") from error
+    return text.partition("\n")[0].removesuffix("\r")
 
 
 def password_for(user: str | None, password_file: Path | None) -> str | None:
@@ -58,13 +87,12 @@ def password_for(user: str | None, password_file: Path | None) -> str | None:
     if user is None:
         return None
     if password_file is not None:
-        try:
-            return password_file.read_text(encoding="utf-8").rstrip("\r\n")
-        except OSError as error:
-            raise ConfigError(f"cannot read the password: {error.strerror}", file=str(password_file)) from error
+        return read_secret(password_file)
     given = os.environ.get("UA_FLEET_PASSWORD")
     if given is not None:
         return given
     if not sys.stdin.isatty():
-        raise ConfigError(f"no password for {user}", suggestion="give --password-file or UA_FLEET_PASSWORD")
-    return str(typer.prompt(f"Password of {user}", hide_input=True, err=True))
+        raise UsageError(f"there is no password for {user}; give --password-file or UA_FLEET_PASSWORD")
+    from getpass import getpass
+
+    return getpass(f"Password of {user}: ")

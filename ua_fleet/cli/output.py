@@ -1,19 +1,16 @@
-"""How commands print: data on stdout, messages on stderr, logs as JSON when nobody watches."""
+"""How commands print: data on stdout, messages on stderr."""
 
 from __future__ import annotations
 
 import json
-import logging
-import os
 import sys
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
-
-import structlog
 
 if TYPE_CHECKING:
     from ua_fleet.client import Reading
 
-__all__ = ["message", "print_json", "print_line", "print_reading", "set_up_logging"]
+__all__ = ["message", "print_json", "print_line", "print_reading", "print_table"]
 
 
 def message(text: str) -> None:
@@ -31,6 +28,13 @@ def print_line(text: str) -> None:
 def print_json(value: Any) -> None:
     """Print one object on a line of its own, at once."""
     print_line(json.dumps(value, ensure_ascii=False))
+
+
+def print_table(rows: Sequence[Sequence[str]]) -> None:
+    """Print rows with aligned columns; the first row is the heading."""
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    for row in rows:
+        print_line("  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip())
 
 
 def print_reading(address: str, reading: Reading, *, as_json: bool) -> None:
@@ -53,27 +57,3 @@ def print_reading(address: str, reading: Reading, *, as_json: bool) -> None:
     quality = "" if reading.status == 0 else f"  {reading.status_text}"
     stamp = f"  {time.isoformat(timespec='milliseconds')}" if time else ""
     print_line(f"{address} = {value}{quality}{stamp}")
-
-
-def set_up_logging() -> None:
-    """Logs of this process on stderr: for people on a terminal, one JSON object a line elsewhere.
-
-    UA_FLEET_LOG sets the level: debug, info (default), warning, error.
-    """
-    level = getattr(logging, os.environ.get("UA_FLEET_LOG", "info").upper(), logging.INFO)
-    on_terminal = sys.stderr.isatty()
-    renderer: Any = structlog.dev.ConsoleRenderer() if on_terminal else structlog.processors.JSONRenderer()
-    structlog.configure(
-        processors=[
-            structlog.contextvars.merge_contextvars,
-            structlog.processors.add_log_level,
-            structlog.processors.TimeStamper(fmt="iso", utc=True),
-            structlog.processors.StackInfoRenderer(),
-            *([] if on_terminal else [structlog.processors.format_exc_info]),
-            renderer,
-        ],
-        wrapper_class=structlog.make_filtering_bound_logger(level),
-        logger_factory=structlog.PrintLoggerFactory(sys.stderr),
-        cache_logger_on_first_use=True,
-    )
-    logging.basicConfig(stream=sys.stderr, level=max(level, logging.WARNING))

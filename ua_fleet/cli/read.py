@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 from typing import Annotated
 
 import typer
@@ -10,8 +9,11 @@ import typer
 from ua_fleet.cli.connect import connected
 from ua_fleet.cli.options import DEFAULT_ENDPOINT, Endpoint, Insecure, Json, PasswordFile, Timeout, User
 from ua_fleet.cli.output import print_reading
+from ua_fleet.cli.process import run
 
-__all__ = ["read"]
+__all__ = ["EXAMPLES", "read"]
+
+EXAMPLES = ("ua-fleet read ua_1_2_1001 -u anna", "ua-fleet read Fleet/Robots/ned/battery 'ns=2;i=1002' -u anna --json")
 
 
 def read(
@@ -23,14 +25,11 @@ def read(
     timeout: Timeout = 10.0,
     as_json: Json = False,
 ) -> None:
-    """Print the values of some nodes, with their quality and the source's time.
+    """Print the values of some nodes, with their quality and the source's time."""
 
-    Example: `ua-fleet read ua_1_2_1001 ns=2;i=1002 -u anna`.
-    """
-
-    async def run() -> None:
+    async def main() -> None:
         async with connected(endpoint, user, password_file, insecure=insecure, timeout_s=timeout) as client:
             for node, reading in zip(nodes, await client.read(nodes), strict=True):
                 print_reading(node, reading, as_json=as_json)
 
-    asyncio.run(run())
+    run(main())

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from ua_fleet.bridge.core import Rule
+from collections.abc import Callable
+
 from ua_fleet.cli.output import message
 from ua_fleet.topics import Side, Verdict, loop_verdict
 
@@ -13,7 +14,7 @@ def _forward_all(side: Side, _origin: int, _own_space: int, _own_publication: bo
     return Verdict.TO_SPACE if side is Side.PUBSUB else Verdict.TO_PUBSUB
 
 
-def rule_for(without_loop_rule: bool) -> Rule:
+def rule_for(without_loop_rule: bool) -> Callable[[Side, int, int, bool], Verdict]:
     """`loop_verdict`, or for a test a rule that forwards everything, which is said."""
     if not without_loop_rule:
         return loop_verdict

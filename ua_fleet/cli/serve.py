@@ -2,31 +2,39 @@
 
 from __future__ import annotations
 
-import asyncio
-from pathlib import Path
+from typing import Annotated
 
-from ua_fleet.cli.options import Config, Json, WithoutLoopRule, load_config
-from ua_fleet.cli.output import message, print_json, print_line, set_up_logging
+import typer
+
+from ua_fleet.cli.endings import extra_needed
+from ua_fleet.cli.logs import set_up_logging
+from ua_fleet.cli.options import DEFAULT_CONFIG, Config, Json, WithoutLoopRule, load_config
+from ua_fleet.cli.output import message, print_json, print_line
+from ua_fleet.cli.process import run
 from ua_fleet.cli.rules import rule_for
-from ua_fleet.errors import BridgeUnavailable
 
-__all__ = ["serve"]
+__all__ = ["EXAMPLES", "serve"]
+
+EXAMPLES = ("ua-fleet serve", "ua-fleet serve -c hall2.yaml --port 4841")
 
 
 def serve(
-    config: Config = Path("fleet.yaml"), as_json: Json = False, without_loop_rule: WithoutLoopRule = False
+    config: Config = DEFAULT_CONFIG,
+    host: Annotated[str | None, typer.Option(help="Listen on this address instead of the file's.")] = None,
+    port: Annotated[int | None, typer.Option(help="Listen on this port instead of the file's; 0: any.")] = None,
+    as_json: Json = False,
+    without_loop_rule: WithoutLoopRule = False,
 ) -> None:
     """Run the OPC UA server of a fleet until Ctrl-C.
 
     Every robot and every data source of the configuration file becomes a node; bridges bring the values. Add a user
     first, with `ua-fleet user add NAME --role operator`, since nobody gets in without one.
     """
-    fleet = load_config(config)
+    given = {"server.host": host, "server.port": port}
+    fleet = load_config(config, overrides={key: value for key, value in given.items() if value is not None})
     set_up_logging()
-    try:
+    with extra_needed("the server", "server"):
         from ua_fleet.server.app import run_server
-    except ImportError as error:
-        raise BridgeUnavailable(f"the server cannot run: {error}", extra="server") from error
 
     def ready(endpoint: str) -> None:
         if as_json:
@@ -35,4 +43,4 @@ def serve(
             print_line(f"ready: {endpoint}")
 
     message(f"serving {fleet.fleet.name} of {config}; end it with Ctrl-C")
-    asyncio.run(run_server(fleet, config.resolve().parent, ready=ready, rule=rule_for(without_loop_rule)))
+    run(run_server(fleet, config.resolve().parent, ready=ready, rule=rule_for(without_loop_rule)))

@@ -9,32 +9,36 @@ from typing import Annotated
 import typer
 
 from ua_fleet.cli.connect import connected
-from ua_fleet.cli.options import DEFAULT_ENDPOINT, Endpoint, Insecure, Json, PasswordFile, Timeout, User
+from ua_fleet.cli.options import DEFAULT_ENDPOINT, Endpoint, Insecure, Json, PasswordFile, User
 from ua_fleet.cli.output import print_reading
+from ua_fleet.cli.process import run
 from ua_fleet.errors import SendTimeout
 
-__all__ = ["watch"]
+__all__ = ["EXAMPLES", "watch"]
+
+EXAMPLES = ("ua-fleet watch ua_1_2_1001 -u anna", "ua-fleet watch ua_1_2_1001 --count 10 --timeout 30 -u anna --json")
+CONNECT_TIMEOUT_S = 10.0
 
 
 def watch(
     nodes: Annotated[list[str], typer.Argument(help="NodeIds, UA topics, or paths.")],
-    count: Annotated[int | None, typer.Option(help="End after so many changes.", min=1)] = None,
-    seconds: Annotated[float | None, typer.Option(help="End after so many seconds.", min=0.1)] = None,
+    count: Annotated[int | None, typer.Option(help="End after so many lines.", min=1)] = None,
+    timeout: Annotated[float | None, typer.Option(help="End after so many seconds.", min=0.1)] = None,
     period_ms: Annotated[float, typer.Option(help="Publishing interval in milliseconds.", min=10)] = 100.0,
     endpoint: Endpoint = DEFAULT_ENDPOINT,
     user: User = None,
     password_file: PasswordFile = None,
     insecure: Insecure = False,
-    timeout: Timeout = 10.0,
     as_json: Json = False,
 ) -> None:
     """Print the values of some nodes, and then each change until Ctrl-C.
 
-    With --count, exit code 5 if the changes did not come within --seconds.
+    With --count, exit code 5 if so many lines did not come within --timeout.
     """
 
     async def follow() -> None:
-        async with connected(endpoint, user, password_file, insecure=insecure, timeout_s=timeout) as client:
+        wait_s = min(timeout or CONNECT_TIMEOUT_S, CONNECT_TIMEOUT_S)
+        async with connected(endpoint, user, password_file, insecure=insecure, timeout_s=wait_s) as client:
             names: dict[str, str] = {
                 reading.node_id: node for node, reading in zip(nodes, await client.read(nodes), strict=True)
             }
@@ -47,12 +51,12 @@ def watch(
                         if left == 0:
                             return
 
-    async def run() -> None:
+    async def main() -> None:
         try:
-            async with asyncio.timeout(seconds):
+            async with asyncio.timeout(timeout):
                 await follow()
         except TimeoutError:
             if count is not None:
-                raise SendTimeout(f"{count} changes did not come within {seconds} s") from None
+                raise SendTimeout(f"{count} lines did not come within {timeout} s; try a longer --timeout") from None
 
-    asyncio.run(run())
+    run(main())

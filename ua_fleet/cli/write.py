@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 from typing import Annotated
 
 import typer
@@ -10,8 +9,11 @@ import typer
 from ua_fleet.cli.connect import connected
 from ua_fleet.cli.options import DEFAULT_ENDPOINT, Endpoint, Insecure, Json, PasswordFile, Timeout, User
 from ua_fleet.cli.output import print_reading
+from ua_fleet.cli.process import run
 
-__all__ = ["write"]
+__all__ = ["EXAMPLES", "write"]
+
+EXAMPLES = ("ua-fleet write ua_0_2_1006 0.25 -u anna", "ua-fleet write -u anna -- ua_0_2_1006 -0.25")
 
 
 def write(
@@ -26,12 +28,11 @@ def write(
 ) -> None:
     """Write a value to a node that clients may write, and print what the node holds then.
 
-    Example: `ua-fleet write ua_0_2_1020 0.25 -u anna`. The server sends it to the robots over PubSub. A negative number
-    needs `--` before it: `ua-fleet write -u anna -- ua_0_2_1020 -0.25`.
+    The server sends it to the robots over PubSub. A negative number needs `--` before the node.
     """
 
-    async def run() -> None:
+    async def main() -> None:
         async with connected(endpoint, user, password_file, insecure=insecure, timeout_s=timeout) as client:
             print_reading(node, await client.write(node, value), as_json=as_json)
 
-    asyncio.run(run())
+    run(main())

@@ -1,0 +1,112 @@
+"""`ua-fleet config`: the configuration file."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from ua_fleet.cli.endings import EXIT_USAGE
+from ua_fleet.cli.options import DEFAULT_CONFIG, Json, load_config
+from ua_fleet.cli.output import message, print_json, print_line
+from ua_fleet.errors import ConfigError, ConfigInvalid
+
+if TYPE_CHECKING:
+    from ua_fleet.config import FleetConfig
+
+__all__ = ["CHECK_EXAMPLES", "IDS_EXAMPLES", "INIT_EXAMPLES", "assign", "check", "init"]
+
+INIT_EXAMPLES = ("ua-fleet config init", "ua-fleet config init hall2.yaml")
+CHECK_EXAMPLES = ("ua-fleet config check", "ua-fleet config check hall2.yaml --json")
+IDS_EXAMPLES = ("ua-fleet config assign-ids", "ua-fleet config assign-ids hall2.yaml --json")
+
+File = Annotated[Path, typer.Argument(help="The configuration file.", envvar="UA_FLEET_CONFIG")]
+
+
+@dataclass(frozen=True, slots=True)
+class _Size:
+    bridges: int
+    robots: int
+    data_sources: int
+
+    @classmethod
+    def of(cls, config: FleetConfig) -> _Size:
+        """What a fleet consists of."""
+        data_sources = sum(len(robot.data) for robot in config.robots.values())
+        return cls(len(config.bridges), len(config.robots), data_sources)
+
+
+def _as_json(problem: ConfigError) -> dict[str, Any]:
+    return {
+        "file": problem.file,
+        "line": problem.line or None,
+        "key": problem.key,
+        "message": problem.message,
+        "suggestion": problem.suggestion,
+    }
+
+
+def init(file: File = DEFAULT_CONFIG, as_json: Json = False) -> None:
+    """Write a commented configuration file to start from.
+
+    It shows every key there is, with examples of bridges and robots. One thing is left for you to decide, and the file
+    is not valid before: `pubsub.security`.
+    """
+    from ua_fleet.config.default_file import write_default
+
+    write_default(file)
+    if as_json:
+        print_json({"file": str(file)})
+    else:
+        print_line(str(file))
+    message(f"edit it, then run: ua-fleet config check {file}")
+
+
+def check(file: File = DEFAULT_CONFIG, as_json: Json = False) -> None:
+    """Check a configuration file and print all its problems, each with its line and a suggestion.
+
+    The environment counts as it will when the server runs: ${VAR} in the file, and UA_FLEET__SERVER__PORT and the like.
+    Exit code 2 if there are problems.
+    """
+    try:
+        size = _Size.of(load_config(file))
+    except ConfigInvalid as error:
+        if as_json:
+            print_json({"valid": False, "problems": [_as_json(problem) for problem in error.problems]})
+        else:
+            for problem in error.problems:
+                print_line(str(problem))
+            count = len(error.problems)
+            message(f"ua-fleet: {count} problem{'s' if count > 1 else ''}; mend and run: ua-fleet config check {file}")
+        raise typer.Exit(EXIT_USAGE) from None
+    if as_json:
+        print_json(
+            {
+                "valid": True,
+                "bridges": size.bridges,
+                "robots": size.robots,
+                "data_sources": size.data_sources,
+                "problems": [],
+            }
+        )
+    else:
+        print_line(f"{file}: valid; bridges: {size.bridges}, robots: {size.robots}, data sources: {size.data_sources}")
+
+
+def assign(file: File = DEFAULT_CONFIG, as_json: Json = False) -> None:
+    """Give each data source and bridge that has no id the next one, and write it into the file.
+
+    Nothing else in the file changes, not even a space. Ids are addresses that clients remember: do not change one, and
+    do not use one again for something else.
+    """
+    from ua_fleet.config.assign_ids import assign_ids
+
+    given = assign_ids(file)
+    if as_json:
+        print_json({"assigned": given})
+        return
+    for key, number in given.items():
+        print_line(f"{key}: {number}")
+    message(f"{file}: {len(given)} ids assigned" if given else f"{file}: nothing to do, all ids are there")

@@ -1,0 +1,66 @@
+"""How a command ends: exit codes, and errors that only the command line has."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Generator
+from typing import Final
+
+from ua_fleet.errors import (
+    BridgeUnavailable,
+    ConfigError,
+    ConfigInvalid,
+    NotConnected,
+    SendTimeout,
+    SkillTimeout,
+    TopicInvalid,
+    TransportError,
+    UaFleetError,
+)
+from ua_fleet.values import StatusCode
+
+__all__ = ["NotFound", "UsageError", "exit_code_of", "extra_needed"]
+
+EXIT_FAILED: Final = 1
+EXIT_USAGE: Final = 2
+EXIT_NOT_FOUND: Final = 3
+EXIT_UNREACHABLE: Final = 4
+EXIT_TIMEOUT: Final = 5
+
+
+class NotFound(UaFleetError):
+    """There is nothing of that name."""
+
+    ua_status = StatusCode.BAD_NODE_ID_UNKNOWN
+
+
+class UsageError(UaFleetError):
+    """The command cannot do anything with what it was given."""
+
+    ua_status = StatusCode.BAD_CONFIGURATION_ERROR
+
+
+def exit_code_of(error: UaFleetError) -> int:
+    """The exit code that an error ends the command with."""
+    if isinstance(error, ConfigError | ConfigInvalid | TopicInvalid | BridgeUnavailable):
+        return EXIT_USAGE
+    if isinstance(error, SendTimeout | SkillTimeout):
+        return EXIT_TIMEOUT
+    if isinstance(error, NotConnected | TransportError):
+        return EXIT_UNREACHABLE
+    if error.ua_status == StatusCode.BAD_CONFIGURATION_ERROR:
+        return EXIT_USAGE
+    if error.ua_status in (StatusCode.BAD_NODE_ID_UNKNOWN, StatusCode.BAD_NODE_ID_INVALID):
+        return EXIT_NOT_FOUND
+    return EXIT_FAILED
+
+
+@contextlib.contextmanager
+def extra_needed(what: str, extra: str) -> Generator[None]:
+    """Say which extra to install when an import inside fails for a package that is not ours."""
+    try:
+        yield
+    except ModuleNotFoundError as error:
+        if error.name is None or error.name.startswith(("ua_fleet", "ua_bridges")):
+            raise
+        raise BridgeUnavailable(f"{what} needs the package {error.name}", extra=extra) from error

@@ -1,0 +1,118 @@
+"""`ua-fleet user`: who may use the server."""
+
+from __future__ import annotations
+
+import sys
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from ua_fleet.cli.endings import NotFound, UsageError
+from ua_fleet.cli.options import DEFAULT_CONFIG, Config, Json, read_secret, state_folder
+from ua_fleet.cli.output import message, print_json, print_line, print_table
+
+if TYPE_CHECKING:
+    from ua_fleet.server.users import UserStore
+
+__all__ = ["ADD_EXAMPLES", "LIST_EXAMPLES", "REMOVE_EXAMPLES", "RoleName", "add", "remove", "show"]
+
+ADD_EXAMPLES = (
+    "ua-fleet user add anna --role operator",
+    "pass show hall2/anna | ua-fleet user add anna --role operator --password-file -",
+)
+LIST_EXAMPLES = ("ua-fleet user list", "ua-fleet user list --json -c hall2.yaml")
+REMOVE_EXAMPLES = ("ua-fleet user remove anna",)
+
+
+class RoleName(StrEnum):
+    """The roles of `server/users.py`; a test compares them. Importing those would slow down `--help`."""
+
+    OBSERVER = "observer"
+    OPERATOR = "operator"
+    ENGINEER = "engineer"
+
+
+def _store(config: Path) -> UserStore:
+    from ua_fleet.server.users import USERS_FILE, UserStore
+
+    _, folder = state_folder(config)
+    return UserStore(folder / USERS_FILE)
+
+
+def _new_password(name: str, password_file: Path | None) -> str:
+    if password_file is not None:
+        return read_secret(password_file)
+    if not sys.stdin.isatty():
+        raise UsageError(
+            "there is no terminal to ask for the password; give it with: --password-file FILE, or - for stdin"
+        )
+    from getpass import getpass
+
+    password = getpass(f"Password for {name}: ")
+    if getpass("The same again: ") != password:
+        raise UsageError(f"the passwords differ; nothing was changed; run again: ua-fleet user add {name}")
+    return password
+
+
+def add(
+    name: Annotated[str, typer.Argument(help="Name to log in with.")],
+    role: Annotated[
+        RoleName,
+        typer.Option(help="observer reads; operator also writes and calls methods; engineer may do everything."),
+    ] = RoleName.OBSERVER,
+    password_file: Annotated[
+        Path | None, typer.Option(help="Take the password from the first line of this file; - for stdin.")
+    ] = None,
+    replace: Annotated[bool, typer.Option("--replace", help="Give an existing user this role and password.")] = False,
+    config: Config = DEFAULT_CONFIG,
+    as_json: Json = False,
+) -> None:
+    """Add a user of the server. The password is asked for twice, and stored as a salted hash.
+
+    A running server knows the user at once.
+    """
+    from ua_fleet.server.users import Role
+
+    store = _store(config)
+    if not replace and name in {user.name for user in store.list()}:
+        raise UsageError(
+            f"there is a user {name} already; to change the password run: ua-fleet user add {name} --replace"
+        )
+    user = store.add(name, _new_password(name, password_file), Role(role.value), replace_existing=replace)
+    if as_json:
+        print_json({"name": user.name, "role": user.role.value})
+    else:
+        print_line(f"{user.name} ({user.role.value})")
+    message(f"stored in {store.path}")
+
+
+def show(config: Config = DEFAULT_CONFIG, as_json: Json = False) -> None:
+    """List the users of the server with their roles."""
+    store = _store(config)
+    users = store.list()
+    if as_json:
+        for user in users:
+            print_json({"name": user.name, "role": user.role.value})
+        return
+    if users:
+        print_table([("name", "role"), *((user.name, user.role.value) for user in users)])
+    else:
+        message("there are no users, so nobody gets in; add one with: ua-fleet user add NAME --role operator")
+
+
+def remove(
+    name: Annotated[str, typer.Argument(help="The user's name.")],
+    config: Config = DEFAULT_CONFIG,
+    as_json: Json = False,
+) -> None:
+    """Remove a user of the server, who cannot log in from now on."""
+    store = _store(config)
+    if name not in {user.name for user in store.list()}:
+        raise NotFound(f"there is no user {name}; list them with: ua-fleet user list")
+    store.remove(name)
+    if as_json:
+        print_json({"removed": name})
+    else:
+        print_line(f"removed {name}")

@@ -55,6 +55,7 @@ class FleetState:
         self._claims: dict[tuple[int, int], Topic] = {}
         self._conflicts: set[Topic] = set()
         self._discovered: set[Topic] = set()
+        self._silent_strangers: set[Topic] = set()
         self._bridges = [BridgeStatus(bridge) for bridge in model.bridges]
         by_name = {bridge.model.name: bridge for bridge in self._bridges}
         self._robots = [RobotStatus(robot, by_name.get(robot.bridge)) for robot in model.robots]
@@ -163,10 +164,18 @@ class FleetState:
                 if one.bridge is bridge:
                     changes += one.state(wall_ticks)
             return changes
+        return self._notice_life(source)
+
+    def _notice_life(self, source: Source) -> list[Change]:
+        topic = source.model.topic
         what = f"{topic.name} ({source.model.name})"
-        if source.alive:
-            return [Noticed(False, f"{what} is there", topic)]
-        return [Noticed(True, f"{what} is silent: its nodes are Bad_NoCommunication", topic)]
+        if not source.alive:
+            self._silent_strangers.add(topic)
+            return [Noticed(True, f"{what} is silent: its nodes are Bad_NoCommunication", topic)]
+        if topic not in self._silent_strangers:
+            return []
+        self._silent_strangers.discard(topic)
+        return [Noticed(False, f"{what} is there again", topic)]
 
     def _find(self, topic: Topic, metadata: DataSetMetaData) -> tuple[Source | None, list[Change]]:
         """The source of a topic, made by the policy for unknown sources where there is none."""
@@ -184,6 +193,7 @@ class FleetState:
         for change in changes:
             if isinstance(change, SourceRemoved):
                 self._discovered.discard(topic)
+                self._silent_strangers.discard(topic)
                 del self._sources[topic], self._claims[topic.ns, topic.id]
             elif isinstance(change, SourceAdded):
                 self._discovered.add(topic)

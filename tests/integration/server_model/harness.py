@@ -12,7 +12,6 @@ from typing import Any, Final
 from asyncua.client.client import Client
 from asyncua.crypto import security_policies
 
-from tests import system
 from tests.integration.peer import Peer
 from ua_fleet.config.schema import FleetConfig
 from ua_fleet.pubsub.subscriber import LoopRule
@@ -103,7 +102,8 @@ async def serving(folder: Path, config: FleetConfig, *, rule: LoopRule = loop_ve
     ready: asyncio.Future[str] = asyncio.get_running_loop().create_future()
     async with Peer.at(config.pubsub.url, SPACE) as peer:
         task = asyncio.ensure_future(run_server(config, folder, ready=ready.set_result, rule=rule))
-        await asyncio.wait([task, ready], return_when=asyncio.FIRST_COMPLETED, timeout=30)
+        waited: list[asyncio.Future[Any]] = [task, ready]
+        await asyncio.wait(waited, return_when=asyncio.FIRST_COMPLETED, timeout=30)
         if not ready.done():
             task.result()
         try:

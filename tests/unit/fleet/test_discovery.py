@@ -1,0 +1,119 @@
+"""Sources that fleet.yaml does not name."""
+
+from __future__ import annotations
+
+import pytest
+
+from tests.unit.fleet.fleet_of import DOUBLE, STRING, Fleet, metadata_of, notices, values
+from ua_fleet.config.schema import UnknownSources
+from ua_fleet.counters import Drop
+from ua_fleet.fleet import SourceAdded, SourceQuarantined, SourceRemoved
+from ua_fleet.pubsub.events import MetaDataReceived
+from ua_fleet.pubsub.metadata import make_field
+from ua_fleet.topics import Topic
+from ua_fleet.values import BuiltinType
+from ua_fleet.wire.messages import FieldMetaData
+
+TOPIC = Topic(5, 2, 700)
+SINGLE = metadata_of(make_field("data", DOUBLE, properties={"RosType": "std_msgs/Float64"}), name="/speed")
+
+
+def test_create_makes_read_only_nodes_with_the_announced_names() -> None:
+    fleet = Fleet(UnknownSources.CREATE)
+    changes = fleet.hear(TOPIC, [DOUBLE], [1.5], 4, metadata=SINGLE)
+    added = next(change for change in changes if isinstance(change, SourceAdded)).data_set
+    assert (added.topic, added.name, added.is_single, added.writable) == (TOPIC, "/speed", True, False)
+    assert values(changes)[700] == (1.5, 0, 4)
+    assert changes.index(SourceAdded(added)) == 0
+    assert fleet.counters.drops == {}
+
+
+def test_several_fields_become_an_object_with_variables() -> None:
+    fleet = Fleet(UnknownSources.CREATE)
+    metadata = metadata_of(make_field("linear.x", DOUBLE), make_field("frame", STRING))
+    changes = fleet.hear(TOPIC, [DOUBLE, STRING], [1.0, "map"], 4, metadata=metadata)
+    assert values(changes) == {"700.linear.x": (1.0, 0, 4), "700.frame": ("map", 0, 4)}
+
+
+def test_other_fields_than_before_make_other_nodes() -> None:
+    fleet = Fleet(UnknownSources.CREATE)
+    fleet.hear(TOPIC, [DOUBLE], [1.5], 4, metadata=SINGLE)
+    metadata = metadata_of(make_field("x", DOUBLE), make_field("y", DOUBLE), version=2)
+    changes = fleet.state.apply(MetaDataReceived(TOPIC, metadata), 1)
+    assert [type(change) for change in changes[:2]] == [SourceRemoved, SourceAdded]
+    assert values(fleet.hear(TOPIC, [DOUBLE, DOUBLE], [1.0, 2.0], 5, metadata=metadata))["700.y"] == (2.0, 0, 5)
+
+
+def test_the_same_fields_again_change_nothing() -> None:
+    fleet = Fleet(UnknownSources.CREATE)
+    fleet.hear(TOPIC, [DOUBLE], [1.5], 4, metadata=SINGLE)
+    again = metadata_of(*SINGLE.fields, name=SINGLE.name, version=2)
+    assert fleet.state.apply(MetaDataReceived(TOPIC, again), 1) == []
+
+
+def test_quarantine_lists_without_values() -> None:
+    fleet = Fleet(UnknownSources.QUARANTINE)
+    changes = fleet.state.apply(MetaDataReceived(TOPIC, SINGLE), 1)
+    listed = [change for change in changes if isinstance(change, SourceQuarantined)]
+    assert [(one.topic, one.name, one.message_type) for one in listed] == [(TOPIC, "/speed", "std_msgs/Float64")]
+    assert "quarantine" in listed[0].reason
+    for timestamp in (1, 2):
+        assert fleet.hear(TOPIC, [DOUBLE], [1.5], timestamp, metadata=SINGLE) == []
+    assert fleet.counters.drops == {Drop.UNKNOWN_SOURCE: 2}
+
+
+def test_ignore_counts_only() -> None:
+    fleet = Fleet(UnknownSources.IGNORE)
+    assert fleet.hear(TOPIC, [DOUBLE], [1.5], 1, metadata=SINGLE) == []
+    assert fleet.counters.drops == {Drop.UNKNOWN_SOURCE: 1}
+
+
+@pytest.mark.parametrize("policy", [UnknownSources.CREATE, UnknownSources.QUARANTINE])
+def test_there_is_a_bound_that_is_told_once(policy: UnknownSources) -> None:
+    fleet = Fleet(policy, max_sources=2)
+    told: list[str] = []
+    for number in range(5):
+        told += notices(fleet.hear(TOPIC._replace(id=700 + number), [DOUBLE], [1.0], 1, metadata=SINGLE))
+    assert sum("more than 2 unknown sources" in text for text in told) == 1
+    assert len(told) == 3
+    assert fleet.counters.drops[Drop.UNKNOWN_SOURCE] == (3 if policy is UnknownSources.CREATE else 5)
+
+
+@pytest.mark.parametrize("ns", [1, 3, 4])
+def test_nodes_are_made_in_the_fleets_namespace_alone(ns: int) -> None:
+    fleet = Fleet(UnknownSources.CREATE)
+    changes = fleet.hear(Topic(5, ns, 700), [DOUBLE], [1.0], 1, metadata=SINGLE)
+    assert not any(isinstance(change, SourceAdded) for change in changes)
+    assert "namespace index" in next(c for c in changes if isinstance(c, SourceQuarantined)).reason
+    assert fleet.counters.drops[Drop.UNKNOWN_SOURCE] == 1
+
+
+@pytest.mark.parametrize(
+    ("fields", "reason"),
+    [
+        ((), "no fields"),
+        (tuple(make_field(f"f{n}", DOUBLE) for n in range(501)), "501 fields"),
+        ((make_field("a", DOUBLE), make_field("a", DOUBLE)), "not unique"),
+        ((make_field("", DOUBLE),), "empty"),
+        ((make_field("a", BuiltinType.DIAGNOSTIC_INFO),), "no Variable has"),
+        ((make_field("a", 29),), "no Variable has"),
+    ],
+)
+def test_metadata_that_makes_no_sense_is_quarantined(fields: tuple[FieldMetaData, ...], reason: str) -> None:
+    fleet = Fleet(UnknownSources.CREATE)
+    changes = fleet.state.apply(MetaDataReceived(TOPIC, metadata_of(*fields)), 1)
+    assert reason in next(change for change in changes if isinstance(change, SourceQuarantined)).reason
+
+
+def test_the_first_of_two_unknown_sources_keeps_the_node() -> None:
+    fleet = Fleet(UnknownSources.CREATE)
+    fleet.hear(TOPIC, [DOUBLE], [1.0], 1, metadata=SINGLE)
+    assert values(fleet.hear(TOPIC._replace(space=6), [DOUBLE], [2.0], 1, metadata=SINGLE)) == {}
+    assert fleet.counters.drops == {Drop.CONFLICT: 1}
+
+
+def test_long_names_are_cut() -> None:
+    fleet = Fleet(UnknownSources.CREATE)
+    changes = fleet.state.apply(MetaDataReceived(TOPIC, metadata_of(make_field("x", DOUBLE), name="n" * 5000)), 1)
+    added = next(change for change in changes if isinstance(change, SourceAdded)).data_set
+    assert len(added.name) == 128

@@ -1,0 +1,96 @@
+"""fleet.yaml as nodes."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from tests.unit.fleet.fleet_of import BRIDGE, fleet_config, key
+from ua_fleet.errors import ConfigInvalid
+from ua_fleet.fleet import FleetModel
+from ua_fleet.topics import Topic
+from ua_fleet.values import ARRAY, BuiltinType
+
+
+def model(**data: Any) -> FleetModel:
+    return FleetModel.from_config(fleet_config({"rover": {"bridge": "mobile", "data": data}}))
+
+
+def test_one_field_is_the_variable_and_several_have_names_below_it() -> None:
+    single, several = (
+        model(speed={"id": 5, "type": "Float", "array": True}, pose={"id": 6, "fields": {"x": {"type": "Double"}}})
+        .robots[0]
+        .data_sets
+    )
+    assert (single.key, single.is_single, single.fields[0].key) == (key(5), True, key(5))
+    assert single.fields[0].type == BuiltinType.FLOAT | ARRAY
+    assert (several.key, several.is_single, several.fields[0].key) == (key(6), False, key("6.x"))
+
+
+def test_the_origin_is_in_the_topic() -> None:
+    robot, server = (
+        model(speed={"id": 5, "type": "Float"}, goal={"id": 6, "type": "Float", "origin": "server"}).robots[0].data_sets
+    )
+    assert (robot.topic, robot.writable) == (Topic(2, 2, 5), False)
+    assert (server.topic, server.writable) == (Topic(0, 2, 6), True)
+
+
+def test_a_bridge_is_its_status_data_set() -> None:
+    bridge = model().bridges[0]
+    assert bridge.status is not None
+    assert (bridge.key, bridge.status.topic) == (key(1900), BRIDGE)
+    names = [field.name for field in bridge.status.fields]
+    assert {"Connected", "Detail", "MessagesIn", "Looped", "Drops.loop"} <= set(names)
+
+
+def test_ids_that_are_missing_or_double_are_all_told() -> None:
+    with pytest.raises(ConfigInvalid) as caught:
+        model(a={"type": "Float"}, b={"id": 7, "type": "Float"}, c={"id": 7, "type": "Float"}, d={"type": "Float"})
+    texts = [str(problem) for problem in caught.value.problems]
+    assert len(texts) == 3
+    assert "robots.rover.data.a: the DataSet has no id; run: ua-fleet config assign-ids" in texts[0]
+    assert "id 7 is given to b and to c" in texts[2]
+
+
+def test_a_bridges_status_id_is_an_id_like_others() -> None:
+    with pytest.raises(ConfigInvalid, match="id 1900 is given to a and to mobile"):
+        model(a={"id": 1900, "type": "Float"})
+
+
+@pytest.mark.parametrize(
+    ("field", "initial"),
+    [
+        ({"type": "Double", "initial": 1}, 1.0),
+        ({"type": "Int32", "initial": -7}, -7),
+        ({"type": "Boolean", "initial": False}, False),
+        ({"type": "String", "initial": "x"}, "x"),
+        ({"type": "Double", "range": [0, 1], "initial": 1}, 1.0),
+    ],
+)
+def test_initial_values_get_the_fields_type(field: dict[str, Any], initial: Any) -> None:
+    made = model(a={"id": 5, "origin": "server", **field}).robots[0].data_sets[0].fields[0]
+    assert made.initial == initial
+    assert type(made.initial) is type(initial)
+
+
+@pytest.mark.parametrize(
+    "field",
+    [
+        {"type": "Int32", "initial": 1.5},
+        {"type": "Int32", "initial": True},
+        {"type": "Byte", "initial": 256},
+        {"type": "Boolean", "initial": 1},
+        {"type": "String", "initial": 1},
+        {"type": "Double", "initial": "1"},
+        {"type": "Double", "range": [0, 1], "initial": 2},
+        {"type": "Double", "array": True, "initial": 2},
+    ],
+)
+def test_initial_values_that_do_not_fit_are_told(field: dict[str, Any]) -> None:
+    with pytest.raises(ConfigInvalid, match="does not fit a"):
+        model(a={"id": 5, "origin": "server", **field})
+
+
+def test_robots_data_has_no_initial_value() -> None:
+    assert model(a={"id": 5, "type": "Int32", "initial": 3}).robots[0].data_sets[0].fields[0].initial is None

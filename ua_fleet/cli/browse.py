@@ -8,7 +8,18 @@ from typing import Annotated
 import typer
 
 from ua_fleet.cli.connect import connected
-from ua_fleet.cli.options import DEFAULT_ENDPOINT, Endpoint, Insecure, Json, PasswordFile, Timeout, User
+from ua_fleet.cli.options import (
+    DEFAULT_ENDPOINT,
+    Connection,
+    Endpoint,
+    Insecure,
+    Json,
+    PasswordFile,
+    Policy,
+    SecurityPolicy,
+    Timeout,
+    User,
+)
 from ua_fleet.cli.output import print_json, print_line
 from ua_fleet.cli.process import run
 
@@ -23,14 +34,16 @@ def browse(
     endpoint: Endpoint = DEFAULT_ENDPOINT,
     user: User = None,
     password_file: PasswordFile = None,
+    policy: SecurityPolicy = Policy.BASIC256SHA256,
     insecure: Insecure = False,
     timeout: Timeout = 10.0,
     as_json: Json = False,
 ) -> None:
     """List the nodes below a node."""
+    connection = Connection.of(endpoint, user, password_file, policy, insecure, timeout)
 
     async def main() -> None:
-        async with connected(endpoint, user, password_file, insecure=insecure, timeout_s=timeout) as client:
+        async with connected(connection) as client:
             for info in await client.browse(node, depth=depth):
                 if as_json:
                     print_json(asdict(info))

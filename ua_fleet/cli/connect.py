@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from collections.abc import AsyncGenerator
 from contextlib import asynccontextmanager
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ua_fleet.cli.endings import extra_needed
-from ua_fleet.cli.options import password_for
+from ua_fleet.cli.options import Connection
 from ua_fleet.cli.output import message
 
 if TYPE_CHECKING:
@@ -18,16 +17,18 @@ __all__ = ["connected"]
 
 
 @asynccontextmanager
-async def connected(
-    endpoint: str, user: str | None, password_file: Path | None, *, insecure: bool, timeout_s: float
-) -> AsyncGenerator[FleetClient]:
+async def connected(options: Connection) -> AsyncGenerator[FleetClient]:
     """The client that the options ask for."""
     with extra_needed("this command", "client"):
         from ua_fleet.client import FleetClient
-    password = password_for(user, password_file)
     async with FleetClient.connect(
-        endpoint, user=user, password=password, insecure=insecure, timeout_s=timeout_s
+        options.endpoint,
+        user=options.user,
+        password=options.password,
+        policy=options.policy.value,
+        insecure=options.insecure,
+        timeout_s=options.timeout_s,
     ) as client:
         if client.first_meeting:
-            message(f"{endpoint}: first meeting with this server; its certificate is trusted from now on")
+            message(f"{options.endpoint}: first meeting with this server; its certificate is trusted from now on")
         yield client

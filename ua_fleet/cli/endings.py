@@ -48,7 +48,7 @@ def exit_code_of(error: UaFleetError) -> int:
         return EXIT_TIMEOUT
     if isinstance(error, NotConnected | TransportError):
         return EXIT_UNREACHABLE
-    if error.ua_status == StatusCode.BAD_CONFIGURATION_ERROR:
+    if error.ua_status in (StatusCode.BAD_CONFIGURATION_ERROR, StatusCode.BAD_TYPE_MISMATCH):
         return EXIT_USAGE
     if error.ua_status in (StatusCode.BAD_NODE_ID_UNKNOWN, StatusCode.BAD_NODE_ID_INVALID):
         return EXIT_NOT_FOUND

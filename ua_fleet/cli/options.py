@@ -5,6 +5,8 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Final
 
@@ -19,15 +21,17 @@ __all__ = [
     "DEFAULT_CONFIG",
     "DEFAULT_ENDPOINT",
     "Config",
+    "Connection",
     "Endpoint",
     "Insecure",
     "Json",
     "PasswordFile",
+    "Policy",
+    "SecurityPolicy",
     "Timeout",
     "User",
     "WithoutLoopRule",
     "load_config",
-    "password_for",
     "read_secret",
     "state_folder",
 ]
@@ -49,6 +53,42 @@ PasswordFile = Annotated[
         help="File that holds the password (- for stdin); otherwise UA_FLEET_PASSWORD, otherwise it is asked for."
     ),
 ]
+
+
+class Policy(StrEnum):
+    """Security policies of `client/fleet_client.py`; a test compares them. Importing those would slow down `--help`."""
+
+    BASIC256SHA256 = "Basic256Sha256"
+    AES128_SHA256_RSA_OAEP = "Aes128Sha256RsaOaep"
+    AES256_SHA256_RSA_PSS = "Aes256Sha256RsaPss"
+
+
+@dataclass(frozen=True, slots=True)
+class Connection:
+    """What the options say about the server and the user."""
+
+    endpoint: str
+    user: str | None
+    password: str | None = field(repr=False)
+    policy: Policy
+    insecure: bool
+    timeout_s: float
+
+    @classmethod
+    def of(
+        cls,
+        endpoint: str,
+        user: str | None,
+        password_file: Path | None,
+        policy: Policy,
+        insecure: bool,
+        timeout_s: float,
+    ) -> Connection:
+        """Ask for the password where it is not given; to be called before an event loop runs, for Ctrl-C to work."""
+        return cls(endpoint, user or None, _password_for(user, password_file), policy, insecure, timeout_s)
+
+
+SecurityPolicy = Annotated[Policy, typer.Option("--policy", help="Security policy of the connection.")]
 Insecure = Annotated[bool, typer.Option("--insecure", help="Neither sign nor encrypt, where the server allows it.")]
 Timeout = Annotated[float, typer.Option(help="Longest wait for an answer, in seconds.", min=0.1)]
 WithoutLoopRule = Annotated[
@@ -82,9 +122,9 @@ def read_secret(path: Path) -> str:
     return text.partition("\n")[0].removesuffix("\r")
 
 
-def password_for(user: str | None, password_file: Path | None) -> str | None:
+def _password_for(user: str | None, password_file: Path | None) -> str | None:
     """The password of a user: from the file, the environment, or asked for on a terminal."""
-    if user is None:
+    if not user:
         return None
     if password_file is not None:
         return read_secret(password_file)

@@ -7,7 +7,18 @@ from typing import Annotated
 import typer
 
 from ua_fleet.cli.connect import connected
-from ua_fleet.cli.options import DEFAULT_ENDPOINT, Endpoint, Insecure, Json, PasswordFile, Timeout, User
+from ua_fleet.cli.options import (
+    DEFAULT_ENDPOINT,
+    Connection,
+    Endpoint,
+    Insecure,
+    Json,
+    PasswordFile,
+    Policy,
+    SecurityPolicy,
+    Timeout,
+    User,
+)
 from ua_fleet.cli.output import print_reading
 from ua_fleet.cli.process import run
 
@@ -21,14 +32,16 @@ def read(
     endpoint: Endpoint = DEFAULT_ENDPOINT,
     user: User = None,
     password_file: PasswordFile = None,
+    policy: SecurityPolicy = Policy.BASIC256SHA256,
     insecure: Insecure = False,
     timeout: Timeout = 10.0,
     as_json: Json = False,
 ) -> None:
     """Print the values of some nodes, with their quality and the source's time."""
+    connection = Connection.of(endpoint, user, password_file, policy, insecure, timeout)
 
     async def main() -> None:
-        async with connected(endpoint, user, password_file, insecure=insecure, timeout_s=timeout) as client:
+        async with connected(connection) as client:
             for node, reading in zip(nodes, await client.read(nodes), strict=True):
                 print_reading(node, reading, as_json=as_json)
 

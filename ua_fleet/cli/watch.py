@@ -9,7 +9,17 @@ from typing import Annotated
 import typer
 
 from ua_fleet.cli.connect import connected
-from ua_fleet.cli.options import DEFAULT_ENDPOINT, Endpoint, Insecure, Json, PasswordFile, User
+from ua_fleet.cli.options import (
+    DEFAULT_ENDPOINT,
+    Connection,
+    Endpoint,
+    Insecure,
+    Json,
+    PasswordFile,
+    Policy,
+    SecurityPolicy,
+    User,
+)
 from ua_fleet.cli.output import print_reading
 from ua_fleet.cli.process import run
 from ua_fleet.errors import SendTimeout
@@ -28,6 +38,7 @@ def watch(
     endpoint: Endpoint = DEFAULT_ENDPOINT,
     user: User = None,
     password_file: PasswordFile = None,
+    policy: SecurityPolicy = Policy.BASIC256SHA256,
     insecure: Insecure = False,
     as_json: Json = False,
 ) -> None:
@@ -35,10 +46,11 @@ def watch(
 
     With --count, exit code 5 if so many lines did not come within --timeout.
     """
+    wait_s = min(timeout or CONNECT_TIMEOUT_S, CONNECT_TIMEOUT_S)
+    connection = Connection.of(endpoint, user, password_file, policy, insecure, wait_s)
 
     async def follow() -> None:
-        wait_s = min(timeout or CONNECT_TIMEOUT_S, CONNECT_TIMEOUT_S)
-        async with connected(endpoint, user, password_file, insecure=insecure, timeout_s=wait_s) as client:
+        async with connected(connection) as client:
             names: dict[str, str] = {
                 reading.node_id: node for node, reading in zip(nodes, await client.read(nodes), strict=True)
             }

@@ -5,7 +5,16 @@ async for change in client.watch(["ua_1_2_1001"]):
 print(change.value, change.status_text)
 """
 
-from ua_fleet.client.fleet_client import Change, FleetClient, NodeInfo, NodeNotFound, Reading
+from ua_fleet.client.fleet_client import POLICIES, Change, FleetClient, NodeInfo, NodeNotFound, Reading
 from ua_fleet.client.identity import ClientIdentity, default_identity_folder
 
-__all__ = ["Change", "ClientIdentity", "FleetClient", "NodeInfo", "NodeNotFound", "Reading", "default_identity_folder"]
+__all__ = [
+    "POLICIES",
+    "Change",
+    "ClientIdentity",
+    "FleetClient",
+    "NodeInfo",
+    "NodeNotFound",
+    "Reading",
+    "default_identity_folder",
+]

@@ -36,6 +36,12 @@ _BOOLEANS: Final = {
     "no": False,
     "off": False,
 }
+_HINTS: Final = {
+    ua.VariantType.ByteString: "; give it in hexadecimal",
+    ua.VariantType.Boolean: "; give true or false",
+    ua.VariantType.DateTime: "; give a time like 2030-01-31T12:00:00Z",
+    **dict.fromkeys(_INTEGERS, "; give a whole number"),
+}
 
 
 def _mismatch(text: str, kind: ua.VariantType, hint: str = "") -> AccessRefused:
@@ -59,8 +65,7 @@ def _scalar(text: str, kind: ua.VariantType) -> Any:
         if kind is ua.VariantType.ByteString:
             return bytes.fromhex(text)
     except (ValueError, KeyError):
-        hint = {ua.VariantType.ByteString: "; give it in hexadecimal", ua.VariantType.Boolean: "; give true or false"}
-        raise _mismatch(text, kind, hint.get(kind, "")) from None
+        raise _mismatch(text, kind, _HINTS.get(kind, "; give a number")) from None
     if kind is ua.VariantType.String:
         return text
     raise AccessRefused(StatusCode.BAD_NOT_SUPPORTED, f"values of type {kind.name} cannot be given as text")

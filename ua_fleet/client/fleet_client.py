@@ -22,13 +22,18 @@ from ua_fleet.client.addresses import parse_address
 from ua_fleet.client.convert import parse_value, plain_value
 from ua_fleet.client.identity import ClientIdentity, default_identity_folder
 from ua_fleet.errors import AccessRefused, NotConnected, SendTimeout, UaFleetError
-from ua_fleet.values import StatusCode, status_name
+from ua_fleet.values import StatusCode
 
 __all__ = ["Change", "FleetClient", "NodeInfo", "NodeNotFound", "Reading"]
 
-POLICY: Final = security_policies.SecurityPolicyBasic256Sha256
+POLICIES: Final[dict[str, type[security_policies.SecurityPolicy]]] = {
+    "Basic256Sha256": security_policies.SecurityPolicyBasic256Sha256,
+    "Aes128Sha256RsaOaep": security_policies.SecurityPolicyAes128Sha256RsaOaep,
+    "Aes256Sha256RsaPss": security_policies.SecurityPolicyAes256Sha256RsaPss,
+}
+"""Security policies by the end of their URI (OPC 10000-7)."""
 _QUEUE: Final = 100_000
-"""Changes that may wait for a slow consumer; asyncua drops the oldest beyond that."""
+"""Changes that may wait for a slow consumer; then the oldest is dropped, and counted in `FleetClient.dropped`."""
 
 _REMEDIES: Final = {
     ua.StatusCodes.BadUserAccessDenied: "user or password is wrong, or the user's role does not allow this; "
@@ -75,7 +80,7 @@ class Reading:
     @property
     def status_text(self) -> str:
         """Name of the StatusCode, e.g. `Good` or `BadNoCommunication`."""
-        return status_name(self.status)
+        return str(ua.StatusCode(ua.UInt32(self.status)).name)
 
 
 Change = Reading
@@ -101,14 +106,28 @@ def _aware(moment: datetime | None) -> datetime | None:
 class _Feed:
     """The subscription handler: hands each change to whoever iterates."""
 
-    def __init__(self) -> None:
-        self.queue: asyncio.Queue[Change | None] = asyncio.Queue(_QUEUE)
+    def __init__(self, size: int = _QUEUE) -> None:
+        self._queue: asyncio.Queue[Change | None] = asyncio.Queue(size)
+        self.dropped = 0
+
+    async def next(self) -> Change | None:
+        """The next change; None after the end of the subscription."""
+        return await self._queue.get()
+
+    def put(self, change: Change | None) -> None:
+        """Hand over a change, or the end; the oldest change goes where there is no room."""
+        if self._queue.full():
+            self._queue.get_nowait()
+            self.dropped += 1
+        self._queue.put_nowait(change)
 
     def datachange_notification(self, node: Node, val: Any, data: DataChangeNotif) -> None:
-        self.queue.put_nowait(_reading(node.nodeid.to_string(), data.monitored_item.Value))
+        """Called by asyncua with each change."""
+        self.put(_reading(node.nodeid.to_string(), data.monitored_item.Value))
 
     def status_change_notification(self, status: ua.StatusChangeNotification) -> None:
-        self.queue.put_nowait(None)
+        """Called by asyncua when the server ends the subscription."""
+        self.put(None)
 
 
 class FleetClient:
@@ -119,12 +138,14 @@ class FleetClient:
         self.endpoint = endpoint
         self.first_meeting = first_meeting
         """Whether the server's certificate was seen for the first time, and is trusted from now on."""
+        self.dropped = 0
+        """Changes that `watch` dropped because nobody took them in time."""
         self._feeds: set[_Feed] = set()
         client.connection_lost_callback = self._lost
 
     async def _lost(self, _error: Exception) -> None:
         for feed in self._feeds:
-            feed.queue.put_nowait(None)
+            feed.put(None)
 
     @classmethod
     @asynccontextmanager
@@ -135,16 +156,18 @@ class FleetClient:
         user: str | None = None,
         password: str | None = None,
         identity: ClientIdentity | None = None,
+        policy: str = "Basic256Sha256",
         insecure: bool = False,
         timeout_s: float = 10.0,
     ) -> AsyncGenerator[Self]:
-        """Connect, with Basic256Sha256, signed and encrypted, and hand out the client.
+        """Connect, signed and encrypted, and hand out the client.
 
         Args:
             endpoint: URL such as `opc.tcp://127.0.0.1:4840/ua_fleet`.
             user: user name; without it the client is anonymous, which most servers refuse.
             password: the user's password.
             identity: own certificate and known servers; by default those of this user of the machine.
+            policy: security policy, one of POLICIES.
             insecure: neither sign nor encrypt, where the server allows that.
             timeout_s: longest wait for any answer.
 
@@ -153,8 +176,8 @@ class FleetClient:
             SendTimeout: the server did not answer in time.
             AccessRefused: the server refuses this client or user, or is not the server that it was.
         """
-        # asyncua reports with tracebacks what is raised to us anyhow.
-        logging.getLogger("asyncua").setLevel(logging.CRITICAL)
+        # asyncua logs, some of it as critical, what is raised to us anyhow.
+        logging.getLogger("asyncua").setLevel(logging.CRITICAL + 1)
         client = Client(endpoint, timeout=timeout_s)
         first_meeting = False
         with _translated(endpoint):
@@ -163,10 +186,10 @@ class FleetClient:
                 await identity.ensure()
                 client.application_uri = identity.application_uri
                 endpoints = await client.connect_and_get_server_endpoints()
-                offer = _encrypted_endpoint(endpoint, endpoints)
+                offer = _encrypted_endpoint(endpoint, endpoints, policy)
                 first_meeting = identity.check_server(endpoint, offer.ServerCertificate)
                 await client.set_security(
-                    POLICY,
+                    POLICIES[policy],
                     str(identity.certificate),
                     str(identity.key),
                     server_certificate=offer.ServerCertificate,
@@ -223,6 +246,8 @@ class FleetClient:
         for address, reading in zip(addresses, readings, strict=True):
             if reading.status in (ua.StatusCodes.BadNodeIdUnknown, ua.StatusCodes.BadNodeIdInvalid):
                 raise NodeNotFound(f"there is no node {address}; look with: ua-fleet browse")
+            if reading.status == ua.StatusCodes.BadAttributeIdInvalid:
+                raise NodeNotFound(f"{address} has no value; look below it with: ua-fleet browse {address}")
         return readings
 
     async def write(self, address: str, text: str) -> Reading:
@@ -235,7 +260,9 @@ class FleetClient:
             node = await self._node(address)
             kind = await node.read_data_type_as_variant_type()
             array = (await node.read_value_rank()) >= ua.ValueRank.OneOrMoreDimensions
-            await node.write_attribute(ua.AttributeIds.Value, ua.DataValue(parse_value(text, kind, array=array)))
+            value = parse_value(text, kind, array=array)
+            # Without a time of ours: the server's is the one that counts.
+            await node.write_attribute(ua.AttributeIds.Value, ua.DataValue(value))
         return (await self.read([address]))[0]
 
     async def watch(self, addresses: Sequence[str], *, period_ms: float = 100.0) -> AsyncGenerator[Change]:
@@ -255,21 +282,29 @@ class FleetClient:
             for address, result in zip(addresses, results, strict=True):
                 if isinstance(result, ua.StatusCode):
                     raise NodeNotFound(f"{address} cannot be watched: {result.name}; look with: ua-fleet browse")
-            while (change := await feed.queue.get()) is not None:
+            while (change := await feed.next()) is not None:
                 yield change
             raise NotConnected(f"the connection to {self.endpoint} was lost")
         finally:
             self._feeds.discard(feed)
+            self.dropped += feed.dropped
             await _quietly(subscription.delete())
 
 
-def _encrypted_endpoint(endpoint: str, endpoints: Sequence[ua.EndpointDescription]) -> ua.EndpointDescription:
+def _encrypted_endpoint(
+    endpoint: str, endpoints: Sequence[ua.EndpointDescription], policy: str
+) -> ua.EndpointDescription:
+    wanted = POLICIES[policy].URI
     for offer in endpoints:
-        if offer.SecurityPolicyUri == POLICY.URI and offer.SecurityMode == ua.MessageSecurityMode.SignAndEncrypt:
+        if offer.SecurityPolicyUri == wanted and offer.SecurityMode == ua.MessageSecurityMode.SignAndEncrypt:
             return offer
+    there = ", ".join(
+        sorted({offer.SecurityPolicyUri.rpartition("#")[2] for offer in endpoints if offer.SecurityPolicyUri})
+    )
     raise AccessRefused(
         StatusCode.BAD_SECURITY_CHECKS_FAILED,
-        f"{endpoint} offers no endpoint with Basic256Sha256, Sign & Encrypt; for an unsecured one add --insecure",
+        f"{endpoint} offers no endpoint with {policy}, Sign & Encrypt, but: {there or 'nothing'}; "
+        "choose another --policy, or --insecure for None",
     )
 
 

@@ -7,9 +7,12 @@ import hashlib
 import json
 import os
 import socket
+from datetime import UTC, datetime
 from pathlib import Path
+from typing import cast
 
 from asyncua.crypto.cert_gen import setup_self_signed_certificate
+from cryptography import x509
 from cryptography.x509.oid import ExtendedKeyUsageOID
 
 from ua_fleet.errors import AccessRefused
@@ -37,7 +40,7 @@ class ClientIdentity:
 
     async def ensure(self) -> None:
         """Make the certificate and its key, unless they are there."""
-        if self.certificate.exists() and self.key.exists():
+        if self.certificate.exists() and self.key.exists() and self._still_good():
             return
         self.folder.mkdir(parents=True, exist_ok=True, mode=0o700)
         previous = os.umask(0o077)
@@ -57,6 +60,37 @@ class ClientIdentity:
         finally:
             os.umask(previous)
 
+    def _still_good(self) -> bool:
+        """Whether our certificate can be shown today. It says our URI, whatever the name of the host is by now."""
+        try:
+            certificate = x509.load_der_x509_certificate(self.certificate.read_bytes())
+            names = certificate.extensions.get_extension_for_class(x509.SubjectAlternativeName).value
+            uris = names.get_values_for_type(x509.UniformResourceIdentifier)
+        except (OSError, ValueError, x509.ExtensionNotFound) as error:
+            raise AccessRefused(
+                StatusCode.BAD_SECURITY_CHECKS_FAILED,
+                f"{self.certificate}: no readable certificate ({error}); remove it, and another one is made",
+            ) from error
+        if uris:
+            self.application_uri = uris[0]
+        return certificate.not_valid_after_utc > datetime.now(UTC)
+
+    def _known_servers(self) -> dict[str, str]:
+        try:
+            known = json.loads(self._servers.read_text(encoding="utf-8"))
+        except FileNotFoundError:
+            return {}
+        except (OSError, ValueError) as error:
+            known, reason = None, str(error)
+        else:
+            reason = "it holds no object"
+        if not isinstance(known, dict):
+            raise AccessRefused(
+                StatusCode.BAD_SECURITY_CHECKS_FAILED,
+                f"{self._servers} cannot be read ({reason}); remove it, and servers are met anew",
+            )
+        return cast("dict[str, str]", known)
+
     def check_server(self, endpoint: str, certificate: bytes) -> bool:
         """Remember a server's certificate at the first meeting, and hold it against that later.
 
@@ -66,7 +100,7 @@ class ClientIdentity:
         Raises:
             AccessRefused: the server at this endpoint shows another certificate than before.
         """
-        known: dict[str, str] = json.loads(self._servers.read_text()) if self._servers.exists() else {}
+        known = self._known_servers()
         thumbprint = hashlib.sha1(certificate, usedforsecurity=False).hexdigest()
         if endpoint in known:
             if known[endpoint] != thumbprint:
@@ -79,6 +113,6 @@ class ClientIdentity:
         known[endpoint] = thumbprint
         self.folder.mkdir(parents=True, exist_ok=True, mode=0o700)
         fresh = self._servers.with_suffix(".new")
-        fresh.write_text(json.dumps(known, indent=2) + "\n")
+        fresh.write_text(json.dumps(known, indent=2) + "\n", encoding="utf-8")
         fresh.replace(self._servers)
         return True

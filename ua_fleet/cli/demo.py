@@ -64,9 +64,9 @@ def pal(
         if json_file is not None:
             json_file.write_text(json.dumps(result.report, indent=2) + "\n", encoding="utf-8")
         print_line("")
-        print_line(f"{'delay':<46} {'in the paper':>13}   here")
+        print_line(f"{'delay':<56} {'in the paper':>13}   here")
         for what, paper, here in result.delays:
-            print_line(f"{what:<46} {paper:>13}   {here}")
+            print_line(f"{what:<56} {paper:>13}   {here}")
         report = result.report
         drops = ", ".join(f"{cause} {count}" for cause, count in report["drops"].items())
         print_line(f"delivered twice: {report['looped']}; dropped, by cause: {drops or 'nothing'}")

@@ -167,8 +167,9 @@ class _Run:
         """The result with what the status nodes say."""
         if looped:
             problems = [*problems, f"{looped} messages were delivered twice to one place"]
-        report = self.timeline.report(looped=looped, drops=drops, ros1=self._setting.arm_ros == 1)
-        return PalResult(report, self.timeline.delay_table(), problems)
+        ros1 = self._setting.arm_ros == 1
+        report = self.timeline.report(looped=looped, drops=drops, ros1=ros1)
+        return PalResult(report, self.timeline.delay_table(ros1=ros1), problems)
 
 
 async def _watch(client: FleetClient, run: _Run, nodes: list[str]) -> None:

@@ -148,14 +148,15 @@ class Timeline:
             "speed": self.speed,
         }
 
-    def delay_table(self) -> list[tuple[str, str, str]]:
-        """(what, in the paper, here), for people."""
+    def delay_table(self, *, ros1: bool) -> list[tuple[str, str, str]]:
+        """(what, in the paper, here), for people. `ros1`: whether the arm runs in ROS 1."""
+        arm = "ROS 1" if ros1 else "arm's ROS 2"
         rows = [
             ("conveyor off: arm sees it -> server", "conveyor_off", self.conveyor_off_ms),
             ("cover placed -> its counter in the server", "counter_to_server", self.counter_to_server_ms),
             ("cover in the bucket -> TurtleBot3 moves", "placed_to_move", self.placed_to_move_ms),
-            ("ROS 1 message -> ROS 2 node (joint states)", "", self.ros1_to_ros2_ms),
-            ("ROS 1 message -> server's node (joint states)", "", self.ros1_to_server_ms),
+            (f"{arm} message -> TurtleBot3's ROS 2 (joint states)", "", self.ros1_to_ros2_ms),
+            (f"{arm} message -> server's node (joint states)", "", self.ros1_to_server_ms),
             ("ROS 2 message -> server's node (pose)", "", self.ros2_to_server_ms),
         ]
         return [(what, f"{PAPER_S[key]:.0f} s" if key else "not given", _shown(samples)) for what, key, samples in rows]

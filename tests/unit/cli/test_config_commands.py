@@ -1,0 +1,83 @@
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from tests.unit.cli.conftest import Invoke
+
+
+def test_from_nothing_to_a_valid_file(invoke: Invoke, tmp_path: Path) -> None:
+    ended = invoke("config", "init")
+    assert (ended.code, ended.stdout) == (0, "fleet.yaml\n")
+    assert ended.stderr == "edit it, then run: ua-fleet config check fleet.yaml\n"
+    ended = invoke("config", "check")
+    assert ended.code == 2
+    assert "fleet.yaml:48:pubsub.security: `security` is missing; add `security: none`\n" in ended.stdout
+    assert ended.stderr == "ua-fleet: 7 problems; mend and run: ua-fleet config check fleet.yaml\n"
+    ended = invoke("config", "assign-ids")
+    assert ended.code == 2
+    assert "pubsub.security" in ended.stderr
+    path = tmp_path / "fleet.yaml"
+    path.write_text(path.read_text().replace("#security: none", "security: none"))
+    ended = invoke("config", "assign-ids")
+    assert ended.code == 0
+    assert ended.stdout.splitlines()[0] == "bridges.cell.status_id: 1001"
+    assert ended.stderr == "fleet.yaml: 6 ids assigned\n"
+    ended = invoke("config", "check")
+    assert (ended.code, ended.stdout) == (0, "fleet.yaml: valid; bridges: 2, robots: 2, data sources: 4\n")
+    ended = invoke("config", "assign-ids")
+    assert (ended.code, ended.stdout) == (0, "")
+    assert ended.stderr == "fleet.yaml: nothing to do, all ids are there\n"
+    ended = invoke("config", "init")
+    assert ended.code == 2
+    assert ended.stderr == "ua-fleet: fleet.yaml: exists already; choose another name\n"
+
+
+def test_json(invoke: Invoke, tmp_path: Path) -> None:
+    path = tmp_path / "a.yaml"
+    assert json.loads(invoke("config", "init", "a.yaml", "--json").stdout) == {"file": "a.yaml"}
+    path.write_text("version: 1\npubsub: {security: none, tll: 1}\nbridges:\n  c: {kind: ros1}\n")
+    ended = invoke("config", "check", "a.yaml", "--json")
+    assert ended.code == 2
+    assert json.loads(ended.stdout) == {
+        "valid": False,
+        "problems": [
+            {
+                "file": "a.yaml",
+                "line": 2,
+                "key": "pubsub.tll",
+                "message": "unknown key `tll`",
+                "suggestion": "did you mean `ttl`?",
+            },
+            {
+                "file": "a.yaml",
+                "line": 4,
+                "key": "bridges.c.status_id",
+                "message": "`status_id` is missing",
+                "suggestion": "run: ua-fleet config assign-ids a.yaml",
+            },
+        ],
+    }
+    path.write_text("version: 1\npubsub: {security: none}\nbridges:\n  c: {kind: ros1}\n")
+    given = json.loads(invoke("config", "assign-ids", "a.yaml", "--json").stdout)
+    assert given == {"assigned": {"bridges.c.status_id": 1001}}
+    assert json.loads(invoke("config", "check", "a.yaml", "--json").stdout) == {
+        "valid": True,
+        "bridges": 1,
+        "robots": 0,
+        "data_sources": 0,
+        "problems": [],
+    }
+
+
+def test_the_environment_counts(invoke: Invoke, fleet: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("UA_FLEET__SERVER__PORT", "x")
+    ended = invoke("config", "check")
+    assert ended.code == 2
+    assert ended.stdout == "environment:UA_FLEET__SERVER__PORT: must be a whole number, not `x`\n"
+    monkeypatch.delenv("UA_FLEET__SERVER__PORT")
+    monkeypatch.setenv("UA_FLEET_CONFIG", str(fleet))
+    monkeypatch.chdir("/")
+    assert invoke("config", "check").code == 0

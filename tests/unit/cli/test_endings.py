@@ -1,0 +1,170 @@
+from __future__ import annotations
+
+import builtins
+import importlib
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.system import clean_environment
+from tests.unit.cli.conftest import Invoke
+from ua_fleet.cli.endings import NotFound, UsageError, exit_code_of, extra_needed
+from ua_fleet.cli.process import run
+from ua_fleet.errors import (
+    AccessRefused,
+    BridgeUnavailable,
+    ConfigError,
+    ConfigInvalid,
+    NotConnected,
+    SendTimeout,
+    ServerStartError,
+    SkillTimeout,
+    TopicInvalid,
+    TransportError,
+    UaFleetError,
+)
+from ua_fleet.values import StatusCode
+
+
+@pytest.mark.parametrize(
+    ("error", "code"),
+    [
+        (UaFleetError("x"), 1),
+        (ServerStartError("x"), 1),
+        (AccessRefused(StatusCode.BAD_USER_ACCESS_DENIED, "x"), 1),
+        (AccessRefused(StatusCode.BAD_OUT_OF_RANGE, "x"), 1),
+        (AccessRefused(StatusCode.BAD_TYPE_MISMATCH, "x"), 2),
+        (ConfigError("x"), 2),
+        (ConfigInvalid([ConfigError("x")]), 2),
+        (UsageError("x"), 2),
+        (TopicInvalid("x", "y"), 2),
+        (BridgeUnavailable("x", extra="server"), 2),
+        (NotFound("x"), 3),
+        (AccessRefused(StatusCode.BAD_NODE_ID_UNKNOWN, "x"), 3),
+        (NotConnected("x"), 4),
+        (TransportError("x"), 4),
+        (SendTimeout("x"), 5),
+        (SkillTimeout("x"), 5),
+    ],
+)
+def test_exit_codes(error: UaFleetError, code: int) -> None:
+    assert exit_code_of(error) == code
+
+
+def test_a_missing_package_is_said_with_the_extra() -> None:
+    with (
+        pytest.raises(
+            BridgeUnavailable, match=r"the server needs the package no_such; .*pip install 'ua-fleet\[server\]'"
+        ),
+        extra_needed("the server", "server"),
+    ):
+        importlib.import_module("no_such")
+    with pytest.raises(ModuleNotFoundError), extra_needed("the server", "server"):
+        importlib.import_module("ua_fleet.no_such")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "extra"), [(["read", "i=85"], "client"), (["serve"], "server"), (["cert", "create"], "server")]
+)
+def test_commands_without_asyncua(
+    arguments: list[str], extra: str, invoke: Invoke, fleet: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert fleet.exists()
+    for name in [name for name in sys.modules if name.startswith(("asyncua", "ua_fleet.client", "ua_fleet.server"))]:
+        monkeypatch.delitem(sys.modules, name)
+    real_import = builtins.__import__
+
+    def without_asyncua(name: str, *rest: Any, **named: Any) -> Any:
+        if name.partition(".")[0] == "asyncua":
+            raise ModuleNotFoundError("No module named 'asyncua'", name="asyncua")
+        return real_import(name, *rest, **named)
+
+    monkeypatch.setattr(builtins, "__import__", without_asyncua)
+    ended = invoke(*arguments)
+    assert ended.code == 2
+    assert ended.stderr.endswith(f"needs the package asyncua; install it with: pip install 'ua-fleet[{extra}]'\n")
+    assert ended.stderr.count("\n") <= 1
+
+
+async def _ends() -> None:
+    pass
+
+
+async def _fails() -> None:
+    raise NotFound("x")
+
+
+async def _gets_signal(number: int, released: list[bool]) -> None:
+    import asyncio
+
+    try:
+        os.kill(os.getpid(), number)
+        await asyncio.Event().wait()
+    finally:
+        released.append(True)
+
+
+def test_run_gives_results_and_errors() -> None:
+    run(_ends())
+    with pytest.raises(NotFound):
+        run(_fails())
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_lets_the_command_release_what_it_holds(number: int) -> None:
+    released: list[bool] = []
+    before = signal.getsignal(signal.SIGTERM)
+    with pytest.raises(KeyboardInterrupt):
+        run(_gets_signal(number, released))
+    assert released == [True]
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    signal.signal(signal.SIGTERM, before)
+
+
+def test_an_unknown_bridge_and_an_unknown_log_level(
+    invoke: Invoke, fleet: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    ended = invoke("bridge", "floor")
+    assert (ended.code, ended.stderr) == (3, "ua-fleet: fleet.yaml: there is no bridge 'floor'; bridges there: cell\n")
+    monkeypatch.setenv("UA_FLEET_LOG", "loud")
+    ended = invoke("bridge", "cell", "-c", str(fleet))
+    assert ended.code == 2
+    assert ended.stderr == "ua-fleet: UA_FLEET_LOG=loud is no level of logs; use one of: debug, info, warning, error\n"
+
+
+def test_options_come_last(invoke: Invoke, fleet: Path) -> None:
+    assert fleet.exists()
+    ended = invoke("serve", "--port", "70000")
+    assert (ended.code, ended.stderr) == (2, "ua-fleet: option:server.port: must be at most 65535, not 70000\n")
+
+
+def test_no_password_and_nobody_to_ask(invoke: Invoke) -> None:
+    ended = invoke("read", "i=85", "-u", "anna")
+    assert (ended.code, ended.stderr) == (
+        2,
+        "ua-fleet: there is no password for anna; give --password-file or UA_FLEET_PASSWORD\n",
+    )
+
+
+def test_nobody_at_the_endpoint(invoke: Invoke, tcp_port: int) -> None:
+    ended = invoke("read", "i=85", "-e", f"opc.tcp://127.0.0.1:{tcp_port}/ua_fleet", "--insecure")
+    assert ended.code == 4
+    assert ended.stderr.startswith(f"ua-fleet: nobody answers at opc.tcp://127.0.0.1:{tcp_port}/ua_fleet")
+    assert ended.stderr.endswith("start it with: ua-fleet serve\n")
+
+
+def test_a_reader_that_went_away_is_no_traceback(fleet: Path) -> None:
+    command = [sys.executable, "-m", "ua_fleet.cli", "config", "check", str(fleet)]
+    reading, writing = os.pipe()
+    os.close(reading)
+    ended = subprocess.run(
+        command, stdout=writing, stderr=subprocess.PIPE, text=True, check=False, env=clean_environment()
+    )
+    os.close(writing)
+    assert "Traceback" not in ended.stderr
+    assert ended.returncode == 1

@@ -1,0 +1,107 @@
+from __future__ import annotations
+
+import subprocess
+import sys
+from typing import Any
+
+import pytest
+
+from tests.system import clean_environment
+from tests.unit.cli.conftest import Invoke
+from ua_fleet import __version__
+from ua_fleet.cli.app import app
+
+COMMANDS = [
+    "serve",
+    "bridge",
+    "browse",
+    "read",
+    "write",
+    "watch",
+    "config init",
+    "config check",
+    "config assign-ids",
+    "user add",
+    "user list",
+    "user remove",
+    "cert create",
+    "cert trust",
+    "cert list",
+    "pubsub listen",
+    "demo pal",
+]
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_each_command_explains_itself(command: str, invoke: Invoke) -> None:
+    ended = invoke(*command.split(), "--help")
+    assert ended.code == 0
+    assert f"Usage: ua-fleet {command} " in ended.stdout
+    assert "--json" in ended.stdout
+    if command != "demo pal":
+        assert "Examples:\n  " in ended.stdout
+        assert f"ua-fleet {command}" in ended.stdout.partition("Examples:")[2]
+    assert "  --password " not in ended.stdout
+
+
+def test_the_list_above_is_complete() -> None:
+    def names(group: Any, before: str) -> list[str]:
+        found = [before + (command.name or command.callback.__name__) for command in group.registered_commands]
+        for inner in group.registered_groups:
+            found += names(inner.typer_instance, f"{before}{inner.name} ")
+        return found
+
+    assert sorted(names(app, "")) == sorted(COMMANDS)
+
+
+@pytest.mark.parametrize("arguments", [[], ["config"], ["user"], ["cert"], ["pubsub"], ["demo"]])
+def test_without_a_command_the_help_is_shown(arguments: list[str], invoke: Invoke) -> None:
+    ended = invoke(*arguments)
+    assert ended.code == 2
+    assert "Usage: ua-fleet" in ended.stdout + ended.stderr
+
+
+def test_version(invoke: Invoke) -> None:
+    assert invoke("--version").stdout == f"ua-fleet {__version__}\n"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["nonsense"], "No such command 'nonsense'"),
+        (["read"], "Missing argument"),
+        (["read", "i=85", "--nope"], "No such option"),
+        (["read", "i=85", "--timeout", "soon"], "Invalid value for '--timeout'"),
+        (["watch", "i=85", "--count", "0"], "Invalid value for '--count'"),
+        (["user", "add", "x", "--role", "king"], "Invalid value for '--role'"),
+        (["user", "add", "x", "--password", "secret"], "No such option"),
+    ],
+)
+def test_usage_errors_end_with_2(arguments: list[str], said: str, invoke: Invoke) -> None:
+    ended = invoke(*arguments)
+    assert ended.code == 2
+    assert said in ended.stderr
+    assert ended.stdout == ""
+
+
+def test_help_loads_nothing_heavy() -> None:
+    code = (
+        "import sys; import ua_fleet.cli;"
+        "heavy = ('asyncua', 'rclpy', 'rospy', 'pydantic', 'yaml', 'cryptography', 'structlog.dev', 'ua_fleet.server');"
+        "print([name for name in heavy if name in sys.modules])"
+    )
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert run.stdout.strip() == "[]"
+
+
+def test_the_entry_point_ends_without_traceback() -> None:
+    for arguments, code in ((["nonsense"], 2), (["config", "check", "/no/such/file"], 2), (["--help"], 0)):
+        run = subprocess.run(
+            [sys.executable, "-m", "ua_fleet.cli", *arguments],
+            capture_output=True,
+            text=True,
+            check=False,
+            env=clean_environment(),
+        )
+        assert run.returncode == code
+        assert "Traceback" not in run.stderr

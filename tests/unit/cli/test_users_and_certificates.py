@@ -1,0 +1,186 @@
+from __future__ import annotations
+
+import json
+import os
+import pty
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tests.system import clean_environment
+from tests.unit.cli.conftest import Invoke
+from ua_fleet.cli.options import Policy
+from ua_fleet.cli.user import RoleName
+from ua_fleet.server import certificates
+from ua_fleet.server.users import USERS_FILE, Role, ScryptCost, UserStore
+
+PASSWORD = "correct horse"
+ON_OWN_TERMINAL = "import fcntl, termios; fcntl.ioctl(0, termios.TIOCSCTTY, 0); from ua_fleet.cli import main; main()"
+"""The command line in a process whose stdin is the terminal that sends it Ctrl-C."""
+
+
+@pytest.fixture(autouse=True)
+def _cheap_hashes(monkeypatch: pytest.MonkeyPatch) -> None:  # pyright: ignore[reportUnusedFunction]
+    defaults = UserStore.__init__.__defaults__
+    assert defaults is not None
+    monkeypatch.setattr(UserStore.__init__, "__defaults__", (ScryptCost(n=2**4, r=8, p=1),))
+
+
+def store_of(fleet: Path) -> UserStore:
+    store = UserStore(fleet.parent / "state" / USERS_FILE)
+    store.refresh()
+    return store
+
+
+def test_the_names_of_roles_and_policies_are_those_of_the_parts_that_know_them() -> None:
+    from ua_fleet.client import POLICIES
+
+    assert [role.value for role in RoleName] == [role.value for role in Role]
+    assert [policy.value for policy in Policy] == list(POLICIES)
+
+
+def test_add_list_remove(invoke: Invoke, fleet: Path) -> None:
+    assert "there are no users" in invoke("user", "list").stderr
+    ended = invoke("user", "add", "anna", "--role", "operator", "--password-file", "-", stdin=PASSWORD + "\n")
+    assert (ended.code, ended.stdout) == (0, "anna (operator)\n")
+    assert PASSWORD not in (fleet.parent / "state" / USERS_FILE).read_text()
+    user = store_of(fleet).verify("anna", PASSWORD)
+    assert user is not None
+    assert user.role is Role.OPERATOR
+    secret = fleet.parent / "secret"
+    secret.write_text("another secret\r\nsecond line\n")
+    ended = invoke("user", "add", "bob", "--password-file", "secret", "--json")
+    assert json.loads(ended.stdout) == {"name": "bob", "role": "observer"}
+    assert store_of(fleet).verify("bob", "another secret") is not None
+    assert invoke("user", "list").stdout == "name  role\nanna  operator\nbob   observer\n"
+    assert [json.loads(line) for line in invoke("user", "list", "--json").stdout.splitlines()] == [
+        {"name": "anna", "role": "operator"},
+        {"name": "bob", "role": "observer"},
+    ]
+    assert invoke("user", "remove", "anna").stdout == "removed anna\n"
+    assert [user.name for user in store_of(fleet).list()] == ["bob"]
+
+
+def test_what_is_refused(invoke: Invoke, fleet: Path) -> None:
+    ended = invoke("user", "add", "anna", "--password-file", "-", stdin="short\n")
+    assert (ended.code, ended.stderr) == (2, "ua-fleet: the password must have 8 to 1024 characters\n")
+    ended = invoke("user", "add", "an na", "--password-file", "-", stdin=PASSWORD)
+    assert ended.code == 2
+    assert "is no user name" in ended.stderr
+    ended = invoke("user", "add", "anna", "--password-file", "nowhere")
+    assert ended.code == 2
+    assert ended.stderr.startswith("ua-fleet: nowhere: the password cannot be read: No such file or directory; ")
+    ended = invoke("user", "add", "anna", stdin="")
+    assert ended.code == 2
+    assert "there is no terminal to ask for the password" in ended.stderr
+    assert store_of(fleet).list() == ()
+    ended = invoke("user", "remove", "anna")
+    assert (ended.code, ended.stderr) == (3, "ua-fleet: there is no user anna; list them with: ua-fleet user list\n")
+
+
+def test_an_existing_user_is_changed_only_when_asked(invoke: Invoke, fleet: Path) -> None:
+    invoke("user", "add", "anna", "--password-file", "-", stdin=PASSWORD)
+    ended = invoke("user", "add", "anna", "--password-file", "-", stdin="something else")
+    assert ended.code == 2
+    assert ended.stderr.endswith("to change the password run: ua-fleet user add anna --replace\n")
+    assert store_of(fleet).verify("anna", PASSWORD) is not None
+    assert invoke("user", "add", "anna", "--replace", "--password-file", "-", stdin="something else").code == 0
+    assert store_of(fleet).verify("anna", "something else") is not None
+
+
+def type_at_terminal(fleet: Path, answers: list[str]) -> tuple[int, str]:
+    """Run `user add` on a terminal, and type the answers; the exit code and all that the terminal showed."""
+    controller, terminal = pty.openpty()
+    process = subprocess.Popen(
+        [sys.executable, "-c", ON_OWN_TERMINAL, "user", "add", "anna", "-c", str(fleet)],
+        stdin=terminal,
+        stdout=terminal,
+        stderr=terminal,
+        start_new_session=True,
+        env=clean_environment(),
+    )
+    os.close(terminal)
+    shown = b""
+    for prompt, answer in zip((b"Password for anna: ", b"The same again: "), answers, strict=False):
+        while prompt not in shown:
+            shown += os.read(controller, 1024)
+        os.write(controller, answer.encode())
+    while True:
+        try:
+            more = os.read(controller, 1024)
+        except OSError:  # the other side is closed (Linux)
+            break
+        shown += more
+    os.close(controller)
+    return process.wait(20), shown.decode()
+
+
+def test_on_a_terminal_the_password_is_asked_for_twice_and_never_shown(fleet: Path) -> None:
+    code, shown = type_at_terminal(fleet, [f"{PASSWORD}\n", f"{PASSWORD}\n"])
+    assert code == 0
+    assert PASSWORD not in shown
+    assert store_of(fleet).verify("anna", PASSWORD) is not None
+
+
+def test_two_passwords_that_differ(fleet: Path) -> None:
+    code, shown = type_at_terminal(fleet, [f"{PASSWORD}\n", "another\n"])
+    assert code == 2
+    assert "the passwords differ; nothing was changed" in shown
+    assert store_of(fleet).list() == ()
+
+
+def test_ctrl_c_at_the_password(fleet: Path) -> None:
+    code, shown = type_at_terminal(fleet, ["\x03"])
+    assert code == 130
+    assert "Traceback" not in shown
+
+
+# --- certificates
+
+
+def test_create_list_trust(invoke: Invoke, fleet: Path) -> None:
+    assert "there are no certificates yet" in invoke("cert", "list").stderr
+    ended = invoke("cert", "create")
+    assert ended.code == 0
+    made, thumbprint = ended.stdout.split()
+    assert Path(made) == fleet.parent / "state" / "certificates" / "own" / "server.der"
+    assert invoke("cert", "create").stdout == ended.stdout
+    ended = invoke("cert", "create", "--client", "plc7", "--json")
+    made_for_plc = json.loads(ended.stdout)
+    assert made_for_plc["application_uri"] == "urn:ua-fleet:Fleet:client:plc7"
+    assert Path(made_for_plc["private_key"]).stat().st_mode & 0o777 == 0o600
+    assert f"ua-fleet cert trust {made_for_plc['path']}" in ended.stderr
+    ended = invoke("cert", "trust", made_for_plc["path"])
+    assert ended.stdout.startswith(f"trusted {made_for_plc['thumbprint']}  ")
+    lines = invoke("cert", "list").stdout.splitlines()
+    assert lines[0].split() == ["state", "thumbprint", "valid", "until", "subject"]
+    assert {tuple(line.split()[:2]) for line in lines[1:]} == {
+        ("own", thumbprint),
+        ("own", made_for_plc["thumbprint"]),
+        ("trusted", made_for_plc["thumbprint"]),
+    }
+
+
+def test_a_rejected_certificate_is_trusted_by_its_thumbprint(invoke: Invoke, fleet: Path) -> None:
+    state = fleet.parent / "state"
+    made = certificates.ensure_client_certificate(state, "urn:client", "x")
+    rejected = certificates.certificates_folder(state) / "rejected" / "x.der"
+    rejected.parent.mkdir(parents=True)
+    made.certificate.rename(rejected)
+    listed = [json.loads(line) for line in invoke("cert", "list", "--json").stdout.splitlines()]
+    assert [info["state"] for info in listed] == ["rejected"]
+    ended = invoke("cert", "trust", listed[0]["thumbprint"][:8], "--json")
+    assert json.loads(ended.stdout)["state"] == "trusted"
+    assert not rejected.exists()
+
+
+def test_certificates_that_are_not_there(invoke: Invoke, fleet: Path) -> None:
+    ended = invoke("cert", "trust", "3f2a")
+    assert (ended.code, ended.stdout) == (3, "")
+    assert ended.stderr.endswith("list them with: ua-fleet cert list\n")
+    (fleet.parent / "text.der").write_text("no certificate")
+    ended = invoke("cert", "trust", "text.der")
+    assert ended.code == 2
+    assert "text.der: no readable certificate" in ended.stderr

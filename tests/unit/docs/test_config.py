@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 from pathlib import Path
 
 import pytest
@@ -11,7 +12,7 @@ from tests.unit.docs.pages import ROOT, Block, blocks
 from ua_fleet.config import load
 from ua_fleet.config.kinds import known_kinds, model_of_kind
 from ua_fleet.config.reference import BEGIN, END, put_between, reference
-from ua_fleet.config.schema import DataSetConfig, FieldConfig, FleetConfig, QosConfig, TopicMapping
+from ua_fleet.config.schema import BridgeConfig, DataSetConfig, FieldConfig, FleetConfig, QosConfig, TopicMapping
 
 PAGE = ROOT / "docs" / "fleet-yaml.md"
 
@@ -51,3 +52,18 @@ def test_markers_that_are_missing_are_told() -> None:
     assert put_between("a\nB\nold\nE\nz\n", "B", "E", "new") == "a\nB\n\nnew\n\nE\nz\n"
     with pytest.raises(ValueError, match="no lines B and E"):
         put_between("a\n", "B", "E", "new")
+
+
+@pytest.mark.parametrize("block", [pytest.param(block, id=block.place) for block in blocks("python")])
+def test_program_compiles(block: Block) -> None:
+    compile(block.text, block.place, "exec")
+
+
+def test_configuration_of_a_new_kind_works(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (text,) = [block.text for block in blocks("python") if block.page.name == "adding-a-bridge.md"]
+    (tmp_path / "mybot_config_example.py").write_text(text, encoding="utf-8")
+    monkeypatch.syspath_prepend(tmp_path)
+    module = importlib.import_module("mybot_config_example")
+    made = module.MybotBridgeConfig(kind="mybot", space=300, address="10.0.0.8")
+    assert isinstance(made, BridgeConfig)
+    assert type(made).model_fields["address"].description == "Address of the controller."

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import sys
 from pathlib import Path
 
 import pytest
@@ -62,7 +63,7 @@ def test_program_compiles(block: Block) -> None:
 def test_configuration_of_a_new_kind_works(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (text,) = [block.text for block in blocks("python") if block.page.name == "adding-a-bridge.md"]
     (tmp_path / "mybot_config_example.py").write_text(text, encoding="utf-8")
-    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setattr("sys.path", [str(tmp_path), *sys.path])
     module = importlib.import_module("mybot_config_example")
     made = module.MybotBridgeConfig(kind="mybot", space=300, address="10.0.0.8")
     assert isinstance(made, BridgeConfig)

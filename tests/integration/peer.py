@@ -38,6 +38,7 @@ class Peer:
         self._publisher = Publisher(space, timing, self.counters, codec)
         self._subscriber = Subscriber(space, timing, self.counters, codec)
         self._changed = asyncio.Event()
+        self._is_mute = False
 
     def _now(self) -> float:
         return asyncio.get_running_loop().time()
@@ -56,7 +57,25 @@ class Peer:
 
     def _send(self, datagrams: list[bytes]) -> None:
         for datagram in datagrams:
+            self.send(datagram)
+
+    def send(self, datagram: bytes) -> None:
+        """Send any bytes, unless mute."""
+        if not self._is_mute:
             self._transport.send(datagram)
+
+    def mute(self) -> None:
+        """Send nothing more, like a process that was killed."""
+        self._is_mute = True
+
+    def unmute(self) -> None:
+        """Go on."""
+        self._is_mute = False
+
+    def lose(self, topic: Topic) -> None:
+        """Say that a source is gone."""
+        ticks = ticks_from_unix_ns(time.time_ns())
+        self._send(self._publisher.source_lost(topic, timestamp=ticks, now=self._now()))
 
     async def _tick(self) -> None:
         while True:

@@ -97,8 +97,8 @@ async def serving(folder: Path, config: FleetConfig, *, rule: LoopRule = loop_ve
     """A server that serves while the context lasts, and whose end is clean."""
     users = UserStore(folder / config.server.state_dir / USERS_FILE, ScryptCost(2**8, 8, 1))
     users.path.parent.mkdir(parents=True, exist_ok=True)
-    users.add(*OPERATOR, Role.OPERATOR)
-    users.add(*OBSERVER, Role.OBSERVER)
+    users.add(*OPERATOR, Role.OPERATOR, replace_existing=True)
+    users.add(*OBSERVER, Role.OBSERVER, replace_existing=True)
     ready: asyncio.Future[str] = asyncio.get_running_loop().create_future()
     async with Peer.at(config.pubsub.url, SPACE) as peer:
         task = asyncio.ensure_future(run_server(config, folder, ready=ready.set_result, rule=rule))

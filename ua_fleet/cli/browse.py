@@ -48,6 +48,7 @@ def browse(
                 if as_json:
                     print_json(asdict(info))
                 else:
-                    print_line(f"{'  ' * info.depth}{info.browse_name}  [{info.node_class}]  {info.node_id}")
+                    shown = "" if info.display_name == info.browse_name else f" ({info.display_name})"
+                    print_line(f"{'  ' * info.depth}{info.browse_name}{shown}  [{info.node_class}]  {info.node_id}")
 
     run(main())

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import re
 from collections.abc import AsyncGenerator, Sequence
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
@@ -32,6 +33,8 @@ POLICIES: Final[dict[str, type[security_policies.SecurityPolicy]]] = {
     "Aes256Sha256RsaPss": security_policies.SecurityPolicyAes256Sha256RsaPss,
 }
 """Security policies by the end of their URI (OPC 10000-7)."""
+_LEFT_OUT: Final = re.compile(r"G[0-9]{2,}|Data")
+"""Folders of the server's model that hold nothing but order: groups of at most 100, and a robot's data."""
 _QUEUE: Final = 100_000
 """Changes that may wait for a slow consumer; then the oldest is dropped, and counted in `FleetClient.dropped`."""
 
@@ -62,6 +65,7 @@ class NodeInfo:
 
     node_id: str
     browse_name: str
+    display_name: str
     node_class: str
     depth: int
 
@@ -97,6 +101,11 @@ def _reading(node_id: str, data: ua.DataValue) -> Reading:
         source_time=_aware(data.SourceTimestamp),
         server_time=_aware(data.ServerTimestamp),
     )
+
+
+def _info(node_id: str, child: ua.ReferenceDescription, level: int) -> NodeInfo:
+    name = child.BrowseName.Name or ""
+    return NodeInfo(node_id, name, child.DisplayName.Text or name, child.NodeClass.name, level)
 
 
 def _aware(moment: datetime | None) -> datetime | None:
@@ -213,14 +222,26 @@ class FleetClient:
                 raise NodeNotFound(f"{address!r} is not a NodeId; look with: ua-fleet browse") from None
         node = self._client.nodes.objects
         for depth, name in enumerate(parsed):
-            for child in await node.get_children_descriptions(refs=ua.ObjectIds.HierarchicalReferences):
-                if name in (child.BrowseName.Name, f"{child.BrowseName.NamespaceIndex}:{child.BrowseName.Name}"):
-                    node = self._client.get_node(child.NodeId)
-                    break
-            else:
+            below = await self._child(node, name)
+            if below is None:
                 above = "/".join(parsed[:depth]) or "Objects"
                 raise NodeNotFound(f"there is no {name!r} below {above}; look with: ua-fleet browse {above}")
+            node = below
         return node
+
+    async def _child(self, node: Node, name: str) -> Node | None:
+        """The node of that name below a node; groups and `Data` folders may be left out of a path."""
+        children = await node.get_children_descriptions(refs=ua.ObjectIds.HierarchicalReferences)
+        for child in children:
+            browse_name = child.BrowseName
+            if name in (browse_name.Name, f"{browse_name.NamespaceIndex}:{browse_name.Name}", child.DisplayName.Text):
+                return self._client.get_node(child.NodeId)
+        for child in children:
+            if _LEFT_OUT.fullmatch(child.BrowseName.Name or ""):
+                below = await self._child(self._client.get_node(child.NodeId), name)
+                if below is not None:
+                    return below
+        return None
 
     async def browse(self, address: str = "Objects", *, depth: int = 1) -> list[NodeInfo]:
         """The nodes below a node, depth first, down to `depth` levels."""
@@ -232,7 +253,7 @@ class FleetClient:
     async def _browse(self, node: Node, level: int, depth: int, found: list[NodeInfo], seen: set[str]) -> None:
         for child in await node.get_children_descriptions(refs=ua.ObjectIds.HierarchicalReferences):
             node_id = child.NodeId.to_string()
-            found.append(NodeInfo(node_id, child.BrowseName.Name or "", child.NodeClass.name, level))
+            found.append(_info(node_id, child, level))
             if level + 1 < depth and node_id not in seen:
                 seen.add(node_id)
                 await self._browse(self._client.get_node(child.NodeId), level + 1, depth, found, seen)

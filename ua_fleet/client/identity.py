@@ -40,8 +40,10 @@ class ClientIdentity:
 
     async def ensure(self) -> None:
         """Make the certificate and its key, unless they are there."""
-        if self.certificate.exists() and self.key.exists() and self._still_good():
-            return
+        if self.certificate.exists() and self.key.exists():
+            if self._still_good():
+                return
+            self.certificate.unlink()
         self.folder.mkdir(parents=True, exist_ok=True, mode=0o700)
         previous = os.umask(0o077)
         try:

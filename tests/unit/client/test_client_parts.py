@@ -4,16 +4,19 @@ from __future__ import annotations
 
 import json
 import math
+import socket
 import stat
-from datetime import UTC, datetime
+from datetime import UTC, datetime, tzinfo
 from pathlib import Path
 from typing import Any
 
 import pytest
 from asyncua import ua
+from cryptography import x509
 
 from ua_fleet.client.addresses import parse_address
 from ua_fleet.client.convert import parse_value, plain_value
+from ua_fleet.client.fleet_client import Reading, _Feed  # pyright: ignore[reportPrivateUsage]
 from ua_fleet.client.identity import ClientIdentity
 from ua_fleet.errors import AccessRefused
 from ua_fleet.values import StatusCode
@@ -103,3 +106,68 @@ def test_a_server_is_trusted_on_first_use_and_held_to_it(tmp_path: Path) -> None
     assert not ClientIdentity(tmp_path).check_server(endpoint, b"one")
     with pytest.raises(AccessRefused, match="another certificate"):
         identity.check_server(endpoint, b"two")
+
+
+async def test_an_identity_keeps_its_uri_when_the_host_is_renamed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    first = ClientIdentity(tmp_path)
+    await first.ensure()
+    monkeypatch.setattr(socket, "gethostname", lambda: "another-name")
+    second = ClientIdentity(tmp_path)
+    assert second.application_uri != first.application_uri
+    await second.ensure()
+    assert second.application_uri == first.application_uri
+
+
+async def test_an_expired_certificate_is_made_anew_and_a_broken_one_is_said(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    identity = ClientIdentity(tmp_path)
+    await identity.ensure()
+    made = identity.certificate.read_bytes()
+    end = x509.load_der_x509_certificate(made).not_valid_after_utc
+
+    class Later(datetime):
+        @classmethod
+        def now(cls, tz: tzinfo | None = None) -> Later:
+            return cls.fromtimestamp(end.timestamp() + 1, tz)
+
+    monkeypatch.setattr("ua_fleet.client.identity.datetime", Later)
+    await identity.ensure()
+    assert identity.certificate.read_bytes() != made
+    identity.certificate.write_bytes(b"no certificate")
+    with pytest.raises(AccessRefused, match=r"no readable certificate .*; remove it, and another one is made"):
+        await identity.ensure()
+
+
+@pytest.mark.parametrize("content", ["{", "[]", '"x"'])
+def test_a_broken_list_of_servers_is_said(tmp_path: Path, content: str) -> None:
+    (tmp_path / "servers.json").write_text(content)
+    with pytest.raises(AccessRefused, match=r"servers\.json cannot be read .*; remove it, and servers are met anew"):
+        ClientIdentity(tmp_path).check_server("opc.tcp://x", b"one")
+
+
+async def test_a_slow_consumer_loses_the_oldest_changes_and_hears_the_end() -> None:
+    feed = _Feed(size=3)
+    for number in range(5):
+        feed.put(Reading("i=1", number, "Int32", 0, None, None))
+    feed.put(None)
+    seen: list[Any] = []
+    while (change := await feed.next()) is not None:
+        seen.append(change.value)
+    assert seen == [3, 4]
+    assert feed.dropped == 3
+
+
+@pytest.mark.parametrize(
+    ("status", "name"), [(0, "Good"), (0x80310000, "BadNoCommunication"), (0x80350000, "BadAttributeIdInvalid")]
+)
+def test_every_status_has_its_name(status: int, name: str) -> None:
+    assert Reading("i=1", None, None, status, None, None).status_text == name
+
+
+def test_a_number_that_is_none_is_said_with_the_remedy() -> None:
+    for kind, hint in ((ua.VariantType.Int32, "give a whole number"), (ua.VariantType.DateTime, "give a time like")):
+        with pytest.raises(AccessRefused, match=hint):
+            parse_value("soon", kind, array=False)

@@ -1,0 +1,172 @@
+"""browse, read, write and watch against a server that `ua-fleet serve` runs."""
+
+from __future__ import annotations
+
+import asyncio
+import signal
+from typing import Any
+
+import pytest
+
+from tests.integration.cli.conftest import Site
+from tests.integration.peer import Peer
+from ua_fleet.pubsub.metadata import make_field
+from ua_fleet.topics import Topic
+from ua_fleet.values import BuiltinType
+
+# As assign-ids gives them, in the order of the file: the bridge's status first.
+SPEED, GOAL, NAME, STEPS, POSE = (
+    f"ua_{space}_2_{number}" for space, number in zip((2, 0, 0, 0, 2), range(1002, 1007), strict=True)
+)
+
+
+def test_browse(site: Site) -> None:
+    ended = site.run("browse", "Hall/Robots", "--depth", "4", "--json", user="olga")
+    assert ended.code == 0
+    nodes = {node["browse_name"]: node for node in ended.objects}
+    assert nodes["speed"]["node_id"] == "ns=2;i=1002"
+    assert nodes["rover"]["depth"] < nodes["speed"]["depth"]
+    text = site.run("browse", user="olga").stdout
+    assert "Fleet (Hall)  [Object]  ns=2;s=Fleet\n" in text
+
+
+def test_each_way_to_name_a_node_reads_the_same(site: Site) -> None:
+    path = "Fleet/Robots/rover/goal"
+    whole = "Objects/Hall/Robots/G00/2:rover/Data/goal"
+    ended = site.run("read", GOAL, "ns=2;i=1003", path, whole, "--json", user="olga")
+    assert ended.code == 0, ended.stderr
+    assert [reading["node"] for reading in ended.objects] == [GOAL, "ns=2;i=1003", path, whole]
+    assert {reading["node_id"] for reading in ended.objects} == {"ns=2;i=1003"}
+    assert {reading["type"] for reading in ended.objects} == {"Double"}
+
+
+def test_a_value_that_never_came_is_not_shown_as_one(site: Site) -> None:
+    ended = site.run("read", NAME)
+    assert (ended.code, ended.stdout.split()[:4]) == (0, [NAME, "=", "-", "BadWaitingForInitialData"])
+
+
+@pytest.mark.parametrize(
+    ("node", "given", "value"),
+    [(GOAL, "0.25", 0.25), (GOAL, "-1", -1.0), (NAME, "a b ü", "a b ü"), (STEPS, "[1, -2, 3]", [1, -2, 3])],
+)
+def test_write(site: Site, node: str, given: str, value: Any) -> None:
+    ended = site.run("write", "--json", "--", node, given)
+    assert ended.code == 0, ended.stderr
+    assert ended.objects[0]["value"] == value
+    assert ended.objects[0]["status"] == "Good"
+    assert site.run("read", node, "--json").objects[0]["value"] == value
+
+
+REFUSED = [
+    (("write", GOAL, "2"), 1, "BadOutOfRange: the value is outside the node's range"),
+    (("write", GOAL, "fast"), 2, "'fast' is no Double; give a number"),
+    (("write", STEPS, "7"), 2, "give it as JSON, such as [1, 2]"),
+    (("write", STEPS, "[1, 2.5]"), 2, "'2.5' is no Int32; give a whole number"),
+    (("write", SPEED, "1"), 1, "BadNotWritable: clients may not write this node"),
+    (("read", "ua_2_2_4000"), 3, "there is no node ua_2_2_4000; look with: ua-fleet browse"),
+    (("read", "Hall/Robts"), 3, "there is no 'Robts' below Hall; look with: ua-fleet browse Hall"),
+    (("read", "ns=x;i=1"), 3, "look with: ua-fleet browse"),
+    (("read", "i=85"), 3, "i=85 has no value; look below it with: ua-fleet browse i=85"),
+    (("watch", "ua_2_2_4000"), 3, "there is no node ua_2_2_4000"),
+    (("write", "ua_2_2_4000", "1"), 3, "BadNodeIdUnknown"),
+]
+
+
+@pytest.mark.parametrize(("arguments", "code", "said"), REFUSED)
+def test_what_is_refused_is_one_line(site: Site, arguments: tuple[str, ...], code: int, said: str) -> None:
+    ended = site.run(*arguments)
+    assert (ended.code, ended.stdout) == (code, ""), ended.stderr
+    assert said in ended.stderr
+    assert ended.stderr.count("\n") == 1
+
+
+def test_an_observer_may_not_write(site: Site) -> None:
+    ended = site.run("write", GOAL, "0", user="olga")
+    assert ended.code == 1
+    assert "BadUserAccessDenied" in ended.stderr
+    assert "ua-fleet user list" in ended.stderr
+
+
+def test_who_does_not_get_in(site: Site) -> None:
+    ended = site.run("read", GOAL, password="wrong password")
+    assert (ended.code, ended.stdout) == (1, "")
+    assert "BadUserAccessDenied: user or password is wrong" in ended.stderr
+    ended = site.run("read", GOAL, user=None)
+    assert ended.code == 1
+    assert "the server wants a user and a password: --user and --password-file" in ended.stderr
+    ended = site.run("read", GOAL, "--insecure")
+    assert ended.code != 0
+
+
+@pytest.mark.parametrize("policy", ["Aes128Sha256RsaOaep", "Aes256Sha256RsaPss"])
+def test_other_policies(site: Site, policy: str) -> None:
+    assert site.run("read", GOAL, "--policy", policy).code == 0
+
+
+def test_a_server_with_another_certificate_is_refused(site: Site) -> None:
+    known = site.folder / "state-of-client" / "ua-fleet" / "client" / "servers.json"
+    before = known.read_text()
+    known.write_text(before.replace(before.split('"')[3], "0" * 40))
+    ended = site.run("read", GOAL)
+    known.write_text("{")
+    broken = site.run("read", GOAL)
+    known.write_text(before)
+    assert ended.code == 1
+    assert "shows another certificate" in ended.stderr
+    assert "remove its line from" in ended.stderr
+    assert broken.code == 1
+    assert "cannot be read" in broken.stderr
+
+
+def test_watch_ends_by_count_and_by_time(site: Site) -> None:
+    site.run("write", GOAL, "0.5")
+    ended = site.run("watch", GOAL, "--count", "1", "--timeout", "20", "--json")
+    assert (ended.code, [change["value"] for change in ended.objects]) == (0, [0.5])
+    ended = site.run("watch", GOAL, "--count", "2", "--timeout", "1.5")
+    assert ended.code == 5
+    assert ended.stdout.startswith(f"{GOAL} = 0.5")
+    assert "2 lines did not come within 1.5 s" in ended.stderr
+    assert site.run("watch", GOAL, "--timeout", "1.5").code == 0
+
+
+def test_watch_shows_each_change_until_ctrl_c(site: Site) -> None:
+    child = site.start("watch", GOAL)
+    child.wait_for(f"{GOAL} = ")
+    site.run("write", GOAL, "0.125")
+    child.wait_for(f"{GOAL} = 0.125")
+    assert child.end(signal.SIGINT) == 130
+    assert not any("Traceback" in line for line in child.lines)
+
+
+async def test_a_robots_values_arrive_and_go_bad_with_their_source(site: Site) -> None:
+    child = site.start("watch", SPEED, "ns=2;s=1006.x", "ns=2;s=1006.frame")
+    topic, pose = Topic.parse(SPEED), Topic.parse(POSE)
+    async with Peer.at(site.url, space=2) as robot:
+        robot.announce(topic, (make_field("speed", BuiltinType.DOUBLE),))
+        robot.announce(pose, (make_field("x", BuiltinType.DOUBLE), make_field("frame", BuiltinType.STRING)))
+        robot.publish(topic, 1.5)
+        robot.publish(pose, 7.25, "map")
+        await asyncio.to_thread(child.wait_for, f"{SPEED} = 1.5  20")
+        await asyncio.to_thread(child.wait_for, "ns=2;s=1006.x = 7.25")
+        await asyncio.to_thread(child.wait_for, 'ns=2;s=1006.frame = "map"')
+    await asyncio.to_thread(child.wait_for, f"{SPEED} = 1.5  BadNoCommunication")
+    assert await asyncio.to_thread(child.end, signal.SIGTERM) == 130
+
+
+def test_nobody_answers_and_nobody_answers_in_time(site: Site, tcp_port: int) -> None:
+    import socket
+
+    ended = site.run("browse", "-e", f"opc.tcp://127.0.0.1:{tcp_port}/ua_fleet")
+    assert ended.code == 4
+    assert ended.stderr.endswith("start it with: ua-fleet serve\n")
+    with socket.create_server(("127.0.0.1", 0)) as deaf:
+        ended = site.run("read", GOAL, "-e", f"opc.tcp://127.0.0.1:{deaf.getsockname()[1]}/x", "--timeout", "0.5")
+    assert ended.code == 5
+    assert "did not answer in time" in ended.stderr
+
+
+def test_a_port_in_use_is_one_line(site: Site) -> None:
+    ended = site.run("serve", user=None)
+    assert ended.code not in (0, 130)
+    last = ended.stderr.strip().splitlines()[-1]
+    assert "in use" in last

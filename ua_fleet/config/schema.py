@@ -12,6 +12,7 @@ from typing import Annotated, Literal
 from pydantic import BaseModel, ConfigDict, Field, SerializeAsAny, field_validator, model_validator
 
 from ua_fleet.errors import TopicInvalid
+from ua_fleet.fleet.model import UnknownSources
 from ua_fleet.topics import SERVER_SPACE, check_space
 from ua_fleet.values import BuiltinType
 
@@ -252,14 +253,6 @@ class PubSubConfig(_Model, frozen=True):
         if self.receive_timeout_s <= self.keep_alive_s:
             raise ValueError("receive_timeout_s must be greater than keep_alive_s")
         return self
-
-
-class UnknownSources(StrEnum):
-    """What the server does with a source that `fleet.yaml` does not name."""
-
-    CREATE = "create"
-    QUARANTINE = "quarantine"
-    IGNORE = "ignore"
 
 
 class ServerConfig(_Model, frozen=True):

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from typing import Final
 
-from ua_fleet.config.schema import UnknownSources
 from ua_fleet.fleet.changes import Change, Noticed, SourceAdded, SourceQuarantined, SourceRemoved
-from ua_fleet.fleet.model import DataSetModel, FieldModel
+from ua_fleet.fleet.model import DataSetModel, FieldModel, UnknownSources
 from ua_fleet.pubsub.metadata import field_property, type_code
 from ua_fleet.topics import Topic
 from ua_fleet.values import ARRAY, DIMENSIONS, BuiltinType, NodeId

@@ -13,12 +13,11 @@ from __future__ import annotations
 
 from typing import Final
 
-from ua_fleet.config.schema import UnknownSources
 from ua_fleet.counters import Counters, Drop
 from ua_fleet.fleet.changes import Change, Noticed, SourceAdded, SourceRemoved
 from ua_fleet.fleet.discovery import Discovery
 from ua_fleet.fleet.members import BridgeStatus, RobotStatus, Traffic
-from ua_fleet.fleet.model import FleetModel
+from ua_fleet.fleet.model import FleetModel, UnknownSources
 from ua_fleet.fleet.source import Source
 from ua_fleet.pubsub.events import DataReceived, MetaDataReceived, SourceReturned, SourceSilent, SubscriberEvent
 from ua_fleet.topics import Topic

@@ -7,8 +7,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
+from ua_fleet.config.nodes import fleet_model
 from ua_fleet.config.schema import FleetConfig, PubSubConfig
-from ua_fleet.fleet.model import FleetModel
 from ua_fleet.pubsub.subscriber import LoopRule
 from ua_fleet.server.address_space import FleetNodes
 from ua_fleet.server.hardened import create_server
@@ -50,7 +50,7 @@ async def run_server(
         ServerStartError: the port is in use, or something that the server needs is missing.
         TransportError: PubSub has no route, no permission or no such interface.
     """
-    model = FleetModel.from_config(config)
+    model = fleet_model(config)
     server = await create_server(
         config.server, config_dir / config.server.state_dir, application_uri=application_uri(config)
     )

@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from ua_fleet.config.nodes import fleet_model
 from ua_fleet.config.schema import FleetConfig, UnknownSources
 from ua_fleet.counters import Counters
-from ua_fleet.fleet import Change, FleetModel, FleetState, Noticed, ValueChanged
+from ua_fleet.fleet import Change, FleetState, Noticed, ValueChanged
 from ua_fleet.pubsub.events import DataReceived
 from ua_fleet.pubsub.metadata import make_field
 from ua_fleet.topics import Topic
@@ -75,7 +76,7 @@ class Fleet:
 
     def __init__(self, policy: UnknownSources = UnknownSources.QUARANTINE, *, max_sources: int = 1000) -> None:
         self.counters = Counters()
-        self.model = FleetModel.from_config(fleet_config())
+        self.model = fleet_model(fleet_config())
         self.state = FleetState(self.model, self.counters, unknown_sources=policy, max_discovered_sources=max_sources)
         self.now = 1000
 

@@ -8,7 +8,8 @@ from typing import Any
 import pytest
 
 from tests.unit.fleet.fleet_of import BOOLEAN, DOUBLE, STATUS, STRING, fleet_config, key
-from ua_fleet.fleet import Commands, FleetModel, Publication
+from ua_fleet.config.nodes import fleet_model
+from ua_fleet.fleet import Commands, Publication
 from ua_fleet.pubsub.metadata import first_property
 from ua_fleet.topics import Topic
 from ua_fleet.values import ARRAY, BuiltinType, StatusCode
@@ -32,7 +33,7 @@ def commands(**more: Any) -> Commands:
         "path": {"id": 13, "origin": "server", "type": "Double", "array": True},
         "speed": {"id": 14, "type": "Double"},
     } | more
-    return Commands(FleetModel.from_config(fleet_config({"rover": {"bridge": "mobile", "data": data}})))
+    return Commands(fleet_model(fleet_config({"rover": {"bridge": "mobile", "data": data}})))
 
 
 def test_a_write_publishes_the_whole_data_set_with_what_is_unknown_as_bad() -> None:

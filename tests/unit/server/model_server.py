@@ -13,7 +13,7 @@ from typing import Any
 from asyncua.server.server import Server
 
 from tests.unit.fleet.fleet_of import ROBOTS, fleet_config
-from ua_fleet.fleet import FleetModel
+from ua_fleet.config.nodes import fleet_model
 from ua_fleet.server.address_space import FleetNodes
 from ua_fleet.server.nodeset import load_types
 
@@ -54,7 +54,7 @@ async def types_loaded() -> AsyncGenerator[Any]:
 async def fleet_built(robots: Mapping[str, Any] = ROBOTS) -> AsyncGenerator[tuple[Any, FleetNodes]]:
     """A server with the nodes of a fleet."""
     async with types_loaded() as server:
-        nodes = FleetNodes(server.iserver.aspace, FleetModel.from_config(fleet_config(robots)))
+        nodes = FleetNodes(server.iserver.aspace, fleet_model(fleet_config(robots)))
         nodes.build()
         yield server, nodes
 

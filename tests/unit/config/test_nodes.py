@@ -7,14 +7,15 @@ from typing import Any
 import pytest
 
 from tests.unit.fleet.fleet_of import BRIDGE, fleet_config, key
-from ua_fleet.errors import ConfigInvalid
+from ua_fleet.config.nodes import fleet_model
+from ua_fleet.errors import ConfigError
 from ua_fleet.fleet import FleetModel
 from ua_fleet.topics import Topic
 from ua_fleet.values import ARRAY, BuiltinType
 
 
 def model(**data: Any) -> FleetModel:
-    return FleetModel.from_config(fleet_config({"rover": {"bridge": "mobile", "data": data}}))
+    return fleet_model(fleet_config({"rover": {"bridge": "mobile", "data": data}}))
 
 
 def test_one_field_is_the_variable_and_several_have_names_below_it() -> None:
@@ -44,18 +45,11 @@ def test_a_bridge_is_its_status_data_set() -> None:
     assert {"Connected", "Detail", "MessagesIn", "Looped", "Drops.loop"} <= set(names)
 
 
-def test_ids_that_are_missing_or_double_are_all_told() -> None:
-    with pytest.raises(ConfigInvalid) as caught:
-        model(a={"type": "Float"}, b={"id": 7, "type": "Float"}, c={"id": 7, "type": "Float"}, d={"type": "Float"})
-    texts = [str(problem) for problem in caught.value.problems]
-    assert len(texts) == 3
-    assert "robots.rover.data.a: the DataSet has no id; run: ua-fleet config assign-ids" in texts[0]
-    assert "id 7 is given to b and to c" in texts[2]
-
-
-def test_a_bridges_status_id_is_an_id_like_others() -> None:
-    with pytest.raises(ConfigInvalid, match="id 1900 is given to a and to mobile"):
-        model(a={"id": 1900, "type": "Float"})
+def test_a_data_source_without_an_id_has_no_node() -> None:
+    with pytest.raises(
+        ConfigError, match=r"robots\.rover\.data\.a\.id: the data source has no id"
+    ):
+        model(a={"type": "Float"})
 
 
 @pytest.mark.parametrize(
@@ -72,24 +66,6 @@ def test_initial_values_get_the_fields_type(field: dict[str, Any], initial: Any)
     made = model(a={"id": 5, "origin": "server", **field}).robots[0].data_sets[0].fields[0]
     assert made.initial == initial
     assert type(made.initial) is type(initial)
-
-
-@pytest.mark.parametrize(
-    "field",
-    [
-        {"type": "Int32", "initial": 1.5},
-        {"type": "Int32", "initial": True},
-        {"type": "Byte", "initial": 256},
-        {"type": "Boolean", "initial": 1},
-        {"type": "String", "initial": 1},
-        {"type": "Double", "initial": "1"},
-        {"type": "Double", "range": [0, 1], "initial": 2},
-        {"type": "Double", "array": True, "initial": 2},
-    ],
-)
-def test_initial_values_that_do_not_fit_are_told(field: dict[str, Any]) -> None:
-    with pytest.raises(ConfigInvalid, match="does not fit a"):
-        model(a={"id": 5, "origin": "server", **field})
 
 
 def test_robots_data_has_no_initial_value() -> None:

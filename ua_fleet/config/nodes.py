@@ -1,0 +1,79 @@
+"""The nodes of a fleet from its `fleet.yaml`: which DataSets there are, with which ids and types."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from ua_fleet.config.schema import BridgeConfig, DataSetConfig, FleetConfig, RobotConfig, ScalarType
+from ua_fleet.counters import Drop
+from ua_fleet.errors import ConfigError
+from ua_fleet.fleet.model import (
+    BRIDGE_FIELDS,
+    BridgeModel,
+    DataSetModel,
+    FieldModel,
+    FleetModel,
+    RobotModel,
+    drop_field,
+)
+from ua_fleet.topics import SERVER_SPACE, Topic
+from ua_fleet.values import ARRAY, BuiltinType, NodeId
+
+__all__ = ["fleet_model"]
+
+
+def fleet_model(config: FleetConfig) -> FleetModel:
+    """The model of a configuration that `load` has checked; raises ConfigError for a data source without an id."""
+    ns = config.fleet.namespace_index
+    bridges = tuple(_bridge(ns, name, bridge) for name, bridge in config.bridges.items())
+    robots = tuple(_robot(ns, name, robot, config.space_of(name)) for name, robot in config.robots.items())
+    return FleetModel(config.fleet.name, ns, robots, bridges)
+
+
+def _bridge(ns: int, name: str, config: BridgeConfig) -> BridgeModel:
+    status = None
+    if config.status_id is not None:
+        topic = Topic.checked(config.space, ns, config.status_id)
+        names = [*BRIDGE_FIELDS, *((drop_field(drop.value), BuiltinType.UINT64) for drop in Drop)]
+        fields = tuple(FieldModel(NodeId(ns, f"{topic.id}.{field}"), field, int(kind)) for field, kind in names)
+        status = DataSetModel(topic, name, fields, config.description, is_single=False)
+    return BridgeModel(name, config.kind, config.space, config.description, status, ns)
+
+
+def _robot(ns: int, name: str, config: RobotConfig, space: int) -> RobotModel:
+    data_sets: list[DataSetModel] = []
+    for browse_name, data_set in config.data.items():
+        if data_set.id is None:
+            raise ConfigError(
+                "the data source has no id",
+                key=f"robots.{name}.data.{browse_name}.id",
+                suggestion="run: ua-fleet config assign-ids",
+            )
+        origin = SERVER_SPACE if data_set.origin == "server" else space
+        data_sets.append(_data_set(Topic.checked(origin, ns, data_set.id), browse_name, data_set))
+    return RobotModel(name, config.bridge, config.description, config.capacities, tuple(data_sets), ns)
+
+
+def _data_set(topic: Topic, name: str, config: DataSetConfig) -> DataSetModel:
+    is_single = not config.fields
+    origin_is_server = topic.space == SERVER_SPACE
+    fields = tuple(
+        FieldModel(
+            NodeId(topic.ns, topic.id if is_single else f"{topic.id}.{field_name}"),
+            field_name or name,
+            int(field.type.builtin) | (ARRAY if field.array else 0),
+            field.unit,
+            field.range,
+            initial=_initial(field.initial, field.type) if origin_is_server else None,
+            path=field.path,
+        )
+        for field_name, field in config.all_fields().items()
+    )
+    message_type = config.sink.type.replace("/msg/", "/") if config.sink is not None else None
+    return DataSetModel(topic, name, fields, config.description, is_single, message_type)
+
+
+def _initial(value: Any, wanted: ScalarType) -> Any:
+    """YAML writes 0 where a Double is meant."""
+    is_float = wanted in (ScalarType.FLOAT, ScalarType.DOUBLE)
+    return float(value) if is_float and isinstance(value, int) and not isinstance(value, bool) else value

@@ -74,6 +74,7 @@ class Ros2Driver:
         ]
         self._thread = NodeThread(bridge.space, bridge.node_name, bridge.discovery)
         self._routes: dict[Topic, _Route] = {}
+        self._sinks: dict[Topic, list[_Sink]] = {}
         self._shared: dict[str, Outlet] = {}
         """Publishers of robots' own topics, by name."""
         self._delivered = Delivered(None)
@@ -88,6 +89,9 @@ class Ros2Driver:
         self._watch = Watch(self._config, inlet, mapped, written, self._thread.wake_at)
         await self._thread.start(self._watch.opened, self._watch.turn, self._watch.closing)
         self._delivered = Delivered(state_folder(), *self._identity)
+        for topic, name, dataset in self._datasets:
+            if dataset.sink is not None:
+                self._add_sink(topic, name, dataset, dataset.sink)
 
     def status(self) -> DriverStatus:
         """See Driver."""
@@ -101,20 +105,19 @@ class Ros2Driver:
     async def stop(self) -> None:
         """See Driver."""
         self._stopped = True
-        for route in self._routes.values():
-            for sink in route.sinks:
-                if sink.gate is not None:
-                    sink.gate.close()
+        for sink in (sink for sinks in self._sinks.values() for sink in sinks):
+            if sink.gate is not None:
+                sink.gate.close()
         await self._thread.stop()
         self._delivered.close()
 
     def publish(self, topic: Topic, metadata: DataSetMetaData, message: DataSetMessage) -> bool:
         """See Driver."""
+        if not self._thread.running:
+            self._inlet.put(Dropped(Drop.NOT_CONNECTED))
+            return False
         route = self._routes.get(topic)
         if route is None or (route.metadata is not metadata and route.metadata.fields != metadata.fields):
-            if not self._thread.running:
-                self._inlet.put(Dropped(Drop.SEND_FAILED, detail=self.status().detail))
-                return False
             route = self._make_route(topic, metadata)
             if route is None:
                 return False
@@ -174,7 +177,7 @@ class Ros2Driver:
             return None
         if before is not None and before.mirror is not None:
             self._thread.call(partial(self._watch.drop, before.mirror[0]))
-        sinks = before.sinks if before is not None else self._make_sinks(topic)
+        sinks = self._sinks.get(topic, [])
         mirror: tuple[Outlet, Writer] | None = None
         reason = ""
         try:
@@ -195,33 +198,25 @@ class Ros2Driver:
         kind = load_type(ros_type)
         return Outlet(f"/{topic.name}", kind, MIRROR), compile_writer(kind.schema, names, make)
 
-    def _make_sinks(self, topic: Topic) -> list[_Sink]:
-        sinks: list[_Sink] = []
-        for dataset_topic, name, dataset in self._datasets:
-            if dataset_topic != topic or dataset.sink is None:
-                continue
-            try:
-                sinks.append(self._make_sink(name, dataset))
-            except UaFleetError as error:
-                reason = f"{name} cannot be written to {dataset.sink.topic}: {error}"
-                self._inlet.put(Dropped(Drop.TYPE_MISSING, detail=reason))
-        return sinks
-
-    def _make_sink(self, name: str, dataset: DataSetConfig) -> _Sink:
-        mapping = dataset.sink
-        assert mapping is not None
-        kind = load_type(mapping.type)
+    def _add_sink(self, topic: Topic, name: str, dataset: DataSetConfig, mapping: TopicMapping) -> None:
+        """Write the DataSet to the robot's own topic, too."""
         paths = [
             (field_name or name, field.path or field_name or "data")
             for field_name, field in dataset.all_fields().items()
         ]
-        fill = compile_sink(kind.schema, paths)
-        outlet = self._shared_outlet(mapping, kind)
+        try:
+            kind = load_type(mapping.type)
+            fill = compile_sink(kind.schema, paths)
+            outlet = self._shared_outlet(mapping, kind)
+        except UaFleetError as error:
+            reason = f"{name} cannot be written to {mapping.topic}: {error}"
+            self._inlet.put(Dropped(Drop.TYPE_MISSING, detail=reason))
+            return
         gate: RateGate[Values] | None = None
         if mapping.max_rate_hz is not None:
             deliver: Callable[[Values], object] = partial(self._send, outlet, fill)
             gate = RateGate(mapping.max_rate_hz, self._loop, deliver, self._count_rate_limited)
-        return _Sink(outlet, fill, gate)
+        self._sinks.setdefault(topic, []).append(_Sink(outlet, fill, gate))
 
     def _shared_outlet(self, mapping: TopicMapping, kind: MessageType) -> Outlet:
         """The one publisher of a robot's topic, for all DataSets that are written to it."""

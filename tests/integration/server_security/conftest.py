@@ -18,9 +18,7 @@ def identities(tmp_path_factory: pytest.TempPathFactory) -> Identities:
 
 
 @pytest_asyncio.fixture(scope="module", loop_scope="module")
-async def hardened(
-    tmp_path_factory: pytest.TempPathFactory, identities: Identities
-) -> AsyncGenerator[Door]:
+async def hardened(tmp_path_factory: pytest.TempPathFactory, identities: Identities) -> AsyncGenerator[Door]:
     """A hardened server with the usual limits."""
     async with door(tmp_path_factory.mktemp("server"), identities) as running:
         yield running

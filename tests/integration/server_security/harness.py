@@ -11,9 +11,9 @@ from collections.abc import AsyncGenerator
 from dataclasses import dataclass, field
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, TypeAlias
 
-from asyncua.client.client import Client
+from asyncua.client.client import Client as AsyncuaClient
 from asyncua.common.methods import uamethod
 from asyncua.crypto import security_policies
 from asyncua.server.server import Server
@@ -32,6 +32,8 @@ from ua_fleet.server.users import Role, ScryptCost, UserStore, current_user
 # asyncua declares UInt32 where it takes an int; tests use it without types.
 ua: Any = importlib.import_module("asyncua.ua")
 binary: Any = importlib.import_module("asyncua.ua.ua_binary")
+# Attackers reach into asyncua's client wherever they like.
+Client: TypeAlias = Any
 
 SERVER_URI: Final = "urn:test:ua-fleet"
 CLIENT_URI: Final = "urn:test:client"
@@ -87,9 +89,7 @@ def make_certificate(
     files = CertificateFiles(folder / f"{name}.der", folder / f"{name}-key.pem")
     files.certificate.write_bytes(certificate.public_bytes(serialization.Encoding.DER))
     files.private_key.write_bytes(
-        key.private_bytes(
-            serialization.Encoding.PEM, serialization.PrivateFormat.PKCS8, serialization.NoEncryption()
-        )
+        key.private_bytes(serialization.Encoding.PEM, serialization.PrivateFormat.PKCS8, serialization.NoEncryption())
     )
     return files
 
@@ -128,7 +128,9 @@ class Identities:
         files = own_files(state_dir)
         if "server" not in self._made:
             made = CertificateFiles(self._folder / "server.der", self._folder / "server-key.pem")
-            create_certificate(made, application_uri=SERVER_URI, common_name="test", hostnames=["127.0.0.1"], server=True)
+            create_certificate(
+                made, application_uri=SERVER_URI, common_name="test", hostnames=["127.0.0.1"], server=True
+            )
             self._made["server"] = made
         files.certificate.parent.mkdir(parents=True)
         shutil.copy(self._made["server"].certificate, files.certificate)
@@ -209,7 +211,7 @@ async def build(server: Server) -> Nodes:
     ):
         node = await objects.add_method(ua.NodeId(name, index), name, function, inputs, outputs)
         nodes.methods[name] = node.nodeid
-    no = ua.DataValue(ua.Variant(False, ua.VariantType.Boolean))  # noqa: FBT003
+    no = ua.DataValue(ua.Variant(False, ua.VariantType.Boolean))
     await server.get_node(nodes.methods["locked"]).write_attribute(ua.AttributeIds.Executable, no)
     return nodes
 
@@ -243,7 +245,7 @@ class Door:
         password: str | None = None,
     ) -> Client:
         """A client, not connected."""
-        client = Client(self.url, timeout=5)
+        client: Client = AsyncuaClient(self.url, timeout=5)
         client.application_uri = uri
         client.session_timeout = 60_000
         if user is not None:
@@ -275,12 +277,13 @@ async def door(
         users.add(name, password, ROLES[name])
     for files in (identities.client, identities.other):
         trust(state_dir, files.certificate)
+    small: dict[str, Any] = {"tick_s": 0.02, "publishing_interval_ms": (10.0, 1000.0), **(limits or {})}
     server = await create_server(
         ServerConfig(port=0, **config),
         state_dir,
         application_uri=SERVER_URI,
         users=users,
-        limits=Limits(**{"tick_s": 0.02, "publishing_interval_ms": (10.0, 1000.0), **(limits or {})}),
+        limits=Limits(**small),
     )
     nodes = await build(server)
     server.require_role(nodes.methods["engineering"], Role.ENGINEER)
@@ -303,7 +306,7 @@ class Stock:
 
     def client(self, user: str = "") -> Client:
         """A client, not connected."""
-        client = Client(self.url, timeout=5)
+        client: Client = AsyncuaClient(self.url, timeout=5)
         if user:
             client.set_user(user)
             client.set_password("anything")
@@ -380,7 +383,8 @@ class Raw:
         else:
             header.TokenId = 13
         rest = binary.struct_to_binary(header) + sequence.to_bytes(4, "little") + request.to_bytes(4, "little") + body
-        return kind + final + (12 + len(rest)).to_bytes(4, "little") + channel.to_bytes(4, "little") + rest
+        chunk: bytes = kind + final + (12 + len(rest)).to_bytes(4, "little") + channel.to_bytes(4, "little") + rest
+        return chunk
 
     async def answer(self) -> bytes:
         """The next message, empty when the server has closed."""

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Iterator
+from datetime import UTC, datetime
 from typing import Any
 
 import pytest
-from asyncua.client.client import Client
 
-from tests.integration.server_security.harness import Door, Stock, bad, send, ua
+from tests.integration.server_security.harness import Client, Door, Stock, bad, send, ua
 from ua_fleet.server.users import User
 
 pytestmark = pytest.mark.asyncio(loop_scope="module")
@@ -131,7 +131,7 @@ async def test_base_nodes_cannot_be_written(hardened: Door) -> None:
     """The standard address space has 23 writable variables with nothing behind them."""
     enabled = ua.NodeId(ua.ObjectIds.Server_ServerDiagnostics_EnabledFlag)
     async with hardened.connected("eva") as client:
-        value = ua.DataValue(ua.Variant(True, ua.VariantType.Boolean))  # noqa: FBT003
+        value = ua.DataValue(ua.Variant(True, ua.VariantType.Boolean))
         assert await write(client, enabled, value) == "BadNotWritable"
 
 
@@ -172,10 +172,8 @@ async def test_gate_has_the_last_word(hardened: Door, gate: Gate) -> None:
 
 
 async def test_time_of_a_write_is_the_servers(hardened: Door) -> None:
-    import datetime
-
     past = double(2.0)
-    past.SourceTimestamp = datetime.datetime(2001, 1, 1, tzinfo=datetime.UTC)
+    past.SourceTimestamp = datetime(2001, 1, 1, tzinfo=UTC)
     async with hardened.connected() as client:
         assert await write(client, hardened.nodes.value, past) == "Good"
         assert (await read(client, hardened.nodes.value)).SourceTimestamp.year > 2001
@@ -228,7 +226,11 @@ async def test_arguments_are_checked(hardened: Door, arguments: list[Any], statu
     """Stock asyncua hands wrong arguments to the method, and reports Bad_UnexpectedError where that fails."""
     before = len(hardened.nodes.called)
     given = [
-        int64(value) if type(value) is int else ua.Variant([2], ua.VariantType.Int64) if value == [2] else ua.Variant(value)
+        int64(value)
+        if type(value) is int
+        else ua.Variant([2], ua.VariantType.Int64)
+        if value == [2]
+        else ua.Variant(value)
         for value in arguments
     ]
     async with hardened.connected() as client:

@@ -8,9 +8,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from asyncua.client.client import Client
 
-from tests.integration.server_security.harness import Door, Identities, Raw, Stock, bad, binary, door, send, ua
+from tests.integration.server_security.harness import Client, Door, Identities, Raw, Stock, bad, binary, door, send, ua
 
 pytestmark = pytest.mark.asyncio(loop_scope="module")
 
@@ -31,7 +30,7 @@ async def test_announced_size_is_refused_at_once(hardened: Door) -> None:
     """Stock asyncua buffers all of a message of announced 805 MB, with a copy for each arrival, before it looks."""
     async with Raw.open(hardened.server.port) as raw:
         raw.write(b"HELF" + (805_000_000).to_bytes(4, "little"))
-        assert b"ERRF" == (await raw.answer())[:4]
+        assert (await raw.answer())[:4] == b"ERRF"
         assert await raw.closed()
     async with Raw.open(hardened.server.port) as raw:
         await opened(raw)
@@ -47,7 +46,8 @@ async def test_announced_size_is_buffered_stock(plain: Stock) -> None:
         await raw.writer.drain()
         assert not await raw.closed(0.3)
         assert plain.server.bserver is not None
-        assert max(len(client._buffer) for client in plain.server.bserver.clients) > 1_000_000
+        clients: list[Any] = list(plain.server.bserver.clients)
+        assert max(len(client._buffer) for client in clients) > 1_000_000
 
 
 @pytest.mark.parametrize("head", [b"HELF\x08\x00\x00\x00", b"HELF\x00\x00\x00\x00", b"MSGF\x0c\x00\x00\x00"])

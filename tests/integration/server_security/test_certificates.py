@@ -23,7 +23,9 @@ async def connects(hardened: Door, name: str, uri: str = CLIENT_URI, **options: 
 
 
 def rejected(hardened: Door) -> list[str]:
-    return [info.thumbprint for info in list_certificates(hardened.state_dir) if info.state is CertificateState.REJECTED]
+    return [
+        info.thumbprint for info in list_certificates(hardened.state_dir) if info.state is CertificateState.REJECTED
+    ]
 
 
 async def test_unknown_certificates_wait_to_be_trusted(hardened: Door) -> None:

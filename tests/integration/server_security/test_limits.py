@@ -7,9 +7,8 @@ from typing import Any
 
 import pytest
 import pytest_asyncio
-from asyncua.client.client import Client
 
-from tests.integration.server_security.harness import Door, Identities, Stock, bad, door, send, ua
+from tests.integration.server_security.harness import Client, Door, Identities, Stock, bad, door, send, ua
 
 pytestmark = pytest.mark.asyncio(loop_scope="module")
 
@@ -151,7 +150,9 @@ async def test_too_many_subscriptions_and_items(small: Door) -> None:
 async def test_requested_times_and_queues_are_revised(small: Door) -> None:
     """Stock asyncua takes any publishing interval, queue size 0 as endless in ModifyMonitoredItems, and no sampling."""
     async with small.connected() as client:
-        revised = await create_subscription(client, RequestedPublishingInterval=0.0, RequestedLifetimeCount=4_000_000_000)
+        revised = await create_subscription(
+            client, RequestedPublishingInterval=0.0, RequestedLifetimeCount=4_000_000_000
+        )
         assert revised.RevisedPublishingInterval == 10.0
         assert revised.RevisedLifetimeCount * revised.RevisedPublishingInterval <= 3_600_000
         request = ua.CreateMonitoredItemsRequest()

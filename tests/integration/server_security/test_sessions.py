@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from asyncua.client.client import Client
 
 from tests.integration.server_security.harness import (
+    Client,
     Door,
     Identities,
     Stock,
@@ -281,5 +281,3 @@ async def test_register_server_stock(plain: Stock) -> None:
     await send(client, request, ua.RegisterServerResponse)
     assert len(await client.find_servers()) == 2
     client.disconnect_socket()
-
-

@@ -1,0 +1,173 @@
+from __future__ import annotations
+
+import os
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+
+import pytest
+from cryptography import x509
+from cryptography.hazmat.primitives.serialization import Encoding
+from cryptography.x509.oid import ExtendedKeyUsageOID
+
+from ua_fleet.errors import ServerStartError
+from ua_fleet.server.certificates import (
+    CertificateError,
+    CertificateFiles,
+    CertificateState,
+    certificates_folder,
+    create_certificate,
+    ensure_application_certificate,
+    ensure_client_certificate,
+    list_certificates,
+    load_certificate,
+    thumbprint,
+    trust,
+)
+from ua_fleet.server.trust import MAX_REJECTED, CertificateRefused, TrustList, split_chain
+
+URI = "urn:test:server"
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, CertificateFiles]:
+    state_dir = tmp_path_factory.mktemp("state")
+    return state_dir, ensure_application_certificate(state_dir, URI, ["10.0.0.7", "robots.local"])
+
+
+@pytest.fixture
+def state(made: tuple[Path, CertificateFiles], tmp_path: Path) -> tuple[Path, CertificateFiles]:
+    """A copy of the state folder that a test may spoil."""
+    files = CertificateFiles(
+        tmp_path / "certificates" / "own" / "server.der", tmp_path / "certificates" / "own" / "server-key.pem"
+    )
+    files.certificate.parent.mkdir(parents=True)
+    for old, new in ((made[1].certificate, files.certificate), (made[1].private_key, files.private_key)):
+        new.write_bytes(old.read_bytes())
+        new.chmod(0o600)
+    return tmp_path, files
+
+
+def test_application_certificate(made: tuple[Path, CertificateFiles]) -> None:
+    state_dir, files = made
+    certificate = load_certificate(files.certificate)
+    names = certificate.extensions.get_extension_for_class(x509.SubjectAlternativeName).value
+    assert names.get_values_for_type(x509.UniformResourceIdentifier) == [URI]
+    assert {"robots.local", "localhost"} <= set(names.get_values_for_type(x509.DNSName))
+    assert {"10.0.0.7", "127.0.0.1"} <= {str(address) for address in names.get_values_for_type(x509.IPAddress)}
+    usage = certificate.extensions.get_extension_for_class(x509.KeyUsage).value
+    assert usage.digital_signature
+    assert usage.content_commitment
+    assert usage.key_encipherment
+    assert usage.data_encipherment
+    extended = certificate.extensions.get_extension_for_class(x509.ExtendedKeyUsage).value
+    assert set(extended) == {ExtendedKeyUsageOID.SERVER_AUTH, ExtendedKeyUsageOID.CLIENT_AUTH}
+    certificate.verify_directly_issued_by(certificate)
+    assert files.private_key.stat().st_mode & 0o777 == 0o600
+    assert ensure_application_certificate(state_dir, URI) == files
+
+
+def test_client_certificate_is_its_own(state: tuple[Path, CertificateFiles]) -> None:
+    files = ensure_client_certificate(state[0], "urn:test:client")
+    assert files.certificate != state[1].certificate
+    extended = load_certificate(files.certificate).extensions.get_extension_for_class(x509.ExtendedKeyUsage).value
+    assert list(extended) == [ExtendedKeyUsageOID.CLIENT_AUTH]
+    TrustList(state[0], trust_all=True).check([load_certificate(files.certificate)])
+
+
+def test_files_that_are_of_no_use_stop_the_start(state: tuple[Path, CertificateFiles]) -> None:
+    state_dir, files = state
+    with pytest.raises(ServerStartError, match="not for the application"):
+        ensure_application_certificate(state_dir, "urn:another")
+    files.private_key.chmod(0o640)
+    with pytest.raises(ServerStartError, match="chmod 600"):
+        ensure_application_certificate(state_dir, URI)
+    files.private_key.chmod(0o600)
+    key = files.private_key.read_bytes()
+    files.private_key.write_bytes(key[:100])
+    with pytest.raises(ServerStartError, match="cannot be read"):
+        ensure_application_certificate(state_dir, URI)
+    files.private_key.unlink()
+    with pytest.raises(ServerStartError, match="cannot be read"):
+        ensure_application_certificate(state_dir, URI)
+
+
+def test_expiry(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    files = ensure_client_certificate(tmp_path, URI, "server")
+    create_certificate(files, application_uri=URI, common_name="x", days=10, server=True)
+    ensure_application_certificate(tmp_path, URI)
+    said = capsys.readouterr()
+    assert "expires soon" in said.out + said.err
+    create_certificate(files, application_uri=URI, common_name="x", days=0, server=True)
+    with pytest.raises(ServerStartError, match="expired"):
+        ensure_application_certificate(tmp_path, URI)
+
+
+def test_trust_by_thumbprint_and_by_file(state: tuple[Path, CertificateFiles]) -> None:
+    state_dir, files = state
+    certificate = load_certificate(files.certificate)
+    TrustList(state_dir).reject(certificate)
+    states = {info.state for info in list_certificates(state_dir)}
+    assert states == {CertificateState.OWN, CertificateState.REJECTED}
+    for wrong in ("", "zz", "/no/such/file.der"):
+        with pytest.raises(CertificateError, match="ua-fleet cert list"):
+            trust(state_dir, wrong)
+    info = trust(state_dir, thumbprint(certificate)[:6].upper())
+    assert (info.state, info.application_uri, info.expired) == (CertificateState.TRUSTED, URI, False)
+    assert info.not_valid_after > datetime.now(UTC) + timedelta(days=1000)
+    assert [i.state for i in list_certificates(state_dir)] == [CertificateState.OWN, CertificateState.TRUSTED]
+    pem = state_dir / "client.pem"
+    pem.write_bytes(certificate.public_bytes(Encoding.PEM))
+    assert trust(state_dir, pem).path == info.path
+    with pytest.raises(CertificateError, match="no readable certificate"):
+        trust(state_dir, files.private_key)
+
+
+def test_trust_list_follows_its_folder(state: tuple[Path, CertificateFiles]) -> None:
+    state_dir, files = state
+    certificate = load_certificate(files.certificate)
+    trusted = TrustList(state_dir)
+    with pytest.raises(CertificateRefused, match="ua-fleet cert trust"):
+        trusted.check([certificate])
+    info = trust(state_dir, files.certificate)
+    trusted.check([certificate])
+    info.path.unlink()
+    with pytest.raises(CertificateRefused):
+        trusted.check([certificate])
+    with pytest.raises(CertificateRefused, match="not that of"):
+        trusted.check_uri(certificate, "urn:another")
+    trusted.check_uri(certificate, URI)
+
+
+def test_rejected_certificates_are_bounded(state: tuple[Path, CertificateFiles]) -> None:
+    state_dir, files = state
+    folder = certificates_folder(state_dir) / "rejected"
+    trusted = TrustList(state_dir)
+    for number in range(MAX_REJECTED + 5):
+        path = folder / f"{number}.der"
+        path.write_bytes(files.certificate.read_bytes())
+        os.utime(path, ns=(number, number))
+    trusted.reject(load_certificate(files.certificate))
+    names = {path.name for path in folder.iterdir()}
+    assert len(names) == MAX_REJECTED
+    assert f"{thumbprint(load_certificate(files.certificate))}.der" in names
+    assert "0.der" not in names
+
+
+def test_chains_are_split(made: tuple[Path, CertificateFiles]) -> None:
+    data = made[1].certificate.read_bytes()
+    assert len(split_chain(data * 3)) == 3
+    for wrong in (b"", b"0", b"\x30\x80", b"\x30\x83\xff\xff\xff", data[:-1], data + b"x", data * 6, b"\x00" * 20_000):
+        with pytest.raises(CertificateRefused):
+            split_chain(wrong)
+
+
+def test_unreadable_files_are_left_out(
+    state: tuple[Path, CertificateFiles], capsys: pytest.CaptureFixture[str]
+) -> None:
+    state_dir, _ = state
+    trusted = TrustList(state_dir)
+    (certificates_folder(state_dir) / "trusted" / "junk.der").write_bytes(b"junk")
+    assert [info.state for info in list_certificates(state_dir)] == [CertificateState.OWN]
+    assert "junk.der" in capsys.readouterr().out
+    with pytest.raises(CertificateRefused):
+        trusted.check([load_certificate(state[1].certificate)])

@@ -187,7 +187,8 @@ class FleetClient:
         """
         # asyncua logs, some of it as critical, what is raised to us anyhow.
         logging.getLogger("asyncua").setLevel(logging.CRITICAL + 1)
-        client = Client(endpoint, timeout=timeout_s)
+        # asyncua's watchdog waits for an answer no longer than its interval: a busy server is not a lost one.
+        client = Client(endpoint, timeout=timeout_s, watchdog_intervall=timeout_s)
         first_meeting = False
         with _translated(endpoint):
             if not insecure:

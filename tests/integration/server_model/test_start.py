@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from tests.integration.server_model.harness import fleet_config, serving
-from ua_fleet.errors import ConfigInvalid, ServerStartError, TransportError
+from ua_fleet.errors import ConfigError, ServerStartError, TransportError
 from ua_fleet.server.app import run_server
 
 
@@ -33,7 +33,7 @@ async def test_the_fleets_namespace_has_to_have_its_index(udp_url: str, tcp_port
 
 async def test_missing_ids_are_told_before_anything_is_made(udp_url: str, tcp_port: int, tmp_path: Path) -> None:
     robots = {"rover": {"bridge": "mobile_side", "data": {"speed": {"type": "Double"}}}}
-    with pytest.raises(ConfigInvalid, match="run: ua-fleet config assign-ids"):
+    with pytest.raises(ConfigError, match="run: ua-fleet config assign-ids"):
         await run_server(fleet_config(udp_url, tcp_port, robots=robots), tmp_path)
     assert list(tmp_path.iterdir()) == []
 

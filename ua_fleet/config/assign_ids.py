@@ -87,9 +87,13 @@ def insert_ids(content: bytes, file: str) -> tuple[bytes, dict[str, int]]:
             suggestion="write the missing ids by hand",
         )
         raise ConfigInvalid([problem])
-    for position, piece in sorted(insertions, reverse=True):
-        text = text[:position] + piece + text[position:]
-    changed = content[: len(_BOM)] + text.encode() if content.startswith(_BOM) else text.encode()
+    pieces: list[str] = []
+    done = 0
+    for position, piece in sorted(insertions):
+        pieces += (text[done:position], piece)
+        done = position
+    byte_order_mark = _BOM if content.startswith(_BOM) else b""
+    changed = byte_order_mark + "".join((*pieces, text[done:])).encode()
     _check_result(document, read_document(changed, file), given)
     return changed, {key_text(path): value for path, value in given.items()}
 

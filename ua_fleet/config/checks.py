@@ -103,9 +103,27 @@ def _absolute(topic: str) -> str:
     return topic if topic.startswith("/") else f"/{topic}"
 
 
+def _check_sink(
+    parts: Parts,
+    writers: dict[tuple[str, str, str], KeyPath],
+    topic: tuple[str, str],
+    path: KeyPath,
+    dataset: DataSetConfig,
+) -> None:
+    """Several data sources may write one topic, each its own members of the message."""
+    for name, field in dataset.all_fields().items():
+        member = field.path or name or "data"
+        first = writers.setdefault((*topic, member), path)
+        if first != path:
+            line = parts.document.place_of(first).line
+            text = f"{member} of {topic[1]} is written by {key_text(first[:-2])} already (line {line})"
+            parts.document.problem(path, text, "give one of them another `path` or topic")
+            return
+
+
 def _check_topics(parts: Parts) -> None:
-    sources: dict[tuple[str, str], tuple[KeyPath, TopicMapping]] = {}
-    sinks: dict[tuple[str, str], KeyPath] = {}
+    topics: dict[tuple[str, str], tuple[KeyPath, TopicMapping]] = {}
+    writers: dict[tuple[str, str, str], KeyPath] = {}
     for (robot, name), dataset in parts.data.items():
         bridge = parts.bridge_of.get(robot, "")
         for side, mapping in (("source", dataset.source), ("sink", dataset.sink)):
@@ -120,16 +138,8 @@ def _check_topics(parts: Parts) -> None:
                 )
             key = (bridge, _absolute(mapping.topic))
             if side == "sink":
-                first_sink = sinks.setdefault(key, path)
-                if first_sink != path:
-                    line = parts.document.place_of(first_sink).line
-                    parts.document.problem(
-                        path,
-                        f"{mapping.topic} is written by {key_text(first_sink[:-2])} already (line {line})",
-                        "make one data source with `fields`",
-                    )
-                continue
-            first_path, first = sources.setdefault(key, (path, mapping))
+                _check_sink(parts, writers, key, path, dataset)
+            first_path, first = topics.setdefault(key, (path, mapping))
             if first.type.replace("/msg/", "/") != mapping.type.replace("/msg/", "/"):
                 parts.document.problem(
                     (*path[:-1], "type"),

@@ -387,14 +387,14 @@ BAD: list[tuple[str, str, list[str]]] = [
         ],
     ),
     (
-        "two that write one topic",
+        "two that write one member of a topic",
         ROBOT
         + "      q: {id: 5, type: Double, origin: server, sink: {topic: /cmd, type: std_msgs/Float64}}\n"
         + "      r: {id: 6, type: Double, origin: server, sink: {topic: cmd, type: std_msgs/Float64}}\n",
         [
             (
-                "F:11:robots.ned.data.r.sink.topic: cmd is written by robots.ned.data.q already (line 10); "
-                "make one data source with `fields`"
+                "F:11:robots.ned.data.r.sink.topic: data of /cmd is written by robots.ned.data.q already (line 10); "
+                "give one of them another `path` or topic"
             )
         ],
     ),

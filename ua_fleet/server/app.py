@@ -46,7 +46,7 @@ async def run_server(
         rule: the loop rule.
 
     Raises:
-        ConfigInvalid: a DataSet has no id, or an id is given twice.
+        ConfigError: a data source has no id.
         ServerStartError: the port is in use, or something that the server needs is missing.
         TransportError: PubSub has no route, no permission or no such interface.
     """

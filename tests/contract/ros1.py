@@ -8,6 +8,8 @@ from collections.abc import AsyncGenerator
 from contextlib import asynccontextmanager
 from pathlib import Path
 
+import pytest
+from ua_bridges.ros.delivered import STATE_VARIABLE
 from ua_bridges.ros1.config import Ros1BridgeConfig
 from ua_bridges.ros1.driver import create_driver
 
@@ -80,8 +82,10 @@ class Ros1Space:
 @asynccontextmanager
 async def open_space(folder: Path, processes: system.Processes) -> AsyncGenerator[Ros1Space]:
     """A graph of its own."""
-    space = Ros1Space(folder, processes)
-    try:
-        yield space
-    finally:
-        space.end()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv(STATE_VARIABLE, str(folder))
+        space = Ros1Space(folder, processes)
+        try:
+            yield space
+        finally:
+            space.end()

@@ -93,6 +93,10 @@ class Delivered:
         """Whether the bridge before this one had published the message with that Timestamp last."""
         return timestamp is not None and self._before.get(topic) == timestamp
 
+    def before(self, topic: Topic) -> int | None:
+        """The Timestamp of the last message that the bridge before this one had published, or None."""
+        return self._before.get(topic)
+
     def note(self, topic: Topic, timestamp: int | None) -> None:
         """Remember that the message is published now."""
         if self._map is None or timestamp is None:

@@ -30,6 +30,11 @@ Read = Callable[[Any, int, bool], None]
 class Feed(Protocol):
     """A DataSet that is read from a topic. `announce`, the readers and `lost` may run in any thread."""
 
+    @property
+    def topic(self) -> Topic:
+        """The UA topic that it is read for."""
+        ...
+
     def announce(self, kind: MessageType, latched: bool) -> None:
         """Say that the source is there, with this message type. Raises UaFleetError where that has no fields."""
         ...

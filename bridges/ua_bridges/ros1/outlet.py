@@ -48,6 +48,7 @@ class Outlet:
         self._make = kind.cls
         self._publisher = rospy.Publisher(name, kind.cls, queue_size=QUEUE_SIZE, latch=latched, tcp_nodelay=True)
         self._held: deque[Any] | None = deque(maxlen=QUEUE_SIZE)
+        self._remembered: Any = None
         self._made = time.monotonic()
 
     @property
@@ -66,19 +67,34 @@ class Outlet:
 
     def publish(self, values: Sequence[Any]) -> None:
         """Publish one message, or hold it until the subscribers are there; raises ConversionError."""
-        if self._shared is None:
-            message = self._make()
-            self._fill(message, values)
-        else:
-            self._fill(self._shared, values)
-            message = copy.deepcopy(self._shared)
+        message = self._message(values)
         if self._held is None:
             self._publisher.publish(message)
         else:
             self._held.append(message)
 
+    def _message(self, values: Sequence[Any]) -> Any:
+        if self._shared is None:
+            message = self._make()
+            self._fill(message, values)
+            return message
+        self._fill(self._shared, values)
+        return copy.deepcopy(self._shared)
+
+    def remember(self, values: Sequence[Any]) -> None:
+        """Keep a message that the subscribers which are there have already; only later ones get it, if latched."""
+        self._remembered = self._message(values)
+        if self._held is None:
+            self._latch()
+
+    def _latch(self) -> None:
+        implementation: Any = self._publisher.impl
+        if self._remembered is not None and implementation is not None and implementation.is_latch:
+            implementation.latch = self._remembered  # rospy sends it on each new link
+
     def open(self) -> None:
         """Send what was held; from now on messages go out at once."""
+        self._latch()
         held, self._held = self._held, None
         for message in held or ():
             self._publisher.publish(message)

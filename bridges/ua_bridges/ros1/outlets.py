@@ -7,11 +7,13 @@ Used in the event loop. The watch only reads which outlets there are.
 from __future__ import annotations
 
 import asyncio
+import contextlib
 from collections.abc import Callable, Iterator
 from typing import Any, Final, NamedTuple
 
 import rospy
 
+from ua_bridges.ros.delivered import Delivered
 from ua_bridges.ros.errors import ConversionError
 from ua_bridges.ros.fields import ros_type_of
 from ua_bridges.ros.latched import is_latched
@@ -52,9 +54,24 @@ class _Sink(NamedTuple):
 class Outlets:
     """The publishers of the bridge, by the DataSet that they publish."""
 
-    def __init__(self, inlet: Inlet, loop: asyncio.AbstractEventLoop, changed: Callable[[Outlet | None], None]) -> None:
-        """`changed` is told when an outlet is made, and with the old one when it takes the place of another."""
-        self._inlet, self._loop, self._changed = inlet, loop, changed
+    def __init__(
+        self,
+        inlet: Inlet,
+        loop: asyncio.AbstractEventLoop,
+        delivered: Delivered,
+        changed: Callable[[Outlet | None], None],
+    ) -> None:
+        """Begin without outlets.
+
+        Args:
+            inlet: where drops are told.
+            loop: for the timers of rate limits.
+            delivered: what the bridge before this one had published.
+            changed: told when an outlet is made, and with the old one when it takes the place of another.
+        """
+        self._inlet, self._loop, self._delivered, self._changed = inlet, loop, delivered, changed
+        self._started: set[Topic] = set()
+        """The topics of which this process has published anything."""
         self._mirrored: dict[Topic, _Mirrored] = {}
         self._sinks: dict[Topic, list[_Sink]] = {}
         self._shared: dict[str, tuple[MessageType, Any]] = {}
@@ -72,6 +89,11 @@ class Outlets:
         if mirrored is None or (mirrored.metadata is not metadata and mirrored.metadata.fields != metadata.fields):
             mirrored = self._mirror(topic, metadata, mirrored)
         sinks = self._sinks.get(topic, ())
+        if topic not in self._started:
+            if self._delivered.is_known(topic, message.timestamp):
+                self._remember([mirrored.outlet, *(sink.outlet for sink in sinks)], message.values)
+                return False
+            self._started.add(topic)
         sent = False
         if not (sinks and isinstance(mirrored.outlet, Dropped)):  # what reaches its sink needs no form as a UA topic
             sent = self._send(mirrored.outlet, message.values)
@@ -81,7 +103,17 @@ class Outlets:
             else:
                 sink.gate.offer(message.values)
                 sent = True
+        if sent:
+            self._delivered.note(topic, message.timestamp)
         return sent
+
+    def _remember(self, outlets: list[Outlet | Dropped], values: _Values) -> None:
+        """Only late subscribers get a message that the bridge before this one had published."""
+        self._inlet.put(Dropped(Drop.REPEATED))
+        for outlet in outlets:
+            if isinstance(outlet, Outlet):
+                with contextlib.suppress(ConversionError):  # then it could not be published before either
+                    outlet.remember(values)
 
     def add_sink(self, topic: Topic, browse_name: str, dataset: DataSetConfig) -> None:
         """Write the DataSet to the robot's own topic, too."""

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import asyncio
 
+from ua_bridges.ros.delivered import Delivered, state_folder
 from ua_bridges.ros1.config import Ros1BridgeConfig
 from ua_bridges.ros1.feed import Feed, MappedFeed
 from ua_bridges.ros1.master import RosMaster
+from ua_bridges.ros1.memory import LatchMemory
 from ua_bridges.ros1.node import RosNode
 from ua_bridges.ros1.outlet import Outlet
 from ua_bridges.ros1.outlets import Outlets, absolute
@@ -35,6 +37,7 @@ class Ros1Driver:
             for name, dataset in robot.data.items()
             if dataset.id is not None
         ]
+        self._name, self._pubsub = bridge_name, config.pubsub
         self._node: RosNode | None = None
         self._watch: Watch | None = None
         self._outlets: Outlets | None = None
@@ -44,7 +47,10 @@ class Ros1Driver:
         loop, bridge = asyncio.get_running_loop(), self._bridge
         self._inlet = inlet
         self._node = node = await asyncio.to_thread(RosNode, bridge.node_name, bridge.master_uri, bridge.host_ip)
-        self._outlets = outlets = Outlets(inlet, loop, self._outlets_changed)
+        identity = ("ros1", self._name, bridge.master_uri, self._pubsub.url, self._pubsub.interface)
+        self._delivered = Delivered(state_folder(), *identity)
+        self._memory = LatchMemory(state_folder(), *identity)
+        self._outlets = outlets = Outlets(inlet, loop, self._delivered, self._outlets_changed)
         mapped: dict[str, list[Feed]] = {}
         for number, name, dataset in self._datasets:
             if dataset.source is not None:
@@ -53,7 +59,7 @@ class Ros1Driver:
             if dataset.sink is not None:
                 outlets.add_sink(Topic(SERVER_SPACE, self._namespace, number), name, dataset)
         master = RosMaster(bridge.master_uri, node.name)
-        self._watch = Watch(bridge.space, node, master, inlet, loop, mapped, outlets)
+        self._watch = Watch(bridge.space, node, master, inlet, loop, mapped, outlets, self._memory)
         self._watch.start()
 
     def publish(self, topic: Topic, metadata: DataSetMetaData, message: DataSetMessage) -> bool:
@@ -77,6 +83,8 @@ class Ros1Driver:
         if self._watch is not None:
             await asyncio.to_thread(self._watch.leave)
         await asyncio.to_thread(node.close)
+        self._delivered.close()
+        self._memory.close()
 
     def _outlets_changed(self, replaced: Outlet | None) -> None:
         if self._watch is not None:

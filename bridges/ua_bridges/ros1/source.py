@@ -15,6 +15,7 @@ from ua_bridges.ros.errors import ConversionError
 from ua_bridges.ros1.classes import type_of_publisher
 from ua_bridges.ros1.feed import Feed, Read
 from ua_bridges.ros1.graph import LinkRetry
+from ua_bridges.ros1.memory import LatchMemory
 from ua_bridges.ros1.node import RosNode
 from ua_fleet.bridge.driver import Dropped, Inlet
 from ua_fleet.counters import Drop
@@ -44,6 +45,8 @@ class _Link(NamedTuple):
     header: dict[str, str]
     own: bool
     reading: _Reading | None
+    is_latched: bool
+    """Whether its first message may be one that was heard before."""
     refusal: Dropped
     """Why its messages are dropped, where `reading` is None."""
 
@@ -54,8 +57,10 @@ class RosSource:
     `_on_message` runs in rospy's thread of the link, everything else in the bridge's watch.
     """
 
-    def __init__(self, name: str, feeds: Sequence[Feed], node: RosNode, inlet: Inlet) -> None:
+    def __init__(self, name: str, feeds: Sequence[Feed], node: RosNode, inlet: Inlet, memory: LatchMemory) -> None:
         self.name = name
+        self._memory = memory
+        self._is_first = True
         self._feeds = feeds
         self._node = node
         self._inlet = inlet
@@ -82,7 +87,12 @@ class RosSource:
             self._inlet.put(link.refusal)
             return
         try:
-            message = reading.cls().deserialize(raw._buff)  # noqa: SLF001
+            content = raw._buff  # noqa: SLF001 - rospy's name for it
+            message = reading.cls().deserialize(content)
+            if link.is_latched:
+                received_ns = self._memory.time_of(self._feeds[0].topic, content, received_ns, first=self._is_first)
+            if not link.own:
+                self._is_first = False
             for read in reading.reads:
                 read(message, received_ns, link.own)
         except (genpy.DeserializationError, ConversionError, UnicodeDecodeError) as error:
@@ -113,7 +123,7 @@ class RosSource:
                 text = (
                     f"{self.name}: publishers disagree about the type; {key[0]} of {header.get('callerid')} is not read"
                 )
-                return _Link(header, own, None, Dropped(Drop.CONFLICT, detail=text))
+                return _Link(header, own, None, False, Dropped(Drop.CONFLICT, detail=text))
             try:
                 kind = type_of_publisher(*key, header.get("message_definition", ""))
                 reading = _Reading(key, kind.cls, tuple(feed.reader(kind) for feed in self._feeds))
@@ -121,11 +131,11 @@ class RosSource:
                     for feed in self._feeds:
                         feed.announce(kind, header.get("latching") == "1")
             except UaFleetError as error:
-                return _Link(header, own, None, Dropped(Drop.TYPE_MISSING, detail=f"{self.name}: {error}"))
+                return _Link(header, own, None, False, Dropped(Drop.TYPE_MISSING, detail=f"{self.name}: {error}"))
             if not own:
                 self._current = reading
                 self._missing = 0
-        return _Link(header, own, reading, _NOTHING)
+        return _Link(header, own, reading, header.get("latching") == "1" and not own, _NOTHING)
 
     def check(self, publishers: Iterable[str] | None, now: float) -> bool:
         """Look at the links; whether the master should be asked again for the publishers' addresses.
@@ -166,6 +176,7 @@ class RosSource:
         self._told.clear()
         for feed in self._feeds:
             feed.lost()
+        self._memory.forget(self._feeds[0].topic)
 
     def lose(self) -> None:
         """Say that the source is lost, since the node itself is going."""

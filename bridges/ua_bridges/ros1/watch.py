@@ -18,6 +18,7 @@ from typing import Any, Final
 from ua_bridges.ros1.feed import Feed, MirrorFeed
 from ua_bridges.ros1.graph import GraphWatch, unregistered
 from ua_bridges.ros1.master import RosMaster, SystemState
+from ua_bridges.ros1.memory import LatchMemory
 from ua_bridges.ros1.node import RosNode
 from ua_bridges.ros1.outlet import Outlet
 from ua_bridges.ros1.source import RosSource
@@ -43,10 +44,11 @@ class Watch:
         loop: asyncio.AbstractEventLoop,
         mapped: Mapping[str, Sequence[Feed]],
         outlets: Iterable[Outlet],
+        memory: LatchMemory,
     ) -> None:
         """`mapped` are the DataSets that are read from robots' own topics, by the topic's name with its slash."""
         self._node, self._master, self._inlet, self._loop = node, master, inlet, loop
-        self._mapped, self._outlets = mapped, outlets
+        self._mapped, self._outlets, self._memory = mapped, outlets, memory
         self._graph = GraphWatch(space)
         self._sources: dict[str, RosSource] = {}
         self._registered: set[tuple[str, str]] = set()
@@ -84,7 +86,7 @@ class Watch:
     def _run(self) -> None:
         try:
             for name, feeds in self._mapped.items():
-                self._sources[name] = RosSource(name, feeds, self._node, self._inlet)
+                self._sources[name] = RosSource(name, feeds, self._node, self._inlet, self._memory)
             while not self._stopping.is_set():
                 if self._node.was_shut_down:
                     self._evicted()
@@ -114,7 +116,9 @@ class Watch:
             self._inlet.put(Dropped(Drop.ILLEGAL_TOPIC, detail=str(error)))
         for topic in news.found:
             name = f"/{topic.name}"
-            self._sources[name] = RosSource(name, [MirrorFeed(topic, self._inlet)], self._node, self._inlet)
+            self._sources[name] = RosSource(
+                name, [MirrorFeed(topic, self._inlet)], self._node, self._inlet, self._memory
+            )
 
     def _register(self, state: SystemState) -> None:
         types = {outlet.name: outlet.kind.name for outlet in self._outlets}

@@ -211,6 +211,7 @@ class RosSource:
     def _lose(self) -> None:
         if self._found:
             self._found = False
+            self._recent.clear()  # it is shown as Bad from now on: what it sends again makes it good
             for feed in self._feeds:
                 feed.lost()
         self._told.clear()

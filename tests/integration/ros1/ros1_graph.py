@@ -28,7 +28,11 @@ class Ros1Graph:
         self.port = system.free_tcp_port()
         self.uri = f"http://127.0.0.1:{self.port}"
         self.env = system.clean_environment(
-            ROS_MASTER_URI=self.uri, ROS_IP="127.0.0.1", ROS_LOG_DIR=str(folder / "log"), HOME=str(folder)
+            ROS_MASTER_URI=self.uri,
+            ROS_IP="127.0.0.1",
+            ROS_LOG_DIR=str(folder / "log"),
+            HOME=str(folder),
+            UA_FLEET_RUNTIME_DIR=str(folder),
         )
 
     def master(self) -> system.Child:

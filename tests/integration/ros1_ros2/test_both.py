@@ -96,15 +96,20 @@ async def test_latched_value_reaches_who_comes_late(both: Both, space: int) -> N
         assert numbers(late) == [2]
 
 
+@pytest.mark.parametrize("killed", [1, 2])
 @pytest.mark.parametrize("space", [1, 2])
-async def test_killed_bridge_delivers_nothing_twice_when_it_is_back(both: Both, space: int) -> None:
+async def test_killed_bridge_delivers_nothing_twice_when_it_is_back(both: Both, space: int, killed: int) -> None:
     topic = FROM_ROS1 if space == 1 else both.from_ros2
     listener = both.listener(3 - space, topic)
     async with Peer.at(both.ros2.udp_url) as peer:
         both.talker(space, topic, "--rate", "1", "--count", "3", "--wait", latched=True)
         await until(peer, listener, 2)
-        both.kill(2)
+        both.kill(killed)
         await asyncio.sleep(6)  # the last value is repeated meanwhile
+        assert numbers(listener) == [0, 1, 2]
+        late = both.listener(3 - space, topic, "--transient-local")
+        await until(peer, late, 2)
+        assert numbers(late) == [2]
         assert numbers(listener) == [0, 1, 2]
         assert await looped(both, peer) == [0, 0]
 

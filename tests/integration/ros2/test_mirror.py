@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import asyncio
 import itertools
+import os
 import signal
 import time
 
@@ -224,3 +226,27 @@ async def test_stock_node_without_any_profile_takes_part(ros2: Ros2Space) -> Non
     async with Peer.at(ros2.udp_url) as peer:
         ros2.talker(source(ros2).name, "std_msgs/Int32", {"data": "COUNT"}, quick=False)
         await peer.until(lambda: peer.good(source(ros2)))
+
+
+async def test_slow_subscriber_holds_up_nobody(ros2: Ros2Space) -> None:
+    bridge = ros2.bridge()
+    topic, count = Topic(1, 2, 9), 400
+    stuck = ros2.listener(topic.name, "std_msgs/String", "--name", "stuck")
+    quick = ros2.listener(topic.name, "std_msgs/String", "--name", "quick")
+    async with Peer.at(ros2.udp_url, space=1) as peer:
+        peer.announce(topic, (make_field("data", BuiltinType.STRING, properties={"RosType": "std_msgs/String"}),))
+        peer.publish(topic, "first")
+        await peer.until(lambda: heard(stuck) and heard(quick))
+        os.killpg(stuck.process.pid, signal.SIGSTOP)
+        try:
+            for number in range(count):
+                peer.publish(topic, f"{number} " + "x" * 10_000)
+                await asyncio.sleep(0.002)
+            await peer.until(lambda: len(heard(quick)) == count + 1)
+            status = await peer.status(Topic(ros2.domain, 2, STATUS_ID))
+            assert status["ToSpace"] == count + 1
+            started = time.monotonic()
+            assert bridge.end() == 0
+            assert time.monotonic() - started < 2
+        finally:
+            os.killpg(stuck.process.pid, signal.SIGCONT)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import io
 import time
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -15,6 +16,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, Header, String
 from ua_bridges.ros.latched import is_latched
 from ua_bridges.ros1.feed import MappedFeed, MirrorFeed
+from ua_bridges.ros1.memory import LatchMemory
 from ua_bridges.ros1.source import RosSource
 
 from ua_fleet.bridge.driver import DriverEvent, Dropped, SampleRead, SourceFound, SourceLost
@@ -74,10 +76,10 @@ class Raw:
 
 
 class Bench:
-    def __init__(self, monkeypatch: pytest.MonkeyPatch, feed: Any = None) -> None:
+    def __init__(self, monkeypatch: pytest.MonkeyPatch, feed: Any = None, folder: Path | None = None) -> None:
         monkeypatch.setattr("ua_bridges.ros1.source.rospy.Subscriber", lambda *_args, **_named: None)
-        self.inlet, self.node = Inlet(), Node()
-        self.source = RosSource(NAME, [feed or MirrorFeed(TOPIC, self.inlet)], self.node, self.inlet)  # type: ignore[arg-type]
+        self.inlet, self.node, self.memory = Inlet(), Node(), LatchMemory(folder)
+        self.source = RosSource(NAME, [feed or MirrorFeed(TOPIC, self.inlet)], self.node, self.inlet, self.memory)  # type: ignore[arg-type]
 
     def look(self, *links: Link) -> list[DriverEvent]:
         self.node.up = list(links)
@@ -244,3 +246,47 @@ async def test_rate_limit_of_a_mapped_topic_delivers_the_last_before_the_loss(mo
     assert kinds(events) == ["SourceFound", "SampleRead", "Dropped", "Dropped", "SampleRead", "SourceLost"]
     samples = [event.values for event in events if isinstance(event, SampleRead)]
     assert samples == [(0.0,), (3.0,)]
+
+
+def restarted(bench: Bench, monkeypatch: pytest.MonkeyPatch, folder: Path) -> Bench:
+    bench.memory.close()
+    return Bench(monkeypatch, folder=folder)
+
+
+def time_of(events: list[DriverEvent]) -> int:
+    sample = events[-1]
+    assert isinstance(sample, SampleRead)
+    return sample.source_time_ns
+
+
+def test_latched_message_that_the_bridge_before_had_heard_keeps_its_time(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    first = Bench(monkeypatch, folder=tmp_path)
+    link = Link(Float64, latched=True)
+    first.hear(link, Float64(1.0))
+    heard_ns = time_of(first.hear(link, Float64(2.0)))
+    second = restarted(first, monkeypatch, tmp_path)
+    assert time_of(second.hear(Link(Float64, latched=True), Float64(2.0))) == heard_ns
+    assert time_of(second.hear(link, Float64(2.0))) > heard_ns
+    third = restarted(second, monkeypatch, tmp_path)
+    assert time_of(third.hear(Link(Float64, latched=True), Float64(3.0))) > heard_ns
+    third.memory.close()
+
+
+def test_latched_message_of_a_source_that_was_lost_is_news(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    first = Bench(monkeypatch, folder=tmp_path)
+    heard_ns = time_of(first.hear(Link(Float64, latched=True), Float64(2.0)))
+    for _ in range(2):
+        first.look()
+    second = restarted(first, monkeypatch, tmp_path)
+    assert time_of(second.hear(Link(Float64, latched=True), Float64(2.0))) > heard_ns
+    second.memory.close()
+
+
+def test_message_that_is_not_latched_is_always_news(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    first = Bench(monkeypatch, folder=tmp_path)
+    heard_ns = time_of(first.hear(Link(Float64), Float64(2.0)))
+    second = restarted(first, monkeypatch, tmp_path)
+    assert time_of(second.hear(Link(Float64), Float64(2.0))) > heard_ns
+    second.memory.close()

@@ -83,6 +83,16 @@ def test_history_that_comes_again_is_not_handed_on_again() -> None:
     assert scene.inlet.said() == ["found", "1", "2"]
 
 
+def test_history_of_a_source_that_was_lost_makes_it_good_again() -> None:
+    scene = Scene()
+    scene.source.follow([publisher(transient_local=True)])
+    scene.node.say(1, T0)
+    scene.source.follow([])
+    scene.source.follow([publisher(transient_local=True)])
+    scene.node.say(1, T0)
+    assert scene.inlet.said() == ["found", "1", "lost", "found", "1"]
+
+
 def test_subscription_is_kept_while_nobody_publishes() -> None:
     scene = Scene()
     scene.source.follow([publisher()])

@@ -224,7 +224,7 @@ async def run_pal(
         started(setting)
         identity = ClientIdentity(setting.folder / "client")
         async with FleetClient.connect(
-            setting.endpoint, user=USER, password=setting.password, identity=identity
+            setting.endpoint, user=USER, password=setting.password, identity=identity, timeout_s=30
         ) as client:
             await _with_client(client, run, processes, finished, stay=stay)
 

@@ -164,7 +164,7 @@ def create_certificate(
         ]
     )
     now = datetime.now(UTC).replace(microsecond=0)
-    hosts = list(dict.fromkeys(host for host in hostnames if host))
+    hosts = list(dict.fromkeys(host for host in hostnames if host not in ("", "0.0.0.0", "::")))
     usage = [ExtendedKeyUsageOID.CLIENT_AUTH, *([ExtendedKeyUsageOID.SERVER_AUTH] if server else [])]
     public = key.public_key()
     identifier = x509.SubjectKeyIdentifier.from_public_key(public)

@@ -18,7 +18,7 @@ from ua_fleet.server.endpoint.context import Context
 from ua_fleet.server.endpoint.indexrange import apply_range, parse_range
 from ua_fleet.server.endpoint.monitoring import with_timestamps
 from ua_fleet.server.endpoint.request import Request, operations
-from ua_fleet.server.endpoint.stack import AttributeIds, Refusal, StatusCodes, name_of, status, status_of
+from ua_fleet.server.endpoint.stack import AttributeIds, Refusal, StatusCodes, name_of, shown, status, status_of
 from ua_fleet.server.users import Role, User
 
 __all__ = ["AttributeServices", "access_level", "readable_value"]
@@ -110,7 +110,7 @@ class AttributeServices:
             code = await self._write(request, node)
             response.Results.append(status(code))
             value = node.Value.Value if node.Value is not None else None
-            line = {"node": str(node.NodeId.to_string()), "value": summary(value.Value if value is not None else None)}
+            line = {"node": shown(node.NodeId), "value": summary(value.Value if value is not None else None)}
             if node.AttributeId != AttributeIds.Value:
                 line["attribute"] = str(node.AttributeId)
             lines.append({**line, "status": name_of(code)})
@@ -137,7 +137,7 @@ class AttributeServices:
             if (known := status_of(error)) is not None:
                 return known
             # Whatever goes wrong behind the gate, the client's connection and its other writes go on.
-            _log.exception("write failed", node=str(node_id))
+            _log.exception("write failed", node=shown(node_id))
             return int(StatusCodes.BadInternalError)
 
     def _check_write(self, user: User, wanted: ua.WriteValue) -> None:

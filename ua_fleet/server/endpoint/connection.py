@@ -21,6 +21,8 @@ _TYPES: Final = (b"HEL", b"OPN", b"MSG", b"CLO")
 _MAX_HELLO: Final = 8_192
 """A Hello is 32 bytes and a URL of at most 4,096 (OPC 10000-6 7.1.2.3)."""
 _WRITE_HIGH: Final = 1024 * 1024
+_TURN_S: Final = 0.005
+"""Longest time that one connection's requests are served before others get their turn."""
 
 
 class FrameError(Exception):
@@ -164,10 +166,15 @@ class Connection(asyncio.BufferedProtocol):
 
     async def _serve(self, handler: Handler) -> None:
         try:
+            turn = time.monotonic()
             while (frame := await self._next_frame(handler)) is not None:
                 if not await handler.process(frame):
                     break
                 await self._writable.wait()
+                if time.monotonic() - turn > _TURN_S:
+                    # A client with a buffer full of requests lets the others have their turn.
+                    await asyncio.sleep(0)
+                    turn = time.monotonic()
         except FrameError as error:
             handler.refuse(error)
         finally:

@@ -37,6 +37,8 @@ class Limits:
     browse_path_elements: int = 100
     handshake_s: float = 5.0
     """Time for each step of a connection: Hello and OpenSecureChannel, CreateSession, ActivateSession."""
+    requests_before_authentication: int = 100
+    """Requests of a connection that is not authenticated; discovery and a login take fewer than ten."""
     stalled_s: float = 30.0
     """A client that does not read its responses for so long is cut off."""
     session_timeout_s: tuple[float, float] = (5.0, 600.0)

@@ -67,11 +67,15 @@ class Listener:
             self._housekeeping.cancel()
             with contextlib.suppress(asyncio.CancelledError):
                 await self._housekeeping
-        for connection in list(self._connections):
+        connections = list(self._connections)
+        for connection in connections:
             connection.close()
         for task in list(self._tasks):
             task.cancel()
         await asyncio.gather(*self._tasks, return_exceptions=True)
+        for connection in connections:
+            # Nobody waits for a client that does not read.
+            connection.abort()
         for session in self._services.sessions:
             await self._services.session.end(session, delete_subscriptions=True)
         if self._server is not None:

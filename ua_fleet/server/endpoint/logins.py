@@ -24,6 +24,8 @@ _DECRYPT: Final[dict[str, Callable[[Any, bytes], bytes]]] = {
 }
 """RSA with PKCS #1 v1.5 is not among them: what it answers can be used to decrypt (Bleichenbacher)."""
 _MAX_SECRET: Final = 4_096
+_MAX_NAME: Final = 64
+"""Longest user name; of what is longer no more is kept or logged."""
 
 
 async def identify(context: Context, token: Any, *, nonce: bytes, encrypted: bool, address: str) -> User:
@@ -38,9 +40,10 @@ async def identify(context: Context, token: Any, *, nonce: bytes, encrypted: boo
     if not isinstance(token, ua.UserNameIdentityToken):
         raise Refusal(StatusCodes.BadIdentityTokenRejected, "only users with a password are let in")
     name = token.UserName or ""
-    shown = repr(name[:64])
+    source = name[:_MAX_NAME]
+    shown = repr(source)
     now = time.monotonic()
-    if wait := context.throttle.locked_for(address, name, now):
+    if wait := context.throttle.locked_for(address, source, now):
         raise Refusal(StatusCodes.BadUserAccessDenied, f"login of {shown}: locked out for {wait:.0f} s more")
     password = _password(context, token, nonce=nonce, encrypted=encrypted)
     try:
@@ -48,9 +51,9 @@ async def identify(context: Context, token: Any, *, nonce: bytes, encrypted: boo
     except UserFileError as error:
         raise Refusal(StatusCodes.BadServerTooBusy, str(error)) from error
     if user is None:
-        context.throttle.failure(address, name, time.monotonic())
+        context.throttle.failure(address, source, time.monotonic())
         raise Refusal(StatusCodes.BadUserAccessDenied, f"login of {shown}: wrong user or password")
-    context.throttle.success(address, name)
+    context.throttle.success(address, source)
     return user
 
 

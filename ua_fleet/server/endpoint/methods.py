@@ -27,6 +27,7 @@ from ua_fleet.server.endpoint.stack import (
     StatusCodes,
     name_of,
     ns0,
+    shown,
     status,
     status_of,
 )
@@ -36,11 +37,6 @@ __all__ = ["MethodServices"]
 
 _log = structlog.get_logger("ua_fleet.server")
 
-_OWN_METHODS: Final = {
-    ns0(ObjectIds.ConditionType_ConditionRefresh),
-    ns0(ObjectIds.ConditionType_ConditionRefresh2),
-}
-"""Methods that concern the caller's own subscription alone; every role may call them."""
 _ABSTRACT: Final[dict[int, frozenset[int]]] = {
     24: frozenset(range(1, 26)),
     26: frozenset(range(2, 12)),
@@ -81,8 +77,8 @@ class MethodServices:
                 "call",
                 request.caller,
                 name_of(int(result.StatusCode.value)),
-                object=wanted.ObjectId.to_string(),
-                method=wanted.MethodId.to_string(),
+                object=shown(wanted.ObjectId),
+                method=shown(wanted.MethodId),
                 value=summary(arguments),
             )
         return response
@@ -103,14 +99,14 @@ class MethodServices:
             result.StatusCode = status(error.ua_status)
             result.InputArgumentResults = error.results
         except TimeoutError:
-            _log.warning("method took too long", method=str(wanted.MethodId), limit_s=self._limits.method_s)
+            _log.warning("method took too long", method=shown(wanted.MethodId), limit_s=self._limits.method_s)
             result.StatusCode = status(StatusCodes.BadTimeout)
         except Exception as error:  # noqa: BLE001 - what is no refusal is logged with its traceback
             if (known := status_of(error)) is not None:
                 result.StatusCode = status(known)
             else:
                 # A mistake in one method must not end the client's connection.
-                _log.exception("method failed", method=str(wanted.MethodId))
+                _log.exception("method failed", method=shown(wanted.MethodId))
                 result.StatusCode = status(StatusCodes.BadInternalError)
         if result.StatusCode.is_good() and not result.InputArgumentResults:
             result.InputArgumentResults = [GOOD] * len(wanted.InputArguments or [])
@@ -128,8 +124,7 @@ class MethodServices:
         if not self._flag(wanted.MethodId, AttributeIds.Executable):
             raise Refusal(StatusCodes.BadNotExecutable)
         needed = self._context.method_roles.get(wanted.MethodId, Role.OPERATOR)
-        allowed = wanted.MethodId in _OWN_METHODS or user.role.covers(needed)
-        if not allowed or not self._flag(wanted.MethodId, AttributeIds.UserExecutable):
+        if not user.role.covers(needed) or not self._flag(wanted.MethodId, AttributeIds.UserExecutable):
             raise Refusal(StatusCodes.BadUserAccessDenied)
         return method.call
 

@@ -121,6 +121,7 @@ class Processor:
         self._channel = Channel(context.iserver, context.limits, context.policies, context.trust)
         self.peer, self.address = connection.peer, connection.address
         self.stage = Stage.CONNECTED
+        self._early_requests = 0
         self._deadline = connection.opened_at + context.limits.handshake_s
 
     @property
@@ -159,7 +160,7 @@ class Processor:
         if stage > self.stage:
             self.stage = stage
             self._deadline = time.monotonic() + self._context.limits.handshake_s
-        self._channel.authenticated = self.stage is Stage.AUTHENTICATED
+            self._channel.authenticated = stage is Stage.AUTHENTICATED
 
     def _fall_back(self) -> None:
         """The last session is closed: what may be sent is as before authentication, and the time runs again."""
@@ -213,6 +214,10 @@ class Processor:
     async def _serve(self, message: Any) -> None:
         """Serve one request; whatever it is, the client gets an answer."""
         self._context.statistics.requests += 1
+        if self.stage is not Stage.AUTHENTICATED:
+            self._early_requests += 1
+            if self._early_requests > self._context.limits.requests_before_authentication:
+                raise FrameError(StatusCodes.BadTcpNotEnoughResources, "too many requests before authentication")
         body: Buffer = message.body()
         request_id = int(message.SequenceHeader().RequestId)
         try:

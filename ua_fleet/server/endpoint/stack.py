@@ -27,6 +27,7 @@ __all__ = [
     "name_of",
     "ns0",
     "opaque_id",
+    "shown",
     "status",
     "status_of",
 ]
@@ -44,6 +45,9 @@ DECODE_ERRORS: Final = (
     struct.error,
 )
 """What asyncua's codec raises for bytes that are no valid structure, and for values that it cannot encode."""
+
+
+_SHOWN: Final = 200
 
 
 class Refusal(UaFleetError):
@@ -74,6 +78,14 @@ def status_of(error: BaseException) -> int | None:
     if isinstance(error, ServiceError | ua.UaStatusCodeError):
         return int(error.code)
     return None
+
+
+def shown(node_id: ua.NodeId) -> str:
+    """A NodeId as text for a log; a client's NodeId may be megabytes long."""
+    identifier = node_id.Identifier
+    if isinstance(identifier, str | bytes) and len(identifier) > _SHOWN:
+        return f"ns={node_id.NamespaceIndex};{identifier[:_SHOWN]!r}.."
+    return str(node_id.to_string())
 
 
 def ns0(identifier: int) -> ua.NodeId:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import time
 from pathlib import Path
 from typing import Any
 
@@ -153,7 +152,6 @@ async def test_random_bytes_end_the_connection_only(hardened: Door) -> None:
 async def test_slow_clients_are_cut_off_at_every_step(tmp_path: Path, identities: Identities) -> None:
     """Stock asyncua waits 30 s for ActivateSession, and for nothing else."""
     async with door(tmp_path, identities, limits={"handshake_s": 0.2}) as short:
-        started = time.monotonic()
         async with Raw.open(short.server.port) as silent, Raw.open(short.server.port) as drip:
 
             async def dribble() -> None:
@@ -185,7 +183,6 @@ async def test_slow_clients_are_cut_off_at_every_step(tmp_path: Path, identities
         await asyncio.sleep(0.5)
         assert await bad(client.activate_session("oscar", "operate-1")) == "closed"
         await client._cancel_task(client._renew_channel_task)
-        assert time.monotonic() - started < 10
         assert short.server.statistics.handshake_timeouts == 4
         async with short.connected() as good:
             await asyncio.sleep(0.3)

@@ -6,8 +6,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from asyncua.crypto import security_policies
 
-from tests.integration.server_security.harness import CLIENT_URI, Door, Identities, bad, door, load
+from tests.integration.server_security.harness import CLIENT_URI, Door, Identities, bad, door, load, ua
 from ua_fleet.server.certificates import CertificateState, list_certificates, thumbprint, trust
 
 pytestmark = pytest.mark.asyncio(loop_scope="module")
@@ -107,3 +108,20 @@ async def test_renewed_channels_go_on(hardened: Door) -> None:
         for _ in range(3):
             await client.open_secure_channel(renew=True)
             assert await client.get_node(hardened.nodes.plain).read_value() == 7.0
+
+
+@pytest.mark.parametrize("name", ["Basic256Sha256", "Aes128Sha256RsaOaep", "Aes256Sha256RsaPss"])
+async def test_each_policy_is_served_encrypted_alone(hardened: Door, name: str) -> None:
+    policy = getattr(security_policies, f"SecurityPolicy{name}")
+    async with hardened.connected(policy=policy) as client:
+        assert await client.get_node(hardened.nodes.plain).read_value() == 7.0
+    signed = await hardened.client(policy=policy)
+    signed.security_policy.Mode = ua.MessageSecurityMode.Sign
+    assert await bad(signed.connect()) in {"BadSecurityPolicyRejected", "closed"}
+
+
+@pytest.mark.parametrize("name", ["Basic128Rsa15", "Basic256"])
+async def test_broken_policies_are_not_served(hardened: Door, name: str) -> None:
+    """asyncua has them; they are not to be had here."""
+    client = await hardened.client(policy=getattr(security_policies, f"SecurityPolicy{name}"))
+    assert await bad(client.connect()) in {"BadSecurityPolicyRejected", "closed"}

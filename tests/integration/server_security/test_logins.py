@@ -167,3 +167,14 @@ async def test_port_in_use_is_one_line_with_the_remedy(hardened: Door, tmp_path:
         await server.start()
     assert "\n" not in str(refused.value)
     await server.stop()
+
+
+async def test_long_names_and_node_ids_do_not_fill_the_log(hardened: Door) -> None:
+    """What a client chooses stands in a log, and in memory, only as far as it is of use."""
+    client = await hardened.client("x" * 20_000, password="y" * 20_000)
+    assert await bad(client.connect()) == "BadUserAccessDenied"
+    throttle: Any = hardened.server.context.throttle
+    assert all(len(str(key)) < 200 for key in throttle._sources)
+    async with hardened.connected() as writer:
+        assert await bad(writer.get_node(ua.NodeId("n" * 1_000_000, 2)).write_value(1.0)) == "BadNodeIdUnknown"
+    assert max(len(line) for line in (hardened.state_dir / "audit.log").read_text().splitlines()) < 2_000

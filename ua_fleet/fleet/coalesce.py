@@ -6,6 +6,7 @@ Booleans, enumerations, strings and changes of quality pass at once; one that ov
 from __future__ import annotations
 
 import heapq
+from collections.abc import Iterable
 from itertools import count
 
 from ua_fleet.fleet.changes import ValueChanged
@@ -71,6 +72,7 @@ class Coalescer:
         """When `poll` is to be called next, or None."""
         return self._due[0][0] if self._due else None
 
-    def forget(self, key: NodeId) -> None:
-        """The node is gone."""
-        self._nodes.pop(key, None)
+    def forget(self, keys: Iterable[NodeId]) -> None:
+        """These nodes are gone."""
+        for key in keys:
+            self._nodes.pop(key, None)

@@ -8,7 +8,7 @@ from ua_fleet.counters import Counters, Drop
 from ua_fleet.fleet.changes import Change, Noticed, ValueChanged
 from ua_fleet.fleet.check import Misfit, is_analog, misfit, type_name
 from ua_fleet.fleet.model import DataSetModel, FieldModel
-from ua_fleet.values import BuiltinType, StatusCode, status_name
+from ua_fleet.values import TICKS_PER_SECOND, BuiltinType, StatusCode, status_name
 from ua_fleet.wire.messages import DataSetMessage, DataSetMetaData, FieldMetaData
 
 __all__ = ["Field", "Source"]
@@ -17,6 +17,7 @@ _WAITING: Final = int(StatusCode.BAD_WAITING_FOR_INITIAL_DATA)
 _NO_COMMUNICATION: Final = int(StatusCode.BAD_NO_COMMUNICATION)
 _LAST_USABLE: Final = int(StatusCode.UNCERTAIN_LAST_USABLE_VALUE)
 _STATUS: Final = int(BuiltinType.STATUS_CODE)
+_QUIET_TICKS: Final = 60 * TICKS_PER_SECOND
 _RECENT: Final = 64
 """Timestamps that a source remembers, to see a message that is delivered twice."""
 
@@ -24,7 +25,19 @@ _RECENT: Final = 64
 class Field:
     """One node and the last that was heard of it."""
 
-    __slots__ = ("analog", "model", "plain", "problem", "shown", "status", "timestamp", "type", "value")
+    __slots__ = (
+        "analog",
+        "model",
+        "plain",
+        "problem",
+        "quiet_until",
+        "shown",
+        "status",
+        "timestamp",
+        "told",
+        "type",
+        "value",
+    )
 
     def __init__(self, model: FieldModel) -> None:
         self.model = model
@@ -40,6 +53,10 @@ class Field:
         """Status that the node has."""
         self.problem = ""
         """Why the values do not fit the node; empty where they do."""
+        self.told = False
+        """Whether the log knows of the problem."""
+        self.quiet_until = 0
+        """No new problem is told before: a value may go to and fro at the edge of its range."""
 
     def show(self, status: int) -> ValueChanged:
         """The last value with another status."""
@@ -64,7 +81,7 @@ class Source:
         self.newest = -1
         self.recent: list[int] = []
 
-    def bind(self, metadata: DataSetMetaData, counters: Counters) -> list[Change]:
+    def bind(self, metadata: DataSetMetaData, counters: Counters, wall_ticks: int) -> list[Change]:
         """Find the node's fields in the layout of the messages."""
         self.metadata = metadata
         found: list[tuple[int, Field]] = []
@@ -78,6 +95,7 @@ class Source:
                     field,
                     Misfit(StatusCode.BAD_CONFIGURATION_ERROR, f"its messages have no such field, but {names}"),
                     None,
+                    wall_ticks,
                 )
             else:
                 found.append((index, field))
@@ -93,7 +111,7 @@ class Source:
                     return index
         return None
 
-    def take(self, message: DataSetMessage, counters: Counters) -> list[Change]:
+    def take(self, message: DataSetMessage, counters: Counters, wall_ticks: int) -> list[Change]:
         """The changes that a message with new data makes."""
         timestamp = message.timestamp
         if timestamp is not None:
@@ -108,7 +126,7 @@ class Source:
             return self.silence()
         self.alive, self.lost = True, False
         if message.field_status is not None or message.field_source_timestamps is not None:
-            return self._take_data_values(message, status, counters)
+            return self._take_data_values(message, status, counters, wall_ticks)
         changes: list[Change] = []
         types, values = message.types, message.values
         for index, field in self.plan:
@@ -119,7 +137,7 @@ class Source:
                 field.shown = status
                 changes.append(ValueChanged(field.model.key, type_code, values[index], status, timestamp, can_wait))
             else:
-                changes += self._take_checked(field, type_code, values[index], status, timestamp, counters)
+                changes += self._take_checked(field, type_code, values[index], status, timestamp, counters, wall_ticks)
         return changes
 
     def remember(self, timestamp: int) -> None:
@@ -131,7 +149,9 @@ class Source:
         if timestamp > self.newest:
             self.newest = timestamp
 
-    def _take_data_values(self, message: DataSetMessage, status: int, counters: Counters) -> list[Change]:
+    def _take_data_values(
+        self, message: DataSetMessage, status: int, counters: Counters, wall_ticks: int
+    ) -> list[Change]:
         """DataValue encoding: each field may have a status and a time of its own."""
         changes: list[Change] = []
         stamps = message.field_source_timestamps
@@ -145,11 +165,19 @@ class Source:
                 max(own, status, key=lambda code: code >> 30),
                 message.timestamp if stamp is None else stamp,
                 counters,
+                wall_ticks,
             )
         return changes
 
     def _take_checked(
-        self, field: Field, type_code: int, value: Any, status: int, timestamp: int | None, counters: Counters
+        self,
+        field: Field,
+        type_code: int,
+        value: Any,
+        status: int,
+        timestamp: int | None,
+        counters: Counters,
+        wall_ticks: int,
     ) -> list[Change]:
         if type_code == _STATUS and field.model.type != _STATUS:  # a Bad field of the Variant encoding
             return [self._set(field, field.type, field.value, int(value), timestamp)]
@@ -160,25 +188,31 @@ class Source:
             changes: list[Change] = []
             if field.problem:
                 field.problem = ""
-                changes.append(Noticed(False, f"{self._name(field)} fits its node again", self.model.topic))
+                if field.told:
+                    field.told = False
+                    changes.append(Noticed(False, f"{self._name(field)} fits its node again", self.model.topic))
             changes.append(self._set(field, type_code, value, status, timestamp))
             return changes
         if problem.is_usable:
-            changes = self._notice(field, problem)
+            changes = self._notice(field, problem, wall_ticks)
             changes.append(self._set(field, type_code, value, max(status, problem.status), timestamp))
             return changes
         counters.drop(Drop.CONVERSION)
-        return self._refuse(field, problem, timestamp)
+        return self._refuse(field, problem, timestamp, wall_ticks)
 
-    def _refuse(self, field: Field, problem: Misfit, timestamp: int | None) -> list[Change]:
-        changes = self._notice(field, problem)
+    def _refuse(self, field: Field, problem: Misfit, timestamp: int | None, wall_ticks: int) -> list[Change]:
+        changes = self._notice(field, problem, wall_ticks)
         changes.append(self._set(field, 0, None, problem.status, timestamp))
         return changes
 
-    def _notice(self, field: Field, problem: Misfit) -> list[Change]:
+    def _notice(self, field: Field, problem: Misfit, wall_ticks: int) -> list[Change]:
         if field.problem == problem.reason:
             return []
         field.problem = problem.reason
+        if wall_ticks < field.quiet_until:
+            return []
+        field.told = True
+        field.quiet_until = wall_ticks + _QUIET_TICKS
         text = f"{self._name(field)} does not fit its node ({status_name(problem.status)}): {problem.reason}"
         return [Noticed(True, text, self.model.topic)]
 

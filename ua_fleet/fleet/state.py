@@ -87,7 +87,7 @@ class FleetState:
         if isinstance(event, MetaDataReceived):
             source, changes = self._find(event.topic, event.metadata)
             if source is not None:
-                changes += source.bind(event.metadata, self._counters)
+                changes += source.bind(event.metadata, self._counters, wall_ticks)
             return changes
         if isinstance(event, SourceSilent):
             return self._silent(event.topic, wall_ticks)
@@ -121,9 +121,9 @@ class FleetState:
                 self._counters.drop(Drop.CONFLICT if is_conflict else Drop.UNKNOWN_SOURCE)
                 return changes
         if source.metadata is not metadata:
-            changes += source.bind(metadata, self._counters)
+            changes += source.bind(metadata, self._counters, wall_ticks)
         was_alive = source.alive
-        changes += source.take(message, self._counters)
+        changes += source.take(message, self._counters, wall_ticks)
         for bridge in self._bridges_in.get(topic.space, ()):
             bridge.last_seen = wall_ticks
         robot = self._robot_of.get(topic)

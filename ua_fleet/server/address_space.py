@@ -111,7 +111,7 @@ class FleetNodes:
                 await self._builder.remove(self._id(f"{field.key.identifier!s}.{part}"), node_id(field.key))
             if not data_set.is_single:
                 await self._builder.remove(node_id(field.key), node_id(data_set.key))
-        await self._builder.remove(self._id(f"{data_set.topic.id}.Topic"), node_id(data_set.key))
+        await self._builder.remove(self._id(f"Topics.{data_set.topic.id}"), node_id(data_set.key))
         await self._builder.remove(node_id(data_set.key), self._parents.pop(data_set.key))
 
     def add_quarantined(self, source: SourceQuarantined) -> None:
@@ -213,7 +213,8 @@ class FleetNodes:
             display_name=data_set.name,
         )
         topic = data_set.topic
-        self._property(f"{topic.id}.Topic", "Topic", node, BuiltinType.STRING, topic.name)
+        # Not below `<id>.`, where a field may have any name.
+        self._property(f"Topics.{topic.id}", "Topic", node, BuiltinType.STRING, topic.name)
         for field in data_set.fields:
             self._add_field(field, field.name, node, data_set.writable, "")
 

@@ -15,7 +15,7 @@ import structlog
 from ua_fleet.config.schema import FleetConfig
 from ua_fleet.counters import Counters, Drop
 from ua_fleet.errors import LocalWireError
-from ua_fleet.fleet.changes import Change, Noticed, ValueChanged
+from ua_fleet.fleet.changes import Change, Noticed, SourceRemoved, ValueChanged
 from ua_fleet.fleet.coalesce import Coalescer
 from ua_fleet.fleet.commands import Commands, Publication
 from ua_fleet.fleet.model import FleetModel
@@ -176,6 +176,8 @@ class Hub:
             elif isinstance(change, Noticed):
                 (_log.warning if change.is_problem else _log.info)(change.text)
             else:
+                if isinstance(change, SourceRemoved):
+                    self._coalescer.forget(field.key for field in change.data_set.fields)
                 self._projection.put(change)
 
     async def _keep_time(self) -> None:

@@ -57,7 +57,7 @@ def test_a_node_that_is_gone_is_forgotten() -> None:
     coalescer = Coalescer(10)
     coalescer.offer(change(1), 0.0)
     coalescer.offer(change(2), 0.0)
-    coalescer.forget(KEY)
+    coalescer.forget([KEY])
     assert coalescer.poll(1.0) == []
     assert coalescer.offer(change(3), 1.0) == change(3)
 

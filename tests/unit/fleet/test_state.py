@@ -30,7 +30,7 @@ from ua_fleet.fleet import RobotState, ValueChanged
 from ua_fleet.pubsub.events import DataReceived, MetaDataReceived, ProbeReceived, SourceReturned, SourceSilent
 from ua_fleet.pubsub.metadata import make_field
 from ua_fleet.topics import Topic
-from ua_fleet.values import ARRAY, BuiltinType, StatusCode
+from ua_fleet.values import ARRAY, TICKS_PER_SECOND, BuiltinType, StatusCode
 from ua_fleet.wire.messages import DataSetMessage, Probe
 
 BAD_NO_COMMUNICATION = StatusCode.BAD_NO_COMMUNICATION
@@ -135,6 +135,16 @@ def test_outside_the_range_is_uncertain_with_its_value(value: float) -> None:
     assert len(notices(changes)) == 1
     assert notices(fleet.speed(value, 2)) == []
     assert notices(fleet.speed(0.0, 3)) == ["ua_2_2_1001 speed (Double) fits its node again"]
+
+
+def test_a_value_at_the_edge_of_its_range_does_not_flood_the_log() -> None:
+    fleet = Fleet()
+    told: list[str] = []
+    for number in range(100):
+        fleet.now = number * TICKS_PER_SECOND
+        told += notices(fleet.speed(2.5 if number % 2 else 1.5, number))
+    assert len(told) == 4
+    assert [text.endswith("fits its node again") for text in told] == [False, True] * 2
 
 
 @pytest.mark.parametrize(

@@ -48,7 +48,7 @@ async def test_the_fleet_can_be_browsed_from_objects() -> None:
             f"2:{name}" for name in ROBOTS["rover"]["data"]
         }
         assert await children(server, "ns=2;i=1006") == {
-            "3:Topic": "ns=2;s=1006.Topic",
+            "3:Topic": "ns=2;s=Topics.1006",
             "2:x": "ns=2;s=1006.x",
             "2:frame": "ns=2;s=1006.frame",
         }
@@ -183,7 +183,7 @@ def discovered(*names: str) -> DataSetModel:
 async def test_a_source_that_was_not_known_comes_and_goes() -> None:
     async with fleet_built(ROBOTS) as (server, nodes):
         before = set(nodes.values)
-        for data_set in (discovered("x"), discovered("x", "y")):
+        for data_set in (discovered("x"), discovered("x", "y"), discovered("x", "Topic"), discovered("Topic")):
             nodes.add_source(data_set)
             assert "2:ua_5_2_700" in await children(server, "ns=2;s=Fleet.Discovered.Sources.G00")
             assert {field.key for field in data_set.fields} <= nodes.values.keys()

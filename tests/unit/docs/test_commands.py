@@ -66,7 +66,7 @@ def test_command_exists(words: list[str], is_whole: bool, monkeypatch: pytest.Mo
 
 def test_commands_are_found() -> None:
     lines = [words for _, words, _ in shown()]
-    assert ["serve", "--config", "fleet.yaml"] in lines
+    assert ["user", "add", "anna", "--role", "operator"] in lines
     assert any(words[:2] == ["user", "add"] for words in lines)
 
 

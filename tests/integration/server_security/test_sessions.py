@@ -281,3 +281,23 @@ async def test_register_server_stock(plain: Stock) -> None:
     await send(client, request, ua.RegisterServerResponse)
     assert len(await client.find_servers()) == 2
     client.disconnect_socket()
+
+
+async def test_nothing_is_left_when_the_server_stops(tmp_path: Path, identities: Identities) -> None:
+    """Connected clients, subscriptions and half-open connections end with the server, without waiting for them."""
+    before = asyncio.all_tasks()
+    async with door(tmp_path, identities) as server:
+        client = await server.client()
+        await client.connect()
+        await client.create_subscription(100, Changes())
+        half_open = await server.client()
+        await open_channel(half_open)
+        own = {task.get_name() for task in asyncio.all_tasks() - before}
+        assert {"housekeeping"} < own
+    await lose(client)
+    half_open.disconnect_socket()
+    await client._cancel_task(client.uaclient.session._publish_task)
+    names = {task.get_name().split()[0] for task in asyncio.all_tasks() - before}
+    assert not names & {"housekeeping", "connection", "subscription"}
+    assert not server.server.iserver.subscription_service.subscriptions
+    assert server.server.sessions == 0

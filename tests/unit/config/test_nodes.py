@@ -46,9 +46,7 @@ def test_a_bridge_is_its_status_data_set() -> None:
 
 
 def test_a_data_source_without_an_id_has_no_node() -> None:
-    with pytest.raises(
-        ConfigError, match=r"robots\.rover\.data\.a\.id: the data source has no id"
-    ):
+    with pytest.raises(ConfigError, match=r"robots\.rover\.data\.a\.id: the data source has no id"):
         model(a={"type": "Float"})
 
 

@@ -25,16 +25,19 @@ class LatchMemory:
         self._times = Delivered(folder, *identity, "time")
         self._digests = Delivered(folder, *identity, "digest")
 
-    def time_of(self, topic: Topic, content: bytes, received_ns: int, *, first: bool) -> int:
+    def time_of(self, topic: Topic, content: bytes, endpoint: str, received_ns: int, *, first: bool) -> int:
         """The time of a message that has just come: an earlier one, where the bridge before us had it already.
 
         Args:
             topic: the source.
             content: the message as it stood on its link.
+            endpoint: address of the robot's process: the same words of another process are news.
             received_ns: the time now.
             first: whether it is the first one of this source here.
         """
-        digest = int.from_bytes(hashlib.blake2b(content, digest_size=8).digest(), "little", signed=True)
+        hashed = hashlib.blake2b(content, digest_size=8)
+        hashed.update(endpoint.encode())
+        digest = int.from_bytes(hashed.digest(), "little", signed=True)
         with self._lock:
             if first and self._digests.is_known(topic, digest):
                 before = self._times.before(topic)

@@ -45,8 +45,8 @@ class _Link(NamedTuple):
     header: dict[str, str]
     own: bool
     reading: _Reading | None
-    is_latched: bool
-    """Whether its first message may be one that was heard before."""
+    endpoint: str | None
+    """Of a latched publisher, the address of its process: its first message may be one that was heard before."""
     refusal: Dropped
     """Why its messages are dropped, where `reading` is None."""
 
@@ -89,8 +89,9 @@ class RosSource:
         try:
             content = raw._buff  # noqa: SLF001 - rospy's name for it
             message = reading.cls().deserialize(content)
-            if link.is_latched:
-                received_ns = self._memory.time_of(self._feeds[0].topic, content, received_ns, first=self._is_first)
+            if link.endpoint is not None:
+                topic = self._feeds[0].topic
+                received_ns = self._memory.time_of(topic, content, link.endpoint, received_ns, first=self._is_first)
             if not link.own:
                 self._is_first = False
             for read in reading.reads:
@@ -123,7 +124,7 @@ class RosSource:
                 text = (
                     f"{self.name}: publishers disagree about the type; {key[0]} of {header.get('callerid')} is not read"
                 )
-                return _Link(header, own, None, False, Dropped(Drop.CONFLICT, detail=text))
+                return _Link(header, own, None, None, Dropped(Drop.CONFLICT, detail=text))
             try:
                 kind = type_of_publisher(*key, header.get("message_definition", ""))
                 reading = _Reading(key, kind.cls, tuple(feed.reader(kind) for feed in self._feeds))
@@ -131,11 +132,16 @@ class RosSource:
                     for feed in self._feeds:
                         feed.announce(kind, header.get("latching") == "1")
             except UaFleetError as error:
-                return _Link(header, own, None, False, Dropped(Drop.TYPE_MISSING, detail=f"{self.name}: {error}"))
+                return _Link(header, own, None, None, Dropped(Drop.TYPE_MISSING, detail=f"{self.name}: {error}"))
             if not own:
                 self._current = reading
                 self._missing = 0
-        return _Link(header, own, reading, header.get("latching") == "1" and not own, _NOTHING)
+        endpoint = self._endpoint(header) if header.get("latching") == "1" and not own else None
+        return _Link(header, own, reading, endpoint, _NOTHING)
+
+    def _endpoint(self, header: dict[str, str]) -> str:
+        addresses = (str(link.endpoint_id) for link in self._node.links(self.name) if link.header is header)
+        return next(addresses, "")
 
     def check(self, publishers: Iterable[str] | None, now: float) -> bool:
         """Look at the links; whether the master should be asked again for the publishers' addresses.

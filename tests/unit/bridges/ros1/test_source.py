@@ -52,6 +52,7 @@ class Link:
             "message_definition": message_class._full_text,
             "latching": "1" if latched else "0",
         }
+        self.endpoint_id = "http://robot:1/"
 
 
 class Node:
@@ -272,6 +273,21 @@ def test_latched_message_that_the_bridge_before_had_heard_keeps_its_time(
     third = restarted(second, monkeypatch, tmp_path)
     assert time_of(third.hear(Link(Float64, latched=True), Float64(3.0))) > heard_ns
     third.memory.close()
+
+
+def test_latched_message_of_a_robot_that_was_restarted_too_is_news(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    first = Bench(monkeypatch, folder=tmp_path)
+    link = Link(Float64, latched=True)
+    first.look(link)
+    heard_ns = time_of(first.hear(link, Float64(2.0)))
+    second = restarted(first, monkeypatch, tmp_path)
+    again = Link(Float64, latched=True)
+    again.endpoint_id = "http://robot:2/"
+    second.look(again)
+    assert time_of(second.hear(again, Float64(2.0))) > heard_ns
+    second.memory.close()
 
 
 def test_latched_message_of_a_source_that_was_lost_is_news(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

@@ -197,6 +197,10 @@ class Ros2Node:
         """How many publishers a topic has, our own included."""
         return int(self.node.count_publishers(topic_name))
 
+    def count_subscribers(self, topic_name: str) -> int:
+        """How many subscribers a topic has."""
+        return int(self.node.count_subscribers(topic_name))
+
     def publishers(self, topic_name: str) -> Iterator[Publisher]:
         """The publishers of a topic."""
         for info in self.node.get_publishers_info_by_topic(topic_name):

@@ -13,6 +13,7 @@ from ua_bridges.ros.delivered import Delivered, state_folder
 from ua_bridges.ros.errors import ConversionError, SchemaInvalid
 from ua_bridges.ros.fields import ros_type_of
 from ua_bridges.ros.rate import RateGate
+from ua_bridges.ros.served import Served
 from ua_bridges.ros.sink import compile_sink
 from ua_bridges.ros2.classes import MessageType, load_type, make
 from ua_bridges.ros2.config import Ros2BridgeConfig
@@ -77,7 +78,7 @@ class Ros2Driver:
         self._sinks: dict[Topic, list[_Sink]] = {}
         self._shared: dict[str, Outlet] = {}
         """Publishers of robots' own topics, by name."""
-        self._delivered = Delivered(None)
+        self._delivered, self._served = Delivered(None), Served(None)
         self._stopped = False
 
     async def start(self, inlet: Inlet) -> None:
@@ -86,9 +87,11 @@ class Ros2Driver:
         self._loop = asyncio.get_running_loop()
         mapped: list[Mapped] = [each for each in self._datasets if each[2].source is not None]
         written = {absolute(dataset.sink.topic) for _, _, dataset in self._datasets if dataset.sink is not None}
-        self._watch = Watch(self._config, inlet, mapped, written, self._thread.wake_at)
+        folder = state_folder()
+        self._delivered = Delivered(folder, *self._identity)
+        self._served = Served(folder, *self._identity)
+        self._watch = Watch(self._config, inlet, mapped, written, self._served, self._thread.wake_at)
         await self._thread.start(self._watch.opened, self._watch.turn, self._watch.closing)
-        self._delivered = Delivered(state_folder(), *self._identity)
         for topic, name, dataset in self._datasets:
             if dataset.sink is not None:
                 self._add_sink(topic, name, dataset, dataset.sink)
@@ -110,6 +113,7 @@ class Ros2Driver:
                 sink.gate.close()
         await self._thread.stop()
         self._delivered.close()
+        self._served.close()
 
     def publish(self, topic: Topic, metadata: DataSetMetaData, message: DataSetMessage) -> bool:
         """See Driver."""

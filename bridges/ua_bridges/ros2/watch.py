@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable
 from typing import Any, Final
 
+from ua_bridges.ros.served import Served
 from ua_bridges.ros2.config import Ros2BridgeConfig
 from ua_bridges.ros2.environment import PROFILES_VARIABLE
 from ua_bridges.ros2.feed import MappedFeed, MirrorFeed
@@ -45,6 +46,7 @@ class Watch:
         inlet: Inlet,
         mapped: list[Mapped],
         written: set[str],
+        served: Served,
         wake_at: Callable[[float], None],
     ) -> None:
         """Prepare the watch.
@@ -54,6 +56,7 @@ class Watch:
             inlet: where everything is told.
             mapped: DataSets that are read from robots' own topics.
             written: full names of the robots' own topics that the bridge publishes to.
+            served: whom the bridge before this one had served.
             wake_at: has `turn` called no later.
         """
         self._config = config
@@ -65,7 +68,7 @@ class Watch:
         self._written = written
         self._wake_at = wake_at
         self._graph = GraphWatch(config.space, self._mapped)
-        self._late = LateSubscribers(config)
+        self._late = LateSubscribers(config, served)
         self._sources: dict[str, RosSource] = {}
         self._opening: list[Outlet] = []
         self._look_at = self._late_at = 0.0
@@ -78,7 +81,6 @@ class Watch:
         """
         self._node = node
         self._opened_at = time.monotonic()
-        self._late.opened(self._opened_at)
         both_ways = sorted(self._written & set(self._mapped))
         if both_ways and node.hears_itself():
             raise BridgeUnavailable(
@@ -113,7 +115,7 @@ class Watch:
                 due = min(due, now + _ATTEND_S)
         if now >= self._late_at:
             self._late_at = now + _LATE_S
-            self._late.look(self._node, now)
+            self._late.look(self._node)
         return due
 
     def _look_soon(self) -> None:
@@ -146,12 +148,12 @@ class Watch:
         """End an outlet."""
         if outlet in self._opening:
             self._opening.remove(outlet)
-        self._late.forget(outlet.name)
+        self._late.unwatch(outlet.name)
         outlet.close(self._node)
 
     def keep(self, name: str, message_class: Any, message: Any) -> None:
         """Keep a message that the bridge before this one has published."""
-        self._late.keep(self._node, name, message_class, message)
+        self._late.keep(name, message_class, message)
 
     def forget(self, name: str) -> None:
         """There is a newer message than the one that is kept."""
@@ -165,7 +167,10 @@ class Watch:
             )
             self._inlet.put(Dropped(Drop.INCOMPATIBLE_QOS, detail=text))
 
-        return outlet.attend(self._node, now, self._opened_at, on_incompatible)
+        is_open = outlet.attend(self._node, now, self._opened_at, on_incompatible)
+        if is_open and outlet.qos.transient_local:
+            self._late.watch(self._node, outlet.name)
+        return is_open
 
     def closing(self) -> None:
         """Leave nothing behind."""

@@ -123,3 +123,19 @@ def test_profile_that_lets_the_bridge_hear_itself_is_refused_where_that_matters(
     }
     bridge = ros2.bridge({"turtle": {"bridge": "mobile", "data": data}}, wait=False, profile="robot")
     assert "/cmd_vel is mapped in both directions" in bridge.wait_for("failed:")
+
+
+async def test_robot_that_is_restarted_with_the_bridge_gets_the_current_value(ros2: Ros2Space) -> None:
+    bridge = ros2.bridge()
+    robot = ros2.listener(FOREIGN.name, "std_msgs/Int32", "--transient-local")
+    async with Peer.at(ros2.udp_url, space=1) as peer:
+        peer.announce(FOREIGN, NUMBER)
+        peer.publish(FOREIGN, 7)
+        await peer.until(lambda: heard(robot))
+        bridge.end()
+        robot.end(signal.SIGKILL)
+        robot = ros2.listener(FOREIGN.name, "std_msgs/Int32", "--transient-local")
+        ros2.bridge()
+        await peer.until(lambda: heard(robot))
+        peer.publish(FOREIGN, 8)
+        await peer.until(lambda: numbers(heard(robot)) == [7, 8])

@@ -39,7 +39,7 @@ class RosMaster:
         self._transport = _Transport()
         self._proxy = xmlrpc.client.ServerProxy(uri, transport=self._transport)
 
-    def _call(self, method: str, *args: str) -> Any:
+    def _ask(self, method: str, *args: str) -> tuple[int, str, Any]:
         try:
             answer: Any = getattr(self._proxy, method)(self._node_name, *args)
             code, text, value = answer
@@ -48,6 +48,10 @@ class RosMaster:
             raise NotConnected(
                 f"no ROS master at {self.uri} ({error}); start roscore there, or correct `master_uri`"
             ) from error
+        return code, text, value
+
+    def _call(self, method: str, *args: str) -> Any:
+        code, text, value = self._ask(method, *args)
         if code != 1:
             raise NotConnected(f"the ROS master at {self.uri} refused {method}: {text}")
         return value
@@ -68,6 +72,11 @@ class RosMaster:
     def register_subscriber(self, topic: str, message_type: str, node_uri: str) -> list[str]:
         """Make the node a subscriber of the topic; the addresses of its publishers. May be repeated."""
         return list(self._call("registerSubscriber", topic, message_type, node_uri))
+
+    def node_uri(self, name: str) -> str | None:
+        """The address of a node's process; None when the master does not know the node."""
+        code, _, uri = self._ask("lookupNode", name)
+        return str(uri) if code == 1 else None
 
     def unregister(self, publications: Iterable[str], subscriptions: Iterable[str], node_uri: str) -> None:
         """Take back registrations, in one call."""

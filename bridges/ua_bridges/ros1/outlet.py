@@ -49,6 +49,8 @@ class Outlet:
         self._publisher = rospy.Publisher(name, kind.cls, queue_size=QUEUE_SIZE, latch=latched, tcp_nodelay=True)
         self._held: deque[Any] | None = deque(maxlen=QUEUE_SIZE)
         self._remembered: Any = None
+        self._owed: frozenset[str] = frozenset()
+        self.is_latched = latched
         self._made = time.monotonic()
 
     @property
@@ -82,18 +84,27 @@ class Outlet:
         return copy.deepcopy(self._shared)
 
     def remember(self, values: Sequence[Any]) -> None:
-        """Keep a message that the subscribers which are there have already; only later ones get it, if latched."""
+        """Keep a message that the bridge before this one has published; if latched, those get it that it is owed to."""
         self._remembered = self._message(values)
         if self._held is None:
             self._latch()
 
     def _latch(self) -> None:
         implementation: Any = self._publisher.impl
-        if self._remembered is not None and implementation is not None and implementation.is_latch:
+        if self._remembered is None or implementation is None or not self.is_latched:
+            return
+        with implementation.publock:
             implementation.latch = self._remembered  # rospy sends it on each new link
+            for link in implementation.connections:
+                if link.endpoint_id in self._owed:
+                    implementation.publish(self._remembered, connection_override=link)
 
-    def open(self) -> None:
-        """Send what was held; from now on messages go out at once."""
+    def open(self, owed: frozenset[str] = frozenset()) -> None:
+        """Send what was held; from now on messages go out at once.
+
+        `owed` are the subscribers which the bridge before this one had not served, by their names.
+        """
+        self._owed = owed
         self._latch()
         held, self._held = self._held, None
         for message in held or ():

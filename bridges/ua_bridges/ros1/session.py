@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 
 from ua_bridges.ros.delivered import Delivered, state_folder
+from ua_bridges.ros.served import Served
 from ua_bridges.ros1.config import Ros1BridgeConfig
 from ua_bridges.ros1.feed import Feed, MappedFeed
 from ua_bridges.ros1.master import RosMaster
@@ -49,7 +50,7 @@ class Ros1Driver:
         self._node = node = await asyncio.to_thread(RosNode, bridge.node_name, bridge.master_uri, bridge.host_ip)
         identity = ("ros1", self._name, bridge.master_uri, self._pubsub.url, self._pubsub.interface)
         self._delivered = Delivered(state_folder(), *identity)
-        self._memory = LatchMemory(state_folder(), *identity)
+        self._memory, self._served = LatchMemory(state_folder(), *identity), Served(state_folder(), *identity)
         self._outlets = outlets = Outlets(inlet, loop, self._delivered, self._outlets_changed)
         mapped: dict[str, list[Feed]] = {}
         for number, name, dataset in self._datasets:
@@ -59,7 +60,7 @@ class Ros1Driver:
             if dataset.sink is not None:
                 outlets.add_sink(Topic(SERVER_SPACE, self._namespace, number), name, dataset)
         master = RosMaster(bridge.master_uri, node.name)
-        self._watch = Watch(bridge.space, node, master, inlet, loop, mapped, outlets, self._memory)
+        self._watch = Watch(bridge.space, node, master, inlet, loop, mapped, outlets, self._memory, self._served)
         self._watch.start()
 
     def publish(self, topic: Topic, metadata: DataSetMetaData, message: DataSetMessage) -> bool:
@@ -85,6 +86,7 @@ class Ros1Driver:
         await asyncio.to_thread(node.close)
         self._delivered.close()
         self._memory.close()
+        self._served.close()
 
     def _outlets_changed(self, replaced: Outlet | None) -> None:
         if self._watch is not None:

@@ -15,6 +15,7 @@ import time
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, Final
 
+from ua_bridges.ros.served import Served
 from ua_bridges.ros1.feed import Feed, MirrorFeed
 from ua_bridges.ros1.graph import GraphWatch, unregistered
 from ua_bridges.ros1.master import RosMaster, SystemState
@@ -30,6 +31,8 @@ __all__ = ["Watch"]
 
 LOOK_PERIOD_S: Final = 0.1
 """A look costs the master about half a millisecond."""
+NOTE_PERIOD_S: Final = 1.0
+"""So often it is noted who is served: a call to the master for each subscriber of a latched topic."""
 
 
 class Watch:
@@ -45,10 +48,12 @@ class Watch:
         mapped: Mapping[str, Sequence[Feed]],
         outlets: Iterable[Outlet],
         memory: LatchMemory,
+        served: Served,
     ) -> None:
         """`mapped` are the DataSets that are read from robots' own topics, by the topic's name with its slash."""
         self._node, self._master, self._inlet, self._loop = node, master, inlet, loop
-        self._mapped, self._outlets, self._memory = mapped, outlets, memory
+        self._mapped, self._outlets, self._memory, self._served = mapped, outlets, memory, served
+        self._note_at = 0.0
         self._graph = GraphWatch(space)
         self._sources: dict[str, RosSource] = {}
         self._registered: set[tuple[str, str]] = set()
@@ -108,7 +113,9 @@ class Watch:
         except NotConnected as error:
             self.status = DriverStatus(False, str(error))
         self._check_sources(state)
-        self._check_outlets(state)
+        with contextlib.suppress(NotConnected):  # said at the next look
+            self._check_outlets(state)
+            self._note_served(state)
 
     def _find(self, state: SystemState) -> None:
         news = self._graph.look(state.publishers)
@@ -148,9 +155,31 @@ class Watch:
                 continue
             subscribers = None
             if state is not None and ("publisher", outlet.name) in self._registered:
-                subscribers = sum(name != self._node.name for name in state.subscribers.get(outlet.name, ()))
+                subscribers = len(self._subscribers(outlet, state))
             if outlet.is_ready(subscribers):
-                self._loop.call_soon_threadsafe(outlet.open)
+                self._loop.call_soon_threadsafe(outlet.open, self._serve(outlet, state))
+
+    def _subscribers(self, outlet: Outlet, state: SystemState) -> list[str]:
+        return [name for name in state.subscribers.get(outlet.name, ()) if name != self._node.name]
+
+    def _serve(self, outlet: Outlet, state: SystemState | None) -> frozenset[str]:
+        """Note whom a latched topic serves; the names of those that the bridge before this one had not served."""
+        if state is None or not outlet.is_latched:
+            return frozenset()
+        owed: set[str] = set()
+        for name in self._subscribers(outlet, state):
+            subscriber = f"{outlet.name} {self._master.node_uri(name)}".encode()  # a restarted node has another address
+            if not self._served.before(subscriber):
+                owed.add(name)
+            self._served.note(subscriber)
+        return frozenset(owed)
+
+    def _note_served(self, state: SystemState | None) -> None:
+        now = time.monotonic()
+        if now >= self._note_at:
+            self._note_at = now + NOTE_PERIOD_S
+            for outlet in self._outlets:
+                self._serve(outlet, state)
 
     def _evicted(self) -> None:
         for source in self._sources.values():

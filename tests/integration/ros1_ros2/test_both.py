@@ -126,3 +126,18 @@ async def test_robots_go_on_when_a_bridge_was_killed(both: Both) -> None:
             await peer.until(lambda: len(numbers(in_ros1)) > before[0] + 20 and len(numbers(in_ros2)) > before[1] + 20)  # noqa: B023 - waited for within the turn
         for listener in (in_ros1, in_ros2):
             assert numbers(listener) == sorted(set(numbers(listener)))
+
+
+@pytest.mark.parametrize("space", [1, 2])
+async def test_robot_that_is_restarted_with_its_bridge_gets_the_current_value(both: Both, space: int) -> None:
+    topic, here = (FROM_ROS1, 2) if space == 1 else (both.from_ros2, 1)
+    listener = both.listener(here, topic, "--transient-local")
+    async with Peer.at(both.ros2.udp_url) as peer:
+        both.talker(space, topic, "--count", "3", "--wait", latched=True)
+        await until(peer, listener, 2)
+        both.bridges[here].end()
+        listener.end(signal.SIGKILL)
+        listener = both.listener(here, topic, "--transient-local")
+        both.bridges[here] = both.ros1.bridge() if here == 1 else both.ros2.bridge()
+        await until(peer, listener, 2)
+        assert numbers(listener) == [2]

@@ -47,6 +47,9 @@ MOST_PLANNED_FIELDS: Final = 128
 LONGEST_PLANNED_ARRAY: Final = 16_384
 MOST_ARRAY_UNPACKERS: Final = 64
 
+FEWEST_SLICED: Final = 12
+"""Values of one segment from which on slices are quicker than names."""
+
 _PUBLISHER_ID_SIZES: Final = (1, 2, 4, 8)
 
 
@@ -172,6 +175,8 @@ class _Source:
         }
         self._format = ""
         self._targets: list[str] = []
+        self._values: list[list[str] | str] = []
+        """What makes up the tuple of values, in its order: names, and expressions of tuples."""
         self._checked: list[str] = []
         """Conditions on constants, any of which shows that the message is of another layout."""
         self._position = "0"
@@ -192,7 +197,7 @@ class _Source:
             self._field(index, type_code)
         self._end_message()
         status = "status and status << 16" if layout.has_status else "None"
-        values = "".join(f"v{index}," for index in range(len(layout.types)))
+        values = " + ".join(part if isinstance(part, str) else f"({', '.join(part)},)" for part in self._values)
         lines = [
             f"def make({OF_A_PLAN}):",
             # As defaults of arguments they are local variables, the fastest there are.
@@ -201,7 +206,7 @@ class _Source:
             "  return new(NetworkMessage, (",
             "   publisher_id, publisher_id_type, None, writer_group_id, None, None, None, None, None, None, None,",
             "   payload_header, (new(DataSetMessage, (",
-            f"    data_set_writer_id, 0, types, ({values}),",
+            f"    data_set_writer_id, 0, types, {values},",
             f"    {'sequence_number' if layout.has_sequence_number else 'None'},",
             f"    {'timestamp' if layout.has_timestamp else 'None'}, None, {status},",
             "    major_version, minor_version, 0, None, None, None, None, None, None, None, True,",
@@ -219,11 +224,11 @@ class _Source:
         kind = type_code & ~ARRAY
         if index:  # the first type code is a part of the constant
             self._take("B", f"t{index}")
-            self._checked.append(f"t{index} != {type_code}")
         value = f"v{index}"
         if type_code in FIXED:
             self._take(FIXED[type_code].format[1:], value)
-        elif type_code in (BuiltinType.STRING, BuiltinType.XML_ELEMENT, BuiltinType.BYTE_STRING):
+            return
+        if type_code in (BuiltinType.STRING, BuiltinType.XML_ELEMENT, BuiltinType.BYTE_STRING):
             self._take("I", "size")  # null, -1, is a size that no datagram has
             start = self._end_segment()
             text = "" if type_code == BuiltinType.BYTE_STRING else ".decode()"
@@ -240,6 +245,13 @@ class _Source:
             self._check()
             self._lines += [f"cursor = Cursor(data, {start})", f"{value} = decode_typed(cursor, {type_code})"]
             self._position = "cursor.position"
+        self._name_values([value])
+
+    def _name_values(self, names: list[str]) -> None:
+        if self._values and isinstance(self._values[-1], list):
+            self._values[-1] += names
+        elif names:
+            self._values.append(names)
 
     def _unpack(self, method: str) -> int:
         """Write the unpacking of what was collected since the last segment, and return its size."""
@@ -247,12 +259,38 @@ class _Source:
         name = f"unpack{self._segments}"
         self._names[name] = getattr(layout, method)
         arguments = f"data, {self._position}" if self._segments else "data"
-        self._lines.append(f"{', '.join(self._targets)}, = {name}({arguments})")
+        self._assign(f"{name}({arguments})")
         if not self._segments:
             self._checked.insert(0, "constant != expected_constant")
         self._segments += 1
         self._format, self._targets = "", []
         return layout.size
+
+    def _assign(self, unpacked: str) -> None:
+        """Write the assignment of a segment: what stands before the fields, then type codes and values by turns.
+
+        Many fields are taken apart and compared by slices: one name for each would cost more than all the rest.
+        """
+        fields = [target for target in self._targets if target[0] in "tv" and target[1:].isdigit()]
+        values = [target for target in fields if target[0] == "v"]
+        codes = {target: self._layout.types[int(target[1:])] for target in fields if target[0] == "t"}
+        if len(values) < FEWEST_SLICED:
+            self._lines.append(f"{', '.join(self._targets)}, = {unpacked}")
+            self._checked += [f"{target} != {code}" for target, code in codes.items()]
+            self._name_values(values)
+            return
+        parts = f"parts{self._segments}"
+        self._lines.append(f"{parts} = {unpacked}")
+        first = self._targets.index(fields[0])
+        if first:
+            self._lines.append(f"{', '.join(self._targets[:first])}, = {parts}[:{first}]")
+        last = ""
+        if self._targets[-1] == "size":
+            self._lines.append(f"size = {parts}[-1]")
+            last = "-1"
+        first_code, first_value = (first + 1, first) if fields[0][0] == "v" else (first, first + 1)
+        self._checked.append(f"{parts}[{first_code}::2] != {tuple(codes.values())!r}")
+        self._values.append(f"{parts}[{first_value}:{last}:2]")
 
     def _end_segment(self) -> str:
         """What follows has a variable size: unpack up to here, and return where it starts."""

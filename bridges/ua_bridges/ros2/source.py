@@ -175,6 +175,7 @@ class RosSource:
                 self._put(Dropped(Drop.CONVERSION, detail=self._tell_once(f"{self.name}: {error}")))
             except Exception:  # noqa: BLE001 - one that got out would end the process with a segmentation fault
                 _log.exception("a message could not be read", topic=self.name)
+                self._put(Dropped(Drop.CONVERSION))
 
         return on_message
 

@@ -169,7 +169,7 @@ def test_message_that_cannot_be_converted_is_counted_and_ends_nothing() -> None:
     scene.node.callback((Message(), {"source_timestamp": T0, "received_timestamp": T0}))
     scene.node.callback((Message(), {}))
     scene.node.say(1, T0 + 1)
-    assert scene.inlet.said() == ["found", "conversion:1", "1"]
+    assert scene.inlet.said() == ["found", "conversion:1", "conversion:1", "1"]
 
 
 def test_incompatible_publisher_makes_a_look_unless_fleet_yaml_asks_for_it() -> None:

@@ -22,6 +22,7 @@ __all__ = [
     "FieldConfig",
     "FleetConfig",
     "FleetInfo",
+    "KeysConfig",
     "PubSubConfig",
     "PubSubSecurity",
     "QosConfig",
@@ -208,6 +209,11 @@ class BridgeConfig(_Model, frozen=True):
     """Needed in the end: numeric id of the bridge's own status DataSet. `ua-fleet config assign-ids` fills it in."""
     description: str = ""
     """Text for people, the description of the node."""
+    state_dir: str | None = None
+    """Folder for the bridge's certificate, key use and journal; `state/bridges/<name>` if left out. Relative to
+    `fleet.yaml`."""
+    requestors: tuple[Annotated[int, Field(ge=0, le=65535)], ...] = (SERVER_SPACE,)
+    """Spaces that may command this one by Actions; 0 is the server."""
 
     @field_validator("space")
     @classmethod
@@ -221,9 +227,30 @@ class BridgeConfig(_Model, frozen=True):
 
 
 class PubSubSecurity(StrEnum):
-    """Message security of PubSub. `none` has to be written."""
+    """Message security of PubSub (MessageSecurityMode, OPC 10000-14 6.2.5.2). `none` has to be written."""
 
     NONE = "none"
+    SIGN = "sign"
+    SIGN_AND_ENCRYPT = "sign_and_encrypt"
+
+
+class KeysConfig(_Model, frozen=True):
+    """Where the keys of PubSub come from, and how long they live (OPC 10000-14 6.2.12 and 8.3)."""
+
+    source: Literal["service", "files"] = "service"
+    """`service`: bridges pull keys from the OPC UA server. `files`: every process reads the same key files."""
+    folder: str = "keys"
+    """Folder of the key files of `source: files`; relative to `fleet.yaml`. Only its owner may read it."""
+    policy: Literal["PubSub-Aes256-CTR", "PubSub-Aes128-CTR"] = "PubSub-Aes256-CTR"
+    """SecurityPolicy of all SecurityGroups (OPC 10000-7)."""
+    lifetime_s: float = Field(default=3600.0, gt=0)
+    """KeyLifetime: the key service changes keys with this period. Key files change by `ua-fleet keys rotate`."""
+    past_keys: int = Field(default=1, ge=0, le=16)
+    """MaxPastKeyCount: keys that were replaced and that readers still take for one more lifetime."""
+    future_keys: int = Field(default=4, ge=1, le=64)
+    """MaxFutureKeyCount: keys handed out ahead; so many lifetimes the bridges go on without the service."""
+    endpoint: Annotated[str, Field(pattern=r"^opc\.tcp://[^/]+")] | None = None
+    """URL of the key service, where it is not the `server` of this file."""
 
 
 class PubSubConfig(_Model, frozen=True):
@@ -247,6 +274,14 @@ class PubSubConfig(_Model, frozen=True):
     """The last message of each source is sent again with this period, with its Timestamp unchanged."""
     inlet_size: int = Field(default=10_000, ge=1)
     """Messages that may wait inside a bridge between its robot side and its PubSub side; then the oldest is dropped."""
+    keys: KeysConfig = KeysConfig()
+    """Keys of message security; without meaning where `security` is `none`."""
+    relaxed_replay: tuple[Annotated[int, Field(ge=0, le=65535)], ...] = ()
+    """Spaces (PublisherIds) whose messages are taken without a replay check. open62541 1.5 needs it; said at start."""
+    max_datagram_bytes: int = Field(default=65_507, ge=576, le=65_507)
+    """Larger NetworkMessages are sent as chunks of at most this size (OPC 10000-14 7.2.4.4.4)."""
+    max_message_bytes: int = Field(default=4 * 1024 * 1024, ge=65_536)
+    """Largest message that is put together from chunks; also what all unfinished messages together may hold."""
 
     @model_validator(mode="after")
     def _check(self) -> PubSubConfig:

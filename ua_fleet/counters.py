@@ -34,7 +34,7 @@ class Drop(StrEnum):
     """A signature that is not that of the sender's SecurityGroup: a wrong key, or bytes that were changed."""
     REPLAYED = "replayed"
     """A nonce that was used before or is too old for the replay window."""
-    UNKNOWN_TOKEN = "unknown_token"
+    UNKNOWN_TOKEN = "unknown_token"  # noqa: S105 -- a name, not a secret
     """A SecurityTokenId whose key we do not have, or no longer take; keys are asked for."""
     NO_KEY = "no_key"
     """Not sent: there is no key, or it expired, or its nonces are used up."""

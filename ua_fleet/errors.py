@@ -16,6 +16,8 @@
         ScenarioInvalid(problems) | NoCandidate
       BridgeUnavailable(extra)                   a package or service that a bridge needs is missing
       ServerStartError                           the server cannot or must not start
+      KeySourceUnavailable                       nobody can be asked for keys now: go on with those there are
+      KeysRefused(group_id)                      the source answers, but has no keys of this group for us
       AccessRefused(ua_status)                   a client may not do this, or not with this value
 
 An error's text is one line: what is wrong, where, and what to do about it.
@@ -32,6 +34,8 @@ __all__ = [
     "BridgeUnavailable",
     "ConfigError",
     "ConfigInvalid",
+    "KeySourceUnavailable",
+    "KeysRefused",
     "LocalWireError",
     "NoCandidate",
     "NotConnected",
@@ -190,6 +194,22 @@ class BridgeUnavailable(UaFleetError):
 
 class ServerStartError(UaFleetError):
     """The server cannot start, or must not start with this configuration."""
+
+
+class KeySourceUnavailable(UaFleetError):
+    """The source of keys cannot be asked now; it is worth asking again."""
+
+    ua_status = StatusCode.BAD_COMMUNICATION_ERROR
+
+
+class KeysRefused(UaFleetError):
+    """The source of keys answers, and gives us none of this SecurityGroup: it has none, or we may not have them."""
+
+    ua_status = StatusCode.BAD_SECURITY_CHECKS_FAILED
+
+    def __init__(self, group_id: str, reason: str) -> None:
+        self.group_id, self.reason = group_id, reason
+        super().__init__(f"no keys of {group_id}: {reason}")
 
 
 class AccessRefused(UaFleetError):

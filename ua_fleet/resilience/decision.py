@@ -1,0 +1,159 @@
+"""One open choice of a replacement: ranked again whenever something changes, until somebody or time ends it.
+
+    open --confirm, limit with `best`, mode Automatic--> chosen     --replacement fails as well--> a new Decision
+    open --limit with `abort`, no candidate left, mode Abort--> aborted
+
+In mode Operator a ranking without candidates stays open until the limit, since a robot may become free or be repaired.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+from ua_fleet.errors import NoCandidate
+from ua_fleet.resilience.ranking import Ranking
+
+__all__ = [
+    "Aborted",
+    "Confirmation",
+    "Decision",
+    "DecisionEvent",
+    "Mode",
+    "OnLimit",
+    "RankingChanged",
+    "ReplacementChosen",
+]
+
+
+class Mode(StrEnum):
+    """Who chooses."""
+
+    OPERATOR = "operator"
+    AUTOMATIC = "automatic"
+    ABORT = "abort"
+
+
+class OnLimit(StrEnum):
+    """What happens when no operator has chosen in time."""
+
+    BEST = "best"
+    """The best candidate of then is taken; without one the task is aborted."""
+    ABORT = "abort"
+
+
+@dataclass(frozen=True, slots=True)
+class RankingChanged:
+    """The order, a score or a reason is not what it was."""
+
+    decision_id: str
+    ranking: Ranking
+
+
+@dataclass(frozen=True, slots=True)
+class ReplacementChosen:
+    """The task goes to another robot."""
+
+    decision_id: str
+    robot: str
+    by: str
+    """The operator's name, or `automatic`, or `limit`."""
+    ranking: Ranking
+
+
+@dataclass(frozen=True, slots=True)
+class Aborted:
+    """Nobody takes the task over."""
+
+    decision_id: str
+    reason: str
+
+
+DecisionEvent = RankingChanged | ReplacementChosen | Aborted
+
+
+class Confirmation(StrEnum):
+    """What became of an operator's confirmation."""
+
+    TAKEN = "taken"
+    REPEATED = "repeated"
+    """The same robot was chosen before: nothing happens a second time."""
+
+
+class Decision:
+    """A choice that is to be made for one task of one failed robot."""
+
+    def __init__(
+        self, decision_id: str, mode: Mode, ranking: Ranking, *, limit_s: float, on_limit: OnLimit, now: float
+    ) -> None:
+        """Open a decision; `begin` says what follows at once.
+
+        Args:
+            decision_id: name of the decision.
+            mode: who chooses.
+            ranking: of the candidates at the fault.
+            limit_s: how long an operator may think.
+            on_limit: what happens then.
+            now: the time.
+        """
+        self.id, self.mode, self.ranking = decision_id, mode, ranking
+        self._limit_at, self._on_limit = now + limit_s, on_limit
+        self.outcome: ReplacementChosen | Aborted | None = None
+
+    def begin(self) -> list[DecisionEvent]:
+        """What is known at the start: the ranking, and in the modes without an operator the choice."""
+        events: list[DecisionEvent] = [RankingChanged(self.id, self.ranking)]
+        if self.mode is Mode.ABORT:
+            events.append(self._abort("the mode is Abort"))
+        elif self.mode is Mode.AUTOMATIC:
+            events.append(self._best("automatic"))
+        return events
+
+    def rank_again(self, ranking: Ranking) -> list[DecisionEvent]:
+        """Take a new ranking; says so where it differs from the one before. Nothing changes what is decided."""
+        if self.outcome is not None or ranking == self.ranking:
+            return []
+        self.ranking = ranking
+        return [RankingChanged(self.id, ranking)]
+
+    def confirm(self, robot: str, by: str) -> tuple[Confirmation, list[DecisionEvent]]:
+        """Choose a robot for an operator. Of two who choose at once the first decides.
+
+        Raises:
+            NoCandidate: the robot is not in the ranking, or another one was chosen before, or all was given up.
+        """
+        done = self.outcome
+        if isinstance(done, Aborted):
+            raise NoCandidate(f"{self.id} was given up: {done.reason}")
+        if done is not None:
+            if done.robot == robot:
+                return Confirmation.REPEATED, []
+            raise NoCandidate(f"{self.id}: {done.by} has chosen {done.robot} before")
+        if self.ranking.without(robot):
+            reason = next((left.reason for left in self.ranking.excluded if left.robot == robot), "no such candidate")
+            raise NoCandidate(f"{self.id}: {robot} cannot take over: {reason}")
+        return Confirmation.TAKEN, [self._choose(robot, by)]
+
+    def poll(self, now: float) -> list[DecisionEvent]:
+        """End the decision when its limit is over."""
+        if self.outcome is not None or now < self._limit_at:
+            return []
+        if self._on_limit is OnLimit.BEST:
+            return [self._best("limit")]
+        return [self._abort("no operator chose in time")]
+
+    def next_deadline(self) -> float | None:
+        """When `poll` is to be called next, or None."""
+        return self._limit_at if self.outcome is None else None
+
+    def _best(self, by: str) -> DecisionEvent:
+        robot = self.ranking.best
+        return self._abort("no robot is left that can take over") if robot is None else self._choose(robot, by)
+
+    def _choose(self, robot: str, by: str) -> ReplacementChosen:
+        chosen = self.outcome = ReplacementChosen(self.id, robot, by, self.ranking)
+        return chosen
+
+    def _abort(self, reason: str) -> Aborted:
+        aborted = self.outcome = Aborted(self.id, reason)
+        return aborted

@@ -13,7 +13,7 @@
       SkillError
         SkillRejected | SkillTimeout | SkillFailed | RobotOffline
       ScenarioError
-        ScenarioInvalid(problems) | NoCandidate
+        ScenarioInvalid(problems) | NoCandidate | JudgementsInvalid(problems)
       BridgeUnavailable(extra)                   a package or service that a bridge needs is missing
       ServerStartError                           the server cannot or must not start
       KeySourceUnavailable                       nobody can be asked for keys now: go on with those there are
@@ -34,6 +34,7 @@ __all__ = [
     "BridgeUnavailable",
     "ConfigError",
     "ConfigInvalid",
+    "JudgementsInvalid",
     "KeySourceUnavailable",
     "KeysRefused",
     "LocalWireError",
@@ -179,6 +180,16 @@ class NoCandidate(ScenarioError):
     """No robot of the fleet can take the task over."""
 
     ua_status = StatusCode.BAD_RESOURCE_UNAVAILABLE
+
+
+class JudgementsInvalid(ScenarioError):
+    """Pairwise comparisons that no weights can be made of."""
+
+    ua_status = StatusCode.BAD_INVALID_ARGUMENT
+
+    def __init__(self, problems: Sequence[str], *, consistency_ratio: float | None = None) -> None:
+        self.problems, self.consistency_ratio = tuple(problems), consistency_ratio
+        super().__init__("\n".join(self.problems))
 
 
 class BridgeUnavailable(UaFleetError):

@@ -9,13 +9,24 @@ from datetime import datetime
 from typing import Any, Final
 
 from ua_fleet.config.document import Document, KeyPath, as_mapping, key_text
-from ua_fleet.config.schema import BridgeConfig, DataSetConfig, FieldConfig, PubSubConfig, ScalarType, TopicMapping
+from ua_fleet.config.schema import (
+    BridgeConfig,
+    DataSetConfig,
+    FieldConfig,
+    PubSubConfig,
+    PubSubSecurity,
+    ScalarType,
+    TopicMapping,
+)
 from ua_fleet.config.wording import closest, listed
+from ua_fleet.errors import TopicInvalid
+from ua_fleet.topics import check_space
 
 __all__ = ["Parts", "check_all", "check_ids_given"]
 
 _UA_TOPIC: Final = re.compile(r"/?ua_[0-9]")
 _BITS: Final = re.compile(r"(U?)(?:Int)(\d+)")
+_SHORTEST_LIFETIME_S: Final = 2.0
 _MAX_FLOAT: Final = 3.4028234663852886e38
 
 
@@ -213,6 +224,39 @@ def _check_pubsub(parts: Parts) -> None:
         parts.document.problem(("pubsub", "url"), "a port is 1 to 65535", "the registered one is 4840")
 
 
+def _check_listed_spaces(parts: Parts) -> None:
+    """Spaces that are named may also be those of publishers that are no bridges of this fleet."""
+    named: list[tuple[KeyPath, tuple[int, ...]]] = [
+        (("bridges", name, "requestors"), bridge.requestors) for name, bridge in parts.bridges.items()
+    ]
+    if parts.pubsub is not None:
+        named.append((("pubsub", "relaxed_replay"), parts.pubsub.relaxed_replay))
+    for path, spaces in named:
+        for position, space in enumerate(spaces):
+            try:
+                check_space(space)
+            except TopicInvalid as error:
+                parts.document.problem((*path, position), error.reason)
+            else:
+                if space in spaces[:position]:
+                    parts.document.problem((*path, position), f"{space} is named twice", "remove one of them")
+
+
+def _check_keys(parts: Parts) -> None:
+    pubsub = parts.pubsub
+    if pubsub is None or pubsub.security is PubSubSecurity.NONE:
+        return
+    if pubsub.keys.source == "files" and pubsub.keys.endpoint is not None:
+        parts.document.problem(
+            ("pubsub", "keys", "endpoint"), "key files come from no service", "remove it, or write `source: service`"
+        )
+    if pubsub.keys.lifetime_s < _SHORTEST_LIFETIME_S:
+        parts.document.problem(
+            ("pubsub", "keys", "lifetime_s"),
+            f"must be at least {_SHORTEST_LIFETIME_S:g}, since keys are fetched at half of it",
+        )
+
+
 _CHECKS: Final[tuple[Callable[[Parts], None], ...]] = (
     _check_bridges_exist,
     _check_spaces,
@@ -220,6 +264,8 @@ _CHECKS: Final[tuple[Callable[[Parts], None], ...]] = (
     _check_topics,
     _check_initial_values,
     _check_pubsub,
+    _check_listed_spaces,
+    _check_keys,
 )
 
 

@@ -256,8 +256,9 @@ class KeysConfig(_Model, frozen=True):
 class PubSubConfig(_Model, frozen=True):
     """OPC UA PubSub between the server and the bridges."""
 
-    security: PubSubSecurity
-    """`none` sends and accepts unsigned messages; it must be written, there is no default."""
+    security: PubSubSecurity = Field(examples=["sign_and_encrypt"])
+    """`sign_and_encrypt`, or `sign` where all may read. `none` sends and accepts unsigned messages. There is no
+    default."""
     url: Annotated[str, Field(pattern=r"^opc\.udp://[^/]+:\d{1,5}$")] = "opc.udp://224.0.2.14:4840"
     """Multicast group (or a unicast address) and port (OPC 10000-14 7.3.2)."""
     interface: str = "lo"

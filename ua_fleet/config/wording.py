@@ -55,7 +55,9 @@ def listed(names: Iterable[str]) -> str:
 def closest(word: str, known: Iterable[str]) -> str:
     """`did you mean ...?` where a known word is near, else the empty text."""
     by_lower = {name.lower(): name for name in known}
-    longer = [name for name in by_lower if len(word) >= 3 and name.startswith(word.lower())]
+    if len(word) < 3:  # `on` is near to `none`
+        return ""
+    longer = [name for name in by_lower if name.startswith(word.lower())]
     matches = longer or difflib.get_close_matches(word.lower(), by_lower, n=1, cutoff=0.6)
     return f"did you mean `{by_lower[matches[0]]}`?" if matches else ""
 
@@ -149,6 +151,8 @@ def _missing(field: FieldInfo | None, key: str) -> str:
     allowed = choices(field.annotation)
     if len(allowed) == 1:
         return f"add `{key}: {allowed[0]}`"
+    if allowed and field.examples:
+        return f"add `{key}: {field.examples[0]}`; allowed: {listed(allowed)}"
     return f"allowed: {listed(allowed)}" if allowed else f"add `{key}: ...`"
 
 

@@ -14,7 +14,7 @@ def test_from_nothing_to_a_valid_file(invoke: Invoke, tmp_path: Path) -> None:
     assert ended.stderr == "edit it, then run: ua-fleet config check fleet.yaml\n"
     ended = invoke("config", "check")
     assert ended.code == 2
-    assert "fleet.yaml:48:pubsub.security: `security` is missing; add `security: none`\n" in ended.stdout
+    assert "fleet.yaml:48:pubsub.security: `security` is missing; add `security: sign_and_encrypt`" in ended.stdout
     assert ended.stderr == "ua-fleet: 7 problems; mend and run: ua-fleet config check fleet.yaml\n"
     ended = invoke("config", "assign-ids")
     assert ended.code == 2

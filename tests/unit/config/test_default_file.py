@@ -12,7 +12,7 @@ from pydantic import BaseModel
 from ua_fleet.config.assign_ids import assign_ids
 from ua_fleet.config.default_file import default_content, write_default
 from ua_fleet.config.load import load, load_content
-from ua_fleet.config.schema import FleetConfig, PubSubConfig, ServerConfig
+from ua_fleet.config.schema import FleetConfig, KeysConfig, PubSubConfig, ServerConfig
 from ua_fleet.errors import ConfigError, ConfigInvalid
 
 
@@ -53,8 +53,8 @@ def test_it_shows_every_key_there_is() -> None:
 
 def test_every_section_of_the_server_and_pubsub_stands_there_with_a_comment_above() -> None:
     lines = default_content().decode().splitlines()
-    for key in (*ServerConfig.model_fields, *PubSubConfig.model_fields):
-        at = next(i for i, line in enumerate(lines) if re.match(rf"  #?{key}:", line))
+    for key in (*ServerConfig.model_fields, *PubSubConfig.model_fields, *KeysConfig.model_fields):
+        at = next(i for i, line in enumerate(lines) if re.match(rf"  (  )?#?{key}:", line))
         above = lines[at - 1].strip()
         assert above.startswith("#") or key.startswith("max_"), key
 

@@ -35,6 +35,10 @@ def accepted(folder: Path, text: str, environment: Mapping[str, str] | None = No
     return load(write(folder, text), environment or {})
 
 
+SECURITIES = "`none`, `sign`, `sign_and_encrypt`"
+NO_SECURITY = f"`security` is missing; add `security: sign_and_encrypt`; allowed: {SECURITIES}"
+SECURED = "version: 1\npubsub:\n  security: sign_and_encrypt\n"
+
 BAD: list[tuple[str, str, list[str]]] = [
     # --- the file and its sections
     ("no version", "pubsub: {security: none}\n", ["F:version: `version` is missing; add `version: 1`"]),
@@ -44,8 +48,8 @@ BAD: list[tuple[str, str, list[str]]] = [
         ["F:1:version: `1` is not allowed; remove the quotes; allowed: `1`"],
     ),
     ("version without value", HEAD.replace(" 1", ""), ["F:1:version: `nothing` is not allowed; allowed: `1`"]),
-    ("no pubsub", "version: 1\n", ["F:pubsub.security: `security` is missing; add `security: none`"]),
-    ("pubsub empty", "version: 1\npubsub:\n", ["F:2:pubsub.security: `security` is missing; add `security: none`"]),
+    ("no pubsub", "version: 1\n", [f"F:pubsub.security: {NO_SECURITY}"]),
+    ("pubsub empty", "version: 1\npubsub:\n", [f"F:2:pubsub.security: {NO_SECURITY}"]),
     ("a section that is a text", HEAD + "server: x\n", ["F:3:server: must have keys with values"]),
     ("unknown section", HEAD + "robot: {}\n", ["F:3:robot: unknown key `robot`; did you mean `robots`?"]),
     ("key at the wrong level", HEAD + "port: 1\n", ["F:3:port: unknown key `port`; it belongs under `server`"]),
@@ -121,8 +125,53 @@ BAD: list[tuple[str, str, list[str]]] = [
     # --- pubsub
     (
         "security",
-        "version: 1\npubsub:\n  security: sign\n",
-        ["F:3:pubsub.security: `sign` is not allowed; allowed: `none`"],
+        "version: 1\npubsub:\n  security: SignAndEncrypt\n",
+        [
+            (
+                "F:3:pubsub.security: `SignAndEncrypt` is not allowed; did you mean `sign_and_encrypt`? "
+                f"allowed: {SECURITIES}"
+            )
+        ],
+    ),
+    (
+        "security is no switch",
+        "version: 1\npubsub:\n  security: on\n",
+        [f"F:3:pubsub.security: `on` is not allowed; allowed: {SECURITIES}"],
+    ),
+    (
+        "source of keys",
+        SECURED + "  keys: {source: file}\n",
+        ["F:4:pubsub.keys.source: `file` is not allowed; did you mean `files`? allowed: `service`, `files`"],
+    ),
+    (
+        "policy of keys",
+        SECURED + "  keys: {policy: Aes256}\n",
+        [
+            "F:4:pubsub.keys.policy: `Aes256` is not allowed; allowed: `PubSub-Aes256-CTR`, `PubSub-Aes128-CTR`",
+        ],
+    ),
+    (
+        "a key service for key files",
+        SECURED + '  keys: {source: files, endpoint: "opc.tcp://a:1"}\n',
+        ["F:4:pubsub.keys.endpoint: key files come from no service; remove it, or write `source: service`"],
+    ),
+    (
+        "keys too short-lived",
+        SECURED + "  keys: {lifetime_s: 1}\n",
+        ["F:4:pubsub.keys.lifetime_s: must be at least 2, since keys are fetched at half of it"],
+    ),
+    (
+        "replays of no space",
+        SECURED + "  relaxed_replay: [7, 240, 7]\n",
+        [
+            "F:4:pubsub.relaxed_replay[1]: space ids 233..255 are reserved",
+            "F:4:pubsub.relaxed_replay[2]: 7 is named twice; remove one of them",
+        ],
+    ),
+    (
+        "requestors of no space",
+        HEAD + "bridges:\n  a: {kind: ros2, space: 2, status_id: 1, requestors: [0, 233]}\n",
+        ["F:4:bridges.a.requestors[1]: space ids 233..255 are reserved"],
     ),
     (
         "url",
@@ -161,7 +210,7 @@ BAD: list[tuple[str, str, list[str]]] = [
         [
             (
                 "F:4:bridges.a.master_uri: unknown key `master_uri`; known keys: "
-                "`kind`, `space`, `status_id`, `description`, `node_name`, `discovery`"
+                "`kind`, `space`, `status_id`, `description`, `state_dir`, `requestors`, `node_name`, `discovery`"
             )
         ],
     ),

@@ -1,0 +1,1 @@
+"""Scenarios: tasks in sequence, in parallel and on conditions, run by a pure engine."""

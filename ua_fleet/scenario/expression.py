@@ -1,0 +1,185 @@
+"""Conditions in scenarios: `temperature > 20`, `fetch.weight <= limit and not gate.open`.
+
+Names are dotted: a parameter, the result of a task, or a value of a robot (`ur3.temperature`). Comparisons may be
+chained; `and`, `or`, `not`, `+ - * /` and parentheses are there, calls and everything else are not. The text is read by
+Python's parser and checked node by node, so nothing of Python can be reached.
+"""
+
+from __future__ import annotations
+
+import ast
+import operator
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Final
+
+from ua_fleet.errors import ScenarioError
+
+__all__ = ["Expression", "ExpressionInvalid", "Lookup", "Value", "ValueUnknown", "parse_expression"]
+
+Value = bool | int | float | str
+Lookup = Callable[[str], Value]
+"""The value of a name now; raises ValueUnknown."""
+
+MOST_CHARACTERS: Final = 1000
+MOST_DEPTH: Final = 30
+
+_WORDS: Final = {"true": True, "false": False}
+_ARITHMETIC: Final[dict[type[ast.operator], Callable[[float, float], float]]] = {
+    ast.Add: operator.add,
+    ast.Sub: operator.sub,
+    ast.Mult: operator.mul,
+    ast.Div: lambda a, b: a / b,
+}
+_ORDER: Final[dict[type[ast.cmpop], Callable[[float, float], bool]]] = {
+    ast.Lt: operator.lt,
+    ast.LtE: operator.le,
+    ast.Gt: operator.gt,
+    ast.GtE: operator.ge,
+}
+
+
+class ExpressionInvalid(ScenarioError):
+    """A text that is no condition."""
+
+
+class ValueUnknown(ScenarioError):
+    """A condition cannot be decided now: a value is not known, or is of the wrong kind."""
+
+
+@dataclass(frozen=True, slots=True)
+class Expression:
+    """A condition that was read; `names` are all that it mentions."""
+
+    text: str
+    names: frozenset[str]
+    _tree: ast.expr
+
+    def value(self, lookup: Lookup) -> Value:
+        """What the expression comes to.
+
+        Raises:
+            ValueUnknown: a name has no value now, or values of these kinds cannot be put together so.
+        """
+        return _evaluate(self._tree, lookup)
+
+    def holds(self, lookup: Lookup) -> bool:
+        """Whether the condition is true now; raises ValueUnknown as `value` does, and where it is not true or false."""
+        value = self.value(lookup)
+        if not isinstance(value, bool):
+            raise ValueUnknown(f"{self.text!r} is {value!r}, neither true nor false")
+        return value
+
+
+def parse_expression(text: str) -> Expression:
+    """Read a condition.
+
+    Raises:
+        ExpressionInvalid: with the place in the text.
+    """
+    if len(text) > MOST_CHARACTERS:
+        raise ExpressionInvalid(f"a condition has at most {MOST_CHARACTERS} characters, this one {len(text)}")
+    try:
+        tree = ast.parse(text.strip(), mode="eval").body
+    except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
+        column = getattr(error, "offset", None)
+        where = f" at character {column}" if column else ""
+        raise ExpressionInvalid(f"{text!r} is no condition{where}; write e.g. temperature > 20") from None
+    names: set[str] = set()
+    _check(tree, names, text, 0)
+    return Expression(text.strip(), frozenset(names), tree)
+
+
+def _check(node: ast.expr, names: set[str], text: str, depth: int) -> None:
+    if depth > MOST_DEPTH:
+        raise ExpressionInvalid(f"{text!r} is nested deeper than {MOST_DEPTH} levels")
+    match node:
+        case ast.Name() | ast.Attribute():
+            name = _dotted(node)
+            if name is None:
+                raise ExpressionInvalid(f"{text!r}: names are like robot.value, and nothing else has a dot")
+            if name not in _WORDS:
+                names.add(name)
+            return
+        case ast.Constant(value=value) if isinstance(value, bool | int | float | str):
+            return
+        case ast.UnaryOp(op=ast.Not() | ast.USub() | ast.UAdd(), operand=operand):
+            inner = [operand]
+        case ast.BoolOp(values=inner):
+            pass
+        case ast.Compare(left=left, ops=ops, comparators=others) if all(
+            isinstance(op, ast.Eq | ast.NotEq) or type(op) in _ORDER for op in ops
+        ):
+            inner = [left, *others]
+        case ast.BinOp(left=left, op=op, right=right) if type(op) in _ARITHMETIC:
+            inner = [left, right]
+        case _:
+            what = type(node).__name__.lower()
+            raise ExpressionInvalid(
+                f"{text!r}: no {what} here; conditions have names, numbers, texts, comparisons, and, or, not, + - * /"
+            )
+    for part in inner:
+        _check(part, names, text, depth + 1)
+
+
+def _dotted(node: ast.expr) -> str | None:
+    if isinstance(node, ast.Name):
+        return node.id
+    if isinstance(node, ast.Attribute) and (owner := _dotted(node.value)) is not None:
+        return f"{owner}.{node.attr}"
+    return None
+
+
+def _evaluate(node: ast.expr, lookup: Lookup) -> Value:
+    match node:
+        case ast.Constant(value=bool() | int() | float() | str() as value):
+            return value
+        case ast.UnaryOp(op=ast.Not(), operand=operand):
+            return not _truth(_evaluate(operand, lookup))
+        case ast.UnaryOp(op=sign, operand=operand):
+            number = _number(_evaluate(operand, lookup))
+            return -number if isinstance(sign, ast.USub) else number
+        case ast.BoolOp(op=connective, values=parts):
+            stop = isinstance(connective, ast.Or)
+            for part in parts:
+                if _truth(_evaluate(part, lookup)) is stop:
+                    return stop
+            return not stop
+        case ast.Compare(left=left, ops=comparisons, comparators=others):
+            before = _evaluate(left, lookup)
+            for comparison, other in zip(comparisons, others, strict=True):
+                after = _evaluate(other, lookup)
+                if not _compare(comparison, before, after):
+                    return False
+                before = after
+            return True
+        case ast.BinOp(left=left, op=arithmetic, right=right):
+            a, b = _number(_evaluate(left, lookup)), _number(_evaluate(right, lookup))
+            try:
+                return _ARITHMETIC[type(arithmetic)](a, b)
+            except (ZeroDivisionError, OverflowError) as error:
+                raise ValueUnknown(f"{a:g} and {b:g}: {error}") from None
+        case _:
+            name = _dotted(node)
+            assert name is not None, "checked when it was read"
+            return _WORDS[name] if name in _WORDS else lookup(name)
+
+
+def _truth(value: Value) -> bool:
+    if not isinstance(value, bool):
+        raise ValueUnknown(f"{value!r} is neither true nor false")
+    return value
+
+
+def _number(value: Value) -> float:
+    if isinstance(value, bool | str):
+        raise ValueUnknown(f"{value!r} is no number")
+    return value
+
+
+def _compare(op: ast.cmpop, a: Value, b: Value) -> bool:
+    if isinstance(op, ast.Eq | ast.NotEq):
+        if isinstance(a, str) != isinstance(b, str) or isinstance(a, bool) != isinstance(b, bool):
+            raise ValueUnknown(f"{a!r} and {b!r} cannot be compared")
+        return (a == b) is isinstance(op, ast.Eq)
+    return _ORDER[type(op)](_number(a), _number(b))

@@ -13,9 +13,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
 
-from ua_fleet.config.document import Document, KeyPath, as_mapping, key_text, read_document
 from ua_fleet.config.layers import ENVIRONMENT_PREFIX
 from ua_fleet.config.load import load_content, read_content
+from ua_fleet.document import Document, KeyPath, as_mapping, key_text, read_document
 from ua_fleet.errors import ConfigError, ConfigInvalid
 
 __all__ = ["FIRST_ID", "assign_ids", "insert_ids"]

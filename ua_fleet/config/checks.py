@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from datetime import datetime
 from typing import Any, Final
 
-from ua_fleet.config.document import Document, KeyPath, as_mapping, key_text
 from ua_fleet.config.schema import (
     BridgeConfig,
     DataSetConfig,
@@ -19,6 +18,7 @@ from ua_fleet.config.schema import (
     TopicMapping,
 )
 from ua_fleet.config.wording import closest, listed
+from ua_fleet.document import Document, KeyPath, as_mapping, key_text
 from ua_fleet.errors import TopicInvalid
 from ua_fleet.topics import check_space
 

@@ -14,11 +14,11 @@ from typing import Any, Final, TypeVar
 from pydantic import BaseModel, TypeAdapter, ValidationError
 
 from ua_fleet.config.checks import Parts, check_all, check_ids_given
-from ua_fleet.config.document import MAX_BYTES, Document, KeyPath, as_mapping, key_text, read_document
 from ua_fleet.config.kinds import known_kinds, model_of_kind
 from ua_fleet.config.layers import apply_environment, apply_options
 from ua_fleet.config.schema import BridgeConfig, DataSetConfig, FleetConfig, Name, RobotConfig
 from ua_fleet.config.wording import closest, explain, listed
+from ua_fleet.document import MAX_BYTES, Document, KeyPath, as_mapping, key_text, read_document
 from ua_fleet.errors import ConfigError, ConfigInvalid
 
 __all__ = ["VERSION", "load", "load_content", "read_content"]

@@ -13,7 +13,7 @@ from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails
 
-from ua_fleet.config.document import KeyPath
+from ua_fleet.document import KeyPath
 
 __all__ = ["Finding", "choices", "closest", "explain", "fields_at", "listed"]
 

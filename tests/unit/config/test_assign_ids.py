@@ -10,8 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ua_fleet.config.assign_ids import assign_ids, insert_ids
-from ua_fleet.config.document import as_mapping, read_document
 from ua_fleet.config.load import load, load_content
+from ua_fleet.document import as_mapping, read_document
 from ua_fleet.errors import ConfigError, ConfigInvalid
 
 HEAD = (

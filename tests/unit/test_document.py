@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ua_fleet.config.document import MAX_BYTES, read_document, resolve_scalar
+from ua_fleet.document import MAX_BYTES, read_document, resolve_scalar
 
 UNREADABLE: list[tuple[str, bytes, str]] = [
     ("empty", b"", "f.yaml: is empty"),

@@ -17,9 +17,9 @@ from ua_fleet.config.schema import (
     ScalarType,
     TopicMapping,
 )
-from ua_fleet.config.wording import closest, listed
 from ua_fleet.document import Document, KeyPath, as_mapping, key_text
 from ua_fleet.errors import TopicInvalid
+from ua_fleet.names import closest, listed
 from ua_fleet.topics import check_space
 
 __all__ = ["Parts", "check_all", "check_ids_given"]

@@ -7,9 +7,10 @@ from typing import Any, Final
 
 from ua_fleet.config.kinds import known_kinds, model_of_kind
 from ua_fleet.config.schema import FleetConfig
-from ua_fleet.config.wording import closest, fields_at, listed
+from ua_fleet.config.wording import fields_at
 from ua_fleet.document import Document, KeyPath, Place, as_mapping, key_text, resolve_scalar
 from ua_fleet.errors import ConfigError
+from ua_fleet.names import closest, listed
 
 __all__ = ["ENVIRONMENT_PREFIX", "apply_environment", "apply_options"]
 

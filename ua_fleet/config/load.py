@@ -17,9 +17,10 @@ from ua_fleet.config.checks import Parts, check_all, check_ids_given
 from ua_fleet.config.kinds import known_kinds, model_of_kind
 from ua_fleet.config.layers import apply_environment, apply_options
 from ua_fleet.config.schema import BridgeConfig, DataSetConfig, FleetConfig, Name, RobotConfig
-from ua_fleet.config.wording import closest, explain, listed
+from ua_fleet.config.wording import explain
 from ua_fleet.document import MAX_BYTES, Document, KeyPath, as_mapping, key_text, read_document
 from ua_fleet.errors import ConfigError, ConfigInvalid
+from ua_fleet.names import closest, listed
 
 __all__ = ["VERSION", "load", "load_content", "read_content"]
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import types
 import typing
 from collections.abc import Iterable, Mapping
@@ -14,12 +13,11 @@ from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails
 
 from ua_fleet.document import KeyPath
+from ua_fleet.names import closest, listed
 
-__all__ = ["Finding", "choices", "closest", "explain", "fields_at", "listed"]
+__all__ = ["Finding", "choices", "explain", "fields_at"]
 
 _NAME_RULE: Final = "a name begins with a letter; then letters, digits, _ and -, 64 at most"
-
-_LISTED: Final = 16
 
 _WANTED: Final[dict[str, str]] = {
     "int_type": "a whole number",
@@ -43,23 +41,6 @@ class Finding(NamedTuple):
     path: KeyPath
     message: str
     suggestion: str = ""
-
-
-def listed(names: Iterable[str]) -> str:
-    """Names for a sentence: `a`, `b`; not too many."""
-    all_names = list(names)
-    more = f" and {len(all_names) - _LISTED} more" if len(all_names) > _LISTED else ""
-    return ", ".join(f"`{name}`" for name in all_names[:_LISTED]) + more
-
-
-def closest(word: str, known: Iterable[str]) -> str:
-    """`did you mean ...?` where a known word is near, else the empty text."""
-    by_lower = {name.lower(): name for name in known}
-    if len(word) < 3:  # `on` is near to `none`
-        return ""
-    longer = [name for name in by_lower if name.startswith(word.lower())]
-    matches = longer or difflib.get_close_matches(word.lower(), by_lower, n=1, cutoff=0.6)
-    return f"did you mean `{by_lower[matches[0]]}`?" if matches else ""
 
 
 def _members(annotation: Any) -> list[Any]:

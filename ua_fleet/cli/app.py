@@ -39,6 +39,7 @@ A first fleet:
 _GROUPS: Final = {
     "config": "The configuration file: write one, check it, assign ids.",
     "user": "Who may use the server, and what they may do.",
+    "keys": "Key files of message security, where keys do not come from the server.",
     "cert": "The server's certificate, and which clients it trusts.",
     "pubsub": "OPC UA PubSub between the server and the bridges.",
 }
@@ -63,7 +64,7 @@ def _add(group: typer.Typer, name: str, command: Callable[..., Any], examples: t
 
 def _build() -> typer.Typer:
     whole = _new(_HELP)
-    from ua_fleet.cli import bridge, browse, cert, config, demo, pubsub, read, serve, user, watch, write
+    from ua_fleet.cli import bridge, browse, cert, config, demo, keys, pubsub, read, serve, user, watch, write
 
     _add(whole, "serve", serve.serve, serve.EXAMPLES)
     _add(whole, "bridge", bridge.bridge, bridge.EXAMPLES)
@@ -81,6 +82,9 @@ def _build() -> typer.Typer:
     _add(groups["cert"], "create", cert.create, cert.CREATE_EXAMPLES)
     _add(groups["cert"], "trust", cert.trust_certificate, cert.TRUST_EXAMPLES)
     _add(groups["cert"], "list", cert.show, cert.LIST_EXAMPLES)
+    _add(groups["keys"], "create", keys.create, keys.CREATE_EXAMPLES)
+    _add(groups["keys"], "rotate", keys.rotate, keys.ROTATE_EXAMPLES)
+    _add(groups["keys"], "list", keys.show, keys.LIST_EXAMPLES)
     _add(groups["pubsub"], "listen", pubsub.listen, pubsub.EXAMPLES)
     # A group of one command needs a callback, or typer takes the command for the group.
     groups["pubsub"].callback()(_no_options)

@@ -358,3 +358,7 @@ class FleetConfig(_Model, frozen=True):
     def space_of(self, robot_name: str) -> int:
         """The space in which a robot lives."""
         return self.bridges[self.robots[robot_name].bridge].space
+
+    def state_dir_of(self, bridge_name: str) -> str:
+        """The folder of what a bridge has to remember, relative to `fleet.yaml`."""
+        return self.bridges[bridge_name].state_dir or f"state/bridges/{bridge_name}"

@@ -27,6 +27,9 @@ COMMANDS = [
     "cert create",
     "cert trust",
     "cert list",
+    "keys create",
+    "keys rotate",
+    "keys list",
     "pubsub listen",
     "demo pal",
 ]
@@ -54,7 +57,7 @@ def test_the_list_above_is_complete() -> None:
     assert sorted(names(app, "")) == sorted(COMMANDS)
 
 
-@pytest.mark.parametrize("arguments", [[], ["config"], ["user"], ["cert"], ["pubsub"], ["demo"]])
+@pytest.mark.parametrize("arguments", [[], ["config"], ["user"], ["cert"], ["keys"], ["pubsub"], ["demo"]])
 def test_without_a_command_the_help_is_shown(arguments: list[str], invoke: Invoke) -> None:
     ended = invoke(*arguments)
     assert ended.code == 2

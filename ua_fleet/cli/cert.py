@@ -1,4 +1,4 @@
-"""`ua-fleet cert`: the server's certificate, and which clients it trusts."""
+"""`ua-fleet cert`: the certificates of the server and the bridges, and which clients the server trusts."""
 
 from __future__ import annotations
 
@@ -7,23 +7,47 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from ua_fleet.cli.endings import NotFound, extra_needed
+from ua_fleet.cli.endings import NotFound, UsageError, extra_needed
 from ua_fleet.cli.options import DEFAULT_CONFIG, Config, Json, state_folder
 from ua_fleet.cli.output import message, print_json, print_line, print_table
+from ua_fleet.cli.process import run
 
 if TYPE_CHECKING:
+    from ua_fleet.client import ClientIdentity
+    from ua_fleet.config import FleetConfig
     from ua_fleet.server.certificates import CertificateInfo
 
-__all__ = ["CREATE_EXAMPLES", "LIST_EXAMPLES", "TRUST_EXAMPLES", "create", "show", "trust_certificate"]
+__all__ = [
+    "CREATE_EXAMPLES",
+    "LIST_EXAMPLES",
+    "REVOKE_EXAMPLES",
+    "TRUST_EXAMPLES",
+    "create",
+    "revoke_certificate",
+    "show",
+    "trust_certificate",
+]
 
-CREATE_EXAMPLES = ("ua-fleet cert create", "ua-fleet cert create --client plc7")
+CREATE_EXAMPLES = (
+    "ua-fleet cert create",
+    "ua-fleet cert create --client plc7",
+    "ua-fleet cert create --bridge cell --trust",
+)
 LIST_EXAMPLES = ("ua-fleet cert list", "ua-fleet cert list --json -c hall2.yaml")
-TRUST_EXAMPLES = ("ua-fleet cert trust 3f2a9c", "ua-fleet cert trust uaexpert.der")
+TRUST_EXAMPLES = (
+    "ua-fleet cert trust 3f2a9c",
+    "ua-fleet cert trust uaexpert.der",
+    "ua-fleet cert trust --bridge cell bridge.der",
+)
+REVOKE_EXAMPLES = ("ua-fleet cert revoke 3f2a9c", "ua-fleet cert revoke --bridge cell")
+
+_BridgeName = Annotated[str | None, typer.Option("--bridge", help="Name of a bridge of the configuration file.")]
 
 
 def _as_json(info: CertificateInfo) -> dict[str, Any]:
     return {
         "state": info.state.value,
+        "bridge": info.bridge or None,
         "thumbprint": info.thumbprint,
         "subject": info.subject,
         "application_uri": info.application_uri,
@@ -37,13 +61,18 @@ def create(
     client: Annotated[
         str | None, typer.Option(help="Make a certificate and key for a client of this name, to be carried to it.")
     ] = None,
+    bridge: _BridgeName = None,
+    and_trust: Annotated[
+        bool, typer.Option("--trust", help="With --bridge, on the server: let both know each other at once.")
+    ] = False,
     config: Config = DEFAULT_CONFIG,
     as_json: Json = False,
 ) -> None:
-    """Make the server's certificate and key, unless they are there.
+    """Make the certificate and key of the server, a client or a bridge, unless they are there.
 
-    The server makes its own at its first start; this command does it before, for instance to hand the certificate to
-    clients. To renew one, move the old file away first.
+    The server makes its own at its first start, and a bridge at its own; this command does it before, for instance to
+    hand the certificate on. With --trust the server knows the bridge from now on, and the bridge this server and no
+    other. To renew a certificate, move the old file away first.
     """
     from ua_fleet.server.certificates import (
         ensure_application_certificate,
@@ -51,7 +80,12 @@ def create(
         list_certificates,
     )
 
+    if sum((client is not None, bridge is not None)) > 1 or (and_trust and bridge is None):
+        raise UsageError("give --client, or --bridge with or without --trust, or none of them")
     fleet, folder = state_folder(config)
+    if bridge is not None:
+        _create_for_bridge(fleet, config, bridge, and_trust=and_trust, as_json=as_json)
+        return
     if client is None:
         with extra_needed("the server", "server"):
             from ua_fleet.server.app import application_uri
@@ -66,8 +100,54 @@ def create(
         print_line(f"{made.certificate}  {info.thumbprint}")
 
 
+def _check_bridge(fleet: FleetConfig, config: Path, name: str) -> None:
+    if name not in fleet.bridges:
+        raise NotFound(f"{config}: there is no bridge {name!r}; bridges there: {', '.join(fleet.bridges) or 'none'}")
+
+
+def _create_for_bridge(fleet: FleetConfig, config: Path, name: str, *, and_trust: bool, as_json: bool) -> None:
+    _check_bridge(fleet, config, name)
+    with extra_needed("a bridge's certificate", "client"):
+        from ua_fleet.client import ClientIdentity
+    from ua_fleet.server.certificates import load_certificate, thumbprint
+
+    root = config.resolve().parent
+    identity = ClientIdentity.of_bridge(root / fleet.state_dir_of(name), fleet.fleet.name, name)
+    run(identity.ensure())
+    if and_trust:
+        _introduce(fleet, root, name, identity)
+    else:
+        message(f"on the server run: ua-fleet cert trust --bridge {name} {identity.certificate}")
+    mark = thumbprint(load_certificate(identity.certificate))
+    if as_json:
+        print_json(
+            {
+                "bridge": name,
+                "thumbprint": mark,
+                "application_uri": identity.application_uri,
+                "path": str(identity.certificate),
+                "private_key": str(identity.key),
+                "trusted": and_trust,
+            }
+        )
+    else:
+        print_line(f"{identity.certificate}  {mark}")
+
+
+def _introduce(fleet: FleetConfig, root: Path, name: str, identity: ClientIdentity) -> None:
+    """Let the server of this configuration file know a bridge, and the bridge that server and no other."""
+    with extra_needed("the server", "server"):
+        from ua_fleet.server.app import application_uri
+    from ua_fleet.server.certificates import ensure_application_certificate, trust_bridge, write_private
+
+    folder = root / fleet.server.state_dir
+    trust_bridge(folder, name, identity.certificate)
+    server = ensure_application_certificate(folder, application_uri(fleet), [fleet.server.host])
+    write_private(identity.pinned_server, server.certificate.read_bytes())
+
+
 def show(config: Config = DEFAULT_CONFIG, as_json: Json = False) -> None:
-    """List certificates: the server's own, those of trusted clients, and those that were refused (rejected)."""
+    """List certificates: the server's own, those of trusted clients and bridges, and refused ones (rejected)."""
     from ua_fleet.server.certificates import list_certificates
 
     _, folder = state_folder(config)
@@ -81,7 +161,7 @@ def show(config: Config = DEFAULT_CONFIG, as_json: Json = False) -> None:
         return
     rows = [
         (
-            info.state.value,
+            f"bridge {info.bridge}" if info.bridge else info.state.value,
             info.thumbprint,
             f"{info.not_valid_after:%Y-%m-%d}{' (expired)' if info.expired else ''}",
             info.subject,
@@ -93,19 +173,23 @@ def show(config: Config = DEFAULT_CONFIG, as_json: Json = False) -> None:
 
 def trust_certificate(
     what: Annotated[str, typer.Argument(help="First characters of a rejected one's thumbprint, or a file.")],
+    bridge: _BridgeName = None,
     config: Config = DEFAULT_CONFIG,
     as_json: Json = False,
 ) -> None:
-    """Let a client with this certificate connect.
+    """Let a client with this certificate connect; with --bridge, know that bridge by it.
 
     A client that is not trusted yet connects in vain once; then its certificate stands in `ua-fleet cert list` as
-    rejected, and is trusted by the first characters of its thumbprint. Compare these with what the client shows.
+    rejected, and is trusted by the first characters of its thumbprint. Compare these with what the client shows. A
+    bridge is known by one certificate, by which it gets its keys of message security; a new one replaces the old one.
     """
-    from ua_fleet.server.certificates import CertificateError, trust
+    from ua_fleet.server.certificates import CertificateError, trust, trust_bridge
 
-    _, folder = state_folder(config)
+    fleet, folder = state_folder(config)
+    if bridge is not None:
+        _check_bridge(fleet, config, bridge)
     try:
-        info = trust(folder, what)
+        info = trust(folder, what) if bridge is None else trust_bridge(folder, bridge, what)
     except CertificateError as error:
         if Path(what).exists():
             raise
@@ -113,4 +197,32 @@ def trust_certificate(
     if as_json:
         print_json(_as_json(info))
     else:
-        print_line(f"trusted {info.thumbprint}  {info.subject}")
+        print_line(f"trusted {info.thumbprint}  {info.subject}" + (f"  (bridge {bridge})" if bridge else ""))
+
+
+def revoke_certificate(
+    what: Annotated[str | None, typer.Argument(help="First characters of its thumbprint, or a file.")] = None,
+    bridge: _BridgeName = None,
+    config: Config = DEFAULT_CONFIG,
+    as_json: Json = False,
+) -> None:
+    """Trust a client's certificate no longer, or with --bridge that of a bridge.
+
+    It holds at once for new connections; the sessions of a bridge end too. It stands in the list as rejected then. A
+    bridge still has the keys that it has got: an engineer calls InvalidateKeys on its SecurityGroups to end that.
+    """
+    from ua_fleet.server.certificates import CertificateError, revoke, revoke_bridge
+
+    if (what is None) == (bridge is None):
+        raise UsageError("name a certificate, or a bridge with --bridge; list them with: ua-fleet cert list")
+    _, folder = state_folder(config)
+    try:
+        info = revoke_bridge(folder, bridge) if bridge is not None else revoke(folder, str(what))
+    except CertificateError as error:
+        raise NotFound(str(error)) from error
+    if bridge is not None:
+        message("it still has keys; call InvalidateKeys on the SecurityGroups that it must not use any more")
+    if as_json:
+        print_json(_as_json(info))
+    else:
+        print_line(f"revoked {info.thumbprint}  {info.subject}")

@@ -167,6 +167,7 @@ class FleetClient:
         identity: ClientIdentity | None = None,
         policy: str = "Basic256Sha256",
         insecure: bool = False,
+        as_application: bool = False,
         timeout_s: float = 10.0,
     ) -> AsyncGenerator[Self]:
         """Connect, signed and encrypted, and hand out the client.
@@ -178,6 +179,7 @@ class FleetClient:
             identity: own certificate and known servers; by default those of this user of the machine.
             policy: security policy, one of POLICIES.
             insecure: neither sign nor encrypt, where the server allows that.
+            as_application: log in by the identity's own certificate, as bridges do.
             timeout_s: longest wait for any answer.
 
         Raises:
@@ -205,6 +207,9 @@ class FleetClient:
                     server_certificate=offer.ServerCertificate,
                     mode=ua.MessageSecurityMode.SignAndEncrypt,
                 )
+                if as_application:
+                    await client.load_client_certificate(str(identity.certificate))
+                    await client.load_private_key(identity.key)
             if user is not None:
                 client.set_user(user)
                 client.set_password(password or "")
@@ -286,6 +291,21 @@ class FleetClient:
             # Without a time of ours: the server's is the one that counts.
             await node.write_attribute(ua.AttributeIds.Value, ua.DataValue(value))
         return (await self.read([address]))[0]
+
+    async def call(self, object_id: str, method_id: str, *arguments: ua.Variant) -> list[Any]:
+        """Call a Method of an Object; its output arguments.
+
+        Raises:
+            AccessRefused: the server refuses the call; `ua_status` says why.
+            NotConnected: the connection was lost.
+        """
+        with _translated(self.endpoint):
+            request = ua.CallMethodRequest(
+                ua.NodeId.from_string(object_id), ua.NodeId.from_string(method_id), list(arguments)
+            )
+            (result,) = await self._client.uaclient.call([request])
+            result.StatusCode.check()
+        return [variant.Value for variant in result.OutputArguments or ()]
 
     async def watch(self, addresses: Sequence[str], *, period_ms: float = 100.0) -> AsyncGenerator[Change]:
         """The current values of some nodes, then each change, until the iteration is closed.

@@ -1,4 +1,10 @@
-"""Who the client is, and which servers it knows: its own certificate, and server certificates trusted on first use."""
+"""Who the client is, and which servers it knows: its own certificate, and server certificates.
+
+<folder>/
+    client.der, client-key.pem     our certificate and its key (mode 0600); of a bridge, bridge.der and bridge-key.pem
+    servers.json                   thumbprints of the servers that we have met, by endpoint
+    server.der                     the one server that is trusted, where somebody has put it there (pinned)
+"""
 
 from __future__ import annotations
 
@@ -9,16 +15,21 @@ import os
 import socket
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import cast
+from typing import Final, cast
 
-from asyncua.crypto.cert_gen import setup_self_signed_certificate
+from asyncua.crypto.cert_gen import (
+    dump_private_key_as_pem,
+    generate_private_key,
+    generate_self_signed_app_certificate,
+)
 from cryptography import x509
+from cryptography.hazmat.primitives.serialization import Encoding
 from cryptography.x509.oid import ExtendedKeyUsageOID
 
 from ua_fleet.errors import AccessRefused
 from ua_fleet.values import StatusCode
 
-__all__ = ["ClientIdentity", "default_identity_folder"]
+__all__ = ["ClientIdentity", "bridge_application_uri", "default_identity_folder"]
 
 
 def default_identity_folder() -> Path:
@@ -27,40 +38,81 @@ def default_identity_folder() -> Path:
     return Path(base) / "ua-fleet" / "client"
 
 
+VALID_DAYS: Final = 5 * 365
+
+
+def _write_private(path: Path, data: bytes) -> None:
+    """Write a file at once, readable by its owner alone from the first byte on."""
+    fresh = path.with_name(f".{path.name}.new")
+    fresh.unlink(missing_ok=True)
+    descriptor = os.open(fresh, os.O_CREAT | os.O_EXCL | os.O_WRONLY | os.O_CLOEXEC, 0o600)
+    with os.fdopen(descriptor, "wb") as file:
+        file.write(data)
+    fresh.replace(path)
+
+
+def bridge_application_uri(fleet_name: str, bridge_name: str) -> str:
+    """The ApplicationUri of a bridge; its certificate carries it."""
+    return f"urn:ua-fleet:{fleet_name}:bridge:{bridge_name}"
+
+
 class ClientIdentity:
     """The client's application certificate, made on first use, and the servers that it has met."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, *, name: str = "client", application_uri: str = "", subject: str = "") -> None:
+        """Say where the certificate is.
+
+        Args:
+            folder: of the certificate, its key and the known servers.
+            name: of the certificate's file.
+            application_uri: for a new certificate; by default one of this host.
+            subject: common name for a new certificate.
+        """
         self.folder = folder
-        self.certificate = folder / "client.der"
-        self.key = folder / "client-key.pem"
+        self.certificate = folder / f"{name}.der"
+        self.key = folder / f"{name}-key.pem"
+        self.pinned_server = folder / "server.der"
         self._servers = folder / "servers.json"
-        host = socket.gethostname()
-        self.application_uri = f"urn:{host}:ua-fleet:client"
+        self.application_uri = application_uri or f"urn:{socket.gethostname()}:ua-fleet:client"
+        self._subject = subject or "ua-fleet client"
+
+    @classmethod
+    def of_bridge(cls, folder: Path, fleet_name: str, bridge_name: str) -> ClientIdentity:
+        """The identity of a bridge, in its own folder (`state_dir`)."""
+        uri = bridge_application_uri(fleet_name, bridge_name)
+        return cls(folder, name="bridge", application_uri=uri, subject=f"ua-fleet bridge {bridge_name}")
 
     async def ensure(self) -> None:
         """Make the certificate and its key, unless they are there."""
         if self.certificate.exists() and self.key.exists():
+            self._check_key()
             if self._still_good():
                 return
             self.certificate.unlink()
+        await asyncio.to_thread(self._make)
+
+    def _make(self) -> None:
+        key = generate_private_key()
+        names = [x509.UniformResourceIdentifier(self.application_uri), x509.DNSName(socket.gethostname())]
+        certificate = generate_self_signed_app_certificate(
+            key,
+            self._subject[:64],
+            {"organizationName": "ua-fleet"},
+            list[x509.GeneralName](names),
+            [ExtendedKeyUsageOID.CLIENT_AUTH],
+            days=VALID_DAYS,
+        )
         self.folder.mkdir(parents=True, exist_ok=True, mode=0o700)
-        previous = os.umask(0o077)
-        try:
-            await asyncio.to_thread(
-                lambda: asyncio.run(
-                    setup_self_signed_certificate(
-                        self.key,
-                        self.certificate,
-                        self.application_uri,
-                        socket.gethostname(),
-                        [ExtendedKeyUsageOID.CLIENT_AUTH],
-                        {"commonName": "ua-fleet client", "organizationName": "ua-fleet"},
-                    )
-                )
+        _write_private(self.key, dump_private_key_as_pem(key))
+        _write_private(self.certificate, certificate.public_bytes(Encoding.DER))
+
+    def _check_key(self) -> None:
+        mode = self.key.stat().st_mode & 0o777
+        if mode & 0o077:
+            raise AccessRefused(
+                StatusCode.BAD_SECURITY_CHECKS_FAILED,
+                f"{self.key}: others may read or write it (mode {mode:o}); run: chmod 600 {self.key}",
             )
-        finally:
-            os.umask(previous)
 
     def _still_good(self) -> bool:
         """Whether our certificate can be shown today. It says our URI, whatever the name of the host is by now."""
@@ -96,12 +148,17 @@ class ClientIdentity:
     def check_server(self, endpoint: str, certificate: bytes) -> bool:
         """Remember a server's certificate at the first meeting, and hold it against that later.
 
+        Where `server.der` is there, that certificate and no other is the server's, from the first meeting on.
+
         Returns:
             Whether this is the first meeting.
 
         Raises:
-            AccessRefused: the server at this endpoint shows another certificate than before.
+            AccessRefused: the server at this endpoint shows another certificate than before, or than the pinned one.
         """
+        if self.pinned_server.exists():
+            self._check_pinned(endpoint, certificate)
+            return False
         known = self._known_servers()
         thumbprint = hashlib.sha1(certificate, usedforsecurity=False).hexdigest()
         if endpoint in known:
@@ -118,3 +175,20 @@ class ClientIdentity:
         fresh.write_text(json.dumps(known, indent=2) + "\n", encoding="utf-8")
         fresh.replace(self._servers)
         return True
+
+    def _check_pinned(self, endpoint: str, certificate: bytes) -> None:
+        try:
+            data = self.pinned_server.read_bytes()
+            pem = data.lstrip().startswith(b"-----BEGIN")
+            pinned = x509.load_pem_x509_certificate(data) if pem else x509.load_der_x509_certificate(data)
+        except (OSError, ValueError) as error:
+            raise AccessRefused(
+                StatusCode.BAD_SECURITY_CHECKS_FAILED, f"{self.pinned_server}: no readable certificate ({error})"
+            ) from error
+        if pinned.public_bytes(Encoding.DER) != certificate:
+            thumbprint = hashlib.sha1(certificate, usedforsecurity=False).hexdigest()
+            raise AccessRefused(
+                StatusCode.BAD_SECURITY_CHECKS_FAILED,
+                f"the server at {endpoint} shows a certificate ({thumbprint}) that is not {self.pinned_server}; "
+                "if the server has a new one, put it there",
+            )

@@ -3,6 +3,7 @@
 <state_dir>/certificates/
     own/server.der, own/server-key.pem     our certificate and its key (mode 0600)
     trusted/                               client certificates, or CAs, that we accept
+    bridges/<name>.der                     the certificate by which that bridge is known; accepted too
     issuers/                               CAs that only complete a chain
     crl/                                   revocation lists of the CAs
     rejected/                              what clients offered and we refused; at most 32
@@ -43,8 +44,11 @@ __all__ = [
     "ensure_client_certificate",
     "list_certificates",
     "load_certificate",
+    "revoke",
+    "revoke_bridge",
     "thumbprint",
     "trust",
+    "trust_bridge",
 ]
 
 _log = structlog.get_logger("ua_fleet.certificates")
@@ -66,6 +70,7 @@ class CertificateState(StrEnum):
 
     OWN = "own"
     TRUSTED = "trusted"
+    BRIDGE = "bridges"
     ISSUER = "issuers"
     REJECTED = "rejected"
 
@@ -89,6 +94,11 @@ class CertificateInfo:
     thumbprint: str
     not_valid_after: datetime
     expired: bool
+
+    @property
+    def bridge(self) -> str:
+        """The bridge that is known by this certificate; empty for all others."""
+        return self.path.stem if self.state is CertificateState.BRIDGE else ""
 
 
 def certificates_folder(state_dir: Path) -> Path:
@@ -124,7 +134,7 @@ def load_certificate(path: Path) -> x509.Certificate:
 
 
 def write_private(path: Path, data: bytes, mode: int = 0o600) -> None:
-    """Write a file at once, with its mode from the first byte on."""
+    """Write a file whole or not at all, also through a power cut, with its mode from the first byte on."""
     path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
     temporary = path.with_name(f".{path.name}.{secrets.token_hex(4)}")
     descriptor = os.open(temporary, os.O_CREAT | os.O_EXCL | os.O_WRONLY | os.O_CLOEXEC, mode)
@@ -134,6 +144,11 @@ def write_private(path: Path, data: bytes, mode: int = 0o600) -> None:
             file.flush()
             os.fsync(file.fileno())
         temporary.replace(path)
+        folder = os.open(path.parent, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+        try:
+            os.fsync(folder)
+        finally:
+            os.close(folder)
     except BaseException:
         temporary.unlink(missing_ok=True)
         raise
@@ -296,24 +311,72 @@ def list_certificates(state_dir: Path) -> list[CertificateInfo]:
     return found
 
 
+def _find(
+    state_dir: Path, what: str | Path, states: Sequence[CertificateState]
+) -> tuple[x509.Certificate, Path | None]:
+    """A certificate: a file, or one of these folders by the first characters of its thumbprint, with its path."""
+    source = Path(what)
+    if source.is_file():
+        return load_certificate(source), None
+    prefix = str(what).lower().replace(":", "").replace(" ", "")
+    there = [info for info in list_certificates(state_dir) if info.state in states]
+    matches = [info for info in there if prefix and info.thumbprint.startswith(prefix)]
+    if len(matches) != 1:
+        kind = "rejected" if states[0] is CertificateState.REJECTED else "trusted"
+        problem = f"{len(matches)} {kind} certificates begin with" if matches else "no file and no thumbprint:"
+        raise CertificateError(f"{problem} {what}; list them with: ua-fleet cert list")
+    return load_certificate(matches[0].path), matches[0].path
+
+
+def _move(certificate: x509.Certificate, source: Path | None, target: Path, state: CertificateState) -> CertificateInfo:
+    write_private(target, certificate.public_bytes(serialization.Encoding.DER), 0o644)
+    if source is not None and source != target:
+        source.unlink(missing_ok=True)
+    return _info(target, state)
+
+
 def trust(state_dir: Path, what: str | Path) -> CertificateInfo:
     """Trust a certificate: a file, or one from `rejected/` by the first characters of its thumbprint."""
-    folder = certificates_folder(state_dir)
-    source = Path(what)
-    remove: Path | None = None
-    if source.is_file():
-        certificate = load_certificate(source)
-    else:
-        prefix = str(what).lower().replace(":", "").replace(" ", "")
-        rejected = [info for info in list_certificates(state_dir) if info.state is CertificateState.REJECTED]
-        matches = [info for info in rejected if prefix and info.thumbprint.startswith(prefix)]
-        if len(matches) != 1:
-            problem = f"{len(matches)} rejected certificates begin with" if matches else "no file and no thumbprint:"
-            raise CertificateError(f"{problem} {what}; list them with: ua-fleet cert list")
-        remove = matches[0].path
-        certificate = load_certificate(remove)
-    target = folder / CertificateState.TRUSTED / f"{thumbprint(certificate)}.der"
-    write_private(target, certificate.public_bytes(serialization.Encoding.DER), 0o644)
-    if remove is not None:
-        remove.unlink(missing_ok=True)
-    return _info(target, CertificateState.TRUSTED)
+    certificate, source = _find(state_dir, what, (CertificateState.REJECTED,))
+    folder = certificates_folder(state_dir) / CertificateState.TRUSTED
+    return _move(certificate, source, folder / f"{thumbprint(certificate)}.der", CertificateState.TRUSTED)
+
+
+def trust_bridge(state_dir: Path, name: str, what: str | Path) -> CertificateInfo:
+    """Know a bridge by this certificate from now on, and by no other; `what` as in `trust`.
+
+    Raises:
+        CertificateError: there is no such certificate, or another bridge is known by it.
+    """
+    certificate, source = _find(state_dir, what, (CertificateState.REJECTED, CertificateState.TRUSTED))
+    mark = thumbprint(certificate)
+    for info in list_certificates(state_dir):
+        if info.bridge not in ("", name) and info.thumbprint == mark:
+            raise CertificateError(
+                f"bridge {info.bridge} is known by this certificate; make one for {name} with: "
+                f"ua-fleet cert create --bridge {name}"
+            )
+    folder = certificates_folder(state_dir) / CertificateState.BRIDGE
+    return _move(certificate, source, folder / f"{name}.der", CertificateState.BRIDGE)
+
+
+def revoke(state_dir: Path, what: str | Path) -> CertificateInfo:
+    """Take trust from a client's certificate, by its thumbprint or file; it stands in `rejected/` then."""
+    certificate, _ = _find(state_dir, what, (CertificateState.TRUSTED,))
+    path = certificates_folder(state_dir) / CertificateState.TRUSTED / f"{thumbprint(certificate)}.der"
+    if not path.exists():
+        raise CertificateError(f"{what} is not trusted; list what is with: ua-fleet cert list")
+    return _reject(certificate, path, state_dir)
+
+
+def revoke_bridge(state_dir: Path, name: str) -> CertificateInfo:
+    """Know a bridge by no certificate any more; it stands in `rejected/` then."""
+    path = certificates_folder(state_dir) / CertificateState.BRIDGE / f"{name}.der"
+    if not path.exists():
+        raise CertificateError(f"bridge {name} is known by no certificate; list them with: ua-fleet cert list")
+    return _reject(load_certificate(path), path, state_dir)
+
+
+def _reject(certificate: x509.Certificate, source: Path, state_dir: Path) -> CertificateInfo:
+    folder = certificates_folder(state_dir) / CertificateState.REJECTED
+    return _move(certificate, source, folder / f"{thumbprint(certificate)}.der", CertificateState.REJECTED)

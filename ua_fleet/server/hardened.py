@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,7 @@ from asyncua.server.server import Server
 from ua_fleet.config.schema import ServerConfig
 from ua_fleet.errors import ServerStartError
 from ua_fleet.server.audit import AuditLog
+from ua_fleet.server.bridges import BridgeTrust
 from ua_fleet.server.certificates import ensure_application_certificate
 from ua_fleet.server.endpoint.attributes import WRITE
 from ua_fleet.server.endpoint.context import Context, NodeGate, Statistics
@@ -27,7 +29,7 @@ from ua_fleet.server.endpoint.stack import AttributeIds
 from ua_fleet.server.endpoint.subscriptions import Subscriptions
 from ua_fleet.server.internals import check_internals
 from ua_fleet.server.trust import TrustList
-from ua_fleet.server.users import USERS_FILE, Role, UserStore
+from ua_fleet.server.users import USERS_FILE, Role, User, UserStore
 
 __all__ = ["HardenedServer", "NodeGate", "create_server"]
 
@@ -81,7 +83,12 @@ class HardenedServer(Server):
 
     def require_role(self, method_id: ua.NodeId, role: Role) -> None:
         """Let only users of this role call a method; without it operators may."""
-        self.context.method_roles[method_id] = role
+        self.context.method_rules[method_id] = lambda user: user.role.covers(role)
+
+    def restrict_method(self, method_id: ua.NodeId, rule: Callable[[User], bool]) -> None:
+        """Let only users that fit a rule call a method, and only over an encrypted channel."""
+        self.context.method_rules[method_id] = rule
+        self.context.encrypted_methods.add(method_id)
 
     async def prepare(self, context: Context, host: str, port: int) -> None:
         """Put our services over asyncua's; `init` has been called."""
@@ -156,8 +163,17 @@ async def create_server(
     application_uri: str,
     limits: Limits | None = None,
     users: UserStore | None = None,
+    bridges: Iterable[str] = (),
 ) -> HardenedServer:
     """A server that is initialised and not started, with its certificates, users and limits in place.
+
+    Args:
+        config: the part `server` of `fleet.yaml`.
+        state_dir: folder for users, certificates and the audit log.
+        application_uri: the server's; its certificate carries it.
+        limits: in place of those of the configuration.
+        users: in place of the file in `state_dir`.
+        bridges: names of bridges that may log in by a certificate.
 
     Raises ServerStartError, in one line, for what must not be started.
     """
@@ -186,7 +202,9 @@ async def create_server(
     none = [ua.SecurityPolicyType.NoSecurity] if config.allow_none_security else []
     server.set_security_policy([*_ENCRYPTED, *none])
     anonymous = [ua.AnonymousIdentityToken] if config.allow_anonymous else []
-    server.set_identity_tokens([ua.UserNameIdentityToken, *anonymous])
+    names = tuple(bridges)
+    certificate = [ua.X509IdentityToken] if names else []
+    server.set_identity_tokens([ua.UserNameIdentityToken, *certificate, *anonymous])
     server.limits.max_recv_buffer = server.limits.max_send_buffer = CHUNK_BYTES
     context = Context(
         iserver=server.iserver,
@@ -197,6 +215,7 @@ async def create_server(
         private_key=server.iserver.private_key,
         allow_none_security=config.allow_none_security,
         allow_anonymous=config.allow_anonymous,
+        bridges=BridgeTrust(state_dir, names) if names else None,
     )
     await server.prepare(context, config.host, config.port)
     return server

@@ -1,7 +1,8 @@
 """Which client certificates are accepted (OPC 10000-4 6.1.3), and what becomes of the others.
 
-A certificate is trusted when it stands in `trusted/` itself, or when its chain of issuers ends at a CA that does. The
-folders are looked at again whenever they change, so that `ua-fleet cert trust` takes effect in a running server.
+A certificate is trusted when it stands in `trusted/` or `bridges/` itself, or when its chain of issuers ends at a CA in
+`trusted/`. The folders are looked at again whenever they change, so that `ua-fleet cert trust` takes effect in a running
+server.
 """
 
 from __future__ import annotations
@@ -32,7 +33,7 @@ from ua_fleet.server.certificates import (
     write_private,
 )
 
-__all__ = ["CertificateRefused", "TrustList", "split_chain"]
+__all__ = ["CertificateFolder", "CertificateRefused", "TrustList", "split_chain"]
 
 _log = structlog.get_logger("ua_fleet.certificates")
 
@@ -97,30 +98,36 @@ def _der_length(head: bytes) -> int:
 
 
 @dataclass
-class _Folder:
+class CertificateFolder:
     """The certificates of one folder, read again when the folder changes."""
 
     path: Path
     certificates: dict[bytes, x509.Certificate] = field(default_factory=dict[bytes, x509.Certificate])
+    """By SHA-256 fingerprint."""
+    names: dict[bytes, str] = field(default_factory=dict[bytes, str])
+    """Names of the files, without their ending."""
     signature: tuple[int, int] | None = None
 
     def refresh(self) -> dict[bytes, x509.Certificate]:
+        """The certificates that are there now, by fingerprint."""
         try:
             status = self.path.stat()
         except OSError:
-            self.certificates, self.signature = {}, None
+            self.certificates, self.names, self.signature = {}, {}, None
             return self.certificates
         signature = (status.st_mtime_ns, status.st_ino)
         if signature != self.signature:
             self.signature = signature
-            self.certificates = {}
+            self.certificates, self.names = {}, {}
             for path in certificate_paths(self.path):
                 try:
                     certificate = load_certificate(path)
                 except CertificateError as error:
                     _log.warning("certificate left out", reason=str(error))
                     continue
-                self.certificates[certificate.fingerprint(hashes.SHA256())] = certificate
+                fingerprint = certificate.fingerprint(hashes.SHA256())
+                self.certificates[fingerprint] = certificate
+                self.names[fingerprint] = path.stem
         return self.certificates
 
 
@@ -130,11 +137,12 @@ class TrustList:
     def __init__(self, state_dir: Path, *, trust_all: bool = False) -> None:
         folder = certificates_folder(state_dir)
         self._trust_all = trust_all
-        self._trusted = _Folder(folder / CertificateState.TRUSTED)
-        self._issuers = _Folder(folder / CertificateState.ISSUER)
+        self._trusted = CertificateFolder(folder / CertificateState.TRUSTED)
+        self._bridges = CertificateFolder(folder / CertificateState.BRIDGE)
+        self._issuers = CertificateFolder(folder / CertificateState.ISSUER)
         self._revocations = folder / "crl"
         self._rejected = folder / CertificateState.REJECTED
-        for path in (self._trusted.path, self._issuers.path, self._revocations, self._rejected):
+        for path in (self._trusted.path, self._bridges.path, self._issuers.path, self._revocations, self._rejected):
             path.mkdir(parents=True, exist_ok=True, mode=0o700)
 
     @property
@@ -153,7 +161,8 @@ class TrustList:
         if self._trust_all:
             return
         trusted = self._trusted.refresh()
-        if certificate.fingerprint(hashes.SHA256()) in trusted:
+        # A bridge's certificate is trusted as it is, and never as a CA.
+        if certificate.fingerprint(hashes.SHA256()) in {**trusted, **self._bridges.refresh()}:
             self._check_not_revoked(certificate, [*trusted.values(), *self._issuers.refresh().values()])
             return
         if self_signed or not self._chain_trusted(chain):

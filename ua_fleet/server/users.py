@@ -71,6 +71,18 @@ class User:
     name: str
     role: Role
     anonymous: bool = False
+    bridge: str = ""
+    """The bridge that this is; it has proved so by its certificate. Empty for people."""
+
+    @classmethod
+    def of_bridge(cls, name: str) -> User:
+        """A bridge. No user of the file can have its name, which no user name's pattern allows."""
+        return cls(f"bridge:{name}", Role.OBSERVER, bridge=name)
+
+    @property
+    def shown_role(self) -> str:
+        """The role for a log."""
+        return "bridge" if self.bridge else self.role.value
 
 
 ANONYMOUS: Final = User("anonymous", Role.OBSERVER, anonymous=True)

@@ -6,6 +6,7 @@ import asyncio
 import importlib
 import time
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -109,9 +110,13 @@ async def test_plain_password_needs_an_encrypted_channel(hardened: Door) -> None
 
     token = ua.UserNameIdentityToken()
     token.UserName, token.Password = "oscar", PASSWORDS["oscar"].encode()
+    params = ua.ActivateSessionParameters()
+    params.UserIdentityToken = token
+    channel: Any = SimpleNamespace(secured=False)
     with pytest.raises(Refusal, match="plain text"):
-        await identify(hardened.server.context, token, nonce=b"", encrypted=False, address="127.0.0.1")
-    user = await identify(hardened.server.context, token, nonce=b"", encrypted=True, address="127.0.0.1")
+        await identify(hardened.server.context, channel, params, nonce=b"", address="127.0.0.1")
+    channel.secured = True
+    user = await identify(hardened.server.context, channel, params, nonce=b"", address="127.0.0.1")
     assert user.name == "oscar"
 
 

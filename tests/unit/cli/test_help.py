@@ -25,6 +25,7 @@ COMMANDS = [
     "user list",
     "user remove",
     "cert create",
+    "cert revoke",
     "cert trust",
     "cert list",
     "keys create",

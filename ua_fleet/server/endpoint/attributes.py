@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
 from datetime import UTC, datetime
 from typing import Any, Final
 
@@ -90,8 +91,10 @@ class AttributeServices:
                 self._check_encoding(encoding, attribute)
         except Refusal as error:
             return ua.DataValue(StatusCode=status(error.ua_status))
-        if not user.role.covers(Role.OPERATOR):
-            return _for_observer(value, attribute)
+        if attribute == AttributeIds.UserExecutable and not self._context.may_call(user, wanted.NodeId):
+            return _but(value, lambda _: False)
+        if attribute == AttributeIds.UserAccessLevel and not user.role.covers(Role.OPERATOR):
+            return _but(value, lambda level: level & ~WRITE)
         return value
 
     @staticmethod
@@ -193,15 +196,9 @@ def _timestamps_known(wanted: Any) -> None:
         raise Refusal(StatusCodes.BadTimestampsToReturnInvalid)
 
 
-def _for_observer(value: ua.DataValue, attribute: int) -> ua.DataValue:
-    """The attributes that say what this user may do, as they are for a role that neither writes nor calls."""
+def _but(value: ua.DataValue, change: Callable[[Any], Any]) -> ua.DataValue:
+    """What an attribute that says what a user may do says to this one."""
     variant = value.Value
     if variant is None or variant.Value is None:
         return value
-    if attribute == AttributeIds.UserAccessLevel:
-        own = ua.Variant(variant.Value & ~WRITE, variant.VariantType)
-    elif attribute == AttributeIds.UserExecutable:
-        own = ua.Variant(False, variant.VariantType)
-    else:
-        return value
-    return dataclasses.replace(value, Value=own)
+    return dataclasses.replace(value, Value=ua.Variant(change(variant.Value), variant.VariantType))

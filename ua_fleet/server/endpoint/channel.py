@@ -114,6 +114,12 @@ class Channel:
         return self.is_open and self._secure.security_policy.URI != NONE_URI
 
     @property
+    def encrypted(self) -> bool:
+        """Whether messages are encrypted, and not only signed."""
+        mode: Any = self._secure.security_policy.Mode
+        return self.secured and mode == ua.MessageSecurityMode.SignAndEncrypt
+
+    @property
     def sessions_allowed(self) -> bool:
         """Whether more than discovery may be done on this channel."""
         return self.secured or self._none_offered

@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
@@ -13,6 +13,7 @@ from asyncua.crypto.security_policies import SecurityPolicyFactory
 from asyncua.server.internal_server import InternalServer
 
 from ua_fleet.server.audit import AuditLog
+from ua_fleet.server.bridges import BridgeTrust
 from ua_fleet.server.endpoint.limits import Limits
 from ua_fleet.server.endpoint.throttle import LoginThrottle
 from ua_fleet.server.trust import TrustList
@@ -68,5 +69,16 @@ class Context:
     gate: NodeGate | None = None
     throttle: LoginThrottle = field(default_factory=LoginThrottle)
     statistics: Statistics = field(default_factory=Statistics)
-    method_roles: dict[ua.NodeId, Role] = field(default_factory=dict[ua.NodeId, Role])
-    """Roles that methods need, where that is not operator."""
+    bridges: BridgeTrust | None = None
+    """Without it nobody logs in by a certificate."""
+    method_rules: dict[ua.NodeId, Callable[[User], bool]] = field(
+        default_factory=dict[ua.NodeId, Callable[[User], bool]]
+    )
+    """Who may call a method, where that is not an operator."""
+    encrypted_methods: set[ua.NodeId] = field(default_factory=set[ua.NodeId])
+    """Methods that may be called over an encrypted channel alone."""
+
+    def may_call(self, user: User, method_id: ua.NodeId) -> bool:
+        """Whether a user may call a method at all."""
+        rule = self.method_rules.get(method_id)
+        return user.role.covers(Role.OPERATOR) if rule is None else rule(user)

@@ -33,6 +33,7 @@ class Listener:
         self._housekeeping: asyncio.Task[None] | None = None
         self._generation = self._context.users.generation
         self._users_broken = False
+        self._bridges = self._bridges_generation()
         self.port = port
         """The port that is listened on; the system's choice where 0 was asked for."""
 
@@ -136,3 +137,13 @@ class Listener:
         if users.generation != self._generation:
             self._generation = users.generation
             await self._services.session.follow_users()
+        if (generation := self._bridges_generation()) != self._bridges:
+            self._bridges = generation
+            await self._services.session.follow_bridges()
+
+    def _bridges_generation(self) -> int:
+        bridges = self._context.bridges
+        if bridges is None:
+            return 0
+        bridges.refresh()
+        return bridges.generation

@@ -11,9 +11,12 @@ from typing import Any, Final
 
 from asyncua import ua
 from asyncua.crypto import uacrypto
+from cryptography.exceptions import InvalidSignature
 
+from ua_fleet.server.certificates import thumbprint
+from ua_fleet.server.endpoint.channel import Channel
 from ua_fleet.server.endpoint.context import Context
-from ua_fleet.server.endpoint.stack import Refusal, StatusCodes
+from ua_fleet.server.endpoint.stack import DECODE_ERRORS, Refusal, StatusCodes
 from ua_fleet.server.users import ANONYMOUS, User, UserFileError
 
 __all__ = ["identify"]
@@ -28,8 +31,23 @@ _MAX_NAME: Final = 64
 """Longest user name; of what is longer no more is kept or logged."""
 
 
-async def identify(context: Context, token: Any, *, nonce: bytes, encrypted: bool, address: str) -> User:
-    """The user behind an identity token; raises Refusal."""
+CERTIFICATE_POLICY: Final = "certificate"
+"""PolicyId of the UserTokenPolicy that our endpoints offer for certificates."""
+
+
+async def identify(
+    context: Context, channel: Channel, params: ua.ActivateSessionParameters, *, nonce: bytes, address: str
+) -> User:
+    """The user behind the identity token of an ActivateSession; raises Refusal.
+
+    Args:
+        context: what all connections share.
+        channel: the one that the request came on.
+        params: of the request.
+        nonce: the session's ServerNonce, which is used up by this.
+        address: of the client.
+    """
+    token: Any = params.UserIdentityToken
     if token is None or (isinstance(token, ua.ExtensionObject) and token.TypeId.is_null()):
         # A null token is anonymous (OPC 10000-4 5.6.3.2).
         token = ua.AnonymousIdentityToken()
@@ -37,8 +55,65 @@ async def identify(context: Context, token: Any, *, nonce: bytes, encrypted: boo
         if not context.allow_anonymous:
             raise Refusal(StatusCodes.BadIdentityTokenRejected, "anonymous users are not let in")
         return ANONYMOUS
+    if isinstance(token, ua.X509IdentityToken):
+        return _bridge(context, channel, token, params.UserTokenSignature, nonce=nonce, address=address)
     if not isinstance(token, ua.UserNameIdentityToken):
-        raise Refusal(StatusCodes.BadIdentityTokenRejected, "only users with a password are let in")
+        raise Refusal(StatusCodes.BadIdentityTokenRejected, "only users with a password and bridges are let in")
+    return await _person(context, token, nonce=nonce, encrypted=channel.secured, address=address)
+
+
+def _bridge(
+    context: Context, channel: Channel, token: ua.X509IdentityToken, signature: Any, *, nonce: bytes, address: str
+) -> User:
+    """The bridge that shows its certificate, and proves that it has the key to it (OPC 10000-4 7.40.5).
+
+    It must be the certificate of the channel too: so it has been found sound, trusted and not revoked, what a bridge
+    proves cannot be carried to another's connection, and its algorithm is that of the channel's policy.
+    """
+    if context.bridges is None:
+        raise Refusal(StatusCodes.BadIdentityTokenRejected, "nobody logs in by a certificate here")
+    if token.PolicyId != CERTIFICATE_POLICY:
+        raise Refusal(StatusCodes.BadIdentityTokenInvalid, "the token names no policy that was offered")
+    if not channel.secured:
+        raise Refusal(StatusCodes.BadIdentityTokenRejected, "a certificate over a channel without security")
+    certificate = channel.chain[0]
+    source = f"certificate {thumbprint(certificate)[:12]}"
+    if wait := context.throttle.locked_for(address, source, time.monotonic()):
+        raise Refusal(StatusCodes.BadUserAccessDenied, f"login by {source}: locked out for {wait:.0f} s more")
+    own = channel.client_certificate
+    if (token.CertificateData or b"")[: len(own)] != own:
+        raise Refusal(StatusCodes.BadIdentityTokenRejected, "another certificate than the channel's")
+    try:
+        _check_signature(channel, signature, nonce)
+    except Refusal:
+        context.throttle.failure(address, source, time.monotonic())
+        raise
+    context.throttle.success(address, source)
+    name = context.bridges.name_of(certificate)
+    if not name:
+        mark = thumbprint(certificate)[:12]
+        raise Refusal(
+            StatusCodes.BadIdentityTokenRejected,
+            f"no bridge is known by certificate {mark}; bind it with: ua-fleet cert trust --bridge NAME {mark}",
+        )
+    return User.of_bridge(name)
+
+
+def _check_signature(channel: Channel, signature: Any, nonce: bytes) -> None:
+    """Raise Refusal unless this is the channel's client's signature over our certificate and this nonce."""
+    policy = channel.policy
+    if signature is None or signature.Algorithm != policy.AsymmetricSignatureURI:
+        raise Refusal(StatusCodes.BadUserSignatureInvalid, "another algorithm than the policy's, or no signature")
+    try:
+        policy.asymmetric_cryptography.verify(policy.host_certificate + nonce, signature.Signature or b"")
+    except (InvalidSignature, *DECODE_ERRORS) as error:
+        raise Refusal(StatusCodes.BadUserSignatureInvalid, "the user's signature is wrong") from error
+
+
+async def _person(
+    context: Context, token: ua.UserNameIdentityToken, *, nonce: bytes, encrypted: bool, address: str
+) -> User:
+    """The user whose password this is."""
     name = token.UserName or ""
     source = name[:_MAX_NAME]
     shown = repr(source)

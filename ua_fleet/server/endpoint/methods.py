@@ -31,7 +31,7 @@ from ua_fleet.server.endpoint.stack import (
     status,
     status_of,
 )
-from ua_fleet.server.users import Role, User, current_user
+from ua_fleet.server.users import current_user
 
 __all__ = ["MethodServices"]
 
@@ -72,21 +72,23 @@ class MethodServices:
             result = await self._call(request, wanted)
             response.Results.append(result)
             self._context.statistics.calls += 1
-            arguments = [argument.Value for argument in wanted.InputArguments or []]
-            self._context.audit.record(
-                "call",
-                request.caller,
-                name_of(int(result.StatusCode.value)),
-                object=shown(wanted.ObjectId),
-                method=shown(wanted.MethodId),
-                value=summary(arguments),
-            )
+            self._record(request, wanted, int(result.StatusCode.value))
         return response
+
+    def _record(self, request: Request, wanted: ua.CallMethodRequest, code: int) -> None:
+        audit = self._context.audit
+        arguments = [argument.Value for argument in wanted.InputArguments or []]
+        what = {"object": shown(wanted.ObjectId), "method": shown(wanted.MethodId), "value": summary(arguments)}
+        if code == StatusCodes.BadServerTooBusy:
+            # Who calls too often shall not fill the log either.
+            audit.refuse(request.caller, "call", name_of(code), **what)
+        else:
+            audit.record("call", request.caller, name_of(code), **what)
 
     async def _call(self, request: Request, wanted: ua.CallMethodRequest) -> ua.CallMethodResult:
         result = ua.CallMethodResult()
         try:
-            implementation = self._check(request.user, wanted)
+            implementation = self._check(request, wanted)
             self._check_arguments(wanted)
             returned = await self._run(request, implementation, wanted)
             if isinstance(returned, ua.CallMethodResult):
@@ -112,7 +114,7 @@ class MethodServices:
             result.InputArgumentResults = [GOOD] * len(wanted.InputArguments or [])
         return result
 
-    def _check(self, user: User, wanted: ua.CallMethodRequest) -> Callable[..., Any]:
+    def _check(self, request: Request, wanted: ua.CallMethodRequest) -> Callable[..., Any]:
         """The implementation of a method; raises Refusal where this user may not call it there."""
         owner, method = self._aspace.get(wanted.ObjectId), self._aspace.get(wanted.MethodId)
         if owner is None:
@@ -123,8 +125,10 @@ class MethodServices:
             raise Refusal(StatusCodes.BadNotImplemented if _is_method(method) else StatusCodes.BadMethodInvalid)
         if not self._flag(wanted.MethodId, AttributeIds.Executable):
             raise Refusal(StatusCodes.BadNotExecutable)
-        needed = self._context.method_roles.get(wanted.MethodId, Role.OPERATOR)
-        if not user.role.covers(needed) or not self._flag(wanted.MethodId, AttributeIds.UserExecutable):
+        if wanted.MethodId in self._context.encrypted_methods and not request.encrypted:
+            raise Refusal(StatusCodes.BadSecurityModeInsufficient)
+        allowed = self._context.may_call(request.user, wanted.MethodId)
+        if not allowed or not self._flag(wanted.MethodId, AttributeIds.UserExecutable):
             raise Refusal(StatusCodes.BadUserAccessDenied)
         return method.call
 

@@ -294,7 +294,13 @@ class Processor:
             raise Refusal(StatusCodes.BadSessionNotActivated)
         session.last_seen = time.monotonic()
         request = Request(
-            session, session.user, session.caller, int(header.RequestHandle), request_id, header.TimeoutHint / 1000
+            session,
+            session.user,
+            session.caller,
+            int(header.RequestHandle),
+            request_id,
+            header.TimeoutHint / 1000,
+            self._channel.encrypted,
         )
         if service.count_at is not None:
             self._check_count(body, service.count_at)

@@ -27,6 +27,8 @@ class Request:
     request_id: int
     timeout_s: float
     """TimeoutHint of the request; 0 is none."""
+    encrypted: bool
+    """Whether nobody else can read what is asked and answered."""
 
 
 def operations(items: Sequence[Any] | None, limit: int) -> Sequence[Any]:

@@ -8,6 +8,7 @@ import time
 from typing import Any
 
 from asyncua import ua
+from cryptography import x509
 from cryptography.exceptions import InvalidSignature
 
 from ua_fleet.server.endpoint.channel import Channel
@@ -118,9 +119,7 @@ class SessionServices:
         self._check_certificate(channel)
         self._check_signature(session, channel, params)
         nonce = session.nonce
-        user = await identify(
-            self._context, params.UserIdentityToken, nonce=nonce, encrypted=channel.secured, address=link.address
-        )
+        user = await identify(self._context, channel, params, nonce=nonce, address=link.address)
         # The password was checked in a thread; meanwhile another request may have changed the session.
         if session.closed or session.link is not before or session.nonce is not nonce:
             raise Refusal(StatusCodes.BadSessionIdInvalid, "the session changed during its activation")
@@ -190,7 +189,7 @@ class SessionServices:
     async def follow_users(self) -> None:
         """The users file has changed: removed users lose their sessions, changed roles hold at once."""
         for session in self._sessions:
-            if session.user is None or session.user.anonymous:
+            if session.user is None or session.user.anonymous or session.user.bridge:
                 continue
             user = self._context.users.get(session.user.name)
             if user is None:
@@ -198,3 +197,14 @@ class SessionServices:
                 await self.end(session, delete_subscriptions=True)
             else:
                 session.user = user
+
+    async def follow_bridges(self) -> None:
+        """The folder of bridges' certificates has changed: who is not known by his any more loses his sessions."""
+        bridges = self._context.bridges
+        for session in self._sessions:
+            if session.user is None or not session.user.bridge or bridges is None:
+                continue
+            certificate = x509.load_der_x509_certificate(session.client_certificate)
+            if bridges.name_of(certificate) != session.user.bridge:
+                self._context.audit.record("logout", session.caller, "BadUserAccessDenied", reason="bridge revoked")
+                await self.end(session, delete_subscriptions=True)

@@ -104,7 +104,7 @@ class Session:
         peer = self.link.peer if self.link is not None else self.last_peer
         if self.user is None:
             return Caller(peer, session=self.label)
-        return Caller(peer, self.user.name, self.user.role.value, self.label)
+        return Caller(peer, self.user.name, self.user.shown_role, self.label)
 
     def new_nonce(self) -> bytes:
         """A fresh nonce for the next activation."""

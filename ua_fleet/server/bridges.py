@@ -1,0 +1,44 @@
+"""Which bridge a client is: each is known by one certificate, bound to its name by `ua-fleet cert trust --bridge`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+
+from cryptography import x509
+from cryptography.hazmat.primitives import hashes
+
+from ua_fleet.server.certificates import CertificateState, certificates_folder
+from ua_fleet.server.trust import CertificateFolder
+
+__all__ = ["BridgeTrust"]
+
+
+class BridgeTrust:
+    """The folder `bridges/`, looked at again whenever it changes."""
+
+    def __init__(self, state_dir: Path, names: Iterable[str]) -> None:
+        """Read the certificates.
+
+        Args:
+            state_dir: the server's.
+            names: the bridges of `fleet.yaml`; certificates of others are not looked at.
+        """
+        self._names = frozenset(names)
+        self._folder = CertificateFolder(certificates_folder(state_dir) / CertificateState.BRIDGE)
+        self.generation = 0
+        """Grows whenever the folder has changed."""
+        self.refresh()
+
+    def refresh(self) -> None:
+        """Look whether the folder has changed."""
+        before = self._folder.signature
+        self._folder.refresh()
+        if self._folder.signature != before:
+            self.generation += 1
+
+    def name_of(self, certificate: x509.Certificate) -> str:
+        """The bridge that is known by this certificate; empty when none is."""
+        self.refresh()
+        name = self._folder.names.get(certificate.fingerprint(hashes.SHA256()), "")
+        return name if name in self._names else ""

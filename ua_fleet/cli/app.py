@@ -40,7 +40,7 @@ _GROUPS: Final = {
     "config": "The configuration file: write one, check it, assign ids.",
     "user": "Who may use the server, and what they may do.",
     "keys": "Key files of message security, where keys do not come from the server.",
-    "cert": "The server's certificate, and which clients it trusts.",
+    "cert": "Certificates of the server and the bridges, and which clients the server trusts.",
     "pubsub": "OPC UA PubSub between the server and the bridges.",
 }
 """Groups whose commands stand in one module each."""
@@ -81,6 +81,7 @@ def _build() -> typer.Typer:
     _add(groups["user"], "remove", user.remove, user.REMOVE_EXAMPLES)
     _add(groups["cert"], "create", cert.create, cert.CREATE_EXAMPLES)
     _add(groups["cert"], "trust", cert.trust_certificate, cert.TRUST_EXAMPLES)
+    _add(groups["cert"], "revoke", cert.revoke_certificate, cert.REVOKE_EXAMPLES)
     _add(groups["cert"], "list", cert.show, cert.LIST_EXAMPLES)
     _add(groups["keys"], "create", keys.create, keys.CREATE_EXAMPLES)
     _add(groups["keys"], "rotate", keys.rotate, keys.ROTATE_EXAMPLES)

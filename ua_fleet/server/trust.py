@@ -1,8 +1,8 @@
 """Which client certificates are accepted (OPC 10000-4 6.1.3), and what becomes of the others.
 
 A certificate is trusted when it stands in `trusted/` or `bridges/` itself, or when its chain of issuers ends at a CA in
-`trusted/`. The folders are looked at again whenever they change, so that `ua-fleet cert trust` takes effect in a running
-server.
+`trusted/`. The folders are looked at again whenever they change, so that `ua-fleet cert trust` takes effect in a
+running server.
 """
 
 from __future__ import annotations

@@ -1,0 +1,136 @@
+"""The key service of one server: the store, its file, and who may have what."""
+
+from __future__ import annotations
+
+import secrets
+import threading
+import time
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import Final
+
+import structlog
+
+from ua_fleet.config.schema import FleetConfig
+from ua_fleet.errors import UaFleetError
+from ua_fleet.pubsub.security.keyring import GroupKeys
+from ua_fleet.server.key_service.access import KeyAccess
+from ua_fleet.server.key_service.files import GROUPS_FILE, KeysNotKept, load_groups, save_groups
+from ua_fleet.server.key_service.limit import CallLimit
+from ua_fleet.server.key_service.store import GroupSettings, KeyStore
+from ua_fleet.values import StatusCode
+from ua_fleet.wire.security import SecurityPolicy
+
+__all__ = ["KeyService", "KeysDenied", "TooManyKeyCalls"]
+
+_log = structlog.get_logger("ua_fleet.keys")
+
+_BAD_SERVER_TOO_BUSY: Final = 0x80EE_0000
+
+
+class KeysDenied(UaFleetError):
+    """The caller may not have this group's keys."""
+
+    ua_status = StatusCode.BAD_USER_ACCESS_DENIED
+
+
+class TooManyKeyCalls(UaFleetError):
+    """The caller asks far more often than keys change."""
+
+    ua_status = _BAD_SERVER_TOO_BUSY
+
+
+class KeyService:
+    """Gives keys to the bridges and the server itself. May be called from any thread; may wait for the disk."""
+
+    def __init__(
+        self,
+        config: FleetConfig,
+        state_dir: Path,
+        *,
+        wall_s: Callable[[], float] = time.time,
+        token_bytes: Callable[[int], bytes] = secrets.token_bytes,
+    ) -> None:
+        """Open the service, with the keys that were kept.
+
+        Args:
+            config: names the groups, who may have them, and their policy and lifetime.
+            state_dir: the server's; the keys stand in it.
+            wall_s: the wall clock.
+            token_bytes: makes random bytes fit for keys.
+
+        Raises:
+            ServerStartError: the kept keys cannot be used.
+            KeysNotKept: new ones cannot be kept.
+        """
+        self.access = KeyAccess(config)
+        keys = config.pubsub.keys
+        self._wall_s = wall_s
+        self._lock = threading.Lock()
+        path = state_dir / GROUPS_FILE
+        settings = GroupSettings(SecurityPolicy.named(keys.policy), keys.lifetime_s, keys.future_keys, keys.past_keys)
+        self._limit = CallLimit(len(self.access.group_ids), keys.lifetime_s)
+        self._store = KeyStore(
+            dict.fromkeys(self.access.group_ids, settings),
+            load_groups(path),
+            now=wall_s(),
+            token_bytes=token_bytes,
+            save=partial(save_groups, path),
+        )
+        self.on_invalidated: Callable[[str], None] | None = None
+        """Called, in the caller's thread, with a group whose keys have been made invalid."""
+
+    @property
+    def group_ids(self) -> tuple[str, ...]:
+        """The SecurityGroups."""
+        return self._store.group_ids
+
+    def settings(self, group_id: str) -> GroupSettings:
+        """A group's settings; raises GroupUnknown."""
+        return self._store.settings(group_id)
+
+    def keys_for_bridge(self, name: str, group_id: str, starting_token_id: int, count: int) -> GroupKeys:
+        """Keys for a bridge that has proved who it is.
+
+        Raises:
+            TooManyKeyCalls: it has asked too often.
+            GroupUnknown: there is no such group.
+            KeysDenied: the group is not one of its own.
+            KeysNotKept: it is time for new keys, and they cannot be written down.
+        """
+        if not self._limit.take(name, time.monotonic()):
+            raise TooManyKeyCalls(f"bridge {name} asks for keys too often")
+        self._store.settings(group_id)
+        if not self.access.bridge_may(name, group_id):
+            raise KeysDenied(f"bridge {name} may not have the keys of {group_id}")
+        return self._get(group_id, starting_token_id, count)
+
+    def keys_for_space(self, space: int, group_id: str, starting_token_id: int, count: int) -> GroupKeys:
+        """Keys for a space that lives in this process; raises as `keys_for_bridge`, and is not limited."""
+        self._store.settings(group_id)
+        if not self.access.space_may(space, group_id):
+            raise KeysDenied(f"space {space} may not have the keys of {group_id}")
+        return self._get(group_id, starting_token_id, count)
+
+    def invalidate(self, group_id: str) -> None:
+        """InvalidateKeys (OPC 10000-14 8.4.2); raises GroupUnknown or KeysNotKept."""
+        with self._lock:
+            self._store.invalidate(group_id, self._wall_s())
+        _log.warning("keys made invalid", group=group_id)
+        if self.on_invalidated is not None:
+            self.on_invalidated(group_id)
+
+    def rotate(self, group_id: str) -> None:
+        """ForceKeyRotation (OPC 10000-14 8.4.3); raises GroupUnknown or KeysNotKept."""
+        with self._lock:
+            self._store.rotate(group_id, self._wall_s())
+        _log.info("next key made current", group=group_id)
+
+    def _get(self, group_id: str, starting_token_id: int, count: int) -> GroupKeys:
+        try:
+            with self._lock:
+                return self._store.get_keys(group_id, starting_token_id, count, self._wall_s())
+        except KeysNotKept as error:
+            _log.error("no keys are given", group=group_id, reason=str(error))
+            raise

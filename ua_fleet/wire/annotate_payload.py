@@ -1,0 +1,146 @@
+"""Annotates what the headers of a NetworkMessage are about: DataSetMessages, probes, announcements, Actions."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from ua_fleet.values import BuiltinType, status_name
+from ua_fleet.wire import data_set_message as d
+from ua_fleet.wire.cursor import Cursor
+from ua_fleet.wire.discovery import KINDS_WITH_WRITER_IDS, META_DATA
+from ua_fleet.wire.messages import FieldEncoding, FrameKind, ProbeKind
+from ua_fleet.wire.spans import Flag, Walk
+
+__all__ = ["walk_action_header", "walk_announcement", "walk_data_set_messages", "walk_probe"]
+
+FIELD_ENCODINGS: Final = ("Variant", "RawData", "DataValue", "reserved field encoding")
+KINDS: Final = {
+    FrameKind.KEY: "key frame",
+    FrameKind.DELTA: "delta frame",
+    FrameKind.EVENT: "event",
+    FrameKind.KEEP_ALIVE: "keep-alive",
+    d.FIRST_ACTION_KIND: "Action request",
+    d.LAST_ACTION_KIND: "Action response",
+}
+FLAGS_1: Final[tuple[Flag, ...]] = (
+    (d.HAS_SEQUENCE_NUMBER, "DataSetMessageSequenceNumber"),
+    (d.HAS_STATUS, "Status"),
+    (d.HAS_MAJOR_VERSION, "ConfigurationVersionMajorVersion"),
+    (d.HAS_MINOR_VERSION, "ConfigurationVersionMinorVersion"),
+    (d.HAS_FLAGS_2, "DataSetFlags2"),
+)
+FLAGS_2: Final[tuple[Flag, ...]] = (
+    (d.HAS_TIMESTAMP, "Timestamp"),
+    (d.HAS_PICOSECONDS, "PicoSeconds"),
+    (d.RESERVED_FLAGS_2, "reserved bits"),
+)
+PROBE_TYPES: Final = {1: "Publisher information", 2: "FindApplications"}
+INFORMATION_TYPES: Final = {
+    ProbeKind.ENDPOINTS: "endpoints of the Publisher's server",
+    ProbeKind.DATA_SET_META_DATA: "DataSetMetaData",
+    ProbeKind.DATA_SET_WRITER_CONFIGURATION: "DataSetWriter configuration",
+    ProbeKind.WRITER_GROUP_CONFIGURATION: "WriterGroup configuration",
+    ProbeKind.PUBSUB_CONNECTIONS: "PubSubConnections",
+}
+ANNOUNCEMENT_TYPES: Final = {
+    1: "endpoints of the Publisher's server",
+    2: "DataSetMetaData",
+    3: "DataSetWriter configuration",
+    4: "PubSubConnection",
+    5: "application information",
+    6: "ActionResponder",
+    7: "ActionMetaData",
+}
+
+
+def walk_data_set_messages(walk: Walk, count: int) -> None:
+    """The payload of a data message: sizes where there are several, then the DataSetMessages (7.2.4.5.3)."""
+    if count == 1:
+        walk.section = "DataSetMessage"
+        _walk_data_set_message(walk)
+        return
+    sizes = [walk.number(f"Sizes[{index}]", BuiltinType.UINT16, " bytes") for index in range(count)]
+    for index, size in enumerate(sizes):
+        walk.section = f"DataSetMessage {index + 1} of {count}"
+        _walk_data_set_message(walk.part(size))
+    walk.padding()
+
+
+def _walk_data_set_message(walk: Walk) -> None:
+    flags1 = walk.flags("DataSetFlags1", FLAGS_1, _flags_1_text)
+    if not flags1 & d.IS_VALID:
+        walk.rest("NotRead", "of a DataSetMessage that is not valid")
+        return
+    flags2 = walk.flags("DataSetFlags2", FLAGS_2, _flags_2_text) if flags1 & d.HAS_FLAGS_2 else 0
+    if flags1 & d.HAS_SEQUENCE_NUMBER:
+        walk.number("DataSetMessageSequenceNumber", BuiltinType.UINT16)
+    if flags2 & d.HAS_TIMESTAMP:
+        walk.number("Timestamp", BuiltinType.DATETIME)
+    if flags2 & d.HAS_PICOSECONDS:
+        walk.number("PicoSeconds", BuiltinType.UINT16, " x 10 ps")
+    if flags1 & d.HAS_STATUS:
+        walk.read("Status", lambda cursor: cursor.uint16() << 16, status_name)
+    if flags1 & d.HAS_MAJOR_VERSION:
+        walk.number("ConfigurationVersionMajorVersion", BuiltinType.UINT32)
+    if flags1 & d.HAS_MINOR_VERSION:
+        walk.number("ConfigurationVersionMinorVersion", BuiltinType.UINT32)
+    _walk_fields(walk, (flags1 & d.FIELD_ENCODING_BITS) >> 1, flags2 & d.FRAME_KIND_BITS)
+
+
+def _flags_1_text(flags: int) -> str:
+    valid = "valid" if flags & d.IS_VALID else "not valid"
+    return f"{valid}, fields are {FIELD_ENCODINGS[(flags & d.FIELD_ENCODING_BITS) >> 1]}"
+
+
+def _flags_2_text(flags: int) -> str:
+    kind = flags & d.FRAME_KIND_BITS
+    return KINDS.get(kind, f"reserved type {kind}")
+
+
+def _walk_fields(walk: Walk, encoding: int, kind: int) -> None:
+    if kind == FrameKind.KEEP_ALIVE:
+        walk.padding()
+        return
+    if encoding == FieldEncoding.RAW_DATA:
+        walk.rest("RawData", f"{walk.cursor.remaining} bytes, to be read with the DataSetMetaData")
+        return
+    if kind == FrameKind.KEY and not walk.cursor.remaining:
+        return
+    count = walk.number("FieldCount", BuiltinType.UINT16)
+    for index in range(count):
+        if kind == FrameKind.DELTA:
+            walk.number(f"DeltaFrameFields[{index}].FieldIndex", BuiltinType.UINT16)
+        name = f"DeltaFrameFields[{index}].FieldValue" if kind == FrameKind.DELTA else f"DataSetFields[{index}]"
+        if encoding == FieldEncoding.DATA_VALUE:
+            walk.data_value(name)
+        else:
+            walk.variant(name)
+    walk.padding()
+
+
+def walk_action_header(walk: Walk) -> None:
+    """The header of an Action (7.2.4.5.9)."""
+    walk.rest("ActionHeader")
+
+
+def walk_probe(walk: Walk) -> None:
+    """A discovery probe (7.2.4.6.12)."""
+    walk.section = "Discovery probe"
+    walk.read("ProbeType", Cursor.byte, lambda kind: PROBE_TYPES.get(kind, f"reserved type {kind}"))
+    kind = walk.read("InformationType", Cursor.byte, lambda kind: INFORMATION_TYPES.get(kind, f"reserved type {kind}"))
+    if kind in KINDS_WITH_WRITER_IDS:
+        for index in range(walk.length("DataSetWriterIds.ArrayLength", 2, "ids; none: all") or 0):
+            walk.number(f"DataSetWriterIds[{index}]", BuiltinType.UINT16)
+        walk.padding()
+
+
+def walk_announcement(walk: Walk) -> None:
+    """A discovery announcement (7.2.4.6.2)."""
+    walk.section = "Discovery announcement"
+    kind = walk.read(
+        "AnnouncementType", Cursor.byte, lambda kind: ANNOUNCEMENT_TYPES.get(kind, f"reserved type {kind}")
+    )
+    walk.number("SequenceNumber", BuiltinType.UINT16)
+    if kind == META_DATA:
+        walk.number("DataSetWriterId", BuiltinType.UINT16)
+    walk.rest("Body")

@@ -12,7 +12,8 @@ import typer
 from ua_fleet.cli.endings import NotFound, UsageError
 from ua_fleet.cli.options import DEFAULT_CONFIG, Config, Json, load_config
 from ua_fleet.cli.output import message, print_json, print_line, print_table
-from ua_fleet.errors import ConfigError
+from ua_fleet.errors import ConfigError, TopicInvalid
+from ua_fleet.topics import check_space
 
 if TYPE_CHECKING:
     from ua_fleet.config import FleetConfig
@@ -40,12 +41,20 @@ def _folder(path: Path) -> tuple[FleetConfig, KeyFolder]:
 
 
 def _checked(groups: list[str] | None) -> list[str]:
-    from ua_fleet.pubsub.security.groups import is_group_id
-
     for group_id in groups or []:
-        if not is_group_id(group_id):
+        if not _is_group(group_id):
             raise UsageError(f"{group_id!r} is no SecurityGroup; name one like t-2 (data of space 2) or c-2 (commands)")
     return groups or []
+
+
+def _is_group(group_id: str) -> bool:
+    from ua_fleet.pubsub.security.groups import command_group, telemetry_group
+
+    try:
+        space = check_space(int(group_id[2:]))
+    except (ValueError, TopicInvalid):
+        return False
+    return group_id in (telemetry_group(space), command_group(space))
 
 
 def create(groups: Groups = None, config: Config = DEFAULT_CONFIG, as_json: Json = False) -> None:
@@ -95,13 +104,18 @@ def rotate(
     Running processes notice the changed file within a second and take messages of the old and of the new key, so that
     nothing is lost. Where files have to be carried to other machines, give time for it with --after.
     """
+    from ua_fleet.storage.key_files import NoKeyFile
+
     fleet, folder = _folder(config)
     past_keys = fleet.pubsub.keys.past_keys
     with folder.exclusive():
         names = _checked(groups) or folder.groups()
         if not names:
             raise NotFound(f"there are no key files in {folder.path}; make them with: ua-fleet keys create")
-        files = [folder.read(group_id) for group_id in names]  # all or none
+        try:
+            files = [folder.read(group_id) for group_id in names]  # all or none
+        except NoKeyFile as error:
+            raise NotFound(str(error)) from error
         for before in files:
             now = time.time()
             changed = before.replaced(now) if leaked else before.rotated(now, after, past_keys)

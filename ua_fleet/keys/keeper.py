@@ -1,0 +1,204 @@
+"""Keeping a process in keys: `keep_keys` asks a KeySource for what the Envelope wants, and goes on while it is away.
+
+Keys are fetched when one is missing, when half of the KeyLifetime is over, and as often as the source says
+(`refresh_s`). What fails is tried again after a delay that doubles, spread at random so that the processes of a fleet
+do not all ask at once.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Awaitable, Callable, Iterable
+from dataclasses import dataclass
+from random import Random
+from typing import Any, Final, Protocol
+
+import structlog
+
+from ua_fleet.errors import KeySourceUnavailable, KeysRefused
+from ua_fleet.keys.source import CURRENT_TOKEN, KeySource
+from ua_fleet.pubsub.security.keyring import GroupKeys
+
+__all__ = ["KeyUser", "KeysKept", "keep_keys"]
+
+PERIOD_S: Final = 0.25
+"""How often it is looked at what is wanted."""
+FIRST_DELAY_S: Final = 0.5
+LONGEST_DELAY_S: Final = 30.0
+LONGEST_ANSWERED_DELAY_S: Final = 5.0
+"""Between two fetches of a group that the source has nothing new of, though it is wanted: an unknown token that
+anybody can write into a message must not make us ask all the time."""
+
+_MOST_TOLD: Final = 64
+"""Refused groups that the log names; who writes messages of many groups must not fill it."""
+
+_log: Any = structlog.get_logger("ua_fleet.keys")
+
+
+class KeyUser(Protocol):
+    """What the keeper needs of an Envelope."""
+
+    def groups_wanted(self) -> Iterable[str]:
+        """All groups that are needed."""
+        ...
+
+    def keys_wanted(self, now: float) -> Iterable[str]:
+        """The groups to fetch now."""
+        ...
+
+    def install(self, group_id: str, keys: GroupKeys, now: float) -> None:
+        """Take the keys of a group."""
+        ...
+
+
+class KeysKept:
+    """What an operator can be told of the keys of a process, and what it waits for at its start."""
+
+    def __init__(self) -> None:
+        self.source_problem = ""
+        """Why the source cannot be asked; empty while it can."""
+        self.refused: dict[str, str] = {}
+        """Groups that the source gives nothing of, each with the reason."""
+        self.groups: set[str] = set()
+        """Groups whose keys were fetched at least once."""
+        self._news = asyncio.Event()
+
+    def say(self) -> str:
+        """One line for a status."""
+        if self.source_problem:
+            return f"the source of keys is away: {self.source_problem}"
+        if self.refused:
+            return "; ".join(self.refused[group_id] for group_id in sorted(self.refused)[:3])
+        return "keys are current"
+
+    def arrived(self, group_id: str) -> None:
+        """Keys of a group were fetched."""
+        if group_id not in self.groups:
+            self.groups.add(group_id)
+            self._news.set()
+
+    async def wait_for(self, group_ids: Iterable[str]) -> None:
+        """Wait until keys of all these groups were fetched. For one waiter at a time."""
+        wanted = set(group_ids)
+        while not wanted <= self.groups:
+            self._news.clear()
+            await self._news.wait()
+
+
+@dataclass(slots=True)
+class _Group:
+    """What is remembered of the fetches of one group."""
+
+    next_at: float = float("-inf")
+    refresh_at: float = float("-inf")
+    delay_s: float = 0.0
+    keys: GroupKeys | None = None
+
+
+class _Keeper:
+    def __init__(self, envelope: KeyUser, source: KeySource, kept: KeysKept, count: int, random: Random) -> None:
+        self._envelope, self._source, self._kept, self._count, self._random = envelope, source, kept, count, random
+        self._groups: dict[str, _Group] = {}
+        self._source_delay_s = 0.0
+        self._source_at = float("-inf")
+
+    async def fetch_what_is_due(self, clock: Callable[[], float]) -> None:
+        """Ask the source for each group that is due, unless it is away and was asked a short time ago."""
+        now = clock()
+        if now < self._source_at:
+            return
+        wanted = set(self._envelope.keys_wanted(now))
+        known = wanted.union(self._envelope.groups_wanted())
+        self._forget(known)
+        for group_id in sorted(known):
+            group = self._groups.setdefault(group_id, _Group())
+            if now >= group.refresh_at or (group_id in wanted and now >= group.next_at):
+                try:
+                    keys = await self._source.fetch(group_id, CURRENT_TOKEN, self._count)
+                except KeySourceUnavailable as error:
+                    self._is_away(str(error), clock())
+                    return
+                except KeysRefused as error:
+                    self._is_back()
+                    self._refused(group_id, group, str(error), clock())
+                else:
+                    self._is_back()
+                    self._fetched(group_id, group, keys, group_id in wanted, clock())
+
+    def _forget(self, known: set[str]) -> None:
+        for group_id in self._groups.keys() - known:
+            del self._groups[group_id]
+            self._kept.refused.pop(group_id, None)
+
+    def _is_away(self, reason: str, now: float) -> None:
+        self._source_delay_s = min(LONGEST_DELAY_S, max(FIRST_DELAY_S, 2 * self._source_delay_s))
+        self._source_at = now + self._spread(self._source_delay_s)
+        if not self._kept.source_problem:
+            _log.warning("the source of keys is away; going on with the keys there are", reason=reason)
+        self._kept.source_problem = reason
+
+    def _is_back(self) -> None:
+        self._source_delay_s = 0.0
+        if self._kept.source_problem:
+            _log.info("the source of keys is back")
+            self._kept.source_problem = ""
+
+    def _refused(self, group_id: str, group: _Group, reason: str, now: float) -> None:
+        if self._kept.refused.get(group_id) != reason and len(self._kept.refused) < _MOST_TOLD:
+            _log.warning("no keys", group=group_id, reason=reason)
+        self._kept.refused[group_id] = reason
+        group.refresh_at = self._put_off(group, LONGEST_DELAY_S, now)
+        group.keys = None
+
+    def _fetched(self, group_id: str, group: _Group, keys: GroupKeys, is_wanted: bool, now: float) -> None:
+        if self._kept.refused.pop(group_id, None) is not None:
+            _log.info("keys are there again", group=group_id)
+        group.refresh_at = now + self._source.refresh_s
+        before, group.keys = group.keys, keys
+        is_new = before is None or before[:3] != keys[:3]
+        if is_new or is_wanted:
+            self._envelope.install(group_id, keys, now)
+        if is_new:
+            group.delay_s = 0.0
+            _log.info("keys", group=group_id, first_token=keys.first_token_id, count=len(keys.keys))
+        if is_wanted:
+            self._put_off(group, LONGEST_ANSWERED_DELAY_S, now)
+        self._kept.arrived(group_id)
+
+    def _put_off(self, group: _Group, longest_s: float, now: float) -> float:
+        group.delay_s = min(
+            longest_s, max(FIRST_DELAY_S, 2 * group.delay_s), max(FIRST_DELAY_S, self._source.refresh_s)
+        )
+        group.next_at = now + self._spread(group.delay_s)
+        return group.next_at
+
+    def _spread(self, delay_s: float) -> float:
+        return delay_s * self._random.uniform(0.5, 1.0)
+
+
+async def keep_keys(
+    envelope: KeyUser,
+    source: KeySource,
+    kept: KeysKept,
+    *,
+    count: int,
+    random: Random | None = None,
+    clock: Callable[[], float] | None = None,
+    sleep: Callable[[float], Awaitable[None]] = asyncio.sleep,
+) -> None:
+    """Keep an Envelope in keys until cancelled.
+
+    Args:
+        envelope: says which groups it needs, and takes their keys.
+        source: is asked for them.
+        kept: told how it goes.
+        count: keys to ask for, the current one and future ones.
+        random: spreads the delays.
+        clock: the time that the envelope goes by; the event loop's if left out.
+        sleep: belongs to the clock.
+    """
+    clock = clock or asyncio.get_running_loop().time
+    keeper = _Keeper(envelope, source, kept, count, random or Random())  # noqa: S311 - spreads delays, keeps no secret
+    while True:
+        await keeper.fetch_what_is_due(clock)
+        await sleep(PERIOD_S)

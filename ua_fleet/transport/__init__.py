@@ -1,8 +1,9 @@
 """How datagrams travel: UDP, and an in-memory network that loses, delays and duplicates."""
 
+from ua_fleet.transport.addresses import answer_address, parse_url
 from ua_fleet.transport.base import Address, Receive, Transport, TransportStats
 from ua_fleet.transport.memory import MemoryEndpoint, MemoryNetwork
-from ua_fleet.transport.udp import UdpTransport, parse_url
+from ua_fleet.transport.udp import UdpTransport
 
 __all__ = [
     "Address",
@@ -12,5 +13,6 @@ __all__ = [
     "Transport",
     "TransportStats",
     "UdpTransport",
+    "answer_address",
     "parse_url",
 ]

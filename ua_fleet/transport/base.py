@@ -30,7 +30,7 @@ class TransportStats:
 
 
 class Transport(Protocol):
-    """A way for datagrams to all members of a PubSub connection, the sender included."""
+    """A way for datagrams to all members of a PubSub connection, the sender included, and back to one of them."""
 
     stats: TransportStats
 
@@ -42,8 +42,11 @@ class Transport(Protocol):
         """
         ...
 
-    def send(self, datagram: bytes) -> None:
-        """Send to all members. Never blocks; a datagram that the kernel refuses is counted, not raised."""
+    def send(self, datagram: bytes, address: Address | None = None) -> None:
+        """Send to all members, or to one address alone. Never blocks; what the kernel refuses is counted, not raised.
+
+        The address that members see as the sender of a datagram is one that this transport receives at.
+        """
         ...
 
     async def close(self) -> None:

@@ -81,9 +81,11 @@ class MemoryNetwork:
             self.step()
         self.now = max(self.now, now)
 
-    def carry(self, datagram: bytes, sender: MemoryEndpoint) -> None:
-        """Put a datagram on its way to all members."""
+    def carry(self, datagram: bytes, sender: MemoryEndpoint, address: Address | None = None) -> None:
+        """Put a datagram on its way to all members, or to the one with this address."""
         for endpoint in self._endpoints:
+            if address is not None and endpoint.address != address:
+                continue
             if self._random.random() < self.loss:
                 continue
             copies = 2 if self._random.random() < self.duplicate else 1
@@ -115,13 +117,13 @@ class MemoryEndpoint:
         """Hand each datagram to `receive` from now on."""
         self.attach(receive)
 
-    def send(self, datagram: bytes) -> None:
-        """Send to all members, ourselves included. It arrives when the network's clock is moved."""
+    def send(self, datagram: bytes, address: Address | None = None) -> None:
+        """Send to all members, ourselves included, or to one. It arrives when the network's clock is moved."""
         if not self.reachable:
             self.stats.send_failed += 1
             return
         self.stats.sent += 1
-        self._network.carry(datagram, self)
+        self._network.carry(datagram, self, address)
 
     def deliver(self, datagram: bytes, sender: Address) -> None:
         """Called by the network when a datagram arrives here."""

@@ -4,6 +4,11 @@ Multicast: every member sends to the group and hears the group, itself included.
 group's address, so it gets nothing of other groups on the same port, and shares the port with other processes.
 Unicast: we listen on the interface's address and send to the URL's host; only one process can listen on an address.
 
+Two sockets share the port that we send from. One is connected, so that the kernel need not look up the way for each
+datagram; a connected socket hears its peer only, and no datagram comes from a group. The other one hears what is sent
+to that port, and sends to single addresses: a response to an ActionRequest goes to where the request came from
+(OPC 10000-14 7.3.2.3).
+
 An interface is looked up again each second: when it went and came back, or has another address, the sockets follow.
 """
 
@@ -20,12 +25,12 @@ from typing import Final
 import structlog
 
 from ua_fleet.errors import TransportError
-from ua_fleet.transport.base import Receive, TransportStats
+from ua_fleet.transport.addresses import parse_url
+from ua_fleet.transport.base import Address, Receive, TransportStats
 from ua_fleet.transport.interfaces import Interface, find_interface
 
-__all__ = ["UdpTransport", "parse_url"]
+__all__ = ["UdpTransport"]
 
-_SCHEME: Final = "opc.udp://"
 _LARGEST_DATAGRAM: Final = 65_536
 _BATCH: Final = 64
 """Datagrams that are read at each wake-up at most, so that the event loop gets on."""
@@ -40,16 +45,6 @@ _SO_MEMINFO: Final = 55
 _MEMINFO_DROPS: Final = 8
 
 _log = structlog.get_logger(__name__)
-
-
-def parse_url(url: str) -> tuple[str, int]:
-    """Host and port of `opc.udp://host:port`."""
-    host, separator, port = url.removeprefix(_SCHEME).rstrip("/").rpartition(":")
-    if not url.startswith(_SCHEME) or not separator or not host or not port.isdecimal() or not 0 < int(port) < 65_536:
-        raise TransportError(
-            f"{url!r} is no PubSub address; write {_SCHEME}<host>:<port>, e.g. {_SCHEME}224.0.2.14:4840"
-        )
-    return host, int(port)
 
 
 class UdpTransport:
@@ -76,6 +71,8 @@ class UdpTransport:
         self._interface: Interface | None = None
         self._receiver: socket.socket | None = None
         self._sender: socket.socket | None = None
+        self._direct: socket.socket | None = None
+        """At the sender's port: hears answers, sends to one address."""
         self._timer: asyncio.TimerHandle | None = None
         self._joined_index: int | None = None
         """Index of the interface on which the group was joined."""
@@ -99,8 +96,14 @@ class UdpTransport:
         self._timer = loop.call_later(_CHECK_PERIOD_S, self._check)
         self._say_opened()
 
-    def send(self, datagram: bytes) -> None:
-        """Send to all members. Never blocks; a datagram that the kernel refuses is counted."""
+    def send(self, datagram: bytes, address: Address | None = None) -> None:
+        """Send to all members, or to one address alone, from the same port. Never blocks.
+
+        What the kernel refuses is counted. The address must be a literal one: a name would be looked up in the loop.
+        """
+        if address is not None:
+            self._send_to(datagram, address)
+            return
         sender = self._sender
         if sender is None:
             self.stats.send_failed += 1
@@ -158,8 +161,11 @@ class UdpTransport:
             receiver.close()
             raise self._bind_error(address, error) from error
         self._receiver = receiver
+        self._read(receiver)
+
+    def _read(self, opened: socket.socket) -> None:
         assert self._loop is not None
-        self._loop.add_reader(receiver.fileno(), self._drain)
+        self._loop.add_reader(opened.fileno(), self._drain, opened)
 
     def _enlarge(self, receiver: socket.socket) -> None:
         """Get the largest receive buffer up to the wanted size; above rmem_max that takes CAP_NET_ADMIN."""
@@ -208,13 +214,19 @@ class UdpTransport:
                 sender.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, option)
                 sender.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_TTL, self._ttl)
                 sender.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_LOOP, 1)
-            else:
-                sender.bind((interface.address, 0))
-            sender.connect((self._host, self._port))
+            sender.bind((interface.address, 0))
+            direct = _beside(sender)
         except OSError as error:
             sender.close()
             raise self._route_error(interface, error) from error
-        self._sender = sender
+        try:
+            sender.connect((self._host, self._port))
+        except OSError as error:
+            sender.close()
+            direct.close()
+            raise self._route_error(interface, error) from error
+        self._sender, self._direct = sender, direct
+        self._read(direct)
         self._send_failing = False
 
     def _route_error(self, interface: Interface, error: OSError) -> TransportError:
@@ -227,11 +239,10 @@ class UdpTransport:
             return TransportError(f"no permission to send to {place}; look at the firewall's rules for output")
         return TransportError(f"cannot send to {place}: {error.strerror}")
 
-    def _drain(self) -> None:
+    def _drain(self, receiver: socket.socket) -> None:
         """Read what is there, up to a bound; the event loop calls again while there is more."""
-        receiver, receive, stats = self._receiver, self._receive, self.stats
-        if receiver is None or receive is None:
-            return
+        receive, stats = self._receive, self.stats
+        assert receive is not None
         recvfrom = receiver.recvfrom
         for _ in range(_BATCH):
             try:
@@ -254,6 +265,15 @@ class UdpTransport:
         self.stats.send_failed += 1
         if error.errno not in (errno.EAGAIN, errno.ENOBUFS, errno.EMSGSIZE, errno.ECONNREFUSED):
             self._send_failing = True
+
+    def _send_to(self, datagram: bytes, address: Address) -> None:
+        """What fails here is the address's matter, not the interface's: only the count says so."""
+        if self._direct is not None:
+            with contextlib.suppress(OSError, OverflowError):
+                self._direct.sendto(datagram, address)
+                self.stats.sent += 1
+                return
+        self.stats.send_failed += 1
 
     def _check(self) -> None:
         """Each second: follow the interface, and ask the kernel for its drops."""
@@ -294,11 +314,8 @@ class UdpTransport:
 
     def _count_kernel_drops(self) -> None:
         """SO_MEMINFO costs half a microsecond; /proc/net/udp 47, and SO_RXQ_OVFL 0.3 for each datagram."""
-        if self._receiver is not None:
-            with contextlib.suppress(OSError, struct.error):
-                memory = self._receiver.getsockopt(socket.SOL_SOCKET, _SO_MEMINFO, 4 * (_MEMINFO_DROPS + 1))
-                drops: int = struct.unpack_from("I", memory, 4 * _MEMINFO_DROPS)[0]
-                self.stats.kernel_drops = self._earlier_drops + drops
+        drops = sum(_drops(opened) for opened in (self._receiver, self._direct) if opened is not None)
+        self.stats.kernel_drops = self._earlier_drops + drops
         assert self._loop is not None
         now = self._loop.time()
         if self.stats.kernel_drops > self._warned_drops and now - self._warned_at >= _WARNING_PERIOD_S:
@@ -312,17 +329,45 @@ class UdpTransport:
 
     def _close_receiver(self) -> None:
         if self._receiver is not None:
-            self._count_kernel_drops()
-            self._earlier_drops = self.stats.kernel_drops
-            assert self._loop is not None
-            self._loop.remove_reader(self._receiver.fileno())
-            self._receiver.close()
+            self._end_reading(self._receiver)
             self._receiver = None
 
     def _close_sender(self) -> None:
         if self._sender is not None:
             self._sender.close()
             self._sender = None
+        if self._direct is not None:
+            self._end_reading(self._direct)
+            self._direct = None
+
+    def _end_reading(self, opened: socket.socket) -> None:
+        self._earlier_drops += _drops(opened)
+        assert self._loop is not None
+        self._loop.remove_reader(opened.fileno())
+        opened.close()
+
+
+def _beside(sender: socket.socket) -> socket.socket:
+    """A socket at the port of a bound one, which must not be connected yet. No third one can come to that port."""
+    direct = socket.socket(socket.AF_INET, socket.SOCK_DGRAM | socket.SOCK_NONBLOCK)
+    try:
+        for each in (sender, direct):  # after the sender's bind: before, the kernel might share a foreign port with us
+            each.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        direct.bind(sender.getsockname())
+        for each in (sender, direct):
+            each.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 0)
+    except OSError:
+        direct.close()
+        raise
+    return direct
+
+
+def _drops(opened: socket.socket) -> int:
+    """Datagrams that the kernel dropped at a socket."""
+    with contextlib.suppress(OSError, struct.error):
+        memory = opened.getsockopt(socket.SOL_SOCKET, _SO_MEMINFO, 4 * (_MEMINFO_DROPS + 1))
+        return int(struct.unpack_from("I", memory, 4 * _MEMINFO_DROPS)[0])
+    return 0
 
 
 def _ip_mreqn(*, group: bytes = b"", address: bytes = b"", index: int) -> bytes:

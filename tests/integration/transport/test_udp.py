@@ -188,6 +188,52 @@ async def test_a_privileged_port_is_told_with_the_remedy(start: Start, monkeypat
         await start("opc.udp://127.0.0.1:99")
 
 
+async def test_an_answer_reaches_the_sender_alone_at_the_port_it_sent_from(udp_url: str, start: Start) -> None:
+    one, other, third = await start(udp_url), await start(udp_url), await start(udp_url)
+    one.transport.send(b"request")
+    await other.until(1)
+    other.transport.send(b"response", other.senders[0])
+    assert await one.until(2) == [b"request", b"response"]
+    await settle()
+    assert (other.heard, third.heard) == ([b"request"], [b"request"])
+    other.transport.send(b"to all")
+    await one.until(3)
+    assert one.senders[1] == one.senders[2], "to all and to one go from the same port"
+
+
+async def test_an_answer_reaches_a_unicast_sender(start: Start) -> None:
+    _, port = parse_url(system.free_multicast_url())
+    one = await start(f"opc.udp://127.0.0.3:{port}", "127.0.0.2")
+    other = await start(f"opc.udp://127.0.0.2:{port}", "127.0.0.3")
+    one.transport.send(b"request")
+    await other.until(1)
+    other.transport.send(b"response", other.senders[0])
+    assert await one.until(1) == [b"response"]
+    assert one.senders[0][0] == "127.0.0.3"
+
+
+async def test_no_other_socket_can_come_to_the_port_that_answers_reach(udp_url: str, start: Start) -> None:
+    one = await start(udp_url)
+    one.transport.send(b"x")
+    await one.until(1)
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as thief:
+        thief.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        thief.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEPORT, 1)
+        with pytest.raises(OSError, match="in use"):
+            thief.bind(one.senders[0])
+
+
+async def test_an_address_that_takes_nothing_is_counted_and_disturbs_nobody(udp_url: str, start: Start) -> None:
+    one = await start(udp_url)
+    one.transport.send(b"x", ("255.255.255.255", 4840))
+    one.transport.send(b"x" * 65_508, ("127.0.0.1", 4840))
+    for _ in range(3):
+        one.transport.send(b"nobody there", ("127.0.0.1", 9))
+    one.transport.send(b"to all")
+    assert await one.until(1) == [b"to all"]
+    assert (one.transport.stats.sent, one.transport.stats.send_failed) == (4, 2)
+
+
 async def test_kernel_drops_are_counted(udp_url: str, start: Start) -> None:
     listening = await start(udp_url, receive_buffer_bytes=4096)
     with capture_logs() as logs:

@@ -29,7 +29,7 @@ from ua_fleet.pubsub.publisher import Publisher
 from ua_fleet.pubsub.subscriber import Subscriber
 from ua_fleet.pubsub.timing import PubSubTiming
 from ua_fleet.topics import Side, Topic, Verdict, loop_verdict
-from ua_fleet.transport.base import Receive, TransportStats
+from ua_fleet.transport.base import Address, Receive, TransportStats
 from ua_fleet.values import BuiltinType
 from ua_fleet.wire import Codec
 from ua_fleet.wire.messages import DataSetMessage, DataSetMetaData
@@ -58,7 +58,8 @@ class Line:
             raise self._error
         self.receive = receive
 
-    def send(self, datagram: bytes) -> None:
+    def send(self, datagram: bytes, address: Address | None = None) -> None:
+        del address
         assert self.receive is not None, "sent before the transport was started"
         self.sent.append(datagram)
         self.receive(datagram, ("127.0.0.1", 1))

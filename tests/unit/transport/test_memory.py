@@ -110,3 +110,13 @@ def test_answers_that_arrive_in_time_are_delivered_in_the_same_advance() -> None
     one.send(b"question")
     network.advance_to(0.5)
     assert [datagram for _, datagram, _ in heard] == [b"question", b"answer"]
+
+
+def test_a_datagram_to_an_address_reaches_that_member_alone() -> None:
+    network = MemoryNetwork()
+    (one, heard_by_one), (other, heard_by_other) = listener(network), listener(network)
+    one.send(b"a", other.address)
+    one.send(b"b", ("192.0.2.1", 1))
+    network.advance_to(0.0)
+    assert (heard_by_one, heard_by_other) == ([], [(0.0, b"a", one.address)])
+    assert one.stats.sent == 2

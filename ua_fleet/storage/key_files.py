@@ -277,14 +277,14 @@ class _Parser:
             raise self._problem("group", f"the file is not that of {self._group_id}", "put the right file here")
         try:
             policy = SecurityPolicy.named(str(document["policy"]))
-        except ValueError:
+        except KeyError:
             known = ", ".join(known.short_name for known in SecurityPolicy)
             raise self._problem("policy", "is no policy of PubSub", f"allowed: {known}") from None
         lifetime_s = self._number(document["lifetime_s"], "lifetime_s")
-        entries = document["keys"]
-        if not isinstance(entries, list) or not 0 < len(cast("list[Any]", entries)) <= MAX_KEYS:
+        entries: list[Any] = document["keys"] if isinstance(document["keys"], list) else []
+        if not 0 < len(entries) <= MAX_KEYS:
             raise self._problem("keys", f"must be a list of 1 to {MAX_KEYS} keys")
-        keys = tuple(self._key(entry, f"keys[{i}]", policy) for i, entry in enumerate(cast("list[Any]", entries)))
+        keys = tuple(self._key(entry, f"keys[{i}]", policy) for i, entry in enumerate(entries))
         for i, (before, after) in enumerate(itertools.pairwise(keys), start=1):
             if after.token_id != before.token_id % MAX_TOKEN_ID + 1:
                 raise self._problem(f"keys[{i}].token", "must be the token before it, and 1")

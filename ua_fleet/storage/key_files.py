@@ -281,7 +281,8 @@ class _Parser:
             known = ", ".join(known.short_name for known in SecurityPolicy)
             raise self._problem("policy", "is no policy of PubSub", f"allowed: {known}") from None
         lifetime_s = self._number(document["lifetime_s"], "lifetime_s")
-        entries: list[Any] = document["keys"] if isinstance(document["keys"], list) else []
+        listed: Any = document["keys"]
+        entries = tuple[Any, ...](listed) if isinstance(listed, list) else ()
         if not 0 < len(entries) <= MAX_KEYS:
             raise self._problem("keys", f"must be a list of 1 to {MAX_KEYS} keys")
         keys = tuple(self._key(entry, f"keys[{i}]", policy) for i, entry in enumerate(entries))

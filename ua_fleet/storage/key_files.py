@@ -18,7 +18,7 @@ import json
 import os
 import re
 import secrets
-from collections.abc import Generator, Mapping
+from collections.abc import Generator, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
@@ -282,7 +282,7 @@ class _Parser:
             raise self._problem("policy", "is no policy of PubSub", f"allowed: {known}") from None
         lifetime_s = self._number(document["lifetime_s"], "lifetime_s")
         listed: Any = document["keys"]
-        entries = tuple[Any, ...](listed) if isinstance(listed, list) else ()
+        entries = cast("Sequence[Any]", listed) if isinstance(listed, list) else ()
         if not 0 < len(entries) <= MAX_KEYS:
             raise self._problem("keys", f"must be a list of 1 to {MAX_KEYS} keys")
         keys = tuple(self._key(entry, f"keys[{i}]", policy) for i, entry in enumerate(entries))

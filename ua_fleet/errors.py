@@ -16,6 +16,7 @@
         ScenarioInvalid(problems) | NoCandidate | JudgementsInvalid(problems)
       BridgeUnavailable(extra)                   a package or service that a bridge needs is missing
       ServerStartError                           the server cannot or must not start
+      StorageUnavailable                         what must be recorded cannot be: it is then not done either
       KeySourceUnavailable                       nobody can be asked for keys now: go on with those there are
       KeysRefused(group_id)                      the source answers, but has no keys of this group for us
       AccessRefused(ua_status)                   a client may not do this, or not with this value
@@ -50,6 +51,7 @@ __all__ = [
     "SkillFailed",
     "SkillRejected",
     "SkillTimeout",
+    "StorageUnavailable",
     "TopicInvalid",
     "TransportError",
     "UaFleetError",
@@ -205,6 +207,12 @@ class BridgeUnavailable(UaFleetError):
 
 class ServerStartError(UaFleetError):
     """The server cannot start, or must not start with this configuration."""
+
+
+class StorageUnavailable(UaFleetError):
+    """A file that a process must record something in is locked, broken, or its disk is full."""
+
+    ua_status = StatusCode.BAD_RESOURCE_UNAVAILABLE
 
 
 class KeySourceUnavailable(UaFleetError):

@@ -19,7 +19,11 @@ Decoded = NetworkMessage | Probe | MetaDataAnnouncement | Announcement
 
 
 def decode_message(datagram: bytes) -> Decoded:
-    """Decode one UADP NetworkMessage. Whatever the bytes are, only RemoteWireError comes out."""
+    """Decode one plain and whole UADP NetworkMessage. Whatever the bytes are, only RemoteWireError comes out.
+
+    A secured message is opened with its key before (`security.py`), a chunk put together with the others (`chunks.py`):
+    here the one is a SecuredMessage, the other has Cause.CHUNK.
+    """
     cursor = Cursor(datagram)
     header = decode_header(cursor)
     if header.message_type is MessageType.PROBE:

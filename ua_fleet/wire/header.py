@@ -26,7 +26,12 @@ from ua_fleet.wire.variant import decode_variant, encode_typed
 __all__ = [
     "Header",
     "MessageType",
+    "check_discovery_flags",
+    "decode_flags",
+    "decode_group_header",
     "decode_header",
+    "decode_message_type",
+    "decode_publisher_id",
     "encode_discovery_header",
     "encode_header",
 ]
@@ -98,31 +103,24 @@ class Header(NamedTuple):
 
 
 def decode_header(cursor: Cursor) -> Header:
-    """Decode up to the payload. Chunks, Actions and secured messages are refused here."""
-    flags = cursor.byte()
-    if flags & 0x0F != UADP_VERSION:
-        raise RemoteWireError(Cause.UADP_VERSION, f"version {flags & 0x0F}", 0)
-    extended1 = cursor.byte() if flags & HAS_EXTENDED_FLAGS_1 else 0
-    extended2 = cursor.byte() if extended1 & HAS_EXTENDED_FLAGS_2 else 0
-    if extended1 & PUBLISHER_ID_TYPE_BITS > PublisherIdType.STRING:
-        raise RemoteWireError(Cause.RESERVED_PUBLISHER_ID_TYPE, f"ExtendedFlags1 0x{extended1:02x}", 1)
-    message_type = _message_type(extended2)
+    """Decode up to the payload. Refused are Actions, and what has to be opened before: secured messages and chunks."""
+    flags, extended1, extended2 = decode_flags(cursor)
+    message_type = decode_message_type(extended2)
     if message_type is not MessageType.DATA_SET:
-        _check_discovery_flags(flags, extended1, extended2)
+        check_discovery_flags(flags, extended1, extended2)
     elif extended1 & HAS_SECURITY_HEADER:
         raise SecuredMessage("a DataSetMessage with the security flag", 1)
     publisher_id: int | str | None = None
     publisher_id_type = PublisherIdType.UINT16.value
     if flags & HAS_PUBLISHER_ID:
-        publisher_id_type = extended1 & PUBLISHER_ID_TYPE_BITS
-        publisher_id = _decode_publisher_id(cursor, publisher_id_type)
+        publisher_id, publisher_id_type = decode_publisher_id(cursor, extended1)
     data_set_class_id = decode_guid(cursor) if extended1 & HAS_DATA_SET_CLASS_ID else None
-    group = _decode_group_header(cursor) if flags & HAS_GROUP_HEADER else (None, None, None, None)
+    group = decode_group_header(cursor) if flags & HAS_GROUP_HEADER else (None, None, None, None)
     data_set_writer_ids = None
     if extended1 & HAS_SECURITY_HEADER:  # a discovery message, in which it follows the PublisherId
         _pass_security_header(cursor)
     if extended2 & IS_CHUNK:
-        raise RemoteWireError(Cause.CHUNK, "chunks are not put together", 2)
+        raise RemoteWireError(Cause.CHUNK, "a chunk that was not put together with the others", 2)
     if flags & HAS_PAYLOAD_HEADER:
         data_set_writer_ids = cursor.unpack(Struct(f"<{cursor.byte()}H"))
     timestamp = cursor.unpack(_INT64)[0] if extended1 & HAS_TIMESTAMP else None
@@ -148,7 +146,20 @@ def decode_header(cursor: Cursor) -> Header:
     )
 
 
-def _message_type(extended2: int) -> MessageType:
+def decode_flags(cursor: Cursor) -> tuple[int, int, int]:
+    """UADPFlags, ExtendedFlags1 and ExtendedFlags2, 0 where they are absent."""
+    flags = cursor.byte()
+    if flags & 0x0F != UADP_VERSION:
+        raise RemoteWireError(Cause.UADP_VERSION, f"version {flags & 0x0F}", 0)
+    extended1 = cursor.byte() if flags & HAS_EXTENDED_FLAGS_1 else 0
+    extended2 = cursor.byte() if extended1 & HAS_EXTENDED_FLAGS_2 else 0
+    if extended1 & PUBLISHER_ID_TYPE_BITS > PublisherIdType.STRING:
+        raise RemoteWireError(Cause.RESERVED_PUBLISHER_ID_TYPE, f"ExtendedFlags1 0x{extended1:02x}", 1)
+    return flags, extended1, extended2
+
+
+def decode_message_type(extended2: int) -> MessageType:
+    """The type of a message, once its reserved flags are seen to be clear."""
     if extended2 & RESERVED_EXTENDED_FLAGS_2:
         raise RemoteWireError(Cause.RESERVED_EXTENDED_FLAGS, f"ExtendedFlags2 0x{extended2:02x}", 2)
     message_type = (extended2 & MESSAGE_TYPE_BITS) >> 2
@@ -157,7 +168,7 @@ def _message_type(extended2: int) -> MessageType:
     return MessageType(message_type)
 
 
-def _check_discovery_flags(flags: int, extended1: int, extended2: int) -> None:
+def check_discovery_flags(flags: int, extended1: int, extended2: int) -> None:
     """The flags that 7.2.4.6.3 and 7.2.4.6.12.1 fix; version 1.04 left the security flag open, so we do too."""
     if (
         flags & (HAS_GROUP_HEADER | HAS_PAYLOAD_HEADER)
@@ -169,14 +180,16 @@ def _check_discovery_flags(flags: int, extended1: int, extended2: int) -> None:
         raise RemoteWireError(Cause.DISCOVERY_FLAGS, f"flags {flag_bytes} in a discovery message", 0)
 
 
-def _decode_publisher_id(cursor: Cursor, publisher_id_type: int) -> int | str:
+def decode_publisher_id(cursor: Cursor, extended1: int) -> tuple[int | str, int]:
+    """The PublisherId and its type."""
+    publisher_id_type = extended1 & PUBLISHER_ID_TYPE_BITS
     if publisher_id_type == PublisherIdType.STRING:
-        return decode_string(cursor) or ""
-    value: int = cursor.unpack(FIXED[PUBLISHER_ID_BUILTIN[publisher_id_type]])[0]
-    return value
+        return decode_string(cursor) or "", publisher_id_type
+    return cursor.unpack(FIXED[PUBLISHER_ID_BUILTIN[publisher_id_type]])[0], publisher_id_type
 
 
-def _decode_group_header(cursor: Cursor) -> tuple[int | None, int | None, int | None, int | None]:
+def decode_group_header(cursor: Cursor) -> tuple[int | None, int | None, int | None, int | None]:
+    """WriterGroupId, GroupVersion, NetworkMessageNumber and SequenceNumber, None where they are absent."""
     flags = cursor.byte()
     if flags & RESERVED_GROUP_FLAGS:
         raise RemoteWireError(Cause.RESERVED_GROUP_FLAGS, f"GroupFlags 0x{flags:02x}", cursor.position - 1)

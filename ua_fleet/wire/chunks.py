@@ -1,0 +1,159 @@
+"""Chunks: the payload of one large message in several NetworkMessages (OPC 10000-14 7.2.4.4.4).
+
+    for datagram in split(plain, most_bytes, message_sequence_number): ...      # [plain] where it fits as it is
+    chunk = read_chunk(plain)                                                   # None where it is none
+    plain = join(chunk, payload)                                                # with the data of all its chunks
+
+Each chunk is a NetworkMessage with all headers of the whole one, so each is secured alone: `split` before `protect`,
+`read_chunk` after `unprotect`. In its payload header stands the one DataSetWriterId without a count; discovery messages
+have no payload header. Which chunks belong together, in which order they come, and for how long they are kept, is for
+`ua_fleet.pubsub.security`.
+"""
+
+from __future__ import annotations
+
+from struct import Struct
+from typing import Final, NamedTuple
+
+from ua_fleet.errors import LocalWireError, RemoteWireError
+from ua_fleet.wire.causes import Cause, SecuredMessage
+from ua_fleet.wire.cursor import Cursor
+from ua_fleet.wire.header import (
+    HAS_EXTENDED_FLAGS_1,
+    HAS_EXTENDED_FLAGS_2,
+    HAS_PAYLOAD_HEADER,
+    HAS_SECURITY_HEADER,
+    IS_CHUNK,
+    NO_SECURITY,
+)
+from ua_fleet.wire.outline import Outline, encode_flags, read_outline
+
+__all__ = ["CHUNK_FIELDS_BYTES", "Chunk", "join", "read_chunk", "split"]
+
+_CHUNK_FIELDS: Final = Struct("<HII")
+CHUNK_FIELDS_BYTES: Final = _CHUNK_FIELDS.size
+"""MessageSequenceNumber, ChunkOffset and TotalSize (table 159)."""
+_WRITER_ID: Final = Struct("<H")
+_ONE_WRITER: Final = Struct("<BH")
+MOST_PAYLOAD_BYTES: Final = 0xFFFF_FFFF
+
+
+class Chunk(NamedTuple):
+    """One chunk, with what tells which message it is a part of."""
+
+    publisher_id: int | str | None
+    publisher_id_type: int
+    writer_group_id: int | None
+    data_set_writer_id: int | None
+    """None without a payload header, as in discovery messages."""
+    is_action: bool
+    is_discovery: bool
+    head: bytes
+    """The bytes of the whole message up to its payload."""
+    message_sequence_number: int
+    offset: int
+    total_size: int
+    data: bytes
+
+
+def read_chunk(datagram: bytes) -> Chunk | None:
+    """The chunk that a plain message is; None if it is none. Raises RemoteWireError for one that cannot be."""
+    if not _says_chunk(datagram):
+        return None
+    cursor = Cursor(datagram)
+    outline = read_outline(cursor)
+    head = _head(datagram, cursor, outline)
+    at = cursor.position
+    number, offset, total_size = cursor.unpack(_CHUNK_FIELDS)
+    data = cursor.take(cursor.remaining)
+    if not data:
+        raise RemoteWireError(Cause.CHUNK_EMPTY, f"no data at offset {offset} of {total_size}", at)
+    if offset + len(data) > total_size:
+        detail = f"{len(data)} bytes at offset {offset} of {total_size}"
+        raise RemoteWireError(Cause.CHUNK_RANGE, detail, at)
+    return Chunk(
+        outline.publisher_id,
+        outline.publisher_id_type,
+        outline.writer_group_id,
+        outline.writer_ids[0] if outline.writer_ids else None,
+        outline.is_action,
+        outline.is_discovery,
+        head,
+        number,
+        offset,
+        total_size,
+        data,
+    )
+
+
+def _says_chunk(datagram: bytes) -> bool:
+    return (
+        len(datagram) > 2
+        and bool(datagram[0] & HAS_EXTENDED_FLAGS_1)
+        and bool(datagram[1] & HAS_EXTENDED_FLAGS_2)
+        and bool(datagram[2] & IS_CHUNK)
+    )
+
+
+def _head(datagram: bytes, cursor: Cursor, outline: Outline) -> bytes:
+    """Move to the payload, and give the head of the whole message, or of a chunk if this is the whole one."""
+    if outline.extended1 & HAS_SECURITY_HEADER:
+        at = cursor.position
+        if not outline.is_discovery or cursor.take(len(NO_SECURITY)) != NO_SECURITY:
+            raise SecuredMessage("a message that was not opened", at)
+    writer = b""
+    behind = outline.payload_header_offset
+    if outline.flags & HAS_PAYLOAD_HEADER:
+        (writer_id,) = outline.writer_ids
+        writer = _ONE_WRITER.pack(1, writer_id) if outline.is_chunk else _WRITER_ID.pack(writer_id)
+        behind += 2 if outline.is_chunk else 3
+    before = len(encode_flags(outline.flags, outline.extended1, outline.extended2))
+    return b"".join(
+        (
+            encode_flags(outline.flags, outline.extended1, outline.extended2 ^ IS_CHUNK),
+            datagram[before : outline.payload_header_offset],
+            writer,
+            datagram[behind : cursor.position],
+        )
+    )
+
+
+def split(datagram: bytes, most_bytes: int, message_sequence_number: int) -> list[bytes]:
+    """The chunks of a plain message, none longer than `most_bytes` and all but the last equally long.
+
+    A message that fits is given back as it is. One with several DataSetMessages is never split, since a chunk belongs
+    to one of them: send each in a NetworkMessage of its own. Raises LocalWireError for it and for whatever else cannot
+    be split.
+    """
+    if len(datagram) <= most_bytes:
+        return [datagram]
+    cursor = Cursor(datagram)
+    try:
+        outline = read_outline(cursor)
+        if outline.is_chunk:
+            raise LocalWireError("a chunk is not split again")
+        if len(outline.writer_ids) > 1:
+            count = len(outline.writer_ids)
+            raise LocalWireError(f"{len(datagram)} bytes with {count} DataSetMessages: send each in its own message")
+        head = _head(datagram, cursor, outline)
+    except RemoteWireError as error:
+        raise LocalWireError(f"a message that cannot be split: {error}") from error
+    payload = datagram[cursor.position :]
+    size = most_bytes - len(head) - CHUNK_FIELDS_BYTES
+    if size < 1:
+        raise LocalWireError(f"{most_bytes} bytes have no room for a chunk behind {len(head)} bytes of headers")
+    if len(payload) > MOST_PAYLOAD_BYTES:
+        raise LocalWireError(f"a payload of {len(payload)} bytes; chunks carry at most {MOST_PAYLOAD_BYTES}")
+    return [
+        head
+        + _CHUNK_FIELDS.pack(message_sequence_number & 0xFFFF, offset, len(payload))
+        + payload[offset : offset + size]
+        for offset in range(0, len(payload), size)
+    ]
+
+
+def join(chunk: Chunk, payload: bytes) -> bytes:
+    """The whole plain message of which `chunk` is a part, with the headers of that chunk."""
+    if len(payload) != chunk.total_size:
+        raise LocalWireError(f"a payload of {len(payload)} bytes for chunks of {chunk.total_size}")
+    return chunk.head + payload

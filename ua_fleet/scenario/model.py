@@ -27,6 +27,7 @@ __all__ = [
     "Step",
     "Task",
     "Wait",
+    "takes_time",
 ]
 
 Argument = Value | Expression
@@ -195,3 +196,18 @@ def _walk(step: Step) -> Iterator[Step]:
             return
     for part in inner:
         yield from _walk(part)
+
+
+def takes_time(step: Step) -> bool:
+    """Whether a step cannot be over at once, whatever way it goes: what is repeated has to."""
+    match step:
+        case Sequence(steps=inner) | Parallel(branches=inner):
+            return any(takes_time(part) for part in inner)
+        case Condition(then=then, otherwise=otherwise):
+            return takes_time(then) and takes_time(otherwise)
+        case Repeat(body=body):
+            return takes_time(body)
+        case Wait(for_s=for_s):
+            return for_s is not None
+        case Task() | End():
+            return True

@@ -30,6 +30,7 @@ from ua_fleet.scenario.model import (
     Step,
     Task,
     Wait,
+    takes_time,
 )
 
 __all__ = ["MOST_STEPS", "Reading", "read_scenario", "scenario_of"]
@@ -220,6 +221,8 @@ class _Reader:
         body = self._sequence(data["repeat"], (*path, "repeat"), f"{key}.repeat")
         if not body.steps:
             self._problem((*path, "repeat"), "nothing is repeated")
+        elif not takes_time(body):
+            self._problem((*path, "repeat"), "would turn without a pause", "put a task or `wait: SECONDS` on each way")
         timeout_s = self._seconds(path, data, "timeout_s")
         return Repeat(key, self._line(path), body, times, while_, 10.0 if timeout_s is None else timeout_s)
 

@@ -1,0 +1,100 @@
+"""A process that is killed between any two writes of its journal comes back and goes on, and nothing is done twice."""
+
+from __future__ import annotations
+
+from collections import Counter
+from random import Random
+
+import pytest
+
+from tests.unit.scenario.owner import Killed, Owner, Skill
+from ua_fleet.scenario.facts import TaskOutcome
+
+SCENARIO = """\
+version: 1
+name: nine_tasks
+steps:
+  - {task: box, robot: ridgeback, skill: bring}
+  - parallel:
+      - - {task: belt, robot: conveyor, skill: run}
+        - {task: grasp, robot: ur3, skill: grasp}
+      - {task: look, capacity: fly, skill: look, after: [belt]}
+  - if: temperature > 20
+    then: {task: left, robot: ur3, skill: turn, retries: 2}
+    else: {task: right, robot: ur3, skill: turn, retries: 2}
+  - repeat:
+      - {task: blink, robot: lamp, skill: blink}
+      - wait: 0.5
+    times: 3
+  - {task: home, robot: ridgeback, skill: go}
+"""
+
+
+def world() -> Owner:
+    made = Owner(SCENARIO)
+    made.values["temperature"] = 25
+    made.any_robot["fly"] = "drone"
+    made.skills["ridgeback", "go"] = Skill(outcome=TaskOutcome.FAILED)
+    made.stand_in = lambda decision: "pioneer"
+    return made
+
+
+EXPECTED = Counter(
+    [
+        *[("box", "ridgeback"), ("belt", "conveyor"), ("grasp", "ur3"), ("look", "drone"), ("left", "ur3")],
+        *[("blink", "lamp")] * 3,
+        ("home", "pioneer"),
+    ]
+)
+
+
+def run_with_kills(made: Owner, writes: list[int]) -> None:
+    for count in writes:
+        made.writes_left = count
+        try:
+            made.go()
+        except Killed:
+            made.restart()
+    made.writes_left = None
+    for _ in range(3):
+        made.go()
+
+
+def test_without_a_kill() -> None:
+    made = world()
+    made.go()
+    assert made.log[-1].endswith("done")
+    assert Counter(made.done_by) == EXPECTED
+
+
+def test_a_kill_before_each_single_write() -> None:
+    undisturbed = world()
+    undisturbed.go()
+    for place in range(len(undisturbed.journal)):
+        made = world()
+        run_with_kills(made, [place])
+        assert made.ended, place
+        assert Counter(made.done_by) == EXPECTED, place
+        assert made.begun["home"] == 2, place
+
+
+@pytest.mark.parametrize("block", range(10))
+def test_a_thousand_runs_with_kills_at_random_moments(block: int) -> None:
+    for seed in range(block * 100, block * 100 + 100):
+        random = Random(seed)
+        made = world()
+        run_with_kills(made, [random.randrange(12) for _ in range(random.randrange(1, 12))])
+        assert made.ended, seed
+        assert Counter(made.done_by) == EXPECTED, seed
+
+
+def test_these_tests_notice_what_is_done_twice() -> None:
+    undisturbed = world()
+    undisturbed.go()
+    doubled = 0
+    for place in range(len(undisturbed.journal)):
+        made = world()
+        made.robots_forget = True
+        run_with_kills(made, [place])
+        doubled += Counter(made.done_by) != EXPECTED
+    assert doubled > 5

@@ -1,0 +1,298 @@
+"""What happened in a run: the records of its journal. A run's state is what its facts come to, and nothing else."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import StrEnum
+from typing import Any, Final, get_type_hints
+
+from ua_fleet.scenario.expression import Value
+
+__all__ = [
+    "BranchTaken",
+    "EventSeen",
+    "Fact",
+    "IterationStarted",
+    "Replaced",
+    "ReplacementWanted",
+    "RobotReturned",
+    "RunClosing",
+    "RunCreated",
+    "RunEnded",
+    "RunOutcome",
+    "RunPaused",
+    "RunResumed",
+    "StepEnded",
+    "StepStarted",
+    "StepState",
+    "TaskAccepted",
+    "TaskAnswered",
+    "TaskAssigned",
+    "TaskOutcome",
+    "TaskOver",
+    "Then",
+    "decode_fact",
+    "encode_fact",
+]
+
+
+class StepState(StrEnum):
+    """How a step ended."""
+
+    DONE = "done"
+    FAILED = "failed"
+
+
+class TaskOutcome(StrEnum):
+    """How one attempt at a task ended."""
+
+    DONE = "done"
+    FAILED = "failed"
+    REFUSED = "refused"
+    TIMED_OUT = "timed_out"
+    UNKNOWN = "unknown"
+    """Nobody can tell whether it was done."""
+    FAULT = "fault"
+    """The robot failed meanwhile."""
+
+
+class Then(StrEnum):
+    """What follows the end of an attempt."""
+
+    DONE = "done"
+    FAILED = "failed"
+    RETRY = "retry"
+    ASK = "ask"
+    """An operator is asked."""
+    REPLACE = "replace"
+    """Another robot is looked for."""
+
+
+class RunOutcome(StrEnum):
+    """How a run ended."""
+
+    DONE = "done"
+    FAILED = "failed"
+    ABORTED = "aborted"
+
+
+@dataclass(frozen=True, slots=True)
+class RunCreated:
+    """A run begins; the scenario's text is kept with it."""
+
+    at: float
+    run_id: str
+    text: str
+    parameters: Mapping[str, Value] = field(default_factory=dict[str, Value])
+    by: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class StepStarted:
+    """A step's turn has come. `step` is its key, with the repetition where there are several."""
+
+    at: float
+    step: str
+
+
+@dataclass(frozen=True, slots=True)
+class BranchTaken:
+    """A condition was decided."""
+
+    at: float
+    step: str
+    then: bool
+
+
+@dataclass(frozen=True, slots=True)
+class IterationStarted:
+    """A repetition begins; the first is 0."""
+
+    at: float
+    step: str
+    number: int
+
+
+@dataclass(frozen=True, slots=True)
+class TaskAssigned:
+    """An attempt at a task begins on a robot. Journaled before the robot hears of it."""
+
+    at: float
+    step: str
+    task: str
+    attempt: int
+    robot: str
+    execution_id: str
+    skill: str
+    arguments: Mapping[str, Value] = field(default_factory=dict[str, Value])
+
+
+@dataclass(frozen=True, slots=True)
+class TaskAccepted:
+    """The robot has taken it."""
+
+    at: float
+    step: str
+    attempt: int
+
+
+@dataclass(frozen=True, slots=True)
+class TaskOver:
+    """An attempt has ended, and what follows: one fact, so that no crash can come between the two."""
+
+    at: float
+    step: str
+    attempt: int
+    outcome: TaskOutcome
+    then: Then
+    message: str = ""
+    results: Mapping[str, Value] = field(default_factory=dict[str, Value])
+
+
+@dataclass(frozen=True, slots=True)
+class TaskAnswered:
+    """An operator has said whether a task was done."""
+
+    at: float
+    step: str
+    then: Then
+    by: str
+
+
+@dataclass(frozen=True, slots=True)
+class ReplacementWanted:
+    """A task's robot cannot even begin; another is looked for."""
+
+    at: float
+    step: str
+    robot: str
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class Replaced:
+    """Another robot stands in for one that failed, for this task and later ones, until that one is back."""
+
+    at: float
+    step: str
+    failed: str
+    robot: str
+    by: str
+
+
+@dataclass(frozen=True, slots=True)
+class RobotReturned:
+    """A robot that failed takes its later tasks back."""
+
+    at: float
+    robot: str
+
+
+@dataclass(frozen=True, slots=True)
+class EventSeen:
+    """An event that a step waited for has happened."""
+
+    at: float
+    step: str
+    event: str
+
+
+@dataclass(frozen=True, slots=True)
+class StepEnded:
+    """A step is over."""
+
+    at: float
+    step: str
+    state: StepState
+    reason: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class RunPaused:
+    """No further task begins."""
+
+    at: float
+    by: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class RunResumed:
+    """The run goes on."""
+
+    at: float
+    by: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class RunClosing:
+    """The run is to end before its last step: an operator or an `end` step says so. Tasks in hand are cancelled."""
+
+    at: float
+    outcome: RunOutcome
+    reason: str
+    by: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class RunEnded:
+    """The run is over."""
+
+    at: float
+    outcome: RunOutcome
+    reason: str = ""
+
+
+Fact = (
+    RunCreated
+    | StepStarted
+    | BranchTaken
+    | IterationStarted
+    | TaskAssigned
+    | TaskAccepted
+    | TaskOver
+    | TaskAnswered
+    | ReplacementWanted
+    | Replaced
+    | RobotReturned
+    | EventSeen
+    | StepEnded
+    | RunPaused
+    | RunResumed
+    | RunClosing
+    | RunEnded
+)
+
+_KINDS: Final[dict[str, type[Any]]] = {kind.__name__: kind for kind in Fact.__args__}
+_ENUMS: Final = {
+    name: {
+        field_name: hint
+        for field_name, hint in get_type_hints(kind).items()
+        if isinstance(hint, type) and issubclass(hint, StrEnum)
+    }
+    for name, kind in _KINDS.items()
+}
+
+
+def encode_fact(fact: Fact) -> str:
+    """A fact as one line of JSON."""
+    return json.dumps({"fact": type(fact).__name__, **dataclasses.asdict(fact)}, ensure_ascii=False)
+
+
+def decode_fact(line: str) -> Fact:
+    """The fact in a line.
+
+    Raises:
+        ValueError: the line holds none that this program knows.
+    """
+    try:
+        data: dict[str, Any] = json.loads(line)
+        name = data.pop("fact")
+        for key, kind in _ENUMS[name].items():
+            data[key] = kind(data[key])
+        fact: Fact = _KINDS[name](**data)
+    except (KeyError, TypeError, AttributeError) as error:
+        raise ValueError(f"no fact of a run: {error}") from error
+    return fact

@@ -1,0 +1,183 @@
+"""The state of a run, as its facts make it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import Enum, auto
+
+from ua_fleet.scenario.expression import Value
+from ua_fleet.scenario.facts import (
+    BranchTaken,
+    EventSeen,
+    Fact,
+    IterationStarted,
+    Replaced,
+    ReplacementWanted,
+    RobotReturned,
+    RunClosing,
+    RunCreated,
+    RunEnded,
+    RunOutcome,
+    RunPaused,
+    RunResumed,
+    StepEnded,
+    StepStarted,
+    StepState,
+    TaskAccepted,
+    TaskAnswered,
+    TaskAssigned,
+    TaskOver,
+    Then,
+)
+
+__all__ = ["RunState", "TaskPhase", "TaskRun"]
+
+
+class TaskPhase(Enum):
+    """Where a task stands between its turn and its end."""
+
+    WANTED = auto()
+    """It waits for its robot."""
+    ASSIGNED = auto()
+    ACCEPTED = auto()
+    REPLACING = auto()
+    """A replacement is looked for."""
+    ASKED = auto()
+    OVER = auto()
+
+
+@dataclass(slots=True)
+class TaskRun:
+    """One task within a run."""
+
+    name: str = ""
+    phase: TaskPhase = TaskPhase.WANTED
+    attempt: int = 0
+    """Numbers all attempts of the task, on whatever robot."""
+    tries: int = 0
+    """Attempts on this robot."""
+    robot: str = ""
+    execution_id: str = ""
+    skill: str = ""
+    arguments: Mapping[str, Value] = field(default_factory=dict[str, Value])
+    assigned_at: float = 0.0
+    reason: str = ""
+    """Why a replacement is wanted, or what is known where an operator is asked."""
+
+
+@dataclass(slots=True)
+class RunState:
+    """All that a run knows. `apply` is the only thing that changes what the journal has to bring back."""
+
+    run_id: str = ""
+    parameters: dict[str, Value] = field(default_factory=dict[str, Value])
+    by: str = ""
+    started: dict[str, float] = field(default_factory=dict[str, float])
+    ended: dict[str, StepState] = field(default_factory=dict[str, StepState])
+    branches: dict[str, bool] = field(default_factory=dict[str, bool])
+    iterations: dict[str, int] = field(default_factory=dict[str, int])
+    tasks: dict[str, TaskRun] = field(default_factory=dict[str, TaskRun])
+    tasks_done: set[str] = field(default_factory=set[str])
+    executions: dict[str, str] = field(default_factory=dict[str, str])
+    """The step of each execution id, those of earlier attempts included."""
+    results: dict[str, Mapping[str, Value]] = field(default_factory=dict[str, Mapping[str, Value]])
+    stand_ins: dict[str, str] = field(default_factory=dict[str, str])
+    events_seen: set[str] = field(default_factory=set[str])
+    first_failure: str = ""
+    paused: bool = False
+    closing: RunClosing | None = None
+    outcome: RunOutcome | None = None
+    reason: str = ""
+
+    undecided: dict[str, float] = field(default_factory=dict[str, float])
+    """Since when a condition waits for its values; begins anew after a restart."""
+    waiting_for_events: dict[str, str] = field(default_factory=dict[str, str])
+
+    def apply(self, fact: Fact) -> None:
+        """Take a fact in."""
+        match fact:
+            case RunCreated():
+                self.run_id, self.parameters, self.by = fact.run_id, dict(fact.parameters), fact.by
+            case StepStarted():
+                self.started[fact.step] = fact.at
+            case BranchTaken():
+                self.branches[fact.step] = fact.then
+            case IterationStarted():
+                self.iterations[fact.step] = fact.number
+            case EventSeen():
+                self.events_seen.add(fact.step)
+                self.waiting_for_events.pop(fact.step, None)
+            case StepEnded():
+                self._step_ended(fact)
+            case RobotReturned():
+                self.stand_ins.pop(fact.robot, None)
+            case RunPaused():
+                self.paused = True
+            case RunResumed():
+                self.paused = False
+            case RunClosing():
+                self.closing = fact
+            case RunEnded():
+                self.outcome, self.reason = fact.outcome, fact.reason
+            case _:
+                self._task_changed(fact)
+
+    def _step_ended(self, fact: StepEnded) -> None:
+        self.waiting_for_events.pop(fact.step, None)
+        task = self.tasks.get(fact.step)
+        if task is not None:
+            self._end_task(fact.step, task, fact.state, fact.reason)
+        else:
+            self._end(fact.step, fact.state, fact.reason)
+
+    def _end(self, step: str, state: StepState, reason: str) -> None:
+        self.ended[step] = state
+        if state is StepState.FAILED and reason and not self.first_failure:
+            self.first_failure = reason
+
+    def _end_task(self, step: str, task: TaskRun, state: StepState, reason: str) -> None:
+        task.phase = TaskPhase.OVER
+        if state is StepState.DONE:
+            self.tasks_done.add(task.name)
+        self._end(step, state, reason)
+
+    def _task_changed(
+        self, fact: TaskAssigned | TaskAccepted | TaskOver | TaskAnswered | ReplacementWanted | Replaced
+    ) -> None:
+        task = self.tasks.setdefault(fact.step, TaskRun())
+        match fact:
+            case TaskAssigned():
+                task.tries = task.tries + 1 if task.robot == fact.robot else 1
+                task.name, task.attempt, task.robot = fact.task, fact.attempt, fact.robot
+                task.execution_id, task.skill, task.arguments = fact.execution_id, fact.skill, fact.arguments
+                task.assigned_at, task.phase = fact.at, TaskPhase.ASSIGNED
+                self.executions[fact.execution_id] = fact.step
+            case TaskAccepted():
+                task.phase = TaskPhase.ACCEPTED
+            case TaskOver():
+                task.reason = fact.message
+                if fact.then is Then.DONE:
+                    self.results[task.name] = fact.results
+                self._follow(fact.step, task, fact.then)
+            case TaskAnswered():
+                self._follow(fact.step, task, fact.then)
+            case ReplacementWanted():
+                task.phase, task.reason, task.robot = TaskPhase.REPLACING, fact.reason, fact.robot
+            case Replaced():
+                task.phase, task.tries, task.robot = TaskPhase.WANTED, 0, fact.robot
+                if fact.failed:
+                    self.stand_ins[fact.failed] = fact.robot
+
+    def _follow(self, step: str, task: TaskRun, then: Then) -> None:
+        match then:
+            case Then.DONE:
+                self._end_task(step, task, StepState.DONE, "")
+            case Then.FAILED:
+                self._end_task(step, task, StepState.FAILED, task.reason)
+            case Then.RETRY:
+                task.phase = TaskPhase.WANTED
+            case Then.ASK:
+                task.phase = TaskPhase.ASKED
+            case Then.REPLACE:
+                task.phase = TaskPhase.REPLACING

@@ -274,6 +274,12 @@ class MessageKey:
             return _remember(self._plain_heads, head, _plain_head(secured), len(head)) + payload
 
 
+def without_security(secured: SecuredDatagram) -> bytes:
+    """The plain form of a message that is signed only, not verified: for people to look at, never to be taken for data."""
+    datagram = secured.datagram
+    return _plain_head(secured) + datagram[secured.payload_offset : -SIGNATURE_BYTES - secured.footer_size]
+
+
 def _secured_head(plain_head: bytes, token_id: int, mode: SecurityMode, force_key_reset: bool) -> bytes:
     """The head of a secured message up to its nonce, from the head of the plain one."""
     if mode is _NONE:

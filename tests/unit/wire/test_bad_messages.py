@@ -16,7 +16,16 @@ import ua_fleet.wire
 from tests.unit.wire.corpus import valid_messages
 from ua_fleet.errors import RemoteWireError
 from ua_fleet.values import Matrix
-from ua_fleet.wire import Cause, Codec, SecuredMessage, decode_raw_fields
+from ua_fleet.wire import (
+    Cause,
+    Codec,
+    MessageKey,
+    SecuredMessage,
+    SecurityPolicy,
+    decode_raw_fields,
+    read_chunk,
+    read_security,
+)
 from ua_fleet.wire.cursor import DEEPEST_NESTING
 from ua_fleet.wire.messages import (
     ConfigurationVersion,
@@ -145,6 +154,51 @@ RAW_TABLE: list[tuple[Cause, FieldMetaData, str]] = [
 ]
 
 
+SECURED = "f1 11 0200 01 0200 01 0900"
+"""Of a NetworkMessage with one DataSetMessage, up to the SecurityHeader."""
+NONCE = "08 0102030405060708"
+SIGNATURE = "00" * 32
+CHUNK = "d1 81 01 0700 0900"
+
+
+def unprotect(datagram: bytes) -> object:
+    return MessageKey(SecurityPolicy.AES128_CTR, bytes(52)).unprotect(read_security(datagram))
+
+
+OPENING_TABLE: list[tuple[str, Cause, Callable[[bytes], object], str]] = [
+    ("no count of writers", Cause.NO_DATA_SET_MESSAGE, read_security, "f1 11 0200 01 0200 00"),
+    *[
+        (f"SecurityFlags {flags:02x}", Cause.SECURITY_FLAGS, read_security, f"{SECURED} {flags:02x} 01000000 {NONCE}")
+        for flags in (0x02, 0x04, 0x08, 0x06, 0x11, 0x23, 0x41, 0x81, 0x10, 0x80)
+    ],
+    *[
+        (f"nonce of {size}", Cause.NONCE_LENGTH, read_security, f"{SECURED} {flags} 01000000 {size:02x}" + "07" * 300)
+        for flags, size in (("03", 0), ("03", 7), ("03", 9), ("03", 255), ("01", 7), ("01", 255))
+    ],
+    ("a nonce that is not there", Cause.TRUNCATED, read_security, SECURED + "03 01000000 ff 00"),
+    ("half a signature", Cause.TRUNCATED, read_security, SECURED + "01 01000000 00" + SIGNATURE[2:]),
+    ("a footer of 65,535", Cause.SECURITY_FOOTER, read_security, SECURED + "05 01000000 00 ffff" + SIGNATURE),
+    (
+        "a footer too large by one",
+        Cause.SECURITY_FOOTER,
+        read_security,
+        SECURED + "05 00000000 00 0300 0102" + SIGNATURE,
+    ),
+    ("promoted fields beyond the end", Cause.TRUNCATED, read_security, "91 91 02 0700 ffff 00"),
+    ("another signature", Cause.SIGNATURE, unprotect, SECURED + "01 01000000" + NONCE + SIGNATURE),
+    ("no signature", Cause.SIGNATURE, unprotect, HEAD + "01 0000"),
+    ("a secured chunk", Cause.SECURED, read_chunk, "d1 91 01 0700 0900 00 00000000 00" + SIGNATURE),
+    ("a secured discovery chunk", Cause.SECURED, read_chunk, "91 91 09 0700 01 01000000 08" + SIGNATURE),
+    ("half a chunk's fields", Cause.TRUNCATED, read_chunk, CHUNK + "0300 00000000 080000"),
+    ("a chunk of nothing", Cause.CHUNK_EMPTY, read_chunk, CHUNK + "0300 00000000 00000000"),
+    ("a chunk without data", Cause.CHUNK_EMPTY, read_chunk, CHUNK + "0300 05000000 08000000"),
+    ("a chunk beyond the end", Cause.CHUNK_RANGE, read_chunk, CHUNK + "0300 07000000 08000000 0102"),
+    ("a chunk at the end of 4 GiB", Cause.CHUNK_RANGE, read_chunk, CHUNK + "0300 ffffffff ffffffff 01"),
+    ("a chunk of a total of 0", Cause.CHUNK_RANGE, read_chunk, CHUNK + "0300 00000000 00000000 01"),
+]
+"""What is refused before there is a message to decode."""
+
+
 def decode(encoded: str) -> object:
     return Codec().decode(bytes.fromhex(encoded))
 
@@ -159,6 +213,14 @@ def test_cause(cause: Cause, encoded: str) -> None:
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.parametrize(("cause", "opened", "encoded"), [pytest.param(*row[1:], id=row[0]) for row in OPENING_TABLE])
+def test_cause_of_what_is_not_opened(cause: Cause, opened: Callable[[bytes], object], encoded: str) -> None:
+    with pytest.raises(RemoteWireError) as caught:
+        opened(bytes.fromhex(encoded))
+    assert caught.value.cause == cause
+    assert "\n" not in str(caught.value)
+
+
 def test_nesting_up_to_the_limit_is_read() -> None:
     decode(ONE_FIELD + "98 01000000" * DEEPEST_NESTING + "01 01")
 
@@ -170,6 +232,8 @@ def test_a_frame_that_is_not_valid_is_not_looked_into() -> None:
 def _all_bad() -> Iterator[Callable[[], object]]:
     for _, _, encoded in TABLE:
         yield partial(decode, encoded)
+    for _, _, opened, encoded in OPENING_TABLE:
+        yield partial(opened, bytes.fromhex(encoded))
     for data in valid_messages():
         for size in range(0, len(data), 3):
             yield partial(Codec().decode, data[:size])

@@ -250,7 +250,7 @@ class KeysConfig(_Model, frozen=True):
     future_keys: int = Field(default=4, ge=1, le=64)
     """MaxFutureKeyCount: keys handed out ahead; so many lifetimes the bridges go on without the service."""
     endpoint: Annotated[str, Field(pattern=r"^opc\.tcp://[^/]+")] | None = None
-    """URL of the key service, where it is not the `server` of this file."""
+    """URL by which bridges reach the key service, where `server.host` and `server.port` do not say it."""
 
 
 class PubSubConfig(_Model, frozen=True):

@@ -64,7 +64,21 @@ def _add(group: typer.Typer, name: str, command: Callable[..., Any], examples: t
 
 def _build() -> typer.Typer:
     whole = _new(_HELP)
-    from ua_fleet.cli import bridge, browse, cert, config, demo, keys, pubsub, read, serve, user, watch, write
+    from ua_fleet.cli import (
+        bridge,
+        browse,
+        cert,
+        config,
+        demo,
+        keys,
+        pubsub,
+        pubsub_decode,
+        read,
+        serve,
+        user,
+        watch,
+        write,
+    )
 
     _add(whole, "serve", serve.serve, serve.EXAMPLES)
     _add(whole, "bridge", bridge.bridge, bridge.EXAMPLES)
@@ -87,6 +101,7 @@ def _build() -> typer.Typer:
     _add(groups["keys"], "rotate", keys.rotate, keys.ROTATE_EXAMPLES)
     _add(groups["keys"], "list", keys.show, keys.LIST_EXAMPLES)
     _add(groups["pubsub"], "listen", pubsub.listen, pubsub.EXAMPLES)
+    _add(groups["pubsub"], "decode", pubsub_decode.decode, pubsub_decode.EXAMPLES)
     # A group of one command needs a callback, or typer takes the command for the group.
     groups["pubsub"].callback()(_no_options)
     for name, group in groups.items():

@@ -2,6 +2,7 @@
 
     annotate(datagram)                      a plain message, or what can be read of a secured one
     annotate(datagram, payload=decrypted)   an encrypted one that was opened: the bytes that were encrypted, in plain
+    annotate(datagram, closed=True)         one that does not verify: its payload is not looked into
     annotate(datagram, error=refused)       one that Codec.decode refused: up to there, the rest as it is
 
 The spans cover each byte once and in order. Whether a message is right is the decoder's to say, never this module's:
@@ -19,6 +20,15 @@ from ua_fleet.wire import header as h
 from ua_fleet.wire.annotate_payload import walk_action_header, walk_announcement, walk_data_set_messages, walk_probe
 from ua_fleet.wire.cursor import Cursor
 from ua_fleet.wire.messages import PublisherIdType
+from ua_fleet.wire.security import (
+    FORCE_KEY_RESET,
+    HAS_SECURITY_FOOTER,
+    IS_ENCRYPTED,
+    IS_SIGNED,
+    NONCE_BYTES,
+    RESERVED_SECURITY_FLAGS,
+    SIGNATURE_BYTES,
+)
 from ua_fleet.wire.spans import Flag, Span, Walk
 
 __all__ = ["annotate"]
@@ -56,33 +66,28 @@ GROUP_FLAGS: Final[tuple[Flag, ...]] = (
     (h.HAS_SEQUENCE_NUMBER, "SequenceNumber"),
     (h.RESERVED_GROUP_FLAGS, "reserved bits"),
 )
-SIGNED: Final = 0x01
-ENCRYPTED: Final = 0x02
-HAS_FOOTER: Final = 0x04
 SECURITY_FLAGS: Final[tuple[Flag, ...]] = (
-    (SIGNED, "signed"),
-    (ENCRYPTED, "encrypted"),
-    (HAS_FOOTER, "SecurityFooter"),
-    (0x08, "force key reset"),
-    (0xF0, "reserved bits"),
+    (IS_SIGNED, "signed"),
+    (IS_ENCRYPTED, "encrypted"),
+    (HAS_SECURITY_FOOTER, "SecurityFooter"),
+    (FORCE_KEY_RESET, "force key reset"),
+    (RESERVED_SECURITY_FLAGS, "reserved bits"),
 )
-SIGNATURE_BYTES: Final = 32
-"""HMAC-SHA256, in both policies (7.2.4.4.3.2)."""
-NONCE_BYTES: Final = 8
 NETWORK_MESSAGE_TYPES: Final = ("DataSetMessages", "discovery probe", "discovery announcement")
 
 
 def annotate(
-    datagram: bytes, *, payload: bytes | None = None, error: RemoteWireError | None = None
+    datagram: bytes, *, payload: bytes | None = None, closed: bool = False, error: RemoteWireError | None = None
 ) -> tuple[Span, ...]:
     """Name every byte of a NetworkMessage.
 
     Args:
         datagram: as it was received.
         payload: what was encrypted, decrypted; of an encrypted message without it, only the headers are named.
+        closed: name the headers only.
         error: why the message was refused, with its offset in `datagram`: what stands behind that is not named.
     """
-    message = _Message(datagram, payload)
+    message = _Message(datagram, payload, closed)
     with contextlib.suppress(RemoteWireError):  # the decoder says the same; the spans up to there are right
         message.walk()
     return message.covered(len(datagram) if error is None or error.offset < 0 else error.offset)
@@ -91,8 +96,8 @@ def annotate(
 class _Message:
     """One NetworkMessage, and what its flags say about what follows."""
 
-    def __init__(self, datagram: bytes, payload: bytes | None) -> None:
-        self._datagram, self._payload = datagram, payload
+    def __init__(self, datagram: bytes, payload: bytes | None, closed: bool) -> None:
+        self._datagram, self._payload, self._closed = datagram, payload, closed
         self._walk = Walk(datagram)
         self._extended1 = self._extended2 = 0
         self._writers = 1
@@ -193,10 +198,10 @@ class _Message:
             walk.number("MessageNonce.SequenceNumber", BuiltinType.UINT32)
         else:
             walk.take("MessageNonce", size)
-        if flags & HAS_FOOTER:
+        if flags & HAS_SECURITY_FOOTER:
             self._footer_size = walk.number("SecurityFooterSize", BuiltinType.UINT16, " bytes")
-        self._encrypted = bool(flags & ENCRYPTED)
-        self._end -= self._footer_size + (SIGNATURE_BYTES if flags & SIGNED else 0)
+        self._encrypted = bool(flags & IS_ENCRYPTED)
+        self._end -= self._footer_size + (SIGNATURE_BYTES if flags & IS_SIGNED else 0)
 
     def _walk_payload(self) -> None:
         start, end = self._walk.cursor.position, self._end
@@ -212,6 +217,8 @@ class _Message:
         inner.section = "Payload"
         if self._encrypted and self._payload is None:
             inner.rest("EncryptedData", f"{end - start} bytes, not to be read without the key")
+        elif self._closed:
+            inner.rest("NotRead", f"{end - start} bytes of a message that does not verify")
         elif self._extended2 & h.HAS_ACTION_HEADER and not self._extended2 & h.IS_CHUNK:
             walk_action_header(inner)
             walk_data_set_messages(inner, self._writers)

@@ -8,6 +8,7 @@ from ua_fleet.values import BuiltinType, status_name
 from ua_fleet.wire import data_set_message as d
 from ua_fleet.wire.cursor import Cursor
 from ua_fleet.wire.discovery import KINDS_WITH_WRITER_IDS, META_DATA
+from ua_fleet.wire.layouts import DATA_SET_META_DATA, walk_structure
 from ua_fleet.wire.messages import FieldEncoding, FrameKind, ProbeKind
 from ua_fleet.wire.spans import Flag, Walk
 
@@ -143,4 +144,7 @@ def walk_announcement(walk: Walk) -> None:
     walk.number("SequenceNumber", BuiltinType.UINT16)
     if kind == META_DATA:
         walk.number("DataSetWriterId", BuiltinType.UINT16)
+        walk_structure(walk, "MetaData", DATA_SET_META_DATA)
+        walk.number("StatusCode", BuiltinType.STATUS_CODE)
+        walk.padding()
     walk.rest("Body")

@@ -275,7 +275,7 @@ class MessageKey:
 
 
 def without_security(secured: SecuredDatagram) -> bytes:
-    """The plain form of a message that is signed only, not verified: for people to look at, never to be taken for data."""
+    """The plain form of a message that is signed only, not verified: for people to look at, not to be taken as data."""
     datagram = secured.datagram
     return _plain_head(secured) + datagram[secured.payload_offset : -SIGNATURE_BYTES - secured.footer_size]
 

@@ -32,6 +32,7 @@ COMMANDS = [
     "keys rotate",
     "keys list",
     "pubsub listen",
+    "pubsub decode",
     "demo pal",
 ]
 

@@ -1,0 +1,153 @@
+"""Looks into single messages for `pubsub decode`: what they are, whether they verify, what each byte says."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Final
+
+from ua_fleet.errors import RemoteWireError
+from ua_fleet.wire import Codec
+from ua_fleet.wire.annotate import annotate
+from ua_fleet.wire.causes import Cause
+from ua_fleet.wire.chunks import Chunk, join, read_chunk
+from ua_fleet.wire.generic import Decoded
+from ua_fleet.wire.security import (
+    SIGNATURE_BYTES,
+    MessageKey,
+    SecuredDatagram,
+    SecurityMode,
+    read_security,
+    without_security,
+)
+from ua_fleet.wire.spans import Span
+
+__all__ = ["Inspected", "Inspector"]
+
+_NO_KEY: Final = "it is encrypted; give the key data of its SecurityGroup with --key"
+
+
+@dataclass(frozen=True, slots=True)
+class Inspected:
+    """What is known about one message."""
+
+    datagram: bytes
+    spans: tuple[Span, ...]
+    """Each of its bytes; where it could be decrypted, in plain."""
+    security: SecuredDatagram | None = None
+    """None where not even its header can be read."""
+    verified: bool | None = None
+    """None where there is nothing to verify, or no key."""
+    decoded: Decoded | None = None
+    chunk: Chunk | None = None
+    whole: Inspected | None = None
+    """What this chunk completes."""
+    error: RemoteWireError | None = None
+    """Why it is not decoded."""
+
+    @property
+    def is_unverified(self) -> bool:
+        """Whether it is signed, and shown without its signature being checked."""
+        heard = self.security
+        return heard is not None and heard.mode is SecurityMode.SIGN and self.verified is None
+
+
+@dataclass(slots=True)
+class _Parts:
+    """The chunks of one message."""
+
+    total_size: int
+    data: dict[int, bytes] = field(default_factory=dict[int, bytes])
+
+    def take(self, chunk: Chunk) -> bytes | None:
+        """The whole payload, once it is there."""
+        self.data[chunk.offset] = chunk.data
+        payload = bytearray()
+        while len(payload) < self.total_size:
+            data = self.data.get(len(payload))
+            if not data:
+                return None
+            payload += data
+        return bytes(payload)
+
+
+class Inspector:
+    """Inspects one message after the other; chunks are kept until the others are seen."""
+
+    def __init__(self, key: MessageKey | None = None) -> None:
+        self._key = key
+        self._codec = Codec()
+        self._parts: dict[tuple[object, ...], _Parts] = {}
+
+    @property
+    def incomplete(self) -> int:
+        """How many messages there are of which not all chunks were seen."""
+        return len(self._parts)
+
+    def inspect(self, datagram: bytes) -> Inspected:
+        """Look into one message; never raises on what it holds."""
+        try:
+            heard = read_security(datagram)
+        except RemoteWireError as error:
+            return Inspected(datagram, annotate(datagram, error=error), error=error)
+        try:
+            plain, verified = self._open(heard)
+        except RemoteWireError as error:
+            return Inspected(datagram, annotate(datagram, closed=True), heard, False, error=error)
+        if plain is None:
+            return Inspected(datagram, annotate(datagram), heard, error=RemoteWireError(Cause.SECURED, _NO_KEY))
+        return self._inspect_plain(heard, plain, verified)
+
+    def _open(self, heard: SecuredDatagram) -> tuple[bytes | None, bool | None]:
+        """The plain form of a message, and whether it verified."""
+        if heard.mode is SecurityMode.NONE:
+            return heard.datagram, None
+        if self._key is not None:
+            return self._key.unprotect(heard), True
+        return (None if heard.mode is SecurityMode.SIGN_AND_ENCRYPT else without_security(heard)), None
+
+    def _inspect_plain(self, heard: SecuredDatagram, plain: bytes, verified: bool | None) -> Inspected:
+        datagram = heard.datagram
+        end = len(datagram)
+        if heard.mode is not SecurityMode.NONE:
+            end -= SIGNATURE_BYTES + heard.footer_size
+        payload_size = end - heard.payload_offset
+        payload = plain[len(plain) - payload_size :]
+        try:
+            chunk = read_chunk(plain)
+            decoded = self._codec.decode(plain) if chunk is None else None
+        except RemoteWireError as error:
+            moved = _moved(error, heard.payload_offset - (len(plain) - payload_size), len(plain) - payload_size)
+            return Inspected(datagram, annotate(datagram, payload=payload, error=moved), heard, verified, error=moved)
+        spans = annotate(datagram, payload=payload)
+        whole = None if chunk is None else self._join(heard, chunk)
+        refused = None if whole is None else whole.error
+        return Inspected(datagram, spans, heard, verified, decoded, chunk, whole, refused)
+
+    def _join(self, heard: SecuredDatagram, chunk: Chunk) -> Inspected | None:
+        """The message that a chunk completes."""
+        message = (
+            heard.publisher_id,
+            heard.publisher_id_type,
+            heard.writer_group_id,
+            heard.writer_ids,
+            heard.is_discovery,
+            chunk.message_sequence_number,
+            chunk.total_size,
+        )
+        parts = self._parts.setdefault(message, _Parts(chunk.total_size))
+        payload = parts.take(chunk)
+        if payload is None:
+            return None
+        del self._parts[message]
+        joined = join(chunk, payload)
+        try:
+            return Inspected(joined, annotate(joined), read_security(joined), None, self._codec.decode(joined))
+        except RemoteWireError as error:
+            return Inspected(joined, annotate(joined, error=error), None, error=error)
+
+
+def _moved(error: RemoteWireError, by: int, payload_offset: int) -> RemoteWireError:
+    """An error in the plain form of a message, with its offset in the datagram."""
+    if not by or error.offset < payload_offset:
+        return error
+    return RemoteWireError(error.cause, error.detail, error.offset + by)

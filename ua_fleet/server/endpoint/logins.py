@@ -11,12 +11,12 @@ from typing import Any, Final
 
 from asyncua import ua
 from asyncua.crypto import uacrypto
-from cryptography.exceptions import InvalidSignature
 
 from ua_fleet.server.certificates import thumbprint
 from ua_fleet.server.endpoint.channel import Channel
 from ua_fleet.server.endpoint.context import Context
-from ua_fleet.server.endpoint.stack import DECODE_ERRORS, Refusal, StatusCodes
+from ua_fleet.server.endpoint.signatures import check_signature
+from ua_fleet.server.endpoint.stack import Refusal, StatusCodes
 from ua_fleet.server.users import ANONYMOUS, User, UserFileError
 
 __all__ = ["identify"]
@@ -84,7 +84,7 @@ def _bridge(
     if (token.CertificateData or b"")[: len(own)] != own:
         raise Refusal(StatusCodes.BadIdentityTokenRejected, "another certificate than the channel's")
     try:
-        _check_signature(channel, signature, nonce)
+        check_signature(channel.policy, signature, nonce, StatusCodes.BadUserSignatureInvalid)
     except Refusal:
         context.throttle.failure(address, source, time.monotonic())
         raise
@@ -97,17 +97,6 @@ def _bridge(
             f"no bridge is known by certificate {mark}; bind it with: ua-fleet cert trust --bridge NAME {mark}",
         )
     return User.of_bridge(name)
-
-
-def _check_signature(channel: Channel, signature: Any, nonce: bytes) -> None:
-    """Raise Refusal unless this is the channel's client's signature over our certificate and this nonce."""
-    policy = channel.policy
-    if signature is None or signature.Algorithm != policy.AsymmetricSignatureURI:
-        raise Refusal(StatusCodes.BadUserSignatureInvalid, "another algorithm than the policy's, or no signature")
-    try:
-        policy.asymmetric_cryptography.verify(policy.host_certificate + nonce, signature.Signature or b"")
-    except (InvalidSignature, *DECODE_ERRORS) as error:
-        raise Refusal(StatusCodes.BadUserSignatureInvalid, "the user's signature is wrong") from error
 
 
 async def _person(

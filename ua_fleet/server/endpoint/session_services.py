@@ -9,13 +9,13 @@ from typing import Any
 
 from asyncua import ua
 from cryptography import x509
-from cryptography.exceptions import InvalidSignature
 
 from ua_fleet.server.endpoint.channel import Channel
 from ua_fleet.server.endpoint.context import Context
 from ua_fleet.server.endpoint.logins import identify
 from ua_fleet.server.endpoint.sessions import NONCE_BYTES, Link, Session, Sessions
-from ua_fleet.server.endpoint.stack import DECODE_ERRORS, Refusal, StatusCodes
+from ua_fleet.server.endpoint.signatures import check_signature
+from ua_fleet.server.endpoint.stack import Refusal, StatusCodes
 from ua_fleet.server.endpoint.subscriptions import Subscriptions
 from ua_fleet.server.trust import CertificateRefused
 
@@ -117,7 +117,9 @@ class SessionServices:
         if before is not link and not (session.active and same):
             raise Refusal(StatusCodes.BadSessionIdInvalid, "the session of another channel")
         self._check_certificate(channel)
-        self._check_signature(session, channel, params)
+        if channel.secured:
+            code = StatusCodes.BadApplicationSignatureInvalid
+            check_signature(channel.policy, params.ClientSignature, session.nonce, code, may_be_unnamed=True)
         nonce = session.nonce
         user = await identify(self._context, channel, params, nonce=nonce, address=link.address)
         # The password was checked in a thread; meanwhile another request may have changed the session.
@@ -137,19 +139,6 @@ class SessionServices:
         response: Any = ua.ActivateSessionResponse()
         response.Parameters.ServerNonce = session.new_nonce()
         return session, response
-
-    def _check_signature(self, session: Session, channel: Channel, params: ua.ActivateSessionParameters) -> None:
-        """The client proves that it has the key of its certificate, and that it got our nonce (5.7.3)."""
-        if not channel.secured:
-            return
-        policy = channel.policy
-        signature = params.ClientSignature.Signature or b""
-        if params.ClientSignature.Algorithm not in (None, "", policy.AsymmetricSignatureURI):
-            raise Refusal(StatusCodes.BadApplicationSignatureInvalid, "another algorithm than the channel's")
-        try:
-            policy.asymmetric_cryptography.verify(policy.host_certificate + session.nonce, signature)
-        except (InvalidSignature, *DECODE_ERRORS) as error:
-            raise Refusal(StatusCodes.BadApplicationSignatureInvalid, "the client's signature is wrong") from error
 
     async def close(self, session: Session, *, delete_subscriptions: bool) -> Any:
         """CloseSession."""

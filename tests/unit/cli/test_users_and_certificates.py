@@ -184,3 +184,89 @@ def test_certificates_that_are_not_there(invoke: Invoke, fleet: Path) -> None:
     ended = invoke("cert", "trust", "text.der")
     assert ended.code == 2
     assert "text.der: no readable certificate" in ended.stderr
+
+
+# --- bridges
+
+
+def test_a_bridge_and_the_server_know_each_other_by_one_command(invoke: Invoke, fleet: Path) -> None:
+    ended = invoke("cert", "create", "--bridge", "cell", "--trust", "--json")
+    made = json.loads(ended.stdout)
+    folder = fleet.parent / "state" / "bridges" / "cell"
+    assert made["path"] == str(folder / "bridge.der")
+    assert made["application_uri"] == "urn:ua-fleet:Fleet:bridge:cell"
+    assert made["trusted"]
+    assert Path(made["private_key"]).stat().st_mode & 0o777 == 0o600
+    own = fleet.parent / "state" / "certificates" / "own" / "server.der"
+    assert (folder / "server.der").read_bytes() == own.read_bytes()
+    listed = {
+        (info["state"], info["bridge"]): info for info in map(json.loads, lines(invoke, "cert", "list", "--json"))
+    }
+    assert listed["bridges", "cell"]["thumbprint"] == made["thumbprint"]
+    assert ["bridge", "cell", made["thumbprint"]] in [line.split()[:3] for line in lines(invoke, "cert", "list")]
+    assert json.loads(invoke("cert", "create", "--bridge", "cell", "--json").stdout)["thumbprint"] == made["thumbprint"]
+
+
+def lines(invoke: Invoke, *arguments: str) -> list[str]:
+    return invoke(*arguments).stdout.splitlines()
+
+
+def test_a_bridge_on_another_machine_is_made_known_by_its_file(invoke: Invoke, fleet: Path) -> None:
+    ended = invoke("cert", "create", "--bridge", "cell")
+    made = fleet.parent / "state" / "bridges" / "cell" / "bridge.der"
+    assert ended.stdout.startswith(f"{made}  ")
+    assert ended.stderr == f"on the server run: ua-fleet cert trust --bridge cell {made}\n"
+    ended = invoke("cert", "trust", "--bridge", "cell", str(made))
+    assert ended.stdout.startswith("trusted ")
+    assert ended.stdout.endswith("  (bridge cell)\n")
+    ended = invoke("cert", "revoke", "--bridge", "cell")
+    assert ended.stdout.startswith("revoked ")
+    assert "InvalidateKeys" in ended.stderr
+    listed = [json.loads(line) for line in lines(invoke, "cert", "list", "--json")]
+    assert [(info["state"], info["bridge"]) for info in listed] == [("rejected", None)]
+    ended = invoke("cert", "trust", "--bridge", "cell", listed[0]["thumbprint"][:10])
+    assert ended.code == 0
+    assert ended.stdout.endswith("  (bridge cell)\n")
+    assert [json.loads(line)["state"] for line in lines(invoke, "cert", "list", "--json")] == ["bridges"]
+
+
+def test_a_bridge_keeps_its_state_where_the_file_says(invoke: Invoke, fleet: Path) -> None:
+    fleet.write_text(fleet.read_text().replace("kind: ros1,", "kind: ros1, state_dir: elsewhere,"))
+    assert invoke("cert", "create", "--bridge", "cell").code == 0
+    assert (fleet.parent / "elsewhere" / "bridge.der").exists()
+
+
+def test_bridges_that_are_not_there(invoke: Invoke, fleet: Path) -> None:
+    for arguments in (("create", "--bridge", "hall"), ("trust", "--bridge", "hall", "x.der")):
+        ended = invoke("cert", *arguments)
+        assert ended.code == 3
+        assert ended.stderr == "ua-fleet: fleet.yaml: there is no bridge 'hall'; bridges there: cell\n"
+    ended = invoke("cert", "revoke", "--bridge", "cell")
+    assert ended.code == 3
+    assert "bridge cell is known by no certificate" in ended.stderr
+    assert invoke("cert", "create", "--bridge", "cell", "--client", "plc").code == 2
+    assert invoke("cert", "create", "--trust").code == 2
+    assert invoke("cert", "revoke").code == 2
+    assert invoke("cert", "revoke", "--bridge", "cell", "3f2a").code == 2
+    assert list(fleet.parent.rglob("*.der")) == []
+
+
+def test_one_certificate_is_not_that_of_two_bridges(invoke: Invoke, fleet: Path) -> None:
+    fleet.write_text(fleet.read_text().replace("robots:", "  hall: {kind: ros2, space: 7, status_id: 2}\nrobots:"))
+    made = json.loads(invoke("cert", "create", "--bridge", "cell", "--trust", "--json").stdout)
+    ended = invoke("cert", "trust", "--bridge", "hall", made["path"])
+    assert ended.code == 2
+    assert "bridge cell is known by this certificate; make one for hall with: " in ended.stderr
+
+
+def test_a_client_is_trusted_no_longer(invoke: Invoke, fleet: Path) -> None:
+    made = json.loads(invoke("cert", "create", "--client", "plc7", "--json").stdout)
+    invoke("cert", "trust", made["path"])
+    ended = invoke("cert", "revoke", made["thumbprint"][:8], "--json")
+    assert json.loads(ended.stdout)["state"] == "rejected"
+    ended = invoke("cert", "revoke", made["thumbprint"][:8])
+    assert ended.code == 3
+    assert ended.stderr.endswith("list them with: ua-fleet cert list\n")
+    ended = invoke("cert", "revoke", made["path"])
+    assert ended.code == 3
+    assert "is not trusted" in ended.stderr

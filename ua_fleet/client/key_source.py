@@ -34,6 +34,13 @@ _NOT_KNOWN: Final = (
     ua.StatusCodes.BadIdentityTokenInvalid,
     ua.StatusCodes.BadUserSignatureInvalid,
 )
+_SESSION_GONE: Final = (
+    ua.StatusCodes.BadSessionIdInvalid,
+    ua.StatusCodes.BadSessionClosed,
+    ua.StatusCodes.BadSessionNotActivated,
+    ua.StatusCodes.BadSecureChannelIdInvalid,
+    ua.StatusCodes.BadSecureChannelClosed,
+)
 
 
 class ServiceKeySource:
@@ -65,21 +72,23 @@ class ServiceKeySource:
     async def fetch(self, group_id: str, starting_token_id: int, count: int) -> GroupKeys:
         """See KeySource."""
         async with self._lock:
-            if self._client is not None:
-                try:
-                    return await self._ask(self._client, group_id, starting_token_id, count)
-                except (TransportError, AccessRefused):
-                    # The server was restarted, or has ended the session: that is known on the next try only.
-                    await self._disconnect()
             try:
+                if self._client is not None:
+                    try:
+                        return await self._ask(self._client, group_id, starting_token_id, count)
+                    except (TransportError, AccessRefused) as error:
+                        if not _is_over(error):
+                            raise
+                        await self._disconnect()
                 return await self._ask(await self._connected(), group_id, starting_token_id, count)
+            except (TransportError, AccessRefused) as error:
+                if _is_over(error):
+                    await self._disconnect()
+                raise KeySourceUnavailable(self._explain(error)) from error
             except OSError as error:
                 raise KeySourceUnavailable(
                     f"{self._identity.folder}: the bridge's certificate cannot be made or read ({error.strerror})"
                 ) from error
-            except (TransportError, AccessRefused) as error:
-                await self._disconnect()
-                raise KeySourceUnavailable(self._explain(error)) from error
 
     async def _connected(self) -> FleetClient:
         await self._identity.ensure()
@@ -159,3 +168,8 @@ class ServiceKeySource:
 
     async def __aexit__(self, *_error: object) -> None:
         await self.close()
+
+
+def _is_over(error: TransportError | AccessRefused) -> bool:
+    """Whether the connection is of no use any more: lost, or its session ended by the server."""
+    return isinstance(error, TransportError) or error.ua_status in _SESSION_GONE

@@ -116,6 +116,8 @@ class KeyStore:
             elif (state.policy, state.lifetime_s) != (wanted.policy, wanted.lifetime_s):
                 # Other settings make all keys invalid (OPC 10000-14 6.2.12.2).
                 fresh[group_id] = self._begin(wanted, _later(state.first_token_id, len(state.keys)), now)
+            elif (filled := self._filled(wanted, state)) is not state:
+                fresh[group_id] = filled
         self._keep(fresh)
         self._advance(now)
 
@@ -187,6 +189,8 @@ class KeyStore:
     def _filled(self, settings: GroupSettings, state: GroupState) -> GroupState:
         """A state with all future keys that it should have."""
         missing = state.current + 1 + settings.max_future_keys - len(state.keys)
+        if missing <= 0:
+            return state
         fresh = tuple(self._token_bytes(settings.policy.key_data_bytes) for _ in range(missing))
         return replace(state, keys=(*state.keys, *fresh))
 

@@ -83,8 +83,8 @@ class Task:
     robot: str | None = None
     capacities: tuple[str, ...] = ()
     arguments: Mapping[str, Argument] = field(default_factory=dict[str, Argument])
-    units: Mapping[str, str] = field(default_factory=dict[str, str])
-    """Units that were written beside arguments."""
+    quantities: Mapping[str, tuple[float, str]] = field(default_factory=dict[str, tuple[float, str]])
+    """Arguments whose text reads as a number with its unit."""
     timeout_s: float | None = None
     """None takes the skill's own."""
     retries: int = 0

@@ -173,7 +173,7 @@ class _Reader:
         robot = self._text(path, data, "robot") or None
         if (robot is None) == (not capacities):
             self._problem(path, f"task {name!r} needs either a `robot` or a `capacity`")
-        arguments, units = self._arguments(data.get("arguments"), (*path, "arguments"))
+        arguments, quantities = self._arguments(data.get("arguments"), (*path, "arguments"))
         return Task(
             key=key,
             line=line,
@@ -182,7 +182,7 @@ class _Reader:
             robot=robot,
             capacities=capacities,
             arguments=arguments,
-            units=units,
+            quantities=quantities,
             timeout_s=self._seconds(path, data, "timeout_s"),
             retries=self._whole(path, data, "retries", 0, MOST_RETRIES) or 0,
             on_unknown=self._choice(path, data, "on_unknown", OnUnknown, OnUnknown.ASK),
@@ -282,27 +282,28 @@ class _Reader:
         self._problem((*path, "range"), "a range is two numbers, the lesser first", "write e.g. `range: [0, 100]`")
         return None
 
-    def _arguments(self, value: Any, path: KeyPath) -> tuple[dict[str, Argument], dict[str, str]]:
+    def _arguments(self, value: Any, path: KeyPath) -> tuple[dict[str, Argument], dict[str, tuple[float, str]]]:
         arguments: dict[str, Argument] = {}
-        units: dict[str, str] = {}
+        quantities: dict[str, tuple[float, str]] = {}
         data = as_mapping(value)
         if data is None:
             if value is not None:
                 self._problem(path, "arguments are names with values", "write e.g. `arguments: {angle: 20}`")
-            return arguments, units
+            return arguments, quantities
         for name, given in data.items():
             at = (*path, name)
             if isinstance(given, str) and given.startswith("="):
                 expression = self._expression(given[1:], at)
                 if expression is not None:
                     arguments[name] = expression
-            elif isinstance(given, str) and (quantity := _QUANTITY.fullmatch(given)) and _is_number(quantity[1]):
-                arguments[name], units[name] = float(quantity[1]), quantity[2].strip()
             elif _is_value(given):
                 arguments[name] = given
+                quantity = _QUANTITY.fullmatch(given) if isinstance(given, str) else None
+                if quantity is not None and _is_number(quantity[1]):
+                    quantities[name] = float(quantity[1]), quantity[2].strip()
             else:
                 self._problem(at, "an argument is a number, a text, true, false, or an expression after `=`")
-        return arguments, units
+        return arguments, quantities
 
     def _expression(self, value: Any, path: KeyPath) -> Expression | None:
         text = str(value).lower() if isinstance(value, bool) else str(value)

@@ -72,7 +72,8 @@ def test_a_scenario_comes_to_its_steps() -> None:
     fetch, parallel, repeat, pause, until, event, end = scenario.body.steps
     assert isinstance(fetch, Task)
     assert (fetch.key, fetch.line, fetch.robot, fetch.skill) == ("0", 9, "ridgeback", "bring_box")
-    assert (fetch.arguments["from"], fetch.arguments["turn"], fetch.units) == ("table_1", -20.0, {"turn": "deg"})
+    assert (fetch.arguments["from"], fetch.arguments["turn"]) == ("table_1", "-20 deg")
+    assert fetch.quantities == {"turn": (-20.0, "deg")}
     assert isinstance(fetch.arguments["speed"], Expression)
     assert fetch.arguments["speed"].names == {"angle"}
     assert (fetch.timeout_s, fetch.retries, fetch.on_unknown) == (30, 2, OnUnknown.RETRY)

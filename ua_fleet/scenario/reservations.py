@@ -1,0 +1,62 @@
+"""Who has which robot: one task at a time, served in the order in which they asked."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Hashable
+from typing import NamedTuple
+
+__all__ = ["Grant", "Reservations"]
+
+Claim = Hashable
+"""Names a task of a run, e.g. (run id, step)."""
+
+
+class Grant(NamedTuple):
+    """A claim has its robot now."""
+
+    claim: Claim
+    robot: str
+
+
+class Reservations:
+    """The claims on all robots. A claim is for one robot at a time."""
+
+    def __init__(self) -> None:
+        self._queues: dict[str, deque[Claim]] = {}
+        """The first of each queue has the robot."""
+        self._robots: dict[Claim, str] = {}
+
+    def want(self, claim: Claim, robot: str) -> list[Grant]:
+        """Ask for a robot. Asking again changes nothing, or says again what is granted; another robot replaces it."""
+        before = self._robots.get(claim)
+        if before == robot:
+            return [Grant(claim, robot)] if self.holder(robot) == claim else []
+        grants = self.release(claim)
+        queue = self._queues.setdefault(robot, deque())
+        queue.append(claim)
+        self._robots[claim] = robot
+        return [*grants, Grant(claim, robot)] if queue[0] == claim else grants
+
+    def release(self, claim: Claim) -> list[Grant]:
+        """Give a robot back, or wait for it no more; who is served next."""
+        robot = self._robots.pop(claim, None)
+        if robot is None:
+            return []
+        queue = self._queues[robot]
+        had = queue[0] == claim
+        queue.remove(claim)
+        if not queue:
+            del self._queues[robot]
+        elif had:
+            return [Grant(queue[0], robot)]
+        return []
+
+    def holder(self, robot: str) -> Claim | None:
+        """Who has a robot."""
+        queue = self._queues.get(robot)
+        return queue[0] if queue else None
+
+    def tasks_ahead(self, robot: str) -> int:
+        """How many claims a robot has to serve."""
+        return len(self._queues.get(robot, ()))

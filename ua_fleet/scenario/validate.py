@@ -1,0 +1,296 @@
+"""A scenario held against a fleet: every problem with its line, and the scenario made ready to run."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from graphlib import CycleError, TopologicalSorter
+from itertools import pairwise
+
+from ua_fleet.errors import ConfigError
+from ua_fleet.fleet.quantities import UnitsDiffer
+from ua_fleet.fleet.skills import SkillModel, call_problems, in_unit_of
+from ua_fleet.names import closest, listed
+from ua_fleet.scenario.expression import Expression, ValueUnknown
+from ua_fleet.scenario.model import Argument, Condition, End, Parallel, Repeat, Scenario, Step, Task, Wait
+from ua_fleet.scenario.model import Sequence as Steps
+from ua_fleet.values import BuiltinType
+
+__all__ = ["FleetView", "RobotView", "Validation", "validate"]
+
+
+@dataclass(frozen=True, slots=True)
+class RobotView:
+    """What validation needs to know of a robot."""
+
+    name: str
+    capacities: frozenset[str] = frozenset()
+    skills: Mapping[str, SkillModel] = field(default_factory=dict[str, SkillModel])
+
+
+@dataclass(frozen=True, slots=True)
+class FleetView:
+    """What validation needs to know of a fleet."""
+
+    robots: Mapping[str, RobotView]
+    values: Mapping[str, int] = field(default_factory=dict[str, int])
+    """Names that conditions may use, `robot.data` and `data`, each with the number of values that it may mean."""
+    events: frozenset[str] | None = None
+    """Names of events that can happen; None: any."""
+
+    def able(self, skill: str, capacities: Sequence[str]) -> list[RobotView]:
+        """The robots that have a skill and capacities."""
+        return [
+            robot for robot in self.robots.values() if skill in robot.skills and robot.capacities.issuperset(capacities)
+        ]
+
+
+@dataclass(frozen=True, slots=True)
+class Validation:
+    """What became of a scenario: run it only without problems."""
+
+    scenario: Scenario
+    """Arguments are in the units of their skills, and defaults are filled in."""
+    problems: tuple[ConfigError, ...]
+
+
+def validate(scenario: Scenario, fleet: FleetView, file: str = "") -> Validation:
+    """Hold a scenario against a fleet. Nothing is started by it."""
+    checker = _Checker(scenario, fleet, file)
+    body = checker.checked(scenario.body)
+    assert isinstance(body, Steps)
+    checker.check_order()
+    problems = sorted(checker.problems, key=lambda problem: problem.line)
+    return Validation(replace(scenario, body=body), tuple(problems))
+
+
+class _Checker:
+    def __init__(self, scenario: Scenario, fleet: FleetView, file: str) -> None:
+        self._scenario, self._fleet, self._file = scenario, fleet, file
+        self._parameters = {parameter.name for parameter in scenario.parameters}
+        self._tasks = {task.name: task for task in scenario.tasks()}
+        self.problems: list[ConfigError] = []
+
+    def checked(self, step: Step) -> Step:
+        """A step with its arguments made ready, after noting what is wrong with it."""
+        match step:
+            case Task():
+                return self._task(step)
+            case Steps(steps=steps):
+                for before, after in pairwise(steps):
+                    if isinstance(before, End):
+                        self._problem(after.line, "is never reached: the run ends before", "remove it, or the `end`")
+                return replace(step, steps=tuple(map(self.checked, steps)))
+            case Parallel(branches=branches):
+                return replace(step, branches=tuple(self._steps(branch) for branch in branches))
+            case Condition(when=when):
+                self._expression(when, step.line)
+                self._constant(when, step)
+                return replace(step, then=self._steps(step.then), otherwise=self._steps(step.otherwise))
+            case Repeat():
+                if step.while_ is not None:
+                    self._expression(step.while_, step.line)
+                return replace(step, body=self._steps(step.body))
+            case Wait():
+                self._wait(step)
+                return step
+            case End():
+                return step
+
+    def _steps(self, steps: Steps) -> Steps:
+        checked = self.checked(steps)
+        assert isinstance(checked, Steps)
+        return checked
+
+    def _wait(self, step: Wait) -> None:
+        if step.until is not None:
+            self._expression(step.until, step.line)
+        events = self._fleet.events
+        if step.event is not None and events is not None and step.event not in events:
+            hint = closest(step.event, events) or f"known events: {listed(sorted(events))}"
+            self._problem(step.line, f"there is no event {step.event!r}", hint)
+
+    def _constant(self, when: Expression, step: Condition) -> None:
+        if when.names:
+            return
+        try:
+            holds = when.holds(_no_value)
+        except ValueUnknown as error:
+            self._problem(step.line, str(error))
+            return
+        never = step.otherwise if holds else step.then
+        if never.steps:
+            self._problem(
+                never.steps[0].line, f"is never reached: {when.text!r} is always {'true' if holds else 'false'}"
+            )
+
+    # Tasks.
+
+    def _task(self, task: Task) -> Task:
+        skills = self._skills_for(task)
+        for name, value in task.arguments.items():
+            if isinstance(value, Expression):
+                self._expression(value, task.line, f"argument {name!r}")
+        if not skills:
+            return task
+        arguments, said = _ready(task, skills[0])
+        computed = {name for name, value in arguments.items() if isinstance(value, Expression)}
+        for skill in skills:
+            known = {argument.name for argument in skill.arguments}
+            said.update(f"{skill.name} has no argument {name!r}" for name in computed - known)
+            rest = replace(skill, arguments=tuple(a for a in skill.arguments if a.name not in computed))
+            said.update(call_problems(rest, {name: arguments[name] for name in arguments.keys() - computed}))
+        for problem in sorted(said):
+            self._problem(task.line, f"task {task.name!r}: {problem}")
+        return replace(task, arguments=arguments, quantities={})
+
+    def _skills_for(self, task: Task) -> list[SkillModel]:
+        """The declarations that a task's skill may have; none after noting why."""
+        fleet = self._fleet
+        if task.robot is None:
+            able = fleet.able(task.skill, task.capacities)
+            if not able:
+                known = {skill for robot in fleet.robots.values() for skill in robot.skills}
+                hint = "" if task.skill in known else closest(task.skill, known)
+                what = " and ".join(task.capacities)
+                self._problem(task.line, f"task {task.name!r}: no robot with {what} has the skill {task.skill!r}", hint)
+            return [robot.skills[task.skill] for robot in able]
+        robot = fleet.robots.get(task.robot)
+        if robot is None:
+            hint = closest(task.robot, fleet.robots) or f"known robots: {listed(fleet.robots)}"
+            self._problem(task.line, f"task {task.name!r}: there is no robot {task.robot!r}", hint)
+            return []
+        skill = robot.skills.get(task.skill)
+        if skill is None:
+            hint = closest(task.skill, robot.skills) or f"its skills: {listed(robot.skills) or 'none'}"
+            self._problem(task.line, f"task {task.name!r}: {task.robot} has no skill {task.skill!r}", hint)
+            return []
+        return [skill]
+
+    # Names.
+
+    def _expression(self, expression: Expression, line: int, where: str = "") -> None:
+        for name in sorted(expression.names):
+            problem = self._unknown(name)
+            if problem is not None:
+                self._problem(line, f"{where + ': ' if where else ''}{problem[0]}", problem[1])
+
+    def _unknown(self, name: str) -> tuple[str, str] | None:
+        """What is wrong with a name in a condition, and a hint; None if it is known."""
+        if name in self._parameters:
+            return None
+        owner, _, rest = name.partition(".")
+        task = self._tasks.get(owner)
+        if task is not None and rest:
+            results = self._results(task)
+            if results is None or rest in results:
+                return None
+            return f"{task.skill} has no result {rest!r}", closest(rest, results) or f"its results: {listed(results)}"
+        meanings = self._fleet.values.get(name, 0)
+        if meanings == 1:
+            return None
+        if meanings > 1:
+            candidates = [full for full in self._fleet.values if full.endswith(f".{name}")]
+            return f"{name!r} may be {meanings} values", f"write one of {listed(candidates)}"
+        known = [*self._parameters, *self._fleet.values, *(f"{task}." for task in self._tasks)]
+        return f"{name!r} is no parameter, no result and no robot's value", closest(name, known)
+
+    def _results(self, task: Task) -> set[str] | None:
+        robots = [self._fleet.robots.get(task.robot)] if task.robot else self._fleet.able(task.skill, task.capacities)
+        skills = [robot.skills[task.skill] for robot in robots if robot is not None and task.skill in robot.skills]
+        return {result.name for skill in skills for result in skill.results} if skills else None
+
+    # Order.
+
+    def check_order(self) -> None:
+        """Find tasks that wait for each other, and tasks that wait for what may never be done."""
+        enclosing = dict(_enclosing(self._scenario.body, ()))
+        graph: dict[str, set[str]] = {name: set() for name in self._tasks}
+        _order(self._scenario.body, graph, set())
+        for task in self._tasks.values():
+            for name in task.after:
+                if name not in self._tasks:
+                    hint = closest(name, self._tasks)
+                    self._problem(task.line, f"task {task.name!r} comes after {name!r}, which is not there", hint)
+                    continue
+                graph[task.name].add(name)
+                optional = [step for step in enclosing[name] if step not in enclosing[task.name]]
+                if optional:
+                    self._problem(
+                        task.line,
+                        f"task {task.name!r} comes after {name!r}, which may never be done (line {optional[0].line})",
+                        "take it out of the condition or repetition, or wait for an event",
+                    )
+        try:
+            TopologicalSorter(graph).prepare()
+        except CycleError as error:
+            circle: list[str] = error.args[1]
+            line = max(self._tasks[name].line for name in circle)
+            self._problem(line, f"tasks wait for each other: {' after '.join(circle)}")
+
+    def _problem(self, line: int, message: str, suggestion: str = "") -> None:
+        self.problems.append(ConfigError(message, file=self._file, line=line, suggestion=suggestion))
+
+
+def _ready(task: Task, skill: SkillModel) -> tuple[dict[str, Argument], set[str]]:
+    """Arguments in the units of the skill, with its defaults; and which units do not fit."""
+    ready: dict[str, Argument] = dict(task.arguments)
+    said: set[str] = set()
+    for name, (number, unit) in task.quantities.items():
+        argument = skill.argument(name)
+        if argument is None or argument.type == BuiltinType.STRING:
+            continue
+        try:
+            ready[name] = in_unit_of(argument, number, unit)
+        except UnitsDiffer as error:
+            said.add(str(error))
+            ready[name] = number  # what else may be wrong is said as well
+    for argument in skill.arguments:
+        if argument.default is not None:
+            ready.setdefault(argument.name, argument.default)
+    return ready, said
+
+
+def _no_value(name: str) -> bool:
+    raise ValueUnknown(f"{name} has no value")
+
+
+def _inner(step: Step) -> tuple[Step, ...]:
+    match step:
+        case Steps(steps=inner) | Parallel(branches=inner):
+            return inner
+        case Condition(then=then, otherwise=otherwise):
+            return then, otherwise
+        case Repeat(body=body):
+            return (body,)
+        case Task() | Wait() | End():
+            return ()
+
+
+def _enclosing(step: Step, around: tuple[Step, ...]) -> Iterator[tuple[str, tuple[Step, ...]]]:
+    """Each task with the steps around it that may leave it out."""
+    if isinstance(step, Task):
+        yield step.name, around
+    if isinstance(step, Condition):
+        # The two ways exclude each other, so each is a place of its own.
+        yield from _enclosing(step.then, (*around, step.then))
+        yield from _enclosing(step.otherwise, (*around, step.otherwise))
+        return
+    if isinstance(step, Repeat) and step.while_ is not None:
+        around = (*around, step)
+    for part in _inner(step):
+        yield from _enclosing(part, around)
+
+
+def _order(step: Step, graph: dict[str, set[str]], before: set[str]) -> set[str]:
+    """Enter which tasks precede which; the tasks that have been done when a step is over, or `before` without any."""
+    if isinstance(step, Task):
+        graph[step.name] |= before
+        return {step.name}
+    if isinstance(step, Steps):
+        for part in step.steps:
+            before = _order(part, graph, before)
+        return before
+    inner = _inner(step)
+    ends = {task for part in inner for task in _order(part, graph, before)}
+    return ends if inner else before

@@ -6,6 +6,8 @@
     run.poll(lookup, now) / granted / accepted / ended / robot_faulted / replaced / answered / ...   -> effects
     run = Run.restore(scenario, facts, journal); run.again(now)                  # after a restart
     reservations.want / release                        # one task at a time for each robot, over all runs
+
+Time is wall clock in seconds, since a run outlives a process; the journal is a callable that has written when it returns.
 """
 
 from ua_fleet.scenario.expression import Expression, Lookup, Value, ValueUnknown, parse_expression

@@ -81,7 +81,7 @@ def test_defaults_are_filled_in() -> None:
         ("  - {task: a, robot: ur3, skill: turn, arguments: {angle: 2 rad}}\n", ["angle is 114.592 deg; legal"]),
         (
             "  - {task: a, robot: ur3, skill: turn, arguments: {angle: 2 m}}\n",
-            ["m measures length, and deg measures angle"],
+            ["m measures length, and deg"],
         ),
         ("  - {task: a, robot: ur3, skill: turn, arguments: {angle: 2 degs}}\n", ["unit 'degs' is not known; did you"]),
         ("  - {task: a, robot: ur3, skill: turn, arguments: {angle: x}}\n", ["angle is 'x'; it has to be a number"]),

@@ -1,0 +1,77 @@
+"""A foreign OPC UA client, node-opcua, fetches keys with a bridge's certificate."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+from cryptography import x509
+from cryptography.hazmat.primitives.serialization import Encoding
+
+from tests import system
+from tests.integration.key_service.harness import Cards, desk
+
+CLIENT = Path(__file__).parent / "keys.cjs"
+
+
+async def run_client(url: str, cards: Cards, card: str, folder: Path, *groups: str) -> tuple[int, str, str]:
+    """Run the foreign client to its end."""
+    files = cards.get(card)
+    pem = folder / f"{card}.pem"
+    folder.mkdir(parents=True, exist_ok=True)
+    pem.write_bytes(x509.load_der_x509_certificate(files.certificate.read_bytes()).public_bytes(Encoding.PEM))
+    process = await asyncio.create_subprocess_exec(
+        "node",
+        str(CLIENT),
+        url,
+        cards.uri(card),
+        str(pem),
+        str(files.private_key),
+        str(folder / "pki"),
+        *groups,
+        stdin=asyncio.subprocess.DEVNULL,
+        stdout=asyncio.subprocess.PIPE,
+        stderr=asyncio.subprocess.PIPE,
+        env=system.clean_environment(),
+    )
+    try:
+        output, errors = await asyncio.wait_for(process.communicate(), 60)
+    except BaseException:
+        process.kill()
+        await process.wait()
+        raise
+    assert process.returncode is not None
+    return process.returncode, output.decode(), errors.decode()
+
+
+@pytest.mark.needs("node")
+async def test_foreign_client_fetches_keys(tmp_path: Path) -> None:
+    cards = Cards(tmp_path)
+    async with desk(tmp_path / "desk", cards) as made:
+        code, output, errors = await run_client(made.url, cards, "arm", tmp_path / "arm", "t-0", "c-2", "c-300", "t-9")
+        assert code == 0, errors
+        report: dict[str, Any] = json.loads(output.splitlines()[-1])
+        for group in ("t-0", "c-2"):
+            answer = report[group]
+            expected = made.service.keys_for_space(1, group, 0, 3)
+            assert answer["status"] == "Good"
+            assert answer["types"] == ["String", "UInt32", "ByteString", "Double", "Double"]
+            assert answer["isArray"] == [False, False, True, False, False]
+            uri, token, keys, time_to_next_ms, lifetime_ms = answer["values"]
+            assert (uri, token) == (expected.policy.value, 1)
+            assert keys == [key.hex() for key in expected.keys]
+            assert 0 < time_to_next_ms <= lifetime_ms == 3_600_000
+        assert report["c-300"]["status"] == "BadUserAccessDenied"
+        assert report["t-9"]["status"] == "BadNotFound"
+
+
+@pytest.mark.needs("node")
+async def test_foreign_client_that_is_no_bridge_is_refused(tmp_path: Path) -> None:
+    cards = Cards(tmp_path)
+    async with desk(tmp_path / "desk", cards) as made:
+        code, _, errors = await run_client(made.url, cards, "visitor", tmp_path / "visitor", "t-0")
+        assert code == 1
+        assert "BadIdentityTokenRejected" in errors

@@ -7,7 +7,7 @@
     run = Run.restore(scenario, facts, journal); run.again(now)                  # after a restart
     reservations.want / release                        # one task at a time for each robot, over all runs
 
-Time is wall clock in seconds, since a run outlives a process; the journal is a callable that has written when it returns.
+Time is wall clock in seconds, since a run outlives a process. A journal has written a fact down when it returns.
 """
 
 from ua_fleet.scenario.expression import Expression, Lookup, Value, ValueUnknown, parse_expression

@@ -64,7 +64,7 @@ def test_a_restart_keeps_the_keys(service: KeyService, tmp_path: Path, clock: Cl
 
 def test_who_asks_too_often_waits(service: KeyService) -> None:
     with pytest.raises(TooManyKeyCalls):
-        list(map(lambda _: service.keys_for_bridge("arm", "t-1", 0, 1), range(2 * LEAST_BURST)))
+        [service.keys_for_bridge("arm", "t-1", 0, 1) for _ in range(2 * LEAST_BURST)]
     service.keys_for_bridge("rover", "t-1", 0, 1)
     for _ in range(2 * LEAST_BURST):
         service.keys_for_space(0, "t-1", 0, 1)

@@ -8,13 +8,15 @@ from typing import Any
 
 import pytest
 
-from tests.unit.wire.corpus import mutate, valid_messages
+from tests.unit.wire.corpus import KEYS, chunked_messages, mutate, secured_messages, valid_messages
 from tests.unit.wire.test_bad_messages import TABLE
 from ua_fleet.errors import RemoteWireError
 from ua_fleet.values import ARRAY, DIMENSIONS, BuiltinType, DataValue, Matrix, Variant
 from ua_fleet.wire import Codec
 from ua_fleet.wire.annotate import annotate
+from ua_fleet.wire.chunks import read_chunk
 from ua_fleet.wire.messages import DataSetMessage, FrameKind, NetworkMessage, Probe
+from ua_fleet.wire.security import SIGNATURE_BYTES, MessageKey, SecuredDatagram, SecurityMode, read_security
 from ua_fleet.wire.spans import Span, printable, type_name
 
 Named = tuple[str, Any]
@@ -160,6 +162,49 @@ def test_every_byte_once_and_the_values_of_the_decoder(datagram: bytes) -> None:
     if error is None:
         expected = told(Codec().decode(datagram))
         assert expected is None or shown(spans) == expected
+
+
+def test_secured_messages_show_what_was_encrypted() -> None:
+    for datagram in secured_messages():
+        heard = read_security(datagram)
+        key = next(key for key in KEYS if signed_by(key, heard))
+        plain = key.unprotect(heard)
+        end = len(datagram) - SIGNATURE_BYTES
+        payload = plain[len(plain) - (end - heard.payload_offset) :]
+        spans = annotate(datagram, payload=payload)
+        assert covers(spans, datagram[: heard.payload_offset] + payload + datagram[end:])
+        assert shown(spans) == [*shown(annotate(plain)), ("Signature", None)]
+        closed = annotate(datagram)
+        assert covers(closed, datagram)
+        assert any(span.name == "EncryptedData" for span in closed) == (heard.mode is SecurityMode.SIGN_AND_ENCRYPT)
+        assert covers(annotate(datagram, closed=True), datagram)
+        assert [span for span in annotate(datagram, closed=True) if span.offset < heard.payload_offset] == [
+            span for span in spans if span.offset < heard.payload_offset
+        ]
+
+
+def signed_by(key: MessageKey, heard: SecuredDatagram) -> bool:
+    try:
+        key.unprotect(heard)
+    except RemoteWireError:
+        return False
+    return True
+
+
+def test_chunks() -> None:
+    for datagram in chunked_messages():
+        chunk = read_chunk(datagram)
+        assert chunk is not None
+        spans = annotate(datagram)
+        assert covers(spans, datagram)
+        values = {span.name: span.value for span in spans}
+        assert (values["MessageSequenceNumber"], values["ChunkOffset"], values["TotalSize"]) == (
+            chunk.message_sequence_number,
+            chunk.offset,
+            chunk.total_size,
+        )
+        assert spans[-1].data == chunk.data
+        assert values.get("DataSetWriterId") == chunk.data_set_writer_id
 
 
 @pytest.mark.parametrize("encoded", [pytest.param(row[2], id=row[0]) for row in TABLE])

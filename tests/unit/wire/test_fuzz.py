@@ -7,13 +7,17 @@ from collections import Counter
 
 import pytest
 
-from tests.unit.wire.corpus import RAW_METADATA, mutate, valid_messages
-from ua_fleet.errors import RemoteWireError
+from tests.unit.wire.corpus import KEYS, RAW_METADATA, chunked_messages, mutate, secured_messages, valid_messages
+from ua_fleet.errors import LocalWireError, RemoteWireError
 from ua_fleet.wire import Cause, Codec, decode_raw_fields
+from ua_fleet.wire.chunks import join, read_chunk
 from ua_fleet.wire.messages import NetworkMessage
+from ua_fleet.wire.security import SecurityMode, payload_offset, read_security
 
 SHARES = 4
 MUTATIONS = 200_000
+SECURED_MUTATIONS = 100_000
+"""Of messages as they travel, and as many of what their sender has signed: a member of the group may lie too."""
 
 
 @pytest.mark.parametrize("share", range(SHARES))
@@ -43,6 +47,55 @@ def _count(codec: Codec, data: bytes, causes: Counter[str]) -> None:
         causes[error.cause] += 1
     else:
         causes["decoded"] += 1
+
+
+def _take(codec: Codec, datagram: bytes, causes: Counter[str]) -> None:
+    """Open with whichever key fits, put together, decode."""
+    try:
+        heard = read_security(datagram)
+        plain = datagram if heard.mode is SecurityMode.NONE else KEYS[heard.token_id % 2].unprotect(heard)
+        chunk = read_chunk(plain)
+    except RemoteWireError as error:
+        causes[error.cause] += 1
+        return
+    if chunk is not None:
+        causes["chunks"] += 1
+        if chunk.total_size != len(chunk.data):
+            return
+        plain = join(chunk, chunk.data)
+    _count(codec, plain, causes)
+
+
+def test_secured_and_chunked_messages() -> None:
+    corpus = [*secured_messages(), *chunked_messages()]
+    chance = random.Random(20_261_122)
+    codec = Codec()
+    causes: Counter[str] = Counter()
+    for _ in range(SECURED_MUTATIONS):
+        _take(codec, mutate(chance, corpus), causes)
+    assert set(causes) - {"decoded", "chunks"} <= set(Cause)
+    assert causes[Cause.SIGNATURE] > SECURED_MUTATIONS // 2
+    assert {Cause.SECURITY_FLAGS, Cause.NONCE_LENGTH, Cause.SECURITY_FOOTER, Cause.CHUNK_RANGE} <= set(causes)
+
+
+def test_a_member_of_the_group_that_signs_what_is_wrong() -> None:
+    corpus = [*valid_messages(), *chunked_messages()]
+    chance = random.Random(20_261_123)
+    codec = Codec()
+    causes: Counter[str] = Counter()
+    for number in range(SECURED_MUTATIONS):
+        plain = mutate(chance, corpus)
+        try:
+            offset = payload_offset(plain)
+            mode = (SecurityMode.SIGN, SecurityMode.SIGN_AND_ENCRYPT)[number // 2 % 2]
+            secured = KEYS[number % 2].protect(plain, offset, number % 2, number.to_bytes(8, "little"), mode)
+        except (LocalWireError, RemoteWireError):
+            continue  # no head that could be secured
+        _take(codec, secured, causes)
+    assert Cause.SIGNATURE not in causes
+    assert set(causes) - {"decoded", "chunks"} <= set(Cause)
+    assert causes.total() > SECURED_MUTATIONS // 2
+    assert len(causes) > 20
 
 
 def test_noise() -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import tracemalloc
 from collections.abc import Callable, Iterator
+from functools import partial
 
 import pytest
 
@@ -151,7 +152,7 @@ def headers() -> list[tuple[str, bytes, int, int]]:
 def test_every_field_at_its_limits(datagram: bytes, offset: int, size: int) -> None:
     for limit in limits(size):
         changed = datagram[:offset] + limit + datagram[offset + size :]
-        found, cost = cause_and_cost(lambda changed=changed: take(changed))
+        found, cost = cause_and_cost(partial(take, changed))
         assert found is None or found in set(Cause)
         assert cost < MOST_BYTES_AT_ALL + MOST_BYTES_PER_BYTE * len(changed)
 

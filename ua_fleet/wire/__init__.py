@@ -1,12 +1,12 @@
 """Part 14 messages as bytes: pure, no I/O. What a message claims is checked; what it means is not.
 
     codec = Codec()                          # one for each process: it owns the bounded caches of compiled plans
-    codec.decode(datagram)                   -> NetworkMessage | Probe | MetaDataAnnouncement | Announcement
+    codec.decode(datagram)                   -> NetworkMessage | Probe | an announcement of `discovered.py`
                                                 or raises RemoteWireError(cause, detail, offset), nothing else;
                                                 SecuredMessage, a RemoteWireError, for what was not opened before
     codec.encode(network_message)            -> bytes, or raises LocalWireError
     encode_probe(probe)                      -> bytes
-    encode_metadata_announcement(announced)  -> bytes
+    encode_announcement(announcement)        -> bytes, of any kind
     decode_raw_fields(message, metadata)     -> the DataSetMessage with `types` and `values` in place of `raw`
 
 For a writer that sends one DataSetMessage after the other there is something faster than `encode`, bound once:
@@ -34,7 +34,7 @@ Security and chunks are transforms of whole datagrams around the codec, which kn
 from ua_fleet.wire.causes import Cause, SecuredMessage
 from ua_fleet.wire.chunks import Chunk, join, read_chunk, split
 from ua_fleet.wire.codec import Codec
-from ua_fleet.wire.discovery import encode_metadata_announcement, encode_probe
+from ua_fleet.wire.discovery import encode_announcement, encode_metadata_announcement, encode_probe
 from ua_fleet.wire.encode_plan import WriterPlan
 from ua_fleet.wire.raw import decode_raw_fields
 from ua_fleet.wire.security import (
@@ -57,6 +57,7 @@ __all__ = [
     "SecurityPolicy",
     "WriterPlan",
     "decode_raw_fields",
+    "encode_announcement",
     "encode_metadata_announcement",
     "encode_probe",
     "join",

@@ -83,6 +83,8 @@ class Cause(StrEnum):
     """A probe of a kind that is not answered."""
     ANNOUNCEMENT_TYPE = "announcement_type"
     """An announcement of a reserved type."""
+    ANNOUNCEMENT_COUNTS = "announcement_counts"
+    """An announcement with two lists that should have the same length, and have not."""
 
     RAW_TYPE = "raw_type"
     """RawData with a field of a type that cannot be encoded so."""

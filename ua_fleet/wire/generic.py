@@ -9,13 +9,14 @@ from ua_fleet.values import BuiltinType
 from ua_fleet.wire.builtin import MISFITS, encode_number
 from ua_fleet.wire.cursor import Cursor
 from ua_fleet.wire.data_set_message import decode_data_set_message, encode_data_set_message
+from ua_fleet.wire.discovered import AnyAnnouncement
 from ua_fleet.wire.discovery import decode_announcement, decode_probe
 from ua_fleet.wire.header import Header, MessageType, decode_header, encode_header
-from ua_fleet.wire.messages import Announcement, DataSetMessage, MetaDataAnnouncement, NetworkMessage, Probe
+from ua_fleet.wire.messages import DataSetMessage, NetworkMessage, Probe
 
 __all__ = ["Decoded", "decode_message", "encode_message"]
 
-Decoded = NetworkMessage | Probe | MetaDataAnnouncement | Announcement
+Decoded = NetworkMessage | Probe | AnyAnnouncement
 
 
 def decode_message(datagram: bytes) -> Decoded:

@@ -144,8 +144,10 @@ class DataSetMetaData(NamedTuple):
 
 
 class ProbeKind(IntEnum):
-    """InformationType of an information probe (OPC 10000-14 7.2.4.6.12)."""
+    """InformationType of a probe (OPC 10000-14 table 179), and the one probe that has none."""
 
+    FIND_APPLICATIONS = 0
+    """A FindApplications probe (table 178), to all Publishers: who is there?"""
     ENDPOINTS = 1
     DATA_SET_META_DATA = 2
     DATA_SET_WRITER_CONFIGURATION = 3
@@ -154,12 +156,19 @@ class ProbeKind(IntEnum):
 
 
 class Probe(NamedTuple):
-    """A discovery probe addressed to one publisher. An empty id list asks for all of its DataSetWriters."""
+    """A discovery probe addressed to one publisher; of the fields after `kind` each kind has its own."""
 
     publisher_id: int | str | None
     publisher_id_type: int
     kind: int
     data_set_writer_ids: tuple[int, ...] = ()
+    """Of metadata and DataSetWriter configurations; an empty list asks for all of them."""
+    writer_group_id: int = 0
+    """Of a WriterGroup configuration (table 181); 0 asks for all of them."""
+    transport_profile_uris: tuple[str, ...] = ()
+    """Of PubSubConnections (table 182): only those with such a transport; an empty list asks for all."""
+    include_writer_groups: bool = False
+    include_data_set_writers: bool = False
 
 
 class MetaDataAnnouncement(NamedTuple):
@@ -174,7 +183,7 @@ class MetaDataAnnouncement(NamedTuple):
 
 
 class Announcement(NamedTuple):
-    """An announcement of a kind that is not looked into yet; `body` is what follows its SequenceNumber."""
+    """Application information of a kind that this edition does not know; `body` is what follows its SequenceNumber."""
 
     publisher_id: int | str | None
     publisher_id_type: int

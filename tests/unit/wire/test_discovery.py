@@ -38,6 +38,22 @@ PROBES: list[tuple[str, Probe, str]] = [
     ),
     ("endpoints", Probe(7, U16, ProbeKind.ENDPOINTS), PROBE_HEAD + "01 01"),
     ("of a UInt64 publisher", Probe(7, 3, ProbeKind.ENDPOINTS), "91 93 04 0700000000000000 00 00000000 00 01 01"),
+    (
+        "WriterGroup",
+        Probe(7, U16, ProbeKind.WRITER_GROUP_CONFIGURATION, writer_group_id=3, include_data_set_writers=True),
+        PROBE_HEAD + "01 04 0300 01",
+    ),
+    ("connections", Probe(7, U16, ProbeKind.PUBSUB_CONNECTIONS), PROBE_HEAD + "01 05 00000000 00 00"),
+    (
+        "connections of one transport with their groups",
+        Probe(7, U16, ProbeKind.PUBSUB_CONNECTIONS, transport_profile_uris=("a", "bc"), include_writer_groups=True),
+        PROBE_HEAD + "01 05 02000000 01000000 61 02000000 6263 01 00",
+    ),
+    (
+        "applications",
+        Probe(None, PublisherIdType.STRING, ProbeKind.FIND_APPLICATIONS),
+        "91 94 04 ffffffff 00 00000000 00 02",
+    ),
     ("of a String publisher", Probe("a", 4, ProbeKind.ENDPOINTS), "91 94 04 01000000 61 00 00000000 00 01 01"),
 ]
 
@@ -54,7 +70,6 @@ def test_probes(probe: Probe, encoded: str) -> None:
     [
         pytest.param("01 02 ffffffff", ProbeKind.DATA_SET_META_DATA, id="null list of writers"),
         pytest.param("01 01 ffffffff", ProbeKind.ENDPOINTS, id="version 1.04 sends a null list here"),
-        pytest.param("01 04 0300 01", ProbeKind.WRITER_GROUP_CONFIGURATION, id="writer group"),
         pytest.param("01 05 ffffffff 00 00", ProbeKind.PUBSUB_CONNECTIONS, id="connections"),
     ],
 )
@@ -112,7 +127,9 @@ def test_every_truncation_is_refused() -> None:
 @pytest.mark.parametrize(
     "probe",
     [
-        Probe(7, U16, ProbeKind.PUBSUB_CONNECTIONS),
+        Probe(7, U16, 6),
+        Probe(7, U16, ProbeKind.PUBSUB_CONNECTIONS, transport_profile_uris=(5,)),  # type: ignore[arg-type]
+        Probe(7, U16, ProbeKind.WRITER_GROUP_CONFIGURATION, writer_group_id=70_000),
         Probe(None, U16, ProbeKind.ENDPOINTS),
         Probe(None, PublisherIdType.STRING, ProbeKind.ENDPOINTS),
         Probe(7, 5, ProbeKind.ENDPOINTS),

@@ -8,9 +8,9 @@ from typing import Any
 import pytest
 
 from ua_fleet.errors import RemoteWireError
-from ua_fleet.wire import Codec, SecuredMessage, decode_raw_fields, encode_probe
+from ua_fleet.wire import Codec, SecuredMessage, decode_raw_fields, encode_announcement, encode_probe
+from ua_fleet.wire.discovered import EndpointsAnnouncement
 from ua_fleet.wire.messages import (
-    Announcement,
     ConfigurationVersion,
     DataSetMessage,
     DataSetMetaData,
@@ -222,4 +222,6 @@ def test_probe_vector() -> None:
 
 def test_announcement_vector() -> None:
     data = built("built_from_tables_unconfirmed")["V16_announce_endpoints_empty"]
-    assert Codec().decode(data) == Announcement(7, PublisherIdType.UINT16, 1, 0, bytes(8))
+    announcement = EndpointsAnnouncement(7, PublisherIdType.UINT16, 0, ())
+    assert Codec().decode(data) == announcement
+    assert encode_announcement(announcement) == data

@@ -1,0 +1,153 @@
+"""Messages put together from chunks that come in any order, within bounds (OPC 10000-14 7.2.4.4.4).
+
+A message stands here from its first chunk until its last one, or until `CHUNK_TIMEOUT_S` are over. What does not fit
+into the bounds goes: the message that holds most first, and the older of equals. So who sends chunks without end loses
+his own before he takes the place of others'. Chunks of one message must not overlap, and must agree on its size and
+headers; a duplicate is ignored, also of a message that was completed or given up a moment ago.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_left
+from typing import Final
+
+from ua_fleet.counters import Counters, Drop
+from ua_fleet.errors import RemoteWireError
+from ua_fleet.wire.causes import Cause
+from ua_fleet.wire.chunks import Chunk, join
+
+__all__ = ["CHUNK_TIMEOUT_S", "MOST_MESSAGES", "Reassembly"]
+
+CHUNK_TIMEOUT_S: Final = 2.0
+"""A message whose chunks have not all come after so long is given up."""
+MOST_MESSAGES: Final = 128
+"""Unfinished messages."""
+MOST_ENDED: Final = 512
+"""Messages that were completed or given up, and whose late chunks are still known as such."""
+LEAST_CHUNK_BYTES: Final = 256
+"""A chunk counts as at least so much, whatever it carries: so their number is bounded too."""
+
+_Key = tuple[int | str | None, int, int | None, int | None, bool, bool, int]
+
+
+class _Unfinished:
+    """The chunks of one message that have come."""
+
+    __slots__ = ("data", "first", "held", "offsets", "received", "since")
+
+    def __init__(self, first: Chunk, now: float) -> None:
+        self.first = first
+        self.since = now
+        self.offsets: list[int] = []
+        """Of the chunks, ascending."""
+        self.data: list[bytes] = []
+        self.received = 0
+        self.held = 0
+
+    def add(self, chunk: Chunk) -> bool:
+        """Take a chunk in; False for a duplicate. Raises RemoteWireError where it contradicts what has come."""
+        first, offset, data = self.first, chunk.offset, chunk.data
+        if chunk.total_size != first.total_size or chunk.head != first.head:
+            detail = f"offset {offset}: {chunk.total_size} bytes in all, {first.total_size} before, or other headers"
+            raise RemoteWireError(Cause.CHUNK_CONTRADICTS, detail)
+        at = bisect_left(self.offsets, offset)
+        if at < len(self.offsets):
+            following = self.offsets[at]
+            if following == offset and self.data[at] == data:
+                return False
+            if offset + len(data) > following:
+                raise RemoteWireError(Cause.CHUNK_OVERLAPS, f"bytes {offset} to {offset + len(data)} have come before")
+        if at and self.offsets[at - 1] + len(self.data[at - 1]) > offset:
+            raise RemoteWireError(Cause.CHUNK_OVERLAPS, f"bytes from {offset} on have come before")
+        self.offsets.insert(at, offset)
+        self.data.insert(at, data)
+        self.received += len(data)
+        self.held += max(len(data), LEAST_CHUNK_BYTES)
+        return True
+
+
+class Reassembly:
+    """All unfinished messages of one process."""
+
+    def __init__(self, counters: Counters, max_bytes: int) -> None:
+        """Make it empty.
+
+        Args:
+            counters: messages that are given up are counted here.
+            max_bytes: the largest message, and about what all unfinished ones together may hold.
+        """
+        self._counters = counters
+        self._max_bytes = max_bytes
+        self._unfinished: dict[_Key, _Unfinished] = {}
+        """The oldest first."""
+        self._ended: dict[_Key, float] = {}
+        self._held = 0
+
+    @property
+    def held_bytes(self) -> int:
+        """What the chunks of all unfinished messages count as."""
+        return self._held
+
+    def add(self, chunk: Chunk, now: float) -> bytes | None:
+        """Take a chunk; the whole plain message when it was the last one missing.
+
+        Raises:
+            RemoteWireError: it contradicts what has come, and the message is given up; or the message is too large.
+        """
+        self.poll(now)
+        if chunk.total_size > self._max_bytes:
+            detail = f"a message of {chunk.total_size} bytes; pubsub.max_message_bytes is {self._max_bytes}"
+            raise RemoteWireError(Cause.CHUNK_TOO_LARGE, detail)
+        key = (*chunk[:6], chunk.message_sequence_number)
+        if key in self._ended:
+            return None
+        unfinished = self._unfinished.get(key)
+        if unfinished is None:
+            if len(self._unfinished) >= MOST_MESSAGES:
+                self._give_up(self._largest(), now)
+            unfinished = self._unfinished[key] = _Unfinished(chunk, now)
+        held = unfinished.held
+        try:
+            unfinished.add(chunk)
+        except RemoteWireError:
+            self._give_up(key, now)
+            raise
+        self._held += unfinished.held - held
+        if unfinished.received == chunk.total_size:
+            self._end(key, now)
+            return join(chunk, b"".join(unfinished.data))
+        while self._held > self._max_bytes + LEAST_CHUNK_BYTES:  # the last chunk of one may be a small one
+            self._give_up(self._largest(), now)
+        return None
+
+    def poll(self, now: float) -> None:
+        """Give up what has taken too long."""
+        unfinished = self._unfinished
+        while unfinished:
+            key, oldest = next(iter(unfinished.items()))
+            if oldest.since + CHUNK_TIMEOUT_S > now:
+                break
+            self._give_up(key, now)
+        ended = self._ended
+        while ended:
+            key, at = next(iter(ended.items()))
+            if at + CHUNK_TIMEOUT_S > now and len(ended) <= MOST_ENDED:
+                break
+            del ended[key]
+
+    def next_deadline(self) -> float | None:
+        """When `poll` is to be called next, or None."""
+        for oldest in self._unfinished.values():
+            return oldest.since + CHUNK_TIMEOUT_S
+        return None
+
+    def _largest(self) -> _Key:
+        return max(self._unfinished, key=lambda key: self._unfinished[key].held)  # the oldest of equals
+
+    def _give_up(self, key: _Key, now: float) -> None:
+        self._counters.drop(Drop.CHUNK_LOST)
+        self._end(key, now)
+
+    def _end(self, key: _Key, now: float) -> None:
+        self._held -= self._unfinished.pop(key).held
+        self._ended[key] = now

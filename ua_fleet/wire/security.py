@@ -15,9 +15,11 @@ encrypted, then everything is signed with HMAC-SHA256.
 
 from __future__ import annotations
 
+import struct
+from collections.abc import Callable
 from enum import IntEnum, StrEnum
 from struct import Struct
-from typing import Final, NamedTuple, TypeVar
+from typing import Final, NamedTuple
 
 from cryptography.exceptions import InvalidSignature
 from cryptography.hazmat.primitives.ciphers import Cipher
@@ -30,6 +32,7 @@ from ua_fleet.errors import LocalWireError, RemoteWireError
 from ua_fleet.wire.causes import Cause
 from ua_fleet.wire.cursor import Cursor
 from ua_fleet.wire.header import HAS_SECURITY_HEADER, NO_SECURITY, decode_flags
+from ua_fleet.wire.messages import PublisherIdType
 from ua_fleet.wire.outline import encode_flags, read_outline
 
 __all__ = [
@@ -60,6 +63,8 @@ HAS_SECURITY_FOOTER: Final = 0x04
 FORCE_KEY_RESET: Final = 0x08
 RESERVED_SECURITY_FLAGS: Final = 0xF0
 
+_SIGNED: Final = slice(-SIGNATURE_BYTES)
+_SIGNATURE: Final = slice(-SIGNATURE_BYTES, None)
 _FLAGS_TOKEN_NONCE_LENGTH = Struct("<BIB")
 
 MOST_HEADS: Final = 1024
@@ -102,12 +107,14 @@ class SecurityMode(IntEnum):
 
 
 _NONE: Final = SecurityMode.NONE
+_SIGN: Final = SecurityMode.SIGN
 _ENCRYPTED: Final = SecurityMode.SIGN_AND_ENCRYPT
 _MODES: Final = {
     0: SecurityMode.NONE,
     IS_SIGNED: SecurityMode.SIGN,
     IS_SIGNED | IS_ENCRYPTED: SecurityMode.SIGN_AND_ENCRYPT,
 }
+_USUAL_MODES: Final = {flags: mode for flags, mode in _MODES.items() if mode is not _NONE}
 _FLAGS: Final = {mode: flags for flags, mode in _MODES.items()}
 
 
@@ -135,8 +142,48 @@ class SecuredDatagram(NamedTuple):
     footer_size: int
 
 
+# What our own publishers send: UADPFlags and ExtendedFlags1, PublisherId, GroupFlags, WriterGroupId, Count and
+# DataSetWriterId, and then, in a secured message, SecurityFlags, SecurityTokenId, NonceLength and MessageNonce.
+_USUAL_PLAIN: Final = Struct("<H2xB2xB2x")
+_USUAL_SECURED: Final = Struct("<HHBHBHBIB8s")
+_USUAL_HEAD_BYTES: Final = _USUAL_PLAIN.size
+_USUAL_SECURED_HEAD_BYTES: Final = _USUAL_SECURED.size
+_FEWEST_SECURED_BYTES: Final = _USUAL_SECURED.size + SIGNATURE_BYTES
+_PLAIN_FLAGS: Final = 0x01F1
+_SECURED_FLAGS: Final = 0x11F1
+_UINT16: Final = PublisherIdType.UINT16.value
+_flags_of_usual = _USUAL_PLAIN.unpack_from
+_read_usual = _USUAL_SECURED.unpack_from
+_new: Callable[[type[SecuredDatagram], tuple[object, ...]], SecuredDatagram]
+_new = tuple.__new__  # pyright: ignore[reportUnknownMemberType, reportUnknownVariableType]
+
+
 def read_security(datagram: bytes) -> SecuredDatagram:
     """Read the outline and the SecurityHeader of any message, plain ones too (mode NONE); raises RemoteWireError."""
+    try:
+        values = _read_usual(datagram)
+    except struct.error:
+        return _read_any(datagram)
+    start, publisher_id, group, writer_group_id, count, writer_id, flags, token_id, length, nonce = values
+    if group != 1 or count != 1:
+        return _read_any(datagram)
+    if start == _PLAIN_FLAGS:
+        mode, token_id, nonce, end = _NONE, 0, b"", _USUAL_HEAD_BYTES
+    elif start != _SECURED_FLAGS or length != NONCE_BYTES or len(datagram) < _FEWEST_SECURED_BYTES:
+        return _read_any(datagram)
+    else:
+        usual = _USUAL_MODES.get(flags)
+        if usual is None:
+            return _read_any(datagram)
+        mode, end = usual, _USUAL_SECURED_HEAD_BYTES
+    read = (
+        datagram, publisher_id, _UINT16, writer_group_id, (writer_id,), False, False,
+        mode, token_id, nonce, False, _USUAL_HEAD_BYTES, end, 0,
+    )  # fmt: skip
+    return _new(SecuredDatagram, read)
+
+
+def _read_any(datagram: bytes) -> SecuredDatagram:
     cursor = Cursor(datagram)
     outline = read_outline(cursor)
     header_offset = cursor.position
@@ -190,16 +237,33 @@ def payload_offset(datagram: bytes) -> int:
 
     The ActionHeader follows it. Raises LocalWireError for a message that is secured already.
     """
-    heard = read_security(datagram)
-    if heard.mode is not _NONE:
+    try:
+        flags, group, count = _flags_of_usual(datagram)
+    except struct.error:
+        pass  # too short to be one of ours
+    else:
+        if flags == _PLAIN_FLAGS and group == 1 and count == 1:
+            return _USUAL_HEAD_BYTES
+    read = _read_any(datagram)
+    if read.mode is not _NONE:
         raise LocalWireError("a message that is secured already")
-    return heard.payload_offset
+    return read.payload_offset
 
 
 class MessageKey:
     """The key of one security token. It is never shown, and not for use in several threads at once."""
 
-    __slots__ = ("_key_nonce", "_mac", "_plain_heads", "_reset_nonce", "_secured_heads", "_update", "policy")
+    __slots__ = (
+        "_key_nonce",
+        "_mac",
+        "_mode",
+        "_plain_heads",
+        "_reset_nonce",
+        "_secured_heads",
+        "_token_id",
+        "_update",
+        "policy",
+    )
 
     def __init__(self, policy: SecurityPolicy, key_data: bytes) -> None:
         """Raises LocalWireError for key data of another length than the policy's."""
@@ -213,8 +277,12 @@ class MessageKey:
         context = Cipher(AES(key_data[SIGNING_KEY_BYTES:-KEY_NONCE_BYTES]), CTR(bytes(16))).encryptor()
         self._reset_nonce = context.reset_nonce
         self._update = context.update
-        self._secured_heads: dict[tuple[bytes, int, SecurityMode, bool], bytes] = {}
         self._plain_heads: dict[bytes, bytes] = {}
+        """From heads of verified messages to those of the plain ones."""
+        self._secured_heads: dict[bytes, bytes] = {}
+        """The way back, for the token id and the mode of the last message that was protected."""
+        self._token_id: int = 0
+        self._mode: SecurityMode = _NONE
 
     def __repr__(self) -> str:
         return f"MessageKey({self.policy.short_name})"
@@ -235,11 +303,18 @@ class MessageKey:
         """
         if len(nonce) != NONCE_BYTES:
             raise LocalWireError(f"a MessageNonce has {NONCE_BYTES} bytes, not {len(nonce)}")
-        form = datagram[:payload_offset], token_id, mode, force_key_reset
-        try:
-            head = self._secured_heads[form]
-        except KeyError:
-            head = _remember(self._secured_heads, form, _secured_head(*form), len(form[0]))
+        if mode is not self._mode or token_id != self._token_id:
+            self._secured_heads.clear()
+            self._mode, self._token_id = mode, token_id
+        if force_key_reset:
+            head = _secured_head(datagram[:payload_offset], token_id, mode, FORCE_KEY_RESET)
+        else:
+            try:
+                head = self._secured_heads[datagram[:payload_offset]]
+            except KeyError:
+                plain = datagram[:payload_offset]
+                head = _secured_head(plain, token_id, mode)
+                _remember(self._secured_heads, plain, head)
         if mode is _ENCRYPTED:
             self._reset_nonce(self._key_nonce + nonce + FIRST_BLOCK)
             signed = head + nonce + self._update(datagram[payload_offset:])
@@ -254,24 +329,28 @@ class MessageKey:
 
         It is verified before anything is decrypted. The SecurityHeader is gone, or empty in a discovery message.
         """
-        datagram, mode = secured.datagram, secured.mode
+        datagram, mode, header_offset = secured.datagram, secured.mode, secured.header_offset
         if mode is _NONE:
-            raise RemoteWireError(Cause.SIGNATURE, "not signed", secured.header_offset)
+            raise RemoteWireError(Cause.SIGNATURE, "not signed", header_offset)
+        signed = datagram[_SIGNED]
         mac = self._mac()
-        mac.update(datagram[:-SIGNATURE_BYTES])
+        mac.update(signed)
         try:
-            mac.verify(datagram[-SIGNATURE_BYTES:])  # in constant time
+            mac.verify(datagram[_SIGNATURE])  # in constant time
         except InvalidSignature:
             raise RemoteWireError(Cause.SIGNATURE, "not the signature of this key and message") from None
-        payload = datagram[secured.payload_offset : -SIGNATURE_BYTES - secured.footer_size]
+        payload = signed[secured.payload_offset :]
+        if secured.footer_size:
+            payload = payload[: -secured.footer_size]
         if mode is _ENCRYPTED:
             self._reset_nonce(self._key_nonce + secured.nonce + FIRST_BLOCK)
             payload = self._update(payload)
-        head = datagram[: secured.header_offset]
         try:
-            return self._plain_heads[head] + payload
+            return self._plain_heads[datagram[:header_offset]] + payload
         except KeyError:
-            return _remember(self._plain_heads, head, _plain_head(secured), len(head)) + payload
+            head = _plain_head(secured)
+            _remember(self._plain_heads, datagram[:header_offset], head)
+            return head + payload
 
 
 def without_security(secured: SecuredDatagram) -> bytes:
@@ -280,7 +359,7 @@ def without_security(secured: SecuredDatagram) -> bytes:
     return _plain_head(secured) + datagram[secured.payload_offset : -SIGNATURE_BYTES - secured.footer_size]
 
 
-def _secured_head(plain_head: bytes, token_id: int, mode: SecurityMode, force_key_reset: bool) -> bytes:
+def _secured_head(plain_head: bytes, token_id: int, mode: SecurityMode, more_flags: int = 0) -> bytes:
     """The head of a secured message up to its nonce, from the head of the plain one."""
     if mode is _NONE:
         raise LocalWireError("a message is not protected with the mode None")
@@ -296,8 +375,7 @@ def _secured_head(plain_head: bytes, token_id: int, mode: SecurityMode, force_ke
         if not names.endswith(NO_SECURITY):
             raise LocalWireError("a message that is secured already")
         names = names[: -len(NO_SECURITY)]
-    security_flags = _FLAGS[mode] | (FORCE_KEY_RESET if force_key_reset else 0)
-    security_header = _FLAGS_TOKEN_NONCE_LENGTH.pack(security_flags, token_id, NONCE_BYTES)
+    security_header = _FLAGS_TOKEN_NONCE_LENGTH.pack(_FLAGS[mode] | more_flags, token_id, NONCE_BYTES)
     return encode_flags(flags, extended1 | HAS_SECURITY_HEADER, extended2) + names + security_header
 
 
@@ -311,12 +389,8 @@ def _plain_head(secured: SecuredDatagram) -> bytes:
     return encode_flags(flags, extended1 & ~HAS_SECURITY_HEADER, extended2) + names
 
 
-_K = TypeVar("_K")
-
-
-def _remember(heads: dict[_K, bytes], form: _K, head: bytes, length: int) -> bytes:
-    if length <= LONGEST_HEAD:
+def _remember(heads: dict[bytes, bytes], head: bytes, other_form: bytes) -> None:
+    if len(head) <= LONGEST_HEAD:
         if len(heads) >= MOST_HEADS:
             del heads[next(iter(heads))]
-        heads[form] = head
-    return head
+        heads[head] = other_form

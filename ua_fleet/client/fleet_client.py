@@ -208,6 +208,7 @@ class FleetClient:
                     mode=ua.MessageSecurityMode.SignAndEncrypt,
                 )
                 if as_application:
+                    _check_takes_certificates(endpoint, offer)
                     await client.load_client_certificate(str(identity.certificate))
                     await client.load_private_key(identity.key)
             if user is not None:
@@ -348,6 +349,15 @@ def _encrypted_endpoint(
         f"{endpoint} offers no endpoint with {policy}, Sign & Encrypt, but: {there or 'nothing'}; "
         "choose another --policy, or --insecure for None",
     )
+
+
+def _check_takes_certificates(endpoint: str, offer: ua.EndpointDescription) -> None:
+    if all(policy.TokenType != ua.UserTokenType.Certificate for policy in offer.UserIdentityTokens or ()):
+        raise AccessRefused(
+            StatusCode.BAD_IDENTITY_TOKEN_REJECTED,
+            f"{endpoint} lets nobody in by a certificate, so it is no key service; set `pubsub.security` and "
+            "`pubsub.keys.source: service` in the server's fleet.yaml",
+        )
 
 
 async def _disconnect(client: Client) -> None:

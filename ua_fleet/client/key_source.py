@@ -10,6 +10,7 @@ from contextlib import AsyncExitStack
 from typing import Any, Final, Self
 
 from asyncua import ua
+from asyncua.ua.status_codes import StatusCodes
 from asyncua.ua.uaerrors import UaStatusCodeError
 
 from ua_fleet.client.fleet_client import FleetClient
@@ -24,22 +25,22 @@ _PUBLISH_SUBSCRIBE: Final = "i=14443"
 _GET_SECURITY_KEYS: Final = "i=15215"
 """Well-known NodeIds, the same in every key service (OPC 10000-14 8.3.2)."""
 
-_OF_GROUP: Final = (ua.StatusCodes.BadNotFound, ua.StatusCodes.BadNoMatch, ua.StatusCodes.BadUserAccessDenied)
+_OF_GROUP: Final = (StatusCodes.BadNotFound, StatusCodes.BadNoMatch, StatusCodes.BadUserAccessDenied)
 """What a key service answers when it is well, and has no keys of this group for us."""
-_NO_SERVICE: Final = (ua.StatusCodes.BadNotImplemented, ua.StatusCodes.BadMethodInvalid)
+_NO_SERVICE: Final = (StatusCodes.BadNotImplemented, StatusCodes.BadMethodInvalid)
 _NOT_KNOWN: Final = (
-    ua.StatusCodes.BadSecurityChecksFailed,
-    ua.StatusCodes.BadCertificateUntrusted,
-    ua.StatusCodes.BadIdentityTokenRejected,
-    ua.StatusCodes.BadIdentityTokenInvalid,
-    ua.StatusCodes.BadUserSignatureInvalid,
+    StatusCodes.BadSecurityChecksFailed,
+    StatusCodes.BadCertificateUntrusted,
+    StatusCodes.BadIdentityTokenRejected,
+    StatusCodes.BadIdentityTokenInvalid,
+    StatusCodes.BadUserSignatureInvalid,
 )
 _SESSION_GONE: Final = (
-    ua.StatusCodes.BadSessionIdInvalid,
-    ua.StatusCodes.BadSessionClosed,
-    ua.StatusCodes.BadSessionNotActivated,
-    ua.StatusCodes.BadSecureChannelIdInvalid,
-    ua.StatusCodes.BadSecureChannelClosed,
+    StatusCodes.BadSessionIdInvalid,
+    StatusCodes.BadSessionClosed,
+    StatusCodes.BadSessionNotActivated,
+    StatusCodes.BadSecureChannelIdInvalid,
+    StatusCodes.BadSecureChannelClosed,
 )
 
 
@@ -134,7 +135,7 @@ class ServiceKeySource:
         )
 
     def _refusal(self, error: AccessRefused) -> str:
-        if error.ua_status == ua.StatusCodes.BadUserAccessDenied:
+        if error.ua_status == StatusCodes.BadUserAccessDenied:
             return f"bridge {self._bridge_name} may not have them; see `requestors` in the server's fleet.yaml"
         return f"{self._endpoint} has no such group; give the server the same fleet.yaml, and restart it"
 
@@ -143,7 +144,7 @@ class ServiceKeySource:
         told_by_server = isinstance(error.__cause__, UaStatusCodeError)
         if told_by_server and error.ua_status in _NO_SERVICE:
             return (
-                f"{self._endpoint} is no key service; set pubsub.security and `pubsub.keys.source: service` in the "
+                f"{self._endpoint} is no key service; set `pubsub.security` and `pubsub.keys.source: service` in the "
                 "server's fleet.yaml"
             )
         if told_by_server and error.ua_status in _NOT_KNOWN:

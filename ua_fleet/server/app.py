@@ -8,11 +8,13 @@ from collections.abc import Callable
 from pathlib import Path
 
 from ua_fleet.config.nodes import fleet_model
-from ua_fleet.config.schema import FleetConfig, PubSubConfig
+from ua_fleet.config.schema import FleetConfig, PubSubConfig, PubSubSecurity
 from ua_fleet.pubsub.subscriber import LoopRule
 from ua_fleet.server.address_space import FleetNodes
 from ua_fleet.server.hardened import create_server
 from ua_fleet.server.hub import Hub, wall_ticks
+from ua_fleet.server.key_service.nodes import KeyServiceNodes
+from ua_fleet.server.key_service.service import KeyService
 from ua_fleet.server.nodeset import load_types
 from ua_fleet.server.projection import Projection
 from ua_fleet.server.writes import ClientWrites
@@ -51,13 +53,20 @@ async def run_server(
         TransportError: PubSub has no route, no permission or no such interface.
     """
     model = fleet_model(config)
+    state_dir = config_dir / config.server.state_dir
+    has_key_service = _has_key_service(config.pubsub)
     server = await create_server(
-        config.server, config_dir / config.server.state_dir, application_uri=application_uri(config)
+        config.server,
+        state_dir,
+        application_uri=application_uri(config),
+        bridges=config.bridges if has_key_service else (),
     )
     try:
         await load_types(server, config.fleet.namespace_uri, config.fleet.namespace_index)
         nodes = FleetNodes(server.iserver.aspace, model)
         nodes.build()
+        if has_key_service:
+            await KeyServiceNodes(server, KeyService(config, state_dir), model.ns).build()
         hub = Hub(config, model, transport or _udp(config.pubsub), Projection(nodes), rule=rule)
         server.gate = ClientWrites(hub.commands, nodes, hub.publish, hub.flush_soon, wall_ticks)
         try:
@@ -70,6 +79,11 @@ async def run_server(
             await hub.close()
     finally:
         await server.stop()
+
+
+def _has_key_service(config: PubSubConfig) -> bool:
+    """Whether this server gives keys of message security to the bridges."""
+    return config.security is not PubSubSecurity.NONE and config.keys.source == "service"
 
 
 def _udp(config: PubSubConfig) -> Transport:

@@ -152,6 +152,10 @@ def name(result: Any) -> str:
     return str(result.StatusCode.name)
 
 
+def _act(_parent: Any) -> list[Any]:
+    return []
+
+
 @contextlib.asynccontextmanager
 async def desk(
     folder: Path,
@@ -186,7 +190,7 @@ async def desk(
     assert await server.register_namespace("urn:test:fleet") == 2
     goal = await server.nodes.objects.add_variable(ua.NodeId("goal", 2), "goal", 0.0)
     await goal.set_writable()
-    await server.nodes.objects.add_method(ua.NodeId("act", 2), "act", lambda _parent: [], [], [])
+    await server.nodes.objects.add_method(ua.NodeId("act", 2), "act", _act, [], [])
     service = KeyService(config, state_dir)
     await KeyServiceNodes(server, service, 2).build()
     async with server:

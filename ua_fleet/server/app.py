@@ -65,8 +65,9 @@ async def run_server(
         await load_types(server, config.fleet.namespace_uri, config.fleet.namespace_index)
         nodes = FleetNodes(server.iserver.aspace, model)
         nodes.build()
-        if has_key_service:
-            await KeyServiceNodes(server, KeyService(config, state_dir), model.ns).build()
+        service = KeyService(config, state_dir) if has_key_service else None
+        if service is not None:
+            await KeyServiceNodes(server, service, model.ns).build()
         hub = Hub(config, model, transport or _udp(config.pubsub), Projection(nodes), rule=rule)
         server.gate = ClientWrites(hub.commands, nodes, hub.publish, hub.flush_soon, wall_ticks)
         try:

@@ -8,7 +8,21 @@ from typing import Any
 import pytest
 
 from ua_fleet.errors import RemoteWireError
-from ua_fleet.wire import Codec, SecuredMessage, decode_raw_fields, encode_announcement, encode_probe
+from ua_fleet.wire import (
+    Codec,
+    MessageKey,
+    SecuredMessage,
+    SecurityMode,
+    SecurityPolicy,
+    decode_raw_fields,
+    encode_announcement,
+    encode_probe,
+    join,
+    payload_offset,
+    read_chunk,
+    read_security,
+    split,
+)
 from ua_fleet.wire.discovered import EndpointsAnnouncement
 from ua_fleet.wire.messages import (
     ConfigurationVersion,
@@ -134,6 +148,31 @@ def test_secured_messages_are_never_read_as_data(name: str) -> None:
         assert caught.value.cause == "secured"
 
 
+def key(policy: SecurityPolicy) -> MessageKey:
+    return MessageKey(policy, bytes(range(policy.key_data_bytes)))
+
+
+@pytest.mark.parametrize(
+    ("name", "policy", "mode"),
+    [
+        ("peer_enc128", SecurityPolicy.AES128_CTR, SecurityMode.SIGN_AND_ENCRYPT),
+        ("peer_sign256", SecurityPolicy.AES256_CTR, SecurityMode.SIGN),
+    ],
+)
+def test_peer_secured(name: str, policy: SecurityPolicy, mode: SecurityMode) -> None:
+    codec, opener, sender = Codec(), key(policy), key(policy)
+    for counter, data in enumerate(capture(name)):
+        heard = read_security(data)
+        assert heard[1:9] == (2234, PublisherIdType.UINT16, 100, (62541,), False, False, mode, 1)
+        assert heard.nonce[4:] == b"\1\0\0\0"  # the peer counts its nonces no further
+        assert not heard.force_key_reset
+        plain = opener.unprotect(heard)
+        expected = peer_message(values=peer_values(counter))
+        assert codec.decode(plain) == expected
+        assert codec.encode(expected) == plain
+        assert sender.protect(plain, payload_offset(plain), 1, heard.nonce, mode) == data
+
+
 def one(part: DataSetMessage, publisher_id: int | str = 7, **header: Any) -> NetworkMessage:
     return NetworkMessage(publisher_id, PublisherIdType.UINT16, messages=(part,))._replace(**header)
 
@@ -194,11 +233,45 @@ def test_secured_vectors(name: str) -> None:
         Codec().decode(built("built_and_confirmed")[name])
 
 
+@pytest.mark.parametrize(
+    ("name", "policy", "mode"),
+    [
+        ("V19_sign128", SecurityPolicy.AES128_CTR, SecurityMode.SIGN),
+        ("V19_signenc256", SecurityPolicy.AES256_CTR, SecurityMode.SIGN_AND_ENCRYPT),
+    ],
+)
+def test_secured_vectors_opened(name: str, policy: SecurityPolicy, mode: SecurityMode) -> None:
+    data = built("built_and_confirmed")[name]
+    heard = read_security(data)
+    assert (heard.mode, heard.token_id, heard.nonce.hex()) == (mode, 1, "a1b2c3d401000000")
+    plain = key(policy).unprotect(heard)
+    content = peer_message(types=(11,), values=(21.5,))
+    assert decode(plain) == content
+    assert key(policy).protect(Codec().encode(content), payload_offset(plain), 1, heard.nonce, mode) == data
+
+
 @pytest.mark.parametrize("name", ["V13_chunk0", "V14_chunk1"])
 def test_chunks_have_their_own_cause(name: str) -> None:
     with pytest.raises(RemoteWireError) as caught:
         Codec().decode(built("built_from_tables_unconfirmed")[name])
     assert caught.value.cause == "chunk"
+
+
+def test_chunk_vectors() -> None:
+    parts = [built("built_from_tables_unconfirmed")[name] for name in ("V13_chunk0", "V14_chunk1")]
+    first, last = (read_chunk(data) for data in parts)
+    assert first is not None
+    assert last is not None
+    assert (first.publisher_id, first.data_set_writer_id, first.message_sequence_number) == (7, 62541, 3)
+    assert [(chunk.offset, chunk.total_size, chunk.data) for chunk in (first, last)] == [
+        (0, 8, b"ABCDE"),
+        (5, 8, b"FGH"),
+    ]
+    whole = bytes.fromhex("d1 01 0700 01 4df4") + b"ABCDEFGH"
+    assert join(first, first.data + last.data) == join(last, first.data + last.data) == whole
+    # So short a message is never split by us, so the TotalSize is that of a longer one.
+    chunk = split(whole + b"I" * 9, len(parts[0]), 3)[0]
+    assert chunk.replace(b"\x11\0\0\0", b"\x08\0\0\0") == parts[0]
 
 
 def test_raw_vector() -> None:

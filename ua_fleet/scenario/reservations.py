@@ -4,22 +4,22 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Hashable
-from typing import NamedTuple
+from typing import Generic, NamedTuple, TypeVar
 
 __all__ = ["Grant", "Reservations"]
 
-Claim = Hashable
+Claim = TypeVar("Claim", bound=Hashable)
 """Names a task of a run, e.g. (run id, step)."""
 
 
-class Grant(NamedTuple):
+class Grant(NamedTuple, Generic[Claim]):
     """A claim has its robot now."""
 
     claim: Claim
     robot: str
 
 
-class Reservations:
+class Reservations(Generic[Claim]):
     """The claims on all robots. A claim is for one robot at a time."""
 
     def __init__(self) -> None:
@@ -27,7 +27,7 @@ class Reservations:
         """The first of each queue has the robot."""
         self._robots: dict[Claim, str] = {}
 
-    def want(self, claim: Claim, robot: str) -> list[Grant]:
+    def want(self, claim: Claim, robot: str) -> list[Grant[Claim]]:
         """Ask for a robot. Asking again changes nothing, or says again what is granted; another robot replaces it."""
         before = self._robots.get(claim)
         if before == robot:
@@ -38,7 +38,7 @@ class Reservations:
         self._robots[claim] = robot
         return [*grants, Grant(claim, robot)] if queue[0] == claim else grants
 
-    def release(self, claim: Claim) -> list[Grant]:
+    def release(self, claim: Claim) -> list[Grant[Claim]]:
         """Give a robot back, or wait for it no more; who is served next."""
         robot = self._robots.pop(claim, None)
         if robot is None:

@@ -9,7 +9,7 @@ from ua_fleet.scenario.reservations import Grant, Reservations
 
 
 def test_the_first_has_it_and_the_next_waits_for_it() -> None:
-    made = Reservations()
+    made = Reservations[str]()
     assert made.want("a", "ned") == [Grant("a", "ned")]
     assert made.want("b", "ned") == []
     assert made.want("c", "ned") == []
@@ -21,7 +21,7 @@ def test_the_first_has_it_and_the_next_waits_for_it() -> None:
 
 
 def test_who_leaves_the_queue_is_not_served() -> None:
-    made = Reservations()
+    made = Reservations[str]()
     made.want("a", "ned")
     made.want("b", "ned")
     made.want("c", "ned")
@@ -30,7 +30,7 @@ def test_who_leaves_the_queue_is_not_served() -> None:
 
 
 def test_asking_again_keeps_the_place_and_says_again_what_is_granted() -> None:
-    made = Reservations()
+    made = Reservations[str]()
     made.want("a", "ned")
     made.want("b", "ned")
     assert made.want("a", "ned") == [Grant("a", "ned")]
@@ -39,7 +39,7 @@ def test_asking_again_keeps_the_place_and_says_again_what_is_granted() -> None:
 
 
 def test_another_robot_frees_the_first() -> None:
-    made = Reservations()
+    made = Reservations[str]()
     made.want("a", "ned")
     made.want("b", "ned")
     assert made.want("a", "ur3") == [Grant("b", "ned"), Grant("a", "ur3")]
@@ -53,7 +53,7 @@ steps = st.lists(
 
 @given(steps)
 def test_no_robot_is_had_twice_and_nobody_is_forgotten(made_steps: list[tuple[bool, int, str]]) -> None:
-    made = Reservations()
+    made = Reservations[int]()
     wanted: dict[int, str] = {}
     has: dict[str, int] = {}
     for wants, claim, robot in made_steps:
@@ -70,6 +70,6 @@ def test_no_robot_is_had_twice_and_nobody_is_forgotten(made_steps: list[tuple[bo
             grants = made.release(claim)
         for grant in grants:
             assert has.get(grant.robot, grant.claim) == grant.claim
-            has[grant.robot] = int(str(grant.claim))
+            has[grant.robot] = grant.claim
         assert {robot: made.holder(robot) for robot in has} == has
         assert set(has) == set(wanted.values())

@@ -1,0 +1,375 @@
+"""Runs side by side, faults, decisions: what is asked of robots and told to people."""
+
+from __future__ import annotations
+
+import heapq
+from collections.abc import Callable
+from itertools import count
+
+import pytest
+
+from ua_fleet.errors import JudgementsInvalid, NoCandidate, ScenarioError
+from ua_fleet.fleet.skills import SkillModel
+from ua_fleet.orchestrator import (
+    DecisionChanged,
+    DistanceFrom,
+    FaultChange,
+    FaultChanged,
+    OperatorAsked,
+    Orchestrator,
+    Output,
+    ResilienceSettings,
+    RunChanged,
+    TaskCancelled,
+    TasksAhead,
+    TaskStarted,
+    ValueOf,
+)
+from ua_fleet.resilience import (
+    Aborted,
+    Confirmation,
+    Criterion,
+    CriterionKind,
+    Mode,
+    OnLimit,
+    RankingChanged,
+    ReplacementChosen,
+)
+from ua_fleet.scenario import FleetView, RobotView, Value, ValueUnknown, scenario_of
+from ua_fleet.scenario.facts import Fact, RunEnded, TaskOutcome, decode_fact, encode_fact
+
+GO = SkillModel(1, "go", ("mobile",))
+GRAB = SkillModel(2, "grab", ("grab",))
+FLEET = FleetView(
+    {
+        "ridgeback": RobotView("ridgeback", frozenset({"mobile", "grab"}), {"go": GO, "grab": GRAB}),
+        "pioneer_1": RobotView("pioneer_1", frozenset({"mobile"}), {"go": GO}),
+        "pioneer_2": RobotView("pioneer_2", frozenset({"mobile"}), {"go": GO}),
+        "ur3": RobotView("ur3", frozenset({"grab"}), {"grab": GRAB}),
+    }
+)
+BATTERY = Criterion("battery", CriterionKind.BENEFIT, (0, 100), "%")
+DISTANCE = Criterion("distance", CriterionKind.COST, (0, 50), "m")
+FREE = Criterion("availability", CriterionKind.BENEFIT, (0, 100))
+JUDGEMENTS = {("battery", "distance"): 2.0, ("battery", "availability"): 2.0, ("distance", "availability"): 1.0}
+
+
+def settings(mode: Mode = Mode.AUTOMATIC, on_limit: OnLimit = OnLimit.BEST) -> ResilienceSettings:
+    sources = (
+        (BATTERY, ValueOf("battery")),
+        (DISTANCE, DistanceFrom("x", "y", "to", {"dock": (0.0, 0.0)})),
+        (FREE, TasksAhead()),
+    )
+    return ResilienceSettings(sources, JUDGEMENTS, mode=mode, limit_s=30, on_limit=on_limit)
+
+
+class World:
+    """Robots that take a second for each task, and everything that was said."""
+
+    def __init__(self, mode: Mode = Mode.AUTOMATIC, on_limit: OnLimit = OnLimit.BEST) -> None:
+        self.values: dict[str, Value] = {}
+        for number, robot in enumerate(FLEET.robots):
+            self.values.update({f"{robot}.battery": 50.0, f"{robot}.x": float(number), f"{robot}.y": 0.0})
+        self.journal: list[tuple[str, str]] = []
+        self.now = 0.0
+        self.log: list[str] = []
+        self.said: list[Output] = []
+        self.outcome: dict[tuple[str, str], TaskOutcome] = {}
+        self.mode, self.on_limit = mode, on_limit
+        self._events: list[tuple[float, int, Callable[[], list[Output]]]] = []
+        self._order = count()
+        self.make = Orchestrator(settings(mode, on_limit), FLEET, self.lookup, self._write)
+
+    def _write(self, run_id: str, fact: Fact) -> None:
+        self.journal.append((run_id, encode_fact(fact)))
+
+    def lookup(self, name: str) -> Value:
+        if name not in self.values:
+            raise ValueUnknown(f"{name} is not known")
+        return self.values[name]
+
+    def start(self, run_id: str, steps: str) -> None:
+        scenario = scenario_of(f"version: 1\nname: s\nsteps:\n{steps}")
+        self.take(self.make.start(run_id, scenario, {}, by="anna", now=self.now))
+
+    def at(self, when: float, what: Callable[[], list[Output]]) -> None:
+        heapq.heappush(self._events, (when, next(self._order), what))
+
+    def take(self, outputs: list[Output]) -> None:
+        self.said += outputs
+        for output in outputs:
+            if isinstance(output, TaskStarted):
+                self._begin(output)
+            elif isinstance(output, TaskCancelled):
+                self.log.append(f"{self.now:g} {output.robot} halted")
+            elif isinstance(output, RunChanged) and isinstance(output.fact, RunEnded):
+                fact = output.fact
+                self.log.append(f"{self.now:g} {output.run_id} {fact.outcome.value} {fact.reason}".rstrip())
+
+    def _begin(self, task: TaskStarted) -> None:
+        self.log.append(f"{self.now:g} {task.run_id} {task.robot} {task.skill}")
+        outcome = self.outcome.get((task.robot, task.skill), TaskOutcome.DONE)
+        self.take(self.make.accepted(task.execution_id, self.now))
+        self.at(self.now + 1, lambda: self.make.ended(task.execution_id, outcome, self.now))
+
+    def go(self, until_s: float = 500) -> None:
+        while True:
+            deadline = self.make.next_deadline()
+            happening = self._events[0][0] if self._events else None
+            due = min((at for at in (deadline, happening) if at is not None), default=None)
+            if due is None or due > until_s:
+                self.now = until_s
+                return
+            self.now = max(self.now, due)
+            if happening is not None and happening <= self.now:
+                _, _, what = heapq.heappop(self._events)
+                self.take(what())
+            else:
+                self.take(self.make.poll(self.now))
+
+    def heard(self, kind: type[Output]) -> list[Output]:
+        return [output for output in self.said if isinstance(output, kind)]
+
+    def decisions(self) -> list[DecisionChanged]:
+        return [output for output in self.said if isinstance(output, DecisionChanged)]
+
+
+def test_two_runs_that_want_one_robot_are_served_in_order() -> None:
+    world = World()
+    world.start("a", "  - {task: t1, robot: ridgeback, skill: go}\n  - {task: t2, robot: ridgeback, skill: go}\n")
+    world.start("b", "  - {task: t1, robot: ridgeback, skill: grab}\n")
+    world.go()
+    assert world.log == [
+        *("0 a ridgeback go", "1 b ridgeback grab", "2 a ridgeback go"),
+        *("2 b done", "3 a done"),
+    ]
+
+
+def test_runs_with_robots_of_their_own_go_side_by_side() -> None:
+    world = World()
+    world.start("a", "  - {task: t1, robot: pioneer_1, skill: go}\n")
+    world.start("b", "  - {task: t1, robot: pioneer_2, skill: go}\n")
+    world.go()
+    assert world.log == ["0 a pioneer_1 go", "0 b pioneer_2 go", "1 a done", "1 b done"]
+
+
+def test_a_fault_in_the_middle_of_a_task_brings_the_best_replacement() -> None:
+    world = World()
+    world.values["pioneer_2.battery"] = 90.0
+    world.start("a", "  - {task: t1, robot: ridgeback, skill: go}\n  - {task: t2, robot: ridgeback, skill: go}\n")
+    world.at(0.5, lambda: world.make.fault_raised("ridgeback", "robot", "motor is hot", 0.5))
+    world.at(1.2, lambda: world.make.fault_cleared("ridgeback", "robot", 1.2))
+    world.go()
+    assert world.log == [
+        *("0 a ridgeback go", "0.5 ridgeback halted", "0.5 a pioneer_2 go", "1.5 a ridgeback go", "2.5 a done"),
+    ]
+    first, second = world.decisions()
+    assert isinstance(first.event, RankingChanged)
+    ranking = first.event.ranking
+    assert [place.robot for place in ranking.ranked] == ["pioneer_2", "pioneer_1"]
+    assert {left.robot: left.reason for left in ranking.excluded} == {
+        "ridgeback": "has a fault: motor is hot",
+        "ur3": "has not the capacity mobile",
+    }
+    assert isinstance(second.event, ReplacementChosen)
+    assert (second.failed, second.reason, second.event.by) == ("ridgeback", "motor is hot", "automatic")
+    changes = [
+        (change.fault.id, change.change) for change in world.heard(FaultChanged) if isinstance(change, FaultChanged)
+    ]
+    assert changes == [("ridgeback.robot", FaultChange.RAISED), ("ridgeback.robot", FaultChange.CLEARED)]
+
+
+def test_a_task_that_fails_is_a_fault_until_it_is_acknowledged() -> None:
+    world = World()
+    world.outcome["ridgeback", "go"] = TaskOutcome.FAILED
+    world.start("a", "  - {task: t1, robot: ridgeback, skill: go}\n")
+    world.go()
+    assert [line.split()[2] for line in world.log[:2]] == ["ridgeback", "pioneer_1"]
+    (fault,) = world.make.faults
+    assert (fault.robot, fault.reason, fault.active, fault.acknowledged) == ("ridgeback", "go failed", True, False)
+    world.take(world.make.acknowledge(fault.id, "anna", 9))
+    assert list(world.make.faults) == []
+    with pytest.raises(ScenarioError, match="no fault"):
+        world.make.acknowledge(fault.id, "bert", 9)
+
+
+def test_replacements_fail_until_none_is_left_and_the_run_ends_clearly() -> None:
+    world = World()
+    for robot in FLEET.robots:
+        world.outcome[robot, "go"] = TaskOutcome.FAILED
+    world.start("a", "  - {task: t1, robot: ridgeback, skill: go}\n")
+    world.go()
+    assert [line.split()[2] for line in world.log[:3]] == ["ridgeback", "pioneer_1", "pioneer_2"]
+    assert world.log[3] == "3 a failed no robot is left that can take over"
+    assert isinstance(world.decisions()[-1].event, Aborted)
+    assert world.make.next_deadline() is None
+    assert world.make.runs == {}
+
+
+def test_an_operator_confirms_and_of_two_the_first_decides() -> None:
+    world = World(Mode.OPERATOR)
+    world.start("a", "  - {task: t1, robot: ridgeback, skill: go}\n")
+    world.take(world.make.fault_raised("ridgeback", "robot", "stuck", 0.0))
+    ((decision_id, decision),) = world.make.decisions.items()
+    assert decision.ranking.best == "pioneer_1"
+    with pytest.raises(NoCandidate, match="ur3 cannot take over: has not the capacity mobile"):
+        world.make.confirm(decision_id, "ur3", "anna", 1.0)
+    confirmation, outputs = world.make.confirm(decision_id, "pioneer_2", "anna", 1.0)
+    assert confirmation is Confirmation.TAKEN
+    world.now = 1.0
+    world.take(outputs)
+    with pytest.raises(ScenarioError, match="no decision"):
+        world.make.confirm(decision_id, "pioneer_1", "bert", 1.0)
+    world.go()
+    assert world.log[-2:] == ["1 a pioneer_2 go", "2 a done"]
+
+
+def test_a_changed_value_and_a_changed_judgement_rank_an_open_decision_again() -> None:
+    world = World(Mode.OPERATOR)
+    world.start("a", "  - {task: t1, robot: ridgeback, skill: go}\n")
+    world.take(world.make.fault_raised("ridgeback", "robot", "stuck", 0.0))
+    before = len(world.decisions())
+    world.take(world.make.poll(1.0))
+    assert len(world.decisions()) == before
+    world.values["pioneer_2.battery"] = 100.0
+    world.take(world.make.poll(2.0))
+    changed = world.decisions()[-1].event
+    assert isinstance(changed, RankingChanged)
+    assert changed.ranking.best == "pioneer_2"
+    other = {("battery", "distance"): 1 / 9, ("battery", "availability"): 1 / 9, ("distance", "availability"): 1.0}
+    world.take(world.make.set_settings(ResilienceSettings(settings().criteria, other, mode=Mode.OPERATOR), 3.0))
+    changed = world.decisions()[-1].event
+    assert isinstance(changed, RankingChanged)
+    assert changed.ranking.best == "pioneer_1"
+
+
+@pytest.mark.parametrize(
+    ("on_limit", "last"),
+    [(OnLimit.BEST, "31 a done"), (OnLimit.ABORT, "30 a failed no operator chose in time")],
+)
+def test_the_limit_of_an_operator(on_limit: OnLimit, last: str) -> None:
+    world = World(Mode.OPERATOR, on_limit)
+    world.start("a", "  - {task: t1, robot: ridgeback, skill: go}\n")
+    world.take(world.make.fault_raised("ridgeback", "robot", "stuck", 0.0))
+    world.go()
+    assert world.log[-1] == last
+
+
+def test_what_if_says_who_would_take_over_without_effect() -> None:
+    world = World()
+    world.start(
+        "a",
+        "  - {task: t1, robot: ridgeback, skill: go}\n"
+        "  - {task: t2, robot: ridgeback, skill: grab}\n"
+        "  - {task: t3, robot: ur3, skill: grab}\n",
+    )
+    journal, said = list(world.journal), len(world.said)
+    forecasts = world.make.what_if("ridgeback")
+    assert [(forecast.task, forecast.ranking.best) for forecast in forecasts] == [("t1", "pioneer_1"), ("t2", "ur3")]
+    assert (world.journal, len(world.said)) == (journal, said)
+    assert world.make.decisions == {}
+    assert [forecast.task for forecast in world.make.what_if("ur3")] == ["t3"]
+
+
+def test_availability_falls_with_the_tasks_that_a_robot_has_ahead() -> None:
+    world = World(Mode.OPERATOR)
+    world.values.update({"pioneer_1.x": 5.0, "pioneer_2.x": 5.0})
+    world.start("busy", "".join(f"  - {{task: t{n}, robot: pioneer_1, skill: go}}\n" for n in range(4)))
+    world.start("a", "  - {task: t, robot: ridgeback, skill: go}\n")
+    world.take(world.make.fault_raised("ridgeback", "robot", "stuck", 0.0))
+    (decision,) = world.make.decisions.values()
+    raw = {place.robot: place.raw[2] for place in decision.ranking.ranked}
+    assert raw == {"pioneer_1": 20.0, "pioneer_2": 100.0}
+    assert decision.ranking.best == "pioneer_2"
+
+
+def test_a_task_for_a_capacity_goes_to_the_best_that_is_fit() -> None:
+    world = World()
+    world.values["pioneer_2.battery"] = 99.0
+    world.start("a", "  - {task: t1, capacity: mobile, skill: go}\n")
+    world.go()
+    assert world.log[0] == "0 a pioneer_2 go"
+    world = World()
+    world.values.clear()  # nothing is known of anybody: the work goes on all the same
+    world.start("a", "  - {task: t1, capacity: mobile, skill: go}\n")
+    world.go()
+    assert world.log[0] == "0 a pioneer_1 go"
+
+
+def test_without_any_fit_robot_the_reason_is_said() -> None:
+    world = World(Mode.ABORT)
+    world.take(world.make.fault_raised("ur3", "silent", "nothing heard for 3 s", 0.0))
+    world.take(world.make.fault_raised("ridgeback", "robot", "stuck", 0.0))
+    world.start("a", "  - {task: t1, capacity: grab, skill: grab}\n")
+    decision = world.decisions()[0]
+    assert "ur3 has a fault: nothing heard for 3 s" in decision.reason
+    assert world.log == ["0 a failed the mode is Abort"]
+
+
+def test_an_unknown_end_is_asked_about() -> None:
+    world = World()
+    world.outcome["ridgeback", "go"] = TaskOutcome.UNKNOWN
+    world.start("a", "  - {task: t1, robot: ridgeback, skill: go}\n")
+    world.go(5)
+    (asked,) = world.heard(OperatorAsked)
+    assert isinstance(asked, OperatorAsked)
+    world.take(world.make.answer("a", asked.step, "done", "anna", 5.0))
+    assert world.log[-1] == "5 a done"
+    with pytest.raises(ScenarioError, match="no run 'a'"):
+        world.make.answer("a", asked.step, "done", "anna", 5.0)
+
+
+def test_a_restart_goes_on_with_faults_and_decisions() -> None:
+    world = World(Mode.OPERATOR)
+    world.start("a", "  - {task: t1, robot: ridgeback, skill: go}\n  - {task: t2, robot: ur3, skill: grab}\n")
+    world.take(world.make.fault_raised("ridgeback", "robot", "stuck", 0.0))
+    assert len(world.make.decisions) == 1
+    again = World(Mode.OPERATOR)
+    again.take(again.make.fault_raised("ridgeback", "robot", "stuck", 10.0))
+    scenario = scenario_of(world.make.runs["a"].state.run_id and _text_of(world))
+    facts = [decode_fact(line) for _, line in world.journal]
+    again.now = 10.0
+    again.take(again.make.restore("a", scenario, facts, 10.0))
+    ((decision_id, _),) = again.make.decisions.items()
+    again.take(again.make.confirm(decision_id, "pioneer_1", "anna", 10.0)[1])
+    again.go()
+    assert again.log == ["10 a pioneer_1 go", "11 a ur3 grab", "12 a done"]
+
+
+def _text_of(world: World) -> str:
+    first = decode_fact(world.journal[0][1])
+    return str(getattr(first, "text"))  # noqa: B009 - a fact of any kind for the type checker
+
+
+def test_a_run_id_is_used_once_at_a_time_and_unknown_ones_are_refused() -> None:
+    world = World()
+    steps = "  - {task: t1, robot: ridgeback, skill: go}\n"
+    world.start("a", steps)
+    with pytest.raises(ScenarioError, match="there is a run 'a' already"):
+        world.start("a", steps)
+    for call in (world.make.pause, world.make.resume):
+        with pytest.raises(ScenarioError, match="no run 'b'"):
+            call("b", "anna", 0.0)
+    with pytest.raises(ScenarioError, match="no run 'b'"):
+        world.make.abort("b", "x", "anna", 0.0)
+    assert world.make.ended("ff", TaskOutcome.DONE, 0.0) == []
+
+
+def test_an_abort_frees_the_robots() -> None:
+    world = World()
+    world.start("a", "  - {task: t1, robot: ridgeback, skill: go}\n")
+    world.start("b", "  - {task: t1, robot: ridgeback, skill: go}\n")
+    world.at(0.5, lambda: world.make.abort("a", "lunch", "anna", 0.5))
+    world.go()
+    assert world.log == [
+        "0 a ridgeback go",
+        "0.5 ridgeback halted",
+        "1 b ridgeback go",
+        "1 a aborted lunch",
+        "2 b done",
+    ]
+
+
+def test_settings_that_cannot_be_weighed_are_refused() -> None:
+    with pytest.raises(JudgementsInvalid):
+        ResilienceSettings(((BATTERY, ValueOf("battery")), (FREE, TasksAhead())), {})

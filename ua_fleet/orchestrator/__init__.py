@@ -1,0 +1,40 @@
+"""Runs, robots, faults and decisions together: pure, for the server and the simulator alike.
+
+    orchestrator = Orchestrator(settings, robots, lookup, journal)
+    orchestrator.start / pause / abort / accepted / ended / fault_raised / confirm / poll / ...    -> outputs in order
+
+What has to be carried out is StartTask and CancelTask; all else is for people and nodes.
+"""
+
+from ua_fleet.orchestrator.candidates import CriterionSource, DistanceFrom, ResilienceSettings, TasksAhead, ValueOf
+from ua_fleet.orchestrator.faults import Fault, FaultChange, Faults
+from ua_fleet.orchestrator.orchestrator import Forecast, Orchestrator
+from ua_fleet.orchestrator.outputs import (
+    DecisionChanged,
+    FaultChanged,
+    OperatorAsked,
+    Output,
+    RunChanged,
+    TaskCancelled,
+    TaskStarted,
+)
+
+__all__ = [
+    "CriterionSource",
+    "DecisionChanged",
+    "DistanceFrom",
+    "Fault",
+    "FaultChange",
+    "FaultChanged",
+    "Faults",
+    "Forecast",
+    "OperatorAsked",
+    "Orchestrator",
+    "Output",
+    "ResilienceSettings",
+    "RunChanged",
+    "TaskCancelled",
+    "TaskStarted",
+    "TasksAhead",
+    "ValueOf",
+]

@@ -1,0 +1,169 @@
+"""Which robots could take a task over, and what is known of each."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+
+from ua_fleet.resilience import (
+    Candidate,
+    Criterion,
+    Excluded,
+    Judgements,
+    Mode,
+    OnLimit,
+    Ranking,
+    Synthesis,
+    availability,
+    rank,
+    weigh,
+)
+from ua_fleet.scenario import FleetView, Lookup, Value, ValueUnknown
+
+__all__ = ["CriterionSource", "DistanceFrom", "ResilienceSettings", "TaskToDo", "TasksAhead", "ValueOf", "rank_robots"]
+
+
+@dataclass(frozen=True, slots=True)
+class ValueOf:
+    """A robot's own value: `battery` is `<robot>.battery`."""
+
+    name: str
+
+
+@dataclass(frozen=True, slots=True)
+class TasksAhead:
+    """Availability: 100, and less with each task that the robot has ahead in all runs."""
+
+
+@dataclass(frozen=True, slots=True)
+class DistanceFrom:
+    """To where the task is: to a place that an argument names, else to the robot that failed."""
+
+    x: str
+    y: str
+    """Names of a robot's values, e.g. `pose.x`."""
+    argument: str | None = None
+    places: Mapping[str, tuple[float, float]] = field(default_factory=dict[str, tuple[float, float]])
+
+
+CriterionSource = ValueOf | TasksAhead | DistanceFrom
+
+
+@dataclass(frozen=True, slots=True)
+class ResilienceSettings:
+    """How a replacement is chosen. Changing it is an operator's matter."""
+
+    criteria: tuple[tuple[Criterion, CriterionSource], ...]
+    judgements: Judgements
+    synthesis: Synthesis = Synthesis.DISTRIBUTIVE
+    mode: Mode = Mode.OPERATOR
+    limit_s: float = 60.0
+    """How long an operator may think."""
+    on_limit: OnLimit = OnLimit.BEST
+
+    def __post_init__(self) -> None:
+        weigh([criterion.name for criterion, _ in self.criteria], self.judgements)  # refuses what cannot be weighed
+
+
+@dataclass(frozen=True, slots=True)
+class TaskToDo:
+    """What has to be taken over."""
+
+    skill: str
+    capacities: Sequence[str]
+    arguments: Mapping[str, Value]
+    failed: str
+    """The robot that cannot do it; empty where there was none."""
+
+
+def rank_robots(
+    task: TaskToDo,
+    fleet: FleetView,
+    settings: ResilienceSettings,
+    *,
+    unfit: Mapping[str, str],
+    tasks_ahead: Callable[[str], int],
+    lookup: Lookup,
+) -> Ranking:
+    """Rank the robots that could do a task. A distance counts only where it is known to where.
+
+    Args:
+        task: what has to be done.
+        fleet: all robots.
+        settings: the criteria and their judgements.
+        unfit: robots that cannot work now, with the reason.
+        tasks_ahead: how many tasks a robot has ahead.
+        lookup: values of robots.
+    """
+    criteria = [(criterion, source) for criterion, source in settings.criteria if _applies(source, task)]
+    criteria = criteria or list(settings.criteria)
+    names = [criterion.name for criterion, _ in criteria]
+    weights = weigh(names, {pair: value for pair, value in settings.judgements.items() if set(pair).issubset(names)})
+    candidates: list[Candidate] = []
+    excluded: list[Excluded] = []
+    for robot in fleet.robots.values():
+        missing = [capacity for capacity in task.capacities if capacity not in robot.capacities]
+        reason = unfit.get(robot.name)
+        if missing:
+            excluded.append(Excluded(robot.name, f"has not the capacity {', '.join(missing)}"))
+        elif task.skill not in robot.skills:
+            excluded.append(Excluded(robot.name, f"has no skill {task.skill}"))
+        elif reason is not None:
+            excluded.append(Excluded(robot.name, reason))
+        elif robot.name == task.failed:
+            excluded.append(Excluded(robot.name, "is to be replaced"))
+        else:
+            values: dict[str, float] = {}
+            unknown: dict[str, str] = {}
+            for criterion, source in criteria:
+                try:
+                    values[criterion.name] = _raw_value(source, robot.name, task, tasks_ahead, lookup)
+                except ValueUnknown as error:
+                    unknown[criterion.name] = str(error)
+            candidates.append(Candidate(robot.name, values, unknown))
+    return rank(
+        [criterion for criterion, _ in criteria],
+        weights,
+        candidates,
+        excluded=excluded,
+        synthesis=settings.synthesis,
+    )
+
+
+def _applies(source: CriterionSource, task: TaskToDo) -> bool:
+    return not isinstance(source, DistanceFrom) or bool(task.failed) or _named_place(source, task) is not None
+
+
+def _raw_value(
+    source: CriterionSource, robot: str, task: TaskToDo, tasks_ahead: Callable[[str], int], lookup: Lookup
+) -> float:
+    match source:
+        case TasksAhead():
+            return availability(tasks_ahead(robot))
+        case ValueOf(name=name):
+            return _number(lookup, f"{robot}.{name}")
+        case DistanceFrom():
+            x, y = _place(source, task, lookup)
+            return math.hypot(_number(lookup, f"{robot}.{source.x}") - x, _number(lookup, f"{robot}.{source.y}") - y)
+
+
+def _place(source: DistanceFrom, task: TaskToDo, lookup: Lookup) -> tuple[float, float]:
+    place = _named_place(source, task)
+    if place is not None:
+        return place
+    if not task.failed:
+        raise ValueUnknown("it is not known where the task is")
+    return _number(lookup, f"{task.failed}.{source.x}"), _number(lookup, f"{task.failed}.{source.y}")
+
+
+def _named_place(source: DistanceFrom, task: TaskToDo) -> tuple[float, float] | None:
+    name = task.arguments.get(source.argument or "")
+    return source.places.get(name) if isinstance(name, str) else None
+
+
+def _number(lookup: Lookup, name: str) -> float:
+    value = lookup(name)
+    if isinstance(value, str):
+        raise ValueUnknown(f"{name} is {value!r}, no number")
+    return float(value)

@@ -1,0 +1,434 @@
+"""All runs of a fleet: who gets which robot, what a fault brings with it, and who decides."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+from ua_fleet.errors import ScenarioError
+from ua_fleet.orchestrator.candidates import ResilienceSettings, TaskToDo, rank_robots
+from ua_fleet.orchestrator.faults import FaultChange, Faults
+from ua_fleet.orchestrator.outputs import (
+    DecisionChanged,
+    FaultChanged,
+    OperatorAsked,
+    Output,
+    RunChanged,
+    TaskCancelled,
+    TaskStarted,
+)
+from ua_fleet.resilience import Aborted, Confirmation, Decision, DecisionEvent, Ranking, ReplacementChosen
+from ua_fleet.scenario import FleetView, Grant, Lookup, Reservations, Run, Scenario, Value
+from ua_fleet.scenario.effects import (
+    AskOperator,
+    CancelTask,
+    Effect,
+    Happened,
+    OpenDecision,
+    ReleaseRobot,
+    StartTask,
+    WantRobot,
+)
+from ua_fleet.scenario.expression import Expression
+from ua_fleet.scenario.facts import Fact, RunEnded, TaskOutcome, TaskOver, Then
+from ua_fleet.scenario.model import Task
+
+__all__ = ["Forecast", "Orchestrator"]
+
+RunJournal = Callable[[str, Fact], None]
+"""Writes a fact of a run down; when it returns the fact is there after a crash."""
+
+_FAULTY: dict[TaskOutcome, str] = {
+    TaskOutcome.FAILED: "failed",
+    TaskOutcome.TIMED_OUT: "took too long",
+    TaskOutcome.UNKNOWN: "may or may not have been done",
+}
+SKILL_SOURCE = "skill"
+"""Source of the fault that a failed task is. Nobody can see whether its cause is gone: acknowledging it clears it."""
+
+
+@dataclass(frozen=True, slots=True)
+class Forecast:
+    """What would happen to one task if a robot failed now."""
+
+    run_id: str
+    task: str
+    ranking: Ranking
+
+
+@dataclass(slots=True)
+class _Open:
+    """A decision with what it is about."""
+
+    run_id: str
+    asked: OpenDecision
+    decision: Decision
+
+
+class Orchestrator:
+    """Runs side by side. Every method that takes something in returns what follows, in order."""
+
+    def __init__(self, settings: ResilienceSettings, fleet: FleetView, lookup: Lookup, journal: RunJournal) -> None:
+        """Make an orchestrator without runs.
+
+        Args:
+            settings: how replacements are chosen.
+            fleet: the robots; `fleet_changed` brings another.
+            lookup: values of robots, for conditions and criteria.
+            journal: of all runs.
+        """
+        self.settings, self._fleet, self._lookup, self._journal = settings, fleet, lookup, journal
+        self.runs: dict[str, Run] = {}
+        """Runs that have not ended."""
+        self.faults = Faults()
+        self._scenarios: dict[str, Scenario] = {}
+        self._reservations = Reservations[tuple[str, str]]()
+        self._open: dict[str, _Open] = {}
+        self._executions: dict[str, str] = {}
+        """The run of each execution that is under way."""
+        self._outputs: list[Output] = []
+
+    # Runs.
+
+    def start(
+        self, run_id: str, scenario: Scenario, parameters: Mapping[str, Value], *, by: str, now: float
+    ) -> list[Output]:
+        """Begin a run of a scenario that was validated.
+
+        Raises:
+            ScenarioError: a parameter does not fit, or the id is in use.
+        """
+        if run_id in self.runs:
+            raise ScenarioError(f"there is a run {run_id!r} already")
+        run = Run.create(run_id, scenario, parameters, self._journal_of(run_id), by=by, now=now)
+        self.runs[run_id], self._scenarios[run_id] = run, scenario
+        for fault in self.faults:
+            if fault.active:
+                self._carry_out(run_id, run.robot_faulted(fault.robot, fault.reason, now), now)
+        self._carry_out(run_id, run.poll(self._lookup, now), now)
+        return self._taken()
+
+    def restore(self, run_id: str, scenario: Scenario, facts: list[Fact], now: float) -> list[Output]:
+        """Go on with a run of the journal. Raise what faults there are before."""
+        run = Run.restore(scenario, facts, self._journal_of(run_id))
+        if run.state.outcome is not None:
+            return []
+        self.runs[run_id], self._scenarios[run_id] = run, scenario
+        self._carry_out(run_id, run.again(now), now)
+        for fault in self.faults:
+            if fault.active:
+                self._carry_out(run_id, run.robot_faulted(fault.robot, fault.reason, now), now)
+        self._carry_out(run_id, run.poll(self._lookup, now), now)
+        return self._taken()
+
+    def pause(self, run_id: str, by: str, now: float) -> list[Output]:
+        """Let a run start no further task; raises ScenarioError where there is no such run."""
+        return self._on(run_id, lambda run: run.pause(by, now), now)
+
+    def resume(self, run_id: str, by: str, now: float) -> list[Output]:
+        """Let a run go on; raises ScenarioError where there is no such run."""
+        return self._on(run_id, lambda run: run.resume(by, now), now)
+
+    def abort(self, run_id: str, reason: str, by: str, now: float) -> list[Output]:
+        """End a run; raises ScenarioError where there is no such run."""
+        return self._on(run_id, lambda run: run.abort(reason, by, now), now)
+
+    def answer(self, run_id: str, step: str, answer: str, by: str, now: float) -> list[Output]:
+        """An operator says what became of a task; raises ScenarioError where nobody was asked."""
+        return self._on(run_id, lambda run: run.answered(step, answer, by, now), now)
+
+    def event(self, name: str, now: float) -> list[Output]:
+        """An event has happened that steps may wait for."""
+        for run_id, run in list(self.runs.items()):
+            self._carry_out(run_id, run.event(name, now), now)
+        return self._taken()
+
+    # Robots.
+
+    def accepted(self, execution_id: str, now: float) -> list[Output]:
+        """A robot has taken a task."""
+        return self._of_execution(execution_id, lambda run: run.accepted(execution_id, now), now)
+
+    def ended(
+        self,
+        execution_id: str,
+        outcome: TaskOutcome,
+        now: float,
+        *,
+        message: str = "",
+        results: Mapping[str, Value] | None = None,
+    ) -> list[Output]:
+        """A robot's execution has ended."""
+        return self._of_execution(
+            execution_id, lambda run: run.ended(execution_id, outcome, now, message=message, results=results), now
+        )
+
+    def fleet_changed(self, fleet: FleetView, now: float) -> list[Output]:
+        """Robots, skills or capacities have come or gone."""
+        self._fleet = fleet
+        return self.poll(now)
+
+    def fault_raised(self, robot: str, source: str, reason: str, now: float) -> list[Output]:
+        """A robot cannot work: it says so, or something has found it."""
+        self._fault(robot, source, reason, now)
+        return self._taken()
+
+    def fault_cleared(self, robot: str, source: str, now: float) -> list[Output]:
+        """A fault's cause is gone; without any other the robot takes its later tasks back."""
+        self._clear(robot, source, now)
+        return self._taken()
+
+    def acknowledge(self, fault_id: str, by: str, now: float) -> list[Output]:
+        """An operator has seen a fault; raises ScenarioError where there is none, or it was acknowledged before."""
+        fault, change = self.faults.acknowledge(fault_id, by)
+        self._outputs.append(FaultChanged(fault, change))
+        if fault.source == SKILL_SOURCE:
+            self._clear(fault.robot, SKILL_SOURCE, now)
+        return self._taken()
+
+    # Decisions.
+
+    def confirm(self, decision_id: str, robot: str, by: str, now: float) -> tuple[Confirmation, list[Output]]:
+        """An operator chooses a replacement.
+
+        Raises:
+            NoCandidate: the robot is no candidate, or another was chosen before.
+            ScenarioError: there is no such decision.
+        """
+        opened = self._open.get(decision_id)
+        if opened is None:
+            raise ScenarioError(f"there is no decision {decision_id!r}")
+        confirmation, events = opened.decision.confirm(robot, by)
+        self._decided(opened, events, now)
+        return confirmation, self._taken()
+
+    def set_settings(self, settings: ResilienceSettings, now: float) -> list[Output]:
+        """Other criteria, judgements or modes; open decisions are ranked again."""
+        self.settings = settings
+        return self.poll(now)
+
+    def what_if(self, robot: str) -> list[Forecast]:
+        """Who would take over each task that a robot has ahead, without effect."""
+        forecasts: list[Forecast] = []
+        for run_id, run in self.runs.items():
+            for task in self._tasks_ahead(run_id, robot):
+                arguments = {name: value for name, value in task.arguments.items() if not isinstance(value, Expression)}
+                todo = TaskToDo(task.skill, self._needs(task.skill, robot, task.capacities), arguments, robot)
+                forecasts.append(Forecast(run.state.run_id, task.name, self._ranked(todo)))
+        return forecasts
+
+    @property
+    def decisions(self) -> dict[str, Decision]:
+        """The open decisions by id."""
+        return {decision_id: opened.decision for decision_id, opened in self._open.items()}
+
+    # Time.
+
+    def poll(self, now: float) -> list[Output]:
+        """Go on with everything: time has passed, or values have changed."""
+        for run_id, run in list(self.runs.items()):
+            self._carry_out(run_id, run.poll(self._lookup, now), now)
+        for opened in list(self._open.values()):
+            self._decided(
+                opened, opened.decision.rank_again(self._ranked(self._todo(opened.run_id, opened.asked))), now
+            )
+            self._decided(opened, opened.decision.poll(now), now)
+        return self._taken()
+
+    def next_deadline(self) -> float | None:
+        """When `poll` is to be called next even if nothing changes, or None."""
+        deadlines = [run.next_deadline() for run in self.runs.values()]
+        deadlines += [opened.decision.next_deadline() for opened in self._open.values()]
+        return min((deadline for deadline in deadlines if deadline is not None), default=None)
+
+    # Within.
+
+    def _journal_of(self, run_id: str) -> Callable[[Fact], None]:
+        return lambda fact: self._journal(run_id, fact)
+
+    def _taken(self) -> list[Output]:
+        outputs, self._outputs = self._outputs, []
+        return outputs
+
+    def _on(self, run_id: str, what: Callable[[Run], list[Effect]], now: float) -> list[Output]:
+        run = self.runs.get(run_id)
+        if run is None:
+            raise ScenarioError(f"there is no run {run_id!r} under way")
+        self._carry_out(run_id, what(run), now)
+        return self._taken()
+
+    def _of_execution(self, execution_id: str, what: Callable[[Run], list[Effect]], now: float) -> list[Output]:
+        run_id = self._executions.get(execution_id)
+        run = self.runs.get(run_id or "")
+        if run_id is not None and run is not None:
+            self._carry_out(run_id, what(run), now)
+        return self._taken()
+
+    def _carry_out(self, run_id: str, effects: list[Effect], now: float) -> None:
+        for effect in effects:
+            match effect:
+                case Happened(fact=fact):
+                    self._happened(run_id, fact, now)
+                case WantRobot():
+                    self._want(run_id, effect, now)
+                case ReleaseRobot(step=step):
+                    self._grant(self._reservations.release((run_id, step)), now)
+                case StartTask():
+                    self._executions[effect.execution_id] = run_id
+                    self._outputs.append(
+                        TaskStarted(
+                            run_id,
+                            effect.step,
+                            effect.task,
+                            effect.execution_id,
+                            effect.robot,
+                            effect.skill,
+                            effect.arguments,
+                            effect.timeout_s,
+                        )
+                    )
+                case CancelTask():
+                    self._outputs.append(TaskCancelled(effect.execution_id, effect.robot))
+                case OpenDecision():
+                    self._decide(run_id, effect, now)
+                case AskOperator():
+                    self._outputs.append(OperatorAsked(run_id, effect.step, effect.task, effect.robot, effect.question))
+
+    def _happened(self, run_id: str, fact: Fact, now: float) -> None:
+        self._outputs.append(RunChanged(run_id, fact))
+        if isinstance(fact, TaskOver):
+            task_run = self.runs[run_id].state.tasks[fact.step]
+            self._executions.pop(task_run.execution_id, None)
+            if fact.then is Then.REPLACE and fact.outcome in _FAULTY:
+                self._fault(task_run.robot, SKILL_SOURCE, f"{task_run.skill} {_FAULTY[fact.outcome]}", now)
+        elif isinstance(fact, RunEnded):
+            self._end(run_id, now)
+
+    def _end(self, run_id: str, now: float) -> None:
+        run = self.runs.pop(run_id)
+        del self._scenarios[run_id]
+        for decision_id in [key for key, opened in self._open.items() if opened.run_id == run_id]:
+            del self._open[decision_id]
+        for execution_id in [key for key, owner in self._executions.items() if owner == run_id]:
+            del self._executions[execution_id]
+        for step in run.state.tasks:
+            self._grant(self._reservations.release((run_id, step)), now)
+
+    def _want(self, run_id: str, wanted: WantRobot, now: float) -> None:
+        robot = wanted.robot
+        if robot is None:
+            todo = TaskToDo(wanted.skill, wanted.capacities, {}, "")
+            ranking = self._ranked(todo)
+            robot = ranking.best or self._least_busy(todo)
+            if robot is None:
+                reasons = "; ".join(f"{left.robot} {left.reason}" for left in ranking.excluded)
+                reason = f"no robot can do {wanted.skill}: {reasons or 'there is none'}"
+                self._carry_out(run_id, self.runs[run_id].nobody(wanted.step, reason, now), now)
+                return
+        self._grant(self._reservations.want((run_id, wanted.step), robot), now)
+
+    def _least_busy(self, todo: TaskToDo) -> str | None:
+        """Who can do a task though it cannot be ranked: a criterion that nobody knows must not stop the work."""
+        able = [robot.name for robot in self._fleet.able(todo.skill, todo.capacities)]
+        fit = [robot for robot in able if robot not in self._unfit()]
+        return min(fit, key=lambda robot: (self._count_ahead(robot), robot), default=None)
+
+    def _grant(self, grants: list[Grant[tuple[str, str]]], now: float) -> None:
+        for (run_id, step), robot in grants:
+            run = self.runs.get(run_id)
+            if run is not None:
+                self._carry_out(run_id, run.granted(step, robot, now), now)
+
+    def _fault(self, robot: str, source: str, reason: str, now: float) -> None:
+        change = self.faults.raise_fault(robot, source, reason, now)
+        if change is None:
+            return
+        self._outputs.append(FaultChanged(*change))
+        if change[1] is FaultChange.RAISED:
+            for run_id, run in list(self.runs.items()):
+                self._carry_out(run_id, run.robot_faulted(robot, reason, now), now)
+
+    def _clear(self, robot: str, source: str, now: float) -> None:
+        change = self.faults.clear(robot, source)
+        if change is None:
+            return
+        self._outputs.append(FaultChanged(*change))
+        if not self.faults.active(robot):
+            for run_id, run in list(self.runs.items()):
+                self._carry_out(run_id, run.robot_returned(robot, now), now)
+
+    # Decisions.
+
+    def _decide(self, run_id: str, asked: OpenDecision, now: float) -> None:
+        decision_id = f"{run_id}.{asked.step}"
+        todo = self._todo(run_id, asked)
+        settings = self.settings
+        decision = Decision(
+            decision_id,
+            settings.mode,
+            self._ranked(todo),
+            limit_s=settings.limit_s,
+            on_limit=settings.on_limit,
+            now=now,
+        )
+        opened = self._open[decision_id] = _Open(run_id, asked, decision)
+        self._decided(opened, decision.begin(), now)
+
+    def _decided(self, opened: _Open, events: list[DecisionEvent], now: float) -> None:
+        asked = opened.asked
+        for event in events:
+            self._outputs.append(
+                DecisionChanged(opened.run_id, asked.step, asked.task, asked.robot, asked.reason, event)
+            )
+            run = self.runs.get(opened.run_id)
+            if isinstance(event, ReplacementChosen):
+                self._open.pop(event.decision_id, None)
+                if run is not None:
+                    self._carry_out(opened.run_id, run.replaced(asked.step, event.robot, event.by, now), now)
+            elif isinstance(event, Aborted):
+                self._open.pop(event.decision_id, None)
+                if run is not None:
+                    self._carry_out(opened.run_id, run.not_replaced(asked.step, event.reason, now), now)
+
+    def _todo(self, run_id: str, asked: OpenDecision) -> TaskToDo:
+        needs = self._needs(asked.skill, asked.robot, asked.capacities)
+        arguments = self.runs[run_id].state.tasks[asked.step].arguments
+        return TaskToDo(asked.skill, needs, arguments, asked.robot)
+
+    def _needs(self, skill: str, robot: str, capacities: tuple[str, ...]) -> tuple[str, ...]:
+        """The capacities that a task needs: those that it names, and those that the skill needs on its robot."""
+        view = self._fleet.robots.get(robot)
+        declared = view.skills[skill].capacities if view is not None and skill in view.skills else ()
+        return tuple(dict.fromkeys((*capacities, *declared)))
+
+    def _ranked(self, todo: TaskToDo) -> Ranking:
+        return rank_robots(
+            todo,
+            self._fleet,
+            self.settings,
+            unfit=self._unfit(),
+            tasks_ahead=self._count_ahead,
+            lookup=self._lookup,
+        )
+
+    def _unfit(self) -> dict[str, str]:
+        unfit: dict[str, str] = {}
+        for fault in self.faults:
+            if fault.active:
+                unfit.setdefault(fault.robot, f"has a fault: {fault.reason}")
+        return unfit
+
+    def _count_ahead(self, robot: str) -> int:
+        return sum(len(self._tasks_ahead(run_id, robot)) for run_id in self.runs)
+
+    def _tasks_ahead(self, run_id: str, robot: str) -> list[Task]:
+        """Tasks of a run that name a robot, or that it stands in for, and are not over."""
+        state = self.runs[run_id].state
+        over = {task_run.name for step, task_run in state.tasks.items() if step in state.ended}
+        doing = {task_run.name: task_run.robot for task_run in state.tasks.values() if task_run.robot}
+        ahead: list[Task] = []
+        for task in self._scenarios[run_id].tasks():
+            wanted = doing.get(task.name) or state.stand_ins.get(task.robot or "", task.robot)
+            if wanted == robot and task.name not in over:
+                ahead.append(task)
+        return ahead

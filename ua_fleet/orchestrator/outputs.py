@@ -1,0 +1,77 @@
+"""What the orchestrator tells its owner."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from ua_fleet.orchestrator.faults import Fault, FaultChange
+from ua_fleet.resilience import DecisionEvent
+from ua_fleet.scenario import Value
+from ua_fleet.scenario.facts import Fact
+
+__all__ = ["DecisionChanged", "FaultChanged", "OperatorAsked", "Output", "RunChanged", "TaskCancelled", "TaskStarted"]
+
+
+@dataclass(frozen=True, slots=True)
+class TaskStarted:
+    """Send a request to a robot. Said again after a restart, with the same execution id."""
+
+    run_id: str
+    step: str
+    task: str
+    execution_id: str
+    robot: str
+    skill: str
+    arguments: Mapping[str, Value]
+    timeout_s: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class TaskCancelled:
+    """Have a robot stop an execution."""
+
+    execution_id: str
+    robot: str
+
+
+@dataclass(frozen=True, slots=True)
+class RunChanged:
+    """A fact of a run."""
+
+    run_id: str
+    fact: Fact
+
+
+@dataclass(frozen=True, slots=True)
+class DecisionChanged:
+    """Something about a decision, with what it is about."""
+
+    run_id: str
+    step: str
+    task: str
+    failed: str
+    reason: str
+    event: DecisionEvent
+
+
+@dataclass(frozen=True, slots=True)
+class OperatorAsked:
+    """A person has to say what became of a task."""
+
+    run_id: str
+    step: str
+    task: str
+    robot: str
+    question: str
+
+
+@dataclass(frozen=True, slots=True)
+class FaultChanged:
+    """A fault was raised, has changed, was cleared or acknowledged."""
+
+    fault: Fault
+    change: FaultChange
+
+
+Output = TaskStarted | TaskCancelled | RunChanged | DecisionChanged | OperatorAsked | FaultChanged

@@ -22,9 +22,7 @@ def groups_of(config: FleetConfig, space: int) -> tuple[str, ...]:
 
     These are the data of all, its own commands, and the commands of those that name it as a requestor.
     """
-    groups = [telemetry_group(space)]
-    for bridge in config.bridges.values():
-        if bridge.space == space or space in bridge.requestors:
-            groups.append(command_group(bridge.space))
-    groups += [group_id for group_id in all_groups(config) if group_id.startswith("t") and group_id not in groups]
-    return tuple(groups)
+    bridges = config.bridges.values()
+    data = [telemetry_group(other) for other in (space, SERVER_SPACE, *(bridge.space for bridge in bridges))]
+    commands = [command_group(bridge.space) for bridge in bridges if space in (bridge.space, *bridge.requestors)]
+    return tuple(dict.fromkeys(data + commands))

@@ -89,16 +89,19 @@ class FileKeySource:
 
 
 def group_keys(key_file: KeyFile, starting_token_id: int, count: int, wall_s: float) -> GroupKeys:
-    """The keys of a file from a token on; an unknown token stands for the oldest one (OPC 10000-14 8.3.2)."""
+    """The keys of a file from a token on; an unknown token stands for the oldest one (OPC 10000-14 8.3.2).
+
+    None is given after the next one: who has a list moves on with each KeyLifetime, and a file has times of its own.
+    """
     keys, current = key_file.keys, key_file.current_index(wall_s)
     first = current
     if starting_token_id != CURRENT_TOKEN:
-        first = next((i for i, key in enumerate(keys) if key.token_id == starting_token_id), 0)
+        first = next((i for i, key in enumerate(keys[: current + 2]) if key.token_id == starting_token_id), 0)
     coming = keys[current + 1] if current + 1 < len(keys) else None
     return GroupKeys(
         policy=key_file.policy,
         first_token_id=keys[first].token_id,
-        keys=tuple(key.key_data for key in keys[first : first + max(1, count)]),
+        keys=tuple(key.key_data for key in keys[first : min(first + max(1, count), current + 2)]),
         time_to_next_key_s=key_file.lifetime_s if coming is None else max(0.0, coming.active_from - wall_s),
         key_lifetime_s=key_file.lifetime_s,
     )

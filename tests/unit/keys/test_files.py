@@ -61,11 +61,15 @@ async def test_a_rotated_file_gives_the_next_key_with_the_time_to_it(site: Site)
 async def test_as_many_keys_as_asked_for_from_the_token_asked_for(site: Site) -> None:
     site.create()
     site.rotate(0.0)
-    data = [key.key_data for key in site.rotate(10.0).keys]
+    site.rotate(10.0)
+    data = [key.key_data for key in site.rotate(500.0).keys]
     assert await site.source.fetch("t-2", 0, 1) == (AES256, 2, (data[1],), 10.0, 600.0)
-    assert await site.source.fetch("t-2", 1, 9) == (AES256, 1, tuple(data), 10.0, 600.0)
+    assert await site.source.fetch("t-2", 0, 9) == (AES256, 2, tuple(data[1:3]), 10.0, 600.0)
+    assert await site.source.fetch("t-2", 1, 9) == (AES256, 1, tuple(data[:3]), 10.0, 600.0)
     assert await site.source.fetch("t-2", 3, 9) == (AES256, 3, (data[2],), 10.0, 600.0)
-    assert await site.source.fetch("t-2", 4711, 9) == (AES256, 1, tuple(data), 10.0, 600.0)
+    assert await site.source.fetch("t-2", 4711, 9) == (AES256, 1, tuple(data[:3]), 10.0, 600.0)
+    site.now += 10.0
+    assert await site.source.fetch("t-2", 0, 9) == (AES256, 3, tuple(data[2:]), 500.0, 600.0)
 
 
 async def test_an_unchanged_file_is_not_read_again(site: Site, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -13,7 +13,6 @@ from ua_fleet.cli.output import message, print_json, print_line, print_table
 from ua_fleet.cli.process import run
 
 if TYPE_CHECKING:
-    from ua_fleet.client import ClientIdentity
     from ua_fleet.config import FleetConfig
     from ua_fleet.server.certificates import CertificateInfo
 
@@ -113,10 +112,12 @@ def _create_for_bridge(fleet: FleetConfig, config: Path, name: str, *, and_trust
 
     root = config.resolve().parent
     identity = ClientIdentity.of_bridge(root / fleet.state_dir_of(name), fleet.fleet.name, name)
-    run(identity.ensure())
     if and_trust:
-        _introduce(fleet, root, name, identity)
+        with extra_needed("the server", "server"):
+            from ua_fleet.server.introduce import introduce_bridge
+        run(introduce_bridge(fleet, root, name))
     else:
+        run(identity.ensure())
         message(f"on the server run: ua-fleet cert trust --bridge {name} {identity.certificate}")
     mark = thumbprint(load_certificate(identity.certificate))
     if as_json:
@@ -132,18 +133,6 @@ def _create_for_bridge(fleet: FleetConfig, config: Path, name: str, *, and_trust
         )
     else:
         print_line(f"{identity.certificate}  {mark}")
-
-
-def _introduce(fleet: FleetConfig, root: Path, name: str, identity: ClientIdentity) -> None:
-    """Let the server of this configuration file know a bridge, and the bridge that server and no other."""
-    with extra_needed("the server", "server"):
-        from ua_fleet.server.app import application_uri
-    from ua_fleet.server.certificates import ensure_application_certificate, trust_bridge, write_private
-
-    folder = root / fleet.server.state_dir
-    trust_bridge(folder, name, identity.certificate)
-    server = ensure_application_certificate(folder, application_uri(fleet), [fleet.server.host])
-    write_private(identity.pinned_server, server.certificate.read_bytes())
 
 
 def show(config: Config = DEFAULT_CONFIG, as_json: Json = False) -> None:

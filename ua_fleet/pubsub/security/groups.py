@@ -1,19 +1,27 @@
 """Which SecurityGroup a message belongs to. This is the only place that knows how groups are named.
 
 Each publishing process has two (OPC 10000-14 6.2.12): `t-<PublisherId>` for what it publishes to all, and
-`c-<PublisherId>` for Actions, requests and responses alike, whose keys only it and its permitted requestors have.
-SecurityTokenIds are not unique over groups, so a key is never chosen by its token alone.
+`c-<PublisherId>` for Actions, requests and responses alike, whose keys only it and its permitted requestors have. All
+WriterGroups of a publisher share them: they run in one process, which has one key for each purpose. SecurityTokenIds
+are not unique over groups, so a key is never chosen by its token alone.
 """
 
 from __future__ import annotations
 
+import re
+from collections.abc import Container, Iterator
 from typing import Final
 
-from ua_fleet.wire.messages import PublisherIdType
+from ua_fleet.errors import LocalWireError
+from ua_fleet.pubsub.security.keyring import Keyring
+from ua_fleet.pubsub.security.nonces import NonceSequence
 
-__all__ = ["command_group", "group_of", "telemetry_group"]
+__all__ = ["MOST_KEYLESS", "Group", "Groups", "command_group", "telemetry_group"]
 
-_UINT16: Final = PublisherIdType.UINT16.value
+MOST_KEYLESS: Final = 256
+"""Publishers that were heard and of which we have no key. Anybody can write any PublisherId."""
+
+_GROUP_ID: Final = re.compile(r"([tc])-(0|[1-9]\d{0,4})", re.ASCII)
 
 
 def telemetry_group(publisher_id: int) -> str:
@@ -26,14 +34,60 @@ def command_group(publisher_id: int) -> str:
     return f"c-{publisher_id}"
 
 
-def group_of(
-    publisher_id: int | str | None, publisher_id_type: int, writer_group_id: int | None, is_action: bool
-) -> str | None:
-    """The group of a message by what its headers say; None for a publisher that is no space and so has no group.
+class Group:
+    """One SecurityGroup as this process has it."""
 
-    All WriterGroups of a publisher share its groups: they run in one process, which has one key for each purpose.
+    __slots__ = ("group_id", "is_relaxed", "keyring", "sequence")
+
+    def __init__(self, group_id: str, past_keys: int, *, is_relaxed: bool) -> None:
+        self.group_id = group_id
+        self.keyring = Keyring(group_id, past_keys)
+        self.is_relaxed = is_relaxed
+        """Whether nonces that were used before are taken (`relaxed_replay`)."""
+        self.sequence: NonceSequence | None = None
+        """The nonces of the token that was last used to send."""
+
+
+class Groups:
+    """All groups that this process wants keys of: those it was told to want, and the data of publishers it hears.
+
+    Groups of Actions are wanted only when told: a bystander hears the Actions of others and may not have their keys.
     """
-    del writer_group_id
-    if publisher_id_type != _UINT16 or type(publisher_id) is not int:
-        return None
-    return command_group(publisher_id) if is_action else telemetry_group(publisher_id)
+
+    def __init__(self, past_keys: int, relaxed: Container[int]) -> None:
+        """Begin with none; `relaxed` are the PublisherIds whose messages are not checked for replay."""
+        self.telemetry: dict[int | str | None, Group] = {}
+        """By PublisherId."""
+        self.commands: dict[int, Group] = {}
+        """By the PublisherId of the responder."""
+        self._by_id: dict[str, Group] = {}
+        self._keyless: dict[int, None] = {}
+        """Publishers that were only heard, and whose keys nobody gave us yet."""
+        self._past_keys, self._relaxed = past_keys, relaxed
+
+    def __iter__(self) -> Iterator[Group]:
+        return iter(self._by_id.values())
+
+    def want(self, group_id: str) -> Group:
+        """The group of this name, from now on among the wanted ones; raises LocalWireError for what is no name."""
+        found = _GROUP_ID.fullmatch(group_id)
+        if found is None or int(found[2]) > 0xFFFF:
+            raise LocalWireError(f"{group_id!r} is no SecurityGroup: they are called t-<space> and c-<space>")
+        publisher_id = int(found[2])
+        group = self._by_id.get(group_id)
+        if group is None:
+            group = Group(group_id, self._past_keys, is_relaxed=publisher_id in self._relaxed)
+            self._by_id[group_id] = group
+            (self.commands if found[1] == "c" else self.telemetry)[publisher_id] = group
+        if found[1] == "t":
+            self._keyless.pop(publisher_id, None)
+        return group
+
+    def hear(self, publisher_id: int) -> Group:
+        """The group of the data of a publisher that was heard. The longest known without a key goes for it."""
+        if len(self._keyless) >= MOST_KEYLESS:
+            oldest = next(iter(self._keyless))
+            del self._keyless[oldest], self.telemetry[oldest], self._by_id[telemetry_group(oldest)]
+        group = self.want(telemetry_group(publisher_id))
+        self._keyless[publisher_id] = None
+        return group

@@ -100,9 +100,9 @@ class Keyring:
         self._past_keys = past_keys
         self._order: list[Token] = []
         """All tokens, the oldest first."""
-        self._current = 0
+        self._current: int = 0
         """Where in `_order` the current one stands."""
-        self._ends_at = 0.0
+        self._ends_at: float = 0.0
         """The end of the current one's lifetime."""
         self._lifetime_s = 0.0
         self._fetch_at = -math.inf
@@ -151,7 +151,7 @@ class Keyring:
         before = merged.index(ours) if ours in merged else 0
         self._order, self._current = merged, max(before, merged.index(offered[0]))
         for token in merged[before : self._current]:
-            token.until = now + self._past_keys * self._lifetime_s
+            token.until = min(token.until, now + self._past_keys * self._lifetime_s)
 
     def advance(self, now: float) -> None:
         """Move to the next key where its time has come, and forget those that nobody may use any more."""
@@ -165,8 +165,8 @@ class Keyring:
         current = order[self._current]
         has_next = self._current + 1 < len(order)
         current.until = math.inf if has_next else self._ends_at + LIFETIMES_BEYOND * self._lifetime_s
-        kept = [token for token in order if token.until > now]
-        self._current = kept.index(current) if current in kept else 0
+        kept = [token for token in order if token.until > now] if current.until > now else []
+        self._current = kept.index(current) if kept else 0
         self._order = kept
         self.tokens = {token.token_id: token for token in kept}
         changes = [token.until for token in kept]
@@ -179,6 +179,11 @@ class Keyring:
         if now >= self.changes_at:
             self.advance(now)
         return self._order[self._current] if self._order else None
+
+    def around_current(self) -> list[Token]:
+        """The current token, the next and the one before: those that a message without a token may be signed with."""
+        order, current = self._order, self._current
+        return order[current : current + 2] + order[max(current - 1, 0) : current]
 
     def ask(self) -> None:
         """Keys are to be fetched now: an unknown token was heard, or a publisher has said that all will be invalid."""

@@ -82,12 +82,13 @@ class NonceSequence:
         "_reservations",
         "_reserve_at",
         "_retry_at",
-        "_token_id",
+        "token_id",
     )
 
     def __init__(self, reservations: NonceReservations, group_id: str, token_id: int, prefix: bytes) -> None:
         self._reservations = reservations
-        self._group_id, self._token_id, self._prefix = group_id, token_id, prefix
+        self.token_id = token_id
+        self._group_id, self._prefix = group_id, prefix
         self._next = 1
         self._end = 1
         """Numbers before it may be used."""
@@ -129,10 +130,10 @@ class NonceSequence:
         return first
 
     def _reserve(self) -> int:
-        first = self._reservations.reserve(self._group_id, self._token_id, BLOCK)
+        first = self._reservations.reserve(self._group_id, self.token_id, BLOCK)
         if first > LAST_NUMBER:
             raise NoncesUnavailable(
-                f"the nonces of token {self._token_id} of {self._group_id} are used up; make new keys: "
+                f"the nonces of token {self.token_id} of {self._group_id} are used up; make new keys: "
                 f"ua-fleet keys rotate {self._group_id}"
             )
         return first

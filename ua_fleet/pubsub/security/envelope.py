@@ -1,0 +1,291 @@
+"""What one process does to every datagram: outgoing ones are secured, incoming ones verified, before they count.
+
+    seal    [chunks] -> for each: the current key of its group, a nonce of its own, encrypt, sign
+    open    own data? -> mode -> key of its group and token -> verify, decrypt -> replay -> [chunks]
+
+It fails closed. What does not pass is a `Refused` with the counter it belongs to, and nothing of it is handed on. Only
+what was verified changes anything here: replay windows, the wish for keys that a publisher's ForceKeyReset is, chunks.
+
+Probes are sent unsecured and taken so: they carry nothing but the wish for an answer, and answers are paced. A probe
+that somebody signed is verified like everything else, but not checked for replay: its sender does not stand in it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from random import Random
+from struct import Struct
+from typing import Final
+
+from ua_fleet.counters import Counters, Drop
+from ua_fleet.errors import LocalWireError, RemoteWireError
+from ua_fleet.pubsub.security.groups import Group, Groups, command_group, telemetry_group
+from ua_fleet.pubsub.security.keyring import GroupKeys, Token
+from ua_fleet.pubsub.security.nonces import NonceReservations, NonceSequence, NoncesUnavailable, nonce_prefix
+from ua_fleet.pubsub.security.reassembly import Reassembly
+from ua_fleet.pubsub.security.refused import Refused
+from ua_fleet.wire.chunks import read_chunk, split
+from ua_fleet.wire.header import HAS_EXTENDED_FLAGS_1, HAS_EXTENDED_FLAGS_2, MESSAGE_TYPE_BITS, MessageType
+from ua_fleet.wire.messages import PublisherIdType
+from ua_fleet.wire.security import NONCE_BYTES, SIGNATURE_BYTES, SecuredDatagram, SecurityMode, read_security
+
+__all__ = ["SECURED_BYTES", "Envelope"]
+
+SECURED_BYTES: Final = 1 + 6 + NONCE_BYTES + SIGNATURE_BYTES
+"""What securing adds at most: ExtendedFlags1, SecurityFlags, token, the nonce with its length, and the signature."""
+
+_NONE: Final = SecurityMode.NONE
+_UINT16: Final = PublisherIdType.UINT16.value
+_PROBE: Final = MessageType.PROBE << 2
+_THE_PUBLISHER: Final = 0
+_ANY_MEMBER: Final = -1
+_NOBODY: Final = -2
+"""Whose replay window counts: see `replay.py`."""
+_read_nonce = Struct("<H2xI").unpack
+
+
+class Envelope:
+    """Seals and opens the datagrams of one process."""
+
+    def __init__(
+        self,
+        own_space: int,
+        counters: Counters,
+        *,
+        mode: SecurityMode,
+        nonces: NonceReservations,
+        relaxed_replay: Collection[int] = (),
+        max_datagram_bytes: int = 65_507,
+        max_message_bytes: int = 4 * 1024 * 1024,
+        past_keys: int = 1,
+        random: Random | None = None,
+    ) -> None:
+        """Make an envelope without keys.
+
+        Args:
+            own_space: the PublisherId of this process.
+            counters: what is not sent and what chunks lose is counted here; what is refused, by who calls `open`.
+            mode: what is sent has it, what is received has at least it. With NONE there are only chunks.
+            nonces: where sequence numbers are reserved.
+            relaxed_replay: PublisherIds whose messages are taken without a replay check.
+            max_datagram_bytes: longer messages are sent as chunks.
+            max_message_bytes: bound of what is put together from chunks.
+            past_keys: KeyLifetimes for which a key that was replaced is taken.
+            random: where the random part of nonces comes from.
+        """
+        random = random or Random()  # noqa: S311 - this part of a nonce need not be a secret (table 156)
+        self.problem = ""
+        """Why something could not be sent; empty when the last message could."""
+        self._own_space, self._counters, self._mode, self._nonces = own_space, counters, mode, nonces
+        self._most_bytes = max_datagram_bytes - (SECURED_BYTES if mode is not _NONE else 0)
+        self._prefix = nonce_prefix(own_space, random.getrandbits(16))
+        self._groups = Groups(past_keys, frozenset(relaxed_replay))
+        self._telemetry: Mapping[int | str | None, Group] = self._groups.telemetry
+        self._reassembly = Reassembly(counters, max_message_bytes)
+        self._chunked = random.getrandbits(16)
+        """MessageSequenceNumber of the last message that was sent as chunks."""
+        if mode is not _NONE:
+            self._groups.want(telemetry_group(own_space))
+
+    @property
+    def mode(self) -> SecurityMode:
+        """What messages have at least."""
+        return self._mode
+
+    def want(self, group_id: str) -> None:
+        """Need the keys of a group from now on."""
+        self._groups.want(group_id)
+
+    def groups_wanted(self) -> list[str]:
+        """All groups that keys are needed of, our own data's first."""
+        return [group.group_id for group in self._groups]
+
+    def keys_wanted(self, now: float) -> list[str]:
+        """The groups whose keys are to be fetched now."""
+        return [group.group_id for group in self._groups if group.keyring.is_wanted(now)]
+
+    def install(self, group_id: str, keys: GroupKeys, now: float) -> None:
+        """Take keys of a group, the current one first. Raises LocalWireError for keys of the wrong length."""
+        self._groups.want(group_id).keyring.install(keys, now)
+
+    def seal(self, datagram: bytes, now: float) -> list[bytes]:
+        """The datagrams to send for a plain message; none, counted as NO_KEY, where there is no key or no nonce.
+
+        Raises LocalWireError for what cannot be secured or split.
+        """
+        if self._mode is _NONE:
+            return [datagram] if len(datagram) <= self._most_bytes else self._split(datagram)
+        heard = read_security(datagram)
+        if heard.mode is not _NONE:
+            raise LocalWireError("a message that is secured already")
+        if heard.is_discovery and _is_probe(datagram):
+            return [datagram] if len(datagram) <= self._most_bytes else self._split(datagram)
+        group = self._group_to_send(heard)
+        token = group.keyring.sending(now) if group is not None else None
+        if group is None or token is None:
+            return self._not_sent(heard, group)
+        sequence = group.sequence
+        if sequence is None or sequence.token_id != token.token_id:
+            sequence = NonceSequence(self._nonces, group.group_id, token.token_id, self._prefix)
+            group.sequence = sequence
+        try:
+            if len(datagram) <= self._most_bytes:
+                sealed = [
+                    token.key.protect(datagram, heard.payload_offset, token.token_id, sequence.next(now), self._mode)
+                ]
+            else:
+                sealed = self._seal_chunks(datagram, token, sequence, now)
+        except NoncesUnavailable as error:
+            self.problem = str(error)
+            self._counters.drop(Drop.NO_KEY)
+            return []
+        if self.problem:
+            self.problem = ""
+        return sealed
+
+    def open(self, datagram: bytes, now: float) -> bytes | None:
+        """The plain and whole message that a datagram is or completes; None where chunks are missing.
+
+        None too for the Actions of others, in whose group we are not: on multicast everybody hears them.
+
+        Raises:
+            Refused: it was not let in.
+            RemoteWireError: it is malformed.
+        """
+        if self._mode is _NONE:
+            if len(datagram) > 2 and datagram[0] & HAS_EXTENDED_FLAGS_1 and datagram[1] & HAS_EXTENDED_FLAGS_2:
+                return self._joined(datagram, now)
+            return datagram
+        heard = read_security(datagram)
+        if heard.is_action or heard.is_discovery:
+            return self._open_other(heard, now)
+        publisher_id = heard.publisher_id
+        if publisher_id == self._own_space:
+            raise Refused(Drop.LOOP, heard)
+        if heard.mode is not self._mode and heard.mode < self._mode:
+            raise Refused(Drop.NOT_SECURED, heard, self._mode)
+        group = self._telemetry.get(publisher_id) or self._meet(heard)
+        return self._verified(heard, group, _THE_PUBLISHER, now)
+
+    def _open_other(self, heard: SecuredDatagram, now: float) -> bytes | None:
+        """Open an Action, which may come from ourselves, an announcement or a probe."""
+        is_probe = heard.is_discovery and _is_probe(heard.datagram)
+        if heard.is_action:
+            group = self._groups.commands.get(_space_of(heard))
+            if group is None:
+                return None
+        elif is_probe and heard.mode is _NONE:
+            return self._joined(heard.datagram, now)
+        elif not is_probe and heard.publisher_id == self._own_space:
+            raise Refused(Drop.LOOP, heard)
+        else:
+            group = None
+        if heard.mode < self._mode and not is_probe:
+            raise Refused(Drop.NOT_SECURED, heard, self._mode)
+        if group is None:
+            group = self._telemetry.get(heard.publisher_id) or self._meet(heard)
+        if is_probe:
+            sender = _NOBODY
+        elif heard.is_action:
+            sender = _ANY_MEMBER
+        else:
+            sender = _THE_PUBLISHER
+        return self._verified(heard, group, sender, now)
+
+    def _verified(self, heard: SecuredDatagram, group: Group, sender: int, now: float) -> bytes | None:
+        keyring = group.keyring
+        if now >= keyring.changes_at:
+            keyring.advance(now)
+        token = keyring.tokens.get(heard.token_id)
+        if token is None:
+            return self._open_unknown(heard, group, now)
+        try:
+            plain = token.key.unprotect(heard)
+        except RemoteWireError:
+            raise Refused(Drop.BAD_SIGNATURE, heard, self._mode, group.group_id) from None
+        if not group.is_relaxed and sender != _NOBODY:
+            nonce = heard.nonce
+            if len(nonce) != NONCE_BYTES:
+                raise Refused(Drop.REPLAYED, heard, self._mode, group.group_id)
+            space, number = _read_nonce(nonce)
+            if not token.windows.take(space if sender == _ANY_MEMBER else sender, number):
+                raise Refused(Drop.REPLAYED, heard, self._mode, group.group_id)
+        if heard.force_key_reset:
+            keyring.ask()
+        if plain[1] & HAS_EXTENDED_FLAGS_2 and plain[0] & HAS_EXTENDED_FLAGS_1:
+            return self._joined(plain, now)
+        return plain
+
+    def poll(self, now: float) -> None:
+        """Give up chunks whose message takes too long."""
+        self._reassembly.poll(now)
+
+    def next_deadline(self) -> float | None:
+        """When `poll` is to be called next, or None. Keys change by themselves when a message needs them."""
+        return self._reassembly.next_deadline()
+
+    def _group_to_send(self, message: SecuredDatagram) -> Group | None:
+        publisher_id = message.publisher_id
+        if message.publisher_id_type != _UINT16 or type(publisher_id) is not int:
+            return None
+        return (self._groups.commands if message.is_action else self._groups.telemetry).get(publisher_id)
+
+    def _not_sent(self, message: SecuredDatagram, group: Group | None) -> list[bytes]:
+        self._counters.drop(Drop.NO_KEY)
+        if group is not None:
+            self.problem = f"no key of {group.group_id}, or it expired; see whether the source of keys can be asked"
+        else:
+            name = command_group if message.is_action else telemetry_group
+            publisher_id = message.publisher_id
+            group_id = name(publisher_id) if isinstance(publisher_id, int) else "a PublisherId that is no space"
+            self.problem = f"this process is not in the SecurityGroup {group_id}"
+        return []
+
+    def _split(self, datagram: bytes) -> list[bytes]:
+        self._chunked = (self._chunked + 1) & 0xFFFF
+        return split(datagram, self._most_bytes, self._chunked)
+
+    def _seal_chunks(self, datagram: bytes, token: Token, sequence: NonceSequence, now: float) -> list[bytes]:
+        return [
+            token.key.protect(
+                chunk, read_security(chunk).payload_offset, token.token_id, sequence.next(now), self._mode
+            )
+            for chunk in self._split(datagram)
+        ]
+
+    def _meet(self, heard: SecuredDatagram) -> Group:
+        """The group of a publisher whose keys we did not want before."""
+        publisher_id = _space_of(heard)
+        return self._telemetry.get(publisher_id) or self._groups.hear(publisher_id)
+
+    def _open_unknown(self, heard: SecuredDatagram, group: Group, now: float) -> bytes | None:
+        """A message whose token we do not have, or one that names none."""
+        if heard.token_id or heard.nonce:
+            group.keyring.ask()
+            raise Refused(Drop.UNKNOWN_TOKEN, heard, self._mode, group.group_id)
+        # The second form of a message that is only signed (table 154): nothing in it tells it from a replay.
+        if not group.is_relaxed:
+            raise Refused(Drop.REPLAYED, heard, self._mode, group.group_id)
+        for token in group.keyring.around_current():
+            try:
+                return self._joined(token.key.unprotect(heard), now)
+            except RemoteWireError:
+                continue
+        raise Refused(Drop.BAD_SIGNATURE, heard, self._mode, group.group_id)
+
+    def _joined(self, plain: bytes, now: float) -> bytes | None:
+        chunk = read_chunk(plain)
+        return plain if chunk is None else self._reassembly.add(chunk, now)
+
+
+def _is_probe(datagram: bytes) -> bool:
+    """Of a discovery message, whose three bytes of flags are always there."""
+    return datagram[2] & MESSAGE_TYPE_BITS == _PROBE
+
+
+def _space_of(heard: SecuredDatagram) -> int:
+    """The PublisherId as a space; only those have SecurityGroups."""
+    publisher_id = heard.publisher_id
+    if heard.publisher_id_type != _UINT16 or type(publisher_id) is not int:
+        raise Refused(Drop.UNKNOWN_SOURCE, heard)
+    return publisher_id

@@ -1,0 +1,192 @@
+"""Chunks: what is split comes together again, and each chunk is a message that can be secured alone."""
+
+from __future__ import annotations
+
+import random
+import struct
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tests.unit.wire.corpus import is_plain, secured_messages, valid_messages
+from ua_fleet.errors import LocalWireError, RemoteWireError
+from ua_fleet.wire import (
+    Cause,
+    Chunk,
+    Codec,
+    MessageKey,
+    SecurityMode,
+    SecurityPolicy,
+    join,
+    payload_offset,
+    read_chunk,
+    read_security,
+    split,
+)
+from ua_fleet.wire.chunks import CHUNK_FIELDS_BYTES
+from ua_fleet.wire.messages import DataSetMessage, NetworkMessage, PublisherIdType
+
+HEAD = bytes.fromhex("f101 0200 01 0300 01 0900")
+WHOLE = HEAD + bytes(range(100))
+DISCOVERY_HEAD = bytes.fromhex("919108 0700 00 00000000 00")
+BYTE_ID_HEAD = bytes.fromhex("11 07")
+"""A Byte PublisherId and nothing else: two bytes of flags more in a chunk of it."""
+
+WHOLE_MESSAGES = [
+    message
+    for message in valid_messages()
+    if is_plain(message) and read_chunk(message) is None and len(read_security(message).writer_ids) <= 1
+]
+
+
+def chunk_of(datagram: bytes) -> Chunk:
+    chunk = read_chunk(datagram)
+    assert chunk is not None
+    return chunk
+
+
+def put_together(datagrams: list[bytes]) -> bytes:
+    chunks = sorted(map(chunk_of, datagrams), key=lambda chunk: chunk.offset)
+    payload = b"".join(chunk.data for chunk in chunks)
+    wholes = {join(chunk, payload) for chunk in chunks}
+    assert len(wholes) == 1
+    return wholes.pop()
+
+
+def test_bytes_of_a_chunk() -> None:
+    head = bytes.fromhex("f181 01 0200 01 0300 0900")
+    size = 40
+    most = len(head) + CHUNK_FIELDS_BYTES + size
+    assert split(WHOLE, most, 0x0102) == [
+        head + struct.pack("<HII", 0x0102, offset, 100) + WHOLE[10 + offset : 10 + offset + size]
+        for offset in (0, 40, 80)
+    ]
+
+
+def test_bytes_of_a_discovery_chunk() -> None:
+    """No payload header, and the empty SecurityHeader before the chunk's fields."""
+    whole = DISCOVERY_HEAD + bytes(range(30))
+    head = bytes.fromhex("919109 0700 00 00000000 00")
+    assert split(whole, 40, 7) == [
+        head + struct.pack("<HII", 7, offset, 30) + whole[11 + offset : 30 + offset] for offset in (0, 19)
+    ]
+    chunk = chunk_of(split(whole, 40, 7)[1])
+    assert chunk[:6] == (7, PublisherIdType.UINT16, None, None, False, True)
+
+
+def test_bytes_of_a_chunk_with_a_byte_publisher_id() -> None:
+    whole = BYTE_ID_HEAD + bytes(range(20))
+    assert split(whole, 20, 7)[0][:4] == bytes.fromhex("91 80 01 07")
+    assert put_together(split(whole, 20, 7)) == whole
+
+
+def test_what_a_chunk_says() -> None:
+    chunk = chunk_of(split(WHOLE, 60, 5)[1])
+    assert chunk == Chunk(2, PublisherIdType.UINT16, 3, 9, False, False, HEAD, 5, 40, 100, WHOLE[50:90])
+
+
+@pytest.mark.parametrize("size", [1, 22, 61, len(WHOLE) - 1])
+def test_all_chunks_but_the_last_are_equally_long(size: int) -> None:
+    most = max(size, 10 + CHUNK_FIELDS_BYTES + 1)
+    lengths = [len(datagram) for datagram in split(WHOLE, most, 1)]
+    assert set(lengths[:-1]) == {most}
+    assert lengths[-1] <= most
+
+
+def test_what_fits_is_not_split() -> None:
+    for most in (len(WHOLE), len(WHOLE) + 1):
+        assert split(WHOLE, most, 1) == [WHOLE]
+    assert len(split(WHOLE, len(WHOLE) - 1, 1)) == 2
+
+
+@pytest.mark.parametrize("number", [0, 0xFFFF, 0x10000, 0x12345])
+def test_the_sequence_number_is_a_uint16(number: int) -> None:
+    assert chunk_of(split(WHOLE, 60, number)[0]).message_sequence_number == number & 0xFFFF
+
+
+def test_every_message_comes_together_again() -> None:
+    assert len(WHOLE_MESSAGES) > 20
+    key = MessageKey(SecurityPolicy.AES128_CTR, bytes(range(52)))
+    for number, whole in enumerate(WHOLE_MESSAGES):
+        for most in (len(whole) // 2 + 30, len(whole) - 1):
+            if not payload_offset(whole) + CHUNK_FIELDS_BYTES + 3 <= most < len(whole):
+                continue  # no room for chunks, or no need of them
+            opened: list[bytes] = []
+            for index, datagram in enumerate(split(whole, most, number)):
+                nonce = struct.pack("<II", number, index)
+                secured = key.protect(datagram, payload_offset(datagram), 1, nonce, SecurityMode.SIGN_AND_ENCRYPT)
+                heard = read_security(secured)
+                assert heard.writer_ids == read_security(whole).writer_ids
+                opened.append(key.unprotect(heard))
+            random.Random(number).shuffle(opened)
+            assert put_together(opened) == whole
+            with pytest.raises(RemoteWireError) as caught:
+                Codec().decode(opened[0])
+            assert caught.value.cause == Cause.CHUNK
+
+
+@given(
+    head=st.sampled_from([HEAD, DISCOVERY_HEAD, BYTE_ID_HEAD]),
+    payload=st.binary(max_size=300),
+    most=st.integers(24, 330),
+    number=st.integers(0, 0xFFFF),
+)
+def test_round_trip(head: bytes, payload: bytes, most: int, number: int) -> None:
+    whole = head + payload
+    datagrams = split(whole, most, number)
+    assert all(len(datagram) <= most for datagram in datagrams)
+    if datagrams == [whole]:
+        assert read_chunk(whole) is None
+        return
+    chunks = [chunk_of(datagram) for datagram in datagrams]
+    assert {chunk.message_sequence_number for chunk in chunks} == {number}
+    assert {chunk.total_size for chunk in chunks} == {len(payload)}
+    assert put_together(datagrams) == whole
+
+
+def test_several_data_set_messages_are_never_split() -> None:
+    parts = tuple(DataSetMessage(number, types=(11,), values=(1.5,)) for number in (1, 2, 3))
+    whole = Codec().encode(NetworkMessage(2, PublisherIdType.UINT16, writer_group_id=2, messages=parts))
+    assert split(whole, len(whole), 1) == [whole]
+    with pytest.raises(LocalWireError, match="3 DataSetMessages"):
+        split(whole, len(whole) - 1, 1)
+
+
+def test_what_cannot_be_split() -> None:
+    chunk = split(WHOLE, 60, 1)[0]
+    with pytest.raises(LocalWireError, match="a chunk"):
+        split(chunk, 50, 1)
+    with pytest.raises(LocalWireError, match="no room"):
+        split(WHOLE, 10 + CHUNK_FIELDS_BYTES, 1)
+    for secured in secured_messages()[:4]:
+        with pytest.raises(LocalWireError, match="secured"):
+            split(secured, len(secured) - 1, 1)
+    with pytest.raises(LocalWireError, match="cannot be split"):
+        split(b"\2" * 100, 50, 1)
+
+
+def test_what_cannot_be_joined() -> None:
+    chunk = chunk_of(split(WHOLE, 60, 1)[0])
+    for payload in (b"", WHOLE[10:-1], WHOLE[10:] + b"\0"):
+        with pytest.raises(LocalWireError):
+            join(chunk, payload)
+
+
+def test_what_is_no_chunk() -> None:
+    for message in [*WHOLE_MESSAGES, b"", b"\xf1", b"\xf1\x81", b"\xf1\x01\x01"]:
+        assert read_chunk(message) is None
+
+
+def test_a_chunk_of_another_length_is_refused() -> None:
+    datagram = split(WHOLE, 60, 1)[-1]
+    for size in range(3, len(datagram)):
+        try:
+            chunk = chunk_of(datagram[:size])
+        except RemoteWireError as error:
+            assert error.cause in (Cause.TRUNCATED, Cause.CHUNK_EMPTY)  # noqa: PT017 - some are chunks
+        else:
+            assert chunk.offset + len(chunk.data) < chunk.total_size
+    with pytest.raises(RemoteWireError) as caught:
+        read_chunk(datagram + b"\0")
+    assert caught.value.cause == Cause.CHUNK_RANGE

@@ -18,6 +18,8 @@ from typing import Any, Final
 
 from ua_fleet.counters import Counters
 from ua_fleet.errors import LocalWireError
+from ua_fleet.pubsub.announcer import ANSWER_INTERVAL_S, Announcer
+from ua_fleet.pubsub.application import MAX_DATAGRAM_BYTES, PRODUCT_URI, Application, describe
 from ua_fleet.pubsub.pacing import Pace
 from ua_fleet.pubsub.packing import HEADER_BYTES, pack
 from ua_fleet.pubsub.sequence import MASK
@@ -26,6 +28,7 @@ from ua_fleet.pubsub.writer import Writer
 from ua_fleet.topics import Topic
 from ua_fleet.values import BuiltinType, StatusCode
 from ua_fleet.wire import Codec, encode_metadata_announcement
+from ua_fleet.wire.discovered import ActionMetaDataAnnouncement, ActionMethod, ActionTarget
 from ua_fleet.wire.messages import (
     ConfigurationVersion,
     DataSetMessage,
@@ -40,10 +43,6 @@ from ua_fleet.wire.messages import (
 
 __all__ = ["MAX_DATAGRAM_BYTES", "Publisher"]
 
-MAX_DATAGRAM_BYTES: Final = 65_507
-"""The largest UDP payload over IPv4."""
-_ANSWER_INTERVAL_S: Final = 0.5
-"""Announcements of one DataSetWriter that answer probes are at least so far apart (OPC 10000-14 7.2.4.6.12.2)."""
 _EARLY: Final = 0.05
 """Part of its period that a message may go early, to share a NetworkMessage with one that is due."""
 _MOST_AT_ONCE: Final = 256
@@ -57,7 +56,14 @@ _Batches = dict[int, list[tuple[DataSetMessage, int]]]
 class Publisher:
     """All DataSetWriters of one process. Every method that sends returns the datagrams to send, in order."""
 
-    def __init__(self, publisher_id: int, timing: PubSubTiming, counters: Counters, codec: Codec) -> None:
+    def __init__(
+        self,
+        publisher_id: int,
+        timing: PubSubTiming,
+        counters: Counters,
+        codec: Codec,
+        application: Application | None = None,
+    ) -> None:
         """Make a publisher without writers.
 
         Args:
@@ -65,6 +71,7 @@ class Publisher:
             timing: periods of keep-alives, repeats and announcements.
             counters: `messages_out` is counted here.
             codec: the process's codec.
+            application: what the process says of itself when it is asked.
         """
         self._id = publisher_id
         self._timing = timing
@@ -81,6 +88,17 @@ class Publisher:
         self._order = count(1)
         self._announcement_number = 0
         self._pace = Pace()
+        if application is None:
+            application = Application(describe(f"{PRODUCT_URI}:{publisher_id}", f"publisher {publisher_id}"))
+        self._announcer = Announcer(publisher_id, timing, application, self._next_announcement_number, self._pace)
+
+    def begin(self, *, now: float, wall_ticks: int) -> list[bytes]:
+        """Announce the application, and that it is Operational; `poll` does so again with a period."""
+        return self._announcer.begin(now, wall_ticks)
+
+    def end(self) -> list[bytes]:
+        """Say in order that this publisher ends (7.2.4.6.7)."""
+        return self._announcer.end()
 
     def announce(
         self, topic: Topic, name: str, fields: tuple[FieldMetaData, ...], *, now: float, wall_ticks: int
@@ -104,6 +122,7 @@ class Publisher:
             self._by_id.setdefault(topic.id, []).append(writer)
         if writer.encode is None or metadata is not writer.metadata:
             writer.lay_out(metadata, self._codec)
+        self._announcer.put_writer(topic.ns, topic.id, name, now)
         writer.announce_at = now + self._timing.announce_interval_s
         writer.sent_at = now
         self._revive(writer, now)
@@ -181,31 +200,100 @@ class Publisher:
         writer = self._writers.get(topic)
         if writer is not None:
             writer.retire()
+            self._announcer.remove_writer(topic.ns, topic.id)
+
+    def announce_action(
+        self,
+        topic: Topic,
+        name: str,
+        targets: tuple[ActionTarget, ...],
+        request: tuple[FieldMetaData, ...],
+        response: tuple[FieldMetaData, ...],
+        *,
+        methods: tuple[ActionMethod, ...] = (),
+        now: float,
+        wall_ticks: int,
+    ) -> list[bytes]:
+        """Announce an Action that this process responds to, or that one of it has changed.
+
+        Args:
+            topic: (space, WriterGroupId, DataSetWriterId) of its messages; no DataSet has this id.
+            name: of the Action.
+            targets: whom it can be asked of.
+            request: the fields of an ActionRequest.
+            response: the fields of an ActionResponse.
+            methods: none, or for each target the Method that does the same in the OPC UA server.
+            now: the time.
+            wall_ticks: the wall clock, from which a version is made. Other fields than before get a new major version,
+                another name or other targets a new minor one.
+
+        Raises:
+            LocalWireError: an Action of another space, an id that a DataSet has, or what cannot be encoded.
+        """
+        if topic.space != self._id:
+            raise LocalWireError(f"the Action {topic.name} is not of space {self._id}")
+        if any(writer.encode for writer in self._by_id.get(topic.id, ())):
+            raise LocalWireError(f"{topic.name} is a DataSet, and cannot be an Action as well")
+        before = self._announcer.action(topic.id)
+        version = ConfigurationVersion(0, 0) if before is None else before.request.configuration_version
+        if before is None or (before.request.fields, before.response.fields) != (request, response):
+            major = max(self._majors.get(topic.id, 0) + 1, version_time(wall_ticks))
+            self._majors[topic.id] = major
+            version = ConfigurationVersion(major, major)
+        elif (before.request.name, before.targets, before.methods) != (name, targets, methods):
+            version = ConfigurationVersion(version.major, max(version.minor + 1, version_time(wall_ticks)))
+        metadata = DataSetMetaData(name, request, version)
+        action = ActionMetaDataAnnouncement(
+            self._id, _UINT16, 0, topic.id, targets, metadata, metadata._replace(fields=response), methods
+        )
+        return self._announcer.put_action(topic.ns, action, now)
+
+    def retire_action(self, topic: Topic, *, now: float, wall_ticks: int) -> list[bytes]:
+        """Say that an Action can be asked of nobody any more: it is announced without targets."""
+        action = self._announcer.action(topic.id)
+        if action is None or not action.targets:
+            return []
+        request, response = action.request, action.response
+        return self.announce_action(
+            topic, request.name, (), request.fields, response.fields, now=now, wall_ticks=wall_ticks
+        )
 
     def answer(self, probe: Probe, now: float) -> list[bytes]:
-        """Answer a metadata probe: the announcement of each writer asked for, and a repeat of its last message.
+        """Answer a probe: with announcements, and for metadata a repeat of each writer's last message.
 
         An answer that would follow the one before too soon, and what is more than receivers can take at once, waits
-        for `poll`. A probe for a writer whose answer waits already is discarded for that writer.
+        for `poll`. A probe for what waits already is discarded.
         """
-        if (
-            probe.kind != ProbeKind.DATA_SET_META_DATA
-            or probe.publisher_id_type != _UINT16
-            or probe.publisher_id != self._id
+        if probe.kind != ProbeKind.FIND_APPLICATIONS and (
+            probe.publisher_id_type != _UINT16 or probe.publisher_id != self._id
         ):
             return []
-        asked = probe.data_set_writer_ids or tuple(self._by_id)
-        for writer in [writer for writer_id in asked for writer in self._by_id.get(writer_id, ())]:
+        self._announcer.ask(probe, now)
+        datagrams = self._answer_metadata(probe, now) if probe.kind == ProbeKind.DATA_SET_META_DATA else []
+        return datagrams + self._announcer.poll(now)
+
+    def _answer_metadata(self, probe: Probe, now: float) -> list[bytes]:
+        announced = [(asked, self._by_id.get(asked, ())) for asked in probe.data_set_writer_ids or tuple(self._by_id)]
+        if probe.data_set_writer_ids:
+            self._announcer.deny([asked for asked, writers in announced if not any(w.encode for w in writers)], now)
+        for writer in [writer for _, writers in announced for writer in writers]:
             if writer.encode is None or writer.answer_pending:
                 continue
             writer.answer_pending = True
-            due = max(now, writer.answered_at + _ANSWER_INTERVAL_S)
+            due = max(now, writer.answered_at + ANSWER_INTERVAL_S)
             heapq.heappush(self._answers, (due, next(self._order), writer))
         return self._send_due_answers(now)
 
-    def poll(self, now: float) -> list[bytes]:
-        """Send what is due: answers that waited, announcements, repeats and keep-alives."""
-        datagrams = self._send_due_answers(now)
+    def poll(self, now: float, wall_ticks: int | None = None) -> list[bytes]:
+        """Send what is due: answers that waited, announcements, repeats and keep-alives.
+
+        Args:
+            now: the time.
+            wall_ticks: the wall clock, where it is known: a status tells it.
+        """
+        if wall_ticks is not None:
+            self._announcer.set_clock(now, wall_ticks)
+        datagrams = self._send_due_answers(now) + self._announcer.poll(now)
         deadlines, pace = self._deadlines, self._pace
         if not deadlines or deadlines[0][0] > now:
             return datagrams
@@ -228,12 +316,11 @@ class Publisher:
 
     def next_deadline(self) -> float | None:
         """When `poll` is to be called next, or None. It may find nothing to send then."""
-        deadlines, answers = self._deadlines, self._answers
-        if deadlines and (not answers or deadlines[0][0] <= answers[0][0]):
-            due = deadlines[0][0]
-        elif answers:
-            due = answers[0][0]
-        else:
+        due = self._announcer.next_deadline()
+        for heap in (self._deadlines, self._answers):
+            if heap and (due is None or heap[0][0] < due):
+                due = heap[0][0]
+        if due is None:
             return None
         ready = self._pace.ready_at
         return due if due > ready else ready
@@ -256,6 +343,11 @@ class Publisher:
         major = max(self._majors.get(writer.topic.id, 0) + 1, version_time(wall_ticks))
         self._majors[writer.topic.id] = major
         return DataSetMetaData(name, fields, ConfigurationVersion(major, major))
+
+    def _next_announcement_number(self) -> int:
+        number = self._announcement_number
+        self._announcement_number = (number + 1) & MASK
+        return number
 
     def _announcement(self, id: int, metadata: DataSetMetaData) -> bytes:
         number = self._announcement_number

@@ -25,6 +25,8 @@ class PubSubTiming:
     """A writer sends its last message again with this period."""
     announce_interval_s: float = 60.0
     """DiscoveryAnnounceRate: metadata is announced again so often, for who does not probe (6.4.1.2.3)."""
+    status_interval_s: float = 10.0
+    """A process says so often that it is Operational; each time it says when the next one comes (7.2.4.6.7)."""
 
 
 def version_time(wall_ticks: int) -> int:

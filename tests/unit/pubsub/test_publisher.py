@@ -197,8 +197,7 @@ def test_a_probe_for_all_writers_is_answered_for_all() -> None:
     "other",
     [
         probe(1001, publisher_id=2),
-        probe(1001, kind=ProbeKind.DATA_SET_WRITER_CONFIGURATION),
-        probe(1002),
+        probe(1001, publisher_id=2, kind=ProbeKind.DATA_SET_WRITER_CONFIGURATION),
         Probe("1", PublisherIdType.STRING, ProbeKind.DATA_SET_META_DATA),
     ],
 )

@@ -15,6 +15,7 @@ __all__ = ["Field", "Source"]
 
 _WAITING: Final = int(StatusCode.BAD_WAITING_FOR_INITIAL_DATA)
 _NO_COMMUNICATION: Final = int(StatusCode.BAD_NO_COMMUNICATION)
+_REFUSED: Final = int(StatusCode.BAD_SECURITY_CHECKS_FAILED)
 _LAST_USABLE: Final = int(StatusCode.UNCERTAIN_LAST_USABLE_VALUE)
 _STATUS: Final = int(BuiltinType.STATUS_CODE)
 _QUIET_TICKS: Final = 60 * TICKS_PER_SECOND
@@ -67,7 +68,7 @@ class Field:
 class Source:
     """One data source as the server knows it."""
 
-    __slots__ = ("alive", "fields", "lost", "metadata", "model", "newest", "plan", "recent")
+    __slots__ = ("alive", "fields", "is_refused", "lost", "metadata", "model", "newest", "plan", "recent")
 
     def __init__(self, model: DataSetModel) -> None:
         self.model = model
@@ -78,6 +79,8 @@ class Source:
         self.alive = False
         self.lost = False
         """Whether the source itself said that it is gone, in place of mere silence."""
+        self.is_refused = False
+        """Whether messages in its name were refused since it was last alive."""
         self.newest = -1
         self.recent: list[int] = []
 
@@ -228,6 +231,11 @@ class Source:
     def silence(self) -> list[Change]:
         """The source is not heard any more: its last values stay, and are Bad."""
         return [field.show(_NO_COMMUNICATION) for field in self.fields if field.shown != _NO_COMMUNICATION]
+
+    def refuse(self) -> list[Change]:
+        """Messages of the source, which is not heard, are refused for their security."""
+        self.is_refused = True
+        return [field.show(_REFUSED) for field in self.fields if field.shown != _REFUSED]
 
     def return_(self) -> list[Change]:
         """The source is heard again and has said nothing new.

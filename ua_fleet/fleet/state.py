@@ -2,6 +2,7 @@
 
     DataReceived       the nodes of the source change; a source nobody knows falls under the policy for unknown sources
     SourceSilent       its nodes become Bad_NoCommunication and keep their last values and times
+    SourceRefused      as long as it is not heard, its nodes become Bad_SecurityChecksFailed, also if it never was
     SourceReturned     they come back
     tick (each second) what the server says of robots, bridges and itself
 
@@ -19,7 +20,14 @@ from ua_fleet.fleet.discovery import Discovery
 from ua_fleet.fleet.members import BridgeStatus, RobotStatus, Traffic
 from ua_fleet.fleet.model import FleetModel, UnknownSources
 from ua_fleet.fleet.source import Source
-from ua_fleet.pubsub.events import DataReceived, MetaDataReceived, SourceReturned, SourceSilent, SubscriberEvent
+from ua_fleet.pubsub.events import (
+    DataReceived,
+    MetaDataReceived,
+    SourceRefused,
+    SourceReturned,
+    SourceSilent,
+    SubscriberEvent,
+)
 from ua_fleet.topics import Topic
 from ua_fleet.wire.messages import DataSetMetaData
 
@@ -93,6 +101,8 @@ class FleetState:
             return self._silent(event.topic, wall_ticks)
         if isinstance(event, SourceReturned):
             return self._returned(event.topic, wall_ticks)
+        if isinstance(event, SourceRefused):
+            return self._refused(event)
         return []
 
     def tick(self, wall_ticks: int) -> list[Change]:
@@ -150,24 +160,39 @@ class FleetState:
         source.alive = True
         return source.return_() + self._life_changed(source, wall_ticks)
 
+    def _refused(self, event: SourceRefused) -> list[Change]:
+        """A source that is not known stays unknown: nothing in a refused message is proved."""
+        source = self._sources.get(event.topic)
+        if source is None or source.alive:
+            return []
+        changes = source.refuse()
+        if changes:
+            text = f"{self._name(source)}: messages in its name are refused ({event.drop.value})"
+            changes.append(Noticed(True, f"{text}: its nodes are Bad_SecurityChecksFailed", event.topic))
+        return changes
+
     def _life_changed(self, source: Source, wall_ticks: int) -> list[Change]:
         """Carry it to the robot or bridge that the source belongs to."""
         topic = source.model.topic
+        changes: list[Change] = []
+        if source.alive and source.is_refused:
+            source.is_refused = False
+            changes.append(Noticed(False, f"{self._name(source)}: its messages are taken again", topic))
         robot = self._robot_of.get(topic)
         if robot is not None:
-            return robot.source_changed(source.model.name, source.alive, wall_ticks)
+            return changes + robot.source_changed(source.model.name, source.alive, wall_ticks)
         bridge = self._bridge_of.get(topic)
         if bridge is not None:
-            changes = bridge.set_online(source.alive, wall_ticks)
+            changes += bridge.set_online(source.alive, wall_ticks)
             for one in self._robots:
                 if one.bridge is bridge:
                     changes += one.state(wall_ticks)
             return changes
-        return self._notice_life(source)
+        return changes + self._notice_life(source)
 
     def _notice_life(self, source: Source) -> list[Change]:
         topic = source.model.topic
-        what = f"{topic.name} ({source.model.name})"
+        what = self._name(source)
         if not source.alive:
             self._silent_strangers.add(topic)
             return [Noticed(True, f"{what} is silent: its nodes are Bad_NoCommunication", topic)]
@@ -175,6 +200,9 @@ class FleetState:
             return []
         self._silent_strangers.discard(topic)
         return [Noticed(False, f"{what} is there again", topic)]
+
+    def _name(self, source: Source) -> str:
+        return f"{source.model.topic.name} ({source.model.name})"
 
     def _find(self, topic: Topic, metadata: DataSetMetaData) -> tuple[Source | None, list[Change]]:
         """The source of a topic, made by the policy for unknown sources where there is none."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+from ua_fleet.counters import Drop
 from ua_fleet.topics import Topic
 from ua_fleet.wire.messages import DataSetMessage, DataSetMetaData, Probe
 
@@ -11,6 +12,7 @@ __all__ = [
     "DataReceived",
     "MetaDataReceived",
     "ProbeReceived",
+    "SourceRefused",
     "SourceReturned",
     "SourceSilent",
     "SourceUnknown",
@@ -56,10 +58,24 @@ class SourceReturned(NamedTuple):
     topic: Topic
 
 
+class SourceRefused(NamedTuple):
+    """A message of a source was refused for its security, and no valid one is heard: never, or not for long.
+
+    Said once until a valid one is heard, or again after many other sources. Who sent it is not known: the source itself
+    with the wrong keys, or somebody else in its name.
+    """
+
+    topic: Topic
+    drop: Drop
+    """Why."""
+
+
 class ProbeReceived(NamedTuple):
     """Somebody asks our publisher for information."""
 
     probe: Probe
 
 
-SubscriberEvent = DataReceived | MetaDataReceived | SourceUnknown | SourceSilent | SourceReturned | ProbeReceived
+SubscriberEvent = (
+    DataReceived | MetaDataReceived | SourceUnknown | SourceSilent | SourceReturned | SourceRefused | ProbeReceived
+)

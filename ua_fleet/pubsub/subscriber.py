@@ -1,6 +1,7 @@
 """The DataSetReaders of one process: datagrams in, facts out. What is dropped is counted by its cause.
 
-A DataSetMessage passes these gates in this order: the loop rule, a legal source, the valid flag, the sequence of its
+A datagram is opened first, where there is an envelope: what is refused there reaches none of the following. A
+DataSetMessage passes these gates in this order: the loop rule, a legal source, the valid flag, the sequence of its
 writer, the Timestamp, metadata of its version, and the types of its fields.
 """
 
@@ -21,6 +22,7 @@ from ua_fleet.pubsub.events import (
     DataReceived,
     MetaDataReceived,
     ProbeReceived,
+    SourceRefused,
     SourceReturned,
     SourceSilent,
     SourceUnknown,
@@ -30,6 +32,8 @@ from ua_fleet.pubsub.frames import merge_delta, types_fit
 from ua_fleet.pubsub.metadata import type_codes
 from ua_fleet.pubsub.probing import ProbeSchedule
 from ua_fleet.pubsub.remote_writer import NO_COMMUNICATION, RemoteWriter, Step
+from ua_fleet.pubsub.security.envelope import Envelope
+from ua_fleet.pubsub.security.refused import Refused
 from ua_fleet.pubsub.sequence import MASK
 from ua_fleet.pubsub.timing import PubSubTiming
 from ua_fleet.topics import Side, Topic, Verdict, loop_verdict
@@ -51,6 +55,8 @@ __all__ = ["LoopRule", "Subscriber"]
 LoopRule = Callable[[Side, int, int, bool], Verdict]
 """`topics.loop_verdict`, or what a test puts in its place."""
 
+_MOST_REFUSED: Final = 1024
+"""Refused sources that we have told of. Anybody can write any PublisherId and DataSetWriterId."""
 _IDS_IN_PROBE: Final = 600
 """DataSetWriterIds that fit a probe of 1400 bytes."""
 _UINT16: Final = PublisherIdType.UINT16.value
@@ -72,6 +78,7 @@ class Subscriber:
         codec: Codec,
         rule: LoopRule = loop_verdict,
         *,
+        envelope: Envelope | None = None,
         max_writers: int = 50_000,
         random: Random | None = None,
     ) -> None:
@@ -83,6 +90,7 @@ class Subscriber:
             counters: what is received and dropped is counted here.
             codec: the process's codec.
             rule: the loop rule.
+            envelope: opens what is received; without one, what is secured or a chunk is dropped.
             max_writers: most writers to know. Beyond, the longest silent one is forgotten; while all of them live, what
                 others send is counted as of an unknown source.
             random: where the random delay of probes comes from.
@@ -92,6 +100,9 @@ class Subscriber:
         self._counters = counters
         self._codec = codec
         self._rule = rule
+        self._envelope = envelope
+        self._refused: dict[tuple[int, int, int], None] = {}
+        """Sources told of as refused, the longest known first."""
         self._verdicts: dict[int, bool] = {}
         self._max_writers = max_writers
         self._writers: dict[tuple[int, int | None, int], RemoteWriter] = {}
@@ -111,7 +122,14 @@ class Subscriber:
     def receive(self, datagram: bytes, now: float) -> list[SubscriberEvent]:
         """Take one datagram."""
         try:
+            if self._envelope is not None:
+                plain = self._envelope.open(datagram, now)
+                if plain is None:
+                    return []
+                datagram = plain
             message = self._codec.decode(datagram)
+        except Refused as refused:
+            return self._refuse(refused)
         except SecuredMessage:
             self._counters.drop(Drop.SECURED)
             return []
@@ -129,6 +147,8 @@ class Subscriber:
     def poll(self, now: float) -> list[SubscriberEvent]:
         """What time has brought: silent sources and probes that are due."""
         events: list[SubscriberEvent] = []
+        if self._envelope is not None:
+            self._envelope.poll(now)
         silences = self._silences
         while silences and silences[0][0] <= now:
             _, order, writer = silences[0]
@@ -148,14 +168,18 @@ class Subscriber:
 
     def next_deadline(self) -> float | None:
         """When `poll` is to be called next, or None. It may have nothing to say then."""
-        probe = self._probes.next_deadline()
-        if not self._silences:
-            return probe
-        silence = self._silences[0][0]
-        return silence if probe is None else min(probe, silence)
+        due = self._probes.next_deadline()
+        if self._silences:
+            silence = self._silences[0][0]
+            due = silence if due is None else min(due, silence)
+        if self._envelope is not None:
+            chunks = self._envelope.next_deadline()
+            if chunks is not None:
+                return chunks if due is None else min(due, chunks)
+        return due
 
     def complaints(self, now: float) -> list[Complaint]:
-        """What is to be logged of malformed datagrams: each cause at once, then at most once a minute."""
+        """What is to be logged of malformed and refused datagrams: each cause at once, then at most once a minute."""
         return self._complaints.take(now)
 
     def _receive_data(self, message: NetworkMessage, now: float) -> list[SubscriberEvent]:
@@ -290,6 +314,34 @@ class Subscriber:
             self._probes.asked_by_another(publisher_id, probe.data_set_writer_ids, now)
         return []
 
+    def _refuse(self, refused: Refused) -> list[SubscriberEvent]:
+        """Count a message that was refused. Only a source that is not heard is told of: nothing in it is proved."""
+        drop, writer_ids = refused.drop, refused.writer_ids
+        if drop is Drop.LOOP:
+            self._counters.messages_in += len(writer_ids)
+            self._counters.drop(drop, len(writer_ids) or 1)
+            return []
+        self._counters.drop(drop)
+        self._complaints.add(refused)
+        publisher_id, group_id = refused.publisher_id, refused.writer_group_id
+        if refused.is_action or drop is Drop.UNKNOWN_SOURCE or type(publisher_id) is not int or group_id is None:
+            return []
+        events: list[SubscriberEvent] = []
+        for writer_id in writer_ids:
+            key = (publisher_id, group_id, writer_id)
+            writer = self._writers.get(key)
+            if key in self._refused or (writer is not None and not writer.silent):
+                continue
+            try:
+                topic = Topic.checked(*key)
+            except TopicInvalid:
+                continue
+            if len(self._refused) >= _MOST_REFUSED:
+                del self._refused[next(iter(self._refused))]
+            self._refused[topic] = None
+            events.append(SourceRefused(topic, drop))
+        return events
+
     def _comes_in(self, publisher_id: int) -> bool:
         """What the loop rule says to a publisher; it is asked once for each."""
         known = self._verdicts.get(publisher_id)
@@ -308,6 +360,7 @@ class Subscriber:
             if not self._silent:
                 return None
             self._forget(next(iter(self._silent)))
+        self._refused.pop(topic, None)
         writer = self._writers[topic] = RemoteWriter(topic, now, self._counters)
         self._catalog.add_writer(writer)
         self._watch(writer)
@@ -327,6 +380,7 @@ class Subscriber:
         writer.last_heard = now
         if writer.silent:
             writer.silent = False
+            self._refused.pop(writer.topic, None)
             del self._silent[writer]
             self._watch(writer)
             events.append(SourceReturned(writer.topic))

@@ -6,9 +6,14 @@ import asyncio
 import time
 from collections.abc import AsyncGenerator, Callable
 from contextlib import asynccontextmanager
+from pathlib import Path
 from typing import Any, Self
 
+from ua_fleet.config.schema import FleetConfig
+from ua_fleet.config.security import envelope_of, groups_of
 from ua_fleet.counters import Counters
+from ua_fleet.keys.keeper import KeysKept, keep_keys
+from ua_fleet.keys.source import KeySource
 from ua_fleet.pubsub.events import (
     DataReceived,
     ProbeReceived,
@@ -18,6 +23,7 @@ from ua_fleet.pubsub.events import (
     SubscriberEvent,
 )
 from ua_fleet.pubsub.publisher import Publisher
+from ua_fleet.pubsub.security.envelope import Envelope
 from ua_fleet.pubsub.subscriber import Subscriber
 from ua_fleet.pubsub.timing import PubSubTiming
 from ua_fleet.topics import Topic
@@ -30,13 +36,16 @@ from ua_fleet.wire.messages import DataSetMessage, FieldMetaData
 class Peer:
     """All that comes over a multicast group, seen from one space."""
 
-    def __init__(self, url: str, space: int = 0) -> None:
+    def __init__(self, url: str, space: int = 0, envelope: Callable[[Counters], Envelope] | None = None) -> None:
         self.counters = Counters()
         self.events: list[SubscriberEvent] = []
+        self.datagrams: list[bytes] = []
+        """All that came over the network, as it came."""
+        self._envelope = envelope(self.counters) if envelope is not None else None
         self._transport = UdpTransport(url, "lo", ttl=1, receive_buffer_bytes=1 << 22)
         codec, timing = Codec(), PubSubTiming(1.0, 3.0, 5.0)
         self._publisher = Publisher(space, timing, self.counters, codec)
-        self._subscriber = Subscriber(space, timing, self.counters, codec)
+        self._subscriber = Subscriber(space, timing, self.counters, codec, envelope=self._envelope)
         self._changed = asyncio.Event()
         self._is_mute = False
 
@@ -44,12 +53,13 @@ class Peer:
         return asyncio.get_running_loop().time()
 
     def _receive(self, datagram: bytes, _sender: Any) -> None:
+        self.datagrams.append(datagram)
         self._take(self._subscriber.receive(datagram, self._now()))
 
     def _take(self, events: list[SubscriberEvent]) -> None:
         for event in events:
             if isinstance(event, SourceUnknown):
-                self._transport.send(event.datagram)
+                self._send([event.datagram])
             elif isinstance(event, ProbeReceived):
                 self._send(self._publisher.answer(event.probe, self._now()))
         self.events += events
@@ -57,7 +67,8 @@ class Peer:
 
     def _send(self, datagrams: list[bytes]) -> None:
         for datagram in datagrams:
-            self.send(datagram)
+            for sealed in [datagram] if self._envelope is None else self._envelope.seal(datagram, self._now()):
+                self.send(sealed)
 
     def send(self, datagram: bytes) -> None:
         """Send any bytes, unless mute."""
@@ -130,13 +141,36 @@ class Peer:
     @classmethod
     @asynccontextmanager
     async def at(cls, url: str, space: int = 0) -> AsyncGenerator[Self]:
-        """A peer that works while the context lasts."""
+        """A peer without keys that works while the context lasts."""
         peer = cls(url, space)
-        await peer._transport.start(peer._receive)
-        ticking = asyncio.ensure_future(peer._tick())
-        try:
+        async with peer._working():
             yield peer
+
+    @classmethod
+    @asynccontextmanager
+    async def secured(cls, config: FleetConfig, space: int, folder: Path, source: KeySource) -> AsyncGenerator[Self]:
+        """A peer with the keys of a space; it keeps its nonces in `folder`."""
+        nonces = folder / f"nonces-{space}"
+        peer = cls(config.pubsub.url, space, lambda counters: envelope_of(config, space, counters, nonces))
+        assert peer._envelope is not None
+        kept = KeysKept()
+        keeping = asyncio.ensure_future(keep_keys(peer._envelope, source, kept, count=2))
+        try:
+            async with asyncio.timeout(10):
+                await kept.wait_for(groups_of(config, space))
+            async with peer._working():
+                yield peer
+        finally:
+            keeping.cancel()
+            await asyncio.wait([keeping])
+
+    @asynccontextmanager
+    async def _working(self) -> AsyncGenerator[None]:
+        await self._transport.start(self._receive)
+        ticking = asyncio.ensure_future(self._tick())
+        try:
+            yield
         finally:
             ticking.cancel()
             await asyncio.wait([ticking])
-            await peer._transport.close()
+            await self._transport.close()

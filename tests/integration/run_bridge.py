@@ -31,7 +31,14 @@ async def main(path: str, name: str) -> int:
         pubsub.url, pubsub.interface, ttl=pubsub.ttl, receive_buffer_bytes=pubsub.receive_buffer_bytes
     )
     running = asyncio.ensure_future(
-        run_bridge(config, name, load_driver(config, name), transport, ready=lambda: print("ready", flush=True))
+        run_bridge(
+            config,
+            name,
+            load_driver(config, name),
+            transport,
+            state_dir=Path(path).parent / config.state_dir_of(name),
+            ready=lambda: print("ready", flush=True),
+        )
     )
     asyncio.get_running_loop().add_signal_handler(signal.SIGTERM, running.cancel)
     try:

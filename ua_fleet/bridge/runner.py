@@ -1,7 +1,8 @@
 """The bridge as a process: the event loop, one timer, the driver on one side and the transport on the other.
 
 No task and no queue stands between them: a datagram goes from the socket to `driver.publish`, and a sample from the
-inlet to the socket, within one callback.
+inlet to the socket, within one callback. With message security one task beside them keeps the keys, and the bridge
+enters its space once it has the key that it publishes with.
 """
 
 from __future__ import annotations
@@ -10,6 +11,8 @@ import asyncio
 import time
 from collections.abc import Callable
 from contextlib import AsyncExitStack
+from dataclasses import replace
+from pathlib import Path
 from typing import Any, Final
 
 import structlog
@@ -19,8 +22,12 @@ from ua_fleet.bridge.driver import Driver, DriverEvent, Dropped, SampleRead, Sou
 from ua_fleet.bridge.inlet import BoundedInlet
 from ua_fleet.bridge.status import STATUS_FIELDS, STATUS_INTERVAL_S, status_topic, status_values
 from ua_fleet.config.schema import FleetConfig, PubSubConfig
+from ua_fleet.config.security import check_keys, envelope_of, weaknesses
 from ua_fleet.counters import Counters, Drop
+from ua_fleet.keys.keeper import KeysKept, keep_keys
+from ua_fleet.keys.source import KeySource
 from ua_fleet.pubsub.publisher import Publisher
+from ua_fleet.pubsub.security.groups import telemetry_group
 from ua_fleet.pubsub.subscriber import Subscriber
 from ua_fleet.pubsub.timing import PubSubTiming
 from ua_fleet.topics import loop_verdict
@@ -50,20 +57,30 @@ def _wall_ticks() -> int:
 class _Shell:
     """What the event loop calls: one method for each cause of work."""
 
-    def __init__(self, config: FleetConfig, bridge_name: str, driver: Driver, transport: Transport, rule: Rule) -> None:
+    def __init__(
+        self,
+        config: FleetConfig,
+        bridge_name: str,
+        driver: Driver,
+        transport: Transport,
+        state_dir: Path,
+        rule: Rule,
+    ) -> None:
         self._loop = asyncio.get_running_loop()
         self._name, self._bridge = bridge_name, config.bridges[bridge_name]
         self._driver, self._transport = driver, transport
         self._status_topic = status_topic(config, self._bridge)
         self.counters = Counters()
         timing, codec, space = timing_of(config.pubsub), Codec(), self._bridge.space
-        self._subscriber = Subscriber(space, timing, self.counters, codec, rule)
+        self.envelope = envelope_of(config, space, self.counters, state_dir)
+        self.keys = KeysKept()
+        self._subscriber = Subscriber(space, timing, self.counters, codec, rule, envelope=self.envelope)
         self._core = BridgeCore(
             space,
             Publisher(space, timing, self.counters, codec),
             self._subscriber,
             self.counters,
-            send=transport.send,
+            send=self._send,
             publish=driver.publish,
             rule=rule,
         )
@@ -73,6 +90,14 @@ class _Shell:
         self._connected: bool | None = None
         self._told: set[tuple[Drop, str]] = set()
         self._log: Any = structlog.get_logger(bridge=bridge_name, space=space)
+        for weakness in weaknesses(config):
+            self._log.warning(weakness)
+
+    async def wait_for_own_key(self) -> None:
+        """Wait until there is something to publish with."""
+        group_id = telemetry_group(self._bridge.space)
+        self._log.info("waiting for keys", group=group_id)
+        await self.keys.wait_for([group_id])
 
     def begin(self) -> None:
         """Begin to work; the driver and the transport have started."""
@@ -94,6 +119,10 @@ class _Shell:
         """Take a datagram from the transport."""
         self._core.from_pubsub(datagram, now=self._loop.time())
         self._arm()
+
+    def _send(self, datagram: bytes) -> None:
+        for sealed in self.envelope.seal(datagram, self._loop.time()):
+            self._transport.send(sealed)
 
     def _from_space(self, event: DriverEvent) -> None:
         self._core.from_space(event, now=self._loop.time(), wall_ticks=_wall_ticks())
@@ -132,6 +161,8 @@ class _Shell:
     def _report(self, now: float) -> None:
         """Log a change of the connection and what is malformed, and publish the bridge's status."""
         status = self._driver.status()
+        if problem := self.envelope.problem or self.keys.problem():
+            status = replace(status, detail=f"{status.detail}; {problem}")
         if status.connected is not self._connected:
             if status.connected:
                 self._log.info("connected to the space", detail=status.detail)
@@ -139,9 +170,7 @@ class _Shell:
                 self._log.warning("not connected to the space", detail=status.detail)
             self._connected = status.connected
         for complaint in self._subscriber.complaints(now):
-            self._log.warning(
-                "malformed datagrams", cause=complaint.cause, count=complaint.count, detail=complaint.detail
-            )
+            self._log.warning(complaint.what, cause=complaint.cause, count=complaint.count, detail=complaint.detail)
         stats = self._transport.stats
         self.counters.drops[Drop.KERNEL] = stats.kernel_drops
         self.counters.drops[Drop.SEND_FAILED] = stats.send_failed
@@ -156,6 +185,8 @@ async def run_bridge(
     driver: Driver,
     transport: Transport,
     *,
+    state_dir: Path,
+    keys: KeySource | None = None,
     ready: Callable[[], None] | None = None,
     rule: Rule = loop_verdict,
 ) -> None:
@@ -166,21 +197,33 @@ async def run_bridge(
         bridge_name: which of its bridges this is.
         driver: the bridge's driver, not started.
         transport: the PubSub side, not started.
+        state_dir: where the bridge remembers what must survive a restart; used only with message security.
+        keys: where the keys of message security come from; not needed where it is `none`.
         ready: called once both sides work.
         rule: the loop rule; only a test puts another one in its place.
 
     Raises:
+        ConfigError: there is no source of keys, or what stands in `state_dir` cannot be used.
         BridgeUnavailable: a library that the driver needs is missing.
         TransportError: the PubSub side cannot be opened; with the remedy.
     """
+    check_keys(config, keys)
     async with AsyncExitStack() as cleanup:
-        shell = _Shell(config, bridge_name, driver, transport, rule)
+        shell = _Shell(config, bridge_name, driver, transport, state_dir, rule)
         cleanup.push_async_callback(transport.close)
         cleanup.push_async_callback(driver.stop)
         cleanup.callback(shell.end)
-        await driver.start(shell.inlet)
-        await transport.start(shell.receive)
-        shell.begin()
-        if ready is not None:
-            ready()
-        await asyncio.get_running_loop().create_future()
+        try:
+            async with asyncio.TaskGroup() as tasks:
+                if keys is not None:
+                    count = config.pubsub.keys.future_keys + 1
+                    tasks.create_task(keep_keys(shell.envelope, keys, shell.keys, count=count))
+                    await shell.wait_for_own_key()
+                await driver.start(shell.inlet)
+                await transport.start(shell.receive)
+                shell.begin()
+                if ready is not None:
+                    ready()
+                await asyncio.get_running_loop().create_future()
+        except ExceptionGroup as failed:
+            raise failed.exceptions[0] from None

@@ -7,6 +7,7 @@ from typing import Annotated
 import typer
 
 from ua_fleet.cli.endings import NotFound
+from ua_fleet.cli.key_source import key_source_of
 from ua_fleet.cli.logs import set_up_logging
 from ua_fleet.cli.options import DEFAULT_CONFIG, Config, Json, WithoutLoopRule, load_config
 from ua_fleet.cli.output import message, print_json, print_line
@@ -42,6 +43,8 @@ def bridge(
     transport = UdpTransport(
         pubsub.url, pubsub.interface, ttl=pubsub.ttl, receive_buffer_bytes=pubsub.receive_buffer_bytes
     )
+    state_dir = config.resolve().parent / fleet.state_dir_of(name)
+    source = key_source_of(fleet, name, config.resolve().parent, state_dir)
     driver = load_driver(fleet, name)
 
     def ready() -> None:
@@ -50,5 +53,18 @@ def bridge(
         else:
             print_line(f"ready: bridge {name}")
 
+    async def bridged() -> None:
+        async with source as keys:
+            await run_bridge(
+                fleet,
+                name,
+                driver,
+                transport,
+                state_dir=state_dir,
+                keys=keys,
+                ready=ready,
+                rule=rule_for(without_loop_rule),
+            )
+
     message(f"bridge {name} ({fleet.bridges[name].kind}, space {fleet.bridges[name].space}); end it with Ctrl-C")
-    run(run_bridge(fleet, name, driver, transport, ready=ready, rule=rule_for(without_loop_rule)))
+    run(bridged())

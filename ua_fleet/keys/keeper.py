@@ -63,13 +63,11 @@ class KeysKept:
         """Groups whose keys were fetched at least once."""
         self._news = asyncio.Event()
 
-    def say(self) -> str:
-        """One line for a status."""
+    def problem(self) -> str:
+        """One line for a status; empty where there is nothing to say."""
         if self.source_problem:
             return f"the source of keys is away: {self.source_problem}"
-        if self.refused:
-            return "; ".join(self.refused[group_id] for group_id in sorted(self.refused)[:3])
-        return "keys are current"
+        return "; ".join(self.refused[group_id] for group_id in sorted(self.refused)[:3])
 
     def arrived(self, group_id: str) -> None:
         """Keys of a group were fetched."""

@@ -9,16 +9,19 @@ from pathlib import Path
 
 from ua_fleet.config.nodes import fleet_model
 from ua_fleet.config.schema import FleetConfig, PubSubConfig, PubSubSecurity
+from ua_fleet.config.security import file_keys_of
+from ua_fleet.keys.source import KeySource
 from ua_fleet.pubsub.subscriber import LoopRule
 from ua_fleet.server.address_space import FleetNodes
 from ua_fleet.server.hardened import create_server
 from ua_fleet.server.hub import Hub, wall_ticks
+from ua_fleet.server.key_service.local import LocalKeySource
 from ua_fleet.server.key_service.nodes import KeyServiceNodes
 from ua_fleet.server.key_service.service import KeyService
 from ua_fleet.server.nodeset import load_types
 from ua_fleet.server.projection import Projection
 from ua_fleet.server.writes import ClientWrites
-from ua_fleet.topics import loop_verdict
+from ua_fleet.topics import SERVER_SPACE, loop_verdict
 from ua_fleet.transport.base import Transport
 from ua_fleet.transport.udp import UdpTransport
 
@@ -48,7 +51,7 @@ async def run_server(
         rule: the loop rule.
 
     Raises:
-        ConfigError: a data source has no id.
+        ConfigError: a data source has no id, or the key files cannot be used.
         ServerStartError: the port is in use, or something that the server needs is missing.
         TransportError: PubSub has no route, no permission or no such interface.
     """
@@ -65,10 +68,22 @@ async def run_server(
         await load_types(server, config.fleet.namespace_uri, config.fleet.namespace_index)
         nodes = FleetNodes(server.iserver.aspace, model)
         nodes.build()
-        service = KeyService(config, state_dir) if has_key_service else None
-        if service is not None:
+        keys: KeySource | None = None
+        if has_key_service:
+            service = KeyService(config, state_dir)
             await KeyServiceNodes(server, service, model.ns).build()
-        hub = Hub(config, model, transport or _udp(config.pubsub), Projection(nodes), rule=rule)
+            keys = LocalKeySource(service)
+        elif config.pubsub.security is not PubSubSecurity.NONE:
+            keys = file_keys_of(config, SERVER_SPACE, config_dir)
+        hub = Hub(
+            config,
+            model,
+            transport or _udp(config.pubsub),
+            Projection(nodes),
+            state_dir=state_dir,
+            keys=keys,
+            rule=rule,
+        )
         server.gate = ClientWrites(hub.commands, nodes, hub.publish, hub.flush_soon, wall_ticks)
         try:
             await hub.start()

@@ -9,10 +9,12 @@ from __future__ import annotations
 import asyncio
 import time
 from collections.abc import Iterable
+from pathlib import Path
 
 import structlog
 
 from ua_fleet.config.schema import FleetConfig
+from ua_fleet.config.security import check_keys, envelope_of, weaknesses
 from ua_fleet.counters import Counters, Drop
 from ua_fleet.errors import LocalWireError
 from ua_fleet.fleet.changes import Change, Noticed, SourceRemoved, ValueChanged
@@ -20,8 +22,11 @@ from ua_fleet.fleet.coalesce import Coalescer
 from ua_fleet.fleet.commands import Commands, Publication
 from ua_fleet.fleet.model import FleetModel
 from ua_fleet.fleet.state import FleetState
+from ua_fleet.keys.keeper import KeysKept, keep_keys
+from ua_fleet.keys.source import KeySource
 from ua_fleet.pubsub.events import ProbeReceived, SourceUnknown, SubscriberEvent
 from ua_fleet.pubsub.publisher import Publisher
+from ua_fleet.pubsub.security.groups import telemetry_group
 from ua_fleet.pubsub.subscriber import LoopRule, Subscriber
 from ua_fleet.pubsub.timing import PubSubTiming
 from ua_fleet.server.projection import Projection
@@ -58,6 +63,8 @@ class Hub:
         transport: Transport,
         projection: Projection,
         *,
+        state_dir: Path,
+        keys: KeySource | None = None,
         rule: LoopRule = loop_verdict,
     ) -> None:
         """Make a hub.
@@ -67,8 +74,14 @@ class Hub:
             model: the nodes that are configured.
             transport: not started yet; `start` does.
             projection: onto the nodes of the model.
+            state_dir: where the server remembers which nonces it has used; touched only with message security.
+            keys: where the keys of message security come from; not needed where it is `none`.
             rule: the loop rule.
+
+        Raises:
+            ConfigError: there is no source of keys, or what stands in `state_dir` cannot be used.
         """
+        check_keys(config, keys)
         pubsub = config.pubsub
         timing = PubSubTiming(pubsub.keep_alive_s, pubsub.receive_timeout_s, pubsub.repeat_interval_s)
         codec = Codec()
@@ -76,7 +89,9 @@ class Hub:
         self.commands = Commands(model)
         self._transport = transport
         self._projection = projection
-        self._subscriber = Subscriber(SERVER_SPACE, timing, self.counters, codec, rule)
+        self._envelope = envelope_of(config, SERVER_SPACE, self.counters, state_dir)
+        self._keys, self._keys_kept, self._keys_ahead = keys, KeysKept(), pubsub.keys.future_keys
+        self._subscriber = Subscriber(SERVER_SPACE, timing, self.counters, codec, rule, envelope=self._envelope)
         self._publisher = Publisher(SERVER_SPACE, timing, self.counters, codec)
         self._state = FleetState(
             model,
@@ -91,6 +106,8 @@ class Hub:
         self._flush_is_due = False
         self._refused = 0
         """Publications that could not be encoded."""
+        for weakness in weaknesses(config):
+            _log.warning(weakness)
 
     async def start(self) -> None:
         """Open the transport; data reaches the nodes once `run` runs.
@@ -105,6 +122,10 @@ class Hub:
         async with asyncio.TaskGroup() as tasks:
             tasks.create_task(self._projection.run())
             tasks.create_task(self._keep_time())
+            if self._keys is not None:
+                count = self._keys_ahead + 1
+                tasks.create_task(keep_keys(self._envelope, self._keys, self._keys_kept, count=count))
+                await self._keys_kept.wait_for([telemetry_group(SERVER_SPACE)])
             await self._announce()
 
     async def close(self) -> None:
@@ -162,7 +183,7 @@ class Hub:
         for event in events:
             if isinstance(event, SourceUnknown):
                 if event.datagram:
-                    self._transport.send(event.datagram)
+                    self._send([event.datagram])
             elif isinstance(event, ProbeReceived):
                 self._send(self._publisher.answer(event.probe, now))
             else:
@@ -221,8 +242,10 @@ class Hub:
         self.counters.drops[Drop.SEND_FAILED] = stats.send_failed + self._refused
         self._take(self._state.tick(wall_ticks()), now)
         for complaint in self._subscriber.complaints(now):
-            _log.warning("malformed datagrams", cause=complaint.cause, count=complaint.count, detail=complaint.detail)
+            _log.warning(complaint.what, cause=complaint.cause, count=complaint.count, detail=complaint.detail)
 
     def _send(self, datagrams: Iterable[bytes]) -> None:
+        now = asyncio.get_running_loop().time()
         for datagram in datagrams:
-            self._transport.send(datagram)
+            for sealed in self._envelope.seal(datagram, now):
+                self._transport.send(sealed)

@@ -4,6 +4,7 @@ import asyncio
 import threading
 from collections.abc import AsyncGenerator, Callable
 from contextlib import asynccontextmanager
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -36,6 +37,8 @@ from ua_fleet.wire.messages import DataSetMessage, DataSetMetaData
 
 DATA = (make_field("data", BuiltinType.DOUBLE, properties={"RosType": "std_msgs/Float64"}),)
 STATUS = Topic(2, 2, 900)
+NOWHERE = Path("/nowhere")
+"""Without message security a bridge needs no folder."""
 CONFIG = FleetConfig(
     version=1,
     pubsub=PubSubConfig(security=PubSubSecurity.NONE),
@@ -125,7 +128,9 @@ class Reader:
 async def running(robot: Robot, line: Line, rule: Rule = loop_verdict) -> AsyncGenerator[None]:
     ready = asyncio.Event()
     async with asyncio.TaskGroup() as group:
-        task = group.create_task(run_bridge(CONFIG, "robot", robot, line, ready=ready.set, rule=rule))
+        task = group.create_task(
+            run_bridge(CONFIG, "robot", robot, line, state_dir=NOWHERE, ready=ready.set, rule=rule)
+        )
         await ready.wait()
         await turns()
         yield
@@ -195,6 +200,7 @@ async def test_connection_is_logged_once_each_way(monkeypatch: pytest.MonkeyPatc
                 line.sent.clear()
                 robot.state = DriverStatus(connected, "now")
                 await until(lambda: len(line.sent) > 5)
+    logs = [entry for entry in logs if "connected" in entry["event"]]
     events = [entry["event"] for entry in logs]
     assert events == ["not connected to the space", "connected to the space", "not connected to the space"]
     assert logs[0]["detail"].startswith("no master")
@@ -227,7 +233,7 @@ async def test_timers_repeat_messages_and_keep_sources_alive() -> None:
     messages: list[DataSetMessage] = []
     ready = asyncio.Event()
     async with asyncio.TaskGroup() as group:
-        task = group.create_task(run_bridge(config, "robot", robot, line, ready=ready.set))
+        task = group.create_task(run_bridge(config, "robot", robot, line, state_dir=NOWHERE, ready=ready.set))
         await ready.wait()
         robot.put(SampleRead(Topic(2, 2, 1), (1.5,), 10**18))
         codec = Codec()
@@ -265,5 +271,5 @@ async def test_with_the_rule_off_the_status_shows_looped_deliveries(monkeypatch:
 )
 async def test_failed_start_releases_everything(robot: Robot, line: Line, error: type[Exception]) -> None:
     with pytest.raises(error):
-        await run_bridge(CONFIG, "robot", robot, line)
+        await run_bridge(CONFIG, "robot", robot, line, state_dir=NOWHERE)
     assert (robot.stopped, line.closed) == (1, 1)

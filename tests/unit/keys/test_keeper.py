@@ -92,7 +92,7 @@ async def test_what_is_wanted_is_fetched_once() -> None:
     assert world.asked == [(0.0, "t-0"), (0.0, "t-2")]
     assert world.installed == [(0.0, "t-0", 1), (0.0, "t-2", 1)]
     assert world.kept.groups == {"t-0", "t-2"}
-    assert world.kept.say() == "keys are current"
+    assert world.kept.problem() == ""
 
 
 async def test_what_is_wanted_later_is_fetched_within_a_period() -> None:
@@ -139,11 +139,11 @@ async def test_while_the_source_is_away_the_status_says_so() -> None:
     world = World("t-2")
     world.gives = {"t-2": KeySourceUnavailable("no route")}
     await world.run(5)
-    assert world.kept.say() == "the source of keys is away: no route"
+    assert world.kept.problem() == "the source of keys is away: no route"
     assert world.kept.groups == set()
     world.gives.clear()
     await world.run(10)
-    assert world.kept.say() == "keys are current"
+    assert world.kept.problem() == ""
 
 
 async def test_a_refused_group_disturbs_no_other_and_is_told_once() -> None:
@@ -183,7 +183,7 @@ async def test_many_groups_that_somebody_made_up_do_not_fill_the_log() -> None:
         await world.run(5)
     assert len(log) == 64
     assert world.kept.refused.keys() == {"t-1"}
-    assert world.kept.say() == "no keys of t-1: no file"
+    assert world.kept.problem() == "no keys of t-1: no file"
 
 
 async def test_no_log_line_has_a_key() -> None:

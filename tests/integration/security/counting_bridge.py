@@ -1,0 +1,99 @@
+"""A bridge as a process of its own whose space is this process: `counting_bridge.py FLEET_JSON BRIDGE [PERIOD_S]`.
+
+Its source says 0, 1, 2, ... and goes on, after a restart, where the time has brought it; each value that other spaces
+say is printed as `heard <topic> <value>`. Keys come from the key files that the fleet names. Prints `ready`; ends at
+SIGTERM.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import logging
+import signal
+import sys
+import time
+from pathlib import Path
+
+import structlog
+
+from ua_fleet.bridge import DriverStatus, Inlet, SampleRead, SourceFound, run_bridge
+from ua_fleet.config.schema import FleetConfig
+from ua_fleet.errors import UaFleetError
+from ua_fleet.keys.files import FileKeySource
+from ua_fleet.pubsub.metadata import make_field
+from ua_fleet.topics import Topic
+from ua_fleet.transport.udp import UdpTransport
+from ua_fleet.values import BuiltinType
+from ua_fleet.wire.messages import DataSetMessage, DataSetMetaData
+from ua_fleet.wire.security import SecurityPolicy
+
+FIELDS = (make_field("data", BuiltinType.INT64, properties={"RosType": "std_msgs/Int64"}),)
+FIRST_SPACE = 300
+"""The source of this space has the id 1, that of the next one 2, and so on."""
+
+
+class CountingDriver:
+    """A space with one source."""
+
+    def __init__(self, space: int, period_s: float) -> None:
+        self._topic, self._period_s = Topic(space, 2, space - FIRST_SPACE + 1), period_s
+        self._counting: asyncio.Task[None] | None = None
+
+    async def start(self, inlet: Inlet) -> None:
+        inlet.put(SourceFound(self._topic, "counter", FIELDS))
+        self._counting = asyncio.ensure_future(self._count(inlet))
+
+    async def _count(self, inlet: Inlet) -> None:
+        number = round(time.time() / self._period_s)
+        while True:
+            inlet.put(SampleRead(self._topic, (number,), time.time_ns()))
+            number += 1
+            await asyncio.sleep(number * self._period_s - time.time())
+
+    def publish(self, topic: Topic, metadata: DataSetMetaData, message: DataSetMessage) -> bool:
+        del metadata
+        print(f"heard {topic.name} {message.values[0]}", flush=True)
+        return True
+
+    def status(self) -> DriverStatus:
+        return DriverStatus(True, "counting")
+
+    async def stop(self) -> None:
+        if self._counting is not None:
+            self._counting.cancel()
+            await asyncio.wait([self._counting])
+            self._counting = None
+
+
+async def main(path: Path, name: str, period_s: float) -> int:
+    config = FleetConfig.model_validate(json.loads(path.read_text()))
+    pubsub = config.pubsub
+    transport = UdpTransport(
+        pubsub.url, pubsub.interface, ttl=pubsub.ttl, receive_buffer_bytes=pubsub.receive_buffer_bytes
+    )
+    running = asyncio.ensure_future(
+        run_bridge(
+            config,
+            name,
+            CountingDriver(config.bridges[name].space, period_s),
+            transport,
+            state_dir=path.parent / config.state_dir_of(name),
+            keys=FileKeySource(path.parent / pubsub.keys.folder, SecurityPolicy.named(pubsub.keys.policy)),
+            ready=lambda: print("ready", flush=True),
+        )
+    )
+    asyncio.get_running_loop().add_signal_handler(signal.SIGTERM, running.cancel)
+    try:
+        await running
+    except asyncio.CancelledError:
+        print("stopped", flush=True)
+        return 0
+    except UaFleetError as error:
+        print(f"failed: {error}", flush=True)
+    return 1
+
+
+logging.basicConfig(stream=sys.stderr, level=logging.INFO)
+structlog.configure(logger_factory=structlog.PrintLoggerFactory(sys.stderr))
+sys.exit(asyncio.run(main(Path(sys.argv[1]), sys.argv[2], float((*sys.argv, "0.01")[3]))))

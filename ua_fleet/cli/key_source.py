@@ -1,0 +1,45 @@
+"""Where a bridge's keys come from, as `fleet.yaml` says."""
+
+from __future__ import annotations
+
+from contextlib import AbstractAsyncContextManager, nullcontext
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from ua_fleet.cli.endings import extra_needed
+from ua_fleet.config.schema import FleetConfig, PubSubSecurity
+from ua_fleet.config.security import file_keys_of
+
+if TYPE_CHECKING:
+    from ua_fleet.keys.source import KeySource
+
+__all__ = ["key_source_of", "service_endpoint"]
+
+_ANY_ADDRESS = ("0.0.0.0", "::")  # noqa: S104 - not bound here, but asked for
+
+
+def service_endpoint(config: FleetConfig) -> str:
+    """URL of the key service."""
+    server = config.server
+    host = "127.0.0.1" if server.host in _ANY_ADDRESS else server.host
+    return config.pubsub.keys.endpoint or f"opc.tcp://{host}:{server.port}/{server.path}"
+
+
+def key_source_of(
+    config: FleetConfig, bridge_name: str, config_dir: Path, state_dir: Path
+) -> AbstractAsyncContextManager[KeySource | None]:
+    """The source of a bridge's keys, to be open while the bridge runs; of None without message security.
+
+    Raises:
+        ConfigError: the bridge cannot begin with its key files.
+        BridgeUnavailable: keys come from the service, and its client is not installed.
+    """
+    if config.pubsub.security is PubSubSecurity.NONE:
+        return nullcontext()
+    if config.pubsub.keys.source == "files":
+        return nullcontext(file_keys_of(config, config.bridges[bridge_name].space, config_dir))
+    with extra_needed("the key service", "client"):
+        from ua_fleet.client.identity import ClientIdentity
+        from ua_fleet.client.key_source import ServiceKeySource
+    identity = ClientIdentity.of_bridge(state_dir, config.fleet.name, bridge_name)
+    return ServiceKeySource(service_endpoint(config), identity, bridge_name)

@@ -2,15 +2,27 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from typing import Final
 
 from ua_fleet.values import BuiltinType, status_name
 from ua_fleet.wire import data_set_message as d
+from ua_fleet.wire.announcements import (
+    ANNOUNCEMENT_NAMES,
+    APPLICATION,
+    BODIES,
+    CAPABILITIES,
+    DESCRIPTION,
+    HEAD,
+    STATUS,
+)
+from ua_fleet.wire.configuration import APPLICATION_DESCRIPTION
 from ua_fleet.wire.cursor import Cursor
-from ua_fleet.wire.discovery import KINDS_WITH_WRITER_IDS, META_DATA
-from ua_fleet.wire.layouts import DATA_SET_META_DATA, walk_structure
+from ua_fleet.wire.discovery import FIND_APPLICATIONS_PROBE, INFORMATION_PROBE
+from ua_fleet.wire.layouts import walk_fields, walk_shape
 from ua_fleet.wire.messages import FieldEncoding, FrameKind, ProbeKind
 from ua_fleet.wire.spans import Flag, Walk
+from ua_fleet.wire.structure import BOOLEAN, STRING, UINT16, Shape, array
 
 __all__ = ["walk_action_header", "walk_announcement", "walk_data_set_messages", "walk_probe"]
 
@@ -35,23 +47,26 @@ FLAGS_2: Final[tuple[Flag, ...]] = (
     (d.HAS_PICOSECONDS, "PicoSeconds"),
     (d.RESERVED_FLAGS_2, "reserved bits"),
 )
-PROBE_TYPES: Final = {1: "Publisher information", 2: "FindApplications"}
-INFORMATION_TYPES: Final = {
+PROBE_TYPES: Final = {INFORMATION_PROBE: "Publisher information", FIND_APPLICATIONS_PROBE: "FindApplications"}
+INFORMATION_TYPES: Final[dict[int, str]] = {
     ProbeKind.ENDPOINTS: "endpoints of the Publisher's server",
     ProbeKind.DATA_SET_META_DATA: "DataSetMetaData",
     ProbeKind.DATA_SET_WRITER_CONFIGURATION: "DataSetWriter configuration",
     ProbeKind.WRITER_GROUP_CONFIGURATION: "WriterGroup configuration",
     ProbeKind.PUBSUB_CONNECTIONS: "PubSubConnections",
 }
-ANNOUNCEMENT_TYPES: Final = {
-    1: "endpoints of the Publisher's server",
-    2: "DataSetMetaData",
-    3: "DataSetWriter configuration",
-    4: "PubSubConnection",
-    5: "application information",
-    6: "ActionResponder",
-    7: "ActionMetaData",
+APPLICATION_TYPES: Final = {DESCRIPTION: "application description", STATUS: "status"}
+
+PROBE_FIELDS: Final[dict[int, tuple[tuple[str, ...], tuple[Shape, ...]]]] = {
+    ProbeKind.DATA_SET_META_DATA: (("data_set_writer_ids",), (array(UINT16),)),
+    ProbeKind.DATA_SET_WRITER_CONFIGURATION: (("data_set_writer_ids",), (array(UINT16),)),
+    ProbeKind.WRITER_GROUP_CONFIGURATION: (("writer_group_id", "include_data_set_writers"), (UINT16, BOOLEAN)),
+    ProbeKind.PUBSUB_CONNECTIONS: (
+        ("transport_profile_uris", "include_writer_groups", "include_data_set_writers"),
+        (array(STRING), BOOLEAN, BOOLEAN),
+    ),
 }
+"""What follows the InformationType (tables 179 to 182)."""
 
 
 def walk_data_set_messages(walk: Walk, count: int) -> None:
@@ -127,24 +142,48 @@ def walk_action_header(walk: Walk) -> None:
 def walk_probe(walk: Walk) -> None:
     """A discovery probe (7.2.4.6.12)."""
     walk.section = "Discovery probe"
-    walk.read("ProbeType", Cursor.byte, lambda kind: PROBE_TYPES.get(kind, f"reserved type {kind}"))
-    kind = walk.read("InformationType", Cursor.byte, lambda kind: INFORMATION_TYPES.get(kind, f"reserved type {kind}"))
-    if kind in KINDS_WITH_WRITER_IDS:
-        for index in range(walk.length("DataSetWriterIds.ArrayLength", 2, "ids; none: all") or 0):
-            walk.number(f"DataSetWriterIds[{index}]", BuiltinType.UINT16)
-        walk.padding()
+    if walk.read("ProbeType", Cursor.byte, _named(PROBE_TYPES)) != INFORMATION_PROBE:
+        walk.rest("NotRead")
+        return
+    kind = walk.read("InformationType", Cursor.byte, _named(INFORMATION_TYPES))
+    fields = PROBE_FIELDS.get(kind)
+    if fields is None:
+        walk.rest("NotRead")
+        return
+    walk_fields(walk, *fields)
+    walk.padding()
 
 
 def walk_announcement(walk: Walk) -> None:
     """A discovery announcement (7.2.4.6.2)."""
     walk.section = "Discovery announcement"
-    kind = walk.read(
-        "AnnouncementType", Cursor.byte, lambda kind: ANNOUNCEMENT_TYPES.get(kind, f"reserved type {kind}")
-    )
+    kind = walk.read("AnnouncementType", Cursor.byte, _named(ANNOUNCEMENT_NAMES))
     walk.number("SequenceNumber", BuiltinType.UINT16)
-    if kind == META_DATA:
-        walk.number("DataSetWriterId", BuiltinType.UINT16)
-        walk_structure(walk, "MetaData", DATA_SET_META_DATA)
-        walk.number("StatusCode", BuiltinType.STATUS_CODE)
+    if kind == APPLICATION:
+        _walk_application(walk)
+    elif kind in BODIES:
+        make, shapes = BODIES[kind]
+        names: tuple[str, ...] = getattr(make, "_fields", ())
+        walk_fields(walk, names[HEAD:], shapes)
         walk.padding()
-    walk.rest("Body")
+
+
+def _walk_application(walk: Walk) -> None:
+    kind = walk.read("ApplicationInformationType", Cursor.uint16, _named(APPLICATION_TYPES))
+    if kind == DESCRIPTION:
+        walk_shape(walk, "ApplicationDescription", APPLICATION_DESCRIPTION)
+        walk_shape(walk, "CapabilityIdentifiers", CAPABILITIES)
+    elif kind == STATUS:
+        is_cyclic = walk.read("IsCyclic", BOOLEAN.decode)
+        walk.number("Status", BuiltinType.INT32)
+        if is_cyclic:
+            walk.number("NextReportTime", BuiltinType.DATETIME)
+            walk.number("Timestamp", BuiltinType.DATETIME)
+    else:
+        walk.rest("Body")
+        return
+    walk.padding()
+
+
+def _named(names: Mapping[int, str]) -> Callable[[int], str]:
+    return lambda number: names.get(number) or f"reserved type {number}"

@@ -1,14 +1,20 @@
-"""The layouts of the structures that discovery messages carry, as tables: names and types in their order."""
+"""Annotates the structures that discovery messages carry.
+
+Announcements are decoded by shapes (`structure.py`), which are walked through here. DataSetMetaData has a decoder of
+its own; its layout stands here as a table.
+"""
 
 from __future__ import annotations
 
 from typing import Final, NamedTuple
 
-from ua_fleet.values import BuiltinType
+from ua_fleet.values import BuiltinType, NodeId
+from ua_fleet.wire.cursor import Cursor
 from ua_fleet.wire.spans import Walk
+from ua_fleet.wire.structure import Choice, Elements, Record, Shape
 from ua_fleet.wire.variant import SMALLEST
 
-__all__ = ["DATA_SET_META_DATA", "Array", "Structure", "walk_structure"]
+__all__ = ["walk_fields", "walk_shape"]
 
 
 class Array(NamedTuple):
@@ -92,10 +98,53 @@ DATA_SET_META_DATA: Final[Structure] = (
 """DataSetMetaDataType (OPC 10000-14 6.2.3.2.3); the structures above are OPC 10000-5 12.30 to 12.34."""
 
 
-def walk_structure(walk: Walk, name: str, structure: Structure) -> None:
-    """Note every part of a structure."""
-    for part, kind in structure:
-        _walk_part(walk, f"{name}.{part}" if name else part, kind)
+NAMES: Final = {
+    "metadata": "DataSetMetaData",
+    "status": "StatusCode",
+    "statuses": "StatusCodes",
+    "publishing_interval_ms": "PublishingInterval",
+    "keep_alive_time_ms": "KeepAliveTime",
+    "message_receive_timeout_ms": "MessageReceiveTimeout",
+    "url": "Url",
+}
+"""Names of the specification that are not ours in PascalCase."""
+
+EXTENSION_ENCODINGS: Final = {0: "no body", 1: "a ByteString", 2: "an XmlElement"}
+
+
+def walk_fields(walk: Walk, names: tuple[str, ...], shapes: tuple[Shape, ...], before: str = "") -> None:
+    """Note the fields of a structure, by our names for them."""
+    for name, shape in zip(names, shapes, strict=True):
+        called = NAMES.get(name) or "".join(word.capitalize() for word in name.split("_"))
+        walk_shape(walk, f"{before}{called}", shape)
+
+
+def walk_shape(walk: Walk, name: str, shape: Shape) -> None:
+    """Note every part of what a shape decodes."""
+    form = shape.form
+    if isinstance(form, Record):
+        walk_fields(walk, form.names, form.fields, f"{name}.")
+    elif isinstance(form, Elements):
+        for index in range(walk.length(f"{name}.ArrayLength", form.of.smallest, "elements") or 0):
+            walk_shape(walk, f"{name}[{index}]", form.of)
+    elif isinstance(form, Choice):
+        _walk_extension_object(walk, name, form)
+    elif form is None:  # the one that has no shape
+        _walk_part(walk, name, DATA_SET_META_DATA)
+    else:
+        walk.value(name, form)
+
+
+def _walk_extension_object(walk: Walk, name: str, choice: Choice) -> None:
+    type_id: NodeId = walk.value(f"{name}.TypeId", BuiltinType.NODE_ID)
+    encoding = walk.read(f"{name}.Encoding", Cursor.byte, lambda kind: EXTENSION_ENCODINGS.get(kind, "reserved"))
+    known = (
+        choice.known.get(type_id.identifier) if type_id.namespace == 0 and isinstance(type_id.identifier, int) else None
+    )
+    if encoding == 1 and known is not None:
+        walk_shape(walk.part(walk.length(f"{name}.Length", 1, "bytes") or 0), name, known[1])
+    elif encoding:
+        walk.value(f"{name}.Body", BuiltinType.BYTE_STRING if encoding == 1 else BuiltinType.XML_ELEMENT)
 
 
 def _walk_part(walk: Walk, name: str, kind: Kind) -> None:
@@ -105,7 +154,8 @@ def _walk_part(walk: Walk, name: str, kind: Kind) -> None:
     elif isinstance(kind, BuiltinType):
         walk.value(name, kind)
     else:
-        walk_structure(walk, name, kind)
+        for part, part_kind in kind:
+            _walk_part(walk, f"{name}.{part}", part_kind)
 
 
 def smallest(kind: Kind) -> int:

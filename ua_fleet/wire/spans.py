@@ -207,8 +207,11 @@ class Walk:
         )
         return count
 
-    def value(self, name: str, kind: int) -> None:
-        """A scalar of a built-in type; strings with their length, DataValues and Variants part by part."""
+    def value(self, name: str, kind: int) -> Any:
+        """A scalar of a built-in type; strings with their length, DataValues and Variants part by part.
+
+        Returns the value of what has no parts.
+        """
         if kind == BuiltinType.DATA_VALUE:
             self.data_value(name)
         elif kind == BuiltinType.VARIANT:
@@ -216,7 +219,8 @@ class Walk:
         elif kind in COUNTED or kind > LAST_ASSIGNED:
             self._counted(name, kind)
         else:
-            self.read(name, DECODERS[kind], lambda value: value_text(kind, value))
+            return self.read(name, DECODERS[kind], lambda value: value_text(kind, value))
+        return None
 
     def _counted(self, name: str, kind: int) -> None:
         start = self.cursor.position

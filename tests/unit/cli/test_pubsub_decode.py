@@ -9,8 +9,10 @@ import pytest
 
 from tests.unit.cli.conftest import Invoke
 from tests.unit.wire.corpus import EVERY_TYPE, FULL_METADATA, VECTORS, valid_messages
+from tests.unit.wire.discovery_samples import ANNOUNCEMENTS
 from ua_fleet.values import Variant
 from ua_fleet.wire import Codec, encode_metadata_announcement
+from ua_fleet.wire.announcements import TYPES, encode_announcement
 from ua_fleet.wire.chunks import split
 from ua_fleet.wire.messages import DataSetMessage, FrameKind, MetaDataAnnouncement, NetworkMessage, PublisherIdType
 
@@ -260,10 +262,36 @@ def test_probes_and_announcements(invoke: Invoke) -> None:
     announced = encode_metadata_announcement(MetaDataAnnouncement(2, PublisherIdType.UINT16, 7, 1001, FULL_METADATA))
     probe = "91910407000000000000000102010000000100"
     shown = objects(invoke("pubsub", "decode", "--json", probe, announced.hex()).stdout)
-    assert shown[0]["probe"] == {"information_type": 2, "asks_for": "DataSetMetaData", "data_set_writer_ids": [1]}
+    assert shown[0]["probe"].items() >= {"information_type": 2, "asks_for": "DataSetMetaData"}.items()
+    assert shown[0]["probe"]["data_set_writer_ids"] == [1]
     announcement = shown[1]["announcement"]
     assert (announcement["announcement_type"], announcement["sequence_number"]) == (2, 7)
     assert [field["name"] for field in announcement["metadata"]["fields"]] == ["linear.x", "name"]
+
+
+@pytest.mark.parametrize("name", ANNOUNCEMENTS)
+def test_announcements_of_every_kind(name: str, invoke: Invoke) -> None:
+    datagram = encode_announcement(ANNOUNCEMENTS[name])
+    ended = invoke("pubsub", "decode", "--json", datagram.hex())
+    assert (ended.code, ended.stderr) == (0, "")
+    announcement = objects(ended.stdout)[0]["announcement"]
+    assert announcement["announcement_type"] == TYPES.get(type(ANNOUNCEMENTS[name]), 5)
+    assert announcement["sequence_number"] == ANNOUNCEMENTS[name].sequence_number
+    assert len(announcement) > 3
+
+
+def test_parts_of_announcements(invoke: Invoke) -> None:
+    def of(name: str) -> Any:
+        return objects(invoke("pubsub", "decode", "--json", encode_announcement(ANNOUNCEMENTS[name]).hex()).stdout)[0][
+            "announcement"
+        ]
+
+    assert of("cyclic status")["next_report_time"] == "2024-01-17T21:20:00.0000001Z"
+    assert of("writers")["statuses"] == ["Good", "BadNotFound"]
+    assert of("writers")["writer_group"]["data_set_writers"][0]["data_set_writer_id"] == 1001
+    assert of("endpoints")["endpoints"][0]["server_certificate"] == "AQID"
+    assert of("actions")["targets"][0]["name"] == "gripper"
+    assert of("actions")["response"]["fields"][0]["name"] == "linear.x"
 
 
 def test_chunks_are_put_together(invoke: Invoke) -> None:

@@ -19,7 +19,6 @@ from ua_fleet.values import (
     Variant,
 )
 from ua_fleet.wire import Codec, encode_metadata_announcement, encode_probe
-from ua_fleet.wire.chunks import read_chunk, split
 from ua_fleet.wire.messages import (
     ConfigurationVersion,
     DataSetMessage,
@@ -33,7 +32,6 @@ from ua_fleet.wire.messages import (
     ProbeKind,
     PublisherIdType,
 )
-from ua_fleet.wire.security import MessageKey, SecurityMode, SecurityPolicy, payload_offset, read_security
 
 VECTORS = Path(__file__).parents[2] / "vectors"
 GUID = UUID("72962b91-fa75-4ae6-8d28-b404dc7daf63")
@@ -171,41 +169,6 @@ def valid_messages() -> list[bytes]:
         encode_probe(Probe(2, PublisherIdType.UINT16, ProbeKind.DATA_SET_META_DATA, (1, 2))),
         *recorded,
     ]
-
-
-KEYS = (
-    MessageKey(SecurityPolicy.AES128_CTR, bytes(range(52))),
-    MessageKey(SecurityPolicy.AES256_CTR, bytes(range(68))),
-)
-"""Those of the vectors."""
-
-
-def is_plain(datagram: bytes) -> bool:
-    """Whether a message is not secured, so that it can be."""
-    return read_security(datagram).mode is SecurityMode.NONE
-
-
-def chunked_messages() -> list[bytes]:
-    """Messages of every kind in chunks, first, middle and last ones."""
-    whole = [
-        message
-        for message in valid_messages()
-        if is_plain(message) and read_chunk(message) is None and len(read_security(message).writer_ids) <= 1
-    ]
-    chunks = [split(message, 80, number) for number, message in enumerate(whole) if len(message) > 80]
-    return [chunk for parts in chunks for chunk in (parts[0], *parts[1:-1][:1], parts[-1])]
-
-
-def secured_messages() -> list[bytes]:
-    """Messages and chunks of every kind, signed, and signed and encrypted, with both policies."""
-    secured: list[bytes] = []
-    for number, plain in enumerate([*valid_messages(), *chunked_messages()]):
-        if not is_plain(plain):
-            continue
-        offset, nonce = payload_offset(plain), struct.pack("<II", 5, number + 1)
-        for mode in (SecurityMode.SIGN, SecurityMode.SIGN_AND_ENCRYPT):
-            secured += [key.protect(plain, offset, 1, nonce, mode, force_key_reset=number % 7 == 0) for key in KEYS]
-    return secured
 
 
 LENGTHS = (-2, -1, 0, 1, 2, 3, 16, 255, 256, 65_535, 65_536, 0x7FFF_FFFF, -0x8000_0000)

@@ -2,27 +2,54 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from random import Random
 from typing import Any
 
 import pytest
 
-from tests.unit.wire.corpus import KEYS, chunked_messages, mutate, secured_messages, valid_messages
+from tests.unit.wire.corpus import mutate
+from tests.unit.wire.discovery_samples import ANNOUNCEMENTS
+from tests.unit.wire.everything import KEYS, PROBES, chunked_messages, plain_messages, secured_messages
 from tests.unit.wire.test_bad_messages import TABLE
 from ua_fleet.errors import RemoteWireError
-from ua_fleet.values import ARRAY, DIMENSIONS, BuiltinType, DataValue, Matrix, Variant
-from ua_fleet.wire import Codec
+from ua_fleet.values import (
+    ARRAY,
+    DIMENSIONS,
+    BuiltinType,
+    DataValue,
+    ExtensionObject,
+    LocalizedText,
+    Matrix,
+    NodeId,
+    QualifiedName,
+    Variant,
+)
+from ua_fleet.wire import Codec, encode_probe
 from ua_fleet.wire.annotate import annotate
+from ua_fleet.wire.announcements import encode_announcement
 from ua_fleet.wire.chunks import read_chunk
-from ua_fleet.wire.messages import DataSetMessage, FrameKind, NetworkMessage, Probe
+from ua_fleet.wire.messages import (
+    Announcement,
+    DataSetMessage,
+    DataSetMetaData,
+    FieldMetaData,
+    FrameKind,
+    NetworkMessage,
+    Probe,
+    ProbeKind,
+)
 from ua_fleet.wire.security import SIGNATURE_BYTES, MessageKey, SecuredDatagram, SecurityMode, read_security
 from ua_fleet.wire.spans import Span, printable, type_name
 
 Named = tuple[str, Any]
 NO_VALUES = ("NotRead", "RawData", "Padding", "Body")
-SELF_EXPLAINING = ("Flags", "EncodingMask", "Length", "Count", "Sizes", "Size", "SecurityTokenId", "ArrayDimensions")
-"""Names of what says how to read on: the decoder does not give it."""
+HOW_TO_READ_ON = re.compile(
+    r"(^|\.)(\w+Flags[12]?|EncodingMask|(Array)?Length|(Field)?Count|Sizes?(\[\d+\])?)$(?<!\.FieldFlags)"
+)
+"""What says how to read on: the decoder does not give it."""
+DIMENSIONS_OF_AN_ARRAY = re.compile(r"ArrayDimensions\[\d+\]$")
 
 
 def shown(spans: tuple[Span, ...]) -> list[Named]:
@@ -31,8 +58,10 @@ def shown(spans: tuple[Span, ...]) -> list[Named]:
         (span.name, span.value)
         for span in spans
         if span.name not in NO_VALUES
+        and not (span.name.endswith("].Status") and span.value == 0)  # of a DataValue: as good as none
         and span.section != "SecurityHeader"
-        and not any(word in span.name.rpartition(".")[2] for word in SELF_EXPLAINING)
+        and not HOW_TO_READ_ON.search(span.name)
+        and (span.section == "Discovery announcement" or not DIMENSIONS_OF_AN_ARRAY.search(span.name))
     ]
 
 
@@ -132,18 +161,57 @@ def of_message(message: NetworkMessage) -> Iterator[Named]:
 
 
 def of_probe(probe: Probe) -> Iterator[Named]:
-    yield "PublisherId", probe.publisher_id
+    if probe.kind == ProbeKind.FIND_APPLICATIONS:
+        yield "ProbeType", 2
+        return
     yield "ProbeType", 1
     yield "InformationType", probe.kind
-    for index, writer_id in enumerate(probe.data_set_writer_ids):
-        yield f"DataSetWriterIds[{index}]", writer_id
+    if probe.kind in (ProbeKind.DATA_SET_META_DATA, ProbeKind.DATA_SET_WRITER_CONFIGURATION):
+        for index, writer_id in enumerate(probe.data_set_writer_ids):
+            yield f"DataSetWriterIds[{index}]", writer_id
+    if probe.kind == ProbeKind.WRITER_GROUP_CONFIGURATION:
+        yield "WriterGroupId", probe.writer_group_id
+    if probe.kind == ProbeKind.PUBSUB_CONNECTIONS:
+        for index, uri in enumerate(probe.transport_profile_uris):
+            yield f"TransportProfileUris[{index}]", uri
+        yield "IncludeWriterGroups", probe.include_writer_groups
+    if probe.kind in (ProbeKind.PUBSUB_CONNECTIONS, ProbeKind.WRITER_GROUP_CONFIGURATION):
+        yield "IncludeDataSetWriters", probe.include_data_set_writers
+
+
+def in_wire_order(value: Any) -> tuple[Any, ...]:
+    """The parts of a structure as they stand in the bytes."""
+    if isinstance(value, DataSetMetaData):
+        version = value.configuration_version
+        return value.namespaces, value.name, value.description, value.fields, value.data_set_class_id, version
+    if isinstance(value, FieldMetaData):
+        data_type = NodeId(0, value.builtin_type) if value.data_type is None else value.data_type
+        return (
+            *(value.name, value.description, value.field_flags, value.builtin_type, data_type, value.value_rank),
+            *(value.array_dimensions, value.max_string_length, value.data_set_field_id),
+            tuple((key, Variant(code, part)) for key, code, part in value.properties),
+        )
+    return tuple(value)
+
+
+def values_of(value: Any) -> Iterator[Any]:
+    """The single values of an announcement; empty Strings, null and counts are not told apart here."""
+    if isinstance(value, Variant):
+        yield from [part for _, part in of_value("", *value)]
+    elif isinstance(value, ExtensionObject):
+        yield from values_of(value.body)
+    elif isinstance(value, tuple) and not isinstance(value, NodeId | QualifiedName | LocalizedText):
+        for part in in_wire_order(value):
+            yield from values_of(part)
+    elif value not in (None, "", b""):
+        yield value
 
 
 def told(decoded: object) -> list[Named] | None:
     """What the annotation has to show of a decoded message."""
     if isinstance(decoded, NetworkMessage):
         return list(of_message(decoded))
-    return list(of_probe(decoded)) if isinstance(decoded, Probe) else None
+    return None
 
 
 def refused(datagram: bytes) -> RemoteWireError | None:
@@ -154,7 +222,7 @@ def refused(datagram: bytes) -> RemoteWireError | None:
     return None
 
 
-@pytest.mark.parametrize("datagram", [pytest.param(data, id=str(at)) for at, data in enumerate(valid_messages())])
+@pytest.mark.parametrize("datagram", [pytest.param(data, id=str(at)) for at, data in enumerate(plain_messages())])
 def test_every_byte_once_and_the_values_of_the_decoder(datagram: bytes) -> None:
     error = refused(datagram)
     spans = annotate(datagram, error=None if error and error.cause == "secured" else error)
@@ -162,6 +230,36 @@ def test_every_byte_once_and_the_values_of_the_decoder(datagram: bytes) -> None:
     if error is None:
         expected = told(Codec().decode(datagram))
         assert expected is None or shown(spans) == expected
+
+
+def shown_behind(spans: tuple[Span, ...], section: str) -> list[Named]:
+    return [(name, value) for name, value in shown(tuple(span for span in spans if span.section == section))]
+
+
+@pytest.mark.parametrize("probe", PROBES, ids=lambda probe: ProbeKind(probe.kind).name)
+def test_probes(probe: Probe) -> None:
+    datagram = encode_probe(probe)
+    spans = annotate(datagram)
+    assert covers(spans, datagram)
+    assert shown_behind(spans, "Discovery probe") == list(of_probe(probe))
+    assert not any(span.name == "NotRead" for span in spans)
+
+
+@pytest.mark.parametrize("name", ANNOUNCEMENTS)
+def test_announcements(name: str) -> None:
+    announcement = ANNOUNCEMENTS[name]
+    datagram = encode_announcement(announcement)
+    spans = annotate(datagram)
+    assert covers(spans, datagram)
+    assert not any(span.name == "NotRead" for span in spans)
+    if isinstance(announcement, Announcement):
+        return
+    _, *rest = [
+        value
+        for name, value in shown_behind(spans, "Discovery announcement")
+        if not name.endswith((".TypeId", ".Encoding", "ApplicationInformationType")) and value not in (None, "", b"")
+    ]
+    assert rest == list(values_of(announcement[2:]))
 
 
 def test_secured_messages_show_what_was_encrypted() -> None:
@@ -220,7 +318,7 @@ def test_malformed_messages_are_named_up_to_the_mistake(encoded: str) -> None:
 
 
 def test_mutated_messages() -> None:
-    chance, corpus = Random(3), valid_messages()
+    chance, corpus = Random(3), plain_messages()
     codec = Codec()
     for _ in range(5_000):
         datagram = mutate(chance, corpus)

@@ -9,7 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tests.unit.wire.corpus import is_plain, secured_messages, valid_messages
+from tests.unit.wire.corpus import valid_messages
+from tests.unit.wire.everything import is_plain, secured_messages
 from ua_fleet.errors import LocalWireError, RemoteWireError
 from ua_fleet.wire import (
     Cause,

@@ -7,7 +7,8 @@ from collections import Counter
 
 import pytest
 
-from tests.unit.wire.corpus import KEYS, RAW_METADATA, chunked_messages, mutate, secured_messages, valid_messages
+from tests.unit.wire.corpus import RAW_METADATA, mutate
+from tests.unit.wire.everything import KEYS, chunked_messages, plain_messages, secured_messages
 from ua_fleet.errors import LocalWireError, RemoteWireError
 from ua_fleet.wire import Cause, Codec, decode_raw_fields
 from ua_fleet.wire.chunks import join, read_chunk
@@ -22,7 +23,7 @@ SECURED_MUTATIONS = 100_000
 
 @pytest.mark.parametrize("share", range(SHARES))
 def test_only_the_typed_remote_error_escapes(share: int) -> None:
-    corpus = valid_messages()
+    corpus = plain_messages()
     chance = random.Random(20_261_121 + share)
     codec = Codec()
     for _ in range(3):  # so that there are plans
@@ -79,7 +80,7 @@ def test_secured_and_chunked_messages() -> None:
 
 
 def test_a_member_of_the_group_that_signs_what_is_wrong() -> None:
-    corpus = [*valid_messages(), *chunked_messages()]
+    corpus = [*plain_messages(), *chunked_messages()]
     chance = random.Random(20_261_123)
     codec = Codec()
     causes: Counter[str] = Counter()

@@ -9,7 +9,7 @@ from functools import partial
 
 import pytest
 
-from tests.unit.wire.corpus import valid_messages
+from tests.unit.wire.everything import chunked_messages, plain_messages, secured_messages
 from ua_fleet.errors import RemoteWireError
 from ua_fleet.wire import Cause, Codec, decode_raw_fields
 from ua_fleet.wire.annotate import annotate
@@ -138,7 +138,7 @@ def limits(size: int) -> list[bytes]:
 def headers() -> list[tuple[str, bytes, int, int]]:
     """A message for each field that there is in the corpus: its name, the message, its place."""
     found: dict[tuple[str, str, int], tuple[str, bytes, int, int]] = {}
-    for datagram in valid_messages():
+    for datagram in [*plain_messages(), *chunked_messages(), *secured_messages()]:
         for span in annotate(datagram):
             kind = re.sub(r"\[\d+\]", "[]", span.name)
             size = len(span.data)

@@ -14,7 +14,8 @@ from cryptography.hazmat.primitives.ciphers.modes import ECB
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tests.unit.wire.corpus import chunked_messages, is_plain, mutate, secured_messages, valid_messages
+from tests.unit.wire.corpus import mutate, valid_messages
+from tests.unit.wire.everything import chunked_messages, is_plain, secured_messages
 from ua_fleet.errors import LocalWireError, RemoteWireError
 from ua_fleet.wire import (
     Cause,

@@ -3,17 +3,22 @@
 `now` is float seconds of any clock that only moves forward; Timestamps are ticks (see `ua_fleet.values`).
 
     publisher = Publisher(space, timing, counters, codec)         # the DataSetWriters of a process
-    publisher.announce / publish / source_lost / answer / poll    -> list of datagrams to send, in order
+    publisher.begin / announce / publish / source_lost / answer / poll / announce_action / end
+                                                                  -> list of datagrams to send, in order
     subscriber = Subscriber(space, timing, counters, codec)       # its DataSetReaders
     subscriber.receive(datagram, now) / poll(now)                 -> list of facts (events.py)
 
 Call each `poll` at its `next_deadline()`, which every other call may change.
 """
 
+from ua_fleet.pubsub.action_catalog import ActionCatalog
+from ua_fleet.pubsub.application import Application, describe
 from ua_fleet.pubsub.complaints import Complaint
 from ua_fleet.pubsub.events import (
+    AnnouncementReceived,
     DataReceived,
     MetaDataReceived,
+    ProbeDue,
     ProbeReceived,
     SourceRefused,
     SourceReturned,
@@ -29,10 +34,14 @@ from ua_fleet.pubsub.timing import PubSubTiming, version_time
 
 __all__ = [
     "MAX_DATAGRAM_BYTES",
+    "ActionCatalog",
+    "AnnouncementReceived",
+    "Application",
     "Complaint",
     "DataReceived",
     "LoopRule",
     "MetaDataReceived",
+    "ProbeDue",
     "ProbeReceived",
     "PropertyValue",
     "PubSubTiming",
@@ -44,6 +53,7 @@ __all__ = [
     "SourceUnknown",
     "Subscriber",
     "SubscriberEvent",
+    "describe",
     "field_property",
     "first_property",
     "make_field",

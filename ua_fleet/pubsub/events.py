@@ -6,11 +6,14 @@ from typing import NamedTuple
 
 from ua_fleet.counters import Drop
 from ua_fleet.topics import Topic
+from ua_fleet.wire.discovered import AnyAnnouncement
 from ua_fleet.wire.messages import DataSetMessage, DataSetMetaData, Probe
 
 __all__ = [
+    "AnnouncementReceived",
     "DataReceived",
     "MetaDataReceived",
+    "ProbeDue",
     "ProbeReceived",
     "SourceRefused",
     "SourceReturned",
@@ -76,6 +79,26 @@ class ProbeReceived(NamedTuple):
     probe: Probe
 
 
+class AnnouncementReceived(NamedTuple):
+    """An announcement of any kind but metadata came, each time it is heard."""
+
+    announcement: AnyAnnouncement
+
+
+class ProbeDue(NamedTuple):
+    """Something that was wanted (`Subscriber.want`) is to be asked for now."""
+
+    datagram: bytes
+
+
 SubscriberEvent = (
-    DataReceived | MetaDataReceived | SourceUnknown | SourceSilent | SourceReturned | SourceRefused | ProbeReceived
+    DataReceived
+    | MetaDataReceived
+    | SourceUnknown
+    | SourceSilent
+    | SourceReturned
+    | SourceRefused
+    | ProbeReceived
+    | AnnouncementReceived
+    | ProbeDue
 )

@@ -19,8 +19,10 @@ from ua_fleet.errors import RemoteWireError, TopicInvalid
 from ua_fleet.pubsub.catalog import Catalog
 from ua_fleet.pubsub.complaints import Complaint, Complaints
 from ua_fleet.pubsub.events import (
+    AnnouncementReceived,
     DataReceived,
     MetaDataReceived,
+    ProbeDue,
     ProbeReceived,
     SourceRefused,
     SourceReturned,
@@ -36,9 +38,11 @@ from ua_fleet.pubsub.security.envelope import Envelope
 from ua_fleet.pubsub.security.refused import Refused
 from ua_fleet.pubsub.sequence import MASK
 from ua_fleet.pubsub.timing import PubSubTiming
+from ua_fleet.pubsub.wishes import IDS_IN_PROBE, Wishes
 from ua_fleet.topics import Side, Topic, Verdict, loop_verdict
 from ua_fleet.values import Quality, quality_of
 from ua_fleet.wire import Codec, SecuredMessage, decode_raw_fields, encode_probe
+from ua_fleet.wire.discovered import AnyAnnouncement
 from ua_fleet.wire.messages import (
     DataSetMessage,
     FieldEncoding,
@@ -57,8 +61,6 @@ LoopRule = Callable[[Side, int, int, bool], Verdict]
 
 _MOST_REFUSED: Final = 1024
 """Refused sources that we have told of. Anybody can write any PublisherId and DataSetWriterId."""
-_IDS_IN_PROBE: Final = 600
-"""DataSetWriterIds that fit a probe of 1400 bytes."""
 _UINT16: Final = PublisherIdType.UINT16.value
 _KEY: Final = FrameKind.KEY.value
 _DELTA: Final = FrameKind.DELTA.value
@@ -107,7 +109,9 @@ class Subscriber:
         self._max_writers = max_writers
         self._writers: dict[tuple[int, int | None, int], RemoteWriter] = {}
         self._catalog = Catalog(max_writers)
-        self._probes = ProbeSchedule(random or Random())  # noqa: S311 - spreads probes, keeps no secret
+        random = random or Random()  # noqa: S311 - spreads probes, keeps no secret
+        self._probes = ProbeSchedule(random)
+        self._wishes = Wishes(random)
         self._silences: list[tuple[float, int, RemoteWriter]] = []
         self._silent: dict[RemoteWriter, None] = {}
         """The longest silent first."""
@@ -138,11 +142,20 @@ class Subscriber:
             return []
         if type(message) is NetworkMessage:
             return self._receive_data(message, now)
-        if isinstance(message, MetaDataAnnouncement):
-            self._receive_metadata(message)
-        elif isinstance(message, Probe):
+        if isinstance(message, Probe):
             return self._receive_probe(message, now)
-        return []
+        return [] if isinstance(message, NetworkMessage) else self._receive_announcement(message)
+
+    def want_action(self, publisher_id: int, data_set_writer_id: int, now: float) -> bool:
+        """Ask for the Actions of a DataSetWriter until they are announced; False if there are too many wishes.
+
+        What is announced comes as AnnouncementReceived, the probes as ProbeDue.
+        """
+        return self._wishes.want_action(publisher_id, data_set_writer_id, now)
+
+    def want(self, publisher_id: int, kind: ProbeKind, now: float) -> bool:
+        """Ask a Publisher for its endpoints, connections or DataSetWriters, as `want_action` does for Actions."""
+        return self._wishes.want(publisher_id, kind, now)
 
     def poll(self, now: float) -> list[SubscriberEvent]:
         """What time has brought: silent sources and probes that are due."""
@@ -164,11 +177,15 @@ class Subscriber:
                 self._silent[writer] = None
                 events.append(SourceSilent(writer.topic))
         self._probe(self._probes.take_due(now), events)
+        events += map(ProbeDue, self._wishes.take_due(now))
         return events
 
     def next_deadline(self) -> float | None:
         """When `poll` is to be called next, or None. It may have nothing to say then."""
         due = self._probes.next_deadline()
+        wish = self._wishes.next_deadline()
+        if wish is not None:
+            due = wish if due is None else min(due, wish)
         if self._silences:
             silence = self._silences[0][0]
             due = silence if due is None else min(due, silence)
@@ -290,26 +307,32 @@ class Subscriber:
         if message.major_version != writer.major or message.minor_version != writer.minor:
             self._bind(writer, message, now, events)
 
-    def _receive_metadata(self, announcement: MetaDataAnnouncement) -> None:
+    def _receive_announcement(self, announcement: AnyAnnouncement) -> list[SubscriberEvent]:
         publisher_id = announcement.publisher_id
         if announcement.publisher_id_type != _UINT16 or not isinstance(publisher_id, int):
             self._counters.drop(Drop.UNKNOWN_SOURCE)
-            return
+            return []
         if not self._comes_in(publisher_id):
             self._counters.drop(Drop.LOOP)
-            return
-        if quality_of(announcement.status) is Quality.BAD:  # the publisher has no such writer (7.2.4.6.4)
-            return
+            return []
+        self._wishes.heard(announcement)
+        if not isinstance(announcement, MetaDataAnnouncement):
+            return [AnnouncementReceived(announcement)]
         key = (publisher_id, announcement.data_set_writer_id)
-        self._catalog.announced(key, announcement.metadata)
+        if quality_of(announcement.status) is not Quality.BAD:  # otherwise there is no such writer (7.2.4.6.4)
+            self._catalog.announced(key, announcement.metadata)
         self._probes.answered(key)
+        return []
 
     def _receive_probe(self, probe: Probe, now: float) -> list[SubscriberEvent]:
         publisher_id = probe.publisher_id
+        if probe.kind == ProbeKind.FIND_APPLICATIONS:
+            return [ProbeReceived(probe)]
         if probe.publisher_id_type != _UINT16 or not isinstance(publisher_id, int):
             return []
         if publisher_id == self._own_space:
             return [ProbeReceived(probe)]
+        self._wishes.asked_by_another(probe, now)
         if probe.kind == ProbeKind.DATA_SET_META_DATA:
             self._probes.asked_by_another(publisher_id, probe.data_set_writer_ids, now)
         return []
@@ -414,8 +437,8 @@ class Subscriber:
             else:
                 self._probes.settled(key)
         for publisher_id, writers in asked.items():
-            for start in range(0, len(writers), _IDS_IN_PROBE):
-                part = writers[start : start + _IDS_IN_PROBE]
+            for start in range(0, len(writers), IDS_IN_PROBE):
+                part = writers[start : start + IDS_IN_PROBE]
                 ids = tuple(sorted({writer.topic.id for writer in part}))
                 datagram = encode_probe(Probe(publisher_id, _UINT16, ProbeKind.DATA_SET_META_DATA.value, ids))
                 for writer in part:

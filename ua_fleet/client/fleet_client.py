@@ -17,7 +17,10 @@ from typing import Any, Final, Self
 from asyncua import Client, Node, ua
 from asyncua.common.subscription import DataChangeNotif
 from asyncua.crypto import security_policies
+from asyncua.crypto.uacrypto import CertProperties
 from asyncua.ua.uaerrors import UaError, UaStatusCodeError
+from cryptography.hazmat.primitives.serialization import load_pem_private_key
+from cryptography.x509 import load_der_x509_certificate
 
 from ua_fleet.client.addresses import parse_address
 from ua_fleet.client.convert import parse_value, plain_value
@@ -200,21 +203,27 @@ class FleetClient:
                 endpoints = await client.connect_and_get_server_endpoints()
                 offer = _encrypted_endpoint(endpoint, endpoints, policy)
                 first_meeting = identity.check_server(endpoint, offer.ServerCertificate)
+                # As bytes: asyncua's reading of files leaves them open when it is cancelled.
                 await client.set_security(
                     POLICIES[policy],
-                    str(identity.certificate),
-                    str(identity.key),
+                    CertProperties(identity.certificate.read_bytes()),
+                    CertProperties(identity.key.read_bytes(), extension="pem"),
                     server_certificate=offer.ServerCertificate,
                     mode=ua.MessageSecurityMode.SignAndEncrypt,
                 )
                 if as_application:
                     _check_takes_certificates(endpoint, offer)
-                    await client.load_client_certificate(str(identity.certificate))
-                    await client.load_private_key(identity.key)
+                    client.user_certificate = load_der_x509_certificate(identity.certificate.read_bytes())
+                    client.user_private_key = load_pem_private_key(identity.key.read_bytes(), password=None)
             if user is not None:
                 client.set_user(user)
                 client.set_password(password or "")
-            await client.connect()
+            try:
+                await client.connect()
+            except BaseException:
+                # asyncua leaves the socket open when it is cancelled.
+                client.disconnect_socket()
+                raise
         try:
             yield cls(client, endpoint, first_meeting=first_meeting)
         finally:

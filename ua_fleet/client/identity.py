@@ -23,7 +23,7 @@ from asyncua.crypto.cert_gen import (
     generate_self_signed_app_certificate,
 )
 from cryptography import x509
-from cryptography.hazmat.primitives.serialization import Encoding
+from cryptography.hazmat.primitives.serialization import Encoding, load_pem_private_key
 from cryptography.x509.oid import ExtendedKeyUsageOID
 
 from ua_fleet.errors import AccessRefused
@@ -107,12 +107,21 @@ class ClientIdentity:
         _write_private(self.certificate, certificate.public_bytes(Encoding.DER))
 
     def _check_key(self) -> None:
+        """Raise AccessRefused for a key that others can read, or that is none."""
         mode = self.key.stat().st_mode & 0o777
         if mode & 0o077:
             raise AccessRefused(
                 StatusCode.BAD_SECURITY_CHECKS_FAILED,
                 f"{self.key}: others may read or write it (mode {mode:o}); run: chmod 600 {self.key}",
             )
+        try:
+            load_pem_private_key(self.key.read_bytes(), password=None)
+        except (ValueError, TypeError):
+            # Without the cause, which may show the key.
+            raise AccessRefused(
+                StatusCode.BAD_SECURITY_CHECKS_FAILED,
+                f"{self.key}: no readable key without a password; remove it, and another one is made",
+            ) from None
 
     def _still_good(self) -> bool:
         """Whether our certificate can be shown today. It says our URI, whatever the name of the host is by now."""

@@ -8,6 +8,7 @@ import io
 import logging
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 import structlog
@@ -114,6 +115,22 @@ async def test_another_server_at_the_same_place(tmp_path: Path, cards: Cards) ->
         async with ServiceKeySource(made.url, identity, "arm") as source:
             with pytest.raises(KeySourceUnavailable, match=r"shows a certificate .* that is not .*server\.der"):
                 await source.fetch("t-0", 0, 1)
+
+
+async def test_giving_up_leaves_no_connection(running: Desk, cards: Cards, tmp_path: Path) -> None:
+    """At whatever point of the connection a bridge is ended."""
+    source = ServiceKeySource(running.url, cards.identity("arm", tmp_path), "arm")
+    listener: Any = running.server._listener
+    for steps in (1, 2, 4, 8, 16, 32, 64, 128, 256):
+        fetching = asyncio.ensure_future(source.fetch("t-0", 0, 1))
+        for _ in range(steps):
+            await asyncio.sleep(0)
+        fetching.cancel()
+        await asyncio.wait([fetching])
+        await source.close()
+        async with asyncio.timeout(5):
+            while listener._connections:
+                await asyncio.sleep(0.01)
 
 
 async def test_a_server_without_a_key_service(tmp_path: Path, cards: Cards) -> None:

@@ -1,0 +1,145 @@
+"""Executions: what is asked for, by whom, and how far it has come. Vocabulary of both sides of an Action.
+
+An execution is one wish that a robot does one thing, once. Its id has 16 bytes and is CorrelationData on the wire: who
+asks chooses it, and never uses it for anything else. A request has an issue time beside it, the same in each repetition
+and in each run of the requestor; the issue times of one space strictly increase. That is what lets a responder forget
+old executions and still do nothing twice (`responder.py`).
+"""
+
+from __future__ import annotations
+
+import re
+from enum import IntEnum, StrEnum
+from typing import Any, Final, NamedTuple
+
+from ua_fleet.topics import check_space
+from ua_fleet.values import StatusCode, Variant
+from ua_fleet.wire.cursor import Cursor
+from ua_fleet.wire.variant import decode_variant, encode_typed
+
+__all__ = [
+    "EXECUTION_ID_BYTES",
+    "NEVER_BEGUN",
+    "OPEN",
+    "ExecutionState",
+    "Outcome",
+    "OutcomeKind",
+    "Report",
+    "RequestorName",
+    "Target",
+    "pack",
+    "unpack",
+]
+
+EXECUTION_ID_BYTES: Final = 16
+
+
+class ExecutionState(IntEnum):
+    """How far an execution has come, as its responder knows it. The numbers travel, also in SkillStatus."""
+
+    REFUSED = 0
+    """It was not begun and never will be."""
+    TIMED_OUT = 1
+    """The same, because its time was over before it could begin."""
+    RUNNING = 2
+    """Accepted: the robot was told, once."""
+    DONE = 3
+    FAILED = 4
+    """It was begun and did not succeed."""
+    UNKNOWN = 5
+    """It may have been begun, and nobody can tell what became of it."""
+    ASKING = 6
+    """The responder was started anew and asks the robot what became of it."""
+
+
+OPEN: Final = frozenset({ExecutionState.RUNNING, ExecutionState.ASKING})
+"""States from which another follows."""
+NEVER_BEGUN: Final = frozenset({ExecutionState.REFUSED, ExecutionState.TIMED_OUT})
+
+
+class OutcomeKind(StrEnum):
+    """What a requestor knows of its request. Each request gets exactly one, and Unknown may be corrected later."""
+
+    ACCEPTED = "accepted"
+    """The robot was told exactly once; how it ends comes in the same answer (immediate skills) or in SkillStatus."""
+    REFUSED = "refused"
+    """The responder says: never begun, and never will be."""
+    TIMED_OUT = "timed_out"
+    """The responder says the same, because the time was over: nobody has to look after the robot."""
+    UNKNOWN = "unknown"
+    """Nobody could say whether the robot was told: no answer came, or the responder itself cannot tell."""
+
+
+class Target(NamedTuple):
+    """What an Action is asked of: the Responder's DataSetWriter and the Action target."""
+
+    publisher_id: int
+    writer_group_id: int
+    data_set_writer_id: int
+    action_target_id: int
+
+
+class Report(NamedTuple):
+    """The state of an execution with what belongs to it; `result` is packed (see `pack`)."""
+
+    state: ExecutionState
+    status: int = StatusCode.GOOD
+    message: str = ""
+    result: bytes = b""
+
+
+class Outcome(NamedTuple):
+    """What a requestor ends with. `report` is the responder's last word; its state is UNKNOWN where none came."""
+
+    kind: OutcomeKind
+    report: Report
+
+
+_NAME: Final = re.compile(r"(0|[1-9][0-9]{0,4})\.([A-Za-z0-9_-]{1,64})", re.ASCII)
+
+
+class RequestorName(NamedTuple):
+    """RequestorId: `<space>.<instance>`."""
+
+    space: int
+    instance: str
+
+    @classmethod
+    def parse(cls, text: str | None) -> RequestorName | None:
+        """The name in a RequestorId; None for any other text, and for a number that is no space."""
+        found = _NAME.fullmatch(text or "")
+        if found is None or int(found[1]) > 0xFFFF:
+            return None
+        return cls(int(found[1]), found[2])
+
+    @classmethod
+    def checked(cls, space: int, instance: str) -> RequestorName:
+        """The name of two parts; TopicInvalid or ValueError where they make none."""
+        if cls.parse(f"{check_space(space)}.{instance}") is None:
+            raise ValueError(f"{instance!r} cannot stand in a RequestorId: 1 to 64 letters, digits, - and _")
+        return cls(space, instance)
+
+    @property
+    def text(self) -> str:
+        """As it travels."""
+        return f"{self.space}.{self.instance}"
+
+
+def pack(types: tuple[int, ...], values: tuple[Any, ...]) -> bytes:
+    """Values as bytes, for the journal and to compare two requests: Variants one after the other.
+
+    Raises LocalWireError for values that do not fit their types.
+    """
+    out = bytearray()
+    for code, value in zip(types, values, strict=True):
+        encode_typed(out, code, value)
+    return bytes(out)
+
+
+def unpack(content: bytes) -> tuple[Variant, ...]:
+    """The values that were packed."""
+    cursor = Cursor(content)
+    values: list[Variant] = []
+    while cursor.remaining:
+        values.append(decode_variant(cursor))
+    return tuple(values)

@@ -329,9 +329,7 @@ class MessageKey:
 
         It is verified before anything is decrypted. The SecurityHeader is gone, or empty in a discovery message.
         """
-        datagram, mode, header_offset = secured.datagram, secured.mode, secured.header_offset
-        if mode is _NONE:
-            raise RemoteWireError(Cause.SIGNATURE, "not signed", header_offset)
+        datagram, mode = secured.datagram, secured.mode
         signed = datagram[_SIGNED]
         mac = self._mac()
         mac.update(signed)
@@ -339,17 +337,20 @@ class MessageKey:
             mac.verify(datagram[_SIGNATURE])  # in constant time
         except InvalidSignature:
             raise RemoteWireError(Cause.SIGNATURE, "not the signature of this key and message") from None
-        payload = signed[secured.payload_offset :]
-        if secured.footer_size:
-            payload = payload[: -secured.footer_size]
         if mode is _ENCRYPTED:
             self._reset_nonce(self._key_nonce + secured.nonce + FIRST_BLOCK)
-            payload = self._update(payload)
+            payload = self._update(signed[secured.payload_offset :])
+        elif mode is _SIGN:
+            payload = signed[secured.payload_offset :]
+        else:
+            raise RemoteWireError(Cause.SIGNATURE, "no SecurityHeader that says so", secured.header_offset)
+        if secured.footer_size:
+            payload = payload[: -secured.footer_size]
         try:
-            return self._plain_heads[datagram[:header_offset]] + payload
+            return self._plain_heads[datagram[: secured.header_offset]] + payload
         except KeyError:
             head = _plain_head(secured)
-            _remember(self._plain_heads, datagram[:header_offset], head)
+            _remember(self._plain_heads, datagram[: secured.header_offset], head)
             return head + payload
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import hmac
 import sys
 from collections.abc import Callable, Iterator
 from functools import partial
@@ -183,6 +184,10 @@ SIGNATURE = "00" * 32
 CHUNK = "d1 81 01 0700 0900"
 
 
+def signed(encoded: str) -> str:
+    return encoded + hmac.digest(bytes(32), bytes.fromhex(encoded), "sha256").hex()
+
+
 def unprotect(datagram: bytes) -> object:
     return MessageKey(SecurityPolicy.AES128_CTR, bytes(52)).unprotect(read_security(datagram))
 
@@ -209,6 +214,7 @@ OPENING_TABLE: list[tuple[str, Cause, Callable[[bytes], object], str]] = [
     ("promoted fields beyond the end", Cause.TRUNCATED, read_security, "91 91 02 0700 ffff 00"),
     ("another signature", Cause.SIGNATURE, unprotect, SECURED + "01 01000000" + NONCE + SIGNATURE),
     ("no signature", Cause.SIGNATURE, unprotect, HEAD + "01 0000"),
+    ("a signature without a SecurityHeader", Cause.SIGNATURE, unprotect, signed(HEAD + "01 0000")),
     ("a secured chunk", Cause.SECURED, read_chunk, "d1 91 01 0700 0900 00 00000000 00" + SIGNATURE),
     ("a secured discovery chunk", Cause.SECURED, read_chunk, "91 91 09 0700 01 01000000 08" + SIGNATURE),
     ("half a chunk's fields", Cause.TRUNCATED, read_chunk, CHUNK + "0300 00000000 080000"),

@@ -8,7 +8,7 @@ from __future__ import annotations
 import asyncio
 import logging
 import re
-from collections.abc import AsyncGenerator, Sequence
+from collections.abc import AsyncGenerator, Callable, Sequence
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -142,6 +142,20 @@ class _Feed:
         self.put(None)
 
 
+class _Bell:
+    """A subscription handler that calls a function with each value."""
+
+    def __init__(self, heard: Callable[[Any], None]) -> None:
+        self._heard = heard
+
+    def datachange_notification(self, node: Node, val: Any, data: DataChangeNotif) -> None:
+        """Called by asyncua with each change."""
+        self._heard(val)
+
+    def status_change_notification(self, status: ua.StatusChangeNotification) -> None:
+        """Called by asyncua when the server ends the subscription; the connection's end says so too."""
+
+
 class FleetClient:
     """A connected client; made by `FleetClient.connect`."""
 
@@ -152,12 +166,16 @@ class FleetClient:
         """Whether the server's certificate was seen for the first time, and is trusted from now on."""
         self.dropped = 0
         """Changes that `watch` dropped because nobody took them in time."""
+        self.on_lost: Callable[[], None] | None = None
+        """Called when the connection is lost."""
         self._feeds: set[_Feed] = set()
         client.connection_lost_callback = self._lost
 
     async def _lost(self, _error: Exception) -> None:
         for feed in self._feeds:
             feed.put(None)
+        if self.on_lost is not None:
+            self.on_lost()
 
     @classmethod
     @asynccontextmanager
@@ -316,6 +334,20 @@ class FleetClient:
             (result,) = await self._client.uaclient.call([request])
             result.StatusCode.check()
         return [variant.Value for variant in result.OutputArguments or ()]
+
+    async def notify(self, address: str, heard: Callable[[Any], None], *, period_ms: float = 250.0) -> None:
+        """Call a function with a node's value now, and whenever it changes, as long as the connection lasts.
+
+        Raises:
+            NodeNotFound: there is no such node.
+            NotConnected: the connection was lost.
+        """
+        with _translated(self.endpoint):
+            node = await self._node(address)
+            subscription = await self._client.create_subscription(period_ms, _Bell(heard))
+            result = await subscription.subscribe_data_change(node)
+            if isinstance(result, ua.StatusCode):
+                raise NodeNotFound(f"{address} cannot be watched: {result.name}; look with: ua-fleet browse")
 
     async def watch(self, addresses: Sequence[str], *, period_ms: float = 100.0) -> AsyncGenerator[Change]:
         """The current values of some nodes, then each change, until the iteration is closed.

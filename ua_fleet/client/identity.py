@@ -27,9 +27,10 @@ from cryptography.hazmat.primitives.serialization import Encoding, load_pem_priv
 from cryptography.x509.oid import ExtendedKeyUsageOID
 
 from ua_fleet.errors import AccessRefused
+from ua_fleet.pubsub.application import bridge_application_uri
 from ua_fleet.values import StatusCode
 
-__all__ = ["ClientIdentity", "bridge_application_uri", "default_identity_folder"]
+__all__ = ["ClientIdentity", "default_identity_folder"]
 
 
 def default_identity_folder() -> Path:
@@ -49,11 +50,6 @@ def _write_private(path: Path, data: bytes) -> None:
     with os.fdopen(descriptor, "wb") as file:
         file.write(data)
     fresh.replace(path)
-
-
-def bridge_application_uri(fleet_name: str, bridge_name: str) -> str:
-    """The ApplicationUri of a bridge; its certificate carries it."""
-    return f"urn:ua-fleet:{fleet_name}:bridge:{bridge_name}"
 
 
 class ClientIdentity:

@@ -25,6 +25,9 @@ _PUBLISH_SUBSCRIBE: Final = "i=14443"
 _GET_SECURITY_KEYS: Final = "i=15215"
 """Well-known NodeIds, the same in every key service (OPC 10000-14 8.3.2)."""
 
+_CHANGES: Final = "ns=2;s=SecurityGroups.Changes"
+"""Our own server's node that counts changes of keys before their time."""
+
 _OF_GROUP: Final = (StatusCodes.BadNotFound, StatusCodes.BadNoMatch, StatusCodes.BadUserAccessDenied)
 """What a key service answers when it is well, and has no keys of this group for us."""
 _NO_SERVICE: Final = (StatusCodes.BadNotImplemented, StatusCodes.BadMethodInvalid)
@@ -63,12 +66,20 @@ class ServiceKeySource:
         self._timeout_s = timeout_s
         self._lock = asyncio.Lock()
         self._client: FleetClient | None = None
+        self._changes: int | None = None
+        """What the service's node `Changes` has said last."""
+        self._generation = 0
         self._connection = AsyncExitStack()
 
     @property
     def refresh_s(self) -> float:
         """See KeySource: half of the KeyLifetime is often enough."""
         return math.inf
+
+    @property
+    def generation(self) -> int:
+        """See KeySource: the service says so, or the connection was lost and it could not have said it."""
+        return self._generation
 
     async def fetch(self, group_id: str, starting_token_id: int, count: int) -> GroupKeys:
         """See KeySource."""
@@ -96,7 +107,23 @@ class ServiceKeySource:
         self._client = await self._connection.enter_async_context(
             FleetClient.connect(self._endpoint, identity=self._identity, as_application=True, timeout_s=self._timeout_s)
         )
+        self._client.on_lost = self._lost
+        try:
+            await self._client.notify(_CHANGES, self._changed)
+        except UaFleetError as error:
+            if isinstance(error, TransportError):
+                raise
+            # Another product's key service: changes are heard of at half of the KeyLifetime.
         return self._client
+
+    def _changed(self, value: Any) -> None:
+        if self._changes is not None and value != self._changes:
+            self._generation += 1
+        self._changes = value
+
+    def _lost(self) -> None:
+        self._changes = None
+        self._generation += 1
 
     async def _ask(self, client: FleetClient, group_id: str, starting_token_id: int, count: int) -> GroupKeys:
         try:
@@ -156,6 +183,8 @@ class ServiceKeySource:
         return str(error)
 
     async def _disconnect(self) -> None:
+        if self._client is not None:
+            self._client.on_lost = None
         connection, self._connection, self._client = self._connection, AsyncExitStack(), None
         await connection.aclose()
 

@@ -44,6 +44,11 @@ class FileKeySource:
         """A look at the file's times costs next to nothing."""
         return REFRESH_S
 
+    @property
+    def generation(self) -> int:
+        """What changes is noticed by `refresh_s` anyhow."""
+        return 0
+
     def check(self, own: Iterable[str], others: Iterable[str]) -> None:
         """Raise ConfigError where a process cannot begin with these files.
 

@@ -1,8 +1,8 @@
 """Keeping a process in keys: `keep_keys` asks a KeySource for what the Envelope wants, and goes on while it is away.
 
-Keys are fetched when one is missing, when half of the KeyLifetime is over, and as often as the source says
-(`refresh_s`). What fails is tried again after a delay that doubles, spread at random so that the processes of a fleet
-do not all ask at once.
+Keys are fetched when one is missing, when half of the KeyLifetime is over, as often as the source says (`refresh_s`),
+and when it says that they have changed before their time (`generation`). What fails is tried again after a delay that
+doubles, spread at random so that the processes of a fleet do not all ask at once.
 """
 
 from __future__ import annotations
@@ -99,12 +99,17 @@ class _Keeper:
         self._groups: dict[str, _Group] = {}
         self._source_delay_s = 0.0
         self._source_at = float("-inf")
+        self._generation = source.generation
 
     async def fetch_what_is_due(self, clock: Callable[[], float]) -> None:
         """Ask the source for each group that is due, unless it is away and was asked a short time ago."""
         now = clock()
         if now < self._source_at:
             return
+        if (generation := self._source.generation) != self._generation:
+            self._generation = generation
+            for group in self._groups.values():
+                group.refresh_at = float("-inf")
         wanted = set(self._envelope.keys_wanted(now))
         known = wanted.union(self._envelope.groups_wanted())
         self._forget(known)

@@ -20,6 +20,11 @@ class KeySource(Protocol):
         """A group is asked for at least so often, also when no key is missing; infinity where asking costs."""
         ...
 
+    @property
+    def generation(self) -> int:
+        """Grows when keys may have changed before their time: all groups are asked for at once then."""
+        ...
+
     async def fetch(self, group_id: str, starting_token_id: int, count: int) -> GroupKeys:
         """The keys of a SecurityGroup from a token on (0: the current one), at most `count` (GetSecurityKeys).
 

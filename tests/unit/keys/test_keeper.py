@@ -36,6 +36,7 @@ class World:
         self.kept = KeysKept()
         self.never_content = False
         self._refresh_s = refresh_s
+        self.generation = 0
 
     @property
     def refresh_s(self) -> float:
@@ -111,6 +112,19 @@ async def test_a_source_is_looked_at_as_often_as_it_says() -> None:
     await world.run(10)
     assert times(world) == [number * 0.5 for number in range(20)]
     assert [(token, at) for at, _, token in world.installed] == [(1, 0.0), (1, 3.5), (2, 6.5)]
+
+
+async def test_all_groups_are_asked_for_when_keys_have_changed_before_their_time() -> None:
+    world = World("t-0", "t-2")
+
+    def invalidate() -> None:
+        world.generation += 1
+        world.gives = {"t-2": keys(7)}
+
+    world.at(5.1, invalidate)
+    await world.run(10)
+    assert world.asked == [(0.0, "t-0"), (0.0, "t-2"), (5.25, "t-0"), (5.25, "t-2")]
+    assert world.installed == [(0.0, "t-0", 1), (0.0, "t-2", 1), (5.25, "t-2", 7)]
 
 
 async def test_a_source_that_is_away_is_asked_ever_more_rarely_and_told_of_twice() -> None:

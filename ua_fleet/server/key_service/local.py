@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from typing import Final
+import math
 
 from ua_fleet.errors import KeySourceUnavailable, KeysRefused, UaFleetError
 from ua_fleet.pubsub.security.keyring import GroupKeys
@@ -12,9 +12,6 @@ from ua_fleet.server.key_service.store import GroupUnknown
 from ua_fleet.topics import SERVER_SPACE
 
 __all__ = ["LocalKeySource"]
-
-REFRESH_S: Final = 1.0
-"""Asking costs next to nothing, so what an engineer does to the keys holds at once in the server."""
 
 
 class LocalKeySource:
@@ -25,8 +22,13 @@ class LocalKeySource:
 
     @property
     def refresh_s(self) -> float:
+        """See KeySource: half of the KeyLifetime is often enough."""
+        return math.inf
+
+    @property
+    def generation(self) -> int:
         """See KeySource."""
-        return REFRESH_S
+        return self._service.changes
 
     async def fetch(self, group_id: str, starting_token_id: int, count: int) -> GroupKeys:
         """See KeySource; new keys go to the disk first, which is waited for in a thread."""

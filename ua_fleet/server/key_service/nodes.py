@@ -5,6 +5,7 @@ PublishSubscribe (i=14443)
   SecurityGroups (i=15443)
     <group> : SecurityGroupType    SecurityGroupId, KeyLifetime, SecurityPolicyUri, MaxFutureKeyCount, MaxPastKeyCount,
                                    InvalidateKeys, ForceKeyRotation
+    Changes : UInt32               ours: counts calls of these two, so that bridges hear of new keys at once
 
 The two Methods of a group are the Nodes of its type, which all groups refer to (OPC 10000-3 6.4.4.2 lets instances
 share them); the object that they are called on says which group is meant.
@@ -14,6 +15,8 @@ share them); the object that they are called on says which group is meant.
 
 from __future__ import annotations
 
+import asyncio
+from collections.abc import Callable
 from datetime import UTC, datetime
 from functools import partial
 from typing import Any, Final
@@ -21,7 +24,7 @@ from typing import Any, Final
 from asyncua import ua
 
 from ua_fleet.server.convert import data_value, raw_id
-from ua_fleet.server.endpoint.stack import ObjectIds, Refusal, StatusCodes, ns0
+from ua_fleet.server.endpoint.stack import AttributeIds, ObjectIds, Refusal, StatusCodes, ns0
 from ua_fleet.server.hardened import HardenedServer
 from ua_fleet.server.key_service.service import KeyService
 from ua_fleet.server.key_service.store import GroupUnknown
@@ -43,7 +46,7 @@ _DURATION: Final = ns0(ObjectIds.Duration)
 
 
 class KeyServiceNodes:
-    """Makes the nodes, and answers the Methods. The Methods run in threads, since they may wait for the disk."""
+    """Makes the nodes, and answers the Methods. They work in threads, since they may have to wait for the disk."""
 
     def __init__(self, server: HardenedServer, service: KeyService, namespace: int) -> None:
         """Prepare the nodes of a service.
@@ -55,12 +58,14 @@ class KeyServiceNodes:
         """
         self._server, self._service, self._namespace = server, service, namespace
         self._groups: dict[ua.NodeId, str] = {}
+        self._changes = raw_id("SecurityGroups.Changes", namespace)
 
     async def build(self) -> None:
         """Make the nodes and let the Methods be called."""
         builder = NodeBuilder(self._server.iserver.aspace)
         for group_id in self._service.group_ids:
             self._add_group(builder, group_id)
+        self._add_changes(builder)
         await self._server.get_node(_IS_SERVER).write_value(ua.Variant(True, ua.VariantType.Boolean))
         for method_id, call, rule in (
             (_GET_KEYS, self._get_keys, _is_bridge),
@@ -70,6 +75,20 @@ class KeyServiceNodes:
         ):
             self._server.link_method(self._server.get_node(method_id), call)
             self._server.restrict_method(method_id, rule)
+
+    def _add_changes(self, builder: NodeBuilder) -> None:
+        builder.add_variable(
+            self._changes,
+            QualifiedName(self._namespace, "Changes"),
+            _GROUPS,
+            ns0(ObjectIds.BaseDataVariableType),
+            data_type=raw_id(int(BuiltinType.UINT32)),
+            value=self._count(),
+        )
+
+    def _count(self) -> ua.DataValue:
+        now: Any = datetime.now(UTC)
+        return data_value(int(BuiltinType.UINT32), self._service.changes, 0, now, now)
 
     def _add_group(self, builder: NodeBuilder, group_id: str) -> None:
         node = raw_id(f"SecurityGroups.{group_id}", self._namespace)
@@ -119,13 +138,14 @@ class KeyServiceNodes:
             raise Refusal(StatusCodes.BadUserAccessDenied)
         return [ua.Variant(raw_id(f"SecurityGroups.{group_id}", self._namespace), ua.VariantType.NodeId)]
 
-    def _change(self, change: Any, parent: ua.NodeId) -> list[ua.Variant]:
+    async def _change(self, change: Callable[[str], None], parent: ua.NodeId) -> list[ua.Variant]:
         """InvalidateKeys or ForceKeyRotation (OPC 10000-14 8.4.2 and 8.4.3)."""
         group_id = self._groups.get(parent)
         if group_id is None:
             # The type has the Methods too, but no keys.
             raise Refusal(StatusCodes.BadNodeIdInvalid, "no SecurityGroup")
-        change(group_id)
+        await asyncio.to_thread(change, group_id)
+        await self._server.iserver.aspace.write_attribute_value(self._changes, AttributeIds.Value, self._count())
         return []
 
 

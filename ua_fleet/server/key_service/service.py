@@ -78,8 +78,8 @@ class KeyService:
             token_bytes=token_bytes,
             save=partial(save_groups, path),
         )
-        self.on_invalidated: Callable[[str], None] | None = None
-        """Called, in the caller's thread, with a group whose keys have been made invalid."""
+        self.changes = 0
+        """How often keys have changed before their time, since the start."""
 
     @property
     def group_ids(self) -> tuple[str, ...]:
@@ -117,14 +117,14 @@ class KeyService:
         """InvalidateKeys (OPC 10000-14 8.4.2); raises GroupUnknown or KeysNotKept."""
         with self._lock:
             self._store.invalidate(group_id, self._wall_s())
+            self.changes += 1
         _log.warning("keys made invalid", group=group_id)
-        if self.on_invalidated is not None:
-            self.on_invalidated(group_id)
 
     def rotate(self, group_id: str) -> None:
         """ForceKeyRotation (OPC 10000-14 8.4.3); raises GroupUnknown or KeysNotKept."""
         with self._lock:
             self._store.rotate(group_id, self._wall_s())
+            self.changes += 1
         _log.info("next key made current", group=group_id)
 
     def _get(self, group_id: str, starting_token_id: int, count: int) -> GroupKeys:

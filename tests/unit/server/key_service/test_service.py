@@ -70,14 +70,16 @@ def test_who_asks_too_often_waits(service: KeyService) -> None:
         service.keys_for_space(0, "t-1", 0, 1)
 
 
-def test_who_must_know_of_invalid_keys_is_told(service: KeyService) -> None:
-    told: list[str] = []
-    service.on_invalidated = told.append
+def test_changes_before_their_time_are_counted(service: KeyService, clock: Clock) -> None:
+    source = LocalKeySource(service)
+    clock.now += 1.0
+    service.keys_for_space(0, "t-0", 0, 1)
+    assert source.generation == 0
     service.rotate("t-0")
     assert service.keys_for_space(0, "t-0", 0, 1).first_token_id == 2
     service.invalidate("t-0")
     assert service.keys_for_space(0, "t-0", 0, 1).first_token_id == 7
-    assert told == ["t-0"]
+    assert source.generation == 2
 
 
 def test_a_disk_that_takes_nothing(service: KeyService, tmp_path: Path, clock: Clock) -> None:
@@ -105,7 +107,6 @@ def test_many_threads_get_the_same_keys(service: KeyService, clock: Clock) -> No
 
 async def test_the_servers_own_source(service: KeyService, tmp_path: Path, clock: Clock) -> None:
     source = LocalKeySource(service)
-    assert source.refresh_s <= 1.0
     assert await source.fetch("t-2", 0, 3) == service.keys_for_space(0, "t-2", 0, 3)
     for group in ("c-300", "t-9"):
         with pytest.raises(KeysRefused) as refused:

@@ -13,9 +13,9 @@ from ua_fleet.config.security import file_keys_of
 if TYPE_CHECKING:
     from ua_fleet.keys.source import KeySource
 
-__all__ = ["key_source_of", "service_endpoint"]
+__all__ = ["key_source_of", "service_endpoint", "service_keys_of"]
 
-_ANY_ADDRESS = ("0.0.0.0", "::")  # noqa: S104 - not bound here, but asked for
+_ANY_ADDRESS = ("0.0.0.0", "::")
 
 
 def service_endpoint(config: FleetConfig) -> str:
@@ -38,6 +38,11 @@ def key_source_of(
         return nullcontext()
     if config.pubsub.keys.source == "files":
         return nullcontext(file_keys_of(config, config.bridges[bridge_name].space, config_dir))
+    return service_keys_of(config, bridge_name, state_dir)
+
+
+def service_keys_of(config: FleetConfig, bridge_name: str, state_dir: Path) -> AbstractAsyncContextManager[KeySource]:
+    """The key service, asked with a bridge's certificate; raises BridgeUnavailable without its client."""
     with extra_needed("the key service", "client"):
         from ua_fleet.client.identity import ClientIdentity
         from ua_fleet.client.key_source import ServiceKeySource

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import asyncio
+import itertools
 import json
 import sys
 import time
@@ -104,13 +106,11 @@ def heard(child: Child, topic: Topic) -> list[int]:
 
 def holes(numbers: list[int]) -> list[tuple[int, int]]:
     """Where numbers do not follow each other."""
-    return [(a, b) for a, b in zip(numbers, numbers[1:], strict=False) if b != a + 1]
+    return [(a, b) for a, b in itertools.pairwise(numbers) if b != a + 1]
 
 
 async def until(condition: Callable[[], Any], timeout_s: float = 20) -> None:
     """Wait for what other processes do."""
-    import asyncio
-
     async with asyncio.timeout(timeout_s):
         while not condition():
             await asyncio.sleep(0.02)

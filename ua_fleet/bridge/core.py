@@ -20,6 +20,7 @@ from ua_fleet.errors import LocalWireError
 from ua_fleet.pubsub.events import (
     DataReceived,
     MetaDataReceived,
+    ProbeDue,
     ProbeReceived,
     SourceUnknown,
     SubscriberEvent,
@@ -129,9 +130,19 @@ class BridgeCore:
         for event in self._subscriber.receive(datagram, now):
             self._heard(event, now)
 
-    def poll(self, now: float) -> None:
+    def begin(self, *, now: float, wall_ticks: int) -> None:
+        """Say on PubSub that this bridge is there."""
+        for datagram in self._publisher.begin(now=now, wall_ticks=wall_ticks):
+            self._send(datagram)
+
+    def end(self) -> None:
+        """Say on PubSub that this bridge ends."""
+        for datagram in self._publisher.end():
+            self._send(datagram)
+
+    def poll(self, now: float, wall_ticks: int | None = None) -> None:
         """Do what is due."""
-        for datagram in self._publisher.poll(now):
+        for datagram in self._publisher.poll(now, wall_ticks):
             self._send(datagram)
         for event in self._subscriber.poll(now):
             self._heard(event, now)
@@ -166,7 +177,7 @@ class BridgeCore:
     def _heard(self, event: SubscriberEvent, now: float) -> None:
         if isinstance(event, DataReceived):
             self._data(event)
-        elif isinstance(event, SourceUnknown):
+        elif isinstance(event, SourceUnknown | ProbeDue):
             if event.datagram:
                 self._send(event.datagram)
         elif isinstance(event, ProbeReceived):

@@ -21,6 +21,7 @@ from ua_fleet.bridge.core import BridgeCore, Rule
 from ua_fleet.bridge.driver import Driver, DriverEvent, Dropped, SampleRead, SourceFound
 from ua_fleet.bridge.inlet import BoundedInlet
 from ua_fleet.bridge.status import STATUS_FIELDS, STATUS_INTERVAL_S, status_topic, status_values
+from ua_fleet.config.applications import bridge_application
 from ua_fleet.config.schema import FleetConfig, PubSubConfig
 from ua_fleet.config.security import check_keys, envelope_of, weaknesses
 from ua_fleet.counters import Counters, Drop
@@ -77,7 +78,7 @@ class _Shell:
         self._subscriber = Subscriber(space, timing, self.counters, codec, rule, envelope=self.envelope)
         self._core = BridgeCore(
             space,
-            Publisher(space, timing, self.counters, codec),
+            Publisher(space, timing, self.counters, codec, bridge_application(config, bridge_name)),
             self._subscriber,
             self.counters,
             send=self._send,
@@ -102,6 +103,7 @@ class _Shell:
     def begin(self) -> None:
         """Begin to work; the driver and the transport have started."""
         now = self._loop.time()
+        self._core.begin(now=now, wall_ticks=_wall_ticks())
         if self._status_topic is not None:
             source = SourceFound(self._status_topic, f"{self._name} status", STATUS_FIELDS)
             self._core.from_space(source, now=now, wall_ticks=_wall_ticks())
@@ -110,7 +112,8 @@ class _Shell:
         self._on_timer()
 
     def end(self) -> None:
-        """Take nothing in any more."""
+        """Take nothing in any more, and say so."""
+        self._core.end()
         self.inlet.close()
         if self._timer is not None:
             self._timer.cancel()
@@ -151,7 +154,7 @@ class _Shell:
         self._timer = None
         now = self._loop.time()
         try:
-            self._core.poll(now)
+            self._core.poll(now, _wall_ticks())
             if now >= self._status_at:
                 self._status_at = now + STATUS_INTERVAL_S
                 self._report(now)

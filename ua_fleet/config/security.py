@@ -17,13 +17,26 @@ from ua_fleet.storage.nonces import FileNonces
 from ua_fleet.topics import SERVER_SPACE
 from ua_fleet.wire.security import SecurityMode, SecurityPolicy
 
-__all__ = ["all_groups", "check_keys", "envelope_of", "file_keys_of", "groups_of", "weaknesses"]
+__all__ = [
+    "all_groups",
+    "check_keys",
+    "envelope_of",
+    "file_keys_of",
+    "groups_of",
+    "security_mode_of",
+    "weaknesses",
+]
 
 _MODES: Final = {
     PubSubSecurity.NONE: SecurityMode.NONE,
     PubSubSecurity.SIGN: SecurityMode.SIGN,
     PubSubSecurity.SIGN_AND_ENCRYPT: SecurityMode.SIGN_AND_ENCRYPT,
 }
+
+
+def security_mode_of(config: FleetConfig) -> SecurityMode:
+    """The MessageSecurityMode of a fleet."""
+    return _MODES[config.pubsub.security]
 
 
 def all_groups(config: FleetConfig) -> tuple[str, ...]:

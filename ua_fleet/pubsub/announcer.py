@@ -90,7 +90,7 @@ class Announcer:
             number: gives the next SequenceNumber, of which there is one row for all announcements of a Publisher.
             pace: what may be sent at once.
         """
-        self._id, self._timing, self._application = publisher_id, timing, application
+        self._id, self._timing, self.application = publisher_id, timing, application
         self._number, self._pace = number, pace
         self._groups = Groups()
         self._actions: dict[int, tuple[int, ActionMetaDataAnnouncement]] = {}
@@ -149,7 +149,7 @@ class Announcer:
             LocalWireError: it cannot be encoded, or is larger than what may be sent.
         """
         size = len(encode_announcement(action))
-        if size > self._application.max_message_bytes:
+        if size > self.application.max_message_bytes:
             raise LocalWireError(f"the Action {action.request.name}: {size} bytes of metadata are too many")
         self._actions[action.data_set_writer_id] = ns, action
         self._want_parts(_RESPONDER, now + ANSWER_INTERVAL_S, _ALL)
@@ -246,7 +246,7 @@ class Announcer:
     def _announcements(self, key: _Key, now: float) -> Iterable[AnyAnnouncement]:
         """What there is to say under a key now."""
         head = self._id, _UINT16, 0
-        application = self._application
+        application = self.application
         asked = tuple(self._writers_asked.pop(key, ()))
         parts = self._parts_asked.pop(key, (False, False))
         if key.kind == "group":
@@ -278,14 +278,14 @@ class Announcer:
         for start in range(0, max(len(asked), 1), _WRITERS_IN_MESSAGE):
             ids = asked[start : start + _WRITERS_IN_MESSAGE]
             writers = [(writer_id, names[writer_id]) for writer_id in ids if writer_id in names]
-            group = writer_group(self._application, self._timing, ns, writers)
+            group = writer_group(self.application, self._timing, ns, writers)
             statuses = tuple([0 if writer_id in names else _NOT_FOUND for writer_id in ids])
             announcements.append(WriterConfigurationAnnouncement(self._id, _UINT16, 0, ids, group, statuses))
         return announcements
 
     def _data_groups(self, with_writers: bool) -> list[WriterGroup]:
         return [
-            writer_group(self._application, self._timing, ns, self._groups.names(ns).items() if with_writers else ())
+            writer_group(self.application, self._timing, ns, self._groups.names(ns).items() if with_writers else ())
             for ns in self._groups.numbers()
         ]
 
@@ -295,7 +295,7 @@ class Announcer:
             if action.targets:
                 writers.setdefault(ns, []).append((writer_id, action.request.name))
         return [
-            writer_group(self._application, self._timing, ns, ids if with_writers else (), are_actions=True)
+            writer_group(self.application, self._timing, ns, ids if with_writers else (), are_actions=True)
             for ns, ids in writers.items()
         ]
 
@@ -310,12 +310,12 @@ class Announcer:
         choices = [True] * (with_groups and with_writers) + [False] * with_groups
         for has_writers in choices:
             announcement = self._whole(make, tuple(groups_of(has_writers)))
-            if len(encode_announcement(announcement)) <= self._application.max_message_bytes:
+            if len(encode_announcement(announcement)) <= self.application.max_message_bytes:
                 return announcement
         return self._whole(make, ())
 
     def _whole(self, make: _Make, groups: tuple[WriterGroup, ...]) -> AnyAnnouncement:
-        return make(self._id, _UINT16, 0, (connection(self._application, self._timing, self._id, groups),))
+        return make(self._id, _UINT16, 0, (connection(self.application, self._timing, self._id, groups),))
 
     def _encode(self, announcement: AnyAnnouncement) -> bytes:
         return encode_announcement(announcement._replace(sequence_number=self._number()))

@@ -8,7 +8,15 @@ from typing import Final
 from ua_fleet.values import LocalizedText
 from ua_fleet.wire.discovered import NO_SECURITY, ApplicationDescription, ApplicationType, EndpointDescription
 
-__all__ = ["MAX_DATAGRAM_BYTES", "PRODUCT_URI", "UDP_UADP", "Application", "describe"]
+__all__ = [
+    "MAX_DATAGRAM_BYTES",
+    "PRODUCT_URI",
+    "UDP_UADP",
+    "Application",
+    "bridge_application_uri",
+    "describe",
+    "server_application_uri",
+]
 
 MAX_DATAGRAM_BYTES: Final = 65_507
 """The largest UDP payload over IPv4."""
@@ -37,6 +45,16 @@ class Application:
     """SecurityGroup of its Actions, where they are secured."""
     max_message_bytes: int = MAX_DATAGRAM_BYTES
     """The largest message that it sends, put together from chunks where it is larger than a datagram."""
+
+
+def server_application_uri(fleet_name: str) -> str:
+    """The ApplicationUri of a fleet's server; its certificate carries it."""
+    return f"{PRODUCT_URI}:{fleet_name}:server"
+
+
+def bridge_application_uri(fleet_name: str, bridge_name: str) -> str:
+    """The ApplicationUri of a bridge; its certificate carries it."""
+    return f"{PRODUCT_URI}:{fleet_name}:bridge:{bridge_name}"
 
 
 def describe(

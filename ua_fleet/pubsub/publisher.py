@@ -92,6 +92,10 @@ class Publisher:
             application = Application(describe(f"{PRODUCT_URI}:{publisher_id}", f"publisher {publisher_id}"))
         self._announcer = Announcer(publisher_id, timing, application, self._next_announcement_number, self._pace)
 
+    def describe(self, application: Application) -> None:
+        """Say this of the process from now on."""
+        self._announcer.application = application
+
     def begin(self, *, now: float, wall_ticks: int) -> list[bytes]:
         """Announce the application, and that it is Operational; `poll` does so again with a period."""
         return self._announcer.begin(now, wall_ticks)

@@ -11,8 +11,10 @@ from ua_fleet.config.nodes import fleet_model
 from ua_fleet.config.schema import FleetConfig, PubSubConfig, PubSubSecurity
 from ua_fleet.config.security import file_keys_of
 from ua_fleet.keys.source import KeySource
+from ua_fleet.pubsub.application import server_application_uri
 from ua_fleet.pubsub.subscriber import LoopRule
 from ua_fleet.server.address_space import FleetNodes
+from ua_fleet.server.endpoint.announced import announced_endpoints
 from ua_fleet.server.hardened import create_server
 from ua_fleet.server.hub import Hub, wall_ticks
 from ua_fleet.server.key_service.local import LocalKeySource
@@ -30,7 +32,7 @@ __all__ = ["application_uri", "run_server"]
 
 def application_uri(config: FleetConfig) -> str:
     """The ApplicationUri of a fleet's server; its certificate carries it."""
-    return f"urn:ua-fleet:{config.fleet.name}:server"
+    return server_application_uri(config.fleet.name)
 
 
 async def run_server(
@@ -88,6 +90,7 @@ async def run_server(
         try:
             await hub.start()
             await server.start()
+            hub.describe(await announced_endpoints(server))
             if ready is not None:
                 ready(server.endpoint.geturl())
             await hub.run()

@@ -13,6 +13,7 @@ from pathlib import Path
 
 import structlog
 
+from ua_fleet.config.applications import server_application
 from ua_fleet.config.schema import FleetConfig
 from ua_fleet.config.security import check_keys, envelope_of, weaknesses
 from ua_fleet.counters import Counters, Drop
@@ -24,7 +25,7 @@ from ua_fleet.fleet.model import FleetModel
 from ua_fleet.fleet.state import FleetState
 from ua_fleet.keys.keeper import KeysKept, keep_keys
 from ua_fleet.keys.source import KeySource
-from ua_fleet.pubsub.events import ProbeReceived, SourceUnknown, SubscriberEvent
+from ua_fleet.pubsub.events import ProbeDue, ProbeReceived, SourceUnknown, SubscriberEvent
 from ua_fleet.pubsub.publisher import Publisher
 from ua_fleet.pubsub.security.groups import telemetry_group
 from ua_fleet.pubsub.subscriber import LoopRule, Subscriber
@@ -34,6 +35,7 @@ from ua_fleet.topics import SERVER_SPACE, loop_verdict
 from ua_fleet.transport.base import Address, Transport
 from ua_fleet.values import ticks_from_unix_ns
 from ua_fleet.wire import Codec
+from ua_fleet.wire.discovered import EndpointDescription
 
 __all__ = ["Hub", "wall_ticks"]
 
@@ -92,7 +94,8 @@ class Hub:
         self._envelope = envelope_of(config, SERVER_SPACE, self.counters, state_dir)
         self._keys, self._keys_kept, self._keys_ahead = keys, KeysKept(), pubsub.keys.future_keys
         self._subscriber = Subscriber(SERVER_SPACE, timing, self.counters, codec, rule, envelope=self._envelope)
-        self._publisher = Publisher(SERVER_SPACE, timing, self.counters, codec)
+        self._config = config
+        self._publisher = Publisher(SERVER_SPACE, timing, self.counters, codec, server_application(config))
         self._state = FleetState(
             model,
             self.counters,
@@ -128,8 +131,13 @@ class Hub:
                 await self._keys_kept.wait_for([telemetry_group(SERVER_SPACE)])
             await self._announce()
 
+    def describe(self, endpoints: tuple[EndpointDescription, ...]) -> None:
+        """Tell the server's Endpoints to who asks for them on PubSub."""
+        self._publisher.describe(server_application(self._config, endpoints))
+
     async def close(self) -> None:
-        """Release the transport."""
+        """Say that this ends, and release the transport."""
+        self._send(self._publisher.end())
         await self._transport.close()
 
     def publish(self, publication: Publication) -> None:
@@ -159,6 +167,7 @@ class Hub:
 
     async def _announce(self) -> None:
         now = asyncio.get_running_loop().time()
+        self._send(self._publisher.begin(now=now, wall_ticks=wall_ticks()))
         for number, (data_set, fields) in enumerate(self.commands.sources(), start=1):
             name = data_set.name
             self._send(self._publisher.announce(data_set.topic, name, fields, now=now, wall_ticks=wall_ticks()))
@@ -181,7 +190,7 @@ class Hub:
     def _handle(self, events: Iterable[SubscriberEvent], now: float) -> None:
         wall = wall_ticks()
         for event in events:
-            if isinstance(event, SourceUnknown):
+            if isinstance(event, SourceUnknown | ProbeDue):
                 if event.datagram:
                     self._send([event.datagram])
             elif isinstance(event, ProbeReceived):
@@ -229,7 +238,7 @@ class Hub:
 
     def _poll(self, now: float) -> None:
         self._handle(self._subscriber.poll(now), now)
-        self._send(self._publisher.poll(now))
+        self._send(self._publisher.poll(now, wall_ticks()))
         for change in self._coalescer.poll(now):
             self._projection.put(change)
         if now >= self._next_tick:

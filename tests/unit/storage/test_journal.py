@@ -1,0 +1,165 @@
+from __future__ import annotations
+
+import os
+import signal
+import sqlite3
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from tests import system
+from ua_fleet.errors import StorageUnavailable
+from ua_fleet.skill.executions import ExecutionState, Outcome, OutcomeKind, Report, Target
+from ua_fleet.skill.journal import Execution, MemoryJournal, Request, RequestorJournal, ResponderJournal
+from ua_fleet.storage.journal import SqliteJournal
+
+TARGET = Target(300, 2, 1500, 7)
+RUNNING = Report(ExecutionState.RUNNING)
+DONE = Report(ExecutionState.DONE, 0x4000_0000, "half of it: ½", b"\x0b\0\1")
+ACCEPTED = Outcome(OutcomeKind.ACCEPTED, DONE)
+
+
+def id_of(number: int) -> bytes:
+    return number.to_bytes(16, "big")
+
+
+def request(number: int, outcome: Outcome | None = None) -> Request:
+    return Request(id_of(number), TARGET, b"\x06\x01\0\0\0", 133_000_000_000_000_000 + number, 2_000, outcome)
+
+
+def execution(number: int, report: Report = RUNNING) -> Execution:
+    return Execution(id_of(number), "0.engine", 0, TARGET, b"", 133_000_000_000_000_000 - number, 0, report)
+
+
+@pytest.fixture(params=["memory", "sqlite"])
+def journal(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[MemoryJournal | SqliteJournal]:
+    """Both journals have to do the same."""
+    if request.param == "memory":
+        yield MemoryJournal()
+    else:
+        with SqliteJournal(tmp_path / "journal.db") as opened:
+            yield opened
+
+
+def test_requests_are_remembered_with_their_outcomes(journal: RequestorJournal) -> None:
+    for number in (1, 2, 3):
+        journal.requested(request(number))
+    journal.requested(request(4, ACCEPTED))
+    journal.concluded(id_of(2), Outcome(OutcomeKind.UNKNOWN, Report(ExecutionState.UNKNOWN)))
+    journal.concluded(id_of(2), ACCEPTED)
+    assert list(journal.requests()) == [request(1), request(2, ACCEPTED), request(3), request(4, ACCEPTED)]
+    journal.forget_requests([id_of(1), id_of(2)])
+    journal.forget_requests([])
+    assert list(journal.requests()) == [request(3), request(4, ACCEPTED)]
+
+
+def test_executions_are_remembered_in_the_order_in_which_they_were_recorded(journal: ResponderJournal) -> None:
+    for number in (3, 1, 2):
+        journal.recorded(execution(number))
+    journal.reported(id_of(1), DONE)
+    assert list(journal.executions()) == [execution(3), execution(1, DONE), execution(2)]
+    journal.forget_executions([id_of(3)], {0: 55, 7: 66})
+    journal.forget_executions([id_of(2)], {0: 77})
+    journal.forget_executions([], {})
+    journal.recorded(execution(3))
+    assert list(journal.executions()) == [execution(1, DONE), execution(3)]
+    assert journal.forgotten() == {0: 77, 7: 66}
+
+
+def test_what_is_not_there_cannot_change(journal: MemoryJournal | SqliteJournal) -> None:
+    with pytest.raises(KeyError):
+        journal.concluded(id_of(1), ACCEPTED)
+    with pytest.raises(KeyError):
+        journal.reported(id_of(1), DONE)
+
+
+def test_all_of_it_is_there_when_the_file_is_opened_again(tmp_path: Path) -> None:
+    path = tmp_path / "journal.db"
+    with SqliteJournal(path) as journal:
+        journal.requested(request(1, ACCEPTED))
+        journal.recorded(execution(1, DONE))
+        journal.forget_executions([], {0: 5})
+    with SqliteJournal(path) as journal:
+        assert list(journal.requests()) == [request(1, ACCEPTED)]
+        [found] = journal.executions()
+        assert found == execution(1, DONE)
+        assert type(found.report.state) is ExecutionState
+        assert journal.forgotten() == {0: 5}
+
+
+def test_two_processes_cannot_share_a_journal(tmp_path: Path) -> None:
+    path = tmp_path / "journal.db"
+    with SqliteJournal(path), pytest.raises(StorageUnavailable, match="in use by another process"):
+        SqliteJournal(path)
+
+
+def test_a_record_of_a_state_that_there_is_not_is_told(tmp_path: Path) -> None:
+    path = tmp_path / "journal.db"
+    with SqliteJournal(path) as journal:
+        journal.recorded(execution(1))
+    other = sqlite3.connect(path)
+    other.execute("UPDATE executions SET state = 99")
+    other.commit()
+    other.close()
+    with SqliteJournal(path) as journal, pytest.raises(StorageUnavailable, match="a record that is none"):
+        journal.executions()
+
+
+WRITER = """
+import sys
+from pathlib import Path
+from tests.unit.storage.test_journal import DONE, execution, id_of, request
+from ua_fleet.storage.journal import SqliteJournal
+
+journal = SqliteJournal(Path(sys.argv[1]))
+number = 0
+while True:
+    number += 1
+    for name, record in (
+        ("requested", lambda: journal.requested(request(number))),
+        ("recorded", lambda: journal.recorded(execution(number))),
+        ("reported", lambda: journal.reported(id_of(number), DONE)),
+        ("forgotten", lambda: journal.forget_executions([id_of(number - 1)], {0: number - 1})),
+    ):
+        if name != "forgotten" or number > 1:
+            record()
+        print(name, number, flush=True)
+"""
+
+
+@pytest.mark.parametrize("said", [1, 2, 3, 4, 41, 42, 43, 44])
+def test_what_had_returned_is_there_after_the_process_was_killed(tmp_path: Path, said: int) -> None:
+    path = tmp_path / "journal.db"
+    child = subprocess.Popen(
+        [sys.executable, "-c", WRITER, str(path)],
+        cwd=system.ROOT,
+        env=system.clean_environment(PYTHONPATH=f"{system.ROOT}:{system.ROOT / 'bridges'}"),
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    assert child.stdout is not None
+    lines = [child.stdout.readline() for _ in range(said)]
+    os.kill(child.pid, signal.SIGKILL)
+    lines += child.stdout.readlines()
+    child.stdout.close()
+    assert child.wait() == -signal.SIGKILL
+    returned = [(name, int(number)) for name, number in (line.split() for line in lines if line.endswith("\n"))]
+    last = dict(returned)
+    with SqliteJournal(path) as journal:
+        requests, executions, forgotten = list(journal.requests()), list(journal.executions()), journal.forgotten()
+    assert [found.execution_id for found in requests][: last["requested"]] == [
+        id_of(number) for number in range(1, last["requested"] + 1)
+    ]
+    assert len(requests) - last["requested"] in (0, 1), "at most the one that was being written"
+    newest = len(requests)
+    newest_recorded = int.from_bytes(executions[-1].execution_id, "big") if executions else 0
+    assert newest_recorded >= last.get("recorded", 0)
+    assert newest_recorded <= newest
+    ended = {int.from_bytes(found.execution_id, "big") for found in executions if found.report == DONE}
+    gone = forgotten.get(0, 0)
+    assert gone >= last.get("forgotten", 1) - 1
+    assert all(number in ended or number <= gone for number in range(1, last.get("reported", 0) + 1))
+    assert all(int.from_bytes(found.execution_id, "big") > gone for found in executions), "both or nothing"

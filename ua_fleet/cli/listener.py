@@ -5,11 +5,16 @@ from __future__ import annotations
 import asyncio
 import json
 import math
+from collections import Counter
 from collections.abc import Sequence
 from typing import Any, Final, cast
 
+from ua_fleet.cli.discovery_json import announcement_as_json
+from ua_fleet.cli.message_json import KINDS, MODES
+from ua_fleet.cli.opening import REFRESH_S, Opened, Opener, ToolKeys
 from ua_fleet.cli.output import print_json, print_line
-from ua_fleet.counters import Counters
+from ua_fleet.counters import Drop
+from ua_fleet.errors import RemoteWireError
 from ua_fleet.pubsub.events import (
     DataReceived,
     MetaDataReceived,
@@ -24,7 +29,9 @@ from ua_fleet.topics import Side, Verdict
 from ua_fleet.transport.base import Address, Transport
 from ua_fleet.values import BuiltinType, Variant, datetime_from_ticks, status_name
 from ua_fleet.wire import Codec
-from ua_fleet.wire.messages import FieldMetaData
+from ua_fleet.wire.messages import FieldMetaData, FrameKind, MetaDataAnnouncement, NetworkMessage, Probe
+from ua_fleet.wire.security import NONCE_BYTES, SecurityMode
+from ua_fleet.wire.spans import printable
 
 __all__ = ["Listener", "figures_text"]
 
@@ -54,17 +61,21 @@ def _plain(value: Any, field: FieldMetaData) -> Any:
 
 
 class Listener:
-    """Prints what a subscriber hears, until it has printed as many lines as are wanted."""
+    """Prints what is heard, until it has printed as many lines as are wanted."""
 
-    def __init__(self, timing: PubSubTiming, *, count: int | None, as_json: bool) -> None:
-        self.counters = Counters()
+    def __init__(self, timing: PubSubTiming, opener: Opener, *, count: int | None, as_json: bool) -> None:
+        self.counters = opener.counters
         self.lines = 0
-        self._subscriber = Subscriber(_NOBODY, timing, self.counters, Codec(), _hear_all)
+        self.kinds: Counter[str] = Counter()
+        """What was opened, by its kind."""
+        self._opener = opener
+        self._codec = Codec()
+        self._subscriber = Subscriber(_NOBODY, timing, opener.counters, self._codec, _hear_all)
         self._left, self._as_json = count, as_json
         self._changed = asyncio.Event()
         self._transport: Transport | None = None
 
-    async def listen(self, transport: Transport) -> None:
+    async def listen(self, transport: Transport, keys: ToolKeys | None = None) -> None:
         """Listen until enough lines are printed, or cancelled; then the transport is closed."""
         self._transport = transport
         loop = asyncio.get_running_loop()
@@ -73,43 +84,109 @@ class Listener:
             while self._left != 0:
                 self._changed.clear()
                 deadline = self._subscriber.next_deadline()
+                if keys is not None:
+                    await keys.refresh()
+                    soon = loop.time() + REFRESH_S
+                    deadline = soon if deadline is None else min(deadline, soon)
                 try:
                     async with asyncio.timeout_at(deadline):
                         await self._changed.wait()
                 except TimeoutError:
-                    self._show(self._subscriber.poll(loop.time()))
+                    self._show(self._subscriber.poll(loop.time()), None)
         finally:
             await transport.close()
 
     def _receive(self, datagram: bytes, _sender: Address) -> None:
-        self._show(self._subscriber.receive(datagram, asyncio.get_running_loop().time()))
+        now = asyncio.get_running_loop().time()
+        opened = self._opener.open(datagram, now)
+        if opened.plain is not None:
+            shown = self._count(opened.plain)
+            if shown is not None:
+                self._print({**shown, **security_as_json(opened)})
+            self._show(self._subscriber.receive(opened.plain, now), opened)
+        elif opened.drop not in (None, Drop.MALFORMED):
+            self._print(refused_as_json(opened, len(datagram)))
         self._changed.set()
 
-    def _show(self, events: list[SubscriberEvent]) -> None:
+    def _count(self, plain: bytes) -> dict[str, Any] | None:
+        """Count a message by its kind; a line for an announcement that the subscriber says nothing of."""
+        try:
+            decoded = self._codec.decode(plain)
+        except RemoteWireError:
+            return None  # the subscriber counts it
+        if isinstance(decoded, NetworkMessage):
+            self.kinds.update(KINDS[FrameKind(part.kind)] for part in decoded.messages)
+        elif isinstance(decoded, Probe):
+            self.kinds["probe"] += 1
+        elif isinstance(decoded, MetaDataAnnouncement):
+            self.kinds["metadata"] += 1
+        else:
+            self.kinds["announcement"] += 1
+            return {
+                "event": "announcement",
+                "publisher_id": decoded.publisher_id,
+                "announcement": announcement_as_json(decoded),
+            }
+        return None
+
+    def _show(self, events: list[SubscriberEvent], opened: Opened | None) -> None:
         for event in events:
             if isinstance(event, SourceUnknown):
                 if event.datagram and self._transport is not None:
                     self._transport.send(event.datagram)
                 continue
-            if self._left == 0:
-                return
             shown = _described(event)
-            if shown is None:
-                continue
-            print_json(shown) if self._as_json else print_line(_as_text(shown))
-            self.lines += 1
-            if self._left is not None:
-                self._left -= 1
+            if shown is not None:
+                self._print(shown if opened is None else {**shown, **security_as_json(opened)})
+
+    def _print(self, shown: dict[str, Any]) -> None:
+        if self._left == 0:
+            return
+        print_json(shown) if self._as_json else print_line(_as_text(shown))
+        self.lines += 1
+        if self._left is not None:
+            self._left -= 1
 
     def figures(self) -> dict[str, Any]:
-        """What was received and what was dropped, by cause."""
+        """What was received, by kind, and what was dropped, by cause."""
         counters = self.counters
         return {
             "messages": counters.messages_in,
+            "kinds": dict(self.kinds),
             "gaps": counters.gaps,
             "drops": dict(counters.drops),
             "malformed": dict(counters.malformed),
         }
+
+
+def security_as_json(opened: Opened) -> dict[str, Any]:
+    """The security of a message, as in `pubsub decode --json`."""
+    heard = opened.heard
+    is_secured = heard is not None and heard.mode is not SecurityMode.NONE
+    return {
+        "security": {
+            "mode": None if heard is None else MODES[heard.mode],
+            "token_id": heard.token_id if heard is not None and is_secured else None,
+            "verified": opened.verified,
+        }
+    }
+
+
+def refused_as_json(opened: Opened, size: int) -> dict[str, Any]:
+    """The headers of a message that was not opened; nothing of them is proved."""
+    heard = opened.heard
+    shown: dict[str, Any] = {"event": "secured" if opened.drop is Drop.SECURED else "refused"}
+    if opened.drop is not Drop.SECURED:
+        shown |= {"drop": opened.drop, "reason": opened.reason}
+    if heard is not None:
+        has_number = len(heard.nonce) == NONCE_BYTES
+        shown |= {
+            "publisher_id": heard.publisher_id,
+            "writer_group_id": heard.writer_group_id,
+            "data_set_writer_ids": list(heard.writer_ids),
+            "sequence_number": int.from_bytes(heard.nonce[4:], "little") if has_number else None,
+        }
+    return {**shown, "bytes": size, **security_as_json(opened)}
 
 
 def _described(event: SubscriberEvent) -> dict[str, Any] | None:
@@ -139,18 +216,45 @@ def _described(event: SubscriberEvent) -> dict[str, Any] | None:
 
 
 def _as_text(shown: dict[str, Any]) -> str:
-    parts: list[str] = [] if shown["event"] == "data" else [shown["event"]]
-    parts.append(shown["topic"])
-    if shown.get("name", shown["topic"]) != shown["topic"]:
-        parts.append(f"({shown['name']})")
+    event = shown["event"]
+    parts: list[str] = [] if event == "data" else [event]
+    if "topic" in shown:
+        parts.append(shown["topic"])
+        if shown.get("name", shown["topic"]) != shown["topic"]:
+            parts.append(f"({shown['name']})")
+    if "drop" in shown:
+        parts.append(shown["drop"])
+    for name, label in (
+        ("publisher_id", "PublisherId"),
+        ("writer_group_id", "WriterGroupId"),
+        ("sequence_number", "sequence"),
+        ("bytes", "bytes"),
+    ):
+        if shown.get(name) is not None:
+            parts.append(f"{label}={shown[name]}")
+    if shown.get("data_set_writer_ids"):
+        parts.append(f"DataSetWriterIds={','.join(map(str, shown['data_set_writer_ids']))}")
+    if "announcement" in shown:
+        parts.append(f"({shown['announcement']['tells']})")
     for name, value in shown.get("fields", {}).items():
-        text = value if shown["event"] == "metadata" else json.dumps(value, ensure_ascii=False)
+        text = value if event == "metadata" else json.dumps(value, ensure_ascii=False)
         parts.append(f"{name}={text}")
     if shown.get("status", "Good") != "Good":
         parts.append(shown["status"])
     if shown.get("time"):
         parts.append(shown["time"])
-    return "  ".join(parts)
+    if "security" in shown:
+        parts.append(_security_text(**shown["security"]))
+    if shown.get("reason"):
+        parts.append(f"({shown['reason']})")
+    return "  ".join(printable(part) for part in parts)
+
+
+def _security_text(mode: str | None, token_id: int | None, verified: bool | None) -> str:
+    if token_id is None:
+        return "unsecured"
+    said = {True: "verified", False: "does not verify", None: "not verified"}[verified]
+    return f"[{mode}, token {token_id}, {said}]"
 
 
 def figures_text(figures: dict[str, Any]) -> str:
@@ -159,4 +263,5 @@ def figures_text(figures: dict[str, Any]) -> str:
     dropped = ", ".join(f"{cause} {count}" for cause, count in sorted(drops.items()) if count) or "nothing"
     causes = ", ".join(f"{cause} {count}" for cause, count in sorted(figures["malformed"].items()))
     malformed = f" (malformed: {causes})" if causes else ""
-    return f"messages: {figures['messages']}, gaps: {figures['gaps']}, dropped: {dropped}{malformed}"
+    kinds = ", ".join(f"{kind} {count}" for kind, count in sorted(figures["kinds"].items())) or "none"
+    return f"messages: {figures['messages']}, gaps: {figures['gaps']}, dropped: {dropped}{malformed}, kinds: {kinds}"

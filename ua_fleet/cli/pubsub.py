@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
-from pathlib import Path
+from contextlib import nullcontext
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -16,6 +16,7 @@ from ua_fleet.cli.process import run
 from ua_fleet.errors import SendTimeout
 
 if TYPE_CHECKING:
+    from ua_fleet.config import FleetConfig
     from ua_fleet.pubsub.timing import PubSubTiming
     from ua_fleet.transport.udp import UdpTransport
 
@@ -25,23 +26,32 @@ EXAMPLES = (
     "ua-fleet pubsub listen",
     "ua-fleet pubsub listen --url opc.udp://224.0.2.14:4840 --interface eth0 --timeout 10",
     "ua-fleet pubsub listen --count 5 --json",
+    "ua-fleet pubsub listen --as-bridge floor",
+    "ua-fleet pubsub listen --url opc.udp://224.0.2.14:4840 --key KEYDATA_HEX",
 )
 
 
-def _connection(config: Path, url: str | None, interface: str | None) -> tuple[UdpTransport, PubSubTiming]:
-    from ua_fleet.pubsub.timing import PubSubTiming
+def _transport(fleet: FleetConfig | None, url: str | None, interface: str | None) -> UdpTransport:
     from ua_fleet.transport.udp import UdpTransport
 
-    if url is not None:
-        return UdpTransport(url, interface or "lo"), PubSubTiming()
-    pubsub = load_config(config, allow_missing_ids=True).pubsub
-    transport = UdpTransport(
-        pubsub.url,
+    if fleet is None:
+        return UdpTransport(url or "", interface or "lo")
+    pubsub = fleet.pubsub
+    return UdpTransport(
+        url or pubsub.url,
         interface or pubsub.interface,
         ttl=pubsub.ttl,
         receive_buffer_bytes=pubsub.receive_buffer_bytes,
     )
-    return transport, PubSubTiming(pubsub.keep_alive_s, pubsub.receive_timeout_s, pubsub.repeat_interval_s)
+
+
+def _timing(fleet: FleetConfig | None) -> PubSubTiming:
+    from ua_fleet.pubsub.timing import PubSubTiming
+
+    if fleet is None:
+        return PubSubTiming()
+    pubsub = fleet.pubsub
+    return PubSubTiming(pubsub.keep_alive_s, pubsub.receive_timeout_s, pubsub.repeat_interval_s)
 
 
 def listen(
@@ -49,25 +59,55 @@ def listen(
     interface: Annotated[str | None, typer.Option(help="Name or address of the network interface.")] = None,
     count: Annotated[int | None, typer.Option(help="End after so many lines.", min=1)] = None,
     timeout: Annotated[float | None, typer.Option(help="End after so many seconds.", min=0.1)] = None,
+    key: Annotated[
+        str | None,
+        typer.Option(
+            metavar="KEYDATA_HEX",
+            envvar="UA_FLEET_PUBSUB_KEY",
+            help="Open secured messages with this one key, and not with those of the configuration file.",
+        ),
+    ] = None,
+    as_bridge: Annotated[
+        str | None, typer.Option(metavar="NAME", help="Ask the key service with the certificate of this bridge.")
+    ] = None,
     config: Config = DEFAULT_CONFIG,
     as_json: Json = False,
 ) -> None:
     """Print the PubSub messages of a fleet, one line each, until Ctrl-C.
 
-    Shown are new values, metadata, and sources that fall silent or return; repeats and keep-alives are only counted.
-    Sources whose metadata is not known yet are asked for it. At the end the counters are printed to stderr. Exit code 5
-    if nothing at all, or less than --count, came within --timeout.
+    Shown are new values, metadata, announcements, and sources that fall silent or return; repeats and keep-alives are
+    only counted. Sources whose metadata is not known yet are asked for it. Messages are verified and decrypted with
+    the keys of the configuration file; where the key service has them, --as-bridge is needed. Of a secured message
+    without its key, and of one that is refused, the headers are shown. With --url and no --config there are no keys.
+    At the end the counters are printed to stderr. Exit code 5 if nothing at all, or less than --count, came within
+    --timeout.
     """
     set_up_logging("warning")
     from ua_fleet.cli.listener import Listener, figures_text
+    from ua_fleet.cli.opening import Opener, lacks_keys, tool_envelope, tool_keys
+    from ua_fleet.cli.pubsub_decode import key_of
+    from ua_fleet.counters import Counters
 
-    transport, timing = _connection(config, url, interface)
+    one_key = None if key is None else key_of(key)
+    fleet = None
+    if url is None or config != DEFAULT_CONFIG:
+        fleet = load_config(config, allow_missing_ids=True)
+    transport, counters = _transport(fleet, url, interface), Counters()
+    if one_key is not None:
+        keyed = None
+    elif fleet is not None and lacks_keys(fleet, as_bridge):
+        keyed = None
+        message("keys come from the key service: name a bridge whose certificate may ask for them (--as-bridge NAME)")
+    else:
+        keyed = fleet
+    envelope = tool_envelope(keyed, counters)
+    listener = Listener(_timing(fleet), Opener(counters, envelope, one_key), count=count, as_json=as_json)
+    keys_of_fleet = nullcontext() if keyed is None else tool_keys(keyed, envelope, config.resolve().parent, as_bridge)
 
     async def main() -> None:
-        listener = Listener(timing, count=count, as_json=as_json)
         try:
-            async with asyncio.timeout(timeout):
-                await listener.listen(transport)
+            async with asyncio.timeout(timeout), keys_of_fleet as keys:
+                await listener.listen(transport, keys)
         except TimeoutError:
             if count is not None:
                 raise SendTimeout(f"{count} lines did not come within {timeout} s; try a longer --timeout") from None

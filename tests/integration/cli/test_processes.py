@@ -34,7 +34,7 @@ def test_listen_json_ends_by_count_and_tells_its_counters(site: Site) -> None:
     assert shown["event"] in ("data", "metadata")
     assert shown["topic"].startswith("ua_0_2_")
     figures = json.loads(ended.stderr.splitlines()[-1])
-    assert set(figures) == {"messages", "gaps", "drops", "malformed", "kernel_drops"}
+    assert set(figures) == {"messages", "kinds", "gaps", "drops", "malformed", "kernel_drops"}
 
 
 def test_listen_elsewhere_hears_nothing(site: Site) -> None:

@@ -107,11 +107,10 @@ def _head(datagram: bytes, cursor: Cursor, outline: Outline) -> bytes:
         (writer_id,) = outline.writer_ids
         writer = _ONE_WRITER.pack(1, writer_id) if outline.is_chunk else _WRITER_ID.pack(writer_id)
         behind += 2 if outline.is_chunk else 3
-    before = len(encode_flags(outline.flags, outline.extended1, outline.extended2))
     return b"".join(
         (
             encode_flags(outline.flags, outline.extended1, outline.extended2 ^ IS_CHUNK),
-            datagram[before : outline.payload_header_offset],
+            datagram[outline.flags_size : outline.payload_header_offset],
             writer,
             datagram[behind : cursor.position],
         )

@@ -46,6 +46,8 @@ class Outline(NamedTuple):
     flags: int
     extended1: int
     extended2: int
+    flags_size: int
+    """How many bytes of flags there are."""
     message_type: MessageType
     publisher_id: int | str | None
     publisher_id_type: int
@@ -74,6 +76,7 @@ class Outline(NamedTuple):
 def read_outline(cursor: Cursor) -> Outline:
     """Read up to where the SecurityHeader stands or would stand; raises RemoteWireError."""
     flags, extended1, extended2 = decode_flags(cursor)
+    flags_size = cursor.position
     message_type = decode_message_type(extended2)
     if message_type is not MessageType.DATA_SET:
         check_discovery_flags(flags, extended1, extended2)
@@ -103,6 +106,7 @@ def read_outline(cursor: Cursor) -> Outline:
         flags,
         extended1,
         extended2,
+        flags_size,
         message_type,
         publisher_id,
         publisher_id_type,

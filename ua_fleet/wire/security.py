@@ -368,16 +368,15 @@ def _secured_head(plain_head: bytes, token_id: int, mode: SecurityMode, more_fla
         raise LocalWireError(f"a SecurityTokenId is a UInt32: {token_id}")
     cursor = Cursor(plain_head)
     try:
-        flags, extended1, extended2 = decode_flags(cursor)
+        outline = read_outline(cursor)
     except RemoteWireError as error:
         raise LocalWireError(f"the head of a message that cannot be secured: {error}") from error
-    names = cursor.take(cursor.remaining)
-    if extended1 & HAS_SECURITY_HEADER:
-        if not names.endswith(NO_SECURITY):
-            raise LocalWireError("a message that is secured already")
-        names = names[: -len(NO_SECURITY)]
+    empty = NO_SECURITY if outline.extended1 & HAS_SECURITY_HEADER else b""
+    if plain_head[cursor.position :] != empty:
+        raise LocalWireError("a message that is secured already, or whose payload begins elsewhere")
+    flags = encode_flags(outline.flags, outline.extended1 | HAS_SECURITY_HEADER, outline.extended2)
     security_header = _FLAGS_TOKEN_NONCE_LENGTH.pack(_FLAGS[mode] | more_flags, token_id, NONCE_BYTES)
-    return encode_flags(flags, extended1 | HAS_SECURITY_HEADER, extended2) + names + security_header
+    return flags + plain_head[outline.flags_size : cursor.position] + security_header
 
 
 def _plain_head(secured: SecuredDatagram) -> bytes:

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tests.unit.wire.corpus import valid_messages
+from tests.unit.wire.corpus import mutate, valid_messages
 from tests.unit.wire.everything import is_plain, secured_messages
 from ua_fleet.errors import LocalWireError, RemoteWireError
 from ua_fleet.wire import (
@@ -172,6 +172,29 @@ def test_what_cannot_be_joined() -> None:
     for payload in (b"", WHOLE[10:-1], WHOLE[10:] + b"\0"):
         with pytest.raises(LocalWireError):
             join(chunk, payload)
+
+
+def test_flags_that_could_have_been_left_out() -> None:
+    """ExtendedFlags that are 0 are not sent again."""
+    whole = bytes.fromhex("f1 80 00 07 01 0300 01 0900") + bytes(range(50))
+    shortest = bytes.fromhex("71 07 01 0300 01 0900") + bytes(range(50))
+    assert put_together(split(whole, 50, 1)) == shortest
+    assert split(whole, 50, 1) == split(shortest, 50, 1)
+
+
+def test_whatever_has_a_head_is_split_or_refused() -> None:
+    chance = random.Random(3)
+    several = 0
+    for _ in range(5_000):
+        whole = mutate(chance, WHOLE_MESSAGES)
+        try:
+            datagrams = split(whole, 60, 1)
+        except LocalWireError:
+            continue
+        if len(datagrams) > 1:
+            assert whole.endswith(put_together(datagrams)[payload_offset(whole) :])
+            several += 1
+    assert several > 500
 
 
 def test_what_is_no_chunk() -> None:

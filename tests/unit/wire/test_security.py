@@ -366,6 +366,12 @@ def test_what_cannot_be_protected() -> None:
         payload_offset(protect(key, DISCOVERY))
     with pytest.raises(LocalWireError, match="cannot be secured"):
         key.protect(b"\2\2\2", 1, 1, NONCE, SIGN)
+    for offset in (9, 11, len(PLAIN)):
+        with pytest.raises(LocalWireError):
+            key.protect(PLAIN, offset, 1, NONCE, SIGN)
+    with_a_nonce = DISCOVERY[:5] + bytes.fromhex("00 00000000 08") + bytes(8) + DISCOVERY[11:]
+    with pytest.raises(LocalWireError, match="secured already"):
+        key.protect(with_a_nonce, payload_offset(with_a_nonce), 1, NONCE, SIGN)
     with pytest.raises(RemoteWireError):
         payload_offset(b"\2\2\2")
 
@@ -398,6 +404,22 @@ def test_the_short_way_reads_what_the_long_way_reads(seed: int) -> None:
             assert str(caught.value) == str(error)  # noqa: PT017 - both raise the same
         else:
             assert read_security(datagram) == expected
+
+
+def test_whatever_has_a_head_is_secured_and_opened_or_refused() -> None:
+    """Also what is no message: the payload is nothing but bytes here."""
+    chance, key, corpus = random.Random(3), make_key(), [*PLAIN_MESSAGES, *secured_messages()[::9]]
+    secured = 0
+    for _ in range(5_000):
+        plain = mutate(chance, corpus)
+        try:
+            datagram = protect(key, plain, chance.choice((SIGN, ENCRYPT)))
+        except (LocalWireError, RemoteWireError):
+            continue
+        opened = unprotect(key, datagram)
+        assert opened[payload_offset(opened) :] == plain[payload_offset(plain) :]
+        secured += 1
+    assert secured > 2_000
 
 
 def test_offsets_of_every_secured_message() -> None:

@@ -345,9 +345,7 @@ class FleetClient:
         with _translated(self.endpoint):
             node = await self._node(address)
             subscription = await self._client.create_subscription(period_ms, _Bell(heard))
-            result = await subscription.subscribe_data_change(node)
-            if isinstance(result, ua.StatusCode):
-                raise NodeNotFound(f"{address} cannot be watched: {result.name}; look with: ua-fleet browse")
+            await subscription.subscribe_data_change(node)
 
     async def watch(self, addresses: Sequence[str], *, period_ms: float = 100.0) -> AsyncGenerator[Change]:
         """The current values of some nodes, then each change, until the iteration is closed.

@@ -16,7 +16,7 @@ from cryptography import x509
 from cryptography.hazmat.primitives.serialization import Encoding
 
 from tests import system
-from tests.integration.key_service.harness import Cards, Desk, desk
+from tests.integration.key_service.harness import INVALIDATE, ROTATE, Cards, Desk, call, desk, get_keys, name
 from tests.unit.server.key_service.fleet import fleet
 from ua_fleet.client.key_source import ServiceKeySource
 from ua_fleet.errors import KeySourceUnavailable, KeysRefused
@@ -63,6 +63,37 @@ async def test_it_finds_a_server_that_was_restarted(tmp_path: Path, cards: Cards
         await source.close()
         assert (await source.fetch("t-1", 0, 5))[:3] == before[:3]
         await source.close()
+
+
+async def until_more(source: ServiceKeySource, generation: int) -> None:
+    async with asyncio.timeout(10):
+        while source.generation <= generation:
+            await asyncio.sleep(0.01)
+
+
+async def test_it_hears_of_keys_that_change_before_their_time(tmp_path: Path, cards: Cards) -> None:
+    port = system.free_tcp_port()
+    async with desk(tmp_path, cards, port=port) as made:
+        source = ServiceKeySource(made.url, cards.identity("arm", tmp_path / "arm"), "arm")
+        await source.fetch("t-1", 0, 5)
+        async with made.connected(card="visitor", user="eva") as engineer:
+            for method, token in ((ROTATE, 2), (INVALIDATE, 7), (INVALIDATE, 12)):
+                before = source.generation
+                assert name(await call(engineer, made.group("t-1"), method)) == "Good"
+                await until_more(source, before)
+                assert (await source.fetch("t-1", 0, 5)).first_token_id == token
+            assert await engineer.get_node("ns=2;s=SecurityGroups.Changes").read_value() == 3
+        before = source.generation
+    # A server that is gone cannot say anything.
+    await until_more(source, before)
+    with pytest.raises(KeySourceUnavailable):
+        await source.fetch("t-1", 0, 5)
+    async with desk(tmp_path, cards, port=port):
+        before = source.generation
+        assert (await source.fetch("t-1", 0, 5)).first_token_id == 12
+        assert source.generation == before
+        await source.close()
+        assert source.generation == before
 
 
 async def test_it_says_which_command_makes_it_known(running: Desk, cards: Cards, tmp_path: Path) -> None:
@@ -117,10 +148,19 @@ async def test_another_server_at_the_same_place(tmp_path: Path, cards: Cards) ->
                 await source.fetch("t-0", 0, 1)
 
 
+async def test_another_products_key_service_does_not_count_changes(tmp_path: Path, cards: Cards) -> None:
+    async with desk(tmp_path, cards) as made:
+        await made.server.delete_nodes([made.server.get_node("ns=2;s=SecurityGroups.Changes")])
+        async with ServiceKeySource(made.url, cards.identity("arm", tmp_path / "arm"), "arm") as source:
+            assert (await source.fetch("t-1", 0, 5)).first_token_id == 1
+            assert (await source.fetch("t-0", 0, 5)).first_token_id == 1
+
+
 async def test_giving_up_leaves_no_connection(running: Desk, cards: Cards, tmp_path: Path) -> None:
     """At whatever point of the connection a bridge is ended."""
     source = ServiceKeySource(running.url, cards.identity("arm", tmp_path), "arm")
-    listener: Any = running.server._listener
+    server: Any = running.server
+    listener = server._listener
     for steps in (1, 2, 4, 8, 16, 32, 64, 128, 256):
         fetching = asyncio.ensure_future(source.fetch("t-0", 0, 1))
         for _ in range(steps):
@@ -176,8 +216,6 @@ async def test_no_key_is_shown_anywhere(
             except KeysRefused as error:
                 shown += [repr(error), str(error), repr(error.__cause__)]
         async with made.connected(card="visitor", user="eva") as client:
-            from tests.integration.key_service.harness import INVALIDATE, call, get_keys
-
             await call(client, made.group("t-1"), INVALIDATE)
             shown.append(repr(await get_keys(client, "t-1")))
         await source.fetch("t-1", 0, 5)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import time
 from collections.abc import AsyncGenerator
 from contextlib import asynccontextmanager
 from pathlib import Path
@@ -15,10 +16,13 @@ from tests.unit.server.key_service.fleet import fleet
 from ua_fleet.client.identity import ClientIdentity
 from ua_fleet.client.key_source import ServiceKeySource
 from ua_fleet.config.schema import FleetConfig
+from ua_fleet.config.security import all_groups
 from ua_fleet.errors import KeySourceUnavailable, ServerStartError
 from ua_fleet.server.app import run_server
 from ua_fleet.server.certificates import trust_bridge
 from ua_fleet.server.key_service.files import GROUPS_FILE
+from ua_fleet.storage.key_files import KeyFile, KeyFolder
+from ua_fleet.wire.security import SecurityPolicy
 
 
 def config_of(udp_url: str, **pubsub: object) -> FleetConfig:
@@ -62,9 +66,10 @@ async def test_bridges_get_keys_and_keep_them_over_a_restart(udp_url: str, tmp_p
 
 @pytest.mark.parametrize("pubsub", [{"security": "none"}, {"keys": {"source": "files"}}])
 async def test_without_need_there_is_no_key_service(udp_url: str, tmp_path: Path, pubsub: dict[str, object]) -> None:
-    if "keys" in pubsub:
-        pytest.importorskip("ua_fleet.keys.files")
     config = config_of(udp_url, **pubsub)
+    policy = SecurityPolicy.named(config.pubsub.keys.policy)
+    for group in all_groups(config):
+        KeyFolder(tmp_path / "keys").write(KeyFile.new(group, policy, 3600.0, time.time()))
     identity = ClientIdentity.of_bridge(tmp_path / "arm", "Fleet", "arm")
     await identity.ensure()
     async with serving(tmp_path, config) as url:

@@ -1,8 +1,7 @@
 """A bridge as a process of its own whose space is this process: `counting_bridge.py FLEET_JSON BRIDGE [PERIOD_S]`.
 
 Its source says 0, 1, 2, ... and goes on, after a restart, where the time has brought it; each value that other spaces
-say is printed as `heard <topic> <value>`. Keys come from the key files that the fleet names. Prints `ready`; ends at
-SIGTERM.
+say is printed as `heard <topic> <value>`. Keys come from where the fleet says. Prints `ready`; ends at SIGTERM.
 """
 
 from __future__ import annotations
@@ -13,20 +12,20 @@ import logging
 import signal
 import sys
 import time
+from functools import partial
 from pathlib import Path
 
 import structlog
 
 from ua_fleet.bridge import DriverStatus, Inlet, SampleRead, SourceFound, run_bridge
+from ua_fleet.cli.key_source import key_source_of
 from ua_fleet.config.schema import FleetConfig
 from ua_fleet.errors import UaFleetError
-from ua_fleet.keys.files import FileKeySource
 from ua_fleet.pubsub.metadata import make_field
 from ua_fleet.topics import Topic
 from ua_fleet.transport.udp import UdpTransport
 from ua_fleet.values import BuiltinType
 from ua_fleet.wire.messages import DataSetMessage, DataSetMetaData
-from ua_fleet.wire.security import SecurityPolicy
 
 FIELDS = (make_field("data", BuiltinType.INT64, properties={"RosType": "std_msgs/Int64"}),)
 FIRST_SPACE = 300
@@ -72,17 +71,15 @@ async def main(path: Path, name: str, period_s: float) -> int:
     transport = UdpTransport(
         pubsub.url, pubsub.interface, ttl=pubsub.ttl, receive_buffer_bytes=pubsub.receive_buffer_bytes
     )
-    running = asyncio.ensure_future(
-        run_bridge(
-            config,
-            name,
-            CountingDriver(config.bridges[name].space, period_s),
-            transport,
-            state_dir=path.parent / config.state_dir_of(name),
-            keys=FileKeySource(path.parent / pubsub.keys.folder, SecurityPolicy.named(pubsub.keys.policy)),
-            ready=lambda: print("ready", flush=True),
-        )
-    )
+    state_dir = path.parent / config.state_dir_of(name)
+
+    async def bridged() -> None:
+        async with key_source_of(config, name, path.parent, state_dir) as keys:
+            driver = CountingDriver(config.bridges[name].space, period_s)
+            ready = partial(print, "ready", flush=True)
+            await run_bridge(config, name, driver, transport, state_dir=state_dir, keys=keys, ready=ready)
+
+    running = asyncio.ensure_future(bridged())
     asyncio.get_running_loop().add_signal_handler(signal.SIGTERM, running.cancel)
     try:
         await running

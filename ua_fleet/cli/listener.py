@@ -28,7 +28,7 @@ from ua_fleet.pubsub.timing import PubSubTiming
 from ua_fleet.topics import Side, Verdict
 from ua_fleet.transport.base import Address, Transport
 from ua_fleet.values import BuiltinType, Variant, datetime_from_ticks, status_name
-from ua_fleet.wire import Codec
+from ua_fleet.wire import ActionMessage, Codec
 from ua_fleet.wire.messages import FieldMetaData, FrameKind, MetaDataAnnouncement, NetworkMessage, Probe
 from ua_fleet.wire.security import NONCE_BYTES, SecurityMode
 from ua_fleet.wire.spans import printable
@@ -120,6 +120,8 @@ class Listener:
             self.kinds["probe"] += 1
         elif isinstance(decoded, MetaDataAnnouncement):
             self.kinds["metadata"] += 1
+        elif isinstance(decoded, ActionMessage):
+            self.kinds["action request" if decoded.is_request else "action response"] += 1 + len(decoded.others)
         else:
             self.kinds["announcement"] += 1
             return {

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, Final
 from ua_fleet.cli.discovery_json import announcement_as_json, probe_as_json
 from ua_fleet.cli.value_json import data_value_as_json, status_text, time_text, value_as_json
 from ua_fleet.values import DataValue, Variant
+from ua_fleet.wire.actions import ActionMessage, ActionState
 from ua_fleet.wire.generic import Decoded
 from ua_fleet.wire.messages import DataSetMessage, FieldEncoding, FrameKind, NetworkMessage, Probe
 from ua_fleet.wire.security import SecurityMode
@@ -92,6 +93,29 @@ def network_message_as_json(message: NetworkMessage) -> dict[str, Any]:
     }
 
 
+def action_as_json(message: ActionMessage) -> dict[str, Any]:
+    """What one Action request or response says."""
+    correlation = message.correlation_data
+    parts = {
+        "kind": "request" if message.is_request else "response",
+        "data_set_writer_id": message.data_set_writer_id,
+        "action_target_id": message.action_target_id,
+        "request_id": message.request_id,
+        "action_state": ActionState(message.action_state).name.lower(),
+        "requestor_id": message.requestor_id,
+        "correlation_data": None if correlation is None else correlation.hex(),
+        "response_address": message.response_address,
+        "timeout_hint_ms": message.timeout_hint_ms,
+        "timestamp": time_text(message.timestamp),
+        "status": None if message.status is None else status_text(message.status),
+    }
+    fields = [
+        {"index": index, "type": type_name(code), "value": value_as_json(code, value)}
+        for index, (code, value) in enumerate(zip(message.types, message.values, strict=True))
+    ]
+    return {name: part for name, part in parts.items() if part is not None} | {"fields": fields}
+
+
 def inspected_as_json(inspected: Inspected) -> dict[str, Any]:
     """One message for `pubsub decode --json`."""
     heard, chunk = inspected.security, inspected.chunk
@@ -129,4 +153,6 @@ def decoded_as_json(decoded: Decoded) -> dict[str, Any]:
         return network_message_as_json(decoded)
     if isinstance(decoded, Probe):
         return {"probe": probe_as_json(decoded)}
+    if isinstance(decoded, ActionMessage):
+        return {"actions": [action_as_json(part) for part in (decoded, *decoded.others)]}
     return {"announcement": announcement_as_json(decoded)}

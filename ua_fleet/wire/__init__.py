@@ -2,11 +2,13 @@
 
     codec = Codec()                          # one for each process: it owns the bounded caches of compiled plans
     codec.decode(datagram)                   -> NetworkMessage | Probe | an announcement of `discovered.py`
+                                                | ActionMessage
                                                 or raises RemoteWireError(cause, detail, offset), nothing else;
                                                 SecuredMessage, a RemoteWireError, for what was not opened before
     codec.encode(network_message)            -> bytes, or raises LocalWireError
     encode_probe(probe)                      -> bytes
     encode_announcement(announcement)        -> bytes, of any kind
+    encode_action(action_message)            -> bytes, of a request or response
     decode_raw_fields(message, metadata)     -> the DataSetMessage with `types` and `values` in place of `raw`
 
 For a writer that sends one DataSetMessage after the other there is something faster than `encode`, bound once:
@@ -31,6 +33,7 @@ Security and chunks are transforms of whole datagrams around the codec, which kn
     join(chunk, payload)                                                 -> bytes, once the data of all chunks is there
 """
 
+from ua_fleet.wire.actions import ActionMessage, ActionState, encode_action
 from ua_fleet.wire.causes import Cause, SecuredMessage
 from ua_fleet.wire.chunks import Chunk, join, read_chunk, split
 from ua_fleet.wire.codec import Codec
@@ -47,6 +50,8 @@ from ua_fleet.wire.security import (
 )
 
 __all__ = [
+    "ActionMessage",
+    "ActionState",
     "Cause",
     "Chunk",
     "Codec",
@@ -57,6 +62,7 @@ __all__ = [
     "SecurityPolicy",
     "WriterPlan",
     "decode_raw_fields",
+    "encode_action",
     "encode_announcement",
     "encode_metadata_announcement",
     "encode_probe",

@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping
 from typing import Final
 
 from ua_fleet.values import BuiltinType, status_name
+from ua_fleet.wire import actions as a
 from ua_fleet.wire import data_set_message as d
 from ua_fleet.wire.announcements import (
     ANNOUNCEMENT_NAMES,
@@ -47,6 +48,14 @@ FLAGS_2: Final[tuple[Flag, ...]] = (
     (d.HAS_PICOSECONDS, "PicoSeconds"),
     (d.RESERVED_FLAGS_2, "reserved bits"),
 )
+ACTION_FLAGS: Final[tuple[Flag, ...]] = (
+    (a.HAS_RESPONSE_ADDRESS, "ResponseAddress"),
+    (a.HAS_CORRELATION_DATA, "CorrelationData"),
+    (a.HAS_REQUESTOR_ID, "RequestorId"),
+    (a.HAS_TIMEOUT_HINT, "TimeoutHint"),
+    (a.RESERVED_ACTION_FLAGS, "reserved bits"),
+)
+ACTION_STATES: Final[dict[int, str]] = {state: state.name.capitalize() for state in a.ActionState}
 PROBE_TYPES: Final = {INFORMATION_PROBE: "Publisher information", FIND_APPLICATIONS_PROBE: "FindApplications"}
 INFORMATION_TYPES: Final[dict[int, str]] = {
     ProbeKind.ENDPOINTS: "endpoints of the Publisher's server",
@@ -113,7 +122,15 @@ def _flags_2_text(flags: int) -> str:
     return KINDS.get(kind, f"reserved type {kind}")
 
 
+def _action_flags_text(flags: int) -> str:
+    return "request" if flags & a.IS_REQUEST else "response"
+
+
 def _walk_fields(walk: Walk, encoding: int, kind: int) -> None:
+    if kind in (d.FIRST_ACTION_KIND, d.LAST_ACTION_KIND):
+        walk.number("ActionTargetId", BuiltinType.UINT16)
+        walk.number("RequestId", BuiltinType.UINT16)
+        walk.read("ActionState", Cursor.byte, _named(ACTION_STATES))
     if kind == FrameKind.KEEP_ALIVE:
         walk.padding()
         return
@@ -135,8 +152,17 @@ def _walk_fields(walk: Walk, encoding: int, kind: int) -> None:
 
 
 def walk_action_header(walk: Walk) -> None:
-    """The header of an Action (7.2.4.5.9)."""
-    walk.rest("ActionHeader")
+    """The header of an Action (see `actions.py`)."""
+    walk.section = "ActionHeader"
+    flags = walk.flags("ActionFlags", ACTION_FLAGS, _action_flags_text)
+    if flags & a.HAS_RESPONSE_ADDRESS:
+        walk.value("ResponseAddress", BuiltinType.STRING)
+    if flags & a.HAS_CORRELATION_DATA:
+        walk.value("CorrelationData", BuiltinType.BYTE_STRING)
+    if flags & a.HAS_REQUESTOR_ID:
+        walk.variant("RequestorId")
+    if flags & a.HAS_TIMEOUT_HINT:
+        walk.number("TimeoutHint", BuiltinType.DOUBLE, " ms")
 
 
 def walk_probe(walk: Walk) -> None:

@@ -14,7 +14,13 @@ from ua_fleet.wire.cursor import Cursor
 from ua_fleet.wire.messages import DataSetMessage, FieldEncoding, FrameKind
 from ua_fleet.wire.variant import decode_data_value, decode_variant, encode_data_value, encode_typed
 
-__all__ = ["decode_data_set_message", "encode_data_set_message", "with_data_values"]
+__all__ = [
+    "decode_data_set_head",
+    "decode_data_set_message",
+    "decode_fields",
+    "encode_data_set_message",
+    "with_data_values",
+]
 
 # DataSetFlags1
 IS_VALID: Final = 0x01
@@ -29,15 +35,38 @@ FRAME_KIND_BITS: Final = 0x0F
 HAS_TIMESTAMP: Final = 0x10
 HAS_PICOSECONDS: Final = 0x20
 RESERVED_FLAGS_2: Final = 0xC0
-FIRST_ACTION_KIND: Final = 4
-LAST_ACTION_KIND: Final = 5
-"""DataSetMessage types of Action requests and responses."""
+FIRST_ACTION_KIND: Final = 5
+LAST_ACTION_KIND: Final = 6
+"""DataSetMessage types of Action requests and responses (`actions.py`); 4 is none (table 162)."""
 
 _INT64 = Struct("<q")
 
 
 def decode_data_set_message(cursor: Cursor, data_set_writer_id: int) -> DataSetMessage:
     """Decode the DataSetMessage that fills the cursor, padding included."""
+    message = decode_data_set_head(cursor, data_set_writer_id)
+    kind, encoding = message.kind, message.encoding
+    if not message.valid:
+        return message
+    if kind > FrameKind.KEEP_ALIVE:
+        detail = f"DataSetMessage type {kind} without an ActionHeader"
+        raise RemoteWireError(Cause.ACTION_HEADER_MISSING, detail, cursor.position)
+    if kind == FrameKind.KEEP_ALIVE:
+        cursor.expect_padding()
+        return message
+    if kind == FrameKind.EVENT and encoding != FieldEncoding.VARIANT:
+        raise RemoteWireError(Cause.EVENT_ENCODING, f"field encoding {encoding} in an event", cursor.position)
+    if encoding == FieldEncoding.RAW_DATA:
+        return message._replace(raw=cursor.take(cursor.remaining))
+    if kind == FrameKind.KEY and not cursor.remaining:  # a heartbeat is the header alone (7.2.4.5.5)
+        return message
+    message = decode_fields(cursor, message)
+    cursor.expect_padding()
+    return message
+
+
+def decode_data_set_head(cursor: Cursor, data_set_writer_id: int) -> DataSetMessage:
+    """Decode the header of a DataSetMessage of any type; one that is not valid is read to the end."""
     flags1 = cursor.byte()
     if not flags1 & IS_VALID:  # then the rest is not to be looked at (table 162)
         cursor.position = cursor.end
@@ -49,11 +78,9 @@ def decode_data_set_message(cursor: Cursor, data_set_writer_id: int) -> DataSetM
     if flags2 & RESERVED_FLAGS_2:
         raise RemoteWireError(Cause.RESERVED_DATA_SET_FLAGS, f"DataSetFlags2 0x{flags2:02x}", cursor.position)
     kind = flags2 & FRAME_KIND_BITS
-    if kind > FrameKind.KEEP_ALIVE:
-        if kind <= LAST_ACTION_KIND:
-            raise RemoteWireError(Cause.ACTION, f"DataSetMessage type {kind}", cursor.position)
+    if kind > FrameKind.KEEP_ALIVE and not FIRST_ACTION_KIND <= kind <= LAST_ACTION_KIND:
         raise RemoteWireError(Cause.RESERVED_FRAME_KIND, f"DataSetMessage type {kind}", cursor.position)
-    message = DataSetMessage(
+    return DataSetMessage(
         data_set_writer_id,
         kind=kind,
         sequence_number=cursor.uint16() if flags1 & HAS_SEQUENCE_NUMBER else None,
@@ -64,21 +91,10 @@ def decode_data_set_message(cursor: Cursor, data_set_writer_id: int) -> DataSetM
         minor_version=cursor.uint32() if flags1 & HAS_MINOR_VERSION else None,
         encoding=encoding,
     )
-    if kind == FrameKind.KEEP_ALIVE:
-        cursor.expect_padding()
-        return message
-    if kind == FrameKind.EVENT and encoding != FieldEncoding.VARIANT:
-        raise RemoteWireError(Cause.EVENT_ENCODING, f"field encoding {encoding} in an event", cursor.position)
-    if encoding == FieldEncoding.RAW_DATA:
-        return message._replace(raw=cursor.take(cursor.remaining))
-    if kind == FrameKind.KEY and not cursor.remaining:  # a heartbeat is the header alone (7.2.4.5.5)
-        return message
-    message = _decode_fields(cursor, message)
-    cursor.expect_padding()
-    return message
 
 
-def _decode_fields(cursor: Cursor, message: DataSetMessage) -> DataSetMessage:
+def decode_fields(cursor: Cursor, message: DataSetMessage) -> DataSetMessage:
+    """The message with the fields that follow its header: a count, then Variants or DataValues."""
     count = cursor.uint16()
     is_delta = message.kind == FrameKind.DELTA
     smallest = 3 if is_delta else 1

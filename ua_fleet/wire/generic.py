@@ -6,6 +6,7 @@ from struct import Struct
 
 from ua_fleet.errors import LocalWireError
 from ua_fleet.values import BuiltinType
+from ua_fleet.wire.actions import ActionMessage, decode_action
 from ua_fleet.wire.builtin import MISFITS, encode_number
 from ua_fleet.wire.cursor import Cursor
 from ua_fleet.wire.data_set_message import decode_data_set_message, encode_data_set_message
@@ -16,7 +17,7 @@ from ua_fleet.wire.messages import DataSetMessage, NetworkMessage, Probe
 
 __all__ = ["Decoded", "decode_message", "encode_message"]
 
-Decoded = NetworkMessage | Probe | AnyAnnouncement
+Decoded = NetworkMessage | Probe | AnyAnnouncement | ActionMessage
 
 
 def decode_message(datagram: bytes) -> Decoded:
@@ -31,6 +32,8 @@ def decode_message(datagram: bytes) -> Decoded:
         return decode_probe(cursor, header)
     if header.message_type is MessageType.ANNOUNCEMENT:
         return decode_announcement(cursor, header)
+    if header.has_action_header:
+        return decode_action(cursor, header)
     return NetworkMessage(
         header.publisher_id,
         header.publisher_id_type,

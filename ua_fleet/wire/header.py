@@ -100,10 +100,12 @@ class Header(NamedTuple):
     picoseconds: int | None
     promoted_types: tuple[int, ...] | None
     promoted_values: tuple[object, ...] | None
+    has_action_header: bool
+    """An ActionHeader is the next to be decoded (`actions.py`)."""
 
 
 def decode_header(cursor: Cursor) -> Header:
-    """Decode up to the payload. Refused are Actions, and what has to be opened before: secured messages and chunks."""
+    """Decode up to the payload or ActionHeader. Refused is what has to be opened before: secured messages, chunks."""
     flags, extended1, extended2 = decode_flags(cursor)
     message_type = decode_message_type(extended2)
     if message_type is not MessageType.DATA_SET:
@@ -128,8 +130,6 @@ def decode_header(cursor: Cursor) -> Header:
     promoted_types = promoted_values = None
     if extended2 & HAS_PROMOTED_FIELDS:
         promoted_types, promoted_values = _decode_promoted_fields(cursor, data_set_writer_ids)
-    if extended2 & HAS_ACTION_HEADER:
-        raise RemoteWireError(Cause.ACTION, "an Action message", 2)
     if data_set_writer_ids is not None and not data_set_writer_ids:
         raise RemoteWireError(Cause.NO_DATA_SET_MESSAGE, "a payload header with count 0", cursor.position)
     return Header(
@@ -143,6 +143,7 @@ def decode_header(cursor: Cursor) -> Header:
         picoseconds,
         promoted_types,
         promoted_values,
+        bool(extended2 & HAS_ACTION_HEADER),
     )
 
 
@@ -240,8 +241,8 @@ def _check_publisher_id_type(publisher_id_type: int) -> None:
         raise LocalWireError(f"{publisher_id_type} is no type of a PublisherId")
 
 
-def encode_header(out: bytearray, message: NetworkMessage) -> None:
-    """Append everything up to the payload."""
+def encode_header(out: bytearray, message: NetworkMessage, *, has_action_header: bool = False) -> None:
+    """Append everything up to the payload, or up to the ActionHeader where there is one."""
     flags = UADP_VERSION
     extended1 = extended2 = 0
     if message.publisher_id is not None:
@@ -260,6 +261,7 @@ def encode_header(out: bytearray, message: NetworkMessage) -> None:
     extended1 |= HAS_TIMESTAMP if message.timestamp is not None else 0
     extended1 |= HAS_PICOSECONDS if message.picoseconds is not None else 0
     extended2 |= HAS_PROMOTED_FIELDS if message.promoted_types is not None else 0
+    extended2 |= HAS_ACTION_HEADER if has_action_header else 0
     extended1 |= HAS_EXTENDED_FLAGS_2 if extended2 else 0
     flags |= HAS_EXTENDED_FLAGS_1 if extended1 else 0
     out.append(flags)

@@ -47,6 +47,8 @@ from ua_fleet.wire.messages import (
 )
 
 HEAD = "f1 01 0200 01 0200 01 0900"
+ACTION = "d1 81 20 0200 01 0900"
+"""The header of an Action, up to its ActionFlags."""
 """Of a NetworkMessage with one DataSetMessage."""
 ONE_FIELD = HEAD + "01 0100"
 PROBE = "91 91 04 0700 00 00000000 00"
@@ -85,9 +87,20 @@ TABLE: list[tuple[str, Cause, str]] = [
     ("secured chunk", Cause.SECURED, "d1 91 01 0700 0900 00 00000000 00"),
     ("signed discovery chunk", Cause.SECURED, "91 91 09 0700 01 01000000 00 01 0000"),
     ("discovery chunk", Cause.CHUNK, "91 91 09 0700 00 00000000 00 0300 00000000 08000000 4142"),
-    ("Action header", Cause.ACTION, "d1 81 20 0200 01 0900 01 0000"),
-    ("Action request", Cause.ACTION, HEAD + "81 04 0000"),
-    ("Action response", Cause.ACTION, HEAD + "81 05 0000"),
+    ("Action request without an ActionHeader", Cause.ACTION_HEADER_MISSING, HEAD + "81 05 0000"),
+    ("Action response without an ActionHeader", Cause.ACTION_HEADER_MISSING, HEAD + "81 06 0000"),
+    ("reserved ActionFlags", Cause.ACTION_FLAGS, ACTION + "20"),
+    ("data behind an ActionHeader", Cause.ACTION_KIND, ACTION + "01 01 0000"),
+    ("Action request that the header calls a response", Cause.ACTION_KIND, ACTION + "00 81 05 0100 0200 01 0000"),
+    ("Action that is not valid", Cause.ACTION_KIND, ACTION + "01 80"),
+    ("Action with RawData", Cause.ACTION_ENCODING, ACTION + "01 83 05 0100 0200 01 0000"),
+    ("Action with DataValues", Cause.ACTION_ENCODING, ACTION + "01 85 05 0100 0200 01 0000"),
+    ("ActionState 3", Cause.ACTION_STATE, ACTION + "01 81 05 0100 0200 03 0000"),
+    ("RequestorId that is a UInt16", Cause.REQUESTOR_ID, ACTION + "09 05 0700"),
+    ("RequestorId that is too long", Cause.REQUESTOR_ID, ACTION + "09 0c 00010000" + "61" * 256),
+    ("CorrelationData that is too long", Cause.CORRELATION_DATA, ACTION + "05 01010000" + "00" * 257),
+    ("TimeoutHint NaN", Cause.TIMEOUT_HINT, ACTION + "11 000000000000f87f"),
+    ("TimeoutHint below 0", Cause.TIMEOUT_HINT, ACTION + "11 000000000000f0bf"),
     ("payload header with count 0", Cause.NO_DATA_SET_MESSAGE, "f1 01 0200 01 0200 00 01 0000"),
     (
         "promoted fields of two messages",
@@ -100,7 +113,7 @@ TABLE: list[tuple[str, Cause, str]] = [
     ("DataSetFlags2 bit 7", Cause.RESERVED_DATA_SET_FLAGS, HEAD + "81 80 0000"),
     *[
         (f"DataSetMessage type {kind}", Cause.RESERVED_FRAME_KIND, HEAD + f"81 {kind:02x} 0000")
-        for kind in range(6, 16)
+        for kind in (4, *range(7, 16))
     ],
     ("event as DataValues", Cause.EVENT_ENCODING, HEAD + "85 02 0100 01 01 01"),
     ("event as RawData", Cause.EVENT_ENCODING, HEAD + "83 02 01"),

@@ -73,6 +73,28 @@ def test_the_line_without_ros1_has_the_arm_in_ros2(processes: Processes, tmp_pat
 
 
 @pytest.mark.needs("ros1", "ros2")
+def test_the_secured_line_has_the_same_result(processes: Processes, tmp_path: Path, ros_domain: int) -> None:
+    report = _run(processes, tmp_path, ros_domain, "--secure")
+    _check_line(report)
+    assert report["secure"] is True
+    refused = report["drops"].keys() & {
+        "not_secured",
+        "bad_signature",
+        "replayed",
+        "unknown_token",
+        "no_key",
+        "secured",
+    }
+    assert not refused, report["drops"]
+    config = (tmp_path / "run" / "fleet.yaml").read_text()
+    assert "security: sign_and_encrypt" in config
+    logged = "".join(path.read_text() for path in (tmp_path / "run" / "log").glob("*.log"))
+    for kept in (tmp_path / "run" / "state").rglob("*.json"):
+        for word in kept.read_text().split('"'):
+            assert not (len(word) >= 64 and word in logged), f"a key of {kept.name} stands in a log"
+
+
+@pytest.mark.needs("ros1", "ros2")
 def test_without_the_loop_rule_messages_come_round_again(processes: Processes, tmp_path: Path, ros_domain: int) -> None:
     child, path = _start(processes, tmp_path, ros_domain, "--without-loop-rule")
     assert _finish(child) == 1

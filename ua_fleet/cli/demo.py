@@ -38,6 +38,7 @@ def pal(
     pubsub_url: Annotated[str | None, typer.Option(help="PubSub address, e.g. opc.udp://239.1.2.3:4840.")] = None,
     folder: Annotated[Path | None, typer.Option(help="Keep configuration, state and logs here.")] = None,
     without_ros1: Annotated[bool, typer.Option("--without-ros1", help="Run the arm in ROS 2.")] = False,
+    secure: Annotated[bool, typer.Option("--secure", help="Sign and encrypt PubSub, with the key service.")] = False,
     arm_domain: Annotated[int, typer.Option(help="ROS 2 domain of the arm without ROS 1.", min=2, max=232)] = 3,
     without_loop_rule: WithoutLoopRule = False,
 ) -> None:
@@ -50,7 +51,7 @@ def pal(
     try:
         from ua_fleet.demo.folder import claim_domain, run_folder
         from ua_fleet.demo.pal.run import USER, run_pal
-        from ua_fleet.demo.pal.setting import make_setting
+        from ua_fleet.demo.pal.setting import KEY_LIFETIME_S, make_setting
     except ImportError as error:
         raise BridgeUnavailable(f"the demonstration cannot run: {error}", extra="server") from error
 
@@ -59,6 +60,8 @@ def pal(
     def started(setting: Setting) -> None:
         message(f"UaExpert: {setting.endpoint}  (Basic256Sha256, Sign & Encrypt)")
         message(f"          user {USER}, password {setting.password}")
+        if setting.secure:
+            message(f"PubSub:   signed and encrypted, keys from the server, changed every {KEY_LIFETIME_S} s")
 
     def finished(result: PalResult) -> None:
         if json_file is not None:
@@ -83,6 +86,7 @@ def pal(
             speed=speed,
             loop_rule=not without_loop_rule,
             without_ros1=without_ros1,
+            secure=secure,
             arm_domain=arm_domain,
             port=port,
             master_port=ros_master_port,

@@ -14,10 +14,12 @@ from pathlib import Path
 from typing import Any, Final
 
 from ua_fleet.client import Change, ClientIdentity, FleetClient, NodeNotFound
+from ua_fleet.config.load import load
 from ua_fleet.demo.pal.setting import Setting
 from ua_fleet.demo.pal.timeline import LineEvent, Timeline
 from ua_fleet.demo.processes import DemoFailed, Processes
 from ua_fleet.errors import UaFleetError
+from ua_fleet.server.introduce import introduce_bridge
 from ua_fleet.server.users import Role, UserStore
 
 __all__ = ["USER", "PalResult", "run_pal"]
@@ -114,6 +116,10 @@ class _Run:
         state.mkdir(mode=0o700, exist_ok=True)
         store = UserStore(state / "users.yaml")
         await asyncio.to_thread(store.add, USER, setting.password, Role.OPERATOR, replace_existing=True)
+        if setting.secure:
+            config = load(setting.config_file)
+            for bridge in config.bridges:
+                await introduce_bridge(config, setting.folder, bridge)
         if setting.arm_ros == 1:
             master = ["/usr/bin/env", "rosmaster", "--core", "-p", str(setting.master_port), "-w", "3"]
             await processes.start("rosmaster", master, setting.robot_environment(None))
@@ -168,7 +174,7 @@ class _Run:
         if looped:
             problems = [*problems, f"{looped} messages were delivered twice to one place"]
         ros1 = self._setting.arm_ros == 1
-        report = self.timeline.report(looped=looped, drops=drops, ros1=ros1)
+        report = self.timeline.report(looped=looped, drops=drops, ros1=ros1, secure=self._setting.secure)
         return PalResult(report, self.timeline.delay_table(ros1=ros1), problems)
 
 

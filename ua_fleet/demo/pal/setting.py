@@ -14,12 +14,18 @@ from ua_fleet.bridge.launch import child_environment, find_ros1_python
 from ua_fleet.demo.processes import DemoFailed, free_tcp_port, udp_port_in_use
 from ua_fleet.topics import check_ros2_space
 
-__all__ = ["Setting", "make_setting"]
+__all__ = ["KEY_LIFETIME_S", "Setting", "make_setting"]
 
 OPC_UA_PORT = 4840
 ROS_MASTER_PORT = 11311
 DEFAULT_GROUP = "224.0.2.14"
 ARM_DOMAIN_WITHOUT_ROS1 = 3
+UNSECURED = "# Unsigned messages, on loopback only.\n  security: none"
+KEY_LIFETIME_S = 5
+SECURED = f"""\
+# The server makes the keys; the bridges fetch them with their certificates, and they change while the line runs.
+  security: sign_and_encrypt
+  keys: {{lifetime_s: {KEY_LIFETIME_S}}}"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,6 +42,8 @@ class Setting:
     ros1_python: Path | None
     speed: float
     loop_rule: bool
+    secure: bool
+    """Whether PubSub is signed and encrypted, with keys from the server's key service."""
 
     @property
     def config_file(self) -> Path:
@@ -71,6 +79,7 @@ def make_setting(
     speed: float,
     loop_rule: bool,
     without_ros1: bool,
+    secure: bool = False,
     arm_domain: int = ARM_DOMAIN_WITHOUT_ROS1,
     port: int = OPC_UA_PORT,
     master_port: int = ROS_MASTER_PORT,
@@ -85,6 +94,7 @@ def make_setting(
         speed: how many times faster than in the paper.
         loop_rule: False lets the bridges forward everything, for a test.
         without_ros1: run the arm in ROS 2 even if ROS 1 is there.
+        secure: sign and encrypt PubSub, with keys from the server's key service.
         arm_domain: ROS 2 domain of the arm where it does not run in ROS 1.
         port: wanted TCP port of the OPC UA server; another is taken if it is in use.
         master_port: wanted TCP port of the ROS master, likewise.
@@ -126,9 +136,16 @@ def make_setting(
         ros1_python=ros1_python,
         speed=speed,
         loop_rule=loop_rule,
+        secure=secure,
     )
     setting.config_file.write_text(
-        template.substitute(server_port=server_port, pubsub_url=pubsub_url, arm_bridge=arm_bridge, mobile_space=domain),
+        template.substitute(
+            server_port=server_port,
+            pubsub_url=pubsub_url,
+            pubsub_security=SECURED if secure else UNSECURED,
+            arm_bridge=arm_bridge,
+            mobile_space=domain,
+        ),
         encoding="utf-8",
     )
     return setting

@@ -122,7 +122,7 @@ class Timeline:
         """Whether every cover has reached the human."""
         return len(self.covers) == COVERS and all(cover.delivered_s is not None for cover in self.covers)
 
-    def report(self, *, looped: int, drops: Mapping[str, int], ros1: bool) -> dict[str, Any]:
+    def report(self, *, looped: int, drops: Mapping[str, int], ros1: bool, secure: bool) -> dict[str, Any]:
         """The result of the run as it is written to a file."""
         return {
             "covers": [
@@ -145,6 +145,7 @@ class Timeline:
             "drops": dict(drops),
             "events": [{"t_s": t_s, "what": what} for t_s, what in self.events],
             "ros1": ros1,
+            "secure": secure,
             "speed": self.speed,
         }
 

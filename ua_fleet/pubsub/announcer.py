@@ -120,6 +120,7 @@ class Announcer:
         if self._wall_offset is None:
             return []
         self._wall_offset = None
+        self._due.clear()
         return [self._encode(StatusAnnouncement(self._id, _UINT16, 0, False, PubSubState.DISABLED.value))]
 
     def set_clock(self, now: float, wall_ticks: int) -> None:

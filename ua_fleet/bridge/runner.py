@@ -23,7 +23,7 @@ from ua_fleet.bridge.inlet import BoundedInlet
 from ua_fleet.bridge.status import STATUS_FIELDS, STATUS_INTERVAL_S, status_topic, status_values
 from ua_fleet.config.applications import bridge_application
 from ua_fleet.config.schema import FleetConfig, PubSubConfig
-from ua_fleet.config.security import check_keys, envelope_of, weaknesses
+from ua_fleet.config.security import envelope_of, keys_needed, weaknesses
 from ua_fleet.counters import Counters, Drop
 from ua_fleet.keys.keeper import KeysKept, keep_keys
 from ua_fleet.keys.source import KeySource
@@ -210,7 +210,7 @@ async def run_bridge(
         BridgeUnavailable: a library that the driver needs is missing.
         TransportError: the PubSub side cannot be opened; with the remedy.
     """
-    check_keys(config, keys)
+    keys = keys_needed(config, keys)
     async with AsyncExitStack() as cleanup:
         shell = _Shell(config, bridge_name, driver, transport, state_dir, rule)
         cleanup.push_async_callback(transport.close)

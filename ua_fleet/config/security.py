@@ -19,10 +19,10 @@ from ua_fleet.wire.security import SecurityMode, SecurityPolicy
 
 __all__ = [
     "all_groups",
-    "check_keys",
     "envelope_of",
     "file_keys_of",
     "groups_of",
+    "keys_needed",
     "security_mode_of",
     "weaknesses",
 ]
@@ -96,14 +96,20 @@ def file_keys_of(config: FleetConfig, space: int, config_dir: Path) -> FileKeySo
     return source
 
 
-def check_keys(config: FleetConfig, keys: KeySource | None) -> None:
-    """Raise ConfigError where message security is configured and there is nobody to get keys from."""
-    if config.pubsub.security is not PubSubSecurity.NONE and keys is None:
+def keys_needed(config: FleetConfig, keys: KeySource | None) -> KeySource | None:
+    """The source of keys that a process has to ask: the one it was given, or none without message security.
+
+    Raises ConfigError where messages are to be secured and there is nobody to get keys from.
+    """
+    if config.pubsub.security is PubSubSecurity.NONE:
+        return None
+    if keys is None:
         raise ConfigError(
             f"messages are to be secured ({config.pubsub.security.value}), and there is no source of keys",
             key="pubsub.keys",
             suggestion="name one, or accept unsecured messages with `security: none`",
         )
+    return keys
 
 
 def weaknesses(config: FleetConfig) -> list[str]:

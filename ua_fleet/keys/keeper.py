@@ -30,13 +30,16 @@ LONGEST_ANSWERED_DELAY_S: Final = 5.0
 anybody can write into a message must not make us ask all the time."""
 
 _MOST_TOLD: Final = 64
-"""Refused groups that the log names; who writes messages of many groups must not fill it."""
+"""Refused groups and other reasons that the log names; who writes messages of many groups must not fill it."""
 
 _log: Any = structlog.get_logger("ua_fleet.keys")
 
 
 class KeyUser(Protocol):
     """What the keeper needs of an Envelope."""
+
+    problem: str
+    """Why something could not be sent; empty when the last message could."""
 
     def groups_wanted(self) -> Iterable[str]:
         """All groups that are needed."""
@@ -100,6 +103,16 @@ class _Keeper:
         self._source_delay_s = 0.0
         self._source_at = float("-inf")
         self._generation = source.generation
+        self._told: set[str] = set()
+
+    def tell_what_was_not_sent(self) -> None:
+        """Log each reason once. They name groups and tokens, so there may be many over the years."""
+        problem = self._envelope.problem
+        if problem and problem not in self._told:
+            if len(self._told) >= _MOST_TOLD:
+                self._told.clear()
+            self._told.add(problem)
+            _log.warning("not sent", reason=problem)
 
     async def fetch_what_is_due(self, clock: Callable[[], float]) -> None:
         """Ask the source for each group that is due, unless it is away and was asked a short time ago."""
@@ -204,4 +217,5 @@ async def keep_keys(
     keeper = _Keeper(envelope, source, kept, count, random or Random())  # noqa: S311 - spreads delays, keeps no secret
     while True:
         await keeper.fetch_what_is_due(clock)
+        keeper.tell_what_was_not_sent()
         await sleep(PERIOD_S)

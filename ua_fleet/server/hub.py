@@ -15,7 +15,7 @@ import structlog
 
 from ua_fleet.config.applications import server_application
 from ua_fleet.config.schema import FleetConfig
-from ua_fleet.config.security import check_keys, envelope_of, weaknesses
+from ua_fleet.config.security import envelope_of, keys_needed, weaknesses
 from ua_fleet.counters import Counters, Drop
 from ua_fleet.errors import LocalWireError
 from ua_fleet.fleet.changes import Change, Noticed, SourceRemoved, ValueChanged
@@ -83,7 +83,6 @@ class Hub:
         Raises:
             ConfigError: there is no source of keys, or what stands in `state_dir` cannot be used.
         """
-        check_keys(config, keys)
         pubsub = config.pubsub
         timing = PubSubTiming(pubsub.keep_alive_s, pubsub.receive_timeout_s, pubsub.repeat_interval_s)
         codec = Codec()
@@ -92,7 +91,8 @@ class Hub:
         self._transport = transport
         self._projection = projection
         self._envelope = envelope_of(config, SERVER_SPACE, self.counters, state_dir)
-        self._keys, self._keys_kept, self._keys_ahead = keys, KeysKept(), pubsub.keys.future_keys
+        self._keys, self._keys_kept = keys_needed(config, keys), KeysKept()
+        self._keys_ahead = pubsub.keys.future_keys
         self._subscriber = Subscriber(SERVER_SPACE, timing, self.counters, codec, rule, envelope=self._envelope)
         self._config = config
         self._publisher = Publisher(SERVER_SPACE, timing, self.counters, codec, server_application(config))

@@ -3,6 +3,7 @@ from __future__ import annotations
 import asyncio
 import math
 from collections.abc import Callable
+from functools import partial
 from random import Random
 
 import pytest
@@ -35,6 +36,7 @@ class World:
         self.script: list[tuple[float, Callable[[], None]]] = []
         self.kept = KeysKept()
         self.never_content = False
+        self.problem = ""
         self._refresh_s = refresh_s
         self.generation = 0
 
@@ -198,6 +200,15 @@ async def test_many_groups_that_somebody_made_up_do_not_fill_the_log() -> None:
     assert len(log) == 64
     assert world.kept.refused.keys() == {"t-1"}
     assert world.kept.problem() == "no keys of t-1: no file"
+
+
+async def test_why_something_was_not_sent_is_told_once() -> None:
+    world = World("t-2")
+    for seconds, problem in ((1.0, "no key of t-2"), (2.0, ""), (3.0, "no key of t-2"), (4.0, "nonces are used up")):
+        world.at(seconds, partial(setattr, world, "problem", problem))
+    with structlog.testing.capture_logs() as log:
+        await world.run(6)
+    assert [entry["reason"] for entry in log if entry["event"] == "not sent"] == ["no key of t-2", "nonces are used up"]
 
 
 async def test_no_log_line_has_a_key() -> None:

@@ -30,7 +30,7 @@ def test_all_delivered_only_after_the_last_cover_arrived() -> None:
     before = timeline.all_delivered
     _say(timeline, 98, "human", "takes a cover", carrier="turtlebot3", boxes=4)
     assert (before, timeline.all_delivered) == (False, True)
-    covers = timeline.report(looped=0, drops={}, ros1=True)["covers"]
+    covers = timeline.report(looped=0, drops={}, ros1=True, secure=False)["covers"]
     assert [cover["carrier"] for cover in covers] == ["conveyor", "conveyor", "turtlebot3", "turtlebot3"]
     assert [cover["placed_s"] for cover in covers] == pytest.approx([8, 18, 29, 76])
     assert [cover["delivered_s"] for cover in covers] == pytest.approx([12, 22, 51, 98])
@@ -39,7 +39,7 @@ def test_all_delivered_only_after_the_last_cover_arrived() -> None:
 def test_a_cover_that_did_not_arrive_has_no_delivery() -> None:
     timeline = Timeline(speed=1)
     _run(timeline)
-    assert timeline.report(looped=0, drops={}, ros1=True)["covers"][3]["delivered_s"] is None
+    assert timeline.report(looped=0, drops={}, ros1=True, secure=False)["covers"][3]["delivered_s"] is None
 
 
 def test_a_cover_taken_from_a_carrier_that_holds_none_counts_for_nothing() -> None:
@@ -58,7 +58,7 @@ def test_delays_are_wall_time_whatever_the_speed() -> None:
     _say(timeline, 29, "ned", "places a cover", carrier="turtlebot3", count=1)
     timeline.server_saw_counter("turtlebot3", 1, START + 2.9 + 0.003)
     _say(timeline, 29.02, "turtlebot3", "moves to the worker", count=1)
-    delays = timeline.report(looped=0, drops={}, ros1=True)["delays_ms"]
+    delays = timeline.report(looped=0, drops={}, ros1=True, secure=False)["delays_ms"]
     assert delays["conveyor_off_to_server"]["max"] == pytest.approx(4, abs=0.01)
     assert delays["counter_to_server"]["max"] == pytest.approx(3, abs=0.01)
     assert delays["placed_to_turtlebot3_moves"]["max"] == pytest.approx(2, abs=0.01)

@@ -166,3 +166,28 @@ def test_no_command_shows_a_key(invoke: Invoke, folder: KeyFolder) -> None:
         ended = invoke("keys", command)
         assert ended.code == 2
         assert "5e5e" not in ended.stdout + ended.stderr
+
+
+def test_a_bridge_without_its_key_files_does_not_start(invoke: Invoke, folder: KeyFolder) -> None:
+    ended = invoke("bridge", "floor")
+    assert ended.code == 2
+    assert ended.stderr.endswith(
+        f"{folder.path}: cannot be entered: no such file or directory; run: ua-fleet keys create\n"
+    )
+    invoke("keys", "create", "t-0")
+    ended = invoke("bridge", "floor")
+    assert ended.code == 2
+    assert ended.stderr.endswith("t-7.json: there is no such key file; run: ua-fleet keys create t-7\n")
+    invoke("keys", "create", "t-7")
+    folder.path_of("t-0").chmod(0o640)
+    ended = invoke("bridge", "floor")
+    assert ended.code == 2
+    assert ended.stderr.endswith(f"run: chmod 600 {folder.path_of('t-0')}\n")
+
+
+def test_a_server_without_its_key_files_does_not_start(invoke: Invoke, folder: KeyFolder) -> None:
+    ended = invoke("serve", "--port", "0")
+    assert ended.code == 2
+    assert ended.stderr.endswith(
+        f"{folder.path}: cannot be entered: no such file or directory; run: ua-fleet keys create\n"
+    )

@@ -65,7 +65,7 @@ from ua_fleet.wire.header import Header, encode_header
 from ua_fleet.wire.messages import DataSetMessage, FieldEncoding, NetworkMessage, PublisherIdType
 from ua_fleet.wire.variant import decode_variant, encode_typed
 
-__all__ = ["ActionMessage", "ActionState", "decode_action", "encode_action"]
+__all__ = ["ActionMessage", "ActionState", "decode_action", "encode_action", "pass_action_header"]
 
 # ActionFlags
 IS_REQUEST: Final = 0x01
@@ -123,15 +123,7 @@ class ActionMessage(NamedTuple):
 
 def decode_action(cursor: Cursor, header: Header) -> ActionMessage:
     """Decode what follows the header of an Action; raises RemoteWireError."""
-    start = cursor.position
-    flags = cursor.byte()
-    if flags & RESERVED_ACTION_FLAGS:
-        raise RemoteWireError(Cause.ACTION_FLAGS, f"ActionFlags 0x{flags:02x}", start)
-    response_address = decode_string(cursor) if flags & HAS_RESPONSE_ADDRESS else None
-    correlation_data = _decode_correlation_data(cursor) if flags & HAS_CORRELATION_DATA else None
-    requestor_id = _decode_requestor_id(cursor) if flags & HAS_REQUESTOR_ID else None
-    timeout_hint_ms = _decode_timeout_hint(cursor) if flags & HAS_TIMEOUT_HINT else None
-    is_request = bool(flags & IS_REQUEST)
+    is_request, response_address, correlation_data, requestor_id, timeout_hint_ms = _decode_action_header(cursor)
     messages: list[ActionMessage] = []
     for part, data_set_writer_id in _parts(cursor, header):
         body = _decode_message(part, data_set_writer_id, is_request)
@@ -161,6 +153,26 @@ def decode_action(cursor: Cursor, header: Header) -> ActionMessage:
         raise RemoteWireError(Cause.ACTION_KIND, "no DataSetMessage that is valid", cursor.position)
     first, *others = messages
     return first._replace(others=tuple(others)) if others else first
+
+
+def pass_action_header(cursor: Cursor) -> None:
+    """Move behind an ActionHeader: each chunk of an Action has the whole of it before its part of the payload."""
+    _decode_action_header(cursor)
+
+
+def _decode_action_header(cursor: Cursor) -> tuple[bool, str | None, bytes | None, str | None, float | None]:
+    """Whether it is a request, then ResponseAddress, CorrelationData, RequestorId and TimeoutHint."""
+    start = cursor.position
+    flags = cursor.byte()
+    if flags & RESERVED_ACTION_FLAGS:
+        raise RemoteWireError(Cause.ACTION_FLAGS, f"ActionFlags 0x{flags:02x}", start)
+    return (
+        bool(flags & IS_REQUEST),
+        decode_string(cursor) if flags & HAS_RESPONSE_ADDRESS else None,
+        _decode_correlation_data(cursor) if flags & HAS_CORRELATION_DATA else None,
+        _decode_requestor_id(cursor) if flags & HAS_REQUESTOR_ID else None,
+        _decode_timeout_hint(cursor) if flags & HAS_TIMEOUT_HINT else None,
+    )
 
 
 def _decode_correlation_data(cursor: Cursor) -> bytes | None:

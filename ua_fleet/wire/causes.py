@@ -51,7 +51,7 @@ class Cause(StrEnum):
     CHUNK_OVERLAPS = "chunk_overlaps"
     """A chunk with bytes that another one has brought; the message is given up."""
     CHUNK_CONTRADICTS = "chunk_contradicts"
-    """A chunk with another TotalSize or other headers than the others of its message, which is given up."""
+    """A chunk with another TotalSize than the others of its message, which is given up."""
     CHUNK_TOO_LARGE = "chunk_too_large"
     """A chunk of a message that is larger than we put together."""
     ACTION_FLAGS = "action_flags"

@@ -16,8 +16,10 @@ from struct import Struct
 from typing import Final, NamedTuple
 
 from ua_fleet.errors import LocalWireError, RemoteWireError
+from ua_fleet.wire.actions import pass_action_header
 from ua_fleet.wire.causes import Cause, SecuredMessage
 from ua_fleet.wire.cursor import Cursor
+from ua_fleet.wire.data_set_message import HAS_FLAGS_2, HAS_SEQUENCE_NUMBER
 from ua_fleet.wire.header import (
     HAS_EXTENDED_FLAGS_1,
     HAS_EXTENDED_FLAGS_2,
@@ -25,6 +27,7 @@ from ua_fleet.wire.header import (
     HAS_SECURITY_HEADER,
     IS_CHUNK,
     NO_SECURITY,
+    MessageType,
 )
 from ua_fleet.wire.outline import Outline, encode_flags, read_outline
 
@@ -54,6 +57,8 @@ class Chunk(NamedTuple):
     offset: int
     total_size: int
     data: bytes
+    action_header: bytes = b""
+    """Of an Action: two requestors send with the PublisherId of the same responder, and only this tells them apart."""
 
 
 def read_chunk(datagram: bytes) -> Chunk | None:
@@ -62,7 +67,7 @@ def read_chunk(datagram: bytes) -> Chunk | None:
         return None
     cursor = Cursor(datagram)
     outline = read_outline(cursor)
-    head = _head(datagram, cursor, outline)
+    head, action_header = _head(datagram, cursor, outline)
     at = cursor.position
     number, offset, total_size = cursor.unpack(_CHUNK_FIELDS)
     data = cursor.take(cursor.remaining)
@@ -83,6 +88,7 @@ def read_chunk(datagram: bytes) -> Chunk | None:
         offset,
         total_size,
         data,
+        action_header,
     )
 
 
@@ -95,19 +101,28 @@ def _says_chunk(datagram: bytes) -> bool:
     )
 
 
-def _head(datagram: bytes, cursor: Cursor, outline: Outline) -> bytes:
-    """Move to the payload, and give the head of the whole message, or of a chunk if this is the whole one."""
+def _head(datagram: bytes, cursor: Cursor, outline: Outline) -> tuple[bytes, bytes]:
+    """Move to the payload, and give the head of the whole message, or of a chunk if this is the whole one.
+
+    The ActionHeader at its end is given once more alone. It is no part of the payload, so each chunk has it (table
+    154).
+    """
     if outline.extended1 & HAS_SECURITY_HEADER:
         at = cursor.position
         if not outline.is_discovery or cursor.take(len(NO_SECURITY)) != NO_SECURITY:
             raise SecuredMessage("a message that was not opened", at)
+    action_header = b""
+    if outline.is_action:
+        at = cursor.position
+        pass_action_header(cursor)
+        action_header = datagram[at : cursor.position]
     writer = b""
     behind = outline.payload_header_offset
     if outline.flags & HAS_PAYLOAD_HEADER:
         (writer_id,) = outline.writer_ids
         writer = _ONE_WRITER.pack(1, writer_id) if outline.is_chunk else _WRITER_ID.pack(writer_id)
         behind += 2 if outline.is_chunk else 3
-    return b"".join(
+    head = b"".join(
         (
             encode_flags(outline.flags, outline.extended1, outline.extended2 ^ IS_CHUNK),
             datagram[outline.flags_size : outline.payload_header_offset],
@@ -115,14 +130,29 @@ def _head(datagram: bytes, cursor: Cursor, outline: Outline) -> bytes:
             datagram[behind : cursor.position],
         )
     )
+    return head, action_header
+
+
+def _number_of(payload: bytes, outline: Outline) -> int | None:
+    """The number that a DataSetMessage or an announcement has in its own header; None without one."""
+    if outline.message_type is MessageType.PROBE:
+        return None
+    if outline.message_type is MessageType.ANNOUNCEMENT:
+        at = 1  # behind the AnnouncementType
+    elif payload[0] & HAS_SEQUENCE_NUMBER:
+        at = 2 if payload[0] & HAS_FLAGS_2 else 1
+    else:
+        return None
+    return int.from_bytes(payload[at : at + 2], "little")
 
 
 def split(datagram: bytes, most_bytes: int, message_sequence_number: int) -> list[bytes]:
     """The chunks of a plain message, none longer than `most_bytes` and all but the last equally long.
 
-    A message that fits is given back as it is. One with several DataSetMessages is never split, since a chunk belongs
-    to one of them: send each in a NetworkMessage of its own. Raises LocalWireError for it and for whatever else cannot
-    be split.
+    A message that fits is given back as it is. The chunks have the sequence number of the DataSetMessage or
+    announcement that they are made of; where it has none, `message_sequence_number`, which has to be another for each
+    message. A NetworkMessage with several DataSetMessages is never split, since a chunk belongs to one of them: send
+    each in one of its own. Raises LocalWireError for it and for whatever else cannot be split.
     """
     if len(datagram) <= most_bytes:
         return [datagram]
@@ -134,7 +164,7 @@ def split(datagram: bytes, most_bytes: int, message_sequence_number: int) -> lis
         if len(outline.writer_ids) > 1:
             count = len(outline.writer_ids)
             raise LocalWireError(f"{len(datagram)} bytes with {count} DataSetMessages: send each in its own message")
-        head = _head(datagram, cursor, outline)
+        head, _ = _head(datagram, cursor, outline)
     except RemoteWireError as error:
         raise LocalWireError(f"a message that cannot be split: {error}") from error
     payload = datagram[cursor.position :]
@@ -143,10 +173,11 @@ def split(datagram: bytes, most_bytes: int, message_sequence_number: int) -> lis
         raise LocalWireError(f"{most_bytes} bytes have no room for a chunk behind {len(head)} bytes of headers")
     if len(payload) > MOST_PAYLOAD_BYTES:
         raise LocalWireError(f"a payload of {len(payload)} bytes; chunks carry at most {MOST_PAYLOAD_BYTES}")
+    number = _number_of(payload, outline)
+    if number is None:
+        number = message_sequence_number & 0xFFFF
     return [
-        head
-        + _CHUNK_FIELDS.pack(message_sequence_number & 0xFFFF, offset, len(payload))
-        + payload[offset : offset + size]
+        head + _CHUNK_FIELDS.pack(number, offset, len(payload)) + payload[offset : offset + size]
         for offset in range(0, len(payload), size)
     ]
 

@@ -13,12 +13,14 @@ from tests.unit.wire.corpus import mutate, valid_messages
 from tests.unit.wire.everything import is_plain, secured_messages
 from ua_fleet.errors import LocalWireError, RemoteWireError
 from ua_fleet.wire import (
+    ActionMessage,
     Cause,
     Chunk,
     Codec,
     MessageKey,
     SecurityMode,
     SecurityPolicy,
+    encode_action,
     join,
     payload_offset,
     read_chunk,
@@ -66,11 +68,11 @@ def test_bytes_of_a_chunk() -> None:
 
 
 def test_bytes_of_a_discovery_chunk() -> None:
-    """No payload header, and the empty SecurityHeader before the chunk's fields."""
+    """No payload header, the empty SecurityHeader before the chunk's fields, and the announcement's number in them."""
     whole = DISCOVERY_HEAD + bytes(range(30))
     head = bytes.fromhex("919109 0700 00 00000000 00")
     assert split(whole, 40, 7) == [
-        head + struct.pack("<HII", 7, offset, 30) + whole[11 + offset : 30 + offset] for offset in (0, 19)
+        head + struct.pack("<HII", 0x0201, offset, 30) + whole[11 + offset : 30 + offset] for offset in (0, 19)
     ]
     chunk = chunk_of(split(whole, 40, 7)[1])
     assert chunk[:6] == (7, PublisherIdType.UINT16, None, None, False, True)
@@ -104,6 +106,45 @@ def test_what_fits_is_not_split() -> None:
 @pytest.mark.parametrize("number", [0, 0xFFFF, 0x10000, 0x12345])
 def test_the_sequence_number_is_a_uint16(number: int) -> None:
     assert chunk_of(split(WHOLE, 60, number)[0]).message_sequence_number == number & 0xFFFF
+
+
+@pytest.mark.parametrize(
+    ("flags", "number"), [("09", 0x0B0A), ("89 00", 0x0B0A), ("89 10", 0x0B0A), ("01", 7), ("81 10", 7), ("00", 7)]
+)
+def test_the_sequence_number_is_that_of_the_data_set_message(flags: str, number: int) -> None:
+    whole = HEAD + bytes.fromhex(flags + "0a0b") + bytes(50)
+    assert {chunk_of(datagram).message_sequence_number for datagram in split(whole, 50, 7)} == {number}
+
+
+def test_a_probe_has_no_sequence_number() -> None:
+    whole = bytes.fromhex("919104 0700 00 00000000 00") + bytes(range(30))
+    assert chunk_of(split(whole, 40, 7)[0]).message_sequence_number == 7
+
+
+def test_each_chunk_of_an_action_has_its_header() -> None:
+    action = ActionMessage(
+        2,
+        2,
+        9,
+        1,
+        5,
+        1,
+        is_request=True,
+        requestor_id="0.a",
+        correlation_data=bytes(16),
+        types=(12,),
+        values=("x" * 99,),
+    )
+    whole = encode_action(action)
+    header = bytes.fromhex("0d 10000000") + bytes(16) + bytes.fromhex("0c 03000000") + b"0.a"
+    chunks = [chunk_of(datagram) for datagram in split(whole, 100, 7)]
+    assert len(chunks) > 1
+    for chunk in chunks:
+        assert chunk.is_action
+        assert chunk.action_header == header
+        assert chunk.head.endswith(header)
+        assert chunk.message_sequence_number == 7
+    assert Codec().decode(put_together(split(whole, 100, 7))) == action
 
 
 def test_every_message_comes_together_again() -> None:
@@ -141,7 +182,7 @@ def test_round_trip(head: bytes, payload: bytes, most: int, number: int) -> None
         assert read_chunk(whole) is None
         return
     chunks = [chunk_of(datagram) for datagram in datagrams]
-    assert {chunk.message_sequence_number for chunk in chunks} == {number}
+    assert len({chunk.message_sequence_number for chunk in chunks}) == 1
     assert {chunk.total_size for chunk in chunks} == {len(payload)}
     assert put_together(datagrams) == whole
 

@@ -2,8 +2,9 @@
 
 A message stands here from its first chunk until its last one, or until `CHUNK_TIMEOUT_S` are over. What does not fit
 into the bounds goes: the message that holds most first, and the older of equals. So who sends chunks without end loses
-his own before he takes the place of others'. Chunks of one message must not overlap, and must agree on its size and
-headers; a duplicate is ignored, also of a message that was completed or given up a moment ago.
+his own before he takes the place of others'. Chunks of one message must not overlap, and must agree on its size. Their
+headers may differ, since each is a NetworkMessage with numbers and a Timestamp of its own. A duplicate is ignored, also
+of a message that was completed or given up a moment ago.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ MOST_ENDED: Final = 512
 LEAST_CHUNK_BYTES: Final = 256
 """A chunk counts as at least so much, whatever it carries: so their number is bounded too."""
 
-_Key = tuple[int | str | None, int, int | None, int | None, bool, bool, int]
+_Key = tuple[int | str | None, int, int | None, int | None, bool, bool, int, int]
 
 
 class _Unfinished:
@@ -47,8 +48,8 @@ class _Unfinished:
     def add(self, chunk: Chunk) -> bool:
         """Take a chunk in; False for a duplicate. Raises RemoteWireError where it contradicts what has come."""
         first, offset, data = self.first, chunk.offset, chunk.data
-        if chunk.total_size != first.total_size or chunk.head != first.head:
-            detail = f"offset {offset}: {chunk.total_size} bytes in all, {first.total_size} before, or other headers"
+        if chunk.total_size != first.total_size:
+            detail = f"offset {offset}: {chunk.total_size} bytes in all, {first.total_size} before"
             raise RemoteWireError(Cause.CHUNK_CONTRADICTS, detail)
         at = bisect_left(self.offsets, offset)
         if at < len(self.offsets):
@@ -98,7 +99,7 @@ class Reassembly:
         if chunk.total_size > self._max_bytes:
             detail = f"a message of {chunk.total_size} bytes; pubsub.max_message_bytes is {self._max_bytes}"
             raise RemoteWireError(Cause.CHUNK_TOO_LARGE, detail)
-        key = (*chunk[:6], chunk.message_sequence_number)
+        key = (*chunk[:6], chunk.message_sequence_number, hash(chunk.action_header))
         if key in self._ended:
             return None
         unfinished = self._unfinished.get(key)

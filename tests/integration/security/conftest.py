@@ -68,16 +68,12 @@ class Site:
         self.config = FleetConfig.model_validate(raw)
         return path
 
-    def bridge(self, name: str, *, fleet: str = "fleet.json", wait: bool = True, period_s: float = 0.01) -> Child:
-        """Start a bridge."""
-        child = self._processes.start(
-            sys.executable,
-            PROGRAM,
-            self.folder / fleet,
-            name,
-            str(period_s),
-            env=clean_environment(PYTHONUNBUFFERED="1", PYTHONPATH="."),
-        )
+    def bridge(
+        self, name: str, *, fleet: str = "fleet.json", wait: bool = True, python: str | Path = sys.executable
+    ) -> Child:
+        """Start a bridge; with `wait` it is ready when this returns."""
+        environment = clean_environment(PYTHONUNBUFFERED="1", PYTHONPATH=".")
+        child = self._processes.start(python, PROGRAM, self.folder / fleet, name, env=environment)
         if wait:
             child.wait_for("ready")
         return child

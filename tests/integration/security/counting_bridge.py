@@ -1,4 +1,4 @@
-"""A bridge as a process of its own whose space is this process: `counting_bridge.py FLEET_JSON BRIDGE [PERIOD_S]`.
+"""A bridge as a process of its own whose space is this process: `counting_bridge.py FLEET_JSON BRIDGE`.
 
 Its source says 0, 1, 2, ... and goes on, after a restart, where the time has brought it; each value that other spaces
 say is printed as `heard <topic> <value>`. Keys come from where the fleet says. Prints `ready`; ends at SIGTERM.
@@ -28,6 +28,7 @@ from ua_fleet.values import BuiltinType
 from ua_fleet.wire.messages import DataSetMessage, DataSetMetaData
 
 FIELDS = (make_field("data", BuiltinType.INT64, properties={"RosType": "std_msgs/Int64"}),)
+PERIOD_S = 0.01
 FIRST_SPACE = 300
 """The source of this space has the id 1, that of the next one 2, and so on."""
 
@@ -35,8 +36,8 @@ FIRST_SPACE = 300
 class CountingDriver:
     """A space with one source."""
 
-    def __init__(self, space: int, period_s: float) -> None:
-        self._topic, self._period_s = Topic(space, 2, space - FIRST_SPACE + 1), period_s
+    def __init__(self, space: int) -> None:
+        self._topic = Topic(space, 2, space - FIRST_SPACE + 1)
         self._counting: asyncio.Task[None] | None = None
 
     async def start(self, inlet: Inlet) -> None:
@@ -44,11 +45,11 @@ class CountingDriver:
         self._counting = asyncio.ensure_future(self._count(inlet))
 
     async def _count(self, inlet: Inlet) -> None:
-        number = round(time.time() / self._period_s)
+        number = round(time.time() / PERIOD_S)
         while True:
             inlet.put(SampleRead(self._topic, (number,), time.time_ns()))
             number += 1
-            await asyncio.sleep(number * self._period_s - time.time())
+            await asyncio.sleep(number * PERIOD_S - time.time())
 
     def publish(self, topic: Topic, metadata: DataSetMetaData, message: DataSetMessage) -> bool:
         del metadata
@@ -65,7 +66,7 @@ class CountingDriver:
             self._counting = None
 
 
-async def main(path: Path, name: str, period_s: float) -> int:
+async def main(path: Path, name: str) -> int:
     config = FleetConfig.model_validate(json.loads(path.read_text()))
     pubsub = config.pubsub
     transport = UdpTransport(
@@ -75,7 +76,7 @@ async def main(path: Path, name: str, period_s: float) -> int:
 
     async def bridged() -> None:
         async with key_source_of(config, name, path.parent, state_dir) as keys:
-            driver = CountingDriver(config.bridges[name].space, period_s)
+            driver = CountingDriver(config.bridges[name].space)
             ready = partial(print, "ready", flush=True)
             await run_bridge(config, name, driver, transport, state_dir=state_dir, keys=keys, ready=ready)
 
@@ -93,4 +94,4 @@ async def main(path: Path, name: str, period_s: float) -> int:
 
 logging.basicConfig(stream=sys.stderr, level=logging.INFO)
 structlog.configure(logger_factory=structlog.PrintLoggerFactory(sys.stderr))
-sys.exit(asyncio.run(main(Path(sys.argv[1]), sys.argv[2], float((*sys.argv, "0.01")[3]))))
+sys.exit(asyncio.run(main(Path(sys.argv[1]), sys.argv[2])))

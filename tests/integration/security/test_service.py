@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import asyncio
+import sys
 from pathlib import Path
+
+import pytest
 
 from tests.integration.peer import Peer
 from tests.integration.security.conftest import COUNTER_ONE, ONE, TWO, Site, heard, holes, until
 from tests.integration.server_model.harness import OBSERVER, reader, serving
 from tests.integration.server_model.harness import until as until_read
-from tests.system import Child
+from tests.system import ROS1_PYTHON, Child
 from ua_fleet.client.identity import ClientIdentity
 from ua_fleet.server.certificates import trust_bridge
 from ua_fleet.wire.security import read_security
@@ -27,10 +30,13 @@ def say(child: Child, text: str) -> list[str]:
     return [line for line in child.lines if text in line]
 
 
-async def test_a_bridge_waits_for_the_key_service_and_says_nothing_meanwhile(secured: Site) -> None:
+@pytest.mark.parametrize(
+    "python", [sys.executable, pytest.param(ROS1_PYTHON, marks=pytest.mark.needs("ros1"), id="beside rospy")]
+)
+async def test_a_bridge_waits_for_the_key_service_and_says_nothing_meanwhile(secured: Site, python: str | Path) -> None:
     secured.write_fleet(keys={"source": "service"})
     await trust(secured, "one")
-    one = secured.bridge("one", wait=False)
+    one = secured.bridge("one", wait=False, python=python)
     async with Peer.at(secured.url, space=TWO) as listener:
         await until(lambda: say(one, "the source of keys is away"))
         await asyncio.sleep(1.0)

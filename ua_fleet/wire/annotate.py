@@ -219,10 +219,13 @@ class _Message:
             inner.rest("EncryptedData", f"{end - start} bytes, not to be read without the key")
         elif self._closed:
             inner.rest("NotRead", f"{end - start} bytes of a message that does not verify")
-        elif self._extended2 & h.HAS_ACTION_HEADER and not self._extended2 & h.IS_CHUNK:
+        else:
+            self._walk_content(inner)
+
+    def _walk_content(self, inner: Walk) -> None:
+        if self._extended2 & h.HAS_ACTION_HEADER:
             walk_action_header(inner)
-            walk_data_set_messages(inner, self._writers)
-        elif self._extended2 & h.IS_CHUNK:
+        if self._extended2 & h.IS_CHUNK:
             _walk_chunk(inner)
         elif self._type == h.MessageType.PROBE:
             walk_probe(inner)

@@ -37,6 +37,11 @@ class BridgeTrust:
         if self._folder.signature != before:
             self.generation += 1
 
+    @property
+    def unknown(self) -> list[str]:
+        """Bridges of `fleet.yaml` that no certificate is bound to."""
+        return sorted(self._names.difference(self._folder.names.values()))
+
     def name_of(self, certificate: x509.Certificate) -> str:
         """The bridge that is known by this certificate; empty when none is."""
         self.refresh()

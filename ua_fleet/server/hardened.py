@@ -152,6 +152,12 @@ def _warn(context: Context) -> None:
         _log.warning("clients are let in without a user, as observers", setting="allow_anonymous")
     if context.trust.trusts_all:
         _log.warning("every client certificate is accepted", setting="trust_all_clients")
+    if context.bridges is not None and (unknown := context.bridges.unknown):
+        _log.warning(
+            "no certificate is trusted for some bridges, so they get no keys; "
+            "run: ua-fleet cert create --bridge NAME --trust, or ua-fleet cert trust --bridge NAME FILE",
+            bridges=", ".join(unknown),
+        )
     if not context.users.list() and not context.allow_anonymous:
         _log.warning("nobody can log in yet; add a user with: ua-fleet user add NAME", file=str(context.users.path))
 

@@ -99,6 +99,25 @@ async def test_the_client_makes_its_certificate_once_and_keeps_the_key_to_itself
     assert stat.S_IMODE(identity.key.stat().st_mode) == 0o600
 
 
+async def test_a_key_that_others_can_read_or_that_is_none_is_said(tmp_path: Path) -> None:
+    identity = ClientIdentity.of_bridge(tmp_path, "Fleet", "cell")
+    await identity.ensure()
+    assert (identity.certificate.name, identity.key.name) == ("bridge.der", "bridge-key.pem")
+    certificate = x509.load_der_x509_certificate(identity.certificate.read_bytes())
+    names = certificate.extensions.get_extension_for_class(x509.SubjectAlternativeName).value
+    assert names.get_values_for_type(x509.UniformResourceIdentifier) == ["urn:ua-fleet:Fleet:bridge:cell"]
+    assert certificate.subject.rfc4514_string() == "O=ua-fleet,CN=ua-fleet bridge cell"
+    identity.key.chmod(0o640)
+    with pytest.raises(AccessRefused, match=f"chmod 600 {identity.key}"):
+        await identity.ensure()
+    identity.key.chmod(0o600)
+    identity.key.write_text("-----BEGIN PRIVATE KEY-----\nsecret\n-----END PRIVATE KEY-----\n")
+    with pytest.raises(AccessRefused, match="no readable key") as refused:
+        await identity.ensure()
+    assert "secret" not in str(refused.value)
+    assert refused.value.__suppress_context__
+
+
 def test_a_server_is_trusted_on_first_use_and_held_to_it(tmp_path: Path) -> None:
     identity = ClientIdentity(tmp_path)
     endpoint = "opc.tcp://127.0.0.1:4840/ua_fleet"

@@ -9,7 +9,9 @@ from cryptography import x509
 from cryptography.hazmat.primitives.serialization import Encoding
 from cryptography.x509.oid import ExtendedKeyUsageOID
 
+from tests.integration.server_security.harness import load, make_certificate
 from ua_fleet.errors import ServerStartError
+from ua_fleet.server.bridges import BridgeTrust
 from ua_fleet.server.certificates import (
     CertificateError,
     CertificateFiles,
@@ -20,8 +22,10 @@ from ua_fleet.server.certificates import (
     ensure_client_certificate,
     list_certificates,
     load_certificate,
+    revoke_bridge,
     thumbprint,
     trust,
+    trust_bridge,
 )
 from ua_fleet.server.trust import MAX_REJECTED, CertificateRefused, TrustList, split_chain
 
@@ -171,3 +175,54 @@ def test_unreadable_files_are_left_out(
     assert "junk.der" in capsys.readouterr().out
     with pytest.raises(CertificateRefused):
         trusted.check([load_certificate(state[1].certificate)])
+
+
+# --- bridges
+
+
+def test_a_bridges_certificate_is_trusted_and_makes_no_other_one_trusted(tmp_path: Path) -> None:
+    authority = make_certificate(tmp_path, "authority", ca=True)
+    issued = make_certificate(tmp_path, "issued", issuer=load(authority))
+    alone = make_certificate(tmp_path, "alone")
+    trust_bridge(tmp_path, "hall", authority.certificate)
+    trust_bridge(tmp_path, "cell", alone.certificate)
+    trusted = TrustList(tmp_path)
+    trusted.check([load_certificate(alone.certificate)])
+    with pytest.raises(CertificateRefused, match="not trusted"):
+        trusted.check([load_certificate(issued.certificate), load_certificate(authority.certificate)])
+
+
+def test_a_bridge_is_known_by_its_certificate_alone(tmp_path: Path) -> None:
+    old, new = (make_certificate(tmp_path, name) for name in ("old", "new"))
+    known = BridgeTrust(tmp_path, ["cell", "hall"])
+    assert known.unknown == ["cell", "hall"]
+    trust_bridge(tmp_path, "cell", old.certificate)
+    trust_bridge(tmp_path, "strange", new.certificate)
+    generation = known.generation
+    assert known.name_of(load_certificate(old.certificate)) == "cell"
+    assert known.name_of(load_certificate(new.certificate)) == ""
+    assert known.generation == generation + 1
+    assert known.unknown == ["hall"]
+    revoke_bridge(tmp_path, "strange")
+    trust_bridge(tmp_path, "cell", new.certificate)
+    assert known.name_of(load_certificate(old.certificate)) == ""
+    assert known.name_of(load_certificate(new.certificate)) == "cell"
+    revoke_bridge(tmp_path, "cell")
+    assert known.name_of(load_certificate(new.certificate)) == ""
+    with pytest.raises(CertificateRefused):
+        TrustList(tmp_path).check([load_certificate(new.certificate)])
+
+
+def test_one_certificate_is_one_bridges(tmp_path: Path) -> None:
+    card = make_certificate(tmp_path, "card")
+    trust_bridge(tmp_path, "cell", card.certificate)
+    trust_bridge(tmp_path, "cell", card.certificate)
+    with pytest.raises(CertificateError, match="bridge cell is known by this certificate"):
+        trust_bridge(tmp_path, "hall", card.certificate)
+
+
+def test_a_bridges_certificate_that_was_trusted_as_a_clients_is_moved(tmp_path: Path) -> None:
+    card = make_certificate(tmp_path, "card")
+    mark = trust(tmp_path, card.certificate).thumbprint
+    trust_bridge(tmp_path, "cell", mark[:10])
+    assert [(info.state, info.bridge) for info in list_certificates(tmp_path)] == [(CertificateState.BRIDGE, "cell")]

@@ -7,6 +7,7 @@ import json
 import logging
 import signal
 import sys
+from functools import partial
 from pathlib import Path
 
 import structlog
@@ -15,6 +16,7 @@ from ua_bridges.ros2.config import Ros2BridgeConfig
 
 from ua_fleet.bridge.registry import load_driver
 from ua_fleet.bridge.runner import run_bridge
+from ua_fleet.cli.key_source import key_source_of
 from ua_fleet.config.schema import BridgeConfig, FleetConfig
 from ua_fleet.errors import UaFleetError
 from ua_fleet.transport.udp import UdpTransport
@@ -30,16 +32,14 @@ async def main(path: str, name: str) -> int:
     transport = UdpTransport(
         pubsub.url, pubsub.interface, ttl=pubsub.ttl, receive_buffer_bytes=pubsub.receive_buffer_bytes
     )
-    running = asyncio.ensure_future(
-        run_bridge(
-            config,
-            name,
-            load_driver(config, name),
-            transport,
-            state_dir=Path(path).parent / config.state_dir_of(name),
-            ready=lambda: print("ready", flush=True),
-        )
-    )
+    state_dir = Path(path).parent / config.state_dir_of(name)
+
+    async def bridged() -> None:
+        async with key_source_of(config, name, Path(path).parent, state_dir) as keys:
+            driver, ready = load_driver(config, name), partial(print, "ready", flush=True)
+            await run_bridge(config, name, driver, transport, state_dir=state_dir, keys=keys, ready=ready)
+
+    running = asyncio.ensure_future(bridged())
     asyncio.get_running_loop().add_signal_handler(signal.SIGTERM, running.cancel)
     try:
         await running

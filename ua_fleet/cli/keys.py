@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -107,7 +108,7 @@ def rotate(
     from ua_fleet.storage.key_files import NoKeyFile
 
     fleet, folder = _folder(config)
-    past_keys = fleet.pubsub.keys.past_keys
+    keys = fleet.pubsub.keys
     with folder.exclusive():
         names = _checked(groups) or folder.groups()
         if not names:
@@ -116,9 +117,9 @@ def rotate(
             files = [folder.read(group_id) for group_id in names]  # all or none
         except NoKeyFile as error:
             raise NotFound(str(error)) from error
-        for before in files:
-            now = time.time()
-            changed = before.replaced(now) if leaked else before.rotated(now, after, past_keys)
+        for known in files:
+            before, now = replace(known, lifetime_s=keys.lifetime_s), time.time()
+            changed = before.replaced(now) if leaked else before.rotated(now, after, keys.past_keys)
             folder.write(changed)
             new = changed.keys[-1]
             if as_json:

@@ -42,7 +42,7 @@ class KeyUser(Protocol):
     """Why something could not be sent; empty when the last message could."""
 
     def groups_wanted(self) -> Iterable[str]:
-        """All groups that are needed."""
+        """All groups that are needed, those that matter most first."""
         ...
 
     def keys_wanted(self, now: float) -> Iterable[str]:
@@ -124,9 +124,11 @@ class _Keeper:
             for group in self._groups.values():
                 group.refresh_at = float("-inf")
         wanted = set(self._envelope.keys_wanted(now))
-        known = wanted.union(self._envelope.groups_wanted())
+        # In the envelope's order: groups that somebody made up come last, and cannot use up what a service allows.
+        known = tuple(self._envelope.groups_wanted())
         self._forget(known)
-        for group_id in sorted(known):
+        has_answered = False
+        for group_id in known:
             group = self._groups.setdefault(group_id, _Group())
             if now >= group.refresh_at or (group_id in wanted and now >= group.next_at):
                 try:
@@ -135,14 +137,15 @@ class _Keeper:
                     self._is_away(str(error), clock())
                     return
                 except KeysRefused as error:
-                    self._is_back()
                     self._refused(group_id, group, str(error), clock())
                 else:
-                    self._is_back()
                     self._fetched(group_id, group, keys, group_id in wanted, clock())
+                has_answered = True
+        if has_answered:  # to all that it was asked for
+            self._is_back()
 
-    def _forget(self, known: set[str]) -> None:
-        for group_id in self._groups.keys() - known:
+    def _forget(self, known: Iterable[str]) -> None:
+        for group_id in self._groups.keys() - set(known):
             del self._groups[group_id]
             self._kept.refused.pop(group_id, None)
 

@@ -35,6 +35,7 @@ MAX_KEYS: Final = 100
 MAX_TOKEN_ID: Final = 0xFFFF_FFFF
 
 _GROUP_ID: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,63}", re.ASCII)
+_TOO_MANY: Final = "wait until the first of those to come is current"
 _SUFFIX: Final = ".json"
 
 FileStamp = tuple[int, ...]
@@ -166,6 +167,8 @@ class KeyFolder:
     def write(self, key_file: KeyFile) -> None:
         """Write a group's file so that a reader sees the old one or the new one, whole, also after a crash."""
         path = self.path_of(key_file.group_id)
+        if len(key_file.keys) > MAX_KEYS:
+            raise ConfigError(f"would have more than {MAX_KEYS} keys", file=str(path), suggestion=_TOO_MANY)
         try:
             self.path.mkdir(mode=0o700, parents=True, exist_ok=True)
             self.check()

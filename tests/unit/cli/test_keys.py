@@ -67,6 +67,28 @@ def test_rotate_gives_all_or_some_a_next_key(invoke: Invoke, folder: KeyFolder) 
     assert [key.token_id for key in folder.read("t-0").keys] == [1, 2]
 
 
+def test_rotate_takes_the_lifetime_of_the_configuration(invoke: Invoke, folder: KeyFolder) -> None:
+    invoke("keys", "create")
+    path = folder.path.parent / "fleet.yaml"
+    path.write_text(FLEET.replace("7200", "60"))
+    invoke("keys", "rotate", "t-1")
+    assert (folder.read("t-0").lifetime_s, folder.read("t-1").lifetime_s) == (7200.0, 60.0)
+
+
+def test_rotate_without_end_is_refused(invoke: Invoke, folder: KeyFolder) -> None:
+    invoke("keys", "create", "t-0")
+    key_file = folder.read("t-0")
+    for _ in range(99):
+        key_file = key_file.rotated(time.time(), 10.0, 1)
+    folder.write(key_file)
+    ended = invoke("keys", "rotate", "t-0")
+    assert ended.code == 2
+    assert ended.stderr.endswith(
+        "t-0.json: would have more than 100 keys; wait until the first of those to come is current\n"
+    )
+    assert len(folder.read("t-0").keys) == 100
+
+
 def test_rotate_of_a_leaked_key_ends_the_old_ones(invoke: Invoke, folder: KeyFolder) -> None:
     invoke("keys", "create")
     invoke("keys", "rotate", "t-1", "--leaked")

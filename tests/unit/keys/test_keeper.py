@@ -28,7 +28,7 @@ class World:
 
     def __init__(self, *groups: str, refresh_s: float = math.inf) -> None:
         self.now = 1000.0
-        self.groups = set(groups)
+        self.groups = list(groups)
         self.wanted = set(groups)
         self.installed: list[tuple[float, str, int]] = []
         self.asked: list[tuple[float, str]] = []
@@ -44,7 +44,7 @@ class World:
     def refresh_s(self) -> float:
         return self._refresh_s
 
-    def groups_wanted(self) -> set[str]:
+    def groups_wanted(self) -> list[str]:
         return self.groups
 
     def keys_wanted(self, now: float) -> set[str]:
@@ -101,7 +101,7 @@ async def test_what_is_wanted_is_fetched_once() -> None:
 async def test_what_is_wanted_later_is_fetched_within_a_period() -> None:
     world = World("t-2")
     world.at(50.1, lambda: world.wanted.add("t-2"))  # half of the lifetime, or an unknown token
-    world.at(60.1, lambda: world.groups.add("t-7"))
+    world.at(60.1, lambda: world.groups.append("t-7"))
     world.at(60.1, lambda: world.wanted.add("t-7"))
     await world.run(70)
     assert world.installed == [(0.0, "t-2", 1), (50.25, "t-2", 1), (60.25, "t-7", 1)]
@@ -193,7 +193,7 @@ async def test_tokens_that_nobody_has_do_not_make_us_ask_all_the_time() -> None:
 async def test_many_groups_that_somebody_made_up_do_not_fill_the_log() -> None:
     world = World(*(f"t-{space}" for space in range(1000)))
     world.gives = {group_id: KeysRefused(group_id, "no file") for group_id in world.groups}
-    world.at(4, lambda: world.groups.intersection_update({"t-1"}))
+    world.at(4, lambda: world.groups.__setitem__(slice(None), ["t-1"]))
     world.at(4, lambda: world.wanted.intersection_update({"t-1"}))
     with structlog.testing.capture_logs() as log:
         await world.run(5)
@@ -209,6 +209,21 @@ async def test_why_something_was_not_sent_is_told_once() -> None:
     with structlog.testing.capture_logs() as log:
         await world.run(6)
     assert [entry["reason"] for entry in log if entry["event"] == "not sent"] == ["no key of t-2", "nonces are used up"]
+
+
+async def test_groups_that_somebody_made_up_come_after_those_that_matter() -> None:
+    world = World("t-300", "t-0", *(f"c-{space}" for space in range(100, 200)))
+    limit = KeySourceUnavailable("Bad_ServerTooBusy")
+    world.gives = {"c-100": KeysRefused("c-100", "no such group"), "c-101": limit}
+    world.never_content = True
+    with structlog.testing.capture_logs() as log:
+        await world.run(300)
+    asked = [group_id for _, group_id in world.asked]
+    assert asked.count("t-300") == asked.count("t-0") > 10
+    assert asked[:4] == ["t-300", "t-0", "c-100", "c-101"]
+    assert "c-102" not in asked
+    assert len([entry for entry in log if "source of keys" in entry["event"]]) == 1
+    assert {group_id for _, group_id, _ in world.installed} == {"t-300", "t-0"}
 
 
 async def test_no_log_line_has_a_key() -> None:

@@ -34,8 +34,10 @@ def _owners(document: Document) -> dict[KeyPath, str]:
     for path in document.mappings:  # in the order in which they begin
         if len(path) == 2 and path[0] == "bridges":
             owners[path] = "status_id"
-        elif len(path) == 4 and path[0] == "robots" and path[2] == "data":
+        elif len(path) == 4 and path[0] == "robots" and path[2] in ("data", "skills"):
             owners[path] = "id"
+        elif len(path) == 2 and path[0] == "robots" and as_mapping(_at(document.data, path).get("skills")):
+            owners[path] = "skill_status_id"
     return owners
 
 
@@ -133,7 +135,7 @@ def _replace_file(path: Path, content: bytes) -> None:
 
 
 def assign_ids(path: str | Path, environment: Mapping[str, str] | None = None) -> dict[str, int]:
-    """Give each data source and bridge of a file that has no id the next one; those given, by the path of their keys.
+    """Give each data source, skill and bridge of a file without an id the next one; those given, by their keys' paths.
 
     Raises:
         ConfigInvalid: the file has other problems; then it is left alone.

@@ -14,6 +14,7 @@ from ua_fleet.config.schema import (
     FieldConfig,
     PubSubConfig,
     PubSubSecurity,
+    RobotConfig,
     ScalarType,
     TopicMapping,
 )
@@ -42,6 +43,8 @@ class Parts:
     """The bridge of each valid robot."""
     data: dict[tuple[str, str], DataSetConfig]
     """By robot and name."""
+    robots: dict[str, RobotConfig]
+    """Robots with their skills, without their data."""
 
     def mapping_at(self, path: KeyPath) -> dict[str, Any]:
         """The mapping that stands at a path of the file; empty where there is none."""
@@ -77,6 +80,9 @@ def _id_paths(parts: Parts) -> list[KeyPath]:
     paths: list[KeyPath] = [("bridges", name, "status_id") for name in parts.mapping_at(("bridges",))]
     for robot in parts.mapping_at(("robots",)):
         paths += [("robots", robot, "data", name, "id") for name in parts.mapping_at(("robots", robot, "data"))]
+        skills = parts.mapping_at(("robots", robot, "skills"))
+        paths += [("robots", robot, "skills", name, "id") for name in skills]
+        paths += [("robots", robot, "skill_status_id")] if skills else []
     return paths
 
 
@@ -257,6 +263,24 @@ def _check_keys(parts: Parts) -> None:
         )
 
 
+def _check_skills(parts: Parts) -> None:
+    for name, robot in parts.robots.items():
+        bridge = parts.bridges.get(robot.bridge)
+        for skill_name, skill in robot.skills.items():
+            path: KeyPath = ("robots", name, "skills", skill_name)
+            for position, capacity in enumerate(skill.needs):
+                if capacity not in robot.capacities:
+                    parts.document.problem(
+                        (*path, "needs", position),
+                        f"{name} has not the capacity `{capacity}`",
+                        closest(capacity, robot.capacities) or f"add it to robots.{name}.capacities",
+                    )
+            if skill.via and bridge is not None and bridge.skill_mapping is None:
+                parts.document.problem(
+                    (*path, "via"), f"bridges of kind {bridge.kind} run no skills by configuration", "remove `via`"
+                )
+
+
 _CHECKS: Final[tuple[Callable[[Parts], None], ...]] = (
     _check_bridges_exist,
     _check_spaces,
@@ -266,6 +290,7 @@ _CHECKS: Final[tuple[Callable[[Parts], None], ...]] = (
     _check_pubsub,
     _check_listed_spaces,
     _check_keys,
+    _check_skills,
 )
 
 

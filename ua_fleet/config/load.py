@@ -13,10 +13,11 @@ from typing import Any, Final, TypeVar
 
 from pydantic import BaseModel, TypeAdapter, ValidationError
 
+from ua_fleet.config.base import Name
 from ua_fleet.config.checks import Parts, check_all, check_ids_given
 from ua_fleet.config.kinds import known_kinds, model_of_kind
 from ua_fleet.config.layers import apply_environment, apply_options
-from ua_fleet.config.schema import BridgeConfig, DataSetConfig, FleetConfig, Name, RobotConfig
+from ua_fleet.config.schema import BridgeConfig, DataSetConfig, FleetConfig, RobotConfig, SkillConfig
 from ua_fleet.config.wording import explain
 from ua_fleet.document import MAX_BYTES, Document, KeyPath, as_mapping, key_text, read_document
 from ua_fleet.errors import ConfigError, ConfigInvalid
@@ -104,6 +105,19 @@ class _Loading:
                 self._document.problem((*path, "kind"), error.message)
         return None
 
+    def skills(self, robot: KeyPath, given: Mapping[str, Any], bridge: BridgeConfig | None) -> dict[str, SkillConfig]:
+        """A robot's skills; how they are done is validated by the model of the bridge's kind."""
+        skills: dict[str, SkillConfig] = {}
+        path: KeyPath = (*robot, "skills")
+        for name, value in self.named(path, given.get("skills")).items():
+            inner = (*path, name)
+            if (skill := self.model(SkillConfig, self.mapping(inner, value), inner)) is None:
+                continue
+            skills[name] = skill
+            if skill.via and bridge is not None and bridge.skill_mapping is not None:
+                self.model(bridge.skill_mapping, skill.via, (*inner, "via"))
+        return skills
+
 
 def _read(document: Document, file: str, allow_missing_ids: bool) -> FleetConfig | None:
     root, loading = document.data, _Loading(document)
@@ -120,15 +134,15 @@ def _read(document: Document, file: str, allow_missing_ids: bool) -> FleetConfig
     for name, value in loading.named(("robots",), sections["robots"]).items():
         path: KeyPath = ("robots", name)
         given = loading.mapping(path, value)
-        if (robot := loading.model(RobotConfig, {**given, "data": {}}, path)) is not None:
-            robots[name] = robot
+        if (robot := loading.model(RobotConfig, {**given, "data": {}, "skills": {}}, path)) is not None:
+            robots[name] = robot.model_copy(update={"skills": loading.skills(path, given, bridges.get(robot.bridge))})
         path = (*path, "data")
         for data_name, data_value in loading.named(path, given.get("data")).items():
             inner = (*path, data_name)
             if (valid := loading.model(DataSetConfig, loading.mapping(inner, data_value), inner)) is not None:
                 data[name, data_name] = valid
     bridge_of = {name: robot.bridge for name, robot in robots.items()}
-    parts = Parts(document, file, shell.pubsub if shell else None, bridges, bridge_of, data)
+    parts = Parts(document, file, shell.pubsub if shell else None, bridges, bridge_of, data, robots)
     check_all(parts)
     check_ids_given(parts, allow_missing=allow_missing_ids)
     if shell is None or document.problems:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from ua_fleet.config.schema import BridgeConfig, DataSetConfig, FleetConfig, RobotConfig, ScalarType
+from ua_fleet.config.schema import BridgeConfig, DataSetConfig, FleetConfig, RobotConfig, ScalarType, SkillConfig
 from ua_fleet.counters import Drop
 from ua_fleet.errors import ConfigError
 from ua_fleet.fleet.model import (
@@ -16,6 +16,7 @@ from ua_fleet.fleet.model import (
     RobotModel,
     drop_field,
 )
+from ua_fleet.fleet.skills import SkillLimits, SkillModel
 from ua_fleet.topics import SERVER_SPACE, Topic
 from ua_fleet.values import ARRAY, BuiltinType, NodeId
 
@@ -51,7 +52,41 @@ def _robot(ns: int, name: str, config: RobotConfig, space: int) -> RobotModel:
             )
         origin = SERVER_SPACE if data_set.origin == "server" else space
         data_sets.append(_data_set(Topic.checked(origin, ns, data_set.id), browse_name, data_set))
-    return RobotModel(name, config.bridge, config.description, config.capacities, tuple(data_sets), ns)
+    skills = tuple(_skill(name, skill_name, skill) for skill_name, skill in config.skills.items())
+    status = config.skill_status_id
+    if skills and status is None:
+        raise ConfigError(
+            "a robot with skills needs an id for their status",
+            key=f"robots.{name}.skill_status_id",
+            suggestion="run: ua-fleet config assign-ids",
+        )
+    topic = None if status is None else Topic.checked(space, ns, status)
+    return RobotModel(name, config.bridge, config.description, config.capacities, tuple(data_sets), ns, skills, topic)
+
+
+def _skill(robot: str, name: str, config: SkillConfig) -> SkillModel:
+    if config.id is None:
+        raise ConfigError(
+            "the skill has no id", key=f"robots.{robot}.skills.{name}.id", suggestion="run: ua-fleet config assign-ids"
+        )
+    limits = config.limits
+    return SkillModel(
+        config.id,
+        name,
+        config.needs,
+        tuple(argument.model(argument_name) for argument_name, argument in config.arguments.items()),
+        tuple(result.model(result_name) for result_name, result in config.results.items()),
+        config.timeout_s,
+        config.immediate,
+        SkillLimits(
+            limits.least_interval_s,
+            limits.largest_message_bytes,
+            limits.requests_at_once,
+            limits.most_requestors,
+            limits.visible_to,
+        ),
+        config.description,
+    )
 
 
 def _data_set(topic: Topic, name: str, config: DataSetConfig) -> DataSetModel:

@@ -18,6 +18,7 @@ from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
 from ua_fleet.config.kinds import known_kinds, model_of_kind
+from ua_fleet.config.resilience_schema import CriterionConfig, DistanceConfig
 from ua_fleet.config.schema import (
     BridgeConfig,
     DataSetConfig,
@@ -27,10 +28,13 @@ from ua_fleet.config.schema import (
     KeysConfig,
     PubSubConfig,
     QosConfig,
+    ResilienceConfig,
     RobotConfig,
+    ScenariosConfig,
     ServerConfig,
     TopicMapping,
 )
+from ua_fleet.config.skill_schema import ArgumentConfig, SkillConfig, SkillLimitsConfig
 from ua_fleet.config.wording import choices
 
 __all__ = ["BEGIN", "END", "put_between", "reference"]
@@ -50,6 +54,13 @@ _SECTIONS: Final[tuple[tuple[str, type[BaseModel]], ...]] = (
     ("`robots.<name>.data.<name>.fields.<name>`", FieldConfig),
     ("`source` and `sink` of a data source", TopicMapping),
     ("`qos` of a `source` or `sink`", QosConfig),
+    ("`robots.<name>.skills.<name>`", SkillConfig),
+    ("`arguments.<name>` and `results.<name>` of a skill", ArgumentConfig),
+    ("`limits` of a skill", SkillLimitsConfig),
+    ("`resilience`", ResilienceConfig),
+    ("`resilience.criteria.<name>`", CriterionConfig),
+    ("`distance` of a criterion", DistanceConfig),
+    ("`scenarios`", ScenariosConfig),
 )
 _WORDS: Final = {bool: "true or false", int: "whole number", float: "number", str: "text", type(None): ""}
 _BOUNDS: Final = (("ge", "at least {:g}"), ("gt", "above {:g}"), ("le", "at most {:g}"), ("lt", "below {:g}"))
@@ -90,6 +101,8 @@ def _default(field: FieldInfo) -> str:
     value = field.default
     if isinstance(value, BaseModel) or value is None or value in ("", (), {}):
         return ""
+    if isinstance(value, dict):
+        return ", ".join(f"`{key}`" for key in value)
     return f"`{value.value if isinstance(value, Enum) else value if isinstance(value, str) else json.dumps(value)}`"
 
 

@@ -7,14 +7,16 @@ each problem and checks what one model alone cannot see (ids used twice, a robot
 from __future__ import annotations
 
 from enum import StrEnum
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, SerializeAsAny, field_validator, model_validator
+from pydantic import BaseModel, Field, SerializeAsAny, field_validator, model_validator
 
+from ua_fleet.config.base import DataSetId, FieldPath, Model, Name, ScalarType
+from ua_fleet.config.resilience_schema import ResilienceConfig
+from ua_fleet.config.skill_schema import SkillConfig
 from ua_fleet.errors import TopicInvalid
 from ua_fleet.fleet.model import UnknownSources
 from ua_fleet.topics import SERVER_SPACE, check_space
-from ua_fleet.values import BuiltinType
 
 __all__ = [
     "BridgeConfig",
@@ -26,53 +28,18 @@ __all__ = [
     "PubSubConfig",
     "PubSubSecurity",
     "QosConfig",
+    "ResilienceConfig",
     "RobotConfig",
     "ScalarType",
+    "ScenariosConfig",
     "ServerConfig",
+    "SkillConfig",
     "TopicMapping",
     "UnknownSources",
 ]
 
-Name = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_-]{0,63}$")]
-DataSetId = Annotated[int, Field(ge=1, le=65535)]
-FieldPath = Annotated[
-    str,
-    Field(
-        pattern=r"^[A-Za-z][A-Za-z0-9_]*(\[[0-9]{1,6}\])*(\.[A-Za-z][A-Za-z0-9_]*(\[[0-9]{1,6}\])*)*$",
-        examples=["twist.linear.x"],
-    ),
-]
 
-
-class _Model(BaseModel, frozen=True):
-    model_config = ConfigDict(extra="forbid", use_attribute_docstrings=True)
-
-
-class ScalarType(StrEnum):
-    """The types that a field may have in `fleet.yaml`: names of OPC UA built-in types."""
-
-    BOOLEAN = "Boolean"
-    SBYTE = "SByte"
-    BYTE = "Byte"
-    INT16 = "Int16"
-    UINT16 = "UInt16"
-    INT32 = "Int32"
-    UINT32 = "UInt32"
-    INT64 = "Int64"
-    UINT64 = "UInt64"
-    FLOAT = "Float"
-    DOUBLE = "Double"
-    STRING = "String"
-    DATETIME = "DateTime"
-    BYTE_STRING = "ByteString"
-
-    @property
-    def builtin(self) -> BuiltinType:
-        """The built-in type with this name."""
-        return BuiltinType[{"DateTime": "DATETIME", "ByteString": "BYTE_STRING"}.get(self.value, self.value.upper())]
-
-
-class FieldConfig(_Model, frozen=True):
+class FieldConfig(Model, frozen=True):
     """One field of a DataSet."""
 
     type: ScalarType
@@ -98,7 +65,7 @@ class FieldConfig(_Model, frozen=True):
         return self
 
 
-class QosConfig(_Model, frozen=True):
+class QosConfig(Model, frozen=True):
     """ROS 2 quality of service of a mapped topic. What is left out follows the publishers that are there."""
 
     reliability: Literal["reliable", "best_effort"] | None = None
@@ -109,7 +76,7 @@ class QosConfig(_Model, frozen=True):
     """Messages that the queue holds."""
 
 
-class TopicMapping(_Model, frozen=True):
+class TopicMapping(Model, frozen=True):
     """A robot's own topic that a DataSet is read from or written to."""
 
     topic: Annotated[str, Field(pattern=r"^/?[A-Za-z_][A-Za-z0-9_/]*$", examples=["/battery_state"])]
@@ -126,7 +93,7 @@ class TopicMapping(_Model, frozen=True):
     """ROS 2 only: quality of service."""
 
 
-class DataSetConfig(_Model, frozen=True):
+class DataSetConfig(Model, frozen=True):
     """One data source of a robot: a node with a numeric id, or an object with it and a variable for each field."""
 
     id: DataSetId | None = None
@@ -181,7 +148,7 @@ class DataSetConfig(_Model, frozen=True):
         return {"": single}
 
 
-class RobotConfig(_Model, frozen=True):
+class RobotConfig(Model, frozen=True):
     """One robot (or machine, or cell) of the fleet."""
 
     bridge: Name
@@ -192,9 +159,14 @@ class RobotConfig(_Model, frozen=True):
     """What the robot can do in kind, e.g. `mobile`, `grab`."""
     data: dict[Name, DataSetConfig] = {}
     """The robot's data sources by browse name."""
+    skills: dict[Name, SkillConfig] = {}
+    """What the robot does when it is asked."""
+    skill_status_id: DataSetId | None = None
+    """Needed for a robot with skills: numeric id of the DataSet with its last executions. `ua-fleet config assign-ids`
+    fills it in."""
 
 
-class BridgeConfig(_Model, frozen=True):
+class BridgeConfig(Model, frozen=True):
     """What every bridge has. Each bridge package derives its own model from this one in its `config.py`.
 
     The package is found by `kind` through the entry point group `ua_fleet.bridges`, so that a new kind of bridge
@@ -215,6 +187,9 @@ class BridgeConfig(_Model, frozen=True):
     requestors: tuple[Annotated[int, Field(ge=0, le=65535)], ...] = (SERVER_SPACE,)
     """Spaces that may command this one by Actions; 0 is the server."""
 
+    skill_mapping: ClassVar[type[BaseModel] | None] = None
+    """Model of `via` in a skill of a robot on such a bridge; None where bridges of this kind run no skills."""
+
     @field_validator("space")
     @classmethod
     def _space(cls, space: int) -> int:
@@ -234,7 +209,7 @@ class PubSubSecurity(StrEnum):
     SIGN_AND_ENCRYPT = "sign_and_encrypt"
 
 
-class KeysConfig(_Model, frozen=True):
+class KeysConfig(Model, frozen=True):
     """Where the keys of PubSub come from, and how long they live (OPC 10000-14 6.2.12 and 8.3)."""
 
     source: Literal["service", "files"] = "service"
@@ -253,7 +228,7 @@ class KeysConfig(_Model, frozen=True):
     """URL by which bridges reach the key service, where `server.host` and `server.port` do not say it."""
 
 
-class PubSubConfig(_Model, frozen=True):
+class PubSubConfig(Model, frozen=True):
     """OPC UA PubSub between the server and the bridges."""
 
     security: PubSubSecurity = Field(examples=["sign_and_encrypt"])
@@ -291,7 +266,7 @@ class PubSubConfig(_Model, frozen=True):
         return self
 
 
-class ServerConfig(_Model, frozen=True):
+class ServerConfig(Model, frozen=True):
     """The OPC UA server."""
 
     host: str = "127.0.0.1"
@@ -328,7 +303,7 @@ class ServerConfig(_Model, frozen=True):
     """An analog value's node is written at most so often; the last value always arrives."""
 
 
-class FleetInfo(_Model, frozen=True):
+class FleetInfo(Model, frozen=True):
     """The fleet as a whole."""
 
     name: Name = "Fleet"
@@ -339,7 +314,18 @@ class FleetInfo(_Model, frozen=True):
     """Index of the fleet's namespace. Topics carry it, so the server refuses to start when its table disagrees."""
 
 
-class FleetConfig(_Model, frozen=True):
+class ScenariosConfig(Model, frozen=True):
+    """Scenarios that operators run."""
+
+    folder: str = "scenarios"
+    """Folder of the scenarios' files, `<name>.yaml` or `.json`; relative to `fleet.yaml`."""
+    most_runs: int = Field(default=16, ge=1)
+    """Runs that may be under way at once."""
+    kept_runs: int = Field(default=100, ge=0)
+    """Runs that have ended and are still shown."""
+
+
+class FleetConfig(Model, frozen=True):
     """`fleet.yaml`."""
 
     version: Literal[1]
@@ -354,6 +340,10 @@ class FleetConfig(_Model, frozen=True):
     """Bridges by name, each with the keys of its kind."""
     robots: dict[Name, RobotConfig] = {}
     """Robots by name."""
+    resilience: ResilienceConfig = ResilienceConfig()
+    """Who takes over when a robot fails."""
+    scenarios: ScenariosConfig = ScenariosConfig()
+    """Scenarios that operators run."""
 
     def space_of(self, robot_name: str) -> int:
         """The space in which a robot lives."""

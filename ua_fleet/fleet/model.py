@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from enum import IntEnum, StrEnum
 from typing import Any, Final
 
+from ua_fleet.fleet.skills import SkillModel
 from ua_fleet.topics import SERVER_SPACE, Topic
 from ua_fleet.values import BuiltinType, NodeId
 
@@ -119,6 +120,9 @@ class RobotModel:
     capacities: tuple[str, ...]
     data_sets: tuple[DataSetModel, ...]
     ns: int
+    skills: tuple[SkillModel, ...] = ()
+    skill_status: Topic | None = None
+    """DataSet with the robot's last executions; None without skills."""
 
     @property
     def key(self) -> NodeId:

@@ -69,7 +69,7 @@ class SkillModel:
     """One skill of one robot."""
 
     id: int
-    """ActionTargetId."""
+    """Numeric id in the fleet's namespace: DataSetWriterId of its Action."""
     name: str
     capacities: tuple[str, ...] = ()
     """What a robot needs to have the skill."""

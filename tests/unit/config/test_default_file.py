@@ -66,8 +66,8 @@ def test_from_the_new_file_to_a_valid_one(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="exists already; choose another name"):
         write_default(path)
     path.write_bytes(decided())
-    assert len(assign_ids(path, {})) == 6
-    assert load(path, {}).robots["carrier"].data["battery"].id == 1005
+    assert len(assign_ids(path, {})) == 8
+    assert load(path, {}).robots["carrier"].data["battery"].id == 1006
 
 
 def test_a_folder_that_is_not_there(tmp_path: Path) -> None:

@@ -1,0 +1,112 @@
+"""Resilience in `fleet.yaml`: who takes over when a robot fails."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from typing import Annotated, Literal
+
+from pydantic import Field, model_validator
+
+from ua_fleet.config.base import FieldPath, Model, Name
+from ua_fleet.errors import JudgementsInvalid
+from ua_fleet.orchestrator import CriterionSource, DistanceFrom, ResilienceSettings, TasksAhead, ValueOf
+from ua_fleet.resilience import Criterion, CriterionKind, Mode, OnLimit, Synthesis
+
+__all__ = ["CriterionConfig", "DistanceConfig", "ResilienceConfig"]
+
+
+class DistanceConfig(Model, frozen=True):
+    """How far a robot is from where the task is."""
+
+    x: FieldPath
+    """A robot's value, e.g. `pose.x`."""
+    y: FieldPath
+    """Likewise."""
+    argument: str | None = None
+    """Argument of the task that names a place. For any other the task is where the robot failed."""
+    places: dict[str, tuple[float, float]] = {}
+    """Places by name."""
+
+
+class CriterionConfig(Model, frozen=True):
+    """One criterion. Its raw value is one of `value`, `distance` and `tasks_ahead`."""
+
+    kind: Literal["benefit", "cost"]
+    """`benefit`: more is better. `cost`: less is better."""
+    range: tuple[float, float]
+    """Least and greatest value to be expected; a cost below 1 % of it counts as 1 %."""
+    unit: str = ""
+    """Unit as shown to people."""
+    value: FieldPath | None = None
+    """A robot's value, e.g. `battery.percentage`."""
+    distance: DistanceConfig | None = None
+    """The distance between two points."""
+    tasks_ahead: bool = False
+    """Availability: 100, and less with each task that the robot has ahead."""
+
+    @model_validator(mode="after")
+    def _check(self) -> CriterionConfig:
+        if sum((self.value is not None, self.distance is not None, self.tasks_ahead)) != 1:
+            raise ValueError("give exactly one of `value`, `distance` and `tasks_ahead: true`")
+        if self.range[0] >= self.range[1]:
+            raise ValueError("range: the first value must be less than the second")
+        return self
+
+    def source(self) -> CriterionSource:
+        """Where the raw value comes from."""
+        if self.value is not None:
+            return ValueOf(self.value)
+        if self.distance is not None:
+            return DistanceFrom(self.distance.x, self.distance.y, self.distance.argument, self.distance.places)
+        return TasksAhead()
+
+
+class ModeName(StrEnum):
+    """Who chooses a replacement."""
+
+    OPERATOR = "operator"
+    AUTOMATIC = "automatic"
+    ABORT = "abort"
+
+
+class ResilienceConfig(Model, frozen=True):
+    """Who takes over when a robot fails: the Analytic Hierarchy Process over criteria of your choice."""
+
+    mode: ModeName = ModeName.OPERATOR
+    """`operator`: a person chooses. `automatic`: the best candidate. `abort`: nobody takes over."""
+    limit_s: float = Field(default=60.0, gt=0)
+    """How long an operator may think."""
+    on_limit: Literal["best", "abort"] = "best"
+    """What happens then: the best candidate is taken, or the task is given up."""
+    synthesis: Literal["distributive", "ideal"] = "distributive"
+    """`ideal`: a further candidate who is nowhere the best changes no order."""
+    criteria: Annotated[dict[Name, CriterionConfig], Field(min_length=1)] = {
+        "availability": CriterionConfig(kind="benefit", range=(0, 100), tasks_ahead=True)
+    }
+    """Criteria by name, at most 15."""
+    judgements: dict[Name, dict[Name, Annotated[float, Field(gt=0)]]] = {}
+    """How many times more important one criterion is than another: `{battery: {distance: 2}}`. Each pair once."""
+
+    @model_validator(mode="after")
+    def _check(self) -> ResilienceConfig:
+        try:
+            self.settings()
+        except JudgementsInvalid as error:
+            raise ValueError("judgements: " + "; ".join(error.problems)) from None
+        return self
+
+    def settings(self) -> ResilienceSettings:
+        """What the orchestrator goes by."""
+        criteria = tuple(
+            (Criterion(name, CriterionKind(config.kind), config.range, config.unit), config.source())
+            for name, config in self.criteria.items()
+        )
+        judgements = {(one, other): value for one, row in self.judgements.items() for other, value in row.items()}
+        return ResilienceSettings(
+            criteria,
+            judgements,
+            synthesis=Synthesis(self.synthesis),
+            mode=Mode(self.mode.value),
+            limit_s=self.limit_s,
+            on_limit=OnLimit(self.on_limit),
+        )

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from typing import Any, Final, cast
 
 from ua_fleet.cli.discovery_json import announcement_as_json
-from ua_fleet.cli.message_json import KINDS, MODES
+from ua_fleet.cli.message_json import KINDS, MODES, action_as_json
 from ua_fleet.cli.opening import REFRESH_S, Opened, Opener, ToolKeys
 from ua_fleet.cli.output import print_json, print_line
 from ua_fleet.counters import Drop
@@ -109,7 +109,7 @@ class Listener:
         self._changed.set()
 
     def _count(self, plain: bytes) -> dict[str, Any] | None:
-        """Count a message by its kind; a line for an announcement that the subscriber says nothing of."""
+        """Count a message by its kind; a line for what the subscriber says nothing of."""
         try:
             decoded = self._codec.decode(plain)
         except RemoteWireError:
@@ -121,7 +121,8 @@ class Listener:
         elif isinstance(decoded, MetaDataAnnouncement):
             self.kinds["metadata"] += 1
         elif isinstance(decoded, ActionMessage):
-            self.kinds["action request" if decoded.is_request else "action response"] += 1 + len(decoded.others)
+            self.kinds["action-request" if decoded.is_request else "action-response"] += 1 + len(decoded.others)
+            return {"event": "action", "publisher_id": decoded.publisher_id, **action_as_json(decoded)}
         else:
             self.kinds["announcement"] += 1
             return {
@@ -236,6 +237,9 @@ def _as_text(shown: dict[str, Any]) -> str:
             parts.append(f"{label}={shown[name]}")
     if shown.get("data_set_writer_ids"):
         parts.append(f"DataSetWriterIds={','.join(map(str, shown['data_set_writer_ids']))}")
+    for action in shown.get("messages", ()):
+        parts.append(f"{action['kind']} {action['data_set_writer_id']} target {action['action_target_id']}")
+        parts.append(f"request {action['request_id']} {action['status'] or action['action_state']}")
     if "announcement" in shown:
         parts.append(f"({shown['announcement']['tells']})")
     for name, value in shown.get("fields", {}).items():

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from ua_fleet.cli.discovery_json import announcement_as_json, probe_as_json
 from ua_fleet.cli.value_json import data_value_as_json, status_text, time_text, value_as_json
-from ua_fleet.values import DataValue, Variant
+from ua_fleet.values import BuiltinType, DataValue, Variant
 from ua_fleet.wire.actions import ActionMessage, ActionState
 from ua_fleet.wire.generic import Decoded
 from ua_fleet.wire.messages import DataSetMessage, FieldEncoding, FrameKind, NetworkMessage, Probe
@@ -94,26 +94,32 @@ def network_message_as_json(message: NetworkMessage) -> dict[str, Any]:
 
 
 def action_as_json(message: ActionMessage) -> dict[str, Any]:
-    """What one Action request or response says."""
+    """What the Action requests or responses of one NetworkMessage say: their header, then each as a message."""
     correlation = message.correlation_data
-    parts = {
-        "kind": "request" if message.is_request else "response",
-        "data_set_writer_id": message.data_set_writer_id,
-        "action_target_id": message.action_target_id,
-        "request_id": message.request_id,
-        "action_state": ActionState(message.action_state).name.lower(),
-        "requestor_id": message.requestor_id,
-        "correlation_data": None if correlation is None else correlation.hex(),
-        "response_address": message.response_address,
-        "timeout_hint_ms": message.timeout_hint_ms,
-        "timestamp": time_text(message.timestamp),
-        "status": None if message.status is None else status_text(message.status),
+    return {
+        "action": {
+            "requestor_id": message.requestor_id,
+            "correlation_data": value_as_json(BuiltinType.BYTE_STRING, correlation),
+            "response_address": message.response_address,
+            "timeout_hint_ms": message.timeout_hint_ms,
+        },
+        "messages": [
+            {
+                "data_set_writer_id": part.data_set_writer_id,
+                "kind": "action-request" if part.is_request else "action-response",
+                "action_target_id": part.action_target_id,
+                "request_id": part.request_id,
+                "action_state": ActionState(part.action_state).name.capitalize(),
+                "timestamp": time_text(part.timestamp),
+                "status": None if part.status is None else status_text(part.status),
+                "fields": [
+                    {"index": index, "type": type_name(code), "value": value_as_json(code, value)}
+                    for index, (code, value) in enumerate(zip(part.types, part.values, strict=True))
+                ],
+            }
+            for part in (message, *message.others)
+        ],
     }
-    fields = [
-        {"index": index, "type": type_name(code), "value": value_as_json(code, value)}
-        for index, (code, value) in enumerate(zip(message.types, message.values, strict=True))
-    ]
-    return {name: part for name, part in parts.items() if part is not None} | {"fields": fields}
 
 
 def inspected_as_json(inspected: Inspected) -> dict[str, Any]:
@@ -154,5 +160,5 @@ def decoded_as_json(decoded: Decoded) -> dict[str, Any]:
     if isinstance(decoded, Probe):
         return {"probe": probe_as_json(decoded)}
     if isinstance(decoded, ActionMessage):
-        return {"actions": [action_as_json(part) for part in (decoded, *decoded.others)]}
+        return action_as_json(decoded)
     return {"announcement": announcement_as_json(decoded)}

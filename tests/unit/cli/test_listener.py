@@ -14,6 +14,7 @@ from tests.unit.cli.conftest import Invoke
 from tests.unit.pubsub.publishing import TOPIC, Writing
 from tests.unit.pubsub.security.securing import SIGN, action, data, envelope, group_keys, probe
 from tests.unit.wire.discovery_samples import ANNOUNCEMENTS
+from tests.unit.wire.everything import ACTIONS
 from ua_fleet.cli.listener import Listener, figures_text
 from ua_fleet.cli.opening import TOOL_SPACE, Opener, ToolKeys, lacks_keys, tool_envelope
 from ua_fleet.config import load
@@ -23,6 +24,7 @@ from ua_fleet.pubsub import PubSubTiming
 from ua_fleet.pubsub.security.envelope import Envelope
 from ua_fleet.pubsub.security.keyring import GroupKeys
 from ua_fleet.transport.base import Address, Receive, TransportStats
+from ua_fleet.wire.actions import encode_action
 from ua_fleet.wire.announcements import encode_announcement
 from ua_fleet.wire.security import MessageKey
 
@@ -172,6 +174,16 @@ def test_chunks(capsys: pytest.CaptureFixture[str]) -> None:
         assert (lines, figures["kinds"]) == ([], {"key": 1})
 
 
+def test_actions(capsys: pytest.CaptureFixture[str]) -> None:
+    request, *_, response = (encode_action(action) for action in ACTIONS[:4])
+    lines, figures = heard([request, response], without_keys(), capsys)
+    assert [(line["event"], line["messages"][0]["kind"]) for line in lines] == [
+        ("action", "action-request"),
+        ("action", "action-response"),
+    ]
+    assert figures["kinds"] == {"action-request": 1, "action-response": 1}
+
+
 def test_malformed_messages_are_counted(capsys: pytest.CaptureFixture[str]) -> None:
     lines, figures = heard([b"\x00garbage", b"", data()[:-2]], without_keys(), capsys)
     assert lines == []
@@ -205,6 +217,7 @@ class Source:
     """A source of keys that a test sets."""
 
     refresh_s = 0.5
+    generation = 0
 
     def __init__(self, *groups: str, problem: Exception | None = None) -> None:
         self.groups, self.problem = groups, problem

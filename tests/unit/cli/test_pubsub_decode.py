@@ -10,8 +10,10 @@ import pytest
 from tests.unit.cli.conftest import Invoke
 from tests.unit.wire.corpus import EVERY_TYPE, FULL_METADATA, VECTORS, valid_messages
 from tests.unit.wire.discovery_samples import ANNOUNCEMENTS
+from tests.unit.wire.everything import ACTIONS
 from ua_fleet.values import Variant
 from ua_fleet.wire import Codec, encode_metadata_announcement
+from ua_fleet.wire.actions import encode_action
 from ua_fleet.wire.announcements import TYPES, encode_announcement
 from ua_fleet.wire.chunks import split
 from ua_fleet.wire.messages import DataSetMessage, FrameKind, MetaDataAnnouncement, NetworkMessage, PublisherIdType
@@ -292,6 +294,25 @@ def test_parts_of_announcements(invoke: Invoke) -> None:
     assert of("endpoints")["endpoints"][0]["server_certificate"] == "AQID"
     assert of("actions")["targets"][0]["name"] == "gripper"
     assert of("actions")["response"]["fields"][0]["name"] == "linear.x"
+
+
+def test_actions(invoke: Invoke) -> None:
+    shown = objects(invoke("pubsub", "decode", "--json", *[encode_action(action).hex() for action in ACTIONS]).stdout)
+    assert [message["kind"] for message in shown[0]["messages"]] == ["action-request"]
+    assert shown[0]["action"] == {
+        "requestor_id": "0.1",
+        "correlation_data": "AAECAwQFBgcICQoLDA0ODw==",
+        "response_address": None,
+        "timeout_hint_ms": 500.0,
+    }
+    request = shown[0]["messages"][0]
+    assert (request["action_target_id"], request["request_id"], request["action_state"]) == (1, 7, "Executing")
+    assert request["fields"][0] == {"index": 0, "type": "String", "value": "pick"}
+    assert [message["request_id"] for message in shown[2]["messages"]] == [7, 8]
+    assert (shown[3]["messages"][0]["kind"], shown[3]["messages"][0]["status"]) == (
+        "action-response",
+        "BadNoCommunication",
+    )
 
 
 def test_chunks_are_put_together(invoke: Invoke) -> None:

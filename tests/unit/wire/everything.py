@@ -7,6 +7,7 @@ import struct
 from tests.unit.wire.corpus import valid_messages
 from tests.unit.wire.discovery_samples import ANNOUNCEMENTS
 from ua_fleet.wire import encode_probe
+from ua_fleet.wire.actions import ActionMessage, ActionState, encode_action
 from ua_fleet.wire.announcements import encode_announcement
 from ua_fleet.wire.chunks import read_chunk, split
 from ua_fleet.wire.messages import Probe, ProbeKind, PublisherIdType
@@ -22,13 +23,38 @@ PROBES = (
     Probe(7, U16, ProbeKind.PUBSUB_CONNECTIONS, (), 0, ("a", "b"), include_writer_groups=True),
 )
 
+_REQUEST = ActionMessage(
+    2,
+    2,
+    1003,
+    1,
+    7,
+    ActionState.EXECUTING,
+    is_request=True,
+    requestor_id="0.1",
+    correlation_data=bytes(range(16)),
+    timeout_hint_ms=500.0,
+    types=(12, 11),
+    values=("pick", 0.5),
+    timestamp=1,
+)
+_RESPONSE = ActionMessage(2, 2, 1003, 1, 7, ActionState.DONE, is_request=False, status=0x8031_0000)
+ACTIONS = (
+    _REQUEST,
+    _REQUEST._replace(response_address="opc.udp://224.0.2.14:4840", types=(), values=()),
+    _REQUEST._replace(others=(_REQUEST._replace(request_id=8, data_set_writer_id=1004),)),
+    _RESPONSE._replace(correlation_data=bytes(16), types=(1,), values=(True,)),
+    ActionMessage("robot", None, 0, 0, 0, 0, is_request=False, publisher_id_type=PublisherIdType.STRING),
+)
+
 
 def plain_messages() -> list[bytes]:
-    """Data, probes and announcements of every kind, and what was recorded."""
+    """Data, Actions, probes and announcements of every kind, and what was recorded."""
     return [
         *valid_messages(),
         *[encode_announcement(announcement) for announcement in ANNOUNCEMENTS.values()],
         *[encode_probe(probe) for probe in PROBES],
+        *[encode_action(action) for action in ACTIONS],
     ]
 
 
@@ -51,7 +77,7 @@ def chunked_messages() -> list[bytes]:
         for message in plain_messages()
         if is_plain(message) and read_chunk(message) is None and len(read_security(message).writer_ids) <= 1
     ]
-    chunks = [split(message, 80, number) for number, message in enumerate(whole) if len(message) > 80]
+    chunks = [split(message, 120, number) for number, message in enumerate(whole) if len(message) > 120]
     return [chunk for parts in chunks for chunk in (parts[0], *parts[1:-1][:1], parts[-1])]
 
 

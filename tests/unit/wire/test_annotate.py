@@ -11,7 +11,7 @@ import pytest
 
 from tests.unit.wire.corpus import mutate
 from tests.unit.wire.discovery_samples import ANNOUNCEMENTS
-from tests.unit.wire.everything import KEYS, PROBES, chunked_messages, plain_messages, secured_messages
+from tests.unit.wire.everything import ACTIONS, KEYS, PROBES, chunked_messages, plain_messages, secured_messages
 from tests.unit.wire.test_bad_messages import TABLE
 from ua_fleet.errors import RemoteWireError
 from ua_fleet.values import (
@@ -27,6 +27,7 @@ from ua_fleet.values import (
     Variant,
 )
 from ua_fleet.wire import Codec, encode_probe
+from ua_fleet.wire.actions import ActionMessage, encode_action
 from ua_fleet.wire.annotate import annotate
 from ua_fleet.wire.announcements import encode_announcement
 from ua_fleet.wire.chunks import read_chunk
@@ -59,6 +60,7 @@ def shown(spans: tuple[Span, ...]) -> list[Named]:
         for span in spans
         if span.name not in NO_VALUES
         and not (span.name.endswith("].Status") and span.value == 0)  # of a DataValue: as good as none
+        and not (span.name == "PublisherId" and span.value is None)
         and span.section != "SecurityHeader"
         and not HOW_TO_READ_ON.search(span.name)
         and (span.section == "Discovery announcement" or not DIMENSIONS_OF_AN_ARRAY.search(span.name))
@@ -141,7 +143,7 @@ def of_part(part: DataSetMessage) -> Iterator[Named]:
 
 def of_message(message: NetworkMessage) -> Iterator[Named]:
     yield from present(
-        ("PublisherId", message.publisher_id),
+        ("PublisherId", None if message.publisher_id == "" else message.publisher_id),
         ("DataSetClassId", message.data_set_class_id),
         ("WriterGroupId", message.writer_group_id),
         ("GroupVersion", message.group_version),
@@ -205,6 +207,36 @@ def values_of(value: Any) -> Iterator[Any]:
             yield from values_of(part)
     elif value not in (None, "", b""):
         yield value
+
+
+def of_action(message: ActionMessage) -> Iterator[Named]:
+    parts = (message, *message.others)
+    yield from present(("PublisherId", message.publisher_id), ("WriterGroupId", message.writer_group_id))
+    for index, part in enumerate(parts):
+        yield f"DataSetWriterIds[{index}]", part.data_set_writer_id
+    for name, value in (
+        ("ResponseAddress", message.response_address),
+        ("CorrelationData", message.correlation_data),
+        ("RequestorId", message.requestor_id),
+        ("TimeoutHint", message.timeout_hint_ms),
+    ):
+        yield from present((name, value or None))
+    for part in parts:
+        yield from present(("Timestamp", part.timestamp), ("Status", part.status))
+        yield "ActionTargetId", part.action_target_id
+        yield "RequestId", part.request_id
+        yield "ActionState", part.action_state
+        for index, (code, value) in enumerate(zip(part.types, part.values, strict=True)):
+            yield from of_value(f"DataSetFields[{index}]", code, value)
+
+
+@pytest.mark.parametrize("action", ACTIONS)
+def test_actions(action: ActionMessage) -> None:
+    datagram = encode_action(action)
+    spans = annotate(datagram)
+    assert covers(spans, datagram)
+    assert shown(spans) == list(of_action(action))
+    assert not any(span.name == "NotRead" for span in spans)
 
 
 def told(decoded: object) -> list[Named] | None:

@@ -219,7 +219,7 @@ async def test_groups_that_somebody_made_up_come_after_those_that_matter() -> No
     with structlog.testing.capture_logs() as log:
         await world.run(300)
     asked = [group_id for _, group_id in world.asked]
-    assert asked.count("t-300") == asked.count("t-0") > 10
+    assert min(asked.count("t-300"), asked.count("t-0")) > 10
     assert asked[:4] == ["t-300", "t-0", "c-100", "c-101"]
     assert "c-102" not in asked
     assert len([entry for entry in log if "source of keys" in entry["event"]]) == 1

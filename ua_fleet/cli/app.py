@@ -73,6 +73,7 @@ def _build() -> typer.Typer:
         keys,
         pubsub,
         pubsub_decode,
+        pubsub_probe,
         read,
         serve,
         user,
@@ -101,6 +102,7 @@ def _build() -> typer.Typer:
     _add(groups["keys"], "rotate", keys.rotate, keys.ROTATE_EXAMPLES)
     _add(groups["keys"], "list", keys.show, keys.LIST_EXAMPLES)
     _add(groups["pubsub"], "listen", pubsub.listen, pubsub.EXAMPLES)
+    _add(groups["pubsub"], "probe", pubsub_probe.probe, pubsub_probe.EXAMPLES)
     _add(groups["pubsub"], "decode", pubsub_decode.decode, pubsub_decode.EXAMPLES)
     # A group of one command needs a callback, or typer takes the command for the group.
     groups["pubsub"].callback()(_no_options)

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from ua_fleet.pubsub.timing import PubSubTiming
     from ua_fleet.transport.udp import UdpTransport
 
-__all__ = ["EXAMPLES", "listen"]
+__all__ = ["EXAMPLES", "listen", "transport_of"]
 
 EXAMPLES = (
     "ua-fleet pubsub listen",
@@ -31,7 +31,8 @@ EXAMPLES = (
 )
 
 
-def _transport(fleet: FleetConfig | None, url: str | None, interface: str | None) -> UdpTransport:
+def transport_of(fleet: FleetConfig | None, url: str | None, interface: str | None) -> UdpTransport:
+    """Where a tool listens: as the options say, otherwise as the configuration file does."""
     from ua_fleet.transport.udp import UdpTransport
 
     if fleet is None:
@@ -92,7 +93,7 @@ def listen(
     fleet = None
     if url is None or config != DEFAULT_CONFIG:
         fleet = load_config(config, allow_missing_ids=True)
-    transport, counters = _transport(fleet, url, interface), Counters()
+    transport, counters = transport_of(fleet, url, interface), Counters()
     if one_key is not None:
         keyed = None
     elif fleet is not None and lacks_keys(fleet, as_bridge):

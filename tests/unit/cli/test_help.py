@@ -33,6 +33,7 @@ COMMANDS = [
     "keys list",
     "pubsub listen",
     "pubsub decode",
+    "pubsub probe",
     "demo pal",
 ]
 

@@ -36,6 +36,7 @@ from ua_fleet.config.schema import (
 )
 from ua_fleet.config.skill_schema import ArgumentConfig, SkillConfig, SkillLimitsConfig
 from ua_fleet.config.wording import choices
+from ua_fleet.document import as_mapping
 
 __all__ = ["BEGIN", "END", "put_between", "reference"]
 
@@ -101,8 +102,8 @@ def _default(field: FieldInfo) -> str:
     value = field.default
     if isinstance(value, BaseModel) or value is None or value in ("", (), {}):
         return ""
-    if isinstance(value, dict):
-        return ", ".join(f"`{key}`" for key in value)
+    if (named := as_mapping(value)) is not None:
+        return ", ".join(f"`{name}`" for name in named)
     return f"`{value.value if isinstance(value, Enum) else value if isinstance(value, str) else json.dumps(value)}`"
 
 

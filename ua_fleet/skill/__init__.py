@@ -1,1 +1,69 @@
-"""Actions (OPC 10000-14 6.2.11.2): requestor and responder as pure state machines."""
+"""Actions (OPC 10000-14 6.2.11.2): requestor and responder as pure state machines.
+
+Messages, times and what the robot's side says come in as arguments; what is to be done comes out as effects, to be
+carried out in their order. What must survive a restart is in a journal before the effect that depends on it is given.
+
+    requestor = Requestor(name, journal)
+    requestor.resume(now, utc), start(id, target, ...), receive(response, now), poll(now)
+        -> Send(message) | Concluded(id, outcome) | OutcomeCorrected(id, outcome)
+
+    responder = Responder(space, journal, counters, offers=[Offer(target), ...])
+    responder.recover(), receive(request, reply_to, now, utc), poll(now)
+        -> Execute(execution) | Query(execution) | Respond(message, to) | ExecutionChanged(execution)
+    the robot was told: begun(id, now), or refused(id, ...); what became of it: ended(id, report, now), running, not_begun
+
+`executions.py` has the words, `requestor.py` and `responder.py` each begin with their table of states.
+"""
+
+from ua_fleet.skill.executions import (
+    ExecutionState,
+    Outcome,
+    OutcomeKind,
+    Report,
+    RequestorName,
+    Target,
+    pack,
+    unpack,
+)
+from ua_fleet.skill.journal import Execution, MemoryJournal, Request, RequestorJournal, ResponderJournal
+from ua_fleet.skill.requestor import Concluded, OutcomeCorrected, Requestor, RequestorEffect, RequestPace, Send
+from ua_fleet.skill.responder import (
+    Execute,
+    ExecutionChanged,
+    Offer,
+    Query,
+    Respond,
+    Responder,
+    ResponderEffect,
+    ResponderLimits,
+)
+
+__all__ = [
+    "Concluded",
+    "Execute",
+    "Execution",
+    "ExecutionChanged",
+    "ExecutionState",
+    "MemoryJournal",
+    "Offer",
+    "Outcome",
+    "OutcomeCorrected",
+    "OutcomeKind",
+    "Query",
+    "Report",
+    "Request",
+    "RequestPace",
+    "Requestor",
+    "RequestorEffect",
+    "RequestorJournal",
+    "RequestorName",
+    "Respond",
+    "Responder",
+    "ResponderEffect",
+    "ResponderJournal",
+    "ResponderLimits",
+    "Send",
+    "Target",
+    "pack",
+    "unpack",
+]

@@ -1,0 +1,331 @@
+"""The requestor of Actions: asks until it knows what became of a request, and asks for nothing twice.
+
+A request is journaled, then sent as ActionState Executing, and repeated (OPC 10000-14 6.2.11.2.2, table 83):
+
+    state    event                                                     then
+    (none)   start                                                     journal, send Executing           -> ASKING
+    ASKING   interval over, neither Executing nor Done heard in it     send Executing again
+    ASKING   Executing heard                                           wait for Done, ask again if it falls silent
+    ASKING   timeout over                                              ask on with TimeoutHint 0
+    ASKING   Done heard                                                journal outcome, tell it, send Idle -> CLOSING
+    ASKING   timeout and grace over                                    journal Unknown, tell it          -> closed
+    CLOSING  interval over, no Idle heard                              send Idle again, a few times      -> closed
+    CLOSING  Idle heard                                                                                  -> closed
+    closed   Done heard                                                send Idle; where the outcome was Unknown and is
+                                                                       known now: journal it, tell the correction
+    any      restart                                                   requests without an outcome       -> ASKING
+
+A TimeoutHint of 0 only asks: a responder that does not know the execution never begins it, and says and records so.
+That makes the outcomes sharp. Accepted, Refused and TimedOut are the responder's word: the robot was told exactly
+once; never was and never will be; never was, because it was too late. Unknown is all else, and says that somebody has
+to look: no answer came in time, whatever happened, or the responder cannot tell itself. An answer that comes after that
+is a fact like any other, and corrects it.
+
+All that is sent for an execution is the same in each run of the requestor: its id, its arguments, when it was issued.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import Enum
+from typing import Any, Final
+
+from ua_fleet.errors import SkillRejected, StorageUnavailable
+from ua_fleet.skill.answers import outcome_of, read_answer
+from ua_fleet.skill.executions import (
+    EXECUTION_ID_BYTES,
+    ExecutionState,
+    Outcome,
+    OutcomeKind,
+    Report,
+    RequestorName,
+    Target,
+    pack,
+    unpack,
+)
+from ua_fleet.skill.journal import Request, RequestorJournal
+from ua_fleet.values import TICKS_PER_SECOND, StatusCode, Variant
+from ua_fleet.wire.actions import ActionMessage, ActionState
+
+__all__ = ["Concluded", "OutcomeCorrected", "RequestPace", "Requestor", "RequestorEffect", "Send"]
+
+REQUEST_ID: Final = 1
+"""Unique within RequestorId and CorrelationData, as the specification wants it: each execution has its own of those."""
+_NO_ANSWER: Final = Outcome(
+    OutcomeKind.UNKNOWN,
+    Report(ExecutionState.UNKNOWN, StatusCode.BAD_NO_COMMUNICATION, "no answer came; see what the robot does"),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Send:
+    """Send a request to the Responder that its PublisherId names. It may be lost: nothing depends on it."""
+
+    message: ActionMessage
+
+
+@dataclass(frozen=True, slots=True)
+class Concluded:
+    """The outcome of a request is known, and journaled."""
+
+    execution_id: bytes
+    outcome: Outcome
+
+
+@dataclass(frozen=True, slots=True)
+class OutcomeCorrected:
+    """An outcome that was Unknown is known after all, and journaled."""
+
+    execution_id: bytes
+    outcome: Outcome
+
+
+RequestorEffect = Send | Concluded | OutcomeCorrected
+
+
+@dataclass(frozen=True, slots=True)
+class RequestPace:
+    """How often a request is repeated, and how long."""
+
+    interval_s: float = 0.1
+    """The PublishingInterval of the Responder; doubled with each repetition, up to `longest_interval_s`."""
+    longest_interval_s: float = 1.0
+    grace_s: float = 3.0
+    """So long after its timeout it is asked what became of a request."""
+    most_closing: int = 5
+    """So often is Idle sent where nothing comes back."""
+
+
+class _Phase(Enum):
+    ASKING = "asking"
+    CLOSING = "closing"
+
+
+@dataclass(slots=True)
+class _Exchange:
+    """What is said of a request at present."""
+
+    phase: _Phase
+    deadline: float
+    give_up: float
+    next_at: float
+    arguments: tuple[Variant, ...]
+    sent: int = 0
+    """Messages of this phase, since the last answer."""
+
+
+class Requestor:
+    """Asks responders for executions. `now` is a monotonic clock in seconds, `utc` the wall clock in ticks.
+
+    Whatever the journal cannot write raises StorageUnavailable; then nothing has happened.
+    """
+
+    def __init__(
+        self,
+        name: RequestorName,
+        journal: RequestorJournal,
+        *,
+        pace: RequestPace = RequestPace(),
+        must_be_verified: bool = False,
+        most_remembered: int = 10_000,
+    ) -> None:
+        """Make a requestor that goes on where its journal ends; call `resume` before all else.
+
+        Args:
+            name: RequestorId of this process.
+            journal: of this requestor alone.
+            pace: of repetition.
+            must_be_verified: responses without the signature of the command group are not looked at.
+            most_remembered: requests that are kept. The oldest with an outcome are forgotten; their ids must not come
+                back, since `start` would then ask anew.
+        """
+        self._name, self._journal, self._pace = name, journal, pace
+        self._must_be_verified = must_be_verified
+        self._most_remembered = most_remembered
+        self._requests = {request.execution_id: request for request in journal.requests()}
+        self._last_issued = max((request.issued for request in self._requests.values()), default=0)
+        self._exchanges: dict[bytes, _Exchange] = {}
+
+    def outcome(self, execution_id: bytes) -> Outcome | None:
+        """What is known of a request; None while it is asked for, KeyError where it was never made or is forgotten."""
+        return self._requests[execution_id].outcome
+
+    def resume(self, now: float, utc: int) -> list[RequestorEffect]:
+        """After a restart: ask on for all requests without an outcome."""
+        effects: list[RequestorEffect] = []
+        for request in self._requests.values():
+            if request.outcome is None:
+                timeout_s = request.timeout_ms / 1000
+                left_s = (request.issued - utc) / TICKS_PER_SECOND + timeout_s
+                effects += self._ask(request, now, now + min(max(left_s, 0.0), timeout_s))
+        return effects
+
+    def start(
+        self,
+        execution_id: bytes,
+        target: Target,
+        types: tuple[int, ...],
+        values: tuple[Any, ...],
+        timeout_s: float,
+        now: float,
+        utc: int,
+    ) -> list[RequestorEffect]:
+        """Ask for an execution. Said again for an id that is known, it asks for nothing: the outcome is what it was.
+
+        Raises:
+            SkillRejected: the id has not 16 bytes, or belongs to another request, or the timeout is none.
+            LocalWireError: the values do not fit their types.
+        """
+        content = pack(types, values)
+        timeout_ms = round(timeout_s * 1000)
+        if len(execution_id) != EXECUTION_ID_BYTES:
+            raise SkillRejected(f"an execution id has {EXECUTION_ID_BYTES} bytes, not {len(execution_id)}")
+        if timeout_ms <= 0:
+            raise SkillRejected(f"a request needs a timeout of 1 ms at least, not {timeout_s} s")
+        known = self._requests.get(execution_id)
+        if known is not None:
+            if (known.target, known.content) != (target, content):
+                raise SkillRejected(f"execution {execution_id.hex()} is another request already")
+            return [] if known.outcome is None else [Concluded(execution_id, known.outcome)]
+        self._make_room()
+        request = Request(execution_id, target, content, max(utc, self._last_issued + 1), timeout_ms)
+        self._journal.requested(request)
+        self._last_issued = request.issued
+        self._requests[execution_id] = request
+        return self._ask(request, now, now + timeout_ms / 1000)
+
+    def receive(self, message: ActionMessage, now: float, *, verified: bool = False) -> list[RequestorEffect]:
+        """Take a response with its `others`. What is not for us is left alone."""
+        if message.is_request or message.requestor_id != self._name.text or (self._must_be_verified and not verified):
+            return []
+        request = self._requests.get(message.correlation_data or b"")
+        if request is None:
+            return []
+        for part in (message, *message.others):  # one at most is ours: each of our requests has a message of its own
+            if part.request_id == REQUEST_ID and _target_of(part) == request.target:
+                return self._receive_one(request, part, now)
+        return []
+
+    def poll(self, now: float) -> list[RequestorEffect]:
+        """What time has brought: repetitions, and requests that are given up."""
+        effects: list[RequestorEffect] = []
+        for execution_id, exchange in list(self._exchanges.items()):
+            request = self._requests[execution_id]
+            if exchange.phase is _Phase.ASKING and now >= exchange.give_up:
+                try:
+                    effects += self._conclude(request, _NO_ANSWER)
+                except StorageUnavailable:
+                    exchange.give_up = now + self._pace.longest_interval_s
+                    if not effects:
+                        raise
+                    break  # what was journaled before has to be told
+                del self._exchanges[execution_id]
+            elif exchange.next_at > now:
+                continue
+            elif exchange.phase is _Phase.CLOSING and exchange.sent >= self._pace.most_closing:
+                del self._exchanges[execution_id]
+            else:
+                effects.append(self._say(request, exchange, now))
+        return effects
+
+    def next_deadline(self) -> float | None:
+        """When `poll` is to be called next, or None."""
+        return min((min(exchange.next_at, exchange.give_up) for exchange in self._exchanges.values()), default=None)
+
+    def _ask(self, request: Request, now: float, deadline: float) -> list[RequestorEffect]:
+        give_up = deadline + self._pace.grace_s
+        exchange = _Exchange(_Phase.ASKING, deadline, give_up, now, unpack(request.content))
+        self._exchanges[request.execution_id] = exchange
+        return [self._say(request, exchange, now)]
+
+    def _say(self, request: Request, exchange: _Exchange, now: float) -> Send:
+        """The message of the present phase, and when it is due again."""
+        pause = min(self._pace.interval_s * 2.0 ** min(exchange.sent, 32), self._pace.longest_interval_s)
+        exchange.sent += 1
+        exchange.next_at = now + pause
+        if exchange.phase is _Phase.CLOSING:
+            return Send(self._message(request, ActionState.IDLE))
+        hint_ms = 0.0
+        if now < exchange.deadline:
+            exchange.next_at = min(exchange.next_at, exchange.deadline)
+            hint_ms = float(request.timeout_ms)
+        message = self._message(request, ActionState.EXECUTING)
+        return Send(
+            message._replace(
+                timeout_hint_ms=hint_ms,
+                types=tuple([argument.type for argument in exchange.arguments]),
+                values=tuple([argument.value for argument in exchange.arguments]),
+                timestamp=request.issued,
+            )
+        )
+
+    def _message(self, request: Request, state: ActionState) -> ActionMessage:
+        target = request.target
+        return ActionMessage(
+            target.publisher_id,
+            target.writer_group_id,
+            target.data_set_writer_id,
+            target.action_target_id,
+            REQUEST_ID,
+            state,
+            is_request=True,
+            requestor_id=self._name.text,
+            correlation_data=request.execution_id,
+        )
+
+    def _receive_one(self, request: Request, message: ActionMessage, now: float) -> list[RequestorEffect]:
+        exchange = self._exchanges.get(request.execution_id)
+        if message.action_state == ActionState.DONE:
+            return self._receive_done(request, exchange, message, now)
+        if exchange is None:
+            return []
+        if message.action_state == ActionState.EXECUTING and exchange.phase is _Phase.ASKING:
+            # It repeats that by itself; should it fall silent, it was started anew and has to be asked again.
+            exchange.sent = 0
+            exchange.next_at = min(now + self._pace.longest_interval_s, max(now, exchange.deadline))
+        elif message.action_state == ActionState.IDLE and exchange.phase is _Phase.CLOSING:
+            del self._exchanges[request.execution_id]
+        return []
+
+    def _receive_done(
+        self, request: Request, exchange: _Exchange | None, message: ActionMessage, now: float
+    ) -> list[RequestorEffect]:
+        if exchange is not None and exchange.phase is _Phase.CLOSING:
+            return []  # Idle is repeated anyway
+        outcome = outcome_of(read_answer(message))
+        told = request.outcome
+        effects: list[RequestorEffect] = []
+        if told is None or (told.kind is OutcomeKind.UNKNOWN and outcome.kind is not OutcomeKind.UNKNOWN):
+            effects += self._conclude(request, outcome)
+        if exchange is None:
+            return [*effects, Send(self._message(request, ActionState.IDLE))]
+        exchange.phase, exchange.sent = _Phase.CLOSING, 0
+        return [*effects, self._say(request, exchange, now)]
+
+    def _conclude(self, request: Request, outcome: Outcome) -> list[RequestorEffect]:
+        self._journal.concluded(request.execution_id, outcome)
+        self._requests[request.execution_id] = request._replace(outcome=outcome)
+        kind: Callable[[bytes, Outcome], RequestorEffect] = Concluded if request.outcome is None else OutcomeCorrected
+        return [kind(request.execution_id, outcome)]
+
+    def _make_room(self) -> None:
+        """Forget the oldest requests that are closed, an eighth at a time."""
+        if len(self._requests) < self._most_remembered:
+            return
+        closed = [
+            execution_id
+            for execution_id, request in self._requests.items()
+            if request.outcome is not None and execution_id not in self._exchanges
+        ]
+        oldest = closed[: -(-self._most_remembered // 8)][:-1]
+        if oldest:
+            self._journal.forget_requests(oldest)
+            for execution_id in oldest:
+                del self._requests[execution_id]
+
+
+def _target_of(message: ActionMessage) -> Target | None:
+    if not isinstance(message.publisher_id, int) or message.writer_group_id is None:
+        return None
+    return Target(message.publisher_id, message.writer_group_id, message.data_set_writer_id, message.action_target_id)

@@ -4,10 +4,10 @@
     chunk = read_chunk(plain)                                                   # None where it is none
     plain = join(chunk, payload)                                                # with the data of all its chunks
 
-Each chunk is a NetworkMessage with all headers of the whole one, so each is secured alone: `split` before `protect`,
-`read_chunk` after `unprotect`. In its payload header stands the one DataSetWriterId without a count; discovery messages
-have no payload header. Which chunks belong together, in which order they come, and for how long they are kept, is for
-`ua_fleet.pubsub.security`.
+Each chunk is a NetworkMessage with all headers of the whole one, the ActionHeader too, so each is secured alone:
+`split` before `protect`, `read_chunk` after `unprotect`. In its payload header stands the one DataSetWriterId without a
+count; discovery messages have no payload header. Which chunks belong together, in which order they come, and for how
+long they are kept, is for `ua_fleet.pubsub.security`.
 """
 
 from __future__ import annotations

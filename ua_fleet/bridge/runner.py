@@ -78,7 +78,14 @@ class _Shell:
         self._subscriber = Subscriber(space, timing, self.counters, codec, rule, envelope=self.envelope)
         self._core = BridgeCore(
             space,
-            Publisher(space, timing, self.counters, codec, bridge_application(config, bridge_name)),
+            Publisher(
+                space,
+                timing,
+                self.counters,
+                codec,
+                bridge_application(config, bridge_name),
+                max_packed_bytes=self.envelope.max_plain_bytes,
+            ),
             self._subscriber,
             self.counters,
             send=self._send,

@@ -20,7 +20,9 @@ _EACH_BYTES: Final = 4
 _MAX_COUNT: Final = 255
 
 
-def pack(messages: Iterable[tuple[DataSetMessage, int]]) -> Iterator[tuple[DataSetMessage, ...]]:
+def pack(
+    messages: Iterable[tuple[DataSetMessage, int]], most_bytes: int = MAX_PACKED_BYTES
+) -> Iterator[tuple[DataSetMessage, ...]]:
     """Split DataSetMessages, each with its size in bytes, into tuples that share a NetworkMessage.
 
     A message that is too large by itself stands alone.
@@ -28,7 +30,7 @@ def pack(messages: Iterable[tuple[DataSetMessage, int]]) -> Iterator[tuple[DataS
     batch: list[DataSetMessage] = []
     total = HEADER_BYTES
     for message, size in messages:
-        if batch and (total + _EACH_BYTES + size > MAX_PACKED_BYTES or len(batch) == _MAX_COUNT):
+        if batch and (total + _EACH_BYTES + size > most_bytes or len(batch) == _MAX_COUNT):
             yield tuple(batch)
             batch, total = [], HEADER_BYTES
         batch.append(message)

@@ -21,7 +21,7 @@ from ua_fleet.errors import LocalWireError
 from ua_fleet.pubsub.announcer import ANSWER_INTERVAL_S, Announcer
 from ua_fleet.pubsub.application import MAX_DATAGRAM_BYTES, PRODUCT_URI, Application, describe
 from ua_fleet.pubsub.pacing import Pace
-from ua_fleet.pubsub.packing import HEADER_BYTES, pack
+from ua_fleet.pubsub.packing import HEADER_BYTES, MAX_PACKED_BYTES, pack
 from ua_fleet.pubsub.sequence import MASK
 from ua_fleet.pubsub.timing import PubSubTiming, version_time
 from ua_fleet.pubsub.writer import Writer
@@ -63,6 +63,8 @@ class Publisher:
         counters: Counters,
         codec: Codec,
         application: Application | None = None,
+        *,
+        max_packed_bytes: int = MAX_PACKED_BYTES,
     ) -> None:
         """Make a publisher without writers.
 
@@ -71,13 +73,16 @@ class Publisher:
             timing: periods of keep-alives, repeats and announcements.
             counters: `messages_out` is counted here.
             codec: the process's codec.
-            application: what the process says of itself when it is asked.
+            application: what the process says of itself when it is asked; the size of its messages stands there too.
+            max_packed_bytes: several DataSetMessages share a NetworkMessage up to this size; it must fit into a
+                datagram, since only a NetworkMessage of one DataSetMessage can be sent as chunks.
         """
         self._id = publisher_id
         self._timing = timing
         self._early_s = _EARLY * min(timing.keep_alive_s, timing.repeat_interval_s, timing.announce_interval_s)
         self._counters = counters
         self._codec = codec
+        self._max_packed_bytes = min(max_packed_bytes, MAX_PACKED_BYTES)
         self._writers: dict[tuple[int, int, int], Writer] = {}
         self._by_id: dict[int, list[Writer]] = {}
         """The writers of each DataSetWriterId: one, unless several WriterGroups use it."""
@@ -169,8 +174,8 @@ class Publisher:
         number = writer.next_number
         datagram = encode(number, timestamp, status, values)
         size = len(datagram)
-        if size > MAX_DATAGRAM_BYTES:
-            raise LocalWireError(f"{topic.name}: {size} bytes do not fit into a datagram")
+        if size > (most := self._announcer.application.max_message_bytes):
+            raise LocalWireError(f"{topic.name}: {size} bytes, and the largest message may have {most}")
         writer.next_number = (number + 1) & MASK
         writer.timestamp = timestamp
         is_first = writer.values is None
@@ -356,8 +361,9 @@ class Publisher:
     def _announcement(self, id: int, metadata: DataSetMetaData) -> bytes:
         number = self._announcement_number
         announcement = encode_metadata_announcement(MetaDataAnnouncement(self._id, _UINT16, number, id, metadata))
-        if len(announcement) > MAX_DATAGRAM_BYTES:
-            raise LocalWireError(f"metadata of {metadata.name}: {len(announcement)} bytes do not fit into a datagram")
+        size, most = len(announcement), self._announcer.application.max_message_bytes
+        if size > most:
+            raise LocalWireError(f"metadata of {metadata.name}: {size} bytes, and the largest message may have {most}")
         self._announcement_number = (number + 1) & MASK
         return announcement
 
@@ -417,7 +423,7 @@ class Publisher:
         """The NetworkMessages with these DataSetMessages."""
         datagrams: list[bytes] = []
         for ns, batch in batches.items():
-            for messages in pack(batch):
+            for messages in pack(batch, self._max_packed_bytes):
                 self._counters.messages_out += len(messages)
                 self._pace.take(0, datagrams=1)
                 datagrams.append(

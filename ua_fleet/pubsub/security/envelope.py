@@ -92,6 +92,11 @@ class Envelope:
         """What messages have at least."""
         return self._mode
 
+    @property
+    def max_plain_bytes(self) -> int:
+        """The longest plain message that goes as one datagram; longer ones go as chunks."""
+        return self._most_bytes
+
     def want(self, group_id: str) -> None:
         """Need the keys of a group from now on."""
         self._groups.want(group_id)

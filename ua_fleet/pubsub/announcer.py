@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import heapq
 from collections.abc import Callable, Iterable, Sequence
-from itertools import count
+from itertools import count, islice
 from typing import Final, NamedTuple
 
 from ua_fleet.errors import LocalWireError
@@ -47,7 +47,7 @@ ANSWER_INTERVAL_S: Final = 0.5
 """Announcements of one thing are at least so far apart (OPC 10000-14 7.2.4.6.12.2)."""
 _WRITERS_IN_MESSAGE: Final = 10
 """DataSetWriters in one configuration announcement: with names of usual length it fits an Ethernet frame."""
-_MOST_DENIALS: Final = 16
+_MOST_DENIALS: Final = 20
 """DataSetWriters of which a Publisher says, each half second, that it does not have them."""
 _UINT16: Final = PublisherIdType.UINT16.value
 _NOT_FOUND: Final = int(StatusCode.BAD_NOT_FOUND)
@@ -182,10 +182,7 @@ class Announcer:
 
     def deny(self, writer_ids: Iterable[int], now: float) -> None:
         """Say of some DataSetWriters that there is no metadata of them, unless they have an Action."""
-        room = _MOST_DENIALS - len(self._writers_asked.get(_DENIALS, ()))
-        missing = [writer_id for writer_id in writer_ids if writer_id not in self._actions][:room]
-        if missing:
-            self._want(_DENIALS, now, missing)
+        self._want_denied(_DENIALS, [writer_id for writer_id in writer_ids if writer_id not in self._actions], now)
 
     def poll(self, now: float) -> list[bytes]:
         """Send what is due, as far as receivers can follow."""
@@ -202,6 +199,8 @@ class Announcer:
                 datagram = self._encode(announcement)
                 self._pace.take(len(datagram), datagrams=1)
                 datagrams.append(datagram)
+            if self._writers_asked.get(key):  # the rest of the same answer
+                self._enter(key, now)
             self._want_again(key, now)
         return datagrams
 
@@ -216,8 +215,16 @@ class Announcer:
             self._writers_asked.setdefault(key, {}).update(dict.fromkeys(writer_ids))
         due = max(due, self._said_at.get(key, float("-inf")) + ANSWER_INTERVAL_S)
         if due < self._due.get(key, float("inf")):
-            self._due[key] = due
-            heapq.heappush(self._heap, (due, next(self._order), key))
+            self._enter(key, due)
+
+    def _enter(self, key: _Key, due: float) -> None:
+        self._due[key] = due
+        heapq.heappush(self._heap, (due, next(self._order), key))
+
+    def _want_denied(self, key: _Key, writer_ids: list[int], now: float) -> None:
+        writer_ids = writer_ids[: _MOST_DENIALS - len(self._writers_asked.get(key, ()))]
+        if writer_ids:
+            self._want(key, now, writer_ids)
 
     def _want_parts(self, key: _Key, due: float, parts: tuple[bool, bool]) -> None:
         groups, writers = self._parts_asked.get(key, (False, False))
@@ -237,6 +244,7 @@ class Announcer:
         for writer_id in writer_ids:
             for key in [_Key("group", ns) for ns in self._groups.of_writer(writer_id)] or [_UNKNOWN_WRITERS]:
                 asked.setdefault(key, []).append(writer_id)
+        self._want_denied(_UNKNOWN_WRITERS, asked.pop(_UNKNOWN_WRITERS, []), now)
         for key, ids in asked.items():
             self._want(key, now, ids)
 
@@ -248,10 +256,10 @@ class Announcer:
         """What there is to say under a key now."""
         head = self._id, _UINT16, 0
         application = self.application
-        asked = tuple(self._writers_asked.pop(key, ()))
+        asked = self._take_asked(key)
         parts = self._parts_asked.pop(key, (False, False))
         if key.kind == "group":
-            return self._group_announcements(key.id, asked)
+            return [self._group_announcement(key.id, asked)]
         if key.kind == "action":
             return [self._actions[key.id][1]]
         if key == _UNKNOWN_WRITERS:
@@ -273,16 +281,22 @@ class Announcer:
         following = wall + round(self._timing.status_interval_s * TICKS_PER_SECOND)
         return [StatusAnnouncement(*head, True, PubSubState.OPERATIONAL.value, following, wall)]
 
-    def _group_announcements(self, ns: int, asked: tuple[int, ...]) -> list[AnyAnnouncement]:
+    def _take_asked(self, key: _Key) -> tuple[int, ...]:
+        """Some of the DataSetWriters that an announcement is to be about, and no more than a datagram holds."""
+        asked = self._writers_asked.get(key)
+        if not asked:
+            return ()
+        part = tuple(islice(asked, _WRITERS_IN_MESSAGE))
+        for writer_id in part:
+            del asked[writer_id]
+        return part
+
+    def _group_announcement(self, ns: int, ids: tuple[int, ...]) -> AnyAnnouncement:
         names = self._groups.names(ns)
-        announcements: list[AnyAnnouncement] = []
-        for start in range(0, max(len(asked), 1), _WRITERS_IN_MESSAGE):
-            ids = asked[start : start + _WRITERS_IN_MESSAGE]
-            writers = [(writer_id, names[writer_id]) for writer_id in ids if writer_id in names]
-            group = writer_group(self.application, self._timing, ns, writers)
-            statuses = tuple([0 if writer_id in names else _NOT_FOUND for writer_id in ids])
-            announcements.append(WriterConfigurationAnnouncement(self._id, _UINT16, 0, ids, group, statuses))
-        return announcements
+        writers = [(writer_id, names[writer_id]) for writer_id in ids if writer_id in names]
+        group = writer_group(self.application, self._timing, ns, writers)
+        statuses = tuple([0 if writer_id in names else _NOT_FOUND for writer_id in ids])
+        return WriterConfigurationAnnouncement(self._id, _UINT16, 0, ids, group, statuses)
 
     def _data_groups(self, with_writers: bool) -> list[WriterGroup]:
         return [

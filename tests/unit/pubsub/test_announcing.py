@@ -142,6 +142,23 @@ def test_configuration_of_all_writers_fits_frames() -> None:
     assert ids == list(range(1, 101))
 
 
+def test_configuration_of_very_many_writers_is_paced_and_all_of_it_comes() -> None:
+    writing = publishing()
+    for number in range(1, 5001):
+        writing.announce(Topic(1, 2, number))
+    writing.now = 110.0
+    at_once = writing.publisher.answer(probe(ProbeKind.DATA_SET_WRITER_CONFIGURATION), writing.now)
+    assert sum(len(datagram) + 512 for datagram in at_once) < 128 * 1024, "no more than a small receive buffer holds"
+    found = decoded(at_once) + [message for _, datagrams in writing.run_until(110.5) for message in decoded(datagrams)]
+    ids = [
+        writer_id
+        for message in found
+        if isinstance(message, WriterConfigurationAnnouncement)
+        for writer_id in message.data_set_writer_ids
+    ]
+    assert sorted(ids) == list(range(1, 5001))
+
+
 def test_configuration_of_writer_groups() -> None:
     writing = publishing()
     writing.announce(Topic(1, 2, 5))

@@ -6,10 +6,12 @@ from typing import NamedTuple
 
 from ua_fleet.counters import Drop
 from ua_fleet.topics import Topic
+from ua_fleet.wire.actions import ActionMessage
 from ua_fleet.wire.discovered import AnyAnnouncement
 from ua_fleet.wire.messages import DataSetMessage, DataSetMetaData, Probe
 
 __all__ = [
+    "ActionReceived",
     "AnnouncementReceived",
     "DataReceived",
     "MetaDataReceived",
@@ -79,6 +81,20 @@ class ProbeReceived(NamedTuple):
     probe: Probe
 
 
+class ActionReceived(NamedTuple):
+    """An ActionRequest to this process, or an ActionResponse of another one, with the further ones of its message.
+
+    The PublisherId of both is the Responder's. What is done for them, the owner decides: the ORIGIN of a request, which
+    the loop rule looks at, is the space in its RequestorId, and not its PublisherId.
+    """
+
+    message: ActionMessage
+    sender: tuple[str, int] | None
+    """Where the datagram came from; not proved by anything."""
+    verified: bool
+    """Whether it carried the signature of the Responder's command group."""
+
+
 class AnnouncementReceived(NamedTuple):
     """An announcement of any kind but metadata came, each time it is heard."""
 
@@ -99,6 +115,7 @@ SubscriberEvent = (
     | SourceReturned
     | SourceRefused
     | ProbeReceived
+    | ActionReceived
     | AnnouncementReceived
     | ProbeDue
 )

@@ -19,6 +19,7 @@ from ua_fleet.errors import RemoteWireError, TopicInvalid
 from ua_fleet.pubsub.catalog import Catalog
 from ua_fleet.pubsub.complaints import Complaint, Complaints
 from ua_fleet.pubsub.events import (
+    ActionReceived,
     AnnouncementReceived,
     DataReceived,
     MetaDataReceived,
@@ -42,6 +43,7 @@ from ua_fleet.pubsub.wishes import IDS_IN_PROBE, Wishes
 from ua_fleet.topics import Side, Topic, Verdict, loop_verdict
 from ua_fleet.values import Quality, quality_of
 from ua_fleet.wire import Codec, SecuredMessage, decode_raw_fields, encode_probe
+from ua_fleet.wire.actions import ActionMessage
 from ua_fleet.wire.discovered import AnyAnnouncement
 from ua_fleet.wire.messages import (
     DataSetMessage,
@@ -53,6 +55,7 @@ from ua_fleet.wire.messages import (
     ProbeKind,
     PublisherIdType,
 )
+from ua_fleet.wire.security import SecurityMode
 
 __all__ = ["LoopRule", "Subscriber"]
 
@@ -123,8 +126,8 @@ class Subscriber:
         """The writers that were heard, by Topic, with their statistics; a live view."""
         return MappingProxyType(self._writers)
 
-    def receive(self, datagram: bytes, now: float) -> list[SubscriberEvent]:
-        """Take one datagram."""
+    def receive(self, datagram: bytes, now: float, sender: tuple[str, int] | None = None) -> list[SubscriberEvent]:
+        """Take one datagram, and where it came from: a request may be answered there."""
         try:
             if self._envelope is not None:
                 plain = self._envelope.open(datagram, now)
@@ -144,6 +147,8 @@ class Subscriber:
             return self._receive_data(message, now)
         if isinstance(message, Probe):
             return self._receive_probe(message, now)
+        if isinstance(message, ActionMessage):
+            return self._receive_action(message, sender)
         return [] if isinstance(message, NetworkMessage) else self._receive_announcement(message)
 
     def want_action(self, publisher_id: int, data_set_writer_id: int, now: float) -> bool:
@@ -336,6 +341,15 @@ class Subscriber:
         if probe.kind == ProbeKind.DATA_SET_META_DATA:
             self._probes.asked_by_another(publisher_id, probe.data_set_writer_ids, now)
         return []
+
+    def _receive_action(self, message: ActionMessage, sender: tuple[str, int] | None) -> list[SubscriberEvent]:
+        """Hand on requests to us, and responses to anybody but us: multicast brings those of others too."""
+        is_ours = message.publisher_id_type == _UINT16 and message.publisher_id == self._own_space
+        if message.is_request is not is_ours:
+            return []
+        self._counters.messages_in += 1 + len(message.others)
+        verified = self._envelope is not None and self._envelope.mode is not SecurityMode.NONE
+        return [ActionReceived(message, sender, verified)]
 
     def _refuse(self, refused: Refused) -> list[SubscriberEvent]:
         """Count a message that was refused. Only a source that is not heard is told of: nothing in it is proved."""

@@ -175,7 +175,7 @@ def test_chunks(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 def test_actions(capsys: pytest.CaptureFixture[str]) -> None:
-    request, *_, response = (encode_action(action) for action in ACTIONS[:4])
+    request, *_, response = (encode_action(action) for action in ACTIONS[:5])
     lines, figures = heard([request, response], without_keys(), capsys)
     assert [(line["event"], line["messages"][0]["kind"]) for line in lines] == [
         ("action", "action-request"),

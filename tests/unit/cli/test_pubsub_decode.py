@@ -309,7 +309,7 @@ def test_actions(invoke: Invoke) -> None:
     assert (request["action_target_id"], request["request_id"], request["action_state"]) == (1, 7, "Executing")
     assert request["fields"][0] == {"index": 0, "type": "String", "value": "pick"}
     assert [message["request_id"] for message in shown[2]["messages"]] == [7, 8]
-    assert (shown[3]["messages"][0]["kind"], shown[3]["messages"][0]["status"]) == (
+    assert (shown[4]["messages"][0]["kind"], shown[4]["messages"][0]["status"]) == (
         "action-response",
         "BadNoCommunication",
     )

@@ -43,6 +43,7 @@ ACTIONS = (
     _REQUEST,
     _REQUEST._replace(response_address="opc.udp://224.0.2.14:4840", types=(), values=()),
     _REQUEST._replace(others=(_REQUEST._replace(request_id=8, data_set_writer_id=1004),)),
+    _REQUEST._replace(values=("pick " * 40, 0.5)),
     _RESPONSE._replace(correlation_data=bytes(16), types=(1,), values=(True,)),
     ActionMessage("robot", None, 0, 0, 0, 0, is_request=False, publisher_id_type=PublisherIdType.STRING),
 )

@@ -7,10 +7,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ua_fleet.cli.endings import extra_needed
-from ua_fleet.config.schema import FleetConfig, PubSubSecurity
-from ua_fleet.config.security import file_keys_of
 
 if TYPE_CHECKING:
+    from ua_fleet.config import FleetConfig
     from ua_fleet.keys.source import KeySource
 
 __all__ = ["key_source_of", "service_endpoint", "service_keys_of"]
@@ -34,7 +33,9 @@ def key_source_of(
         ConfigError: the bridge cannot begin with its key files.
         BridgeUnavailable: keys come from the service, and its client is not installed.
     """
-    if config.pubsub.security is PubSubSecurity.NONE:
+    from ua_fleet.config.security import file_keys_of
+
+    if config.pubsub.security == "none":
         return nullcontext()
     if config.pubsub.keys.source == "files":
         return nullcontext(file_keys_of(config, config.bridges[bridge_name].space, config_dir))

@@ -15,7 +15,7 @@ def test_from_nothing_to_a_valid_file(invoke: Invoke, tmp_path: Path) -> None:
     ended = invoke("config", "check")
     assert ended.code == 2
     assert "fleet.yaml:48:pubsub.security: `security` is missing; add `security: sign_and_encrypt`" in ended.stdout
-    assert ended.stderr == "ua-fleet: 7 problems; mend and run: ua-fleet config check fleet.yaml\n"
+    assert ended.stderr == "ua-fleet: 9 problems; mend and run: ua-fleet config check fleet.yaml\n"
     ended = invoke("config", "assign-ids")
     assert ended.code == 2
     assert "pubsub.security" in ended.stderr
@@ -24,7 +24,7 @@ def test_from_nothing_to_a_valid_file(invoke: Invoke, tmp_path: Path) -> None:
     ended = invoke("config", "assign-ids")
     assert ended.code == 0
     assert ended.stdout.splitlines()[0] == "bridges.cell.status_id: 1001"
-    assert ended.stderr == "fleet.yaml: 6 ids assigned\n"
+    assert ended.stderr == "fleet.yaml: 8 ids assigned\n"
     ended = invoke("config", "check")
     assert (ended.code, ended.stdout) == (0, "fleet.yaml: valid; bridges: 2, robots: 2, data sources: 4\n")
     ended = invoke("config", "assign-ids")

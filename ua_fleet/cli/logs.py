@@ -33,7 +33,10 @@ def set_up_logging(default: str = "info") -> None:
     import structlog
 
     on_terminal = sys.stderr.isatty()
-    renderer: Any = structlog.dev.ConsoleRenderer() if on_terminal else structlog.processors.JSONRenderer()
+    renderer: Any = structlog.processors.JSONRenderer()
+    if on_terminal:
+        # The default one shows the local variables of a traceback, and among them there may be a key.
+        renderer = structlog.dev.ConsoleRenderer(exception_formatter=structlog.dev.plain_traceback)
     structlog.configure(
         processors=[
             structlog.contextvars.merge_contextvars,

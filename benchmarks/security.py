@@ -2,7 +2,8 @@
 
 The floor makes the same ciphertext and tag over the same bytes, or checks the tag and decrypts, in the fastest way that
 `cryptography` has: one cipher context with `reset_nonce`, a copy of one HMAC state. All that it is given is cut out for
-it beforehand, and it puts nothing together. Before anything is timed, both have to agree.
+it beforehand, and it puts nothing together. Before anything is timed, both have to agree. Times are those of the
+processor, in short turns.
 """
 
 from __future__ import annotations
@@ -18,13 +19,22 @@ from cryptography.hazmat.primitives.ciphers.modes import CTR
 from cryptography.hazmat.primitives.hashes import SHA256
 from cryptography.hazmat.primitives.hmac import HMAC
 
-from benchmarks.harness import Figure, at_most, interleaved, seconds_per_call, shown
-from ua_fleet.wire import Codec, MessageKey, SecurityMode, SecurityPolicy, payload_offset, read_security
+from benchmarks.harness import Figure, at_most, interleaved, shown
+from ua_fleet.wire import (
+    Codec,
+    MessageKey,
+    SecuredDatagram,
+    SecurityMode,
+    SecurityPolicy,
+    payload_offset,
+    read_security,
+)
 
 GOAL: Final = 1.5
-ROUNDS: Final = 4
-MESSAGES: Final = 64
-REPEATS: Final = 200
+ROUNDS: Final = 20
+MESSAGES: Final = 16
+"""So few that they stay in the fastest cache, as a datagram does that was received or encoded a moment ago."""
+REPEATS: Final = 160
 NOON: Final = 133_500_000_000_000_000
 TOKEN_ID: Final = 7
 FIRST_BLOCK: Final = b"\0\0\0\1"
@@ -104,7 +114,7 @@ class _Floor:
     def protect(self) -> float:
         new_mac, reset_nonce, update, encrypted = self._mac, self._reset_nonce, self._update, self._encrypted
         messages = [(message.counter_block, message.payload, message.signed) for message in self._messages]
-        started = time.perf_counter()
+        started = time.process_time()
         for _ in range(REPEATS):
             for block, payload, signed in messages:
                 if encrypted:
@@ -113,12 +123,12 @@ class _Floor:
                 mac = new_mac()
                 mac.update(signed)
                 mac.finalize()
-        return (time.perf_counter() - started) / (REPEATS * MESSAGES)
+        return (time.process_time() - started) / (REPEATS * MESSAGES)
 
     def unprotect(self) -> float:
         new_mac, reset_nonce, update, encrypted = self._mac, self._reset_nonce, self._update, self._encrypted
         messages = [(part.counter_block, part.ciphertext, part.signed, part.tag) for part in self._messages]
-        started = time.perf_counter()
+        started = time.process_time()
         for _ in range(REPEATS):
             for block, ciphertext, signed, tag in messages:
                 mac = new_mac()
@@ -127,37 +137,45 @@ class _Floor:
                 if encrypted:
                     reset_nonce(block)
                     update(ciphertext)
-        return (time.perf_counter() - started) / (REPEATS * MESSAGES)
+        return (time.process_time() - started) / (REPEATS * MESSAGES)
 
 
 def _protect(key: MessageKey, messages: list[_Message], mode: SecurityMode) -> float:
     offset = payload_offset(messages[0].plain)
     pairs = [(message.plain, message.nonce) for message in messages]
-    started = time.perf_counter()
+    started = time.process_time()
     for _ in range(REPEATS):
         for plain, nonce in pairs:
             key.protect(plain, offset, TOKEN_ID, nonce, mode)
-    return (time.perf_counter() - started) / (REPEATS * MESSAGES)
+    return (time.process_time() - started) / (REPEATS * MESSAGES)
 
 
 def _send(key: MessageKey, messages: list[_Message], mode: SecurityMode) -> float:
     """As `_protect`, with the search for the payload."""
     pairs = [(message.plain, message.nonce) for message in messages]
-    started = time.perf_counter()
+    started = time.process_time()
     for _ in range(REPEATS):
         for plain, nonce in pairs:
             key.protect(plain, payload_offset(plain), TOKEN_ID, nonce, mode)
-    return (time.perf_counter() - started) / (REPEATS * MESSAGES)
+    return (time.process_time() - started) / (REPEATS * MESSAGES)
+
+
+def _unprotect(key: MessageKey, heard: list[SecuredDatagram]) -> float:
+    started = time.process_time()
+    for _ in range(REPEATS):
+        for secured in heard:
+            key.unprotect(secured)
+    return (time.process_time() - started) / (REPEATS * MESSAGES)
 
 
 def _receive(key: MessageKey, messages: list[_Message]) -> float:
     """As `unprotect`, with the reading of the SecurityHeader, which finds out what key it needs."""
     datagrams = [message.secured for message in messages]
-    started = time.perf_counter()
+    started = time.process_time()
     for _ in range(REPEATS):
         for datagram in datagrams:
             key.unprotect(read_security(datagram))
-    return (time.perf_counter() - started) / (REPEATS * MESSAGES)
+    return (time.process_time() - started) / (REPEATS * MESSAGES)
 
 
 def _figures(form: str, layout: str, rounds: int) -> list[Figure]:
@@ -173,7 +191,7 @@ def _figures(form: str, layout: str, rounds: int) -> list[Figure]:
         [
             partial(_protect, key, messages, mode),
             partial(_send, key, messages, mode),
-            lambda: seconds_per_call(key.unprotect, heard, REPEATS),
+            partial(_unprotect, key, heard),
             partial(_receive, key, messages),
             floor.protect,
             floor.unprotect,

@@ -408,8 +408,14 @@ async def _quietly(ending: Any) -> None:
     try:
         await ending
     except (UaError, OSError, TimeoutError, asyncio.CancelledError) as error:
-        if isinstance(error, asyncio.CancelledError) and (task := asyncio.current_task()) and task.cancelling():
+        if isinstance(error, asyncio.CancelledError) and not _is_asyncuas():
             raise
+
+
+def _is_asyncuas() -> bool:
+    """Whether a CancelledError is that of a request whose connection went, and nobody has cancelled us."""
+    task = asyncio.current_task()
+    return task is not None and not task.cancelling()
 
 
 class _translated:  # noqa: N801  (reads like a function where it is used)
@@ -429,6 +435,8 @@ class _translated:  # noqa: N801  (reads like a function where it is used)
             if error.code in (ua.StatusCodes.BadNodeIdUnknown, ua.StatusCodes.BadNodeIdInvalid):
                 raise NodeNotFound(text) from error
             raise AccessRefused(error.code, text) from error
+        if isinstance(error, asyncio.CancelledError) and _is_asyncuas():
+            raise NotConnected(f"the connection to {self._endpoint} was lost") from error
         if isinstance(error, TimeoutError):
             raise SendTimeout(f"{self._endpoint} did not answer in time") from error
         if isinstance(error, OSError):

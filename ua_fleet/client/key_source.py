@@ -88,12 +88,14 @@ class ServiceKeySource:
                 if self._client is not None:
                     try:
                         return await self._ask(self._client, group_id, starting_token_id, count)
-                    except (TransportError, AccessRefused) as error:
+                    except UaFleetError as error:
                         if not _is_over(error):
                             raise
                         await self._disconnect()
                 return await self._ask(await self._connected(), group_id, starting_token_id, count)
-            except (TransportError, AccessRefused) as error:
+            except KeysRefused:
+                raise
+            except UaFleetError as error:
                 if _is_over(error):
                     await self._disconnect()
                 raise KeySourceUnavailable(self._explain(error)) from error
@@ -200,6 +202,6 @@ class ServiceKeySource:
         await self.close()
 
 
-def _is_over(error: TransportError | AccessRefused) -> bool:
+def _is_over(error: UaFleetError) -> bool:
     """Whether the connection is of no use any more: lost, or its session ended by the server."""
     return isinstance(error, TransportError) or error.ua_status in _SESSION_GONE

@@ -311,35 +311,37 @@ def list_certificates(state_dir: Path) -> list[CertificateInfo]:
     return found
 
 
-def _find(
-    state_dir: Path, what: str | Path, states: Sequence[CertificateState]
-) -> tuple[x509.Certificate, Path | None]:
-    """A certificate: a file, or one of these folders by the first characters of its thumbprint, with its path."""
+def _find(state_dir: Path, what: str | Path, states: Sequence[CertificateState]) -> tuple[x509.Certificate, list[Path]]:
+    """A certificate: a file, or one of these folders by the first characters of its thumbprint, with its paths."""
     source = Path(what)
     if source.is_file():
-        return load_certificate(source), None
+        return load_certificate(source), []
     prefix = str(what).lower().replace(":", "").replace(" ", "")
     there = [info for info in list_certificates(state_dir) if info.state in states]
     matches = [info for info in there if prefix and info.thumbprint.startswith(prefix)]
-    if len(matches) != 1:
+    count = len({info.thumbprint for info in matches})
+    if count != 1:
         kind = "rejected" if states[0] is CertificateState.REJECTED else "trusted"
-        problem = f"{len(matches)} {kind} certificates begin with" if matches else "no file and no thumbprint:"
+        problem = f"{count} {kind} certificates begin with" if matches else "no file and no thumbprint:"
         raise CertificateError(f"{problem} {what}; list them with: ua-fleet cert list")
-    return load_certificate(matches[0].path), matches[0].path
+    return load_certificate(matches[0].path), [info.path for info in matches]
 
 
-def _move(certificate: x509.Certificate, source: Path | None, target: Path, state: CertificateState) -> CertificateInfo:
+def _move(
+    certificate: x509.Certificate, sources: Sequence[Path], target: Path, state: CertificateState
+) -> CertificateInfo:
     write_private(target, certificate.public_bytes(serialization.Encoding.DER), 0o644)
-    if source is not None and source != target:
-        source.unlink(missing_ok=True)
+    for source in sources:
+        if source != target:
+            source.unlink(missing_ok=True)
     return _info(target, state)
 
 
 def trust(state_dir: Path, what: str | Path) -> CertificateInfo:
     """Trust a certificate: a file, or one from `rejected/` by the first characters of its thumbprint."""
-    certificate, source = _find(state_dir, what, (CertificateState.REJECTED,))
+    certificate, sources = _find(state_dir, what, (CertificateState.REJECTED,))
     folder = certificates_folder(state_dir) / CertificateState.TRUSTED
-    return _move(certificate, source, folder / f"{thumbprint(certificate)}.der", CertificateState.TRUSTED)
+    return _move(certificate, sources, folder / f"{thumbprint(certificate)}.der", CertificateState.TRUSTED)
 
 
 def trust_bridge(state_dir: Path, name: str, what: str | Path) -> CertificateInfo:
@@ -348,7 +350,7 @@ def trust_bridge(state_dir: Path, name: str, what: str | Path) -> CertificateInf
     Raises:
         CertificateError: there is no such certificate, or another bridge is known by it.
     """
-    certificate, source = _find(state_dir, what, (CertificateState.REJECTED, CertificateState.TRUSTED))
+    certificate, sources = _find(state_dir, what, (CertificateState.REJECTED, CertificateState.TRUSTED))
     mark = thumbprint(certificate)
     for info in list_certificates(state_dir):
         if info.bridge not in ("", name) and info.thumbprint == mark:
@@ -357,7 +359,7 @@ def trust_bridge(state_dir: Path, name: str, what: str | Path) -> CertificateInf
                 f"ua-fleet cert create --bridge {name}"
             )
     folder = certificates_folder(state_dir) / CertificateState.BRIDGE
-    return _move(certificate, source, folder / f"{name}.der", CertificateState.BRIDGE)
+    return _move(certificate, sources, folder / f"{name}.der", CertificateState.BRIDGE)
 
 
 def revoke(state_dir: Path, what: str | Path) -> CertificateInfo:
@@ -379,4 +381,4 @@ def revoke_bridge(state_dir: Path, name: str) -> CertificateInfo:
 
 def _reject(certificate: x509.Certificate, source: Path, state_dir: Path) -> CertificateInfo:
     folder = certificates_folder(state_dir) / CertificateState.REJECTED
-    return _move(certificate, source, folder / f"{thumbprint(certificate)}.der", CertificateState.REJECTED)
+    return _move(certificate, [source], folder / f"{thumbprint(certificate)}.der", CertificateState.REJECTED)

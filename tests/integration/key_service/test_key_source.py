@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import base64
+import contextlib
 import io
 import logging
 from collections.abc import Iterator
@@ -154,6 +155,21 @@ async def test_another_products_key_service_does_not_count_changes(tmp_path: Pat
         async with ServiceKeySource(made.url, cards.identity("arm", tmp_path / "arm"), "arm") as source:
             assert (await source.fetch("t-1", 0, 5)).first_token_id == 1
             assert (await source.fetch("t-0", 0, 5)).first_token_id == 1
+
+
+async def test_a_connection_that_is_cut_while_keys_are_fetched(tmp_path: Path, cards: Cards) -> None:
+    """asyncua cancels the request then; nobody has cancelled who waits for it."""
+    async with desk(tmp_path, cards) as made:
+        server: Any = made.server
+        async with ServiceKeySource(made.url, cards.identity("arm", tmp_path / "arm"), "arm") as source:
+            await source.fetch("t-0", 0, 1)
+            for _ in range(10):
+                fetching = asyncio.ensure_future(source.fetch("t-0", 0, 1))
+                await asyncio.sleep(0)
+                for connection in list(server._listener._connections):
+                    connection.abort()
+                with contextlib.suppress(KeySourceUnavailable):
+                    assert (await fetching).first_token_id == 1
 
 
 async def test_giving_up_leaves_no_connection(running: Desk, cards: Cards, tmp_path: Path) -> None:

@@ -29,7 +29,7 @@ from tests.integration.key_service.harness import (
     ua,
 )
 from tests.integration.server_security.harness import bad
-from ua_fleet.server.certificates import CertificateFiles, revoke_bridge, trust_bridge
+from ua_fleet.server.certificates import CertificateFiles, revoke_bridge, trust, trust_bridge
 from ua_fleet.server.endpoint.throttle import FREE_FAILURES, LoginThrottle
 from ua_fleet.server.key_service.limit import LEAST_BURST
 
@@ -82,7 +82,15 @@ async def test_a_certificate_that_is_trusted_and_no_bridges(running: Desk) -> No
     assert await bad(client.connect()) == "BadIdentityTokenRejected"
     last = [line for line in running.audit() if line["event"] == "refusal"][-1]
     assert last["what"] == "ActivateSession"
-    assert "ua-fleet cert trust --bridge NAME" in last["reason"]
+    remedy = "bind it with: ua-fleet cert trust --bridge NAME "
+    assert remedy in last["reason"]
+    # What it says to do can be done.
+    info = trust_bridge(running.state_dir, "visiting", last["reason"].partition(remedy)[2])
+    assert info.bridge == "visiting"
+    paths = (running.state_dir / "certificates").rglob(f"{info.thumbprint}.der")
+    assert list(paths) == []
+    revoke_bridge(running.state_dir, "visiting")
+    trust(running.state_dir, info.thumbprint)
 
 
 async def test_a_certificate_that_nobody_knows(running: Desk) -> None:

@@ -92,6 +92,8 @@ def _bridge(
     name = context.bridges.name_of(certificate)
     if not name:
         mark = thumbprint(certificate)[:12]
+        # So that it is there to be bound, also where a CA or `trust_all_clients` has let it in.
+        context.trust.reject(certificate)
         raise Refusal(
             StatusCodes.BadIdentityTokenRejected,
             f"no bridge is known by certificate {mark}; bind it with: ua-fleet cert trust --bridge NAME {mark}",

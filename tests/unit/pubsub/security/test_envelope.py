@@ -5,10 +5,14 @@ from __future__ import annotations
 import contextlib
 import hmac
 import struct
+from pathlib import Path
 from random import Random
 
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
+from tests.unit.pubsub.publishing import CODEC
 from tests.unit.pubsub.security.securing import (
     AES256,
     ENCRYPT,
@@ -28,9 +32,12 @@ from ua_fleet.counters import Counters, Drop
 from ua_fleet.errors import LocalWireError, RemoteWireError
 from ua_fleet.pubsub.security.envelope import SECURED_BYTES, Envelope
 from ua_fleet.pubsub.security.groups import MOST_KEYLESS
+from ua_fleet.pubsub.security.keyring import GroupKeys
 from ua_fleet.pubsub.security.nonces import MemoryNonces, NoncesUnavailable
 from ua_fleet.wire import MessageKey, SecurityMode, SecurityPolicy, payload_offset, read_security
+from ua_fleet.wire.messages import NetworkMessage
 
+VECTORS = Path(__file__).parents[3] / "vectors"
 PLAIN = data()
 PLAINS = {"data": PLAIN, "announcement": announcement(), "timestamped": data(timestamp=5, group_version=3)}
 
@@ -387,3 +394,42 @@ def test_nothing_shows_a_key() -> None:
             secret = key_data(token_id, f"0{group_id}")
             assert secret.hex() not in text
             assert repr(secret)[2:-1] not in text
+
+
+@pytest.mark.parametrize(
+    ("file", "mode", "policy"),
+    [
+        ("peer_sign256.hex", SIGN, SecurityPolicy.AES256_CTR),
+        ("peer_enc128.hex", ENCRYPT, SecurityPolicy.AES128_CTR),
+    ],
+)
+def test_open62541_never_changes_its_numbers(file: str, mode: SecurityMode, policy: SecurityPolicy) -> None:
+    """A strict window takes one of its messages; a relaxed one takes all."""
+    datagrams = [bytes.fromhex(line) for line in (VECTORS / file).read_text().split()]
+    keys = GroupKeys(policy, 1, (bytes(range(policy.key_data_bytes)),), 60.0, 60.0)
+    strict, relaxed = envelope(0, mode=mode), envelope(0, mode=mode, relaxed_replay=(2234,))
+    for opening in (strict, relaxed):
+        opening.install("t-2234", keys, 0.0)
+    for datagram in datagrams:
+        plain = relaxed.open(datagram, 0.0)
+        assert plain is not None
+        message = CODEC.decode(plain)
+        assert isinstance(message, NetworkMessage)
+        assert message.messages[0].values[-1] == "robot-7"
+    assert strict.open(datagrams[0], 0.0) is not None
+    assert len(datagrams) > 1
+    assert {refusal(strict, datagram) for datagram in datagrams} == {Drop.REPLAYED}
+
+
+@settings(max_examples=300, deadline=None)
+@given(st.data())
+def test_whatever_comes_only_remote_errors_go_out(draw: st.DataObject) -> None:
+    mode = draw.draw(st.sampled_from(SecurityMode))
+    opening, sealing = reader(mode), sender(draw.draw(st.sampled_from(SecurityMode)), max_datagram_bytes=576)
+    known = [part for plain in (*PLAINS.values(), action(), data("z" * 2_000)) for part in sealing.seal(plain, 0.0)]
+    datagram = bytearray(draw.draw(st.one_of(st.sampled_from(known), st.binary(max_size=100))))
+    for at in draw.draw(st.lists(st.integers(0, max(len(datagram) - 1, 0)), max_size=4)):
+        if datagram:
+            datagram[at] = draw.draw(st.integers(0, 255))
+    with contextlib.suppress(RemoteWireError):
+        assert isinstance(opening.open(bytes(datagram[: draw.draw(st.integers(0, 100_000))]), 0.0), bytes | None)

@@ -15,7 +15,7 @@ from typing import Any, Final, Protocol
 
 import structlog
 
-from ua_fleet.errors import KeySourceUnavailable, KeysRefused
+from ua_fleet.errors import KeysRefused, UaFleetError
 from ua_fleet.keys.source import CURRENT_TOKEN, KeySource
 from ua_fleet.pubsub.security.keyring import GroupKeys
 
@@ -70,7 +70,7 @@ class KeysKept:
         """One line for a status; empty where there is nothing to say."""
         if self.source_problem:
             return f"the source of keys is away: {self.source_problem}"
-        return "; ".join(self.refused[group_id] for group_id in sorted(self.refused)[:3])
+        return "; ".join(list(self.refused.values())[:3])
 
     def arrived(self, group_id: str) -> None:
         """Keys of a group were fetched."""
@@ -133,11 +133,11 @@ class _Keeper:
             if now >= group.refresh_at or (group_id in wanted and now >= group.next_at):
                 try:
                     keys = await self._source.fetch(group_id, CURRENT_TOKEN, self._count)
-                except KeySourceUnavailable as error:
-                    self._is_away(str(error), clock())
-                    return
                 except KeysRefused as error:
                     self._refused(group_id, group, str(error), clock())
+                except UaFleetError as error:
+                    self._is_away(str(error), clock())
+                    return
                 else:
                     self._fetched(group_id, group, keys, group_id in wanted, clock())
                 has_answered = True

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import signal
+import time
 
 from tests.integration.peer import Peer
 from tests.integration.security.conftest import (
@@ -70,8 +71,7 @@ async def test_traffic_goes_on_after_the_reader_was_killed(secured: Site) -> Non
 
 
 async def test_nothing_is_lost_while_keys_change(secured: Site) -> None:
-    secured.bridge("one")
-    two = secured.bridge("two")
+    one, two = secured.bridge("one"), secured.bridge("two")
     async with secured.peer() as peer:
         await peer.until(lambda: peer.good(COUNTER_ONE))
         await until(lambda: heard(two, COUNTER_ONE))
@@ -94,6 +94,13 @@ async def test_nothing_is_lost_while_keys_change(secured: Site) -> None:
         assert holes(heard(two, COUNTER_ONE)) == []
         assert holes([values[0] for values in peer.good(COUNTER_ONE)]) == []
         await no_drops(peer)
+    said = "\n".join(one.lines + two.lines)
+    assert "first_token" in said
+    for group_id in secured.keys.groups():
+        for key in secured.keys.read(group_id).keys:
+            for part in (key.key_data[:8], key.key_data[32:40], key.key_data[-4:]):
+                assert part.hex() not in said
+                assert repr(part)[2:-1] not in said
 
 
 async def test_a_leaked_key_is_worth_nothing_a_second_later(secured: Site) -> None:
@@ -102,8 +109,6 @@ async def test_a_leaked_key_is_worth_nothing_a_second_later(secured: Site) -> No
     async with secured.peer() as peer:
         await peer.until(lambda: peer.good(COUNTER_ONE))
         await until(lambda: heard(two, COUNTER_ONE))
-        import time
-
         secured.keys.write(secured.keys.read("t-300").replaced(time.time()))
         await peer.until(
             lambda: any(f.token_id == 2 and f.publisher_id == 300 for f in map(read_security, peer.datagrams[-50:]))

@@ -25,7 +25,13 @@ from ua_fleet.pubsub.security.nonces import NonceReservations, NonceSequence, No
 from ua_fleet.pubsub.security.reassembly import Reassembly
 from ua_fleet.pubsub.security.refused import Refused
 from ua_fleet.wire.chunks import read_chunk, split
-from ua_fleet.wire.header import HAS_EXTENDED_FLAGS_1, HAS_EXTENDED_FLAGS_2, MESSAGE_TYPE_BITS, MessageType
+from ua_fleet.wire.header import (
+    HAS_EXTENDED_FLAGS_1,
+    HAS_EXTENDED_FLAGS_2,
+    IS_CHUNK,
+    MESSAGE_TYPE_BITS,
+    MessageType,
+)
 from ua_fleet.wire.messages import PublisherIdType
 from ua_fleet.wire.security import NONCE_BYTES, SIGNATURE_BYTES, SecuredDatagram, SecurityMode, read_security
 
@@ -159,7 +165,7 @@ class Envelope:
         """
         if self._mode is _NONE:
             if len(datagram) > 2 and datagram[0] & HAS_EXTENDED_FLAGS_1 and datagram[1] & HAS_EXTENDED_FLAGS_2:
-                return self._joined(datagram, now)
+                return self._open_unsecured(datagram, now)
             return datagram
         heard = read_security(datagram)
         if heard.is_action or heard.is_discovery:
@@ -171,6 +177,15 @@ class Envelope:
             raise Refused(Drop.NOT_SECURED, heard, self._mode)
         group = self._telemetry.get(publisher_id) or self._meet(heard)
         return self._verified(heard, group, _THE_PUBLISHER, now)
+
+    def _open_unsecured(self, datagram: bytes, now: float) -> bytes | None:
+        """Without security: a chunk is taken in, unless it is our own. The subscriber looks at all else."""
+        if not datagram[2] & IS_CHUNK:
+            return datagram
+        heard = read_security(datagram)
+        if heard.publisher_id == self._own_space and not heard.is_action:
+            raise Refused(Drop.LOOP, heard)
+        return self._joined(datagram, now)
 
     def _open_other(self, heard: SecuredDatagram, now: float) -> bytes | None:
         """Open an Action, which may come from ourselves, an announcement or a probe."""

@@ -41,4 +41,6 @@ def _detail(drop: Drop, heard: SecuredDatagram, mode: SecurityMode, group_id: st
             f"{sender}, {token}: nonce used before, too old or missing; give a bridge its state_dir back or new keys, "
             "put a foreign publisher into `pubsub.relaxed_replay`"
         )
+    if drop is Drop.UNKNOWN_SOURCE:
+        return f"{sender} is no space (a UInt16), and only those have SecurityGroups"
     return sender

@@ -374,6 +374,14 @@ def test_large_announcements_go_as_chunks() -> None:
     assert wholes == [plain]
 
 
+def test_own_chunks_that_come_back_are_dropped_without_keeping_them() -> None:
+    for mode in SecurityMode:
+        one_side = sender(mode)
+        for datagram in one_side.seal(data("z" * 100_000), 0.0):
+            assert refusal(one_side, datagram) is Drop.LOOP
+        assert one_side.next_deadline() is None
+
+
 def test_chunks_that_are_not_signed_never_reach_the_message() -> None:
     plain = data("z" * 100_000)
     opening = reader()

@@ -25,7 +25,7 @@ from ua_fleet.wire.security import MessageKey, SecuredDatagram, SecurityMode, Se
 
 __all__ = ["REFRESH_S", "TOOL_SPACE", "Opened", "Opener", "ToolKeys", "lacks_keys", "tool_envelope", "tool_keys"]
 
-REFRESH_S: Final = 1.0
+REFRESH_S: Final = 0.5
 """How often `ToolKeys.refresh` is to be called."""
 ASK_AGAIN_S: Final = 5.0
 """Between two questions for one group, where asking costs."""

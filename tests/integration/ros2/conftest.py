@@ -20,29 +20,38 @@ class Ros2Space:
     """A ROS 2 domain with a bridge and stock nodes, each a process."""
 
     def __init__(self, domain: int, udp_url: str, folder: Path, processes: Processes) -> None:
-        self.domain, self.udp_url = domain, udp_url
-        self._folder, self._processes = folder, processes
+        self.domain, self.udp_url, self.folder = domain, udp_url, folder
+        self._processes = processes
 
     def environment(self, **extra: str) -> dict[str, str]:
         return clean_environment(
             ROS_DOMAIN_ID=str(self.domain), ROS_AUTOMATIC_DISCOVERY_RANGE="LOCALHOST", PYTHONUNBUFFERED="1", **extra
         )
 
-    def bridge(
-        self, robots: dict[str, Any] | None = None, *, wait: bool = True, profile: Literal["robot"] | None = None
-    ) -> Child:
-        """Start a bridge named `mobile`."""
-        config = {
+    def fleet(self, robots: dict[str, Any] | None = None, **pubsub: Any) -> dict[str, Any]:
+        """A fleet with one bridge named `mobile`."""
+        return {
             "version": 1,
-            "pubsub": {"security": "none", "url": self.udp_url, "interface": "lo"},
+            "pubsub": {"security": "none", "url": self.udp_url, "interface": "lo", **pubsub},
             "bridges": {"mobile": {"kind": "ros2", "space": self.domain, "status_id": STATUS_ID}},
             "robots": robots or {},
         }
-        path = self._folder / "fleet.json"
+
+    def bridge(
+        self,
+        robots: dict[str, Any] | None = None,
+        *,
+        wait: bool = True,
+        profile: Literal["robot"] | None = None,
+        **pubsub: Any,
+    ) -> Child:
+        """Start a bridge named `mobile`."""
+        config = self.fleet(robots, **pubsub)
+        path = self.folder / "fleet.json"
         path.write_text(json.dumps(config))
         program = Path(__file__).parent.parent / "run_bridge.py"
         environment = clean_environment(
-            PYTHONUNBUFFERED="1", PYTHONPATH=os.pathsep.join(("bridges", ".")), UA_FLEET_RUNTIME_DIR=str(self._folder)
+            PYTHONUNBUFFERED="1", PYTHONPATH=os.pathsep.join(("bridges", ".")), UA_FLEET_RUNTIME_DIR=str(self.folder)
         )
         environment.pop(PROFILES_VARIABLE, None)
         if profile is not None:

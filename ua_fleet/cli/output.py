@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 import json
+import re
 import sys
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 if TYPE_CHECKING:
     from ua_fleet.client import Reading
 
 __all__ = ["message", "print_json", "print_line", "print_reading", "print_table"]
+
+
+_CONTROLS: Final = re.compile("[\x7f-\x9f]")
+"""Control characters that JSON does not escape."""
 
 
 def message(text: str) -> None:
@@ -26,8 +31,9 @@ def print_line(text: str) -> None:
 
 
 def print_json(value: Any) -> None:
-    """Print one object on a line of its own, at once."""
-    print_line(json.dumps(value, ensure_ascii=False))
+    """Print one object on a line of its own, at once; with nothing in it that a terminal obeys."""
+    text = json.dumps(value, ensure_ascii=False)
+    print_line(_CONTROLS.sub(lambda found: f"\\u{ord(found[0]):04x}", text))
 
 
 def print_table(rows: Sequence[Sequence[str]]) -> None:

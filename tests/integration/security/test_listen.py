@@ -13,12 +13,14 @@ from typing import Any
 import pytest
 
 from tests.integration.cli.conftest import command
-from tests.system import Child, Processes, clean_environment
+from tests.system import Child, Processes, clean_environment, free_tcp_port
 from ua_fleet.config import load
 from ua_fleet.config.security import all_groups, envelope_of
 from ua_fleet.counters import Counters
 from ua_fleet.keys.files import FileKeySource
 from ua_fleet.pubsub import Publisher, PubSubTiming, make_field
+from ua_fleet.server.app import run_server
+from ua_fleet.server.introduce import introduce_bridge
 from ua_fleet.storage.key_files import KeyFile, KeyFolder
 from ua_fleet.topics import Topic
 from ua_fleet.transport.udp import UdpTransport
@@ -120,3 +122,38 @@ async def test_with_one_key_and_without(keys: KeyFolder, udp_url: str, processes
     assert {json.loads(line)["event"] for line in blind.lines if '"event"' in line} == {"secured"}
     keyed.end(2)
     assert not any(key in line for line in (*keyed.lines, *blind.lines))
+
+
+SERVED = """\
+version: 1
+server: {{port: {port}, trust_all_clients: true}}
+pubsub: {{security: sign_and_encrypt, url: '{url}'}}
+bridges: {{floor: {{kind: ros2, space: 2, status_id: 1}}}}
+robots:
+  rover: {{bridge: floor, data: {{goal: {{id: 5, type: Double, origin: server, initial: 0.25}}}}}}
+"""
+
+
+async def test_with_the_key_service(tmp_path: Path, udp_url: str, processes: Processes) -> None:
+    path = tmp_path / "fleet.yaml"
+    path.write_text(SERVED.format(url=udp_url, port=free_tcp_port()))
+    config = load(path, {})
+    await introduce_bridge(config, tmp_path, "floor")
+    ready: asyncio.Future[str] = asyncio.get_running_loop().create_future()
+    serving = asyncio.ensure_future(run_server(config, tmp_path, ready=ready.set_result))
+    try:
+        await asyncio.wait([serving, ready], timeout=30, return_when=asyncio.FIRST_COMPLETED)
+        child = listening(processes, "-c", str(path), "--as-bridge", "floor", "--count", "2", "--timeout", "30")
+        blind = listening(processes, "-c", str(path), "--count", "1", "--timeout", "30")
+        async with asyncio.timeout(40):
+            while child.process.poll() is None or blind.process.poll() is None:
+                await asyncio.sleep(0.05)
+        assert (child.end(), blind.end()) == (0, 0), child.lines
+    finally:
+        serving.cancel()
+        await asyncio.wait([serving])
+    shown = [json.loads(line) for line in child.lines if line.startswith('{"event"')]
+    assert all(line["security"]["verified"] for line in shown), child.lines
+    assert any(line["event"] == "data" and line["fields"] == {"goal": 0.25} for line in shown), child.lines
+    assert any("--as-bridge NAME" in line for line in blind.lines)
+    assert any('"event": "secured"' in line for line in blind.lines)

@@ -7,3 +7,20 @@ An `Envelope` for each process, between the transport on one side, publisher and
     envelope.open(datagram, now)                 -> the plain datagram, None where chunks are missing; raises Refused
     envelope.poll(now)                           # at envelope.next_deadline()
 """
+
+from ua_fleet.pubsub.security.envelope import Envelope
+from ua_fleet.pubsub.security.groups import command_group, telemetry_group
+from ua_fleet.pubsub.security.keyring import GroupKeys
+from ua_fleet.pubsub.security.nonces import MemoryNonces, NonceReservations, NoncesUnavailable
+from ua_fleet.pubsub.security.refused import Refused
+
+__all__ = [
+    "Envelope",
+    "GroupKeys",
+    "MemoryNonces",
+    "NonceReservations",
+    "NoncesUnavailable",
+    "Refused",
+    "command_group",
+    "telemetry_group",
+]

@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from tests.unit.pubsub.security.securing import AES256, group_keys, key_data
 from ua_fleet.errors import LocalWireError
@@ -185,3 +187,53 @@ def test_no_representation_shows_a_key() -> None:
     for data in keys.keys:
         assert data.hex() not in shown
         assert repr(data) not in shown
+
+
+@settings(max_examples=300, deadline=None)
+@given(
+    past_keys=st.integers(0, 3),
+    steps=st.lists(
+        st.tuples(
+            st.floats(0.0, 100.0),
+            st.sampled_from(["wait", "fetch", "fetch", "rotate", "invalidate", "restart"]),
+            st.integers(1, 4),
+            st.floats(-20.0, 20.0),
+        ),
+        max_size=40,
+    ),
+)
+def test_whatever_a_service_does_the_ring_stays_sound(
+    past_keys: int, steps: list[tuple[float, str, int, float]]
+) -> None:
+    """A service that rotates, makes keys invalid and begins anew, heard with wrong times and at any time."""
+    keyring = Keyring("t-1", past_keys)
+    now, first, seed = 0.0, 1, 0
+    before: int | None = None
+    for wait, what, count, error in steps:
+        now += wait
+        if what == "rotate":
+            first += 1
+        elif what == "invalidate":
+            first += 10
+        elif what == "restart":
+            first, seed = 1, seed + 1
+        elif what == "fetch":
+            keyring.advance(now)
+            known = keyring.tokens.get(first)
+            is_replaced = known is None or not known.is_key(key_data(first, seed))
+            keyring.install(group_keys(first, count, seed=seed, next_s=30.0 + error), now)
+            if is_replaced:
+                before = None
+        token = keyring.sending(now)
+        if token is None:
+            assert keyring.is_wanted(now)
+            assert keyring.tokens == {}
+            before = None
+            continue
+        assert keyring.tokens[token.token_id] is token, "readers take what publishers send"
+        assert token in keyring.around_current()
+        assert before is None or token.token_id >= before, "never back to an earlier key"
+        assert keyring.changes_at > now
+        assert all(known.until > now for known in keyring.tokens.values())
+        assert all(token_id == known.token_id for token_id, known in keyring.tokens.items())
+        before = token.token_id

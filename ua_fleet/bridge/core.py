@@ -12,12 +12,13 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable
-from typing import Any, Final
+from typing import Any, Final, Protocol
 
-from ua_fleet.bridge.driver import DriverEvent, SampleRead, SourceFound, SourceLost
+from ua_fleet.bridge.driver import DriverEvent, Dropped, ExecutionFact, SampleRead, SourceFound, SourceLost
 from ua_fleet.counters import Counters, Drop
 from ua_fleet.errors import LocalWireError
 from ua_fleet.pubsub.events import (
+    ActionReceived,
     DataReceived,
     MetaDataReceived,
     ProbeDue,
@@ -32,7 +33,7 @@ from ua_fleet.topics import Side, Topic, Verdict, loop_verdict
 from ua_fleet.values import BuiltinType, StatusCode, Variant, ticks_from_unix_ns
 from ua_fleet.wire.messages import DataSetMessage, DataSetMetaData
 
-__all__ = ["NODE_ONLY", "BridgeCore", "PublishIntoSpace", "Rule", "SendDatagram"]
+__all__ = ["NODE_ONLY", "ActionSide", "BridgeCore", "PublishIntoSpace", "Rule", "SendDatagram"]
 
 Rule = Callable[[Side, int, int, bool], Verdict]
 """`loop_verdict`, or what a test puts in its place."""
@@ -51,6 +52,26 @@ _REMEMBERED: Final = 16
 """Deliveries of each source that are remembered. Their Timestamps increase but where a source's clock is set back."""
 _STATUS_CODE: Final = int(BuiltinType.STATUS_CODE)
 _BAD: Final = int(StatusCode.BAD)
+
+
+class ActionSide(Protocol):
+    """What the core needs of the commands of a bridge: see `ua_fleet.bridge.actions`."""
+
+    def receive(self, event: ActionReceived, now: float) -> None:
+        """Take a request."""
+        ...
+
+    def from_driver(self, fact: ExecutionFact, now: float) -> None:
+        """Take what the driver tells of an execution."""
+        ...
+
+    def poll(self, now: float) -> None:
+        """Do what is due."""
+        ...
+
+    def next_deadline(self) -> float | None:
+        """When `poll` is to be called next, or None."""
+        ...
 
 
 class BridgeCore:
@@ -88,6 +109,8 @@ class BridgeCore:
         self._published: dict[Topic, deque[int]] = {}
         """The latest timestamps of other spaces' sources that were published into the space."""
         self._node_only: set[Topic] = set()
+        self.actions: ActionSide | None = None
+        """The commands of this bridge; without, Actions are left alone."""
 
     def from_space(self, event: DriverEvent, *, now: float, wall_ticks: int) -> None:
         """Take in what the driver tells."""
@@ -102,6 +125,9 @@ class BridgeCore:
             self._found(event, now, wall_ticks)
         elif isinstance(event, SourceLost):
             self._lost(event.topic, now, wall_ticks)
+        elif not isinstance(event, Dropped):
+            if self.actions is not None:
+                self.actions.from_driver(event, now)
         else:
             self.counters.drop(event.cause, event.count)
 
@@ -125,9 +151,9 @@ class BridgeCore:
         for datagram in datagrams:
             self._send(datagram)
 
-    def from_pubsub(self, datagram: bytes, *, now: float) -> None:
-        """Take in a datagram."""
-        for event in self._subscriber.receive(datagram, now):
+    def from_pubsub(self, datagram: bytes, *, now: float, sender: tuple[str, int] | None = None) -> None:
+        """Take in a datagram, and where it came from."""
+        for event in self._subscriber.receive(datagram, now, sender):
             self._heard(event, now)
 
     def begin(self, *, now: float, wall_ticks: int) -> None:
@@ -146,13 +172,18 @@ class BridgeCore:
             self._send(datagram)
         for event in self._subscriber.poll(now):
             self._heard(event, now)
+        if self.actions is not None:
+            self.actions.poll(now)
 
     def next_deadline(self) -> float | None:
         """When `poll` is to be called next, or None."""
         ours, theirs = self._publisher.next_deadline(), self._subscriber.next_deadline()
-        if ours is None or theirs is None:
-            return theirs if ours is None else ours
-        return min(ours, theirs)
+        due = ours if theirs is None or (ours is not None and ours < theirs) else theirs
+        if self.actions is not None:
+            commands = self.actions.next_deadline()
+            if commands is not None:
+                return commands if due is None else min(due, commands)
+        return due
 
     def _found(self, source: SourceFound, now: float, wall_ticks: int) -> None:
         if self._rule(Side.SPACE, source.topic.space, self.space, False) is not Verdict.TO_PUBSUB:
@@ -183,6 +214,9 @@ class BridgeCore:
         elif isinstance(event, ProbeReceived):
             for datagram in self._publisher.answer(event.probe, now):
                 self._send(datagram)
+        elif isinstance(event, ActionReceived):
+            if self.actions is not None:
+                self.actions.receive(event, now)
         elif isinstance(event, MetaDataReceived):
             if first_property(event.metadata, NODE_ONLY):
                 self._node_only.add(event.topic)

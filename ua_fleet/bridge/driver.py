@@ -1,13 +1,15 @@
 """The driver protocol: the part of a bridge that talks the robots' own language.
 
 A driver tells what it hears through the `Inlet` (from any thread) as the facts below, and is told what to publish
-into its space through `publish`. It knows nothing of datagrams, sequence numbers or the loop rule.
+into its space through `publish`. It knows nothing of datagrams, sequence numbers or the loop rule. A driver whose
+robots can be commanded keeps the `SkillDriver` protocol too.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 from ua_fleet.counters import Drop
 from ua_fleet.topics import Topic
@@ -18,10 +20,20 @@ __all__ = [
     "DriverEvent",
     "DriverStatus",
     "Dropped",
+    "Execution",
+    "ExecutionEnded",
+    "ExecutionFact",
+    "ExecutionForgotten",
+    "ExecutionNotBegun",
+    "ExecutionProgressed",
     "Inlet",
     "SampleRead",
+    "Skill",
+    "SkillDriver",
+    "SkillTarget",
     "SourceFound",
     "SourceLost",
+    "skills_of",
 ]
 
 
@@ -67,7 +79,47 @@ class Dropped:
     detail: str = ""
 
 
-DriverEvent = SourceFound | SourceLost | SampleRead | Dropped
+class ExecutionProgressed(NamedTuple):
+    """A robot works on an execution. Also the answer to `query` where it still does."""
+
+    execution_id: bytes
+    progress: float = 0.0
+    """0 to 1."""
+    message: str = ""
+    """One line for people."""
+
+
+class ExecutionEnded(NamedTuple):
+    """An execution is over. Said once, by whatever means the robot tells; also the answer to `query` where it is."""
+
+    execution_id: bytes
+    status: int = 0
+    """StatusCode; 0 where the robot did what was asked."""
+    values: tuple[Any, ...] = ()
+    """The response's fields; empty where the robot failed."""
+    message: str = ""
+    """One line for people: why it failed."""
+
+
+class ExecutionForgotten(NamedTuple):
+    """The answer to `query` where the robot cannot tell what became of an execution."""
+
+    execution_id: bytes
+    message: str = ""
+    """One line for people: why it cannot."""
+
+
+class ExecutionNotBegun(NamedTuple):
+    """The answer to `query` where the robot knows for sure that it never heard of an execution.
+
+    It is begun then, if it is not too late. Only a robot that forgets nothing may be said to know that.
+    """
+
+    execution_id: bytes
+
+
+ExecutionFact = ExecutionProgressed | ExecutionEnded | ExecutionForgotten | ExecutionNotBegun
+DriverEvent = SourceFound | SourceLost | SampleRead | Dropped | ExecutionFact
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,7 +137,7 @@ class Inlet(Protocol):
     def put(self, event: DriverEvent) -> None:
         """Hand over an event; callable from any thread, never blocks.
 
-        When full, the oldest SampleRead is dropped and counted; the other facts are never dropped.
+        When full, the oldest SampleRead or ExecutionProgressed is dropped and counted; other facts never are.
         """
         ...
 
@@ -115,3 +167,78 @@ class Driver(Protocol):
     async def stop(self) -> None:
         """Leave the space and release everything. Safe to call twice."""
         ...
+
+
+class SkillTarget(NamedTuple):
+    """A robot that has a skill."""
+
+    id: int
+    """ActionTargetId, unique within the skill."""
+    name: str
+    status: Topic
+    """The robot's SkillStatus, one data source for all its skills; the bridge publishes it."""
+
+
+@dataclass(frozen=True, slots=True)
+class Skill:
+    """One thing that robots of the space do: an Action with a target for each robot that does it."""
+
+    topic: Topic
+    """(space, WriterGroupId, DataSetWriterId) of the Action's messages. No data source has this id."""
+    name: str
+    targets: tuple[SkillTarget, ...]
+    """Who can be asked."""
+    request: tuple[FieldMetaData, ...] = ()
+    """The arguments."""
+    response: tuple[FieldMetaData, ...] = ()
+    """The results."""
+    is_immediate: bool = False
+    """Whether the ActionResponse waits for the end, which comes within the request's TimeoutHint."""
+
+
+class Execution(NamedTuple):
+    """One skill that a robot is to do, once."""
+
+    execution_id: bytes
+    """16 bytes, unique for ever. What the robot calls it (a goal id) is best made of it."""
+    topic: Topic
+    """Of the Skill."""
+    action_target_id: int
+    values: tuple[Any, ...]
+    """The request's fields, checked against their types."""
+    timeout_s: float | None = None
+    """How long the requestor waits, where it says so."""
+
+
+@runtime_checkable
+class SkillDriver(Protocol):
+    """What a driver has beside `Driver` where robots of its space can be commanded.
+
+    All of it runs in the bridge's event loop and must not block it. The bridge has recorded an execution before it
+    calls `execute`, and calls that once for each id, whatever is repeated on the network.
+    """
+
+    def skills(self) -> Sequence[Skill]:
+        """What there is to command. Asked after `start`, and each second from then on."""
+        ...
+
+    def execute(self, execution: Execution) -> None:
+        """Begin an execution. ExecutionEnded follows through the inlet in any case, also where the robot refuses.
+
+        Raises:
+            SkillError: nothing was begun, and nothing will be; the requestor is told the StatusCode and the text.
+        """
+        ...
+
+    def query(self, execution: Execution) -> None:
+        """Find out what became of an execution that a bridge before us may have begun.
+
+        One of the facts about it follows through the inlet, as soon as the robot can be asked: it goes on, it has
+        ended, the robot cannot tell, or it was never begun.
+        """
+        ...
+
+
+def skills_of(driver: object) -> SkillDriver | None:
+    """The driver where its robots can be commanded."""
+    return driver if isinstance(driver, SkillDriver) else None

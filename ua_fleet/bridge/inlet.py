@@ -8,13 +8,14 @@ from collections import Counter, deque
 from collections.abc import Callable
 from typing import Final
 
-from ua_fleet.bridge.driver import DriverEvent, Dropped, SampleRead, SourceFound, SourceLost
+from ua_fleet.bridge.driver import DriverEvent, Dropped, ExecutionProgressed, SampleRead
 from ua_fleet.counters import Drop
 
 __all__ = ["BoundedInlet"]
 
 _BATCH: Final = 128
 """Events handed on before the event loop gets its turn again."""
+_SAMPLES: Final = (SampleRead, ExecutionProgressed)
 _DETAILS: Final = 64
 """Different details of drops that are kept while the loop is busy; the counts of the others go on without."""
 
@@ -22,8 +23,9 @@ _DETAILS: Final = 64
 class BoundedInlet:
     """Takes events from any thread, hands them on in the event loop, in order, and wakes it once for each batch.
 
-    Samples are bounded: the oldest goes when a new one finds no place. Facts about sources are never dropped and stay
-    before and after the samples that they came before and after. Drops are summed up, since their order says nothing.
+    Samples (and how far executions are) are bounded: the oldest goes when a new one finds no place. All other facts are
+    never dropped, and stay before and after the samples that they came before and after. Drops are summed up, since
+    their order says nothing.
     """
 
     def __init__(
@@ -39,10 +41,10 @@ class BoundedInlet:
         """
         self._loop, self._size, self._deliver, self._batch = loop, size, deliver, batch
         self._lock = threading.Lock()
-        self._samples: deque[SampleRead] = deque()
+        self._samples: deque[SampleRead | ExecutionProgressed] = deque()
         self._taken_in = 0
         """Samples put so far: the number of the oldest one that waits is this less those that wait."""
-        self._facts: deque[tuple[int, SourceFound | SourceLost]] = deque()
+        self._facts: deque[tuple[int, DriverEvent]] = deque()
         """Each with the number of samples put before it."""
         self._drops: Counter[tuple[Drop, str]] = Counter()
         self._open = False
@@ -54,7 +56,7 @@ class BoundedInlet:
         with self._lock:
             if self._closed:
                 return
-            if isinstance(event, SampleRead):
+            if isinstance(event, _SAMPLES):
                 if len(self._samples) >= self._size:
                     self._samples.popleft()
                     self._drops[Drop.INLET_FULL, ""] += 1

@@ -17,8 +17,9 @@ from typing import Any, Final
 
 import structlog
 
+from ua_fleet.bridge.actions import Actions
 from ua_fleet.bridge.core import BridgeCore, Rule
-from ua_fleet.bridge.driver import Driver, DriverEvent, Dropped, SampleRead, SourceFound
+from ua_fleet.bridge.driver import Driver, DriverEvent, Dropped, SampleRead, SourceFound, skills_of
 from ua_fleet.bridge.inlet import BoundedInlet
 from ua_fleet.bridge.status import STATUS_FIELDS, STATUS_INTERVAL_S, status_topic, status_values
 from ua_fleet.config.applications import bridge_application
@@ -31,13 +32,18 @@ from ua_fleet.pubsub.publisher import Publisher
 from ua_fleet.pubsub.security.groups import telemetry_group
 from ua_fleet.pubsub.subscriber import Subscriber
 from ua_fleet.pubsub.timing import PubSubTiming
+from ua_fleet.skill.journal import MemoryJournal, ResponderJournal
+from ua_fleet.storage.journal import SqliteJournal
 from ua_fleet.topics import loop_verdict
 from ua_fleet.transport.base import Address, Transport
 from ua_fleet.values import ticks_from_unix_ns
 from ua_fleet.wire import Codec
+from ua_fleet.wire.security import SecurityMode
 
 __all__ = ["run_bridge", "timing_of"]
 
+JOURNAL: Final = "executions.db"
+"""In a bridge's state folder: what its robots were asked to do."""
 _TOLD: Final = 256
 """Different reasons of drops that are logged; the counters go on."""
 
@@ -65,6 +71,7 @@ class _Shell:
         driver: Driver,
         transport: Transport,
         state_dir: Path,
+        journal: ResponderJournal,
         rule: Rule,
     ) -> None:
         self._loop = asyncio.get_running_loop()
@@ -76,20 +83,35 @@ class _Shell:
         self.envelope = envelope_of(config, space, self.counters, state_dir)
         self.keys = KeysKept()
         self._subscriber = Subscriber(space, timing, self.counters, codec, rule, envelope=self.envelope)
+        publisher = Publisher(
+            space,
+            timing,
+            self.counters,
+            codec,
+            bridge_application(config, bridge_name),
+            max_packed_bytes=self.envelope.max_plain_bytes,
+        )
         self._core = BridgeCore(
             space,
-            Publisher(
-                space,
-                timing,
-                self.counters,
-                codec,
-                bridge_application(config, bridge_name),
-                max_packed_bytes=self.envelope.max_plain_bytes,
-            ),
+            publisher,
             self._subscriber,
             self.counters,
             send=self._send,
             publish=driver.publish,
+            rule=rule,
+        )
+        self._actions = self._core.actions = Actions(
+            space,
+            publisher,
+            self.counters,
+            driver=skills_of(driver),
+            journal=journal,
+            requestors=self._bridge.requestors,
+            must_be_verified=self.envelope.mode is not SecurityMode.NONE,
+            send=self._send,
+            send_to=self._send_to,
+            wall_ticks=_wall_ticks,
+            failed=self._failed,
             rule=rule,
         )
         self.inlet = BoundedInlet(self._loop, config.pubsub.inlet_size, self._from_space)
@@ -115,6 +137,7 @@ class _Shell:
             source = SourceFound(self._status_topic, f"{self._name} status", STATUS_FIELDS)
             self._core.from_space(source, now=now, wall_ticks=_wall_ticks())
         self._status_at = now
+        self._actions.begin(now)
         self.inlet.open()
         self._on_timer()
 
@@ -125,14 +148,22 @@ class _Shell:
         if self._timer is not None:
             self._timer.cancel()
 
-    def receive(self, datagram: bytes, _sender: Address) -> None:
+    def receive(self, datagram: bytes, sender: Address) -> None:
         """Take a datagram from the transport."""
-        self._core.from_pubsub(datagram, now=self._loop.time())
+        self._core.from_pubsub(datagram, now=self._loop.time(), sender=sender)
         self._arm()
 
     def _send(self, datagram: bytes) -> None:
         for sealed in self.envelope.seal(datagram, self._loop.time()):
             self._transport.send(sealed)
+
+    def _send_to(self, datagram: bytes, address: Address) -> None:
+        for sealed in self.envelope.seal(datagram, self._loop.time()):
+            self._transport.send(sealed, address)
+
+    def _failed(self, text: str, error: BaseException | None) -> None:
+        """Log what went wrong with commands, with the traceback where it is a mistake of the driver."""
+        self._log.error(text, exc_info=error)
 
     def _from_space(self, event: DriverEvent) -> None:
         self._core.from_space(event, now=self._loop.time(), wall_ticks=_wall_ticks())
@@ -171,7 +202,7 @@ class _Shell:
     def _report(self, now: float) -> None:
         """Log a change of the connection and what is malformed, and publish the bridge's status."""
         status = self._driver.status()
-        if problem := self.envelope.problem or self.keys.problem():
+        if problem := self.envelope.problem or self.keys.problem() or self._actions.problem:
             status = replace(status, detail=f"{status.detail}; {problem}")
         if status.connected is not self._connected:
             if status.connected:
@@ -207,7 +238,7 @@ async def run_bridge(
         bridge_name: which of its bridges this is.
         driver: the bridge's driver, not started.
         transport: the PubSub side, not started.
-        state_dir: where the bridge remembers what must survive a restart; used only with message security.
+        state_dir: where the bridge remembers what must survive a restart; used only with message security or skills.
         keys: where the keys of message security come from; not needed where it is `none`.
         ready: called once both sides work.
         rule: the loop rule; only a test puts another one in its place.
@@ -215,11 +246,15 @@ async def run_bridge(
     Raises:
         ConfigError: there is no source of keys, or what stands in `state_dir` cannot be used.
         BridgeUnavailable: a library that the driver needs is missing.
+        StorageUnavailable: the journal of executions cannot be used.
         TransportError: the PubSub side cannot be opened; with the remedy.
     """
     keys = keys_needed(config, keys)
     async with AsyncExitStack() as cleanup:
-        shell = _Shell(config, bridge_name, driver, transport, state_dir, rule)
+        journal: ResponderJournal = MemoryJournal()
+        if skills_of(driver) is not None:
+            journal = cleanup.enter_context(SqliteJournal(state_dir / JOURNAL))
+        shell = _Shell(config, bridge_name, driver, transport, state_dir, journal, rule)
         cleanup.push_async_callback(transport.close)
         cleanup.push_async_callback(driver.stop)
         cleanup.callback(shell.end)

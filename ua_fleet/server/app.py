@@ -5,7 +5,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import ExitStack
 from pathlib import Path
+from typing import Final
 
 from ua_fleet.config.nodes import fleet_model
 from ua_fleet.config.schema import FleetConfig, PubSubConfig, PubSubSecurity
@@ -23,11 +25,15 @@ from ua_fleet.server.key_service.service import KeyService
 from ua_fleet.server.nodeset import load_types
 from ua_fleet.server.projection import Projection
 from ua_fleet.server.writes import ClientWrites
+from ua_fleet.storage.journal import SqliteJournal
 from ua_fleet.topics import SERVER_SPACE, loop_verdict
 from ua_fleet.transport.base import Transport
 from ua_fleet.transport.udp import UdpTransport
 
 __all__ = ["application_uri", "run_server"]
+
+JOURNAL: Final = "commands.db"
+"""In the server's `state_dir`: what it asked robots to do."""
 
 
 def application_uri(config: FleetConfig) -> str:
@@ -55,6 +61,7 @@ async def run_server(
     Raises:
         ConfigError: a data source has no id, or the key files cannot be used.
         ServerStartError: the port is in use, or something that the server needs is missing.
+        StorageUnavailable: the journal of commands cannot be used.
         TransportError: PubSub has no route, no permission or no such interface.
     """
     model = fleet_model(config)
@@ -66,6 +73,7 @@ async def run_server(
         application_uri=application_uri(config),
         bridges=config.bridges if has_key_service else (),
     )
+    stack = ExitStack()
     try:
         await load_types(server, config.fleet.namespace_uri, config.fleet.namespace_index)
         nodes = FleetNodes(server.iserver.aspace, model)
@@ -77,12 +85,14 @@ async def run_server(
             keys = LocalKeySource(service)
         elif config.pubsub.security is not PubSubSecurity.NONE:
             keys = file_keys_of(config, SERVER_SPACE, config_dir)
+        journal = stack.enter_context(SqliteJournal(state_dir / JOURNAL))
         hub = Hub(
             config,
             model,
             transport or _udp(config.pubsub),
             Projection(nodes),
             state_dir=state_dir,
+            journal=journal,
             keys=keys,
             rule=rule,
         )
@@ -97,6 +107,7 @@ async def run_server(
         finally:
             await hub.close()
     finally:
+        stack.close()
         await server.stop()
 
 

@@ -2,6 +2,7 @@
 
 transport -> subscriber -> state -> coalescer -> projection -> nodes and their subscriptions
 a client's write -> commands -> publisher -> transport
+skills.invoke -> requestor -> transport; the responses come back through the subscriber
 """
 
 from __future__ import annotations
@@ -25,17 +26,27 @@ from ua_fleet.fleet.model import FleetModel
 from ua_fleet.fleet.state import FleetState
 from ua_fleet.keys.keeper import KeysKept, keep_keys
 from ua_fleet.keys.source import KeySource
-from ua_fleet.pubsub.events import ProbeDue, ProbeReceived, SourceUnknown, SubscriberEvent
+from ua_fleet.pubsub.events import (
+    ActionReceived,
+    AnnouncementReceived,
+    ProbeDue,
+    ProbeReceived,
+    SourceUnknown,
+    SubscriberEvent,
+)
 from ua_fleet.pubsub.publisher import Publisher
 from ua_fleet.pubsub.security.groups import telemetry_group
 from ua_fleet.pubsub.subscriber import LoopRule, Subscriber
 from ua_fleet.pubsub.timing import PubSubTiming
+from ua_fleet.server.commands_out import SkillCommands
 from ua_fleet.server.projection import Projection
+from ua_fleet.skill.journal import RequestorJournal
 from ua_fleet.topics import SERVER_SPACE, loop_verdict
 from ua_fleet.transport.base import Address, Transport
 from ua_fleet.values import ticks_from_unix_ns
 from ua_fleet.wire import Codec
-from ua_fleet.wire.discovered import EndpointDescription
+from ua_fleet.wire.discovered import ActionMetaDataAnnouncement, EndpointDescription
+from ua_fleet.wire.security import SecurityMode
 
 __all__ = ["Hub", "wall_ticks"]
 
@@ -66,6 +77,7 @@ class Hub:
         projection: Projection,
         *,
         state_dir: Path,
+        journal: RequestorJournal,
         keys: KeySource | None = None,
         rule: LoopRule = loop_verdict,
     ) -> None:
@@ -77,6 +89,7 @@ class Hub:
             transport: not started yet; `start` does.
             projection: onto the nodes of the model.
             state_dir: where the server remembers which nonces it has used; touched only with message security.
+            journal: what robots were asked to do, through restarts.
             keys: where the keys of message security come from; not needed where it is `none`.
             rule: the loop rule.
 
@@ -95,7 +108,14 @@ class Hub:
         self._keys_ahead = pubsub.keys.future_keys
         self._subscriber = Subscriber(SERVER_SPACE, timing, self.counters, codec, rule, envelope=self._envelope)
         self._config = config
-        self._publisher = Publisher(SERVER_SPACE, timing, self.counters, codec, server_application(config))
+        self._publisher = Publisher(
+            SERVER_SPACE,
+            timing,
+            self.counters,
+            codec,
+            server_application(config),
+            max_packed_bytes=self._envelope.max_plain_bytes,
+        )
         self._state = FleetState(
             model,
             self.counters,
@@ -103,6 +123,14 @@ class Hub:
             max_discovered_sources=config.server.max_discovered_sources,
         )
         self._coalescer = Coalescer(config.server.analog_rate_hz)
+        self.skills = SkillCommands(
+            journal,
+            send=lambda datagram: self._send([datagram]),
+            want=self._subscriber.want_action,
+            sooner=self._check_deadline,
+            wall_ticks=wall_ticks,
+            must_be_verified=self._envelope.mode is not SecurityMode.NONE,
+        )
         self._sooner = asyncio.Event()
         self._wake_at = 0.0
         self._next_tick = 0.0
@@ -129,6 +157,7 @@ class Hub:
                 count = self._keys_ahead + 1
                 tasks.create_task(keep_keys(self._envelope, self._keys, self._keys_kept, count=count))
                 await self._keys_kept.wait_for([telemetry_group(SERVER_SPACE)])
+            self.skills.resume(asyncio.get_running_loop().time())
             await self._announce()
 
     def describe(self, endpoints: tuple[EndpointDescription, ...]) -> None:
@@ -180,9 +209,8 @@ class Hub:
         self._check_deadline()
 
     def _receive(self, datagram: bytes, sender: Address) -> None:
-        del sender
         now = asyncio.get_running_loop().time()
-        events = self._subscriber.receive(datagram, now)
+        events = self._subscriber.receive(datagram, now, sender)
         if events:
             self._handle(events, now)
         self._check_deadline()
@@ -195,6 +223,11 @@ class Hub:
                     self._send([event.datagram])
             elif isinstance(event, ProbeReceived):
                 self._send(self._publisher.answer(event.probe, now))
+            elif isinstance(event, ActionReceived):
+                self.skills.receive(event, now)
+            elif isinstance(event, AnnouncementReceived):
+                if isinstance(event.announcement, ActionMetaDataAnnouncement):
+                    self.skills.announced(event.announcement)
             else:
                 self._take(self._state.apply(event, wall), now)
 
@@ -227,6 +260,7 @@ class Hub:
             self._subscriber.next_deadline(),
             self._publisher.next_deadline(),
             self._coalescer.next_deadline(),
+            self.skills.next_deadline(),
             self._next_tick,
         )
         return min(deadline for deadline in deadlines if deadline is not None)
@@ -239,6 +273,7 @@ class Hub:
     def _poll(self, now: float) -> None:
         self._handle(self._subscriber.poll(now), now)
         self._send(self._publisher.poll(now, wall_ticks()))
+        self.skills.poll(now)
         for change in self._coalescer.poll(now):
             self._projection.put(change)
         if now >= self._next_tick:

@@ -1,0 +1,158 @@
+"""The virtual driver with a skill, and the machine that does it.
+
+The machine stands for a robot's own controller: it goes on when the bridge is killed, and remembers what it was told,
+unless it is forgetful. It is a folder, so that a bridge in another process, or the next one, finds the same machine.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import os
+import signal
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, Final, NamedTuple
+
+from tests.contract.virtual import Bus, VirtualDriver
+from ua_fleet.bridge import (
+    Execution,
+    ExecutionEnded,
+    ExecutionForgotten,
+    ExecutionProgressed,
+    Inlet,
+    Skill,
+    SkillTarget,
+)
+from ua_fleet.errors import SkillRejected
+from ua_fleet.pubsub.metadata import make_field
+from ua_fleet.topics import Topic
+from ua_fleet.values import BuiltinType, StatusCode
+
+WORK: Final = 1900
+"""DataSetWriterId of the skill."""
+QUICK: Final = 1901
+"""The same as an immediate skill."""
+STATUS: Final = 1902
+"""Of the machine's SkillStatus."""
+TARGET: Final = 7
+FIELDS: Final = (make_field("work", BuiltinType.STRING), make_field("seconds", BuiltinType.DOUBLE))
+RESULTS: Final = (make_field("done", BuiltinType.STRING), make_field("seconds", BuiltinType.DOUBLE))
+
+REFUSED_WORK: Final = "refuse"
+FAILING_WORK: Final = "fail"
+ENDLESS_WORK: Final = "never ends"
+DEADLY_WORK: Final = "kill the bridge before the machine is told"
+DEADLY_BEGUN_WORK: Final = "kill the bridge after the machine was told"
+
+
+class Job(NamedTuple):
+    """What the machine was told."""
+
+    execution_id: bytes
+    work: str
+    seconds: float
+    began: float
+
+
+class Machine:
+    """The robot's controller."""
+
+    def __init__(self, folder: Path) -> None:
+        folder.mkdir(exist_ok=True)
+        self._log = folder / "told.jsonl"
+        self._forgetful = folder / "forgetful"
+
+    def begin(self, execution_id: bytes, work: str, seconds: float) -> Job:
+        """Tell the machine to begin."""
+        job = Job(execution_id, work, seconds, time.time())
+        line = json.dumps([execution_id.hex(), *job[1:]]) + "\n"
+        with self._log.open("ab", buffering=0) as log:
+            log.write(line.encode())
+        return job
+
+    def told(self) -> list[Job]:
+        """All that it was ever told, twice where it was told twice."""
+        if not self._log.exists():
+            return []
+        lines: list[list[Any]] = [json.loads(line) for line in self._log.read_text().splitlines()]
+        return [Job(bytes.fromhex(line[0]), *line[1:]) for line in lines]
+
+    def find(self, execution_id: bytes) -> Job | None:
+        """What it remembers of a job."""
+        if self._forgetful.exists():
+            return None
+        return next((job for job in self.told() if job.execution_id == execution_id), None)
+
+    def forget(self) -> None:
+        """Remember nothing from now on, as most robots do after their power was off."""
+        self._forgetful.touch()
+
+
+class SkilledDriver(VirtualDriver):
+    """See SkillDriver."""
+
+    def __init__(self, space: int, bus: Bus, machine: Machine) -> None:
+        super().__init__(space, bus)
+        self._number, self._machine = space, machine
+        self._to: Inlet | None = None
+        self._timers: list[asyncio.TimerHandle] = []
+
+    async def start(self, inlet: Inlet) -> None:
+        """See Driver."""
+        self._to = inlet
+        await super().start(inlet)
+
+    async def stop(self) -> None:
+        """See Driver."""
+        for timer in self._timers:
+            timer.cancel()
+        self._timers.clear()
+        await super().stop()
+
+    def skills(self) -> Sequence[Skill]:
+        """See SkillDriver."""
+        targets = (SkillTarget(TARGET, "machine", Topic(self._number, 2, STATUS)),)
+        return (
+            Skill(Topic(self._number, 2, WORK), "work", targets, FIELDS, RESULTS),
+            Skill(Topic(self._number, 2, QUICK), "quick", targets, FIELDS, RESULTS, is_immediate=True),
+        )
+
+    def execute(self, execution: Execution) -> None:
+        """See SkillDriver."""
+        work, seconds = execution.values
+        if work == REFUSED_WORK:
+            raise SkillRejected("the machine does not do that")
+        if work == DEADLY_WORK:
+            os.kill(os.getpid(), signal.SIGKILL)
+        job = self._machine.begin(execution.execution_id, work, seconds)
+        if work == DEADLY_BEGUN_WORK:
+            os.kill(os.getpid(), signal.SIGKILL)
+        self._follow(job)
+
+    def query(self, execution: Execution) -> None:
+        """See SkillDriver."""
+        assert self._to is not None
+        job = self._machine.find(execution.execution_id)
+        if job is None:
+            self._to.put(ExecutionForgotten(execution.execution_id, "the machine remembers nothing of it"))
+        else:
+            self._follow(job)
+
+    def _follow(self, job: Job) -> None:
+        """Tell how far the machine is, and later how it ended."""
+        assert self._to is not None
+        left = job.began + job.seconds - time.time()
+        if job.work == ENDLESS_WORK or left > 0:
+            self._to.put(ExecutionProgressed(job.execution_id, 0.5, "working"))
+        if job.work != ENDLESS_WORK:
+            self._timers.append(asyncio.get_running_loop().call_later(max(left, 0.0), self._end, job))
+
+    def _end(self, job: Job) -> None:
+        assert self._to is not None
+        if job.work == FAILING_WORK:
+            ended = ExecutionEnded(job.execution_id, int(StatusCode.BAD_OUT_OF_SERVICE), (), "the machine broke")
+        else:
+            ended = ExecutionEnded(job.execution_id, 0, (job.work, job.seconds))
+        self._to.put(ended)

@@ -1,0 +1,152 @@
+"""A requestor without an OPC UA server: the server's SkillCommands over a transport, with its journal."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from collections.abc import AsyncGenerator, Callable
+from contextlib import asynccontextmanager
+from pathlib import Path
+from random import Random
+
+from ua_fleet.config.schema import FleetConfig, PubSubSecurity
+from ua_fleet.config.security import envelope_of, file_keys_of
+from ua_fleet.counters import Counters
+from ua_fleet.keys.keeper import KeysKept, keep_keys
+from ua_fleet.pubsub.events import ActionReceived, AnnouncementReceived, DataReceived, ProbeDue, SubscriberEvent
+from ua_fleet.pubsub.security.envelope import Envelope
+from ua_fleet.pubsub.subscriber import Subscriber
+from ua_fleet.pubsub.timing import PubSubTiming
+from ua_fleet.server.commands_out import SkillCommands
+from ua_fleet.skill.journal import RequestorJournal
+from ua_fleet.storage.journal import SqliteJournal
+from ua_fleet.topics import Topic
+from ua_fleet.transport import Address, UdpTransport
+from ua_fleet.values import ticks_from_unix_ns
+from ua_fleet.wire import Codec
+from ua_fleet.wire.discovered import ActionMetaDataAnnouncement
+from ua_fleet.wire.messages import DataSetMessage
+from ua_fleet.wire.security import SecurityMode
+
+
+class LossyTransport(UdpTransport):
+    """Loses, repeats and so reorders what it sends and hears, the same way for the same seed."""
+
+    def __init__(self, url: str, loss: float, seed: int) -> None:
+        super().__init__(url, "lo")
+        self._loss, self._random = loss, Random(seed)
+        self.lost = 0
+
+    def send(self, datagram: bytes, address: Address | None = None) -> None:
+        if self._is_lost():
+            return
+        super().send(datagram, address)
+        if self._random.random() < self._loss:
+            super().send(datagram, address)
+
+    async def start(self, receive: Callable[[bytes, Address], None]) -> None:
+        def receive_some(datagram: bytes, sender: Address) -> None:
+            if not self._is_lost():
+                receive(datagram, sender)
+
+        await super().start(receive_some)
+
+    def _is_lost(self) -> bool:
+        is_lost = self._random.random() < self._loss
+        self.lost += is_lost
+        return is_lost
+
+
+class Requesting:
+    """One requestor at work."""
+
+    def __init__(
+        self,
+        config: FleetConfig,
+        folder: Path,
+        transport: UdpTransport,
+        journal: RequestorJournal,
+        space: int = 0,
+        envelope: Envelope | None = None,
+    ) -> None:
+        self.counters, self.kept = Counters(), KeysKept()
+        self.envelope = envelope or envelope_of(config, space, self.counters, folder)
+        self.transport = transport
+        self._subscriber = Subscriber(
+            space, PubSubTiming(0.3, 1.0, 5.0), self.counters, Codec(), envelope=self.envelope
+        )
+        self.status: dict[Topic, DataSetMessage] = {}
+        """The latest message of each data source."""
+        self.commands = SkillCommands(
+            journal,
+            send=self.send,
+            want=self._subscriber.want_action,
+            sooner=lambda: None,
+            wall_ticks=lambda: ticks_from_unix_ns(time.time_ns()),
+            must_be_verified=self.envelope.mode is not SecurityMode.NONE,
+            space=space,
+        )
+
+    def send(self, datagram: bytes) -> None:
+        for sealed in self.envelope.seal(datagram, self._now()):
+            self.transport.send(sealed)
+
+    def receive(self, datagram: bytes, sender: Address) -> None:
+        self._take(self._subscriber.receive(datagram, self._now(), sender))
+
+    def _now(self) -> float:
+        return asyncio.get_running_loop().time()
+
+    def _take(self, events: list[SubscriberEvent]) -> None:
+        for event in events:
+            if isinstance(event, ActionReceived):
+                self.commands.receive(event, self._now())
+            elif isinstance(event, AnnouncementReceived):
+                if isinstance(event.announcement, ActionMetaDataAnnouncement):
+                    self.commands.announced(event.announcement)
+            elif isinstance(event, ProbeDue):
+                self.send(event.datagram)
+            elif isinstance(event, DataReceived):
+                self.status[event.topic] = event.message
+
+    async def tick(self) -> None:
+        while True:
+            self._take(self._subscriber.poll(self._now()))
+            self.commands.poll(self._now())
+            await asyncio.sleep(0.01)
+
+
+@asynccontextmanager
+async def requesting(
+    config: FleetConfig,
+    folder: Path,
+    *,
+    space: int = 0,
+    transport: UdpTransport | None = None,
+    journal: RequestorJournal | None = None,
+    envelope: Envelope | None = None,
+) -> AsyncGenerator[Requesting]:
+    """A requestor that works while the context lasts; its journal is in `folder`."""
+    opened = SqliteJournal(folder / "commands.db") if journal is None else None
+    transport = transport or UdpTransport(config.pubsub.url, "lo")
+    requestor = Requesting(config, folder, transport, journal or opened or _none(), space, envelope)
+    tasks = [asyncio.ensure_future(requestor.tick())]
+    try:
+        await transport.start(requestor.receive)
+        if envelope is None and config.pubsub.security is not PubSubSecurity.NONE:
+            source = file_keys_of(config, space, folder.parent)
+            tasks.append(asyncio.ensure_future(keep_keys(requestor.envelope, source, requestor.kept, count=2)))
+            await requestor.kept.wait_for(requestor.envelope.groups_wanted())
+        requestor.commands.resume(asyncio.get_running_loop().time())
+        yield requestor
+    finally:
+        for task in tasks:
+            task.cancel()
+        await asyncio.wait(tasks)
+        await transport.close()
+        if opened is not None:
+            opened.close()
+
+
+def _none() -> RequestorJournal:
+    raise AssertionError("a requestor has a journal")

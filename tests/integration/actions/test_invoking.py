@@ -1,0 +1,60 @@
+"""Skills of a real bridge, asked for over real UDP."""
+
+from __future__ import annotations
+
+import pytest
+
+from tests.contract.skilled import FAILING_WORK, REFUSED_WORK, WORK
+from tests.integration.actions.conftest import QUICK_ACTION, SPACE, Cell, work
+from ua_fleet.errors import RobotOffline, SkillRejected
+from ua_fleet.skill.executions import ExecutionState, OutcomeKind, unpack
+from ua_fleet.topics import Topic
+from ua_fleet.values import StatusCode
+
+
+async def test_a_skill_is_accepted_and_done_once(cell: Cell) -> None:
+    cell.bridge()
+    async with cell.requestor() as requestor:
+        outcome = await work(requestor, "weld", 0.0)
+        assert outcome.kind is OutcomeKind.ACCEPTED
+        again = [await work(requestor, f"weld {number}", 0.0) for number in range(5)]
+    assert [one.kind for one in again] == [OutcomeKind.ACCEPTED] * 5
+    assert cell.told() == ["weld", *[f"weld {number}" for number in range(5)]]
+    assert requestor.commands.outcomes == {"accepted": 6}
+
+
+async def test_an_immediate_skill_answers_with_its_result(cell: Cell) -> None:
+    cell.bridge()
+    async with cell.requestor() as requestor:
+        outcome = await work(requestor, "measure", 0.2, action=QUICK_ACTION)
+    assert (outcome.kind, outcome.report.state) == (OutcomeKind.ACCEPTED, ExecutionState.DONE)
+    assert [result.value for result in unpack(outcome.report.result)] == ["measure", 0.2]
+
+
+async def test_an_immediate_skill_that_fails_says_why(cell: Cell) -> None:
+    cell.bridge()
+    async with cell.requestor() as requestor:
+        outcome = await work(requestor, FAILING_WORK, 0.1, action=QUICK_ACTION)
+    assert (outcome.kind, outcome.report.state) == (OutcomeKind.ACCEPTED, ExecutionState.FAILED)
+    assert (outcome.report.status, outcome.report.message) == (StatusCode.BAD_OUT_OF_SERVICE, "the machine broke")
+
+
+async def test_what_the_robot_refuses_is_refused_and_never_begun(cell: Cell) -> None:
+    cell.bridge()
+    async with cell.requestor() as requestor:
+        outcome = await work(requestor, REFUSED_WORK, 0.0)
+        assert outcome.kind is OutcomeKind.REFUSED
+        assert outcome.report.message == "the machine does not do that"
+        with pytest.raises(SkillRejected, match="work takes 2 arguments, not 1"):
+            await work(requestor, "weld")
+        with pytest.raises(SkillRejected, match="work"):
+            await work(requestor, "weld", "not a number")
+        with pytest.raises(SkillRejected, match="work has no target 8"):
+            await requestor.commands.invoke(Topic(SPACE, 2, WORK), 8, ("weld", 0.0), 5.0)
+    assert cell.told() == []
+
+
+async def test_a_bridge_that_is_not_there_is_told(cell: Cell) -> None:
+    async with cell.requestor() as requestor:
+        with pytest.raises(RobotOffline, match="nobody announces the Action ua_300_2_1900; see whether the bridge of"):
+            await work(requestor, "weld", 0.0, timeout_s=0.3)

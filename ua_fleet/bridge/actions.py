@@ -1,0 +1,310 @@
+"""Actions of a bridge, without I/O: requests go to the responder, its effects to the driver and the network.
+
+    ActionRequest -> loop rule -> Responder (journal) -> driver.execute
+    driver's facts -> Responder (journal) -> ActionResponse, SkillStatus
+
+A bridge whose driver has no skills answers too: there is no such skill here. Its responder has nothing to remember.
+
+What the journal cannot write has not happened: a request is not answered then and nothing is begun, so that the
+requestor asks again or gives up; a driver's fact waits here and is tried again.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Iterable, Sequence
+from functools import partial
+from typing import Any, Final
+
+from ua_fleet.bridge.core import Rule
+from ua_fleet.bridge.driver import (
+    Execution,
+    ExecutionEnded,
+    ExecutionFact,
+    ExecutionForgotten,
+    ExecutionNotBegun,
+    ExecutionProgressed,
+    Skill,
+    SkillDriver,
+)
+from ua_fleet.counters import Counters, Drop
+from ua_fleet.errors import LocalWireError, SkillError, StorageUnavailable
+from ua_fleet.pubsub.events import ActionReceived
+from ua_fleet.pubsub.metadata import type_codes
+from ua_fleet.pubsub.publisher import Publisher
+from ua_fleet.skill import journal as skill_journal
+from ua_fleet.skill.executions import ExecutionState, Report, RequestorName, Target, pack, unpack
+from ua_fleet.skill.responder import (
+    Execute,
+    ExecutionChanged,
+    Offer,
+    Query,
+    Respond,
+    Responder,
+    ResponderEffect,
+)
+from ua_fleet.topics import Side, Topic, Verdict, loop_verdict
+from ua_fleet.transport.addresses import answer_address
+from ua_fleet.values import Quality, StatusCode, quality_of
+from ua_fleet.wire.actions import encode_action
+from ua_fleet.wire.discovered import ActionTarget
+
+__all__ = ["Actions", "SendTo"]
+
+SendTo = Callable[[bytes, tuple[str, int]], None]
+"""Sends a plain message to one address."""
+
+RETRY_S: Final = 1.0
+"""A driver's fact that could not be journaled is tried again after so long."""
+SKILLS_PERIOD_S: Final = 1.0
+"""How often the driver is asked what skills there are."""
+
+
+class Actions:
+    """The commands of one bridge. The owner calls `begin` after the driver's start, and `poll` in time."""
+
+    def __init__(
+        self,
+        space: int,
+        publisher: Publisher,
+        counters: Counters,
+        *,
+        driver: SkillDriver | None,
+        journal: skill_journal.ResponderJournal,
+        requestors: Iterable[int],
+        must_be_verified: bool,
+        send: Callable[[bytes], None],
+        send_to: SendTo,
+        wall_ticks: Callable[[], int],
+        failed: Callable[[str, BaseException | None], None],
+        rule: Rule = loop_verdict,
+    ) -> None:
+        """Connect the parts.
+
+        Args:
+            space: the space that the bridge stands in.
+            publisher: announces the Actions.
+            counters: where all of the bridge count.
+            driver: the driver, where it has skills.
+            journal: of executions; one in memory is enough without skills.
+            requestors: spaces that may command this one.
+            must_be_verified: whether keys are configured: unsigned requests are dropped then.
+            send: sends a plain message to all.
+            send_to: sends a plain message to one address.
+            wall_ticks: the time of the wall clock.
+            failed: told what an operator has to know, with the exception where a mistake of the driver was the cause.
+            rule: the loop rule.
+        """
+        self._space, self._publisher, self._counters, self._driver = space, publisher, counters, driver
+        self._send, self._send_to, self._wall_ticks, self._failed, self._rule = (
+            send,
+            send_to,
+            wall_ticks,
+            failed,
+            rule,
+        )
+        self._responder = Responder(
+            space, journal, counters, allowed_spaces=requestors, must_be_verified=must_be_verified
+        )
+        self._skills: dict[Topic, Skill] = {}
+        self._skills_at = 0.0
+        self._waiting: deque[Callable[[float], Sequence[ResponderEffect]]] = deque()
+        """What could not be journaled yet, in its order."""
+        self._retry_at = 0.0
+        self.problem = ""
+        """Why executions cannot be recorded; empty while they can."""
+
+    def begin(self, now: float) -> None:
+        """Announce the skills, and ask the driver about executions of a run before."""
+        self._look_at_skills(now)
+        self._do(self._responder.recover(), now)
+
+    def receive(self, event: ActionReceived, now: float) -> None:
+        """Take a request. Its origin, for the loop rule, is the space of its requestor."""
+        message = event.message
+        name = RequestorName.parse(message.requestor_id)
+        if name is not None and self._rule(Side.PUBSUB, name.space, self._space, False) is not Verdict.TO_SPACE:
+            self._counters.drop(Drop.LOOP, 1 + len(message.others))
+            return
+        reply_to = answer_address(message.response_address, event.sender) if event.sender is not None else None
+        if reply_to is None:
+            self._counters.drop_malformed("response_address")
+            return
+        effects = self._recorded(
+            lambda: self._responder.receive(message, reply_to, now, self._wall_ticks(), verified=event.verified), now
+        )
+        self._do(effects or (), now)
+
+    def from_driver(self, fact: ExecutionFact, now: float) -> None:
+        """Take what the driver tells of an execution."""
+        self._record(lambda later: self._taken(fact, later), now)
+
+    def poll(self, now: float) -> None:
+        """Do what is due."""
+        if now >= self._skills_at:
+            self._look_at_skills(now)
+        if self._waiting and now >= self._retry_at:
+            self._take_waiting(now)
+        self._do(self._responder.poll(now), now)
+
+    def next_deadline(self) -> float | None:
+        """When `poll` is to be called next, or None."""
+        deadlines = [self._responder.next_deadline()]
+        if self._driver is not None:
+            deadlines.append(self._skills_at)
+        if self._waiting:
+            deadlines.append(self._retry_at)
+        return min((due for due in deadlines if due is not None), default=None)
+
+    def _record(self, step: Callable[[float], Sequence[ResponderEffect]], now: float) -> None:
+        """Do a step that has to be recorded, now or as soon as it can be."""
+        self._waiting.append(step)
+        if len(self._waiting) == 1 or now >= self._retry_at:
+            self._take_waiting(now)
+
+    def _take_waiting(self, now: float) -> None:
+        while self._waiting:
+            effects = self._recorded(partial(self._waiting[0], now), now)
+            if effects is None:
+                return
+            self._waiting.popleft()
+            self._do(effects, now)
+
+    def _taken(self, fact: ExecutionFact, now: float) -> list[ResponderEffect]:
+        responder, execution_id = self._responder, fact.execution_id
+        if isinstance(fact, ExecutionProgressed):
+            return responder.running(execution_id)
+        if isinstance(fact, ExecutionNotBegun):
+            return responder.not_begun(execution_id, now, self._wall_ticks())
+        if isinstance(fact, ExecutionForgotten):
+            unknown = Report(ExecutionState.UNKNOWN, StatusCode.UNCERTAIN, fact.message)
+            return responder.ended(execution_id, unknown, now)
+        return responder.ended(execution_id, self._report_of(fact), now)
+
+    def _report_of(self, ended: ExecutionEnded) -> Report:
+        if quality_of(ended.status) is Quality.BAD:
+            return Report(ExecutionState.FAILED, ended.status, ended.message)
+        execution = next((e for e in self._responder.executions() if e.execution_id == ended.execution_id), None)
+        skill = None if execution is None else self._skills.get(_topic_of(execution.target))
+        types = () if skill is None else type_codes(skill.response)
+        try:
+            result = pack(types, ended.values)
+        except (LocalWireError, ValueError):
+            self._counters.drop(Drop.CONVERSION)
+            said = "it is done; the results do not fit what was announced"
+            return Report(ExecutionState.DONE, StatusCode.UNCERTAIN, said)
+        return Report(ExecutionState.DONE, ended.status, ended.message, result)
+
+    def _recorded(self, step: Callable[[], Sequence[ResponderEffect]], now: float) -> Sequence[ResponderEffect] | None:
+        """The effects of a step; None where the journal could not record it, and so nothing has happened."""
+        try:
+            effects = step()
+        except StorageUnavailable as error:
+            if not self.problem:
+                self._failed(f"executions cannot be recorded, and none is begun: {error}", None)
+            self.problem = str(error)
+            self._retry_at = now + RETRY_S
+            return None
+        if effects:
+            self.problem = ""
+        return effects
+
+    def _do(self, effects: Iterable[ResponderEffect], now: float) -> None:
+        for effect in effects:
+            if isinstance(effect, Respond):
+                self._respond(effect)
+            elif isinstance(effect, Execute):
+                self._execute(effect.execution, now)
+            elif isinstance(effect, Query):
+                self._query(effect.execution, now)
+            else:
+                self._changed(effect)
+
+    def _respond(self, effect: Respond) -> None:
+        to: Any = effect.to
+        try:
+            datagram = encode_action(effect.message)
+        except LocalWireError as error:
+            self._failed(f"a response could not be sent: {error}", error)
+            return
+        self._send_to(datagram, to)
+
+    def _execute(self, execution: skill_journal.Execution, now: float) -> None:
+        execution_id = execution.execution_id
+        assert self._driver is not None, "a responder without offers accepts nothing"
+        try:
+            self._driver.execute(_of_driver(execution))
+        except SkillError as error:
+            status, said = error.ua_status, str(error)
+            self._record(lambda later: self._responder.refused(execution_id, status, said, later), now)
+        except Exception as error:  # noqa: BLE001 - whatever it was, the robot may have been told
+            self._failed("the driver failed while it began an execution", error)
+            self._do(self._responder.begun(execution_id, now), now)
+            self.from_driver(ExecutionForgotten(execution_id, "the driver failed while it began this"), now)
+        else:
+            self._do(self._responder.begun(execution_id, now), now)
+
+    def _query(self, execution: skill_journal.Execution, now: float) -> None:
+        if self._driver is None:
+            return  # the journal knows a time when there were skills; they may come back
+        try:
+            self._driver.query(_of_driver(execution))
+        except Exception as error:  # noqa: BLE001 - one execution must not keep the others from being asked for
+            self._failed("the driver failed while it was asked about an execution", error)
+            self.from_driver(ExecutionForgotten(execution.execution_id, "the driver failed when it was asked"), now)
+
+    def _changed(self, effect: ExecutionChanged) -> None:
+        pass
+
+    def _look_at_skills(self, now: float) -> None:
+        """Announce what is new or has changed, and retire what is gone."""
+        self._skills_at = now + SKILLS_PERIOD_S
+        if self._driver is None:
+            return
+        skills = {skill.topic: skill for skill in self._driver.skills()}
+        if skills == self._skills:
+            return
+        before, self._skills = self._skills, skills
+        wall_ticks = self._wall_ticks()
+        for topic, skill in before.items():
+            for target in skill.targets:
+                self._responder.withdraw(Target(*topic, target.id))
+            if topic not in skills:
+                self._tell_all(self._publisher.retire_action(topic, now=now, wall_ticks=wall_ticks))
+        for topic, skill in skills.items():
+            self._offer(skill, before.get(topic) != skill, now, wall_ticks)
+
+    def _offer(self, skill: Skill, is_new: bool, now: float, wall_ticks: int) -> None:
+        targets = tuple([ActionTarget(target.id, target.name) for target in skill.targets])
+        if is_new:
+            try:
+                self._tell_all(
+                    self._publisher.announce_action(
+                        skill.topic, skill.name, targets, skill.request, skill.response, now=now, wall_ticks=wall_ticks
+                    )
+                )
+            except LocalWireError as error:
+                self._failed(f"the skill {skill.name} cannot be offered: {error}", None)
+                return
+        types = type_codes(skill.request)
+        for target in skill.targets:
+            self._responder.offer(Offer(Target(*skill.topic, target.id), types, immediate=skill.is_immediate))
+
+    def _tell_all(self, datagrams: Iterable[bytes]) -> None:
+        for datagram in datagrams:
+            self._send(datagram)
+
+
+def _topic_of(target: Target) -> Topic:
+    return Topic(target.publisher_id, target.writer_group_id, target.data_set_writer_id)
+
+
+def _of_driver(execution: skill_journal.Execution) -> Execution:
+    """An execution as the driver is told of it."""
+    return Execution(
+        execution.execution_id,
+        _topic_of(execution.target),
+        execution.target.action_target_id,
+        tuple([value.value for value in unpack(execution.content)]),
+        execution.timeout_ms / 1000,
+    )

@@ -1,0 +1,213 @@
+"""Commands to robots: skills are invoked by Actions, and each request gets one outcome, through restarts too.
+
+    invoke -> requestor (journal) -> ActionRequest ‖ responder
+    ActionResponse ‖ receive -> requestor (journal) -> outcome -> who waits, who listens
+
+What the robot does after it has accepted is not waited for: it is data (SkillStatus) like any other.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import secrets
+from collections import Counter
+from collections.abc import Callable, Iterable
+from typing import Any, Final
+
+import structlog
+
+from ua_fleet.errors import LocalWireError, RobotOffline, SkillRejected, StorageUnavailable
+from ua_fleet.pubsub.action_catalog import ActionCatalog
+from ua_fleet.pubsub.events import ActionReceived
+from ua_fleet.pubsub.metadata import type_codes
+from ua_fleet.skill.executions import EXECUTION_ID_BYTES, Outcome, RequestorName, Target
+from ua_fleet.skill.journal import RequestorJournal
+from ua_fleet.skill.requestor import Concluded, OutcomeCorrected, Requestor, RequestorEffect, RequestPace, Send
+from ua_fleet.topics import SERVER_SPACE, Topic
+from ua_fleet.wire.actions import encode_action
+from ua_fleet.wire.discovered import ActionMetaDataAnnouncement
+
+__all__ = ["REQUESTOR_INSTANCE", "SkillCommands"]
+
+REQUESTOR_INSTANCE: Final = "server"
+"""Second part of the RequestorId. The journal's requests belong to it: it is the same in each run."""
+RETRY_S: Final = 1.0
+"""After a journal that could not be written, it is tried again after so long."""
+
+_log: Any = structlog.get_logger("ua_fleet.server")
+
+Told = Callable[[bytes, Outcome], None]
+"""Called with each outcome, and again where one that was Unknown is known after all."""
+
+
+class SkillCommands:
+    """The requestor of one process, in its event loop. The owner calls `resume`, `receive` and, in time, `poll`."""
+
+    def __init__(
+        self,
+        journal: RequestorJournal,
+        *,
+        send: Callable[[bytes], None],
+        want: Callable[[int, int, float], bool],
+        sooner: Callable[[], None],
+        wall_ticks: Callable[[], int],
+        must_be_verified: bool,
+        space: int = SERVER_SPACE,
+        instance: str = REQUESTOR_INSTANCE,
+        pace: RequestPace | None = None,
+        told: Told | None = None,
+    ) -> None:
+        """Make a requestor that goes on where its journal ends.
+
+        Args:
+            journal: what was requested before, and is from now on.
+            send: sends a plain message to all.
+            want: asks for the Actions of (space, DataSetWriterId) until they are announced; `Subscriber.want_action`.
+            sooner: called when `next_deadline` may have come nearer.
+            wall_ticks: the time of the wall clock.
+            must_be_verified: only signed responses are taken.
+            space: of this process.
+            instance: of this process; with the space its RequestorId.
+            pace: of repetition.
+            told: learns of every outcome, also of requests that nobody waits for.
+        """
+        self.outcomes: Counter[str] = Counter()
+        """Outcomes by their kind, corrections apart; `problems` are attempts that the journal could not record."""
+        self._requestor = Requestor(
+            RequestorName.checked(space, instance),
+            journal,
+            pace=pace or RequestPace(),
+            must_be_verified=must_be_verified,
+        )
+        self._catalog = ActionCatalog()
+        self._send, self._want, self._sooner, self._wall_ticks, self._told = send, want, sooner, wall_ticks, told
+        self._waiting: dict[bytes, list[asyncio.Future[Outcome]]] = {}
+        self._announced = asyncio.Event()
+        self._retry_at = 0.0
+        self._is_failing = False
+
+    def resume(self, now: float) -> None:
+        """Ask on for what was requested before a restart."""
+        self._do(self._requestor.resume(now, self._wall_ticks()))
+
+    async def invoke(
+        self,
+        topic: Topic,
+        action_target_id: int,
+        values: tuple[Any, ...],
+        timeout_s: float,
+        *,
+        execution_id: bytes | None = None,
+    ) -> Outcome:
+        """Have a robot do a skill, once, and wait until it is known whether it was told to.
+
+        Who gives up waiting changes nothing: the request goes on, and its outcome is in the journal.
+
+        Args:
+            topic: (space, WriterGroupId, DataSetWriterId) of the Action.
+            action_target_id: the robot.
+            values: the arguments, in the order of the Action's request fields.
+            timeout_s: the robot does not begin later than that.
+            execution_id: 16 bytes that were never used before; said again, the same request is meant. Random without.
+
+        Raises:
+            RobotOffline: nobody announces the Action within the timeout.
+            SkillRejected: there is no such target, or the arguments do not fit.
+            StorageUnavailable: the request could not be recorded, and was not sent.
+        """
+        action = await self._announcement_of(topic, timeout_s)
+        types = type_codes(action.request.fields)
+        if len(values) != len(types):
+            raise SkillRejected(f"{action.request.name} takes {len(types)} arguments, not {len(values)}")
+        if action_target_id not in [target.action_target_id for target in action.targets]:
+            raise SkillRejected(f"{action.request.name} has no target {action_target_id}")
+        execution_id = execution_id or secrets.token_bytes(EXECUTION_ID_BYTES)
+        now, target = asyncio.get_running_loop().time(), Target(*topic, action_target_id)
+        try:
+            effects = self._requestor.start(execution_id, target, types, values, timeout_s, now, self._wall_ticks())
+        except LocalWireError as error:
+            raise SkillRejected(f"{action.request.name}: {error}") from error
+        waiting = self._wait(execution_id)
+        self._do(effects)
+        self._sooner()
+        return await waiting
+
+    async def outcome(self, execution_id: bytes) -> Outcome:
+        """Wait for the outcome of a request that this run or one before has made. KeyError where there is none."""
+        known = self._requestor.outcome(execution_id)
+        return known if known is not None else await self._wait(execution_id)
+
+    def receive(self, event: ActionReceived, now: float) -> None:
+        """Take responses."""
+        self._try(lambda: self._requestor.receive(event.message, now, verified=event.verified), now)
+
+    def announced(self, announcement: ActionMetaDataAnnouncement) -> None:
+        """Learn of an Action that can be invoked."""
+        self._catalog.apply(announcement)
+        self._announced.set()
+
+    def poll(self, now: float) -> None:
+        """Do what is due: repetitions, and the end of waiting."""
+        if now >= self._retry_at:
+            self._try(lambda: self._requestor.poll(now), now)
+
+    def next_deadline(self) -> float | None:
+        """When `poll` is to be called next, or None."""
+        due = self._requestor.next_deadline()
+        return due if due is None else max(due, self._retry_at)
+
+    async def _announcement_of(self, topic: Topic, timeout_s: float) -> ActionMetaDataAnnouncement:
+        try:
+            async with asyncio.timeout(timeout_s):
+                while (action := self._catalog.find(topic.space, topic.id)) is None:
+                    self._want(topic.space, topic.id, asyncio.get_running_loop().time())
+                    self._sooner()
+                    self._announced.clear()
+                    await self._announced.wait()
+        except TimeoutError:
+            raise RobotOffline(
+                f"nobody announces the Action {topic.name}; see whether the bridge of space {topic.space} runs"
+            ) from None
+        return action
+
+    def _wait(self, execution_id: bytes) -> asyncio.Future[Outcome]:
+        waiting: asyncio.Future[Outcome] = asyncio.get_running_loop().create_future()
+        self._waiting.setdefault(execution_id, []).append(waiting)
+        return waiting
+
+    def _try(self, step: Callable[[], Iterable[RequestorEffect]], now: float) -> None:
+        """Do a step. What the journal cannot write has not happened, and is tried again."""
+        try:
+            effects = step()
+        except StorageUnavailable as error:
+            self.outcomes["problems"] += 1
+            self._retry_at = now + RETRY_S
+            if not self._is_failing:
+                _log.error("outcomes of commands are not recorded", reason=str(error))
+            self._is_failing = True
+            effects = [
+                Concluded(execution_id, outcome)
+                for execution_id in self._waiting
+                if (outcome := self._requestor.outcome(execution_id)) is not None
+            ]
+        else:
+            self._is_failing = False
+        self._do(effects)
+
+    def _do(self, effects: Iterable[RequestorEffect]) -> None:
+        for effect in effects:
+            if isinstance(effect, Send):
+                self._send(encode_action(effect.message))
+            elif isinstance(effect, OutcomeCorrected):
+                self.outcomes["corrected"] += 1
+                self._tell(effect.execution_id, effect.outcome)
+            else:
+                self.outcomes[effect.outcome.kind] += 1
+                self._tell(effect.execution_id, effect.outcome)
+
+    def _tell(self, execution_id: bytes, outcome: Outcome) -> None:
+        for waiting in self._waiting.pop(execution_id, ()):
+            if not waiting.done():
+                waiting.set_result(outcome)
+        if self._told is not None:
+            self._told(execution_id, outcome)

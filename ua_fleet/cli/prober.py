@@ -69,8 +69,8 @@ class Prober:
     """Asks one Publisher, or finds all and asks each of them, and keeps what they announce."""
 
     def __init__(self, kind: Kind, publisher_id: int | None, opener: Opener) -> None:
-        self.answers: dict[AnyAnnouncement, None] = {}
-        """What was asked for, each once, in the order in which it came; the SequenceNumbers are left out."""
+        self._answers: dict[AnyAnnouncement, AnyAnnouncement] = {}
+        """Each by itself without its SequenceNumber."""
         self.answered: set[int | str | None] = set()
         """Publishers that have answered."""
         self.found: set[int | str | None] = set()
@@ -80,6 +80,11 @@ class Prober:
         self._last_answer: float | None = None
         self._news = asyncio.Event()
         self._transport: Transport | None = None
+
+    @property
+    def answers(self) -> list[AnyAnnouncement]:
+        """What was asked for, each once, in the order in which it came."""
+        return list(self._answers.values())
 
     async def ask(self, transport: Transport, keys: ToolKeys | None, timeout_s: float) -> None:
         """Ask until no more answers come, or the time is over; then the transport is closed."""
@@ -161,8 +166,8 @@ class Prober:
         if self._publisher_id is not None and publisher_id != self._publisher_id:
             return
         self._meet(publisher_id)
-        if isinstance(announcement, ANSWERS[self._kind]) and len(self.answers) < MOST_ANNOUNCEMENTS:
+        if isinstance(announcement, ANSWERS[self._kind]) and len(self._answers) < MOST_ANNOUNCEMENTS:
             self.answered.add(publisher_id)
-            self.answers.setdefault(announcement._replace(sequence_number=0))
+            self._answers.setdefault(announcement._replace(sequence_number=0), announcement)
             self._last_answer = now
             self._news.set()

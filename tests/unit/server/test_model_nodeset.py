@@ -56,6 +56,8 @@ def test_ids_that_were_given_stay() -> None:
         "QuarantinedSourceType": 1007,
         "DiscoveredType": 1008,
         "FleetType": 1009,
+        "SkillType": 1010,
+        "SkillTransitionEventType": 1011,
         "RobotStateEnumeration": 3001,
         "ProvidesCapability": 4001,
     }.items() <= names.items()

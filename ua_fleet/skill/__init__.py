@@ -10,7 +10,7 @@ carried out in their order. What must survive a restart is in a journal before t
     responder = Responder(space, journal, counters, offers=[Offer(target), ...])
     responder.recover(), receive(request, reply_to, now, utc), poll(now)
         -> Execute(execution) | Query(execution) | Respond(message, to) | ExecutionChanged(execution)
-    the robot was told: begun(id, now), or refused(id, ...); what became of it: ended(id, report, now), running, not_begun
+    the robot was told: begun(id, now), or refused(id, ...); its end: ended(id, report, now); see also Query
 
 `executions.py` has the words, `requestor.py` and `responder.py` each begin with their table of states.
 """

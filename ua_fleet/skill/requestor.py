@@ -26,6 +26,7 @@ All that is sent for an execution is the same in each run of the requestor: its 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
@@ -109,6 +110,7 @@ class _Exchange:
     phase: _Phase
     deadline: float
     give_up: float
+    """When Unknown is the outcome; never once there is another."""
     next_at: float
     arguments: tuple[Variant, ...]
     sent: int = 0
@@ -212,7 +214,7 @@ class Requestor:
         effects: list[RequestorEffect] = []
         for execution_id, exchange in list(self._exchanges.items()):
             request = self._requests[execution_id]
-            if exchange.phase is _Phase.ASKING and now >= exchange.give_up:
+            if now >= exchange.give_up:
                 try:
                     effects += self._conclude(request, _NO_ANSWER)
                 except StorageUnavailable:
@@ -283,7 +285,9 @@ class Requestor:
         if message.action_state == ActionState.EXECUTING and exchange.phase is _Phase.ASKING:
             # It repeats that by itself; should it fall silent, it was started anew and has to be asked again.
             exchange.sent = 0
-            exchange.next_at = min(now + self._pace.longest_interval_s, max(now, exchange.deadline))
+            exchange.next_at = now + self._pace.longest_interval_s
+            if now < exchange.deadline:
+                exchange.next_at = min(exchange.next_at, exchange.deadline)
         elif message.action_state == ActionState.IDLE and exchange.phase is _Phase.CLOSING:
             del self._exchanges[request.execution_id]
         return []
@@ -300,7 +304,7 @@ class Requestor:
             effects += self._conclude(request, outcome)
         if exchange is None:
             return [*effects, Send(self._message(request, ActionState.IDLE))]
-        exchange.phase, exchange.sent = _Phase.CLOSING, 0
+        exchange.phase, exchange.give_up, exchange.sent = _Phase.CLOSING, math.inf, 0
         return [*effects, self._say(request, exchange, now)]
 
     def _conclude(self, request: Request, outcome: Outcome) -> list[RequestorEffect]:

@@ -16,8 +16,8 @@ States of an execution; every arrow is journaled before anybody hears of it, and
     any       the same request again                                  what is recorded is said again
     any       another request with this id                            refused; the record stays
 
-What is said of it (OPC 10000-14 6.2.11.2.2; of table 84 only the requestor's counterpart could be read):
-Executing while there is nothing to say yet, then Done with what is recorded, repeated in the interval until the requestor sends
+What is said of it (OPC 10000-14 6.2.11.2.2; of table 84 only the requestor's counterpart could be read): Executing
+while there is nothing to say yet, then Done with what is recorded, repeated in the interval until the requestor sends
 Idle, which is answered with Idle, or until it falls silent. An Action accepts or refuses, so Done comes at once; of an
 immediate skill it comes with the end, or with "running" shortly before the requestor's timeout.
 
@@ -380,7 +380,10 @@ class Responder:
         """Say in an open exchange what there is to say now."""
         exchange = self._exchanges.get(execution_id)
         execution = self._executions.get(execution_id)
-        if exchange is None or execution is None:
+        if exchange is None:
+            return []
+        if execution is None:
+            self._exchanges.close(execution_id)
             return []
         report = execution.report
         waits = report.state is _S.RUNNING and (execution_id in self._to_begin or now < exchange.wait_until)

@@ -1,0 +1,158 @@
+"""10,000 random schedules: each execution is done once, refused, timed out or Unknown, and the requestor knows it."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Collection, Mapping
+
+import pytest
+
+from tests.unit.skill.world import CrashingJournal, Makers, World
+from ua_fleet.skill import (
+    Execution,
+    ExecutionState,
+    Outcome,
+    OutcomeKind,
+    Report,
+    Request,
+    Requestor,
+    RequestorEffect,
+    RequestorName,
+    Responder,
+    ResponderEffect,
+)
+from ua_fleet.skill.executions import NEVER_BEGUN
+from ua_fleet.wire import ActionMessage
+
+SCHEDULES = 10_000
+SHARES = 4
+KINDS = {
+    "accepted, RUNNING",
+    "accepted, DONE",
+    "accepted, FAILED",
+    "refused, BAD_NOT_EXECUTABLE",
+    "refused, BAD_NOT_SUPPORTED",
+    "refused, BAD_TOO_MANY_OPERATIONS",
+    "timed_out",
+    "unknown for want of an answer",
+    "unknown to the responder",
+    "unknown because forgotten",
+    "unknown, done 0 times",
+    "unknown, done 1 times",
+    "corrected",
+    "queried",
+    "requestor restarted",
+    "responder restarted",
+    "crash requestor between effects",
+    "crash responder between effects",
+    "crash responder when the robot was told",
+    *(f"crash {when} {what}" for when in ("before", "after") for what in ("requested", "concluded")),
+    *(f"crash {when} {what}" for when in ("before", "after") for what in ("recorded", "reported", "forgotten")),
+}
+
+
+@pytest.mark.parametrize("share", range(SHARES))
+def test_none_is_done_twice_and_the_requestor_knows(share: int) -> None:
+    seen: Counter[str] = Counter()
+    for seed in range(share, SCHEDULES, SHARES):
+        result = World(seed, through_codec=seed % 40 < SHARES).run()
+        assert not result.problems, f"seed {seed}: {result.problems}"
+        seen += result.seen
+    assert not {kind for kind in KINDS if not seen[kind]}, "what does not occur is not tested"
+    assert seen["contradicted"] == 0
+
+
+class KeepsNoIntents(CrashingJournal):
+    """As if the robot were told first."""
+
+    def recorded(self, execution: Execution) -> None:
+        pass
+
+    def reported(self, execution_id: bytes, report: Report) -> None:
+        pass
+
+    def forget_executions(self, execution_ids: Collection[bytes], forgotten: Mapping[int, int]) -> None:
+        pass
+
+
+class KeepsNoRequests(CrashingJournal):
+    def requested(self, request: Request) -> None:
+        pass
+
+    def concluded(self, execution_id: bytes, outcome: Outcome) -> None:
+        pass
+
+
+class ForgetsRefusals(Responder):
+    def _record(self, message: ActionMessage, content: bytes, name: RequestorName, utc: int) -> Execution:
+        execution = super()._record(message, content, name, utc)
+        if execution.report.state in NEVER_BEGUN:
+            del self._executions[execution.execution_id]
+        return execution
+
+
+class BeginsWhenAsked(Responder):
+    """Begins on a TimeoutHint of 0, and however late."""
+
+    def _decide(self, message: ActionMessage, name: RequestorName, issued: int, hint_ms: float, utc: int) -> Report:
+        return super()._decide(message, name, utc, 1e9, utc)
+
+
+class KnowsNoRepetition(Responder):
+    def receive(
+        self, message: ActionMessage, reply_to: object, now: float, utc: int, *, verified: bool = False
+    ) -> list[ResponderEffect]:
+        self._executions.pop(message.correlation_data or b"", None)
+        return super().receive(message, reply_to, now, utc, verified=verified)
+
+
+class BelievesWhatItDoesNotKnow(Responder):
+    """Takes a robot that cannot tell for one that was not told."""
+
+    def ended(self, execution_id: bytes, report: Report, now: float) -> list[ResponderEffect]:
+        if report.state is ExecutionState.UNKNOWN and execution_id in self._executions:
+            return self.not_begun(execution_id, now, 0)
+        return super().ended(execution_id, report, now)
+
+
+class SetsNoMark(Responder):
+    def _make_room(self) -> None:
+        super()._make_room()
+        self._forgotten.clear()
+
+
+class TakesSilenceForNo(Requestor):
+    def _conclude(self, request: Request, outcome: Outcome) -> list[RequestorEffect]:
+        if outcome.kind is OutcomeKind.UNKNOWN:
+            outcome = outcome._replace(kind=OutcomeKind.TIMED_OUT)
+        return super()._conclude(request, outcome)
+
+
+class TakesSilenceForYes(Requestor):
+    def _conclude(self, request: Request, outcome: Outcome) -> list[RequestorEffect]:
+        if outcome.kind is OutcomeKind.UNKNOWN:
+            outcome = outcome._replace(kind=OutcomeKind.ACCEPTED)
+        return super()._conclude(request, outcome)
+
+
+@pytest.mark.parametrize(
+    "makers",
+    [
+        Makers(journal=KeepsNoIntents),
+        Makers(journal=KeepsNoRequests),
+        Makers(responder=ForgetsRefusals),
+        Makers(responder=KnowsNoRepetition),
+        Makers(responder=BelievesWhatItDoesNotKnow),
+        Makers(responder=SetsNoMark),
+        Makers(requestor=TakesSilenceForNo),
+        Makers(requestor=TakesSilenceForYes),
+    ],
+    ids=lambda makers: next(
+        made.__name__
+        for made in (makers.journal, makers.responder, makers.requestor)
+        if "world" not in made.__module__ and "ua_fleet" not in made.__module__
+    ),
+)
+def test_the_schedules_find_what_is_wrong(makers: Makers) -> None:
+    problems = (World(seed, makers=makers).run().problems for seed in range(3000))
+    assert any(problems)

@@ -1,0 +1,86 @@
+"""SkillStatus: the last executions of one robot as the fields of a DataSet.
+
+Arrays of the same length, the oldest execution first, so that an end is never overwritten by the next start. An
+execution keeps its place from its start on.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from typing import Any, Final, NamedTuple, cast
+
+from ua_fleet.skill.executions import ExecutionState
+from ua_fleet.values import ARRAY, BuiltinType
+from ua_fleet.wire.messages import FieldMetaData
+
+__all__ = ["MOST_SHOWN", "SKILL_STATUS_FIELDS", "ExecutionStatus", "SkillStatus", "read_result", "result_text"]
+
+MOST_SHOWN: Final = 8
+
+_FIELDS: Final = (
+    ("ExecutionId", BuiltinType.BYTE_STRING),
+    ("Skill", BuiltinType.STRING),
+    ("State", BuiltinType.BYTE),
+    ("Progress", BuiltinType.FLOAT),
+    ("Result", BuiltinType.STRING),
+    ("Message", BuiltinType.STRING),
+)
+SKILL_STATUS_FIELDS: Final = tuple([FieldMetaData(name, kind, value_rank=1) for name, kind in _FIELDS])
+"""State is an ExecutionState; Result a JSON object with the results by their names, empty before the end."""
+_TYPES: Final = tuple([kind | ARRAY for _, kind in _FIELDS])
+
+
+class ExecutionStatus(NamedTuple):
+    """One execution as it is shown."""
+
+    execution_id: bytes
+    skill: str
+    state: ExecutionState
+    progress: float = 0.0
+    """0 to 1."""
+    result: str = ""
+    message: str = ""
+
+
+class SkillStatus:
+    """What is shown of one robot's executions."""
+
+    def __init__(self) -> None:
+        self._shown: dict[bytes, ExecutionStatus] = {}
+
+    def show(self, status: ExecutionStatus) -> bool:
+        """Show an execution, or its new state; whether that changed anything."""
+        if self._shown.get(status.execution_id) == status:
+            return False
+        self._shown[status.execution_id] = status
+        if len(self._shown) > MOST_SHOWN:
+            del self._shown[next(iter(self._shown))]
+        return True
+
+    def get(self, execution_id: bytes) -> ExecutionStatus | None:
+        """What is shown of an execution; None where it is no longer shown."""
+        return self._shown.get(execution_id)
+
+    def fields(self) -> tuple[tuple[int, ...], tuple[tuple[Any, ...], ...]]:
+        """Types and values of the DataSet."""
+        columns = tuple(zip(*self._shown.values(), strict=True)) or ((),) * len(_FIELDS)
+        return _TYPES, tuple([tuple([_plain(value) for value in column]) for column in columns])
+
+
+def _plain(value: Any) -> Any:
+    return value.value if isinstance(value, ExecutionState) else value
+
+
+def result_text(results: Mapping[str, Any]) -> str:
+    """Results by their names as they stand in Result."""
+    return json.dumps(dict(results), ensure_ascii=False, separators=(",", ":")) if results else ""
+
+
+def read_result(text: str) -> dict[str, Any]:
+    """The results in a Result; none where it is empty or no JSON object."""
+    try:
+        results: object = json.loads(text) if text else {}
+    except ValueError:
+        return {}
+    return cast("dict[str, Any]", results) if isinstance(results, dict) else {}

@@ -211,7 +211,7 @@ class Subscriber:
         if message.publisher_id_type != _UINT16 or type(publisher_id) is not int:
             self._counters.drop(Drop.UNKNOWN_SOURCE, len(parts))
             return []
-        if not self._comes_in(publisher_id):
+        if not (self._verdicts.get(publisher_id) or self._comes_in(publisher_id)):
             self._counters.drop(Drop.LOOP, len(parts))
             return []
         events: list[SubscriberEvent] = []
@@ -248,7 +248,9 @@ class Subscriber:
             return
         is_new = timestamp is None or timestamp > writer.handed_on or writer.is_new(timestamp, now, self._timeout)
         if is_new or (frame.status or 0) >> 16 != NO_COMMUNICATION:  # repeated, that one attests nothing
-            self._attest(writer, now, events)
+            writer.last_heard = now
+            if writer.silent:
+                self._attest(writer, now, events)
         if (frame.major_version != writer.major or frame.minor_version != writer.minor) and not self._bind(
             writer, frame, now, events
         ):

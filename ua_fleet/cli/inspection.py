@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Final
 
+from ua_fleet.counters import Counters
 from ua_fleet.errors import RemoteWireError
+from ua_fleet.pubsub.security.reassembly import Reassembly
 from ua_fleet.wire import Codec
 from ua_fleet.wire.annotate import annotate
 from ua_fleet.wire.causes import Cause
-from ua_fleet.wire.chunks import Chunk, join, read_chunk
+from ua_fleet.wire.chunks import Chunk, read_chunk
 from ua_fleet.wire.generic import Decoded
 from ua_fleet.wire.security import (
     SIGNATURE_BYTES,
@@ -23,6 +25,8 @@ from ua_fleet.wire.spans import Span
 
 __all__ = ["Inspected", "Inspector"]
 
+MOST_MESSAGE_BYTES: Final = 64 * 1024 * 1024
+"""A chunked message that announces more is refused."""
 _NO_KEY: Final = "it is encrypted; give the key data of its SecurityGroup with --key"
 
 
@@ -51,37 +55,20 @@ class Inspected:
         return heard is not None and heard.mode is SecurityMode.SIGN and self.verified is None
 
 
-@dataclass(slots=True)
-class _Parts:
-    """The chunks of one message."""
-
-    total_size: int
-    data: dict[int, bytes] = field(default_factory=dict[int, bytes])
-
-    def take(self, chunk: Chunk) -> bytes | None:
-        """The whole payload, once it is there."""
-        self.data[chunk.offset] = chunk.data
-        payload = bytearray()
-        while len(payload) < self.total_size:
-            data = self.data.get(len(payload))
-            if not data:
-                return None
-            payload += data
-        return bytes(payload)
-
-
 class Inspector:
     """Inspects one message after the other; chunks are kept until the others are seen."""
 
     def __init__(self, key: MessageKey | None = None) -> None:
         self._key = key
         self._codec = Codec()
-        self._parts: dict[tuple[object, ...], _Parts] = {}
+        self._reassembly = Reassembly(Counters(), MOST_MESSAGE_BYTES)
+        self._is_whole: dict[tuple[object, ...], bool] = {}
+        """The chunked messages that were seen."""
 
     @property
     def incomplete(self) -> int:
         """How many messages there are of which not all chunks were seen."""
-        return len(self._parts)
+        return list(self._is_whole.values()).count(False)
 
     def inspect(self, datagram: bytes) -> Inspected:
         """Look into one message; never raises on what it holds."""
@@ -119,31 +106,25 @@ class Inspector:
             moved = _moved(error, heard.payload_offset - (len(plain) - payload_size), len(plain) - payload_size)
             return Inspected(datagram, annotate(datagram, payload=payload, error=moved), heard, verified, error=moved)
         spans = annotate(datagram, payload=payload)
-        whole = None if chunk is None else self._join(heard, chunk)
+        try:
+            whole = None if chunk is None else self._join(chunk)
+        except RemoteWireError as error:
+            return Inspected(datagram, spans, heard, verified, chunk=chunk, error=error)
         refused = None if whole is None else whole.error
         return Inspected(datagram, spans, heard, verified, decoded, chunk, whole, refused)
 
-    def _join(self, heard: SecuredDatagram, chunk: Chunk) -> Inspected | None:
-        """The message that a chunk completes."""
-        message = (
-            heard.publisher_id,
-            heard.publisher_id_type,
-            heard.writer_group_id,
-            heard.writer_ids,
-            heard.is_discovery,
-            chunk.message_sequence_number,
-            chunk.total_size,
-        )
-        parts = self._parts.setdefault(message, _Parts(chunk.total_size))
-        payload = parts.take(chunk)
-        if payload is None:
+    def _join(self, chunk: Chunk) -> Inspected | None:
+        """The message that a chunk completes; RemoteWireError where it contradicts the others."""
+        message = (*chunk[:6], chunk.message_sequence_number)
+        self._is_whole.setdefault(message, False)
+        joined = self._reassembly.add(chunk, now=0.0)
+        if joined is None:
             return None
-        del self._parts[message]
-        joined = join(chunk, payload)
+        self._is_whole[message] = True
         try:
             return Inspected(joined, annotate(joined), read_security(joined), None, self._codec.decode(joined))
         except RemoteWireError as error:
-            return Inspected(joined, annotate(joined, error=error), None, error=error)
+            return Inspected(joined, annotate(joined, error=error), error=error)
 
 
 def _moved(error: RemoteWireError, by: int, payload_offset: int) -> RemoteWireError:

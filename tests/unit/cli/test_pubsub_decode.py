@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
+import os
 import re
+import subprocess
+import sys
 from typing import Any
 
 import pytest
 
+from tests.system import clean_environment
 from tests.unit.cli.conftest import Invoke
 from tests.unit.wire.corpus import EVERY_TYPE, FULL_METADATA, VECTORS, valid_messages
 from tests.unit.wire.discovery_samples import ANNOUNCEMENTS
@@ -18,6 +23,7 @@ from ua_fleet.wire.actions import encode_action
 from ua_fleet.wire.announcements import TYPES, encode_announcement
 from ua_fleet.wire.chunks import split
 from ua_fleet.wire.messages import DataSetMessage, FrameKind, MetaDataAnnouncement, NetworkMessage, PublisherIdType
+from ua_fleet.wire.security import MessageKey, SecurityMode, SecurityPolicy
 
 KEY_128 = bytes(range(52)).hex()
 KEY_256 = bytes(range(68)).hex()
@@ -331,3 +337,46 @@ def test_chunks_are_put_together(invoke: Invoke) -> None:
     assert f"put together: {len(whole)} bytes" in ended.stdout
     ended = invoke("pubsub", "decode", chunks[0])
     assert (ended.code, ended.stderr) == (0, "chunks are missing of 1 message\n")
+
+
+def test_chunks_that_do_not_fit_together(invoke: Invoke) -> None:
+    head = "d1810107004df4 0300"
+    first, other = head + "00000000 0c000000 0101000b0000", head + "04000000 0c000000 00000000"
+    ended = invoke("pubsub", "decode", "--json", first, first, other)
+    assert ended.code == 1
+    assert "message 3 of 3: chunk_overlaps" in ended.stderr
+    assert ["error" in shown for shown in objects(ended.stdout)] == [False, False, True]
+
+
+def test_a_duplicate_of_a_chunk_that_is_no_longer_missing(invoke: Invoke) -> None:
+    whole = bytes.fromhex(encoded(DataSetMessage(1, types=(12,), values=("text " * 100,))))
+    chunks = [chunk.hex() for chunk in split(whole, 300, 5)]
+    ended = invoke("pubsub", "decode", "--json", *chunks, chunks[0])
+    assert (ended.code, ended.stderr) == (0, "")
+
+
+@pytest.mark.parametrize("mode", [SecurityMode.SIGN, SecurityMode.SIGN_AND_ENCRYPT])
+def test_a_mistake_inside_what_was_encrypted_has_the_offset_of_the_datagram(mode: SecurityMode, invoke: Invoke) -> None:
+    key = MessageKey(SecurityPolicy.AES128_CTR, bytes.fromhex(KEY_128))
+    plain = bytes.fromhex("f101ba08016400014df4 01 0100 0c 05000000 61")
+    secured = key.protect(plain, 10, 1, bytes(8), mode)
+    ended = invoke("pubsub", "decode", "--key", KEY_128, secured.hex())
+    assert ended.code == 1
+    assert ended.stderr == f"length_beyond_end at byte {14 + 14}: 5 elements announced, 1 bytes left\n"
+    last = [line for line in ended.stdout.splitlines() if "NotRead" in line]
+    assert last[0].split()[:2] == ["28", "5"]
+
+
+def test_on_a_terminal_the_same_is_shown() -> None:
+    command = [sys.executable, "-m", "ua_fleet.cli", "pubsub", "decode", PLAIN]
+    piped = subprocess.run(command, capture_output=True, check=True, env=clean_environment()).stdout
+    leader, follower = os.openpty()
+    with subprocess.Popen(command, stdout=follower, env=clean_environment()) as child:
+        os.close(follower)
+        shown = b""
+        with contextlib.suppress(OSError):  # the other side is closed
+            while more := os.read(leader, 65_536):
+                shown += more
+        os.close(leader)
+    assert child.returncode == 0
+    assert shown.replace(b"\r\n", b"\n") == piped

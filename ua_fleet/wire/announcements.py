@@ -19,7 +19,7 @@ from ua_fleet.wire.configuration import (
     META_DATA,
     WRITER_GROUP,
 )
-from ua_fleet.wire.cursor import Cursor
+from ua_fleet.wire.cursor import BoundedCursor, Cursor
 from ua_fleet.wire.header import Header, MessageType, encode_discovery_header
 from ua_fleet.wire.messages import Announcement, MetaDataAnnouncement
 from ua_fleet.wire.structure import BOOLEAN, ENUMERATION, STATUS_CODE, TEXT, TIME, UINT16, Shape, array
@@ -71,6 +71,7 @@ TYPES: Final = {make: kind for kind, (make, _) in BODIES.items()}
 
 def decode_announcement(cursor: Cursor, header: Header) -> d.AnyAnnouncement:
     """Decode what follows the header of a discovery announcement."""
+    cursor = BoundedCursor(cursor.data, cursor.position, cursor.end)
     kind = cursor.byte()
     if kind not in ANNOUNCEMENT_NAMES:
         raise RemoteWireError(Cause.ANNOUNCEMENT_TYPE, f"AnnouncementType {kind}", cursor.position - 1)

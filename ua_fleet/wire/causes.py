@@ -20,6 +20,8 @@ class Cause(StrEnum):
     """A length below -1, which stands for null."""
     TOO_DEEP = "too_deep"
     """Values nested deeper than we follow."""
+    TOO_MANY = "too_many"
+    """More elements in the structures of one message than we follow."""
     INVALID_UTF8 = "invalid_utf8"
     """A String that is not UTF-8."""
     TRAILING_BYTES = "trailing_bytes"

@@ -8,10 +8,13 @@ from typing import Any, Final
 from ua_fleet.errors import RemoteWireError
 from ua_fleet.wire.causes import Cause
 
-__all__ = ["DEEPEST_NESTING", "Cursor"]
+__all__ = ["DEEPEST_NESTING", "MOST_ELEMENTS", "BoundedCursor", "Cursor"]
 
 DEEPEST_NESTING: Final = 16
 """Levels of nested values that we follow; OPC 10000-6 5.2.2.12 wants at least 4 and expects no more than 10."""
+
+MOST_ELEMENTS: Final = 100_000
+"""Elements that we follow in one message of structures. 65,535 DataSetWriters, which is all there can be, are fewer."""
 
 _UINT16 = Struct("<H")
 _UINT32 = Struct("<I")
@@ -98,3 +101,25 @@ class Cursor:
         if rest.strip(b"\0"):
             raise RemoteWireError(Cause.TRAILING_BYTES, f"{len(rest)} bytes behind the message", self.position)
         self.position = self.end
+
+
+class BoundedCursor(Cursor):
+    """Reads structures, and of all their arrays together not more than MOST_ELEMENTS elements.
+
+    A small structure costs thirty times the memory of its bytes, and a message of chunks may have megabytes.
+    """
+
+    __slots__ = ("elements",)
+
+    def __init__(self, data: bytes, position: int = 0, end: int | None = None, elements: int = 0) -> None:
+        super().__init__(data, position, end)
+        self.elements = elements
+
+    def length(self, smallest: int) -> int | None:
+        """As Cursor.length; what takes only a byte, as in Strings, is not counted."""
+        count = super().length(smallest)
+        if count and smallest > 1:
+            self.elements += count
+            if self.elements > MOST_ELEMENTS:
+                raise RemoteWireError(Cause.TOO_MANY, f"more than {MOST_ELEMENTS} elements", self.position - 4)
+        return count

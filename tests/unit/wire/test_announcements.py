@@ -26,6 +26,7 @@ from ua_fleet.wire.discovered import (
     PubSubConnection,
     PubSubState,
     StatusAnnouncement,
+    UadpWriterGroupMessage,
     WriterConfigurationAnnouncement,
     WriterGroup,
 )
@@ -127,6 +128,23 @@ def cause_of(data: bytes) -> str | None:
     except RemoteWireError as error:
         return error.cause
     return None
+
+
+def test_more_elements_than_there_can_be() -> None:
+    """A structure costs many times the memory of its bytes, and a message of chunks may have megabytes."""
+    targets = tuple([ActionTarget(number, None) for number in range(40_000)])
+    methods = (METHOD,) * 40_000
+    action = ActionMetaDataAnnouncement(7, U16, 3, 9, targets, MINIMAL_METADATA, MINIMAL_METADATA)
+    assert cause_of(encode_announcement(action)) is None
+    assert cause_of(encode_announcement(action._replace(methods=methods))) is None
+    lots = action._replace(targets=targets * 2, methods=methods * 2)
+    assert cause_of(encode_announcement(lots)) == Cause.TOO_MANY
+    offsets = UadpWriterGroupMessage(publishing_offset=(0.0,) * 60_000)
+    group = WriterGroup(None, True, message_settings=offsets)
+    connection = PubSubConnection(None, True, Variant(3, 7), None, writer_groups=(group, group))
+    one = ConnectionsAnnouncement(7, U16, 3, (connection._replace(writer_groups=(group,)),))
+    assert cause_of(encode_announcement(one)) is None
+    assert cause_of(encode_announcement(one._replace(connections=(connection,)))) == Cause.TOO_MANY
 
 
 def test_values_nested_too_deep() -> None:

@@ -24,7 +24,7 @@ from ua_fleet.wire.messages import PublisherIdType
 from ua_fleet.wire.security import MessageKey, read_security
 
 MUTATIONS = 40_000
-FLOOD = 20_000
+FLOOD = 10_000
 PUBLISHER = TOPIC.space
 GROUPS = (f"t-{PUBLISHER}", f"c-{PUBLISHER}")
 MOST_MESSAGE_BYTES = 256 * 1024

@@ -17,7 +17,7 @@ from ua_fleet.wire.security import SecurityMode, payload_offset, read_security
 
 SHARES = 4
 MUTATIONS = 200_000
-SECURED_MUTATIONS = 100_000
+SECURED_MUTATIONS = 60_000
 """Of messages as they travel, and as many of what their sender has signed: a member of the group may lie too."""
 
 

@@ -28,6 +28,7 @@ HEAD = "f101 0200 01 0200 01 0900"
 ONE_FIELD = HEAD + "01 0100"
 SECURED = "f111 0200 01 0200 01 0900"
 CHUNK = "d1 81 01 0700 0900"
+ACTION = "f181 20 0200 01 0200 01 0900"
 PROBE = "91 91 04 0700 00 00000000 00"
 ANNOUNCEMENT = "91 91 08 0700 00 00000000 00"
 
@@ -111,6 +112,23 @@ TABLE: list[tuple[str, Cause | None, str]] = [
     ("a chunk that reaches beyond the end", Cause.CHUNK_RANGE, CHUNK + "0300 00000000 01000000 4142"),
     ("a chunk of 0 bytes", Cause.CHUNK_EMPTY, CHUNK + "0300 00000000 08000000"),
     ("a chunk of a message of 0 bytes", Cause.CHUNK_RANGE, CHUNK + "0300 00000000 00000000 41"),
+    ("CorrelationData of 2 GB", Cause.LENGTH_BEYOND_END, ACTION + "05 ffffff7f 41"),
+    ("CorrelationData of 60,000 bytes", Cause.CORRELATION_DATA, ACTION + "05 60ea0000" + "41" * 60_000),
+    ("a RequestorId of 60,000 bytes", Cause.REQUESTOR_ID, ACTION + "09 0c 60ea0000" + "41" * 60_000),
+    ("a RequestorId nested 100 deep", Cause.TOO_DEEP, ACTION + "09" + "98 01000000" * 100 + "01 01"),
+    ("a ResponseAddress of 2 GB", Cause.LENGTH_BEYOND_END, ACTION + "03 ffffff7f 41"),
+    ("a TimeoutHint of infinity", Cause.TIMEOUT_HINT, ACTION + "11 000000000000f07f"),
+    ("a TimeoutHint that is no number", Cause.TIMEOUT_HINT, ACTION + "11 000000000000f87f"),
+    ("a TimeoutHint below 0", Cause.TIMEOUT_HINT, ACTION + "11 000000000000f0bf"),
+    ("ActionFlags 0xFF", Cause.ACTION_FLAGS, ACTION + "ff"),
+    ("65,535 arguments", Cause.LENGTH_BEYOND_END, ACTION + "01 81 05 0100 0100 01 ffff 01 01"),
+    ("ActionState 255", Cause.ACTION_STATE, ACTION + "01 81 05 0100 0100 ff 0000"),
+    ("2 G endpoints", Cause.LENGTH_BEYOND_END, ANNOUNCEMENT + "01 0000 ffffff7f"),
+    ("a configuration of 2 G writers", Cause.LENGTH_BEYOND_END, ANNOUNCEMENT + "03 0000 ffffff7f"),
+    ("2 G connections", Cause.LENGTH_BEYOND_END, ANNOUNCEMENT + "04 0000 ffffff7f"),
+    ("2 G connections of a responder", Cause.LENGTH_BEYOND_END, ANNOUNCEMENT + "06 0000 ffffff7f"),
+    ("2 G targets of Actions", Cause.LENGTH_BEYOND_END, ANNOUNCEMENT + "07 0000 0900 ffffff7f"),
+    ("application information of type 65,535", None, ANNOUNCEMENT + "05 0000 ffff"),
     ("a probe for 2 G writers", Cause.LENGTH_BEYOND_END, PROBE + "01 02 ffffff7f"),
     ("a probe for 30,000 writers", None, PROBE + "01 02 30750000" + "0100" * 30_000),
     ("metadata with 2 G namespaces", Cause.LENGTH_BEYOND_END, ANNOUNCEMENT + "02 0000 0900 ffffff7f"),

@@ -121,8 +121,7 @@ def _bytes_of(text: str) -> bytes:
 
 def _datagrams(encoded: Sequence[str]) -> Iterator[bytes]:
     for argument in encoded:
-        lines = [line for line in sys.stdin if line.strip()] if argument == "-" else [argument]
-        for line in lines:
+        for line in _lines_of_stdin() if argument == "-" else [argument]:
             try:
                 yield _bytes_of(line)
             except ValueError:
@@ -131,6 +130,14 @@ def _datagrams(encoded: Sequence[str]) -> Iterator[bytes]:
                 raise UsageError(
                     f"{shown!r} is no hexadecimal; give the bytes of one message as pairs of 0-9, a-f"
                 ) from None
+
+
+def _lines_of_stdin() -> list[str]:
+    # What is no text, a datagram itself for one, has to be told of as no hexadecimal.
+    lines = [line for line in sys.stdin.buffer.read().decode("ascii", "replace").splitlines() if line.strip()]
+    if not lines:
+        raise UsageError("stdin holds no message; write one a line, as pairs of 0-9, a-f")
+    return lines
 
 
 def table(spans: Sequence[Span]) -> Iterator[str]:

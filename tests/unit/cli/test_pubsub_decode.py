@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import hmac
 import json
 import os
 import re
@@ -164,6 +165,29 @@ def test_lines_of_stdin(invoke: Invoke) -> None:
     ended = invoke("pubsub", "decode", "--json", "-", stdin=f"{PLAIN}\n\n0x{PLAIN}\n")
     assert ended.code == 0
     assert len(objects(ended.stdout)) == 2
+
+
+@pytest.mark.parametrize("stdin", ["", "\n \n", "\x00\ufffd\x1b[2J"])
+def test_what_is_no_message_on_stdin(stdin: str, invoke: Invoke) -> None:
+    ended = invoke("pubsub", "decode", "-", stdin=stdin)
+    assert (ended.code, ended.stdout) == (2, "")
+    assert "stdin holds no message" in ended.stderr or "is no hexadecimal" in ended.stderr
+    assert "\x1b" not in ended.stderr
+
+
+def test_the_key_may_stand_in_the_environment(invoke: Invoke, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("UA_FLEET_PUBSUB_KEY", KEY_128)
+    (shown,) = objects(invoke("pubsub", "decode", "--json", vector("peer_enc128")).stdout)
+    assert shown["security"]["verified"] is True
+
+
+def test_the_other_form_of_a_signed_message(invoke: Invoke) -> None:
+    """Table 154 has a token of 0 and no nonce in messages that are only signed."""
+    signed = bytes.fromhex("f111ba08016400014df4 01 00000000 00 01 0100 0b 0000000000803540")
+    signature = hmac.new(bytes.fromhex(KEY_128)[:32], signed, "sha256").digest()
+    (shown,) = objects(invoke("pubsub", "decode", "--json", "--key", KEY_128, (signed + signature).hex()).stdout)
+    assert shown["security"] == {"mode": "Sign", "token_id": 0, "verified": True}
+    assert shown["messages"][0]["fields"] == PEER_FIELDS[:1]
 
 
 def test_the_table(invoke: Invoke) -> None:

@@ -22,7 +22,7 @@ from ua_fleet.wire.discovered import (
 )
 from ua_fleet.wire.messages import MetaDataAnnouncement, NetworkMessage, Probe, ProbeKind, PublisherIdType
 
-__all__ = ["Prober"]
+__all__ = ["ANSWERS", "Prober"]
 
 FIRST_PERIOD_S: Final = 0.5
 """A probe that nobody answers is sent again after this time, then after twice as long (OPC 10000-14 7.2.4.6.12.2)."""

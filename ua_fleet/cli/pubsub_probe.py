@@ -16,7 +16,7 @@ from ua_fleet.cli.process import run
 from ua_fleet.cli.pubsub import transport_of
 from ua_fleet.errors import SendTimeout
 
-__all__ = ["EXAMPLES", "probe"]
+__all__ = ["EXAMPLES", "nothing_heard", "probe"]
 
 EXAMPLES = (
     "ua-fleet pubsub probe",
@@ -69,7 +69,7 @@ def probe(
 
     run(main())
     if not prober.answers:
-        raise SendTimeout(_nothing(kind, publisher_id, timeout, counters.drops, bool(prober.found)))
+        raise SendTimeout(nothing_heard(kind, publisher_id, timeout, counters.drops, bool(prober.found)))
     if as_json:
         for announcement in prober.answers:
             print_json({"publisher_id": announcement.publisher_id, **announcement_as_json(announcement)})
@@ -80,7 +80,7 @@ def probe(
         message(f"heard, but no answer within {timeout:g} s: {', '.join(sorted(map(str, silent)))}")
 
 
-def _nothing(kind: Kind, publisher_id: int | None, timeout: float, drops: Mapping[str, int], heard: bool) -> str:
+def nothing_heard(kind: Kind, publisher_id: int | None, timeout: float, drops: Mapping[str, int], heard: bool) -> str:
     """Why there may be no answer, and what to try."""
     asked = "nobody answered" if publisher_id is None else f"publisher {publisher_id} did not answer"
     refused = ", ".join(f"{count} dropped as {cause}" for cause, count in sorted(drops.items()) if count)

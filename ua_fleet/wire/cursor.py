@@ -111,9 +111,9 @@ class BoundedCursor(Cursor):
 
     __slots__ = ("elements",)
 
-    def __init__(self, data: bytes, position: int = 0, end: int | None = None, elements: int = 0) -> None:
+    def __init__(self, data: bytes, position: int = 0, end: int | None = None) -> None:
         super().__init__(data, position, end)
-        self.elements = elements
+        self.elements = 0
 
     def length(self, smallest: int) -> int | None:
         """As Cursor.length; what takes only a byte, as in Strings, is not counted."""

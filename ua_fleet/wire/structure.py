@@ -178,12 +178,13 @@ def extension(known: Mapping[int, tuple[type, Shape]] | None = None) -> Shape:
         entry = shapes.get(number) if namespace == 0 and isinstance(number, int) else None
         if entry is None or not isinstance(value.body, bytes):
             return value
-        body = Cursor(cursor.data, cursor.position - len(value.body), cursor.position)
-        body.depth = cursor.depth
-        decoded = entry[1].decode(body)
-        if body.remaining:
-            detail = f"{body.remaining} bytes behind the structure i={number!r}"
-            raise RemoteWireError(Cause.TRAILING_BYTES, detail, body.position)
+        whole, cursor.end = cursor.end, cursor.position
+        cursor.position -= len(value.body)  # read once more, as what it is; where that fails, the message is dropped
+        decoded = entry[1].decode(cursor)
+        if cursor.remaining:
+            detail = f"{cursor.remaining} bytes behind the structure i={number!r}"
+            raise RemoteWireError(Cause.TRAILING_BYTES, detail, cursor.position)
+        cursor.end = whole
         return decoded
 
     def encode(out: bytearray, value: Any) -> None:

@@ -29,7 +29,7 @@ from ua_fleet.wire import (
     read_security,
 )
 from ua_fleet.wire.announcements import encode_announcement
-from ua_fleet.wire.cursor import DEEPEST_NESTING
+from ua_fleet.wire.cursor import DEEPEST_NESTING, MOST_ELEMENTS
 from ua_fleet.wire.discovered import (
     ActionMetaDataAnnouncement,
     ConnectionsAnnouncement,
@@ -161,6 +161,14 @@ TABLE: list[tuple[str, Cause, str]] = [
     ("a probe for too many writers", Cause.LENGTH_BEYOND_END, PROBE + "01 02 ffffff7f"),
     ("announcement of type 0", Cause.ANNOUNCEMENT_TYPE, ANNOUNCEMENT + "00 0000"),
     ("announcement of type 8", Cause.ANNOUNCEMENT_TYPE, ANNOUNCEMENT + "08 0000"),
+    (
+        "more namespaces than there can be",
+        Cause.TOO_MANY,
+        ANNOUNCEMENT
+        + "02 0000 0900"
+        + (MOST_ELEMENTS + 1).to_bytes(4, "little").hex()
+        + "ff" * 4 * (MOST_ELEMENTS + 1),
+    ),
     ("a StatusCode too few", Cause.ANNOUNCEMENT_COUNTS, encode_announcement(WRITERS._replace(statuses=(0,))).hex()),
     ("a Method too few", Cause.ANNOUNCEMENT_COUNTS, encode_announcement(ACTIONS._replace(methods=(METHOD,))).hex()),
     ("bytes behind a structure", Cause.TRAILING_BYTES, encode_announcement(WITH_MORE_BYTES).hex()),

@@ -218,7 +218,7 @@ class Requestor:
                 try:
                     effects += self._conclude(request, _NO_ANSWER)
                 except StorageUnavailable:
-                    exchange.give_up = now + self._pace.longest_interval_s
+                    exchange.give_up = exchange.next_at = now + self._pace.longest_interval_s
                     if not effects:
                         raise
                     break  # what was journaled before has to be told
@@ -320,9 +320,11 @@ class Requestor:
         closed = [
             execution_id
             for execution_id, request in self._requests.items()
-            if request.outcome is not None and execution_id not in self._exchanges
+            if request.outcome is not None
+            and execution_id not in self._exchanges
+            and request.issued != self._last_issued
         ]
-        oldest = closed[: -(-self._most_remembered // 8)][:-1]
+        oldest = closed[: -(-self._most_remembered // 8)]
         if oldest:
             self._journal.forget_requests(oldest)
             for execution_id in oldest:

@@ -1,0 +1,321 @@
+"""The requestor alone: what it sends, how often, and what it concludes."""
+
+from __future__ import annotations
+
+import pytest
+
+from ua_fleet.errors import LocalWireError, SkillRejected, StorageUnavailable
+from ua_fleet.skill import (
+    Concluded,
+    ExecutionState,
+    MemoryJournal,
+    Outcome,
+    OutcomeCorrected,
+    OutcomeKind,
+    Report,
+    Request,
+    Requestor,
+    RequestorEffect,
+    RequestorName,
+    RequestPace,
+    Send,
+    Target,
+    unpack,
+)
+from ua_fleet.skill.answers import answer_fields
+from ua_fleet.values import TICKS_PER_SECOND, BuiltinType, StatusCode, Variant
+from ua_fleet.wire import ActionMessage, ActionState
+
+TARGET = Target(7, 3, 100, 1)
+ID, OTHER_ID = bytes(16), bytes([1]) * 16
+UTC = 10**17
+PACE = RequestPace(interval_s=0.1, longest_interval_s=0.4, grace_s=2.0, most_closing=2)
+
+
+class BrokenJournal(MemoryJournal):
+    broken = False
+
+    def requested(self, request: Request) -> None:
+        self._check()
+        super().requested(request)
+
+    def concluded(self, execution_id: bytes, outcome: Outcome) -> None:
+        self._check()
+        super().concluded(execution_id, outcome)
+
+    def _check(self) -> None:
+        if self.broken:
+            raise StorageUnavailable("the disk is full")
+
+
+def make(journal: MemoryJournal | None = None, *, verified: bool = False, most: int = 100) -> Requestor:
+    name = RequestorName.checked(0, "server")
+    return Requestor(name, journal or MemoryJournal(), pace=PACE, must_be_verified=verified, most_remembered=most)
+
+
+def start(requestor: Requestor, now: float = 0.0, execution_id: bytes = ID, utc: int = UTC) -> list[RequestorEffect]:
+    return requestor.start(execution_id, TARGET, (BuiltinType.INT32,), (5,), 1.0, now, utc)
+
+
+def sent(effects: list[RequestorEffect]) -> ActionMessage:
+    (message,) = [effect.message for effect in effects if isinstance(effect, Send)]
+    return message
+
+
+def said(
+    state: ActionState, report: Report | None = None, execution_id: bytes = ID, requestor: str = "0.server"
+) -> ActionMessage:
+    types, values = answer_fields(report) if report is not None else ((), ())
+    status = report.status if report is not None else None
+    return ActionMessage(
+        *TARGET, 1, state, False, requestor, execution_id, types=types, values=values, status=status
+    )  # fmt: skip
+
+
+RUNNING = said(ActionState.DONE, Report(ExecutionState.RUNNING))
+
+
+def test_a_request_is_repeated_in_the_interval_until_it_is_heard() -> None:
+    requestor = make()
+    first = sent(start(requestor))
+    assert first.action_state == ActionState.EXECUTING
+    assert (first.requestor_id, first.correlation_data, first.timeout_hint_ms) == ("0.server", ID, 1000.0)
+    assert (first.types, first.values, first.timestamp) == ((BuiltinType.INT32,), (5,), UTC)
+    assert requestor.poll(0.09) == []
+    times = [requestor.next_deadline()]
+    while len(times) < 4:
+        assert sent(requestor.poll(times[-1] or 0.0)) == first, "each copy is the same"
+        times.append(requestor.next_deadline())
+    assert times == pytest.approx([0.1, 0.3, 0.7, 1.0]), "the pauses double up to the longest, and end at the timeout"
+
+
+def test_after_the_timeout_it_only_asks_and_then_knows_nothing() -> None:
+    requestor = make()
+    start(requestor)
+    assert sent(requestor.poll(1.0)).timeout_hint_ms == 0.0
+    effects = requestor.poll(3.0)
+    (concluded,) = effects
+    assert isinstance(concluded, Concluded)
+    assert concluded.outcome.kind is OutcomeKind.UNKNOWN
+    assert requestor.outcome(ID) == concluded.outcome
+    assert requestor.next_deadline() is None
+
+
+def test_executing_stops_the_repetition_for_a_while() -> None:
+    requestor = make()
+    start(requestor)
+    assert requestor.receive(said(ActionState.EXECUTING), 0.05) == []
+    assert requestor.next_deadline() == pytest.approx(0.45)
+    requestor.receive(said(ActionState.EXECUTING), 0.9)
+    assert requestor.next_deadline() == 1.0
+    requestor.poll(1.0)
+    requestor.receive(said(ActionState.EXECUTING), 1.1)
+    assert requestor.next_deadline() == pytest.approx(1.5)
+
+
+@pytest.mark.parametrize(
+    ("state", "kind"),
+    [
+        (ExecutionState.RUNNING, OutcomeKind.ACCEPTED),
+        (ExecutionState.DONE, OutcomeKind.ACCEPTED),
+        (ExecutionState.FAILED, OutcomeKind.ACCEPTED),
+        (ExecutionState.REFUSED, OutcomeKind.REFUSED),
+        (ExecutionState.TIMED_OUT, OutcomeKind.TIMED_OUT),
+        (ExecutionState.UNKNOWN, OutcomeKind.UNKNOWN),
+    ],
+)
+def test_done_is_the_outcome_and_acknowledged_until_idle_comes(state: ExecutionState, kind: OutcomeKind) -> None:
+    requestor = make()
+    start(requestor)
+    concluded, idle = requestor.receive(said(ActionState.DONE, Report(state, StatusCode.BAD, "so it is", b"")), 0.2)
+    assert concluded == Concluded(ID, Outcome(kind, Report(state, StatusCode.BAD, "so it is")))
+    assert isinstance(idle, Send)
+    assert (idle.message.action_state, idle.message.types) == (ActionState.IDLE, ())
+    assert requestor.receive(RUNNING, 0.25) == [], "said again before it heard our Idle"
+    assert sent(requestor.poll(0.31)) == idle.message
+    assert requestor.receive(said(ActionState.IDLE), 0.35) == []
+    assert requestor.next_deadline() is None
+    assert requestor.receive(said(ActionState.IDLE), 0.4) == []
+
+
+def test_idle_is_repeated_a_few_times_only() -> None:
+    requestor = make()
+    start(requestor)
+    requestor.receive(RUNNING, 0.0)
+    assert sent(requestor.poll(0.1)).action_state == ActionState.IDLE
+    assert requestor.poll(10.0) == []
+    assert requestor.next_deadline() is None
+
+
+@pytest.mark.parametrize(
+    ("status", "kind", "state"),
+    [
+        (None, OutcomeKind.ACCEPTED, ExecutionState.DONE),
+        (StatusCode.UNCERTAIN, OutcomeKind.UNKNOWN, ExecutionState.UNKNOWN),
+        (StatusCode.BAD_TIMEOUT, OutcomeKind.TIMED_OUT, ExecutionState.TIMED_OUT),
+        (StatusCode.BAD_NOT_EXECUTABLE, OutcomeKind.REFUSED, ExecutionState.REFUSED),
+    ],
+)
+def test_the_status_of_a_foreign_responder_tells(status: int | None, kind: OutcomeKind, state: ExecutionState) -> None:
+    requestor = make()
+    start(requestor)
+    answer = said(ActionState.DONE)._replace(status=status, types=(BuiltinType.INT32,), values=(9,))
+    concluded, _ = requestor.receive(answer, 0.1)
+    assert isinstance(concluded, Concluded)
+    assert (concluded.outcome.kind, concluded.outcome.report.state) == (kind, state)
+    assert unpack(concluded.outcome.report.result) == (Variant(BuiltinType.INT32, 9),)
+
+
+def test_an_answer_that_comes_late_corrects_unknown_and_nothing_else() -> None:
+    requestor = make()
+    start(requestor)
+    requestor.poll(3.0)
+    corrected, idle = requestor.receive(RUNNING, 5.0)
+    assert corrected == OutcomeCorrected(ID, Outcome(OutcomeKind.ACCEPTED, Report(ExecutionState.RUNNING)))
+    assert isinstance(idle, Send)
+    refused = said(ActionState.DONE, Report(ExecutionState.REFUSED))
+    assert [type(effect) for effect in requestor.receive(refused, 6.0)] == [Send]
+    assert isinstance(corrected, OutcomeCorrected)
+    assert requestor.outcome(ID) == corrected.outcome
+
+
+@pytest.mark.parametrize(
+    "message",
+    [
+        RUNNING._replace(is_request=True),
+        RUNNING._replace(requestor_id="0.other"),
+        RUNNING._replace(requestor_id=None),
+        RUNNING._replace(correlation_data=OTHER_ID),
+        RUNNING._replace(correlation_data=None),
+        RUNNING._replace(request_id=2),
+        RUNNING._replace(publisher_id=8),
+        RUNNING._replace(publisher_id="7"),
+        RUNNING._replace(writer_group_id=None),
+        RUNNING._replace(action_target_id=2),
+    ],
+)
+def test_what_is_not_for_us_is_left_alone(message: ActionMessage) -> None:
+    requestor = make()
+    start(requestor)
+    assert requestor.receive(message, 0.1) == []
+    assert requestor.outcome(ID) is None
+
+
+def test_with_keys_only_what_is_verified_counts() -> None:
+    requestor = make(verified=True)
+    start(requestor)
+    assert requestor.receive(RUNNING, 0.1) == []
+    assert requestor.receive(RUNNING, 0.1, verified=True)
+
+
+def test_the_same_request_again_asks_for_nothing() -> None:
+    requestor = make()
+    start(requestor)
+    assert start(requestor, 0.1) == []
+    requestor.receive(RUNNING, 0.2)
+    assert start(requestor, 0.3) == [Concluded(ID, Outcome(OutcomeKind.ACCEPTED, Report(ExecutionState.RUNNING)))]
+    with pytest.raises(SkillRejected, match="another request"):
+        requestor.start(ID, TARGET, (BuiltinType.INT32,), (6,), 1.0, 0.4, UTC)
+
+
+def test_what_cannot_be_asked_for() -> None:
+    requestor = make()
+    with pytest.raises(SkillRejected, match="16 bytes"):
+        start(requestor, execution_id=b"short")
+    with pytest.raises(SkillRejected, match="timeout"):
+        requestor.start(ID, TARGET, (), (), 0.0, 0.0, UTC)
+    with pytest.raises(LocalWireError):
+        requestor.start(ID, TARGET, (BuiltinType.INT32,), ("x",), 1.0, 0.0, UTC)
+    assert requestor.next_deadline() is None
+
+
+def test_after_a_restart_it_asks_on_with_the_same_message() -> None:
+    journal = MemoryJournal()
+    first = sent(start(make(journal)))
+    again = make(journal)
+    assert sent(again.resume(1000.0, UTC + TICKS_PER_SECOND // 2)) == first
+    assert again.next_deadline() == pytest.approx(1000.1)
+    assert sent(again.poll(1000.5)).timeout_hint_ms == 0.0, "half a second of its timeout was over"
+    late = make(journal)
+    assert sent(late.resume(0.0, UTC + 10 * TICKS_PER_SECOND)).timeout_hint_ms == 0.0
+    assert late.poll(1.99) != []
+    concluded = late.poll(2.0)
+    assert isinstance(concluded[0], Concluded)
+    assert make(journal).resume(0.0, UTC) == [], "an outcome is an outcome after a restart too"
+
+
+def test_issue_times_increase_whatever_the_clock_does() -> None:
+    journal = MemoryJournal()
+    requestor = make(journal)
+    start(requestor)
+    assert sent(start(requestor, execution_id=OTHER_ID, utc=5)).timestamp == UTC + 1
+    assert sent(start(make(journal), execution_id=bytes([2]) * 16, utc=6)).timestamp == UTC + 2
+
+
+def test_the_oldest_are_forgotten_but_for_those_that_are_open() -> None:
+    journal = MemoryJournal()
+    requestor = make(journal, most=8)
+    start(requestor)
+    for number in range(1, 20):
+        execution_id = bytes([number]) * 16
+        start(requestor, execution_id=execution_id, utc=UTC + number)
+        requestor.receive(said(ActionState.DONE, Report(ExecutionState.DONE), execution_id), 0.0)
+        requestor.receive(said(ActionState.IDLE, None, execution_id), 0.0)
+    remembered = [request.execution_id for request in journal.requests()]
+    assert len(remembered) <= 9
+    assert ID in remembered
+    assert bytes([19]) * 16 in remembered
+
+
+def test_what_cannot_be_journaled_has_not_happened() -> None:
+    journal = BrokenJournal()
+    requestor = make(journal)
+    journal.broken = True
+    with pytest.raises(StorageUnavailable):
+        start(requestor)
+    assert requestor.next_deadline() is None
+    journal.broken = False
+    start(requestor)
+    journal.broken = True
+    with pytest.raises(StorageUnavailable):
+        requestor.receive(RUNNING, 0.1)
+    assert requestor.outcome(ID) is None
+    requestor.poll(1.0)
+    with pytest.raises(StorageUnavailable):
+        requestor.poll(3.0)
+    assert (requestor.next_deadline() or 0.0) > 3.0, "it is tried again, and not at once"
+    journal.broken = False
+    assert requestor.receive(RUNNING, 3.1)
+    assert requestor.outcome(ID) is not None
+
+
+def test_what_was_journaled_before_the_journal_broke_is_told() -> None:
+    journal = BrokenJournal()
+    requestor = make(journal)
+    start(requestor)
+    start(requestor, execution_id=OTHER_ID)
+    requestor.poll(1.0)
+
+    written: list[bytes] = []
+
+    def concluded(execution_id: bytes, outcome: Outcome) -> None:
+        if written:
+            raise StorageUnavailable("the disk is full")
+        written.append(execution_id)
+
+    journal.concluded = concluded  # type: ignore[method-assign]
+    (told,) = requestor.poll(3.0)
+    assert isinstance(told, Concluded)
+    assert told.execution_id == ID
+
+
+@pytest.mark.parametrize("text", ["", "0", "0.", ".server", "65536.a", "01.a", "0.a b", "-1.a", "0." + "a" * 65, None])
+def test_what_is_no_requestor_id(text: str | None) -> None:
+    assert RequestorName.parse(text) is None
+
+
+def test_a_requestor_id() -> None:
+    name = RequestorName.checked(65_535, "cell-1_b")
+    assert RequestorName.parse(name.text) == name == (65_535, "cell-1_b")
+    with pytest.raises(ValueError, match="cannot stand"):
+        RequestorName.checked(0, "a.b")

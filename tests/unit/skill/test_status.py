@@ -1,0 +1,55 @@
+"""SkillStatus: what is shown of the last executions, and the packing of values."""
+
+from __future__ import annotations
+
+import pytest
+
+from ua_fleet.errors import LocalWireError
+from ua_fleet.skill import ExecutionState, pack, unpack
+from ua_fleet.skill.status import (
+    MOST_SHOWN,
+    SKILL_STATUS_FIELDS,
+    ExecutionStatus,
+    SkillStatus,
+    read_result,
+    result_text,
+)
+from ua_fleet.values import ARRAY, BuiltinType, Variant
+from ua_fleet.wire.variant import encode_typed
+
+
+def test_an_end_is_not_overwritten_by_the_next_start() -> None:
+    status = SkillStatus()
+    assert status.fields()[1] == ((),) * 6
+    for number in range(MOST_SHOWN + 2):
+        assert status.show(ExecutionStatus(bytes([number]), "move", ExecutionState.RUNNING))
+    done = ExecutionStatus(bytes([3]), "move", ExecutionState.DONE, 1.0, result_text({"x": 1.5}), "there")
+    assert status.show(done)
+    assert not status.show(done)
+    assert status.get(bytes([3])) == done
+    assert status.get(bytes([1])) is None
+    types, values = status.fields()
+    ids, skills, states, progress, results, messages = values
+    assert ids == tuple([bytes([number]) for number in range(2, MOST_SHOWN + 2)])
+    assert set(skills) == {"move"}
+    assert states[:3] == (2, 3, 2)
+    assert (progress[1], results[1], messages[1]) == (1.0, '{"x":1.5}', "there")
+    assert types == tuple([field.builtin_type | ARRAY for field in SKILL_STATUS_FIELDS])
+    for code, value in zip(types, values, strict=True):
+        encode_typed(bytearray(), code, value)
+
+
+def test_results_as_text() -> None:
+    assert read_result(result_text({"x": 1, "name": "ü"})) == {"x": 1, "name": "ü"}
+    assert result_text({}) == ""
+    for text in ("", "[1]", "{", "1"):
+        assert read_result(text) == {}
+
+
+def test_packed_values() -> None:
+    types = (BuiltinType.INT32, BuiltinType.STRING | ARRAY, BuiltinType.NULL)
+    values = (1, ("a", None), None)
+    assert unpack(pack(types, values)) == tuple(Variant(*part) for part in zip(types, values, strict=True))
+    assert unpack(b"") == ()
+    with pytest.raises(LocalWireError):
+        pack((BuiltinType.INT32,), ("x",))

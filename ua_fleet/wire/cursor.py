@@ -14,7 +14,8 @@ DEEPEST_NESTING: Final = 16
 """Levels of nested values that we follow; OPC 10000-6 5.2.2.12 wants at least 4 and expects no more than 10."""
 
 MOST_ELEMENTS: Final = 100_000
-"""Elements that we follow in one message of structures. 65,535 DataSetWriters, which is all there can be, are fewer."""
+"""Elements that are decoded one by one, as Strings and structures are, that we follow in one message. A small one costs
+a hundred times the memory of its bytes. 65,535 DataSetWriters, which is all there can be, are fewer."""
 
 _UINT16 = Struct("<H")
 _UINT32 = Struct("<I")
@@ -24,13 +25,14 @@ _INT32 = Struct("<i")
 class Cursor:
     """Reads bytes from `position` up to `end`; each read is checked before anything is allocated for it."""
 
-    __slots__ = ("data", "depth", "end", "position")
+    __slots__ = ("data", "depth", "elements", "end", "position")
 
     def __init__(self, data: bytes, position: int = 0, end: int | None = None) -> None:
         self.data = data
         self.position = position
         self.end = len(data) if end is None else end
         self.depth = 0
+        self.elements = 0
 
     @property
     def remaining(self) -> int:
@@ -85,6 +87,13 @@ class Cursor:
             )
         return count
 
+    def count_elements(self, count: int, smallest: int) -> None:
+        """Count elements that are decoded one by one, whose array was announced just now."""
+        del smallest
+        self.elements += count
+        if self.elements > MOST_ELEMENTS:
+            raise RemoteWireError(Cause.TOO_MANY, f"more than {MOST_ELEMENTS} elements", self.position - 4)
+
     def descend(self) -> None:
         """Enter a nested value; `ascend` leaves it."""
         self.depth += 1
@@ -104,22 +113,18 @@ class Cursor:
 
 
 class BoundedCursor(Cursor):
-    """Reads structures, and of all their arrays together not more than MOST_ELEMENTS elements.
+    """Reads structures: the elements of all their arrays together are counted, of numbers too."""
 
-    A small structure costs thirty times the memory of its bytes, and a message of chunks may have megabytes.
-    """
-
-    __slots__ = ("elements",)
-
-    def __init__(self, data: bytes, position: int = 0, end: int | None = None) -> None:
-        super().__init__(data, position, end)
-        self.elements = 0
+    __slots__ = ()
 
     def length(self, smallest: int) -> int | None:
         """As Cursor.length; what takes only a byte, as in Strings, is not counted."""
         count = super().length(smallest)
         if count and smallest > 1:
-            self.elements += count
-            if self.elements > MOST_ELEMENTS:
-                raise RemoteWireError(Cause.TOO_MANY, f"more than {MOST_ELEMENTS} elements", self.position - 4)
+            super().count_elements(count, smallest)
         return count
+
+    def count_elements(self, count: int, smallest: int) -> None:
+        """As Cursor.count_elements; `length` has counted larger ones."""
+        if smallest == 1:
+            super().count_elements(count, smallest)

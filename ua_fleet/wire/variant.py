@@ -85,6 +85,7 @@ def _decode_array(cursor: Cursor, code: int, kind: int) -> Any:
             elements = cursor.unpack(Struct(f"<{count}{layout.format[1:]}"))
         else:
             decode = DECODERS[kind]
+            cursor.count_elements(count, SMALLEST[kind])
             cursor.descend()
             elements = tuple([decode(cursor) for _ in range(count)])
             cursor.ascend()

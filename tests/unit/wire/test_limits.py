@@ -147,6 +147,17 @@ def test_limit(cause: Cause | None, encoded: str) -> None:
     assert cost < MOST_BYTES_AT_ALL + MOST_BYTES_PER_BYTE * len(datagram)
 
 
+@pytest.mark.parametrize("kind", ["98", "97", "99", "95", "8c ffffffff", "91"])
+def test_a_message_of_megabytes_that_are_all_small_values(kind: str) -> None:
+    """What chunks are put together to may be 4 MB; decoded it must not take a hundred times as much."""
+    code, element = bytes.fromhex(kind[:2]), bytes.fromhex(kind[2:]) or bytes(1)
+    array = code + (2_000_000 // len(element)).to_bytes(4, "little") + element * (2_000_000 // len(element))
+    datagram = bytes.fromhex(ONE_FIELD) + array
+    found, cost = cause_and_cost(partial(take, datagram))
+    assert found in (Cause.TOO_MANY, Cause.LENGTH_BEYOND_END)
+    assert cost < MOST_BYTES_AT_ALL + len(datagram)
+
+
 def limits(size: int) -> list[bytes]:
     """The least, the greatest, and both sides of where a sign begins."""
     signs = [bytes(size - 1) + b"\x80", b"\xff" * (size - 1) + b"\x7f"]

@@ -21,7 +21,7 @@ class Cause(StrEnum):
     TOO_DEEP = "too_deep"
     """Values nested deeper than we follow."""
     TOO_MANY = "too_many"
-    """More elements in the structures of one message than we follow."""
+    """More elements without a fixed size, or of structures, in one message than we follow."""
     INVALID_UTF8 = "invalid_utf8"
     """A String that is not UTF-8."""
     TRAILING_BYTES = "trailing_bytes"

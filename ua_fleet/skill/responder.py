@@ -169,6 +169,7 @@ class Responder:
         self._allowed = frozenset(allowed_spaces)
         self._must_be_verified = must_be_verified
         self._executions = {execution.execution_id: execution for execution in journal.executions()}
+        self._under_way = {key for key, execution in self._executions.items() if execution.report.state in OPEN}
         self._forgotten = dict(journal.forgotten())
         self._to_begin: set[bytes] = set()
         """Executions whose Execute was not confirmed yet."""
@@ -341,6 +342,8 @@ class Responder:
         )
         self._journal.recorded(execution)
         self._executions[execution.execution_id] = execution
+        if execution.report.state in OPEN:
+            self._under_way.add(execution.execution_id)
         return execution
 
     def _decide(self, message: ActionMessage, name: RequestorName, issued: int, hint_ms: float, utc: int) -> Report:
@@ -359,9 +362,8 @@ class Responder:
         problem = offer.problem(message.values) if offer.problem is not None else None
         if problem is not None:
             return Report(_S.REFUSED, StatusCode.BAD_OUT_OF_RANGE, problem)
-        under_way = [execution for execution in self._executions.values() if execution.report.state in OPEN]
-        of_offer = sum(execution.target == offer.target for execution in under_way)
-        if of_offer >= offer.requests_at_once or len(under_way) >= self._limits.requests_at_once:
+        of_offer = sum(self._executions[key].target == offer.target for key in self._under_way)
+        if of_offer >= offer.requests_at_once or len(self._under_way) >= self._limits.requests_at_once:
             return Report(_S.REFUSED, StatusCode.BAD_TOO_MANY_OPERATIONS, f"{of_offer} such executions are under way")
         return Report(_S.RUNNING)
 
@@ -373,6 +375,7 @@ class Responder:
         self._journal.reported(execution_id, report)
         execution = execution._replace(report=report)
         self._executions[execution_id] = execution
+        self._under_way.discard(execution_id)  # every state that the table leads to from here is an end
         self._to_begin.discard(execution_id)
         return [ExecutionChanged(execution), *self._tell(execution_id, now)]
 

@@ -103,6 +103,7 @@ class KnowsNoRepetition(Responder):
         self, message: ActionMessage, reply_to: object, now: float, utc: int, *, verified: bool = False
     ) -> list[ResponderEffect]:
         self._executions.pop(message.correlation_data or b"", None)
+        self._under_way.discard(message.correlation_data or b"")
         return super().receive(message, reply_to, now, utc, verified=verified)
 
 

@@ -1,0 +1,123 @@
+"""The journal of scenario runs and faults in one SQLite file.
+
+Facts that belong together are one transaction, on the disk when `write` returns: what they ask of robots is carried out
+after that alone. So a process that is killed at any moment finds all that robots were ever asked for.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any, Final, NamedTuple, Self
+
+from ua_fleet.errors import StorageUnavailable
+from ua_fleet.orchestrator import Fault
+from ua_fleet.scenario.facts import Fact, RunEnded, decode_fact, encode_fact
+from ua_fleet.storage.database import Database
+
+__all__ = ["RunJournal", "StoredRun"]
+
+_VERSION: Final = 1
+_SCHEMA: Final = (
+    "CREATE TABLE runs (number INTEGER PRIMARY KEY AUTOINCREMENT, run_id TEXT NOT NULL UNIQUE, ended INTEGER NOT NULL)"
+    " STRICT",
+    "CREATE TABLE facts (number INTEGER PRIMARY KEY AUTOINCREMENT, run_id TEXT NOT NULL, line TEXT NOT NULL) STRICT",
+    "CREATE INDEX facts_of_run ON facts (run_id, number)",
+    """CREATE TABLE faults (robot TEXT NOT NULL, source TEXT NOT NULL, reason TEXT NOT NULL, active INTEGER NOT NULL,
+    acknowledged INTEGER NOT NULL, since REAL NOT NULL, acknowledged_by TEXT NOT NULL, PRIMARY KEY (robot, source))
+    STRICT""",
+)
+
+_Statement = tuple[str, Sequence[Any]]
+
+
+class StoredRun(NamedTuple):
+    """A run of the journal."""
+
+    run_id: str
+    ended: bool
+
+
+class RunJournal:
+    """Runs in the order in which they began. Every method raises StorageUnavailable where it cannot do its part."""
+
+    def __init__(self, path: Path) -> None:
+        """Open a journal, or begin one; no other process can use it until `close`."""
+        self._database = Database(path, version=_VERSION, schema=_SCHEMA)
+
+    def close(self) -> None:
+        """Give the file free. Safe to call twice."""
+        self._database.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def write(self, facts: Iterable[tuple[str, Fact]], faults: Iterable[Fault] = ()) -> None:
+        """Write facts of runs, in order, and how faults are now: all or nothing."""
+        statements: list[_Statement] = []
+        for run_id, fact in facts:
+            statements.append(("INSERT OR IGNORE INTO runs (run_id, ended) VALUES (?, 0)", (run_id,)))
+            statements.append(("INSERT INTO facts (run_id, line) VALUES (?, ?)", (run_id, encode_fact(fact))))
+            if isinstance(fact, RunEnded):
+                statements.append(("UPDATE runs SET ended = 1 WHERE run_id = ?", (run_id,)))
+        statements += [_of_fault(fault) for fault in faults]
+        if statements:
+            self._database.commit(*statements)
+
+    def runs(self) -> list[StoredRun]:
+        """All runs, the oldest first."""
+        rows = self._database.read("SELECT run_id, ended FROM runs ORDER BY number")
+        return [StoredRun(run_id, bool(ended)) for run_id, ended in rows]
+
+    def facts(self, run_id: str) -> list[Fact]:
+        """The facts of a run, in order; none where there is no such run."""
+        rows = self._database.read("SELECT line FROM facts WHERE run_id = ? ORDER BY number", (run_id,))
+        try:
+            return [decode_fact(line) for (line,) in rows]
+        except ValueError as error:
+            raise StorageUnavailable(
+                f"{self._database.path} holds a fact of run {run_id} that is none ({error}); see what the robots are"
+                f" doing, then move the file away"
+            ) from error
+
+    def faults(self) -> list[Fault]:
+        """The faults that were active, or not acknowledged."""
+        rows = self._database.read(
+            "SELECT robot, source, reason, active, acknowledged, since, acknowledged_by FROM faults ORDER BY since"
+        )
+        return [
+            Fault(f"{robot}.{source}", robot, source, reason, bool(active), bool(acknowledged), since, by)
+            for robot, source, reason, active, acknowledged, since, by in rows
+        ]
+
+    def prune(self, kept: int) -> list[str]:
+        """Forget all but the last `kept` runs that have ended; the ids of those that were forgotten."""
+        ended = [run.run_id for run in self.runs() if run.ended]
+        forgotten = ended[: max(0, len(ended) - kept)]
+        statements: list[_Statement] = []
+        for run_id in forgotten:
+            statements.append(("DELETE FROM facts WHERE run_id = ?", (run_id,)))
+            statements.append(("DELETE FROM runs WHERE run_id = ?", (run_id,)))
+        if statements:
+            self._database.commit(*statements)
+        return forgotten
+
+
+def _of_fault(fault: Fault) -> _Statement:
+    if not fault.active and fault.acknowledged:
+        return "DELETE FROM faults WHERE robot = ? AND source = ?", (fault.robot, fault.source)
+    return (
+        "INSERT OR REPLACE INTO faults VALUES (?, ?, ?, ?, ?, ?, ?)",
+        (
+            fault.robot,
+            fault.source,
+            fault.reason,
+            int(fault.active),
+            int(fault.acknowledged),
+            fault.since,
+            fault.acknowledged_by,
+        ),
+    )

@@ -142,6 +142,7 @@ class TakesSilenceForYes(Requestor):
         Makers(journal=KeepsNoIntents),
         Makers(journal=KeepsNoRequests),
         Makers(responder=ForgetsRefusals),
+        Makers(responder=BeginsWhenAsked),
         Makers(responder=KnowsNoRepetition),
         Makers(responder=BelievesWhatItDoesNotKnow),
         Makers(responder=SetsNoMark),

@@ -104,6 +104,8 @@ class Robot:
     """What really happened to one execution."""
 
     told: int = 0
+    late: bool = False
+    """Whether that was later than its request allows."""
     tells: bool = True
     """Whether it can say later what became of an execution."""
     report: Report | None = None
@@ -325,6 +327,8 @@ class World:
             status = StatusCode.BAD_NOT_EXECUTABLE
             self._in_responder(lambda responder: responder.refused(execution_id, status, "no", self.now))
             return
+        deadline = execution.issued + execution.timeout_ms * 10_000 + round(LIMITS.clock_tolerance_s * 10_000_000)
+        wish.robot.late = wish.robot.late or self._utc(self._skew_ticks) > deadline
         wish.robot.told += 1
         self._at(self.now + wish.lasts_s, lambda: self._robot_ends(wish))
         self._maybe_crash("responder when the robot was told")
@@ -411,6 +415,8 @@ class World:
         told = wish.robot.told
         if told > 1:
             return f"done {told} times"
+        if wish.robot.late:
+            return "begun late"
         if wish.outcome is None:
             return "no outcome"
         kind = wish.outcome.kind

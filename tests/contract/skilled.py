@@ -115,7 +115,7 @@ class SkilledDriver(VirtualDriver):
         """See SkillDriver."""
         targets = (SkillTarget(TARGET, "machine", Topic(self._number, 2, STATUS)),)
         return (
-            Skill(Topic(self._number, 2, WORK), "work", targets, FIELDS, RESULTS),
+            Skill(Topic(self._number, 2, WORK), "work", targets, FIELDS, RESULTS, at_once=8),
             Skill(Topic(self._number, 2, QUICK), "quick", targets, FIELDS, RESULTS, is_immediate=True),
         )
 

@@ -16,7 +16,7 @@ from collections.abc import Callable, Iterable, Sequence
 from functools import partial
 from typing import Any, Final
 
-from ua_fleet.bridge.core import Rule
+from ua_fleet.bridge.core import BridgeCore, Rule
 from ua_fleet.bridge.driver import (
     Execution,
     ExecutionEnded,
@@ -27,6 +27,7 @@ from ua_fleet.bridge.driver import (
     Skill,
     SkillDriver,
 )
+from ua_fleet.bridge.skill_status import StatusBoard
 from ua_fleet.counters import Counters, Drop
 from ua_fleet.errors import LocalWireError, SkillError, StorageUnavailable
 from ua_fleet.pubsub.events import ActionReceived
@@ -36,7 +37,6 @@ from ua_fleet.skill import journal as skill_journal
 from ua_fleet.skill.executions import ExecutionState, Report, RequestorName, Target, pack, unpack
 from ua_fleet.skill.responder import (
     Execute,
-    ExecutionChanged,
     Offer,
     Query,
     Respond,
@@ -56,6 +56,8 @@ SendTo = Callable[[bytes, tuple[str, int]], None]
 
 RETRY_S: Final = 1.0
 """A driver's fact that could not be journaled is tried again after so long."""
+_SHOWN_AFTER_START: Final = 256
+"""Executions of a run before that SkillStatus is made of, of all robots together."""
 SKILLS_PERIOD_S: Final = 1.0
 """How often the driver is asked what skills there are."""
 
@@ -73,6 +75,7 @@ class Actions:
         journal: skill_journal.ResponderJournal,
         requestors: Iterable[int],
         must_be_verified: bool,
+        core: BridgeCore,
         send: Callable[[bytes], None],
         send_to: SendTo,
         wall_ticks: Callable[[], int],
@@ -89,6 +92,7 @@ class Actions:
             journal: of executions; one in memory is enough without skills.
             requestors: spaces that may command this one.
             must_be_verified: whether keys are configured: unsigned requests are dropped then.
+            core: publishes SkillStatus.
             send: sends a plain message to all.
             send_to: sends a plain message to one address.
             wall_ticks: the time of the wall clock.
@@ -106,6 +110,9 @@ class Actions:
         self._responder = Responder(
             space, journal, counters, allowed_spaces=requestors, must_be_verified=must_be_verified
         )
+        self._board = StatusBoard(core)
+        self._changed: list[skill_journal.Execution] = []
+        """What SkillStatus has not said yet: a requestor that waits is answered first."""
         self._skills: dict[Topic, Skill] = {}
         self._skills_at = 0.0
         self._waiting: deque[Callable[[float], Sequence[ResponderEffect]]] = deque()
@@ -117,7 +124,11 @@ class Actions:
     def begin(self, now: float) -> None:
         """Announce the skills, and ask the driver about executions of a run before."""
         self._look_at_skills(now)
-        self._do(self._responder.recover(), now)
+        effects = self._responder.recover()
+        for execution in self._responder.executions()[-_SHOWN_AFTER_START:]:
+            self._board.show(execution, now, self._wall_ticks())
+        self._do(effects, now)
+        self._show(now)
 
     def receive(self, event: ActionReceived, now: float) -> None:
         """Take a request. Its origin, for the loop rule, is the space of its requestor."""
@@ -134,10 +145,12 @@ class Actions:
             lambda: self._responder.receive(message, reply_to, now, self._wall_ticks(), verified=event.verified), now
         )
         self._do(effects or (), now)
+        self._show(now)
 
     def from_driver(self, fact: ExecutionFact, now: float) -> None:
         """Take what the driver tells of an execution."""
         self._record(lambda later: self._taken(fact, later), now)
+        self._show(now)
 
     def poll(self, now: float) -> None:
         """Do what is due."""
@@ -146,6 +159,7 @@ class Actions:
         if self._waiting and now >= self._retry_at:
             self._take_waiting(now)
         self._do(self._responder.poll(now), now)
+        self._show(now)
 
     def next_deadline(self) -> float | None:
         """When `poll` is to be called next, or None."""
@@ -173,7 +187,10 @@ class Actions:
     def _taken(self, fact: ExecutionFact, now: float) -> list[ResponderEffect]:
         responder, execution_id = self._responder, fact.execution_id
         if isinstance(fact, ExecutionProgressed):
-            return responder.running(execution_id)
+            effects = responder.running(execution_id)
+            if (execution := self._find(execution_id)) is not None:
+                self._board.progressed(execution.target, fact, now, self._wall_ticks())
+            return effects
         if isinstance(fact, ExecutionNotBegun):
             return responder.not_begun(execution_id, now, self._wall_ticks())
         if isinstance(fact, ExecutionForgotten):
@@ -181,10 +198,14 @@ class Actions:
             return responder.ended(execution_id, unknown, now)
         return responder.ended(execution_id, self._report_of(fact), now)
 
+    def _find(self, execution_id: bytes) -> skill_journal.Execution | None:
+        executions = reversed(self._responder.executions())
+        return next((execution for execution in executions if execution.execution_id == execution_id), None)
+
     def _report_of(self, ended: ExecutionEnded) -> Report:
         if quality_of(ended.status) is Quality.BAD:
             return Report(ExecutionState.FAILED, ended.status, ended.message)
-        execution = next((e for e in self._responder.executions() if e.execution_id == ended.execution_id), None)
+        execution = self._find(ended.execution_id)
         skill = None if execution is None else self._skills.get(_topic_of(execution.target))
         types = () if skill is None else type_codes(skill.response)
         try:
@@ -218,7 +239,12 @@ class Actions:
             elif isinstance(effect, Query):
                 self._query(effect.execution, now)
             else:
-                self._changed(effect)
+                self._changed.append(effect.execution)
+
+    def _show(self, now: float) -> None:
+        changed, self._changed = self._changed, []
+        for execution in changed:
+            self._board.show(execution, now, self._wall_ticks())
 
     def _respond(self, effect: Respond) -> None:
         to: Any = effect.to
@@ -253,9 +279,6 @@ class Actions:
             self._failed("the driver failed while it was asked about an execution", error)
             self.from_driver(ExecutionForgotten(execution.execution_id, "the driver failed when it was asked"), now)
 
-    def _changed(self, effect: ExecutionChanged) -> None:
-        pass
-
     def _look_at_skills(self, now: float) -> None:
         """Announce what is new or has changed, and retire what is gone."""
         self._skills_at = now + SKILLS_PERIOD_S
@@ -271,6 +294,7 @@ class Actions:
                 self._responder.withdraw(Target(*topic, target.id))
             if topic not in skills:
                 self._tell_all(self._publisher.retire_action(topic, now=now, wall_ticks=wall_ticks))
+        self._board.offer(skills.values(), now, wall_ticks)
         for topic, skill in skills.items():
             self._offer(skill, before.get(topic) != skill, now, wall_ticks)
 
@@ -288,7 +312,14 @@ class Actions:
                 return
         types = type_codes(skill.request)
         for target in skill.targets:
-            self._responder.offer(Offer(Target(*skill.topic, target.id), types, immediate=skill.is_immediate))
+            self._responder.offer(
+                Offer(
+                    Target(*skill.topic, target.id),
+                    types,
+                    immediate=skill.is_immediate,
+                    requests_at_once=skill.at_once,
+                )
+            )
 
     def _tell_all(self, datagrams: Iterable[bytes]) -> None:
         for datagram in datagrams:

@@ -194,6 +194,8 @@ class Skill:
     """The results."""
     is_immediate: bool = False
     """Whether the ActionResponse waits for the end, which comes within the request's TimeoutHint."""
+    at_once: int = 1
+    """Executions that each target may have under way; one more is refused."""
 
 
 class Execution(NamedTuple):

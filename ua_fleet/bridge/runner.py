@@ -108,6 +108,7 @@ class _Shell:
             journal=journal,
             requestors=self._bridge.requestors,
             must_be_verified=self.envelope.mode is not SecurityMode.NONE,
+            core=self._core,
             send=self._send,
             send_to=self._send_to,
             wall_ticks=_wall_ticks,
@@ -228,6 +229,7 @@ async def run_bridge(
     *,
     state_dir: Path,
     keys: KeySource | None = None,
+    journal: ResponderJournal | None = None,
     ready: Callable[[], None] | None = None,
     rule: Rule = loop_verdict,
 ) -> None:
@@ -240,6 +242,7 @@ async def run_bridge(
         transport: the PubSub side, not started.
         state_dir: where the bridge remembers what must survive a restart; used only with message security or skills.
         keys: where the keys of message security come from; not needed where it is `none`.
+        journal: of executions; the one in `state_dir` if left out. Without skills there is nothing to remember.
         ready: called once both sides work.
         rule: the loop rule; only a test puts another one in its place.
 
@@ -251,10 +254,9 @@ async def run_bridge(
     """
     keys = keys_needed(config, keys)
     async with AsyncExitStack() as cleanup:
-        journal: ResponderJournal = MemoryJournal()
-        if skills_of(driver) is not None:
+        if journal is None and skills_of(driver) is not None:
             journal = cleanup.enter_context(SqliteJournal(state_dir / JOURNAL))
-        shell = _Shell(config, bridge_name, driver, transport, state_dir, journal, rule)
+        shell = _Shell(config, bridge_name, driver, transport, state_dir, journal or MemoryJournal(), rule)
         cleanup.push_async_callback(transport.close)
         cleanup.push_async_callback(driver.stop)
         cleanup.callback(shell.end)

@@ -116,21 +116,64 @@ class SkillCommands:
             StorageUnavailable: the request could not be recorded, and was not sent.
         """
         action = await self._announcement_of(topic, timeout_s)
+        execution_id = execution_id or secrets.token_bytes(EXECUTION_ID_BYTES)
+        effects = self._start(action, topic, action_target_id, values, timeout_s, execution_id)
+        waiting = self._wait(execution_id)
+        self._do(effects)
+        self._sooner()
+        return await waiting
+
+    def request(self, topic: Topic, robot: str, values: tuple[Any, ...], timeout_s: float, execution_id: bytes) -> None:
+        """Have a robot do a skill, once, and wait for nothing: `told` learns of the outcome.
+
+        Args:
+            topic: (space, WriterGroupId, DataSetWriterId) of the Action.
+            robot: name of the Action's target; an Action with one target is that robot's whatever the name.
+            values: the arguments, in the order of the Action's request fields.
+            timeout_s: the robot does not begin later than that.
+            execution_id: 16 bytes that were never used before; said again, the same request is meant.
+
+        Raises:
+            RobotOffline: nobody has announced the Action. It is asked for then: a later call may find it.
+            SkillRejected: the robot does not have the skill, or the arguments do not fit.
+            StorageUnavailable: the request could not be recorded, and was not sent.
+        """
+        action = self._catalog.find(topic.space, topic.id)
+        if action is None:
+            self._want(topic.space, topic.id, asyncio.get_running_loop().time())
+            self._sooner()
+            raise _not_announced(topic)
+        named = [target.action_target_id for target in action.targets if target.name == robot or not action.targets[1:]]
+        if not named:
+            raise SkillRejected(f"{action.request.name} has no target {robot!r}")
+        self._do(self._start(action, topic, named[0], values, timeout_s, execution_id))
+        self._sooner()
+
+    def want(self, topic: Topic) -> None:
+        """See to it that an Action is announced, where it is not yet."""
+        if self._catalog.find(topic.space, topic.id) is None:
+            self._want(topic.space, topic.id, asyncio.get_running_loop().time())
+            self._sooner()
+
+    def _start(
+        self,
+        action: ActionMetaDataAnnouncement,
+        topic: Topic,
+        action_target_id: int,
+        values: tuple[Any, ...],
+        timeout_s: float,
+        execution_id: bytes,
+    ) -> list[RequestorEffect]:
         types = type_codes(action.request.fields)
         if len(values) != len(types):
             raise SkillRejected(f"{action.request.name} takes {len(types)} arguments, not {len(values)}")
         if action_target_id not in [target.action_target_id for target in action.targets]:
             raise SkillRejected(f"{action.request.name} has no target {action_target_id}")
-        execution_id = execution_id or secrets.token_bytes(EXECUTION_ID_BYTES)
         now, target = asyncio.get_running_loop().time(), Target(*topic, action_target_id)
         try:
-            effects = self._requestor.start(execution_id, target, types, values, timeout_s, now, self._wall_ticks())
+            return self._requestor.start(execution_id, target, types, values, timeout_s, now, self._wall_ticks())
         except LocalWireError as error:
             raise SkillRejected(f"{action.request.name}: {error}") from error
-        waiting = self._wait(execution_id)
-        self._do(effects)
-        self._sooner()
-        return await waiting
 
     async def outcome(self, execution_id: bytes) -> Outcome:
         """Wait for the outcome of a request that this run or one before has made. KeyError where there is none."""
@@ -146,6 +189,10 @@ class SkillCommands:
         self._catalog.apply(announcement)
         self._announced.set()
 
+    def action(self, topic: Topic) -> ActionMetaDataAnnouncement | None:
+        """What was announced of an Action."""
+        return self._catalog.find(topic.space, topic.id)
+
     def poll(self, now: float) -> None:
         """Do what is due: repetitions, and the end of waiting."""
         if now >= self._retry_at:
@@ -159,15 +206,13 @@ class SkillCommands:
     async def _announcement_of(self, topic: Topic, timeout_s: float) -> ActionMetaDataAnnouncement:
         try:
             async with asyncio.timeout(timeout_s):
-                while (action := self._catalog.find(topic.space, topic.id)) is None:
+                while (action := self.action(topic)) is None:
                     self._want(topic.space, topic.id, asyncio.get_running_loop().time())
                     self._sooner()
                     self._announced.clear()
                     await self._announced.wait()
         except TimeoutError:
-            raise RobotOffline(
-                f"nobody announces the Action {topic.name}; see whether the bridge of space {topic.space} runs"
-            ) from None
+            raise _not_announced(topic) from None
         return action
 
     def _wait(self, execution_id: bytes) -> asyncio.Future[Outcome]:
@@ -211,3 +256,7 @@ class SkillCommands:
                 waiting.set_result(outcome)
         if self._told is not None:
             self._told(execution_id, outcome)
+
+
+def _not_announced(topic: Topic) -> RobotOffline:
+    return RobotOffline(f"nobody announces the Action {topic.name}; see whether the bridge of space {topic.space} runs")

@@ -13,7 +13,14 @@ from ua_fleet.config.schema import FleetConfig, PubSubSecurity
 from ua_fleet.config.security import envelope_of, file_keys_of
 from ua_fleet.counters import Counters
 from ua_fleet.keys.keeper import KeysKept, keep_keys
-from ua_fleet.pubsub.events import ActionReceived, AnnouncementReceived, DataReceived, ProbeDue, SubscriberEvent
+from ua_fleet.pubsub.events import (
+    ActionReceived,
+    AnnouncementReceived,
+    DataReceived,
+    ProbeDue,
+    SourceUnknown,
+    SubscriberEvent,
+)
 from ua_fleet.pubsub.security.envelope import Envelope
 from ua_fleet.pubsub.subscriber import Subscriber
 from ua_fleet.pubsub.timing import PubSubTiming
@@ -34,14 +41,14 @@ class LossyTransport(UdpTransport):
 
     def __init__(self, url: str, loss: float, seed: int) -> None:
         super().__init__(url, "lo")
-        self._loss, self._random = loss, Random(seed)
+        self.loss, self._random = loss, Random(seed)
         self.lost = 0
 
     def send(self, datagram: bytes, address: Address | None = None) -> None:
         if self._is_lost():
             return
         super().send(datagram, address)
-        if self._random.random() < self._loss:
+        if self._random.random() < self.loss:
             super().send(datagram, address)
 
     async def start(self, receive: Callable[[bytes, Address], None]) -> None:
@@ -52,7 +59,7 @@ class LossyTransport(UdpTransport):
         await super().start(receive_some)
 
     def _is_lost(self) -> bool:
-        is_lost = self._random.random() < self._loss
+        is_lost = self._random.random() < self.loss
         self.lost += is_lost
         return is_lost
 
@@ -91,6 +98,10 @@ class Requesting:
         for sealed in self.envelope.seal(datagram, self._now()):
             self.transport.send(sealed)
 
+    def take(self, datagram: bytes, sender: Address) -> None:
+        """What the transport calls; a test may put another `receive` in its place."""
+        self.receive(datagram, sender)
+
     def receive(self, datagram: bytes, sender: Address) -> None:
         self._take(self._subscriber.receive(datagram, self._now(), sender))
 
@@ -104,8 +115,9 @@ class Requesting:
             elif isinstance(event, AnnouncementReceived):
                 if isinstance(event.announcement, ActionMetaDataAnnouncement):
                     self.commands.announced(event.announcement)
-            elif isinstance(event, ProbeDue):
-                self.send(event.datagram)
+            elif isinstance(event, ProbeDue | SourceUnknown):
+                if event.datagram:
+                    self.send(event.datagram)
             elif isinstance(event, DataReceived):
                 self.status[event.topic] = event.message
 
@@ -132,7 +144,7 @@ async def requesting(
     requestor = Requesting(config, folder, transport, journal or opened or _none(), space, envelope)
     tasks = [asyncio.ensure_future(requestor.tick())]
     try:
-        await transport.start(requestor.receive)
+        await transport.start(requestor.take)
         if envelope is None and config.pubsub.security is not PubSubSecurity.NONE:
             source = file_keys_of(config, space, folder.parent)
             tasks.append(asyncio.ensure_future(keep_keys(requestor.envelope, source, requestor.kept, count=2)))

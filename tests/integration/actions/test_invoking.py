@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import pytest
 
-from tests.contract.skilled import FAILING_WORK, REFUSED_WORK, WORK
-from tests.integration.actions.conftest import QUICK_ACTION, SPACE, Cell, work
+from tests.contract.skilled import ENDLESS_WORK, FAILING_WORK, REFUSED_WORK, STATUS, WORK
+from tests.integration.actions.conftest import QUICK_ACTION, SPACE, Cell, until, work
 from ua_fleet.errors import RobotOffline, SkillRejected
 from ua_fleet.skill.executions import ExecutionState, OutcomeKind, unpack
+from ua_fleet.skill.status import read_result
 from ua_fleet.topics import Topic
 from ua_fleet.values import StatusCode
 
@@ -58,3 +61,28 @@ async def test_a_bridge_that_is_not_there_is_told(cell: Cell) -> None:
     async with cell.requestor() as requestor:
         with pytest.raises(RobotOffline, match="nobody announces the Action ua_300_2_1900; see whether the bridge of"):
             await work(requestor, "weld", 0.0, timeout_s=0.3)
+
+
+async def test_skill_status_says_how_far_each_execution_is_through_a_restart(cell: Cell) -> None:
+    bridge = cell.bridge()
+    status = Topic(SPACE, 2, STATUS)
+
+    def states() -> list[tuple[str, int, float, dict[str, Any], str]]:
+        message = requestor.status.get(status)
+        if message is None:
+            return []
+        _, skills, states, progress, results, messages = message.values
+        return list(zip(skills, states, progress, map(read_result, results), messages, strict=True))
+
+    done: tuple[Any, ...] = ("work", ExecutionState.DONE, 1.0, {"done": "weld", "seconds": 0.0}, "")
+    failed: tuple[Any, ...] = ("work", ExecutionState.FAILED, 0.0, {}, "the machine broke")
+    refused: tuple[Any, ...] = ("work", ExecutionState.REFUSED, 0.0, {}, "the machine does not do that")
+    async with cell.requestor() as requestor:
+        for one in ("weld", FAILING_WORK, REFUSED_WORK, ENDLESS_WORK):
+            await work(requestor, one, 0.0)
+        await until(lambda: states() == [done, failed, refused, ("work", ExecutionState.RUNNING, 0.5, {}, "working")])
+        bridge.end()
+        requestor.status.clear()
+        cell.bridge()
+        await until(lambda: [state[:2] for state in states()][-1:] == [("work", ExecutionState.RUNNING)])
+        assert states()[:3] == [done, failed, refused]

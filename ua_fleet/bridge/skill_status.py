@@ -1,0 +1,89 @@
+"""What the bridge publishes of its robots' executions: one SkillStatus for each robot, as data like any other."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any, Final
+
+from ua_fleet.bridge.core import NODE_ONLY, BridgeCore
+from ua_fleet.bridge.driver import ExecutionProgressed, Skill, SourceFound, SourceLost
+from ua_fleet.pubsub.metadata import make_field
+from ua_fleet.skill.executions import ExecutionState, Target, unpack
+from ua_fleet.skill.journal import Execution
+from ua_fleet.skill.status import SKILL_STATUS_FIELDS, ExecutionStatus, SkillStatus, result_text
+from ua_fleet.topics import Topic
+
+__all__ = ["StatusBoard"]
+
+_FIRST, *_OTHERS = SKILL_STATUS_FIELDS
+_FIELDS: Final = (
+    _FIRST._replace(properties=make_field(_FIRST.name, _FIRST.builtin_type, properties={NODE_ONLY: True}).properties),
+    *_OTHERS,
+)
+"""SkillStatus is for the server's nodes, and has no form in another robot's space."""
+
+
+class StatusBoard:
+    """The SkillStatus of all robots of a bridge."""
+
+    def __init__(self, core: BridgeCore) -> None:
+        self._core = core
+        self._robots: dict[Topic, tuple[str, SkillStatus]] = {}
+        """Name of the robot and what is shown of it, by the topic of its SkillStatus."""
+        self._targets: dict[Target, tuple[Skill, Topic]] = {}
+
+    def offer(self, skills: Iterable[Skill], now: float, wall_ticks: int) -> None:
+        """These are the skills now. A robot without any is no longer heard of."""
+        self._targets.clear()
+        names: dict[Topic, str] = {}
+        for skill in skills:
+            for target in skill.targets:
+                self._targets[Target(*skill.topic, target.id)] = skill, target.status
+                names.setdefault(target.status, target.name)
+        for topic in self._robots.keys() - names.keys():
+            del self._robots[topic]
+            self._core.from_space(SourceLost(topic), now=now, wall_ticks=wall_ticks)
+        for topic, name in names.items():
+            known = self._robots.get(topic)
+            if known is None or known[0] != name:
+                self._robots[topic] = name, known[1] if known is not None else SkillStatus()
+                source = SourceFound(topic, f"{name} skill status", _FIELDS)
+                self._core.from_space(source, now=now, wall_ticks=wall_ticks)
+                self._publish(topic, now, wall_ticks)
+
+    def show(self, execution: Execution, now: float, wall_ticks: int) -> None:
+        """An execution is new or has a new state."""
+        found = self._targets.get(execution.target)
+        if found is None:
+            return
+        (skill, topic), report = found, execution.report
+        before = self._robots[topic][1].get(execution.execution_id)
+        progress = 1.0 if report.state is ExecutionState.DONE else before.progress if before is not None else 0.0
+        results = {
+            field.name: _plain(result.value)
+            for field, result in zip(skill.response, unpack(report.result), strict=False)
+        }
+        status = ExecutionStatus(
+            execution.execution_id, skill.name, report.state, progress, result_text(results), report.message
+        )
+        self._show(topic, status, now, wall_ticks)
+
+    def progressed(self, target: Target, fact: ExecutionProgressed, now: float, wall_ticks: int) -> None:
+        """A robot says how far an execution is."""
+        found = self._targets.get(target)
+        before = None if found is None else self._robots[found[1]][1].get(fact.execution_id)
+        if found is not None and before is not None and before.state is ExecutionState.RUNNING:
+            self._show(found[1], before._replace(progress=fact.progress, message=fact.message), now, wall_ticks)
+
+    def _show(self, topic: Topic, status: ExecutionStatus, now: float, wall_ticks: int) -> None:
+        if self._robots[topic][1].show(status):
+            self._publish(topic, now, wall_ticks)
+
+    def _publish(self, topic: Topic, now: float, wall_ticks: int) -> None:
+        _, values = self._robots[topic][1].fields()
+        self._core.tell(topic, values, wall_ticks, now=now)
+
+
+def _plain(value: Any) -> Any:
+    """A value that JSON has, or its text."""
+    return value if value is None or isinstance(value, bool | int | float | str) else str(value)

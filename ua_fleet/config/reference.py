@@ -18,7 +18,7 @@ from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
 from ua_fleet.config.kinds import known_kinds, model_of_kind
-from ua_fleet.config.resilience_schema import CriterionConfig, DistanceConfig
+from ua_fleet.config.resilience_schema import CriterionConfig, DistanceConfig, FaultConditionConfig
 from ua_fleet.config.schema import (
     BridgeConfig,
     DataSetConfig,
@@ -60,6 +60,7 @@ _SECTIONS: Final[tuple[tuple[str, type[BaseModel]], ...]] = (
     ("`limits` of a skill", SkillLimitsConfig),
     ("`resilience`", ResilienceConfig),
     ("`resilience.criteria.<name>`", CriterionConfig),
+    ("`resilience.faults.<name>`", FaultConditionConfig),
     ("`distance` of a criterion", DistanceConfig),
     ("`scenarios`", ScenariosConfig),
 )

@@ -3,16 +3,21 @@
 from __future__ import annotations
 
 from enum import StrEnum
-from typing import Annotated, Literal
+from typing import Annotated, Final, Literal
 
 from pydantic import Field, model_validator
 
 from ua_fleet.config.base import FieldPath, Model, Name
 from ua_fleet.errors import JudgementsInvalid
-from ua_fleet.orchestrator import CriterionSource, DistanceFrom, ResilienceSettings, TasksAhead, ValueOf
+from ua_fleet.orchestrator import CriterionSource, DistanceFrom, FaultRule, ResilienceSettings, TasksAhead, ValueOf
 from ua_fleet.resilience import Criterion, CriterionKind, Mode, OnLimit, Synthesis
+from ua_fleet.scenario import parse_expression
+from ua_fleet.scenario.expression import ExpressionInvalid
 
-__all__ = ["CriterionConfig", "DistanceConfig", "ResilienceConfig"]
+__all__ = ["CriterionConfig", "DistanceConfig", "FaultConditionConfig", "ResilienceConfig"]
+
+RESERVED_SOURCES: Final = frozenset({"robot", "silent", "skill"})
+"""What else finds faults."""
 
 
 class DistanceConfig(Model, frozen=True):
@@ -61,6 +66,32 @@ class CriterionConfig(Model, frozen=True):
         return TasksAhead()
 
 
+class FaultConditionConfig(Model, frozen=True):
+    """A fault that is found by a condition on values of a robot."""
+
+    robots: Annotated[tuple[Name, ...], Field(min_length=1)]
+    """Robots that may have it."""
+    when: str
+    """The fault is there when this is true, e.g. `battery < 20`; names are the robot's own values."""
+    until: str | None = None
+    """It is over when this is true; left out: when `when` is false."""
+    reason: str = ""
+    """What people read; the condition itself if left out."""
+
+    @model_validator(mode="after")
+    def _check(self) -> FaultConditionConfig:
+        try:
+            self.rule("")
+        except ExpressionInvalid as error:
+            raise ValueError(str(error)) from None
+        return self
+
+    def rule(self, name: str) -> FaultRule:
+        """The rule that the orchestrator goes by."""
+        until = None if self.until is None else parse_expression(self.until)
+        return FaultRule(name, self.robots, parse_expression(self.when), until, self.reason)
+
+
 class ModeName(StrEnum):
     """Who chooses a replacement."""
 
@@ -87,13 +118,22 @@ class ResilienceConfig(Model, frozen=True):
     judgements: dict[Name, dict[Name, Annotated[float, Field(gt=0)]]] = {}
     """How many times more important one criterion is than another: `{battery: {distance: 2}}`. Each pair once."""
 
+    faults: dict[Name, FaultConditionConfig] = {}
+    """Faults that are found by conditions, by name."""
+
     @model_validator(mode="after")
     def _check(self) -> ResilienceConfig:
+        for name in self.faults.keys() & RESERVED_SOURCES:
+            raise ValueError(f"faults: {name!r} is found by the program itself; choose another name")
         try:
             self.settings()
         except JudgementsInvalid as error:
             raise ValueError("judgements: " + "; ".join(error.problems)) from None
         return self
+
+    def rules(self) -> tuple[FaultRule, ...]:
+        """The conditions that are faults."""
+        return tuple(fault.rule(name) for name, fault in self.faults.items())
 
     def settings(self) -> ResilienceSettings:
         """What the orchestrator goes by."""

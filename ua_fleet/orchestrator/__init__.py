@@ -7,6 +7,7 @@ What has to be carried out is StartTask and CancelTask; all else is for people a
 """
 
 from ua_fleet.orchestrator.candidates import CriterionSource, DistanceFrom, ResilienceSettings, TasksAhead, ValueOf
+from ua_fleet.orchestrator.conditions import FaultConditions, FaultFound, FaultRule
 from ua_fleet.orchestrator.faults import Fault, FaultChange, Faults
 from ua_fleet.orchestrator.orchestrator import Forecast, Orchestrator
 from ua_fleet.orchestrator.outputs import (
@@ -26,6 +27,9 @@ __all__ = [
     "Fault",
     "FaultChange",
     "FaultChanged",
+    "FaultConditions",
+    "FaultFound",
+    "FaultRule",
     "Faults",
     "Forecast",
     "OperatorAsked",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 from ua_fleet.errors import ScenarioError
@@ -32,6 +32,7 @@ from ua_fleet.scenario.effects import (
 from ua_fleet.scenario.expression import Expression
 from ua_fleet.scenario.facts import Fact, RunEnded, TaskOutcome, TaskOver, Then
 from ua_fleet.scenario.model import Task
+from ua_fleet.scenario.state import TaskPhase
 
 __all__ = ["Forecast", "Orchestrator"]
 
@@ -110,15 +111,26 @@ class Orchestrator:
 
     def restore(self, run_id: str, scenario: Scenario, facts: list[Fact], now: float) -> list[Output]:
         """Go on with a run of the journal. Raise what faults there are before."""
-        run = Run.restore(scenario, facts, self._journal_of(run_id))
-        if run.state.outcome is not None:
-            return []
-        self.runs[run_id], self._scenarios[run_id] = run, scenario
-        self._carry_out(run_id, run.again(now), now)
-        for fault in self.faults:
-            if fault.active:
-                self._carry_out(run_id, run.robot_faulted(fault.robot, fault.reason, now), now)
-        self._carry_out(run_id, run.poll(self._lookup, now), now)
+        return self.restore_all([(run_id, scenario, facts)], now)
+
+    def restore_all(self, stored: Sequence[tuple[str, Scenario, list[Fact]]], now: float) -> list[Output]:
+        """Go on with all runs of the journal. Robots stay with the tasks that they are at, before others get any."""
+        restored: list[tuple[str, Run]] = []
+        for run_id, scenario, facts in stored:
+            run = Run.restore(scenario, facts, self._journal_of(run_id))
+            if run.state.outcome is not None:
+                continue
+            self.runs[run_id], self._scenarios[run_id] = run, scenario
+            restored.append((run_id, run))
+            for step, task_run in run.state.tasks.items():
+                if task_run.phase in (TaskPhase.ASSIGNED, TaskPhase.ACCEPTED):
+                    self._reservations.want((run_id, step), task_run.robot)
+        for run_id, run in restored:
+            self._carry_out(run_id, run.again(now), now)
+            for fault in self.faults:
+                if fault.active:
+                    self._carry_out(run_id, run.robot_faulted(fault.robot, fault.reason, now), now)
+            self._carry_out(run_id, run.poll(self._lookup, now), now)
         return self._taken()
 
     def pause(self, run_id: str, by: str, now: float) -> list[Output]:

@@ -19,8 +19,8 @@ __all__ = ["RunJournal", "StoredRun"]
 
 _VERSION: Final = 1
 _SCHEMA: Final = (
-    "CREATE TABLE runs (number INTEGER PRIMARY KEY AUTOINCREMENT, run_id TEXT NOT NULL UNIQUE, ended INTEGER NOT NULL)"
-    " STRICT",
+    """CREATE TABLE runs (
+    number INTEGER PRIMARY KEY AUTOINCREMENT, run_id TEXT NOT NULL UNIQUE, ended INTEGER NOT NULL) STRICT""",
     "CREATE TABLE facts (number INTEGER PRIMARY KEY AUTOINCREMENT, run_id TEXT NOT NULL, line TEXT NOT NULL) STRICT",
     "CREATE INDEX facts_of_run ON facts (run_id, number)",
     """CREATE TABLE faults (robot TEXT NOT NULL, source TEXT NOT NULL, reason TEXT NOT NULL, active INTEGER NOT NULL,

@@ -373,3 +373,21 @@ def test_an_abort_frees_the_robots() -> None:
 def test_settings_that_cannot_be_weighed_are_refused() -> None:
     with pytest.raises(JudgementsInvalid):
         ResilienceSettings(((BATTERY, ValueOf("battery")), (FREE, TasksAhead())), {})
+
+
+def test_after_a_restart_a_robot_stays_with_what_it_is_at() -> None:
+    world = World()
+    world.start("b", "  - {task: other, robot: ur3, skill: grab}\n")
+    world.start("a", "  - {task: waiting, robot: ur3, skill: grab}\n")
+    again = World()
+    stored = [
+        (
+            run_id,
+            scenario_of("version: 1\nname: s\nsteps:\n  - {task: " + task + ", robot: ur3, skill: grab}\n"),
+            [decode_fact(line) for owner, line in world.journal if owner == run_id],
+        )
+        for run_id, task in (("a", "waiting"), ("b", "other"))
+    ]
+    again.take(again.make.restore_all(stored, 0.0))
+    again.go()
+    assert again.log == ["0 b ur3 grab", "1 b done", "1 a ur3 grab", "2 a done"]

@@ -1,0 +1,88 @@
+"""Faults that are found: conditions on robots' values, e.g. `battery < 20`.
+
+A name in a condition is a value of the robot itself: `battery` is `<robot>.battery`, and may be written so too. While a
+value is not known, nothing changes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from ua_fleet.scenario import Expression, Lookup, Value, ValueUnknown
+
+__all__ = ["FaultConditions", "FaultFound", "FaultRule"]
+
+
+@dataclass(frozen=True, slots=True)
+class FaultRule:
+    """One condition that is a fault of a robot."""
+
+    name: str
+    robots: tuple[str, ...]
+    when: Expression
+    """True: the fault is there."""
+    until: Expression | None = None
+    """True: it is over. None: when `when` is false."""
+    reason: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class FaultFound:
+    """A condition has come true, or is over."""
+
+    robot: str
+    source: str
+    active: bool
+    reason: str
+
+
+class FaultConditions:
+    """Watches conditions; `check` whenever values have changed."""
+
+    def __init__(self, rules: Sequence[FaultRule]) -> None:
+        self._rules = tuple(rules)
+        self._active: set[tuple[str, str]] = set()
+
+    @property
+    def names(self) -> frozenset[str]:
+        """The sources of all faults that conditions find."""
+        return frozenset(rule.name for rule in self._rules)
+
+    def restored(self, robot: str, source: str) -> None:
+        """A fault of a run before is active still."""
+        self._active.add((robot, source))
+
+    def check(self, lookup: Lookup) -> list[FaultFound]:
+        """What has changed."""
+        found: list[FaultFound] = []
+        for rule in self._rules:
+            for robot in rule.robots:
+                key = robot, rule.name
+                is_active = key in self._active
+                now_active = _holds(rule, robot, lookup, was_active=is_active)
+                if now_active == is_active:
+                    continue
+                if now_active:
+                    self._active.add(key)
+                else:
+                    self._active.discard(key)
+                found.append(FaultFound(robot, rule.name, now_active, rule.reason or rule.when.text))
+        return found
+
+
+def _holds(rule: FaultRule, robot: str, lookup: Lookup, *, was_active: bool) -> bool:
+    def of_robot(name: str) -> Value:
+        try:
+            return lookup(f"{robot}.{name}")
+        except ValueUnknown:
+            if name.partition(".")[0] == robot:
+                return lookup(name)
+            raise
+
+    try:
+        if was_active and rule.until is not None:
+            return not rule.until.holds(of_robot)
+        return rule.when.holds(of_robot)
+    except ValueUnknown:
+        return was_active

@@ -17,6 +17,7 @@ from ua_fleet.fleet.model import (
     drop_field,
 )
 from ua_fleet.fleet.skills import SkillLimits, SkillModel
+from ua_fleet.skill.status import SKILL_STATUS_FIELDS
 from ua_fleet.topics import SERVER_SPACE, Topic
 from ua_fleet.values import ARRAY, BuiltinType, NodeId
 
@@ -61,7 +62,24 @@ def _robot(ns: int, name: str, config: RobotConfig, space: int) -> RobotModel:
             suggestion="run: ua-fleet config assign-ids",
         )
     topic = None if status is None else Topic.checked(space, ns, status)
-    return RobotModel(name, config.bridge, config.description, config.capacities, tuple(data_sets), ns, skills, topic)
+    return RobotModel(
+        name,
+        config.bridge,
+        config.description,
+        config.capacities,
+        tuple(data_sets),
+        ns,
+        skills,
+        topic,
+        () if topic is None else _skill_status_fields(topic),
+    )
+
+
+def _skill_status_fields(topic: Topic) -> tuple[FieldModel, ...]:
+    return tuple(
+        FieldModel(NodeId(topic.ns, f"{topic.id}.{field.name}"), field.name, field.builtin_type | ARRAY, can_wait=False)
+        for field in SKILL_STATUS_FIELDS
+    )
 
 
 def _skill(robot: str, name: str, config: SkillConfig) -> SkillModel:

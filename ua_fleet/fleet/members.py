@@ -61,13 +61,26 @@ class RobotStatus:
     A robot without sources of its own can be reached while its bridge can.
     """
 
-    __slots__ = ("alive", "bridge", "last_update", "model", "shown", "silent", "sources", "told_silent", "told_update")
+    __slots__ = (
+        "alive",
+        "bridge",
+        "busy",
+        "last_update",
+        "model",
+        "shown",
+        "silent",
+        "sources",
+        "told_silent",
+        "told_update",
+    )
 
     def __init__(self, model: RobotModel, bridge: BridgeStatus | None) -> None:
         self.model = model
         self.bridge = bridge
         self.sources = sum(not data_set.writable for data_set in model.data_sets)
         self.alive = 0
+        self.busy = False
+        """Whether it runs a skill."""
         self.silent: set[str] = set()
         """Names of the sources that have been alive and are not."""
         self.told_silent: set[str] = set()
@@ -87,7 +100,7 @@ class RobotStatus:
     def state(self, wall_ticks: int) -> list[Change]:
         """State, where it has changed."""
         is_online = self.alive > 0 if self.sources else self.bridge is not None and bool(self.bridge.online)
-        state = RobotState.IDLE if is_online else RobotState.OFFLINE
+        state = (RobotState.BUSY if self.busy else RobotState.IDLE) if is_online else RobotState.OFFLINE
         if state is self.shown:
             return []
         self.shown = state

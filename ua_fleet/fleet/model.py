@@ -83,6 +83,8 @@ class FieldModel:
     """Elements that an array has; 0 is any number."""
     initial: Any = None
     path: str | None = None
+    can_wait: bool = True
+    """Whether of several values in quick succession the last one will do, where it is a number."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,6 +125,7 @@ class RobotModel:
     skills: tuple[SkillModel, ...] = ()
     skill_status: Topic | None = None
     """DataSet with the robot's last executions; None without skills."""
+    skill_status_fields: tuple[FieldModel, ...] = ()
 
     @property
     def key(self) -> NodeId:
@@ -132,6 +135,14 @@ class RobotModel:
     def part(self, name: str) -> NodeId:
         """A node of the robot that is no DataSet, e.g. State."""
         return NodeId(self.ns, f"Robots.{self.name}.{name}")
+
+    @property
+    def skill_status_data(self) -> DataSetModel | None:
+        """`skill_status` with its fields."""
+        if self.skill_status is None:
+            return None
+        text = "The last executions of the robot's skills, the oldest first."
+        return DataSetModel(self.skill_status, "SkillStatus", self.skill_status_fields, text, is_single=False)
 
 
 @dataclass(frozen=True, slots=True)
@@ -167,9 +178,11 @@ class FleetModel:
     bridges: tuple[BridgeModel, ...]
 
     def data_sets(self) -> Iterator[DataSetModel]:
-        """All configured DataSets, those of the bridges' status included."""
+        """All configured DataSets, those of skills' and bridges' status included."""
         for robot in self.robots:
             yield from robot.data_sets
+            if (status := robot.skill_status_data) is not None:
+                yield status
         for bridge in self.bridges:
             if bridge.status is not None:
                 yield bridge.status

@@ -42,7 +42,7 @@ class Field:
 
     def __init__(self, model: FieldModel) -> None:
         self.model = model
-        self.analog = is_analog(model.type)
+        self.analog = model.can_wait and is_analog(model.type)
         self.plain = model.range is None and not model.length
         """Whether every value of the type fits."""
         self.type = 0

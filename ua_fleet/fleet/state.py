@@ -72,6 +72,9 @@ class FleetState:
             for data_set in robot.model.data_sets
             if not data_set.writable
         }
+        self._robot_of_skills = {
+            robot.model.skill_status: robot for robot in self._robots if robot.model.skill_status is not None
+        }
         self._bridge_of = {
             bridge.model.status.topic: bridge for bridge in self._bridges if bridge.model.status is not None
         }
@@ -113,6 +116,14 @@ class FleetState:
         for robot in self._robots:
             changes += robot.tick(wall_ticks)
         return changes + self._traffic.tick(self._counters, wall_ticks)
+
+    def set_busy(self, skill_status: Topic, busy: bool, wall_ticks: int) -> list[Change]:
+        """The robot of this SkillStatus runs a skill, or none."""
+        robot = self._robot_of_skills[skill_status]
+        if robot.busy == busy:
+            return []
+        robot.busy = busy
+        return robot.state(wall_ticks)
 
     def delivered(self, topic: Topic, timestamp: int) -> None:
         """A client's write has reached the nodes of a source of space 0 with this time."""

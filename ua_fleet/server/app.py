@@ -4,8 +4,10 @@
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import Callable
 from contextlib import ExitStack
+from functools import partial
 from pathlib import Path
 from typing import Final
 
@@ -17,6 +19,7 @@ from ua_fleet.pubsub.application import server_application_uri
 from ua_fleet.pubsub.subscriber import LoopRule
 from ua_fleet.server.address_space import FleetNodes
 from ua_fleet.server.endpoint.announced import announced_endpoints
+from ua_fleet.server.events import ServerEvents
 from ua_fleet.server.hardened import create_server
 from ua_fleet.server.hub import Hub, wall_ticks
 from ua_fleet.server.key_service.local import LocalKeySource
@@ -24,6 +27,8 @@ from ua_fleet.server.key_service.nodes import KeyServiceNodes
 from ua_fleet.server.key_service.service import KeyService
 from ua_fleet.server.nodeset import load_types
 from ua_fleet.server.projection import Projection
+from ua_fleet.server.skills.events import tell_transition
+from ua_fleet.server.skills.methods import SkillMethods
 from ua_fleet.server.writes import ClientWrites
 from ua_fleet.storage.journal import SqliteJournal
 from ua_fleet.topics import SERVER_SPACE, loop_verdict
@@ -90,12 +95,22 @@ async def run_server(
             config,
             model,
             transport or _udp(config.pubsub),
-            Projection(nodes),
+            Projection(nodes, tell=partial(tell_transition, ServerEvents(server.iserver))),
             state_dir=state_dir,
             journal=journal,
             keys=keys,
             rule=rule,
         )
+        methods = SkillMethods(
+            server,
+            hub.skills,
+            hub.tracker,
+            put=hub.show_skills,
+            clock=asyncio.get_running_loop().time,
+            wall_ticks=wall_ticks,
+        )
+        for robot in model.robots:
+            methods.add(robot)
         server.gate = ClientWrites(hub.commands, nodes, hub.publish, hub.flush_soon, wall_ticks)
         try:
             await hub.start()

@@ -29,8 +29,12 @@ from ua_fleet.keys.source import KeySource
 from ua_fleet.pubsub.events import (
     ActionReceived,
     AnnouncementReceived,
+    DataReceived,
     ProbeDue,
     ProbeReceived,
+    SourceRefused,
+    SourceReturned,
+    SourceSilent,
     SourceUnknown,
     SubscriberEvent,
 )
@@ -40,6 +44,7 @@ from ua_fleet.pubsub.subscriber import LoopRule, Subscriber
 from ua_fleet.pubsub.timing import PubSubTiming
 from ua_fleet.server.commands_out import SkillCommands
 from ua_fleet.server.projection import Projection
+from ua_fleet.server.skills.tracker import SkillChange, SkillTracker
 from ua_fleet.skill.journal import RequestorJournal
 from ua_fleet.topics import SERVER_SPACE, loop_verdict
 from ua_fleet.transport.base import Address, Transport
@@ -130,7 +135,12 @@ class Hub:
             sooner=self._check_deadline,
             wall_ticks=wall_ticks,
             must_be_verified=self._envelope.mode is not SecurityMode.NONE,
+            told=lambda execution_id, outcome: self.show_skills(
+                self.tracker.concluded(execution_id, outcome, wall_ticks())
+            ),
         )
+        self.tracker = SkillTracker(model)
+        """What is known of executions."""
         self._sooner = asyncio.Event()
         self._wake_at = 0.0
         self._next_tick = 0.0
@@ -158,6 +168,8 @@ class Hub:
                 tasks.create_task(keep_keys(self._envelope, self._keys, self._keys_kept, count=count))
                 await self._keys_kept.wait_for([telemetry_group(SERVER_SPACE)])
             self.skills.resume(asyncio.get_running_loop().time())
+            for action in self.tracker.actions():
+                self.skills.want(action)
             await self._announce()
 
     def describe(self, endpoints: tuple[EndpointDescription, ...]) -> None:
@@ -230,6 +242,21 @@ class Hub:
                     self.skills.announced(event.announcement)
             else:
                 self._take(self._state.apply(event, wall), now)
+                self._follow_skills(event, wall)
+
+    def _follow_skills(self, event: SubscriberEvent, wall: int) -> None:
+        """Take a robot's SkillStatus."""
+        if not isinstance(event, DataReceived | SourceSilent | SourceReturned | SourceRefused):
+            return
+        if self.tracker.knows(event.topic):
+            self.show_skills(self.tracker.apply(event, wall))
+
+    def show_skills(self, changes: Iterable[SkillChange]) -> None:
+        """Show what has become of executions, in the order in which it happened."""
+        for change in changes:
+            self._projection.put(change)
+        for topic, is_busy in self.tracker.take_busy_changes():
+            self._take(self._state.set_busy(topic, is_busy, wall_ticks()), asyncio.get_running_loop().time())
 
     def _take(self, changes: Iterable[Change], now: float) -> None:
         for change in changes:

@@ -56,7 +56,7 @@ def paused_collection() -> Generator[None]:
 
 
 class NodeBuilder:
-    """Adds Objects and Variables to an address space, and removes them."""
+    """Adds Objects, Variables and Methods to an address space, and removes them."""
 
     def __init__(self, space: AddressSpace) -> None:
         self._space = space
@@ -118,6 +118,22 @@ class NodeBuilder:
         self._add(node_id, name, parent, type_definition, reference, ua.NodeClass.Variable, attributes, None)
         return held
 
+    def add_method(
+        self,
+        node_id: ua.NodeId,
+        name: QualifiedName,
+        parent: ua.NodeId,
+        *,
+        description: str = "",
+        executable: bool = True,
+    ) -> None:
+        """Add a Method; what it does is linked later."""
+        attributes = self._common(ua.NodeClass.Method, description)
+        attributes[AttributeIds.Executable] = attributes[AttributeIds.UserExecutable] = self._share(
+            "Boolean", executable, ua.VariantType.Boolean
+        )
+        self._add(node_id, name, parent, None, HAS_COMPONENT, ua.NodeClass.Method, attributes, None)
+
     def add_reference(self, source: ua.NodeId, reference: ua.NodeId, target: ua.NodeId) -> None:
         """Add a reference between two nodes that are there, in both directions."""
         from_data, to_data = self._space[source], self._space[target]
@@ -149,7 +165,7 @@ class NodeBuilder:
         node_id: ua.NodeId,
         name: QualifiedName,
         parent: ua.NodeId,
-        type_definition: ua.NodeId,
+        type_definition: ua.NodeId | None,
         reference: ua.NodeId,
         node_class: ua.NodeClass,
         attributes: _Attributes,
@@ -170,11 +186,13 @@ class NodeBuilder:
         data = NodeData(node_id)
         data.attributes = attributes
         target: Any = node_id
-        own_type: Any = type_definition
+        own_type: Any = type_definition or raw_id(0)
         parent_data.references.append(
             ua.ReferenceDescription(reference, _TRUE, target, _held(named), _held(shown), node_class, own_type)
         )
-        data.references = [self._to_parent(reference, parent_data), self._to_type(type_definition)]
+        data.references = [self._to_parent(reference, parent_data)]
+        if type_definition is not None:
+            data.references.append(self._to_type(type_definition))
         self._space[node_id] = data
 
     def _common(self, node_class: ua.NodeClass, description: str) -> _Attributes:

@@ -6,13 +6,14 @@ from __future__ import annotations
 
 import asyncio
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable
 from datetime import UTC, datetime
 from typing import Final
 
 from ua_fleet.fleet.changes import Change, SourceAdded, SourceQuarantined, SourceRemoved, ValueChanged
 from ua_fleet.server.address_space import FleetNodes
 from ua_fleet.server.convert import data_value
+from ua_fleet.server.skills.tracker import SkillTransitioned
 from ua_fleet.values import datetime_from_ticks
 
 __all__ = ["Projection"]
@@ -28,14 +29,21 @@ class Projection:
     method would compare the type once more, and take the value away from a node that becomes Bad.
     """
 
-    def __init__(self, nodes: FleetNodes, now: Callable[[], datetime] = lambda: datetime.now(UTC)) -> None:
-        """Make a projection onto built nodes."""
+    def __init__(
+        self,
+        nodes: FleetNodes,
+        now: Callable[[], datetime] = lambda: datetime.now(UTC),
+        *,
+        tell: Callable[[SkillTransitioned], Awaitable[None]] | None = None,
+    ) -> None:
+        """Make a projection onto built nodes; `tell` makes events of what is one."""
         self._nodes = nodes
         self._now = now
-        self._waiting: deque[Change] = deque()
+        self._tell = tell
+        self._waiting: deque[Change | SkillTransitioned] = deque()
         self._wake = asyncio.Event()
 
-    def put(self, change: Change) -> None:
+    def put(self, change: Change | SkillTransitioned) -> None:
         """Queue a change for `run`."""
         self._waiting.append(change)
         self._wake.set()
@@ -78,8 +86,11 @@ class Projection:
                 for handle, tell in tuple(watchers.items()):
                     await tell(handle, value)
 
-    async def _apply(self, change: Change) -> None:
-        if isinstance(change, SourceAdded):
+    async def _apply(self, change: Change | SkillTransitioned) -> None:
+        if isinstance(change, SkillTransitioned):
+            if self._tell is not None:
+                await self._tell(change)
+        elif isinstance(change, SourceAdded):
             self._nodes.add_source(change.data_set)
         elif isinstance(change, SourceRemoved):
             await self._nodes.remove_source(change.data_set)

@@ -25,7 +25,12 @@ ROBOTS: dict[str, Any] = {
             "pose": {"id": 1006, "fields": {"x": {"type": "Double"}, "frame": {"type": "String"}}},
         },
     },
-    "arm": {"bridge": "mobile", "capacities": ["grab"], "data": {}},
+    "arm": {
+        "bridge": "mobile",
+        "capacities": ["grab"],
+        "skill_status_id": 1502,
+        "skills": {"turn": {"id": 1500, "arguments": {"angle": {"type": "Double"}}}},
+    },
 }
 
 

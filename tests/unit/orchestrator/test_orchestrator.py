@@ -390,4 +390,4 @@ def test_after_a_restart_a_robot_stays_with_what_it_is_at() -> None:
     ]
     again.take(again.make.restore_all(stored, 0.0))
     again.go()
-    assert again.log == ["0 b ur3 grab", "1 b done", "1 a ur3 grab", "2 a done"]
+    assert again.log == ["0 b ur3 grab", "1 a ur3 grab", "1 b done", "2 a done"]

@@ -12,12 +12,13 @@ from tests.system import Processes
 
 DRIVERS = {
     "virtual": "tests.contract.virtual",
+    "skilled": "tests.contract.skilled",
     "ros1": "tests.contract.ros1",
     "ros2": "tests.contract.ros2",
 }
 """Modules as the package's docstring describes them."""
 OpenSpace = Callable[[Path, Processes], AbstractAsyncContextManager[Space]]
-DEFAULT = "virtual,ros2"
+DEFAULT = "virtual,skilled,ros2"
 """What can run in the main environment: rospy and rclpy cannot share one interpreter."""
 
 

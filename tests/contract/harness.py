@@ -10,7 +10,7 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Final, Protocol
+from typing import Any, Final, Protocol, runtime_checkable
 
 from ua_fleet.bridge import Driver, DriverEvent, Dropped, SampleRead, SourceFound, SourceLost
 from ua_fleet.counters import Drop
@@ -19,7 +19,20 @@ from ua_fleet.topics import Topic
 from ua_fleet.values import BuiltinType, ticks_from_unix_ns
 from ua_fleet.wire.messages import ConfigurationVersion, DataSetMessage, DataSetMetaData
 
-__all__ = ["NUMBER", "TEXT", "TWIST", "UNKNOWN", "Kind", "Recorder", "Robot", "RobotProcess", "Space", "message_of"]
+__all__ = [
+    "NUMBER",
+    "TEXT",
+    "TWIST",
+    "UNKNOWN",
+    "Kind",
+    "Recorder",
+    "Robot",
+    "RobotProcess",
+    "SkillCase",
+    "SkillSpace",
+    "Space",
+    "message_of",
+]
 
 WAIT_S: Final = 20.0
 
@@ -111,6 +124,33 @@ class Space(Protocol):
         ...
 
 
+@dataclass(frozen=True)
+class SkillCase:
+    """A skill of a robot, and arguments with which it does what a test needs."""
+
+    topic: Topic
+    target_id: int
+    succeeds: tuple[Any, ...]
+    """At once."""
+    lasts: tuple[Any, ...]
+    """Succeeds too, after half a second or more."""
+    fails: tuple[Any, ...]
+    """It is begun, and fails."""
+    refused: tuple[Any, ...]
+    """It is not begun."""
+
+
+@runtime_checkable
+class SkillSpace(Space, Protocol):
+    """A space whose robots can be commanded."""
+
+    skill_case: SkillCase
+
+    def begun(self, execution_id: bytes) -> int:
+        """How often a robot was told to begin an execution, over all drivers."""
+        ...
+
+
 @dataclass
 class Recorder:
     """An inlet that keeps all it gets."""
@@ -123,7 +163,8 @@ class Recorder:
 
     def of(self, topic: Topic) -> list[DriverEvent]:
         """Everything about a source, in order."""
-        return [event for event in list(self.events) if not isinstance(event, Dropped) and event.topic == topic]
+        facts = (SampleRead, SourceFound, SourceLost)
+        return [event for event in list(self.events) if isinstance(event, facts) and event.topic == topic]
 
     def samples(self, topic: Topic) -> list[SampleRead]:
         """The samples of a source."""

@@ -11,12 +11,16 @@ import json
 import os
 import signal
 import time
-from collections.abc import Sequence
+from collections.abc import AsyncGenerator, Sequence
+from contextlib import asynccontextmanager
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
-from tests.contract.virtual import Bus, VirtualDriver
+from tests.contract.harness import SkillCase
+from tests.contract.virtual import Bus, VirtualDriver, VirtualSpace
+from tests.system import Processes
 from ua_fleet.bridge import (
+    Driver,
     Execution,
     ExecutionEnded,
     ExecutionForgotten,
@@ -29,6 +33,9 @@ from ua_fleet.errors import SkillRejected
 from ua_fleet.pubsub.metadata import make_field
 from ua_fleet.topics import Topic
 from ua_fleet.values import BuiltinType, StatusCode
+
+NEEDS: tuple[str, ...] = ()
+WARNINGS: tuple[str, ...] = ()
 
 WORK: Final = 1900
 """DataSetWriterId of the skill."""
@@ -156,3 +163,34 @@ class SkilledDriver(VirtualDriver):
         else:
             ended = ExecutionEnded(job.execution_id, 0, (job.work, job.seconds))
         self._to.put(ended)
+
+
+class SkilledSpace(VirtualSpace):
+    """See SkillSpace."""
+
+    skill_case = SkillCase(
+        Topic(VirtualSpace.number, 2, WORK),
+        TARGET,
+        succeeds=("weld", 0.0),
+        lasts=("weld", 0.5),
+        fails=(FAILING_WORK, 0.1),
+        refused=(REFUSED_WORK, 0.0),
+    )
+
+    def __init__(self, folder: Path) -> None:
+        super().__init__()
+        self._machine = Machine(folder / "machine")
+
+    def make_driver(self) -> Driver:
+        """See Space."""
+        return SkilledDriver(self.number, self.bus, self._machine)
+
+    def begun(self, execution_id: bytes) -> int:
+        """See SkillSpace."""
+        return sum(job.execution_id == execution_id for job in self._machine.told())
+
+
+@asynccontextmanager
+async def open_space(folder: Path, processes: Processes) -> AsyncGenerator[SkilledSpace]:
+    """A new space."""
+    yield SkilledSpace(folder)

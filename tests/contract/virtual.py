@@ -170,16 +170,16 @@ class VirtualSpace:
     can_be_absent = True
 
     def __init__(self) -> None:
-        self._bus = Bus()
-        self.robot = VirtualRobot(self._bus)
+        self.bus = Bus()
+        self.robot = VirtualRobot(self.bus)
 
     def make_driver(self) -> Driver:
         """See Space."""
-        return VirtualDriver(self.number, self._bus)
+        return VirtualDriver(self.number, self.bus)
 
     def appear(self) -> None:
         """See Space."""
-        self._bus.is_up = True
+        self.bus.is_up = True
 
 
 @asynccontextmanager

@@ -7,7 +7,16 @@ from typing import Any
 
 import pytest
 
-from ua_fleet.bridge import BoundedInlet, DriverEvent, Dropped, SampleRead, SourceFound, SourceLost
+from ua_fleet.bridge import (
+    BoundedInlet,
+    DriverEvent,
+    Dropped,
+    ExecutionEnded,
+    ExecutionProgressed,
+    SampleRead,
+    SourceFound,
+    SourceLost,
+)
 from ua_fleet.counters import Drop
 from ua_fleet.topics import Topic
 
@@ -189,3 +198,17 @@ def test_many_threads_lose_nothing(bench: Callable[..., Bench]) -> None:
     for space in range(2, 6):
         mine = [e.values[0] for e in b.got if isinstance(e, SampleRead) and e.topic.space == space]
         assert mine == list(range(500))
+
+
+def test_ends_of_executions_are_never_dropped_and_progress_is(bench: Callable[..., Bench]) -> None:
+    one = bench(size=2)
+    execution_id = b"x" * 16
+    for number in range(5):
+        one.inlet.put(ExecutionProgressed(execution_id, number / 10))
+    one.inlet.put(ExecutionEnded(execution_id))
+    one.inlet.open()
+    one.turn()
+    progress = [event.progress for event in one.got if isinstance(event, ExecutionProgressed)]
+    assert progress == [0.3, 0.4]
+    assert isinstance(one.got[2], ExecutionEnded)
+    assert one.got[3] == Dropped(Drop.INLET_FULL, 3)

@@ -1,0 +1,381 @@
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import pytest
+
+from ua_fleet.bridge import (
+    BridgeCore,
+    Execution,
+    ExecutionEnded,
+    ExecutionForgotten,
+    ExecutionNotBegun,
+    ExecutionProgressed,
+    Skill,
+    SkillTarget,
+)
+from ua_fleet.bridge.actions import Actions
+from ua_fleet.counters import Counters, Drop
+from ua_fleet.errors import SkillRejected, StorageUnavailable
+from ua_fleet.pubsub.events import ActionReceived
+from ua_fleet.pubsub.metadata import make_field
+from ua_fleet.pubsub.publisher import Publisher
+from ua_fleet.pubsub.subscriber import Subscriber
+from ua_fleet.pubsub.timing import PubSubTiming
+from ua_fleet.skill import Execution as Recorded
+from ua_fleet.skill import ExecutionState, MemoryJournal, Report
+from ua_fleet.skill.answers import read_answer
+from ua_fleet.skill.status import read_result
+from ua_fleet.topics import Topic
+from ua_fleet.values import BuiltinType, StatusCode, ticks_from_unix_ns
+from ua_fleet.wire import Codec
+from ua_fleet.wire.actions import ActionMessage, ActionState
+from ua_fleet.wire.discovered import ActionMetaDataAnnouncement
+from ua_fleet.wire.messages import NetworkMessage
+
+SPACE = 300
+ACTION, STATUS = Topic(SPACE, 2, 1501), Topic(SPACE, 2, 1500)
+SENDER = ("192.0.2.7", 50_000)
+WALL = ticks_from_unix_ns(1_700_000_000_000_000_000)
+PICK = Skill(
+    ACTION,
+    "pick",
+    (SkillTarget(1, "arm", STATUS),),
+    (make_field("place", BuiltinType.STRING),),
+    (make_field("grams", BuiltinType.DOUBLE),),
+)
+
+
+class FullDisk(MemoryJournal):
+    """A journal that may not be writable."""
+
+    is_full = False
+
+    def _check(self) -> None:
+        if self.is_full:
+            raise StorageUnavailable("journal.db: the disk is full; free some space")
+
+    def recorded(self, execution: Recorded) -> None:
+        self._check()
+        super().recorded(execution)
+
+    def reported(self, execution_id: bytes, report: Report) -> None:
+        self._check()
+        super().reported(execution_id, report)
+
+
+class Robot:
+    """A driver whose robot is the test."""
+
+    def __init__(self) -> None:
+        self.offered: Sequence[Skill] = (PICK,)
+        self.begun: list[Execution] = []
+        self.asked: list[Execution] = []
+        self.error: Exception | None = None
+
+    def skills(self) -> Sequence[Skill]:
+        return self.offered
+
+    def execute(self, execution: Execution) -> None:
+        self.begun.append(execution)
+        if self.error is not None:
+            raise self.error
+
+    def query(self, execution: Execution) -> None:
+        self.asked.append(execution)
+        if self.error is not None:
+            raise self.error
+
+
+class Bench:
+    """The Actions of one bridge, with all around them."""
+
+    def __init__(
+        self, *, robot: Robot | None = None, journal: MemoryJournal | None = None, must_be_verified: bool = False
+    ) -> None:
+        self.robot = robot or Robot()
+        self.journal = journal or FullDisk()
+        self.counters, self.now = Counters(), 0.0
+        self.sent: list[bytes] = []
+        self.answers: list[tuple[ActionMessage, tuple[str, int]]] = []
+        self.failures: list[str] = []
+        codec, timing = Codec(), PubSubTiming()
+        publisher = Publisher(SPACE, timing, self.counters, codec)
+        subscriber = Subscriber(SPACE, timing, self.counters, codec)
+        self.core = BridgeCore(
+            SPACE, publisher, subscriber, self.counters, send=self.sent.append, publish=lambda *_: True
+        )
+        self.actions = self.core.actions = Actions(
+            SPACE,
+            publisher,
+            self.counters,
+            driver=self.robot if robot is not NO_ROBOT else None,
+            journal=self.journal,
+            requestors=(0,),
+            must_be_verified=must_be_verified,
+            core=self.core,
+            send=self.sent.append,
+            send_to=self._answer,
+            wall_ticks=lambda: WALL + round(self.now * 1e7),
+            failed=lambda text, _: self.failures.append(text),
+        )
+        self.actions.begin(0.0)
+
+    def _answer(self, datagram: bytes, address: tuple[str, int]) -> None:
+        message = Codec().decode(datagram)
+        assert isinstance(message, ActionMessage)
+        self.answers.append((message, address))
+
+    def ask(self, number: int = 1, values: tuple[Any, ...] = ("bin",), *, verified: bool = False, **rest: Any) -> None:
+        """A request."""
+        message = ActionMessage(
+            SPACE,
+            ACTION.ns,
+            ACTION.id,
+            1,
+            1,
+            ActionState.EXECUTING,
+            is_request=True,
+            requestor_id="0.server",
+            correlation_data=number.to_bytes(16, "big"),
+            timeout_hint_ms=2000.0,
+            types=(int(BuiltinType.STRING),),
+            values=values,
+            timestamp=WALL + number,
+        )
+        self.actions.receive(ActionReceived(message._replace(**rest), SENDER, verified), self.now)
+
+    def tell(self, fact: Any) -> None:
+        """What the driver says."""
+        self.core.from_space(fact, now=self.now, wall_ticks=WALL)
+
+    def reports(self) -> list[Report]:
+        """What was answered with Done."""
+        return [read_answer(message) for message, _ in self.answers if message.action_state == ActionState.DONE]
+
+    def states(self) -> list[ExecutionState]:
+        return [execution.report.state for execution in self.journal.executions()]
+
+    def status(self) -> tuple[Any, ...]:
+        """The fields of the last SkillStatus."""
+        messages = [message for message in map(Codec().decode, self.sent) if isinstance(message, NetworkMessage)]
+        frames = [part for message in messages for part in message.messages if part.data_set_writer_id == STATUS.id]
+        return [frame for frame in frames if frame.values][-1].values
+
+    def announced(self) -> list[ActionMetaDataAnnouncement]:
+        decoded = map(Codec().decode, self.sent)
+        return [message for message in decoded if isinstance(message, ActionMetaDataAnnouncement)]
+
+
+NO_ROBOT = Robot()
+ID = (1).to_bytes(16, "big")
+
+
+def test_a_skill_is_announced_accepted_and_shown() -> None:
+    bench = Bench()
+    assert [(one.request.name, len(one.targets)) for one in bench.announced()] == [("pick", 1)]
+    bench.ask()
+    assert bench.robot.begun == [Execution(ID, ACTION, 1, ("bin",), 2.0)]
+    assert [report.state for report in bench.reports()] == [ExecutionState.RUNNING]
+    assert bench.answers[0][1] == SENDER
+    bench.tell(ExecutionProgressed(ID, 0.25, "on my way"))
+    assert bench.status()[:4] == ((ID,), ("pick",), (ExecutionState.RUNNING,), (0.25,))
+    bench.tell(ExecutionEnded(ID, 0, (12.5,)))
+    _, _, states, progress, results, _ = bench.status()
+    assert (states, progress, read_result(results[0])) == ((ExecutionState.DONE,), (1.0,), {"grams": 12.5})
+    bench.ask()
+    assert len(bench.robot.begun) == 1
+    assert bench.reports()[-1].state is ExecutionState.DONE
+
+
+def test_what_the_driver_refuses_is_refused() -> None:
+    bench = Bench()
+    bench.robot.error = SkillRejected("the gripper is open")
+    bench.ask()
+    report = bench.reports()[-1]
+    assert (report.state, report.message) == (ExecutionState.REFUSED, "the gripper is open")
+    assert report.status == StatusCode.BAD_REQUEST_NOT_ALLOWED
+
+
+def test_a_driver_that_breaks_leaves_the_execution_unknown() -> None:
+    bench = Bench()
+    bench.robot.error = RuntimeError("a mistake")
+    bench.ask()
+    assert bench.states() == [ExecutionState.UNKNOWN]
+    assert bench.failures == ["the driver failed while it began an execution"]
+    bench.robot.error = None
+    bench.ask()
+    assert len(bench.robot.begun) == 1
+
+
+@pytest.mark.parametrize(
+    ("values", "state", "status"),
+    [
+        ((12.5,), ExecutionState.DONE, StatusCode.GOOD),
+        ((), ExecutionState.DONE, StatusCode.UNCERTAIN),
+        (("heavy",), ExecutionState.DONE, StatusCode.UNCERTAIN),
+    ],
+)
+def test_results_that_do_not_fit_are_counted(values: tuple[Any, ...], state: ExecutionState, status: int) -> None:
+    bench = Bench()
+    bench.ask()
+    bench.tell(ExecutionEnded(ID, 0, values))
+    [execution] = bench.journal.executions()
+    assert (execution.report.state, execution.report.status) == (state, status)
+    assert bench.counters.drops[Drop.CONVERSION] == (status != StatusCode.GOOD)
+
+
+def test_nothing_is_begun_or_said_while_it_cannot_be_recorded() -> None:
+    journal = FullDisk()
+    bench = Bench(journal=journal)
+    journal.is_full = True
+    bench.ask()
+    bench.ask()
+    assert (bench.robot.begun, bench.answers) == ([], [])
+    assert bench.actions.problem == "journal.db: the disk is full; free some space"
+    assert len(bench.failures) == 1, "said once"
+    journal.is_full = False
+    bench.ask()
+    assert len(bench.robot.begun) == 1
+    assert bench.actions.problem == ""
+
+
+def test_an_end_that_cannot_be_recorded_waits() -> None:
+    journal = FullDisk()
+    bench = Bench(journal=journal)
+    bench.ask()
+    journal.is_full = True
+    bench.tell(ExecutionEnded(ID, 0, (1.0,)))
+    bench.now = 0.5
+    bench.actions.poll(bench.now)
+    assert bench.states() == [ExecutionState.RUNNING]
+    deadline = bench.actions.next_deadline()
+    assert deadline is not None
+    assert deadline <= 1.0
+    journal.is_full = False
+    bench.now = 1.0
+    bench.actions.poll(bench.now)
+    assert bench.states() == [ExecutionState.DONE]
+
+
+def test_a_refusal_that_cannot_be_recorded_waits() -> None:
+    journal = FullDisk()
+    bench = Bench(journal=journal)
+
+    def execute(execution: Execution) -> None:
+        journal.is_full = True
+        raise SkillRejected("no")
+
+    bench.robot.execute = execute  # type: ignore[method-assign]  # the disk fills up at this moment
+    bench.ask()
+    assert bench.reports() == [], "nobody may hear that it is refused before it is recorded"
+    journal.is_full = False
+    bench.now = 1.0
+    bench.actions.poll(bench.now)
+    assert bench.states() == [ExecutionState.REFUSED]
+
+
+@pytest.mark.parametrize(
+    ("fact", "state"),
+    [
+        (ExecutionProgressed(ID), ExecutionState.RUNNING),
+        (ExecutionEnded(ID, 0, (1.0,)), ExecutionState.DONE),
+        (ExecutionEnded(ID, StatusCode.BAD_OUT_OF_SERVICE, (), "broken"), ExecutionState.FAILED),
+        (ExecutionForgotten(ID, "switched off meanwhile"), ExecutionState.UNKNOWN),
+    ],
+)
+def test_after_a_restart_the_driver_says_what_became_of_it(fact: Any, state: ExecutionState) -> None:
+    before = Bench()
+    before.ask()
+    after = Bench(journal=before.journal)
+    assert after.robot.asked == before.robot.begun
+    assert after.status()[2] == (ExecutionState.ASKING,)
+    after.tell(fact)
+    assert after.states() == [state]
+    assert after.status()[2] == (state,)
+    assert after.robot.begun == []
+
+
+def test_what_was_surely_not_begun_is_begun_after_a_restart() -> None:
+    before = Bench()
+    before.ask()
+    after = Bench(journal=before.journal)
+    after.tell(ExecutionNotBegun(ID))
+    assert after.robot.begun == before.robot.begun
+
+
+def test_a_driver_that_breaks_when_it_is_asked_leaves_the_execution_unknown() -> None:
+    before = Bench()
+    before.ask()
+    robot = Robot()
+    robot.error = RuntimeError("a mistake")
+    after = Bench(robot=robot, journal=before.journal)
+    assert after.states() == [ExecutionState.UNKNOWN]
+
+
+def test_skills_may_come_and_go() -> None:
+    bench = Bench()
+    bench.robot.offered = ()
+    bench.now = 1.0
+    bench.actions.poll(bench.now)
+    bench.ask(1)
+    assert bench.reports()[-1].message == "there is no such skill here"
+    bench.robot.offered = (PICK,)
+    bench.now = 2.0
+    bench.actions.poll(bench.now)
+    bench.core.poll(3.0)
+    bench.ask(2)
+    assert [execution.execution_id for execution in bench.robot.begun] == [(2).to_bytes(16, "big")]
+    assert [len(one.targets) for one in bench.announced()][-1] == 1
+
+
+def test_a_bridge_without_skills_refuses() -> None:
+    bench = Bench(robot=NO_ROBOT)
+    bench.ask()
+    assert bench.reports()[-1].status == StatusCode.BAD_NOT_SUPPORTED
+    assert bench.announced() == []
+
+
+@pytest.mark.parametrize(
+    ("change", "drop"),
+    [
+        ({"requestor_id": f"{SPACE}.x"}, Drop.LOOP),
+        ({"requestor_id": "77.x"}, Drop.REQUESTOR),
+        ({"requestor_id": None}, Drop.REQUESTOR),
+        ({"response_address": "opc.udp://somewhere:1"}, Drop.MALFORMED),
+    ],
+)
+def test_requests_that_are_not_done_are_counted(change: dict[str, Any], drop: Drop) -> None:
+    bench = Bench()
+    bench.ask(**change)
+    assert bench.robot.begun == []
+    assert bench.counters.drops[drop] == 1
+
+
+def test_the_response_address_is_answered() -> None:
+    bench = Bench()
+    bench.ask(response_address="opc.udp://192.0.2.9:4841")
+    assert bench.answers[0][1] == ("192.0.2.9", 4841)
+
+
+def test_an_unsigned_request_is_not_done_when_there_are_keys() -> None:
+    bench = Bench(must_be_verified=True)
+    bench.ask()
+    assert (bench.robot.begun, bench.answers) == ([], [])
+    assert bench.counters.drops[Drop.NOT_SECURED] == 1
+    bench.ask(verified=True)
+    assert len(bench.robot.begun) == 1
+
+
+def test_facts_of_executions_that_nobody_asked_for_are_left_alone() -> None:
+    bench = Bench()
+    facts: list[Callable[[], Any]] = [
+        lambda: ExecutionEnded(b"x" * 16, 0, (1.0,)),
+        lambda: ExecutionProgressed(b"x" * 16, 0.5),
+        lambda: ExecutionForgotten(b"x" * 16),
+        lambda: ExecutionNotBegun(b"x" * 16),
+    ]
+    for fact in facts:
+        bench.tell(fact())
+    assert bench.states() == []

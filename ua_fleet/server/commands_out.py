@@ -175,6 +175,10 @@ class SkillCommands:
         except LocalWireError as error:
             raise SkillRejected(f"{action.request.name}: {error}") from error
 
+    def known_outcome(self, execution_id: bytes) -> Outcome | None:
+        """What is known of a request now; None while it is asked for, KeyError where it was never made."""
+        return self._requestor.outcome(execution_id)
+
     async def outcome(self, execution_id: bytes) -> Outcome:
         """Wait for the outcome of a request that this run or one before has made. KeyError where there is none."""
         known = self._requestor.outcome(execution_id)

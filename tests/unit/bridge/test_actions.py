@@ -32,7 +32,7 @@ from ua_fleet.values import BuiltinType, StatusCode, ticks_from_unix_ns
 from ua_fleet.wire import Codec
 from ua_fleet.wire.actions import ActionMessage, ActionState
 from ua_fleet.wire.discovered import ActionMetaDataAnnouncement
-from ua_fleet.wire.messages import NetworkMessage
+from ua_fleet.wire.messages import DataSetMessage, DataSetMetaData, NetworkMessage
 
 SPACE = 300
 ACTION, STATUS = Topic(SPACE, 2, 1501), Topic(SPACE, 2, 1500)
@@ -104,7 +104,7 @@ class Bench:
         publisher = Publisher(SPACE, timing, self.counters, codec)
         subscriber = Subscriber(SPACE, timing, self.counters, codec)
         self.core = BridgeCore(
-            SPACE, publisher, subscriber, self.counters, send=self.sent.append, publish=lambda *_: True
+            SPACE, publisher, subscriber, self.counters, send=self.sent.append, publish=self._publish
         )
         self.actions = self.core.actions = Actions(
             SPACE,
@@ -121,6 +121,9 @@ class Bench:
             failed=lambda text, _: self.failures.append(text),
         )
         self.actions.begin(0.0)
+
+    def _publish(self, topic: Topic, metadata: DataSetMetaData, message: DataSetMessage) -> bool:
+        raise AssertionError(f"nothing is published into the space here, but {topic} {metadata} {message}")
 
     def _answer(self, datagram: bytes, address: tuple[str, int]) -> None:
         message = Codec().decode(datagram)

@@ -143,7 +143,7 @@ class SkillError(UaFleetError):
 class SkillRejected(SkillError):
     """The robot refused to start the skill."""
 
-    ua_status = StatusCode.BAD_REQUEST_NOT_ALLOWED
+    ua_status: int = StatusCode.BAD_REQUEST_NOT_ALLOWED
 
 
 class SkillTimeout(SkillError):
@@ -155,7 +155,7 @@ class SkillTimeout(SkillError):
 class SkillFailed(SkillError):
     """The robot started the skill and reported that it failed."""
 
-    ua_status = StatusCode.BAD_UNEXPECTED_ERROR
+    ua_status: int = StatusCode.BAD_UNEXPECTED_ERROR
 
 
 class RobotOffline(SkillError):

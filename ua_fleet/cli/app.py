@@ -41,6 +41,7 @@ _GROUPS: Final = {
     "user": "Who may use the server, and what they may do.",
     "keys": "Key files of message security, where keys do not come from the server.",
     "cert": "Certificates of the server and the bridges, and which clients the server trusts.",
+    "skill": "What robots can do, and having them do it.",
     "pubsub": "OPC UA PubSub between the server and the bridges.",
 }
 """Groups whose commands stand in one module each."""
@@ -76,6 +77,7 @@ def _build() -> typer.Typer:
         pubsub_probe,
         read,
         serve,
+        skill,
         user,
         watch,
         write,
@@ -104,6 +106,8 @@ def _build() -> typer.Typer:
     _add(groups["pubsub"], "listen", pubsub.listen, pubsub.EXAMPLES)
     _add(groups["pubsub"], "probe", pubsub_probe.probe, pubsub_probe.EXAMPLES)
     _add(groups["pubsub"], "decode", pubsub_decode.decode, pubsub_decode.EXAMPLES)
+    _add(groups["skill"], "list", skill.show, skill.LIST_EXAMPLES)
+    _add(groups["skill"], "call", skill.call, skill.CALL_EXAMPLES)
     # A group of one command needs a callback, or typer takes the command for the group.
     groups["pubsub"].callback()(_no_options)
     for name, group in groups.items():

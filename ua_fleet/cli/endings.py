@@ -11,6 +11,7 @@ from ua_fleet.errors import (
     ConfigError,
     ConfigInvalid,
     NotConnected,
+    RobotOffline,
     SendTimeout,
     SkillTimeout,
     TopicInvalid,
@@ -46,9 +47,13 @@ def exit_code_of(error: UaFleetError) -> int:
         return EXIT_USAGE
     if isinstance(error, SendTimeout | SkillTimeout):
         return EXIT_TIMEOUT
-    if isinstance(error, NotConnected | TransportError):
+    if isinstance(error, NotConnected | TransportError | RobotOffline):
         return EXIT_UNREACHABLE
-    if error.ua_status in (StatusCode.BAD_CONFIGURATION_ERROR, StatusCode.BAD_TYPE_MISMATCH):
+    if error.ua_status in (
+        StatusCode.BAD_CONFIGURATION_ERROR,
+        StatusCode.BAD_TYPE_MISMATCH,
+        StatusCode.BAD_INVALID_ARGUMENT,
+    ):
         return EXIT_USAGE
     if error.ua_status in (StatusCode.BAD_NODE_ID_UNKNOWN, StatusCode.BAD_NODE_ID_INVALID):
         return EXIT_NOT_FOUND

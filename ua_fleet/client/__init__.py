@@ -5,8 +5,10 @@ async for change in client.watch(["ua_1_2_1001"]):
 print(change.value, change.status_text)
 """
 
-from ua_fleet.client.fleet_client import POLICIES, Change, FleetClient, NodeInfo, NodeNotFound, Reading
+from ua_fleet.client.fleet_client import POLICIES, Change, FleetClient, NodeInfo, Reading
 from ua_fleet.client.identity import ClientIdentity, default_identity_folder
+from ua_fleet.client.skills import SkillArgument, SkillEvent, SkillExecution, SkillInfo
+from ua_fleet.client.translated import NodeNotFound
 
 __all__ = [
     "POLICIES",
@@ -16,5 +18,9 @@ __all__ = [
     "NodeInfo",
     "NodeNotFound",
     "Reading",
+    "SkillArgument",
+    "SkillEvent",
+    "SkillExecution",
+    "SkillInfo",
     "default_identity_folder",
 ]

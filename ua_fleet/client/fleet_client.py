@@ -18,17 +18,19 @@ from asyncua import Client, Node, ua
 from asyncua.common.subscription import DataChangeNotif
 from asyncua.crypto import security_policies
 from asyncua.crypto.uacrypto import CertProperties
-from asyncua.ua.uaerrors import UaError, UaStatusCodeError
+from asyncua.ua.uaerrors import UaError
 from cryptography.hazmat.primitives.serialization import load_pem_private_key
 from cryptography.x509 import load_der_x509_certificate
 
 from ua_fleet.client.addresses import parse_address
 from ua_fleet.client.convert import parse_value, plain_value
 from ua_fleet.client.identity import ClientIdentity, default_identity_folder
-from ua_fleet.errors import AccessRefused, NotConnected, SendTimeout, UaFleetError
+from ua_fleet.client.skills import SkillCalls, SkillExecution, SkillInfo
+from ua_fleet.client.translated import NodeNotFound, quietly, translated
+from ua_fleet.errors import AccessRefused, NotConnected
 from ua_fleet.values import StatusCode
 
-__all__ = ["Change", "FleetClient", "NodeInfo", "NodeNotFound", "Reading"]
+__all__ = ["POLICIES", "Change", "FleetClient", "NodeInfo", "Reading"]
 
 POLICIES: Final[dict[str, type[security_policies.SecurityPolicy]]] = {
     "Basic256Sha256": security_policies.SecurityPolicyBasic256Sha256,
@@ -40,26 +42,6 @@ _LEFT_OUT: Final = re.compile(r"G[0-9]{2,}|Data")
 """Folders of the server's model that hold nothing but order: groups of at most 100, and a robot's data."""
 _QUEUE: Final = 100_000
 """Changes that may wait for a slow consumer; then the oldest is dropped, and counted in `FleetClient.dropped`."""
-
-_REMEDIES: Final = {
-    ua.StatusCodes.BadUserAccessDenied: "user or password is wrong, or the user's role does not allow this; "
-    "see: ua-fleet user list",
-    ua.StatusCodes.BadIdentityTokenRejected: "the server wants a user and a password: --user and --password-file",
-    ua.StatusCodes.BadIdentityTokenInvalid: "the server wants a user and a password: --user and --password-file",
-    ua.StatusCodes.BadSecurityChecksFailed: "the server does not trust this client's certificate; "
-    "on the server run: ua-fleet cert list, then ua-fleet cert trust THUMBPRINT",
-    ua.StatusCodes.BadCertificateUntrusted: "the server does not trust this client's certificate; "
-    "on the server run: ua-fleet cert list, then ua-fleet cert trust THUMBPRINT",
-    ua.StatusCodes.BadNotWritable: "clients may not write this node",
-    ua.StatusCodes.BadTypeMismatch: "the node has another type",
-    ua.StatusCodes.BadOutOfRange: "the value is outside the node's range",
-}
-
-
-class NodeNotFound(UaFleetError):
-    """There is no such node."""
-
-    ua_status = StatusCode.BAD_NODE_ID_UNKNOWN
 
 
 @dataclass(frozen=True, slots=True)
@@ -169,11 +151,13 @@ class FleetClient:
         self.on_lost: Callable[[], None] | None = None
         """Called when the connection is lost."""
         self._feeds: set[_Feed] = set()
+        self._skills = SkillCalls(client, self._node, endpoint)
         client.connection_lost_callback = self._lost
 
     async def _lost(self, _error: Exception) -> None:
         for feed in self._feeds:
             feed.put(None)
+        self._skills.lost()
         if self.on_lost is not None:
             self.on_lost()
 
@@ -213,7 +197,7 @@ class FleetClient:
         # asyncua's watchdog waits for an answer no longer than its interval: a busy server is not a lost one.
         client = Client(endpoint, timeout=timeout_s, watchdog_intervall=timeout_s)
         first_meeting = False
-        with _translated(endpoint):
+        with translated(endpoint):
             if not insecure:
                 identity = identity or ClientIdentity(default_identity_folder())
                 await identity.ensure()
@@ -279,7 +263,7 @@ class FleetClient:
 
     async def browse(self, address: str = "Objects", *, depth: int = 1) -> list[NodeInfo]:
         """The nodes below a node, depth first, down to `depth` levels."""
-        with _translated(self.endpoint):
+        with translated(self.endpoint):
             found: list[NodeInfo] = []
             await self._browse(await self._node(address), 0, depth, found, set())
             return found
@@ -294,7 +278,7 @@ class FleetClient:
 
     async def read(self, addresses: Sequence[str]) -> list[Reading]:
         """The values of some nodes; one of Bad quality is a Reading too. An unknown node raises NodeNotFound."""
-        with _translated(self.endpoint):
+        with translated(self.endpoint):
             nodes = [await self._node(address) for address in addresses]
             values = await self._client.uaclient.read_attributes([node.nodeid for node in nodes], ua.AttributeIds.Value)
         readings = [_reading(node.nodeid.to_string(), value) for node, value in zip(nodes, values, strict=True)]
@@ -311,7 +295,7 @@ class FleetClient:
         Raises:
             AccessRefused: the text is no such value, or the server refuses it.
         """
-        with _translated(self.endpoint, f"write {address}: "):
+        with translated(self.endpoint, f"write {address}: "):
             node = await self._node(address)
             kind = await node.read_data_type_as_variant_type()
             array = (await node.read_value_rank()) >= ua.ValueRank.OneOrMoreDimensions
@@ -327,13 +311,53 @@ class FleetClient:
             AccessRefused: the server refuses the call; `ua_status` says why.
             NotConnected: the connection was lost.
         """
-        with _translated(self.endpoint):
+        with translated(self.endpoint):
             request = ua.CallMethodRequest(
                 ua.NodeId.from_string(object_id), ua.NodeId.from_string(method_id), list(arguments)
             )
             (result,) = await self._client.uaclient.call([request])
             result.StatusCode.check()
         return [variant.Value for variant in result.OutputArguments or ()]
+
+    async def skills(self, robot: str) -> list[SkillInfo]:
+        """The skills of a robot, with their arguments. NodeNotFound where there is no such robot."""
+        return await self._skills.all_of(robot)
+
+    async def start_skill(self, robot: str, skill: str, **arguments: Any) -> SkillExecution:
+        """Have a robot begin a skill, and go on at once.
+
+        Args:
+            robot: its name.
+            skill: its name.
+            arguments: by name, in the declared units; what has a default may be left out.
+
+        Raises:
+            NodeNotFound: there is no such robot or skill.
+            SkillRejected: an argument is wrong, or the skill cannot be begun now; `ua_status` says why.
+            RobotOffline: the robot is not heard.
+            AccessRefused: this user may not command.
+            NotConnected: the connection was lost.
+        """
+        return await self._skills.start(robot, skill, arguments)
+
+    async def call_skill(
+        self, robot: str, skill: str, *, timeout_s: float | None = None, **arguments: Any
+    ) -> dict[str, Any]:
+        """Have a robot do a skill, and wait for its results, by name.
+
+        Args:
+            robot: its name.
+            skill: its name.
+            timeout_s: longest wait; without it as long as the skill may take.
+            arguments: as for `start_skill`.
+
+        Raises:
+            SkillFailed: it was begun, and did not succeed; with an Uncertain `ua_status` nobody knows.
+            SkillTimeout: it did not end in time. The robot goes on.
+            UaFleetError: what `start_skill` raises.
+        """
+        execution = await self.start_skill(robot, skill, **arguments)
+        return await execution.result(timeout_s=timeout_s or execution.timeout_s)
 
     async def notify(self, address: str, heard: Callable[[Any], None], *, period_ms: float = 250.0) -> None:
         """Call a function with a node's value now, and whenever it changes, as long as the connection lasts.
@@ -342,7 +366,7 @@ class FleetClient:
             NodeNotFound: there is no such node.
             NotConnected: the connection was lost.
         """
-        with _translated(self.endpoint):
+        with translated(self.endpoint):
             node = await self._node(address)
             subscription = await self._client.create_subscription(period_ms, _Bell(heard))
             await subscription.subscribe_data_change(node)
@@ -355,7 +379,7 @@ class FleetClient:
             NotConnected: the connection was lost.
         """
         feed = _Feed()
-        with _translated(self.endpoint):
+        with translated(self.endpoint):
             nodes = [await self._node(address) for address in addresses]
             subscription = await self._client.create_subscription(period_ms, feed, queue_maxsize=_QUEUE)
             self._feeds.add(feed)
@@ -370,7 +394,7 @@ class FleetClient:
         finally:
             self._feeds.discard(feed)
             self.dropped += feed.dropped
-            await _quietly(subscription.delete())
+            await quietly(subscription.delete())
 
 
 def _encrypted_endpoint(
@@ -400,48 +424,4 @@ def _check_takes_certificates(endpoint: str, offer: ua.EndpointDescription) -> N
 
 
 async def _disconnect(client: Client) -> None:
-    await _quietly(client.disconnect())
-
-
-async def _quietly(ending: Any) -> None:
-    """End something that may have ended by itself when the connection went."""
-    try:
-        await ending
-    except (UaError, OSError, TimeoutError, asyncio.CancelledError) as error:
-        if isinstance(error, asyncio.CancelledError) and not _is_asyncuas():
-            raise
-
-
-def _is_asyncuas() -> bool:
-    """Whether a CancelledError is that of a request whose connection went, and nobody has cancelled us."""
-    task = asyncio.current_task()
-    return task is not None and not task.cancelling()
-
-
-class _translated:  # noqa: N801  (reads like a function where it is used)
-    """Turns asyncua's and the socket's errors into ours."""
-
-    def __init__(self, endpoint: str, prefix: str = "") -> None:
-        self._endpoint, self._prefix = endpoint, prefix
-
-    def __enter__(self) -> None:
-        return None
-
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: object) -> None:
-        if isinstance(error, UaStatusCodeError):
-            remedy = _REMEDIES.get(error.code)
-            name = ua.StatusCode(error.code).name
-            text = f"{self._prefix}{name}" + (f": {remedy}" if remedy else "")
-            if error.code in (ua.StatusCodes.BadNodeIdUnknown, ua.StatusCodes.BadNodeIdInvalid):
-                raise NodeNotFound(text) from error
-            raise AccessRefused(error.code, text) from error
-        if isinstance(error, asyncio.CancelledError) and _is_asyncuas():
-            raise NotConnected(f"the connection to {self._endpoint} was lost") from error
-        if isinstance(error, TimeoutError):
-            raise SendTimeout(f"{self._endpoint} did not answer in time") from error
-        if isinstance(error, OSError):
-            raise NotConnected(
-                f"nobody answers at {self._endpoint} ({error.strerror or error}); start it with: ua-fleet serve"
-            ) from error
-        if isinstance(error, UaError):
-            raise NotConnected(f"{self._endpoint}: {error or type(error).__name__}") from error
+    await quietly(client.disconnect())

@@ -31,6 +31,8 @@ COMMANDS = [
     "keys create",
     "keys rotate",
     "keys list",
+    "skill list",
+    "skill call",
     "pubsub listen",
     "pubsub decode",
     "pubsub probe",

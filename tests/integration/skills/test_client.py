@@ -1,0 +1,142 @@
+"""The typed client and the command line, from the call to the machine and back."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import signal
+import sys
+from collections.abc import AsyncGenerator
+from contextlib import asynccontextmanager
+
+import pytest
+
+from tests.contract.skilled import ENDLESS_WORK, FAILING_WORK, REFUSED_WORK
+from tests.integration.server_model.harness import OBSERVER, OPERATOR, Running
+from tests.integration.skills.conftest import Hall
+from tests.system import clean_environment
+from ua_fleet.client import ClientIdentity, FleetClient, NodeNotFound
+from ua_fleet.errors import AccessRefused, RobotOffline, SkillFailed, SkillRejected, SkillTimeout
+from ua_fleet.values import StatusCode
+
+
+@asynccontextmanager
+async def connected(running: Running, user: tuple[str, str] = OPERATOR) -> AsyncGenerator[FleetClient]:
+    identity = ClientIdentity(running.folder / "identity")
+    async with FleetClient.connect(running.url, user=user[0], password=user[1], identity=identity) as client:
+        yield client
+
+
+@asynccontextmanager
+async def at_work(hall: Hall) -> AsyncGenerator[FleetClient]:
+    """A client once the machine's skills can be called."""
+    hall.bridge()
+    async with hall.server() as running, connected(running) as client:
+        async with asyncio.timeout(20):
+            while True:
+                try:
+                    await client.call_skill("machine", "work", work="warm up", seconds=0)
+                except RobotOffline:
+                    await asyncio.sleep(0.05)
+                else:
+                    break
+        yield client
+
+
+async def test_a_call_waits_for_the_results(hall: Hall) -> None:
+    async with at_work(hall) as client:
+        results = await client.call_skill("machine", "work", timeout_s=10, work="paint", seconds=0.3)
+        assert results == {"done": "paint", "seconds": 0.3}
+        assert await client.call_skill("machine", "quick", seconds=0) == {"done": "weld", "seconds": 0.0}
+
+
+async def test_an_execution_has_events_and_keeps_its_result(hall: Hall) -> None:
+    async with at_work(hall) as client:
+        executions = [await client.start_skill("machine", "work", work=f"w{n}", seconds=0.2 * n) for n in (1, 2)]
+        assert len({execution.id for execution in executions}) == 2
+        for number, execution in enumerate(executions, start=1):
+            seen = [event async for event in execution.events()]
+            assert [event.transition for event in seen] == ["ReadyToRunning", "RunningToReady"]
+            assert seen[-1].is_over
+            for _ in range(2):
+                assert (await execution.result())["done"] == f"w{number}"
+
+
+async def test_failures_are_errors_that_say_why(hall: Hall) -> None:
+    async with at_work(hall) as client:
+        with pytest.raises(SkillFailed, match="the machine broke"):
+            await client.call_skill("machine", "work", work=FAILING_WORK, seconds=0)
+        with pytest.raises(SkillRejected, match="the machine does not do that"):
+            await client.call_skill("machine", "work", work=REFUSED_WORK, seconds=0)
+        with pytest.raises(SkillTimeout, match=r"did not end within 0.3 s; execution [0-9a-f]{32} goes on"):
+            await client.call_skill("machine", "work", timeout_s=0.3, work=ENDLESS_WORK, seconds=0)
+
+
+async def test_wrong_arguments_are_named(hall: Hall) -> None:
+    async with hall.server() as running, connected(running) as client:
+        with pytest.raises(
+            SkillRejected, match="no argument 'speed'; the argument 'seconds' is missing; it takes work"
+        ):
+            await client.start_skill("machine", "work", speed=1)
+        with pytest.raises(SkillRejected, match="seconds is 'long', and no Double"):
+            await client.start_skill("machine", "work", seconds="long")
+        with pytest.raises(SkillRejected, match=r"seconds: BadOutOfRange \(How long it takes; 0 to 10 s\)") as caught:
+            await client.start_skill("machine", "work", seconds=11)
+        assert caught.value.ua_status == StatusCode.BAD_INVALID_ARGUMENT
+        with pytest.raises(NodeNotFound, match="there is no 'dance'"):
+            await client.start_skill("machine", "dance")
+        with pytest.raises(RobotOffline, match="whether its bridge runs"):
+            await client.start_skill("machine", "work", seconds=1)
+
+
+async def test_observers_see_skills_and_may_not_call_them(hall: Hall) -> None:
+    async with hall.server() as running, connected(running, OBSERVER) as client:
+        work, quick = await client.skills("machine")
+        assert (work.name, work.timeout_s, work.description) == ("work", 20, "Works for some time.")
+        assert [(argument.name, argument.type_name, argument.default) for argument in quick.arguments] == [
+            ("work", "String", "weld"),
+            ("seconds", "Double", None),
+        ]
+        with pytest.raises(AccessRefused, match="may not command robots"):
+            await client.start_skill("machine", "work", seconds=1)
+
+
+async def test_the_command_line_calls_skills(hall: Hall) -> None:
+    async with at_work(hall) as client:
+
+        async def command(*arguments: str) -> tuple[int, str, str]:
+            process = await asyncio.create_subprocess_exec(
+                *(sys.executable, "-m", "ua_fleet.cli", "skill", *arguments),
+                *("-u", OPERATOR[0], "-e", client.endpoint),
+                stdout=asyncio.subprocess.PIPE,
+                stderr=asyncio.subprocess.PIPE,
+                env=clean_environment(UA_FLEET_PASSWORD=OPERATOR[1], XDG_CONFIG_HOME=str(hall.folder / "config")),
+            )
+            output, errors = await process.communicate()
+            assert process.returncode is not None
+            return process.returncode, output.decode(), errors.decode()
+
+        code, output, errors = await command("call", "machine", "work", "work=sing", "seconds=0.1", "--json")
+        assert code == 0, errors
+        assert json.loads(output)["results"] == {"done": "sing", "seconds": 0.1}
+        code, output, _ = await command("list", "machine")
+        assert code == 0
+        assert 'work(work: String = "weld", seconds: Double)  Ready  ns=2;i=1900' in output
+        ends = {
+            ("work", f"work={FAILING_WORK}", "seconds=0"): 1,
+            ("work", "seconds=99"): 2,
+            ("work", "seconds"): 2,
+            ("dance",): 3,
+            ("work", f"work={ENDLESS_WORK}", "seconds=0", "--for", "0.3"): 5,
+        }
+        for arguments, expected in ends.items():
+            code, _, errors = await command("call", "machine", *arguments)
+            assert code == expected, errors
+
+
+async def test_a_silent_robot_is_unreachable_for_the_command_line_too(hall: Hall) -> None:
+    bridge = hall.bridge()
+    async with hall.server() as running, connected(running) as client:
+        bridge.end(signal.SIGKILL)
+        with pytest.raises(RobotOffline):
+            await client.call_skill("machine", "work", seconds=1)

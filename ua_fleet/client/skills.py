@@ -1,0 +1,375 @@
+# asyncua is typed in part only.
+# pyright: reportUnknownMemberType=false, reportUnknownVariableType=false, reportUnknownArgumentType=false
+# pyright: reportPrivateImportUsage=false
+"""Skills of robots, called as Python functions are: with arguments by name, and results or an error in the end.
+
+    results = await client.call_skill("arm", "turn", angle=20)
+
+    execution = await client.start_skill("arm", "turn", angle=20)
+    async for event in execution.events():
+        print(event.transition)
+    results = await execution.result()
+
+Events come by one subscription to the Server object, made before the first Start, so that no end is missed.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import math
+from collections import OrderedDict
+from collections.abc import AsyncGenerator, Awaitable, Callable, Mapping
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from typing import Any, Final
+
+from asyncua import Client, Node, ua
+
+from ua_fleet.client.convert import plain_value
+from ua_fleet.client.translated import NodeNotFound, translated
+from ua_fleet.errors import AccessRefused, NotConnected, RobotOffline, SkillFailed, SkillRejected, SkillTimeout
+from ua_fleet.values import Quality, StatusCode, quality_of
+
+__all__ = ["SkillArgument", "SkillCalls", "SkillEvent", "SkillExecution", "SkillInfo", "fitting"]
+
+_TYPES_URI: Final = "http://ua-fleet.org/UA/"
+_EVENT_TYPE: Final = 1011
+"""SkillTransitionEventType; see nodesets/UaFleet.NodeIds.csv."""
+_FOLDER: Final = ua.NodeId(ua.Int32(ua.ObjectIds.FolderType))
+_EARLY: Final = 1000
+"""Events that are kept for executions whose Start has not been answered yet."""
+_QUEUE: Final = 10_000
+_INTEGERS: Final = range(ua.VariantType.SByte.value, ua.VariantType.UInt64.value + 1)
+_REASONS: Final = {
+    ua.StatusCodes.BadTooManyOperations: "as many executions as it takes are under way",
+    ua.StatusCodes.BadServerTooBusy: "it was asked for a moment ago; try again later",
+    ua.StatusCodes.BadRequestTooLarge: "the arguments are too large",
+    ua.StatusCodes.BadNotExecutable: "it is not for clients of this server",
+    ua.StatusCodes.BadResourceUnavailable: "the server cannot record it; see its log",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class SkillArgument:
+    """An argument of a skill."""
+
+    name: str
+    type_name: str
+    description: str
+    default: Any = None
+    """None: it has to be given."""
+
+
+@dataclass(frozen=True, slots=True)
+class SkillInfo:
+    """A skill as it can be called."""
+
+    robot: str
+    name: str
+    node_id: str
+    description: str
+    arguments: tuple[SkillArgument, ...]
+    timeout_s: float
+    state: str | None
+    """Ready, Running, Suspended or Halted; None while the robot is not heard."""
+
+
+@dataclass(frozen=True, slots=True)
+class SkillEvent:
+    """A transition of an execution."""
+
+    execution_id: str
+    transition: str
+    """E.g. `ReadyToRunning`."""
+    state: str
+    """The state after it."""
+    is_over: bool
+    status: int
+    message: str
+    time: datetime
+    results: Mapping[str, Any] = field(default_factory=dict[str, Any])
+
+    @property
+    def status_text(self) -> str:
+        """Name of the StatusCode."""
+        return str(ua.StatusCode(ua.UInt32(self.status)).name)
+
+
+class SkillExecution:
+    """One execution that this client has started. Its end and its results are kept."""
+
+    def __init__(self, robot: str, skill: str, execution_id: str, timeout_s: float, endpoint: str) -> None:
+        self.robot, self.skill, self.id = robot, skill, execution_id
+        self.timeout_s = timeout_s
+        """So long the skill may take."""
+        self._endpoint = endpoint
+        self._seen: list[SkillEvent] = []
+        self._changed = asyncio.Event()
+        self._is_lost = False
+
+    @property
+    def is_over(self) -> bool:
+        """Whether its end has been told."""
+        return bool(self._seen) and self._seen[-1].is_over
+
+    def put(self, event: SkillEvent) -> None:
+        """Take an event of it."""
+        self._seen.append(event)
+        self._changed.set()
+
+    def lose(self) -> None:
+        """No more events will come."""
+        self._is_lost = True
+        self._changed.set()
+
+    async def events(self) -> AsyncGenerator[SkillEvent]:
+        """All its events, those that were told before first; ends with its end.
+
+        Raises:
+            NotConnected: the connection was lost before.
+        """
+        told = 0
+        while True:
+            while told < len(self._seen):
+                event = self._seen[told]
+                told += 1
+                yield event
+                if event.is_over:
+                    return
+            if self._is_lost:
+                raise NotConnected(
+                    f"the connection to {self._endpoint} was lost; execution {self.id} of {self.robot}.{self.skill} "
+                    "goes on without us"
+                )
+            self._changed.clear()
+            await self._changed.wait()
+
+    async def result(self, *, timeout_s: float | None = None) -> dict[str, Any]:
+        """Wait for its end; the results by name. May be asked for again.
+
+        Raises:
+            SkillRejected: the robot refused it, or heard of it too late; it was not begun.
+            SkillFailed: it was begun and did not succeed; with an Uncertain `ua_status` nobody knows.
+            SkillTimeout: it did not end within `timeout_s`. The robot goes on.
+            NotConnected: the connection was lost before.
+        """
+        try:
+            async with asyncio.timeout(timeout_s):
+                async for event in self.events():
+                    if event.is_over:
+                        return self._results(event)
+        except TimeoutError:
+            raise SkillTimeout(
+                f"{self.robot}.{self.skill} did not end within {timeout_s:g} s; execution {self.id} goes on"
+            ) from None
+        raise AssertionError("events end with an end")
+
+    def _results(self, event: SkillEvent) -> dict[str, Any]:
+        if quality_of(event.status) is Quality.GOOD:
+            return dict(event.results)
+        said = f"{self.robot}.{self.skill}: {event.message or event.status_text}"
+        error = SkillRejected(said) if event.state == "Ready" else SkillFailed(said)
+        error.ua_status = event.status
+        raise error
+
+
+@dataclass(slots=True)
+class _Known:
+    """A skill whose nodes were read."""
+
+    info: SkillInfo
+    start: ua.NodeId
+    types: dict[str, ua.VariantType]
+
+
+class SkillCalls:
+    """What `FleetClient` does with skills."""
+
+    def __init__(self, client: Client, find: Callable[[str], Awaitable[Node]], endpoint: str) -> None:
+        self._client, self._find, self._endpoint = client, find, endpoint
+        self._known: dict[tuple[str, str], _Known] = {}
+        self._running: dict[str, SkillExecution] = {}
+        self._early: OrderedDict[str, list[SkillEvent]] = OrderedDict()
+        self._subscribing = asyncio.Lock()
+        self._is_subscribed = False
+
+    def lost(self) -> None:
+        """The connection is gone."""
+        for execution in self._running.values():
+            execution.lose()
+        self._running.clear()
+
+    async def all_of(self, robot: str) -> list[SkillInfo]:
+        """See FleetClient.skills."""
+        with translated(self._endpoint):
+            folder = await self._find(f"Fleet/Robots/{robot}/Skills")
+            names: list[str] = []
+            await self._collect(folder, names)
+            return [(await self._read(robot, name)).info for name in names]
+
+    async def start(self, robot: str, skill: str, arguments: Mapping[str, Any]) -> SkillExecution:
+        """See FleetClient.start_skill."""
+        with translated(self._endpoint, f"{robot}.{skill}: "):
+            known = self._known.get((robot, skill))
+            if known is None:
+                known = self._known[robot, skill] = await self._read(robot, skill)
+            values = _values(known, arguments)
+            await self._subscribe()
+            object_id = ua.NodeId.from_string(known.info.node_id)
+            (result,) = await self._client.uaclient.call([ua.CallMethodRequest(object_id, known.start, values)])
+        _check(known, result)
+        execution_id = str(result.OutputArguments[0].Value)
+        execution = SkillExecution(robot, skill, execution_id, known.info.timeout_s, self._endpoint)
+        self._running[execution_id] = execution
+        for event in self._early.pop(execution_id, ()):
+            self._deliver(execution, event)
+        return execution
+
+    def event_notification(self, event: Any) -> None:
+        """Called by asyncua with each event."""
+        told = SkillEvent(
+            str(event.ExecutionId),
+            str(event.Transition.Text),
+            str(event.ToState.Text),
+            bool(event.IsOver),
+            int(event.Status.value),
+            str(event.Message.Text or ""),
+            event.Time if event.Time.tzinfo is not None else event.Time.replace(tzinfo=UTC),
+            {
+                name: plain_value(variant.Value)
+                for name, variant in zip(event.ResultNames or (), event.Results or (), strict=False)
+            },
+        )
+        execution = self._running.get(told.execution_id)
+        if execution is not None:
+            self._deliver(execution, told)
+            return
+        self._early.setdefault(told.execution_id, []).append(told)
+        while len(self._early) > _EARLY:
+            self._early.popitem(last=False)
+
+    def status_change_notification(self, status: ua.StatusChangeNotification) -> None:
+        """Called by asyncua when the server ends the subscription."""
+        self._is_subscribed = False
+        self.lost()
+
+    def _deliver(self, execution: SkillExecution, event: SkillEvent) -> None:
+        execution.put(event)
+        if event.is_over:
+            self._running.pop(execution.id, None)
+
+    async def _subscribe(self) -> None:
+        async with self._subscribing:
+            if self._is_subscribed:
+                return
+            index = await self._client.get_namespace_index(_TYPES_URI)
+            subscription = await self._client.create_subscription(50, self, queue_maxsize=_QUEUE)
+            event_type = self._client.get_node(ua.NodeId(ua.Int32(_EVENT_TYPE), ua.Int16(index)))
+            await subscription.subscribe_events(ua.ObjectIds.Server, event_type, queuesize=_QUEUE)
+            self._is_subscribed = True
+
+    async def _collect(self, folder: Node, names: list[str]) -> None:
+        for child in await folder.get_children_descriptions(refs=ua.ObjectIds.HierarchicalReferences):
+            if child.TypeDefinition == _FOLDER:
+                await self._collect(self._client.get_node(child.NodeId), names)
+            else:
+                names.append(str(child.BrowseName.Name))
+
+    async def _read(self, robot: str, skill: str) -> _Known:
+        node = await self._find(f"Fleet/Robots/{robot}/Skills/{skill}")
+        members = {child.BrowseName.Name: child for child in await node.get_children_descriptions()}
+        if "Start" not in members or "Timeout" not in members:
+            raise NodeNotFound(f"{robot}.{skill} is no skill; look with: ua-fleet skill list {robot}")
+        start = self._client.get_node(members["Start"].NodeId)
+        below = await start.get_children_descriptions(refs=ua.ObjectIds.HierarchicalReferences)
+        parts = {child.BrowseName.Name: self._client.get_node(child.NodeId) for child in below}
+        declared: list[Any] = await parts["InputArguments"].read_value() if "InputArguments" in parts else []
+        arguments: list[SkillArgument] = []
+        types: dict[str, ua.VariantType] = {}
+        for argument in declared:
+            name = str(argument.Name)
+            default = await parts[name].read_value() if name in parts else None
+            types[name] = ua.VariantType(argument.DataType.Identifier)
+            text = str(argument.Description.Text or "")
+            arguments.append(SkillArgument(name, types[name].name, text, default))
+        timeout_ms = await self._client.get_node(members["Timeout"].NodeId).read_value()
+        state_node = self._client.get_node(members["CurrentState"].NodeId)
+        state = await state_node.read_data_value(raise_on_bad_status=False)
+        shown: Any = (
+            state.Value.Value if state.Value is not None and state.StatusCode in (None, ua.StatusCode()) else None
+        )
+        info = SkillInfo(
+            robot,
+            skill,
+            node.nodeid.to_string(),
+            str((await node.read_description()).Text or ""),
+            tuple(arguments),
+            timeout_ms / 1000,
+            None if shown is None else shown.Text,
+        )
+        return _Known(info, start.nodeid, types)
+
+
+def _values(known: _Known, given: Mapping[str, Any]) -> list[ua.Variant]:
+    """All arguments in their order and types; raises SkillRejected for what is wrong."""
+    name = f"{known.info.robot}.{known.info.name}"
+    names = [argument.name for argument in known.info.arguments]
+    problems = [f"there is no argument {other!r}" for other in given if other not in names]
+    values: list[ua.Variant] = []
+    for argument in known.info.arguments:
+        value = given.get(argument.name, argument.default)
+        if value is None:
+            problems.append(f"the argument {argument.name!r} is missing")
+            continue
+        kind = known.types[argument.name]
+        fitted = fitting(value, kind)
+        if fitted is None:
+            problems.append(f"{argument.name} is {value!r}, and no {kind.name}")
+            continue
+        values.append(ua.Variant(fitted, kind))
+    if problems:
+        takes = f"; it takes {', '.join(names)}" if names else "; it takes none"
+        raise _rejected(StatusCode.BAD_INVALID_ARGUMENT, f"{name}: {'; '.join(problems)}{takes}")
+    return values
+
+
+def fitting(value: Any, kind: ua.VariantType) -> Any:
+    """A value as one of a type, or None."""
+    if kind is ua.VariantType.Boolean:
+        return value if isinstance(value, bool) else None
+    if kind is ua.VariantType.String:
+        return value if isinstance(value, str) else None
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        return None
+    if kind.value not in _INTEGERS:
+        return float(value)
+    if value != int(value):
+        return None
+    bits = 8 << ((kind.value - ua.VariantType.SByte.value) // 2)
+    is_signed = kind.value % 2 == 0
+    least, greatest = (-(1 << bits - 1), (1 << bits - 1) - 1) if is_signed else (0, (1 << bits) - 1)
+    return int(value) if least <= value <= greatest else None
+
+
+def _check(known: _Known, result: ua.CallMethodResult) -> None:
+    """Raise the error that a refused call is."""
+    code = int(result.StatusCode.value)
+    if quality_of(code) is Quality.GOOD:
+        return
+    name, text = f"{known.info.robot}.{known.info.name}", str(result.StatusCode.name)
+    if code == StatusCode.BAD_USER_ACCESS_DENIED:
+        raise AccessRefused(code, f"{name}: {text}: this user may not command robots; see: ua-fleet user list")
+    if code == StatusCode.BAD_NO_COMMUNICATION:
+        raise RobotOffline(f"{name}: the robot is not heard; see whether its bridge runs")
+    wrong = [
+        f"{argument.name}: {outcome.name} ({argument.description})"
+        for argument, outcome in zip(known.info.arguments, result.InputArgumentResults or (), strict=False)
+        if not outcome.is_good()
+    ]
+    raise _rejected(code, f"{name}: {'; '.join(wrong) or _REASONS.get(code, text)}")
+
+
+def _rejected(code: int, text: str) -> SkillRejected:
+    error = SkillRejected(text)
+    error.ua_status = int(code)
+    return error

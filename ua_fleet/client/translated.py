@@ -1,0 +1,81 @@
+# asyncua is typed in part only.
+# pyright: reportUnknownMemberType=false, reportUnknownVariableType=false, reportUnknownArgumentType=false
+# pyright: reportPrivateImportUsage=false
+"""asyncua's errors as ours."""
+
+from __future__ import annotations
+
+import asyncio
+from typing import Any, Final
+
+from asyncua import ua
+from asyncua.ua.uaerrors import UaError, UaStatusCodeError
+
+from ua_fleet.errors import AccessRefused, NotConnected, SendTimeout, UaFleetError
+from ua_fleet.values import StatusCode
+
+__all__ = ["NodeNotFound", "quietly", "translated"]
+
+_REMEDIES: Final = {
+    ua.StatusCodes.BadUserAccessDenied: "user or password is wrong, or the user's role does not allow this; "
+    "see: ua-fleet user list",
+    ua.StatusCodes.BadIdentityTokenRejected: "the server wants a user and a password: --user and --password-file",
+    ua.StatusCodes.BadIdentityTokenInvalid: "the server wants a user and a password: --user and --password-file",
+    ua.StatusCodes.BadSecurityChecksFailed: "the server does not trust this client's certificate; "
+    "on the server run: ua-fleet cert list, then ua-fleet cert trust THUMBPRINT",
+    ua.StatusCodes.BadCertificateUntrusted: "the server does not trust this client's certificate; "
+    "on the server run: ua-fleet cert list, then ua-fleet cert trust THUMBPRINT",
+    ua.StatusCodes.BadNotWritable: "clients may not write this node",
+    ua.StatusCodes.BadTypeMismatch: "the node has another type",
+    ua.StatusCodes.BadOutOfRange: "the value is outside the node's range",
+}
+
+
+class NodeNotFound(UaFleetError):
+    """There is no such node."""
+
+    ua_status = StatusCode.BAD_NODE_ID_UNKNOWN
+
+
+async def quietly(ending: Any) -> None:
+    """End something that may have ended by itself when the connection went."""
+    try:
+        await ending
+    except (UaError, OSError, TimeoutError, asyncio.CancelledError) as error:
+        if isinstance(error, asyncio.CancelledError) and not _is_asyncuas():
+            raise
+
+
+def _is_asyncuas() -> bool:
+    """Whether a CancelledError is that of a request whose connection went, and nobody has cancelled us."""
+    task = asyncio.current_task()
+    return task is not None and not task.cancelling()
+
+
+class translated:  # noqa: N801  (reads like a function where it is used)
+    """Turns asyncua's and the socket's errors into ours."""
+
+    def __init__(self, endpoint: str, prefix: str = "") -> None:
+        self._endpoint, self._prefix = endpoint, prefix
+
+    def __enter__(self) -> None:
+        return None
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: object) -> None:
+        if isinstance(error, UaStatusCodeError):
+            remedy = _REMEDIES.get(error.code)
+            name = ua.StatusCode(error.code).name
+            text = f"{self._prefix}{name}" + (f": {remedy}" if remedy else "")
+            if error.code in (ua.StatusCodes.BadNodeIdUnknown, ua.StatusCodes.BadNodeIdInvalid):
+                raise NodeNotFound(text) from error
+            raise AccessRefused(error.code, text) from error
+        if isinstance(error, asyncio.CancelledError) and _is_asyncuas():
+            raise NotConnected(f"the connection to {self._endpoint} was lost") from error
+        if isinstance(error, TimeoutError):
+            raise SendTimeout(f"{self._endpoint} did not answer in time") from error
+        if isinstance(error, OSError):
+            raise NotConnected(
+                f"nobody answers at {self._endpoint} ({error.strerror or error}); start it with: ua-fleet serve"
+            ) from error
+        if isinstance(error, UaError):
+            raise NotConnected(f"{self._endpoint}: {error or type(error).__name__}") from error

@@ -118,6 +118,7 @@ class Actions:
         self._waiting: deque[Callable[[float], Sequence[ResponderEffect]]] = deque()
         """What could not be journaled yet, in its order."""
         self._retry_at = 0.0
+        self._due: float | None = None
         self.problem = ""
         """Why executions cannot be recorded; empty while they can."""
 
@@ -128,7 +129,7 @@ class Actions:
         for execution in self._responder.executions()[-_SHOWN_AFTER_START:]:
             self._board.show(execution, now, self._wall_ticks())
         self._do(effects, now)
-        self._show(now)
+        self._settle(now)
 
     def receive(self, event: ActionReceived, now: float) -> None:
         """Take a request. Its origin, for the loop rule, is the space of its requestor."""
@@ -145,12 +146,12 @@ class Actions:
             lambda: self._responder.receive(message, reply_to, now, self._wall_ticks(), verified=event.verified), now
         )
         self._do(effects or (), now)
-        self._show(now)
+        self._settle(now)
 
     def from_driver(self, fact: ExecutionFact, now: float) -> None:
         """Take what the driver tells of an execution."""
         self._record(lambda later: self._taken(fact, later), now)
-        self._show(now)
+        self._settle(now)
 
     def poll(self, now: float) -> None:
         """Do what is due."""
@@ -159,16 +160,11 @@ class Actions:
         if self._waiting and now >= self._retry_at:
             self._take_waiting(now)
         self._do(self._responder.poll(now), now)
-        self._show(now)
+        self._settle(now)
 
     def next_deadline(self) -> float | None:
-        """When `poll` is to be called next, or None."""
-        deadlines = [self._responder.next_deadline()]
-        if self._driver is not None:
-            deadlines.append(self._skills_at)
-        if self._waiting:
-            deadlines.append(self._retry_at)
-        return min((due for due in deadlines if due is not None), default=None)
+        """When `poll` is to be called next, or None. Asked for after each datagram, so it costs nothing."""
+        return self._due
 
     def _record(self, step: Callable[[float], Sequence[ResponderEffect]], now: float) -> None:
         """Do a step that has to be recorded, now or as soon as it can be."""
@@ -241,10 +237,17 @@ class Actions:
             else:
                 self._changed.append(effect.execution)
 
-    def _show(self, now: float) -> None:
+    def _settle(self, now: float) -> None:
+        """At the end of everything that was done: SkillStatus, and when there is more to do."""
         changed, self._changed = self._changed, []
         for execution in changed:
             self._board.show(execution, now, self._wall_ticks())
+        deadlines = [self._responder.next_deadline()]
+        if self._driver is not None:
+            deadlines.append(self._skills_at)
+        if self._waiting:
+            deadlines.append(self._retry_at)
+        self._due = min((due for due in deadlines if due is not None), default=None)
 
     def _respond(self, effect: Respond) -> None:
         to: Any = effect.to

@@ -74,6 +74,8 @@ class Drop(StrEnum):
     """A name that begins like a UA topic and is none."""
     RATE_LIMITED = "rate_limited"
     """A newer value came before this one's turn. Normal, where a rate limit is configured."""
+    UNASKED = "unasked"
+    """What a robot said of an execution that nobody waits for: a second time, too late, or of another's."""
 
 
 @dataclass(slots=True)

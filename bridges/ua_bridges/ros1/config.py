@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
-from pydantic import Field
+from pydantic import BaseModel, Field
 
+from ua_bridges.ros.skills import RosSkillMapping
 from ua_fleet.config.schema import BridgeConfig
 
 __all__ = ["Ros1BridgeConfig"]
@@ -24,3 +25,6 @@ class Ros1BridgeConfig(BridgeConfig, frozen=True):
     """Address under which other ROS nodes reach this bridge (ROS_IP)."""
     node_name: Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_]*$")] = "ua_bridge"
     """Name of the bridge's node in the graph."""
+
+    skill_mapping: ClassVar[type[BaseModel] | None] = RosSkillMapping
+    """Model of `via` in the skills of its robots."""

@@ -6,7 +6,7 @@ from __future__ import annotations
 import contextlib
 import importlib
 from functools import cache
-from typing import Any, Final, NamedTuple
+from typing import Any, Final, Literal, NamedTuple
 
 from ua_bridges.ros.schema import MessageSchema, schema_from_ros2
 from ua_fleet.errors import UaFleetError
@@ -23,9 +23,10 @@ class TypeMissing(UaFleetError):
 
     ua_status = StatusCode.BAD_NOT_SUPPORTED
 
-    def __init__(self, ros_type: str) -> None:
-        package, _, name = ros_type.replace("/msg/", "/").partition("/")
-        super().__init__(f"the message type {package}/msg/{name} is not installed here; install the package {package}")
+    def __init__(self, ros_type: str, folder: Literal["msg", "srv", "action"] = "msg") -> None:
+        package, _, name = ros_type.replace(f"/{folder}/", "/").partition("/")
+        kind = {"msg": "message", "srv": "service", "action": "action"}[folder]
+        super().__init__(f"the {kind} type {package}/{folder}/{name} is not installed here; install {package}")
 
 
 class MessageType(NamedTuple):

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
-from pydantic import Field, field_validator
+from pydantic import BaseModel, Field, field_validator
 
+from ua_bridges.ros.skills import RosSkillMapping
 from ua_fleet.config.schema import BridgeConfig
 from ua_fleet.errors import TopicInvalid
 from ua_fleet.topics import check_ros2_space
@@ -24,6 +25,9 @@ class Ros2BridgeConfig(BridgeConfig, frozen=True):
     """Name of the bridge's node in the graph."""
     discovery: Literal["localhost", "subnet"] = "localhost"
     """How far DDS discovery reaches (ROS_AUTOMATIC_DISCOVERY_RANGE)."""
+
+    skill_mapping: ClassVar[type[BaseModel] | None] = RosSkillMapping
+    """Model of `via` in the skills of its robots."""
 
     @field_validator("space")
     @classmethod

@@ -180,6 +180,14 @@ class Ros2Node:
         subscription._callback_type = subscription.CallbackType.WithMessageInfo  # noqa: SLF001 - see the module's text
         return subscription
 
+    def listen(self, message_class: Any, topic_name: str, qos: Qos, heard: Callable[[Any], None]) -> None:
+        """Hand each message of a topic on, until the node ends."""
+
+        def on_pair(pair: Any, info: Any = None) -> None:
+            heard(pair[0] if info is None else pair)
+
+        self.create_subscription(message_class, topic_name, qos, guarded(on_pair), _ignore)
+
     def create_publisher(
         self, message_class: Any, topic_name: str, qos: Qos, on_incompatible: Callable[[str], None]
     ) -> Any:

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from functools import partial
 from typing import Any, Final, NamedTuple
 
@@ -17,10 +17,11 @@ from ua_bridges.ros.served import Served
 from ua_bridges.ros.sink import compile_sink
 from ua_bridges.ros2.classes import MessageType, load_type, make
 from ua_bridges.ros2.config import Ros2BridgeConfig
+from ua_bridges.ros2.node import Ros2Node
 from ua_bridges.ros2.outlet import Outlet
 from ua_bridges.ros2.qos import MIRROR, sink_qos
 from ua_bridges.ros2.thread import NodeThread
-from ua_bridges.ros2.watch import Mapped, Watch, absolute
+from ua_bridges.ros2.watch import Heard, Mapped, Watch, absolute
 from ua_fleet.bridge.driver import DriverStatus, Dropped, Inlet
 from ua_fleet.config.schema import DataSetConfig, FleetConfig, TopicMapping
 from ua_fleet.counters import Drop
@@ -90,11 +91,25 @@ class Ros2Driver:
         folder = state_folder()
         self._delivered = Delivered(folder, *self._identity)
         self._served = Served(folder, *self._identity)
-        self._watch = Watch(self._config, inlet, mapped, written, self._served, self._thread.wake_at)
-        await self._thread.start(self._watch.opened, self._watch.turn, self._watch.closing)
+        self._watch = Watch(
+            self._config, inlet, mapped, written, self._served, self._thread.wake_at, self._listened(inlet)
+        )
+        await self._thread.start(self._opened, self._turn, self._watch.closing)
         for topic, name, dataset in self._datasets:
             if dataset.sink is not None:
                 self._add_sink(topic, name, dataset, dataset.sink)
+
+    def _listened(self, inlet: Inlet) -> Iterable[Heard]:
+        """Topics to listen to that are no data sources; a driver with skills has some."""
+        return ()
+
+    def _opened(self, node: Ros2Node) -> None:
+        """The node is there; in its thread."""
+        self._watch.opened(node)
+
+    def _turn(self, now: float) -> float:
+        """Do what is due, in the node's thread; when to be called again."""
+        return self._watch.turn(now)
 
     def status(self) -> DriverStatus:
         """See Driver."""

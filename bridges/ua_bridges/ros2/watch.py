@@ -4,25 +4,25 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
-from typing import Any, Final
+from collections.abc import Callable, Iterable
+from typing import Any, Final, NamedTuple
 
 from ua_bridges.ros.served import Served
 from ua_bridges.ros2.config import Ros2BridgeConfig
 from ua_bridges.ros2.environment import PROFILES_VARIABLE
-from ua_bridges.ros2.feed import MappedFeed, MirrorFeed
+from ua_bridges.ros2.feed import Feed, MappedFeed, MirrorFeed
 from ua_bridges.ros2.graph import LOOK_S, GraphWatch, PublishersChanged, TopicIllegal
 from ua_bridges.ros2.late import LateSubscribers
 from ua_bridges.ros2.node import Ros2Node, guarded
 from ua_bridges.ros2.outlet import Outlet
 from ua_bridges.ros2.source import RosSource
 from ua_fleet.bridge.driver import Dropped, Inlet
-from ua_fleet.config.schema import DataSetConfig, TopicMapping
+from ua_fleet.config.schema import DataSetConfig, QosConfig, TopicMapping
 from ua_fleet.counters import Drop
 from ua_fleet.errors import BridgeUnavailable
 from ua_fleet.topics import Topic
 
-__all__ = ["Mapped", "Watch", "absolute"]
+__all__ = ["Heard", "Mapped", "Watch", "absolute"]
 
 _ATTEND_S: Final = 0.005
 """New publishers are looked at so often until their subscribers have matched."""
@@ -30,6 +30,16 @@ _LATE_S: Final = 0.2
 
 Mapped = tuple[Topic, str, DataSetConfig]
 """A DataSet that is read from a robot's own topic: its UA topic, its browse name, and what `fleet.yaml` says."""
+
+
+class Heard(NamedTuple):
+    """A topic that is listened to and is no data source."""
+
+    name: str
+    """Full name."""
+    type: str
+    qos: QosConfig
+    feed: Feed
 
 
 def absolute(topic_name: str) -> str:
@@ -48,6 +58,7 @@ class Watch:
         written: set[str],
         served: Served,
         wake_at: Callable[[float], None],
+        heard: Iterable[Heard] = (),
     ) -> None:
         """Prepare the watch.
 
@@ -58,6 +69,7 @@ class Watch:
             written: full names of the robots' own topics that the bridge publishes to.
             served: whom the bridge before this one had served.
             wake_at: has `turn` called no later.
+            heard: topics that are listened to and are no data sources.
         """
         self._config = config
         self._inlet = inlet
@@ -67,7 +79,10 @@ class Watch:
             self._mapped.setdefault(absolute(each[2].source.topic), []).append(each)
         self._written = written
         self._wake_at = wake_at
-        self._graph = GraphWatch(config.space, self._mapped)
+        self._heard: dict[str, list[Heard]] = {}
+        for listened in heard:
+            self._heard.setdefault(listened.name, []).append(listened)
+        self._graph = GraphWatch(config.space, {**self._mapped, **self._heard})
         self._late = LateSubscribers(config, served)
         self._sources: dict[str, RosSource] = {}
         self._opening: list[Outlet] = []
@@ -89,12 +104,19 @@ class Watch:
             )
         for name, datasets in self._mapped.items():
             self._sources[name] = self._make_mapped_source(name, datasets)
+        for name, heard in self._heard.items():
+            if name not in self._sources:
+                feeds = [each.feed for each in heard]
+                self._sources[name] = RosSource(
+                    name, feeds, self._node, self._inlet, self._look_soon, wanted_type=heard[0].type, qos=heard[0].qos
+                )
 
     def _make_mapped_source(self, name: str, datasets: list[Mapped]) -> RosSource:
-        feeds = [
+        feeds: list[Feed] = [
             MappedFeed(topic, dataset, browse_name, self._inlet, time.monotonic, self._wake_at)
             for topic, browse_name, dataset in datasets
         ]
+        feeds += [each.feed for each in self._heard.get(name, [])]
         first: TopicMapping | None = datasets[0][2].source
         assert first is not None
         return RosSource(name, feeds, self._node, self._inlet, self._look_soon, wanted_type=first.type, qos=first.qos)

@@ -87,7 +87,7 @@ def test_missing_ids_are_asked_for_and_assigned() -> None:
         ("        id: 3\n", "3 is in use already"),
         ("        id: 2\n        needs: [fly]\n", "needs[0]: ur3 has not the capacity `fly`; add it to robots.ur3"),
         ("        id: 2\n        needs: [grib]\n", "did you mean `grab`?"),
-        ("        id: 2\n        via: {topic: /x}\n", "via: "),
+        ("        id: 2\n        via: {topic: /x}\n", "via.topic: must be keys with values"),
         ("        id: 2\n        timeout_s: 0\n", "timeout_s"),
         ("        id: 2\n        argument: {}\n", "unknown key `argument`; did you mean `arguments`?"),
         ("        id: 2\n        arguments: {a: {type: DateTime}}\n", "an argument is no DateTime"),

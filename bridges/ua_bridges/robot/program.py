@@ -1,0 +1,178 @@
+"""Requests in, status out, both as JSON texts; the functions of a robot's program run in threads between them."""
+
+from __future__ import annotations
+
+import contextlib
+import inspect
+import json
+import logging
+import math
+import threading
+from collections.abc import Callable, Mapping
+from typing import Any, Final, cast
+
+__all__ = ["Canceled", "Execution", "Program", "Refused"]
+
+_MOST_REMEMBERED: Final = 1000
+"""Ended executions; the oldest are forgotten, and a query for them is answered with `unknown`."""
+_ENDS: Final = ("refused", "done", "failed")
+
+_log = logging.getLogger(__name__)
+
+
+class Refused(Exception):
+    """Raised by a function before it does anything: it will not."""
+
+
+class Canceled(Exception):
+    """Raised by `Execution.check` when somebody wants it to stop; a function may also raise it itself."""
+
+
+class Execution:
+    """What a function is told beside its arguments."""
+
+    def __init__(self, execution_id: str, timeout_s: float, report: Callable[[float, str], None]) -> None:
+        self.id = execution_id
+        """32 hexadecimal digits, unique for ever."""
+        self.timeout_s = timeout_s
+        """After so long it is given up."""
+        self.canceled = threading.Event()
+        """Set when it has to stop; `wait` on it in place of sleeping."""
+        self._report = report
+
+    def progress(self, fraction: float, message: str = "") -> None:
+        """Tell how far it is, 0 to 1; raises Canceled as `check` does."""
+        self.check()
+        self._report(min(max(float(fraction), 0.0), 1.0), message)
+
+    def check(self) -> None:
+        """Raise Canceled if it has to stop."""
+        if self.canceled.is_set():
+            raise Canceled
+
+
+Function = Callable[..., Mapping[str, Any] | None]
+
+
+class Program:
+    """One skill. `say` publishes a status; it is called from any thread."""
+
+    def __init__(self, name: str, function: Function, say: Callable[[str], None], *, at_once: int = 1) -> None:
+        """Offer a skill.
+
+        Args:
+            name: the skill's name in `fleet.yaml`.
+            function: gets an Execution and the arguments by their names.
+            say: publishes a text.
+            at_once: executions that may be under way.
+        """
+        self.name = name
+        self._function, self._signature = function, inspect.signature(function)
+        self._publish, self._at_once = say, at_once
+        self._lock = threading.Lock()
+        self._known: dict[str, dict[str, Any]] = {}
+        """The last status of each execution."""
+        self._open: dict[str, Execution] = {}
+
+    def receive(self, text: str) -> None:
+        """Take a request; what is none is logged and left alone."""
+        try:
+            request: Any = json.loads(text)
+            what, execution_id = request.get("request", "execute"), request["execution_id"]
+            if len(bytes.fromhex(execution_id)) != 16:
+                raise ValueError("execution_id has to have 32 hexadecimal digits")
+        except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
+            _log.warning("%s: not a request: %s", self.name, error)
+            return
+        if what == "execute":
+            self._execute(execution_id, request)
+        elif what == "cancel" and execution_id in self._open:
+            with contextlib.suppress(KeyError):
+                self._open[execution_id].canceled.set()
+        else:  # a query, or something newer than this program: the state is always a right answer
+            self._say_again(execution_id)
+
+    def _say_again(self, execution_id: str) -> None:
+        status = self._known.get(execution_id)
+        if status is None:
+            said = "this program remembers nothing of it"
+            status = {"execution_id": execution_id, "state": "unknown", "message": said}
+        self._publish(json.dumps(status))
+
+    def _execute(self, execution_id: str, request: Mapping[str, Any]) -> None:
+        def report(fraction: float, message: str) -> None:
+            self._say(execution_id, "running", 0.0 if math.isnan(fraction) else fraction, message)
+
+        arguments: Any = request.get("arguments") or {}
+        execution = Execution(execution_id, _seconds(request.get("timeout_s")), report)
+        with self._lock:
+            is_known = execution_id in self._known
+            problem = None if is_known else self._problem(request.get("skill"), execution, arguments)
+            if not is_known:
+                state = "accepted" if problem is None else "refused"
+                self._remember(execution_id, {"execution_id": execution_id, "state": state, "message": problem or ""})
+                if problem is None:
+                    self._open[execution_id] = execution
+        self._say_again(execution_id)
+        if not is_known and problem is None:
+            name = f"skill {self.name}"
+            threading.Thread(target=self._run, args=(execution, arguments), name=name, daemon=True).start()
+
+    def _problem(self, skill: object, execution: Execution, arguments: object) -> str | None:
+        if skill not in (None, self.name):
+            return f"this is {self.name}, and not {skill}"
+        if not isinstance(arguments, dict):
+            return "`arguments` is no object"
+        try:
+            self._signature.bind(execution, **cast("dict[str, Any]", arguments))
+        except TypeError as error:
+            return f"{self.name}: {error}"
+        if len(self._open) >= self._at_once:
+            return f"{self.name} is being done already"
+        return None
+
+    def _run(self, execution: Execution, arguments: dict[str, Any]) -> None:
+        state, results, message = "done", None, ""
+        try:
+            results = self._function(execution, **arguments)
+            json.dumps(results, allow_nan=False)
+        except Refused as refused:
+            state, results, message = "refused", None, str(refused) or "refused"
+        except Canceled:
+            state, results, message = "failed", None, "it was halted"
+        except Exception as error:  # noqa: BLE001 - whatever the robot's programmer has not foreseen
+            _log.exception("%s failed", self.name)
+            state, results, message = "failed", None, f"{type(error).__name__}: {error}"
+        self._say(execution.id, state, 1.0 if state == "done" else 0.0, message, results)
+        with self._lock:
+            del self._open[execution.id]
+
+    def _say(
+        self,
+        execution_id: str,
+        state: str,
+        progress: float = 0.0,
+        message: str = "",
+        results: Mapping[str, Any] | None = None,
+    ) -> None:
+        status = {
+            "execution_id": execution_id,
+            "state": state,
+            "progress": progress,
+            "results": dict(results or {}),
+            "message": message,
+        }
+        with self._lock:
+            if self._known.get(execution_id, {}).get("state") in _ENDS:
+                return  # a thread of the function's own that goes on after it
+            self._remember(execution_id, status)
+        self._publish(json.dumps(status))
+
+    def _remember(self, execution_id: str, status: dict[str, Any]) -> None:
+        self._known[execution_id] = status
+        if len(self._known) > _MOST_REMEMBERED + len(self._open):
+            del self._known[next(known for known in self._known if known not in self._open)]
+
+
+def _seconds(value: object) -> float:
+    return float(value) if isinstance(value, int | float) else math.inf

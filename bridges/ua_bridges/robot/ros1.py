@@ -1,0 +1,43 @@
+# pyright: basic, reportMissingImports=false
+"""Skills of a program that uses rospy."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import rospy
+from std_msgs.msg import String
+
+from ua_bridges.robot.program import Program
+
+__all__ = ["Robot"]
+
+Function = Callable[..., Mapping[str, Any] | None]
+
+
+class Robot:
+    """A robot in the graph of a ROS 1 master; the program has called `rospy.init_node`."""
+
+    def __init__(self, *, namespace: int = 2) -> None:
+        """`namespace` is the index of the fleet's namespace."""
+        self._namespace = namespace
+
+    def skill(self, id: int, *, name: str | None = None, at_once: int = 1) -> Callable[[Function], Function]:
+        """Offer a function as a skill.
+
+        Args:
+            id: of the skill in `fleet.yaml`.
+            name: of the skill there; the function's name if left out.
+            at_once: executions that may be under way.
+        """
+
+        def offer(function: Function) -> Function:
+            where = f"_{self._namespace}_{id}"
+            publisher = rospy.Publisher(f"/ua_1{where}", String, queue_size=100, tcp_nodelay=True)
+            wanted = name or str(getattr(function, "__name__", id))
+            program = Program(wanted, function, lambda text: publisher.publish(String(data=text)), at_once=at_once)
+            rospy.Subscriber(f"/ua_0{where}", String, lambda heard: program.receive(heard.data), tcp_nodelay=True)
+            return function
+
+        return offer

@@ -1,0 +1,113 @@
+"""The executions that a bridge's driver has under way: each ends once, whatever the robot says later. Pure.
+
+    (none)    begin                          open
+    open      progress                       ExecutionProgressed, where it is new
+    open      end, forget                    ExecutionEnded, ExecutionForgotten; ended
+    ended     an answer                      counted: the robot said it twice, or too late
+    (none)    an answer                      counted: it belongs to another execution
+
+All calls come from one thread, that of the ROS node.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any, Final
+
+from ua_bridges.ros.skill_values import Ended
+from ua_bridges.ros.skills import SkillSpec
+from ua_fleet.bridge.driver import (
+    DriverEvent,
+    Dropped,
+    Execution,
+    ExecutionEnded,
+    ExecutionForgotten,
+    ExecutionProgressed,
+)
+from ua_fleet.counters import Drop
+
+__all__ = ["Executing", "Open"]
+
+_MOST_REMEMBERED: Final = 1000
+_LEAST_STEP: Final = 0.01
+"""Progress that differs by less is not told."""
+
+
+class Open:
+    """One execution under way."""
+
+    __slots__ = ("arguments", "deadline", "execution_id", "said", "skill", "told")
+
+    def __init__(self, spec: SkillSpec, execution: Execution, deadline: float) -> None:
+        self.skill = f"{spec.robot}.{spec.name}"
+        self.execution_id = execution.execution_id
+        self.arguments: Mapping[str, Any] = dict(zip(spec.arguments, execution.values, strict=True))
+        self.deadline = deadline
+        self.told: float | None = None
+        """The progress that was told last."""
+        self.said = ""
+        """What the robot said with it."""
+
+
+class Executing:
+    """The executions of one driver."""
+
+    def __init__(self, put: Callable[[DriverEvent], None]) -> None:
+        self._put = put
+        self._open: dict[bytes, Open] = {}
+        self._ended: dict[bytes, None] = {}
+
+    def begin(self, spec: SkillSpec, execution: Execution, now: float) -> Open:
+        """An execution is begun, or asked about; its time begins."""
+        opened = Open(spec, execution, now + spec.config.timeout_s)
+        self._ended.pop(execution.execution_id, None)
+        self._open[execution.execution_id] = opened
+        return opened
+
+    def get(self, execution_id: bytes) -> Open | None:
+        """An execution that is under way."""
+        return self._open.get(execution_id)
+
+    def progress(self, execution_id: bytes, fraction: float, said: str = "") -> None:
+        """The robot is at it. The first time is always told."""
+        opened = self._open.get(execution_id)
+        if opened is None:
+            self.unasked(execution_id)
+            return
+        if opened.told is not None and abs(opened.told - fraction) < _LEAST_STEP and opened.said == said:
+            return
+        opened.told, opened.said = fraction, said
+        self._put(ExecutionProgressed(execution_id, fraction, said))
+
+    def end(self, execution_id: bytes, ended: Ended) -> bool:
+        """It is over; False, and counted, where it was not under way."""
+        if not self._close(execution_id):
+            return False
+        self._put(ExecutionEnded(execution_id, ended.status, ended.values, ended.message))
+        return True
+
+    def forget(self, execution_id: bytes, why: str) -> None:
+        """Nobody can tell what became of it."""
+        if self._close(execution_id):
+            self._put(ExecutionForgotten(execution_id, why))
+
+    def overdue(self, now: float) -> list[Open]:
+        """Those that have taken longer than their skill's timeout."""
+        return [opened for opened in self._open.values() if now >= opened.deadline]
+
+    def _close(self, execution_id: bytes) -> bool:
+        if self._open.pop(execution_id, None) is None:
+            self.unasked(execution_id)
+            return False
+        self._ended[execution_id] = None
+        if len(self._ended) > _MOST_REMEMBERED:
+            del self._ended[next(iter(self._ended))]
+        return True
+
+    def unasked(self, execution_id: bytes, name: str = "") -> None:
+        """The robot has answered what nobody waits for."""
+        where = f"{name}: " if name else ""
+        if execution_id in self._ended:
+            self._put(Dropped(Drop.UNASKED, detail=f"{where}a robot answered again, or after its time was over"))
+        else:
+            self._put(Dropped(Drop.UNASKED, detail=f"{where}a robot answered for an execution that nobody waits for"))

@@ -1,0 +1,254 @@
+"""How a ROS robot does a skill: `via` of a skill in `fleet.yaml`, for the bridges of ROS 1 and ROS 2 alike. Pure.
+
+    topic      publish a message; another topic says when it is done or has failed
+    service    call a service, whose response is the end
+    action     give a goal to an action server (ROS 1: actionlib)
+    (none)     the robot's own program offers the skill, see `skill_json.py`
+
+Arguments go to the member of their own name unless `fields` names another one; results come from the member of their
+own name unless `results` does. Conditions are those of scenarios (`ua_fleet.scenario.expression`) over the members of a
+message, and `arguments.<name>` over what was asked for.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated, Final
+
+from pydantic import AfterValidator, Field, model_validator
+
+from ua_fleet.bridge.driver import Skill, SkillTarget
+from ua_fleet.config.base import FieldPath, Model
+from ua_fleet.config.schema import FleetConfig, QosConfig, SkillConfig
+from ua_fleet.errors import ScenarioError
+from ua_fleet.names import closest, listed
+from ua_fleet.pubsub.metadata import make_field
+from ua_fleet.scenario.expression import parse_expression
+from ua_fleet.topics import SERVER_SPACE, Topic
+
+__all__ = [
+    "TARGET_ID",
+    "ActionSkill",
+    "Constant",
+    "RosSkillMapping",
+    "ServiceSkill",
+    "SkillSpec",
+    "StatusTopic",
+    "TopicSkill",
+    "skill_specs",
+]
+
+TARGET_ID: Final = 1
+"""ActionTargetId: a skill in `fleet.yaml` belongs to one robot and has an id of its own."""
+
+
+def _expression(text: str) -> str:
+    try:
+        parse_expression(text)
+    except ScenarioError as error:
+        raise ValueError(str(error)) from error
+    return text
+
+
+Expression = Annotated[str, AfterValidator(_expression)]
+"""A condition, or a number, over the members of a message, e.g. `state == "parked"` or `percent / 100`."""
+Scalar = bool | int | float | str
+Constant = Scalar | tuple[Scalar, ...]
+RosName = Annotated[str, Field(pattern=r"^/?[A-Za-z_][A-Za-z0-9_/]*$", examples=["/dock"])]
+
+
+def _type_pattern(folder: str) -> str:
+    return rf"^[a-z][a-z0-9_]*/({folder}/)?[A-Z][A-Za-z0-9_]*$"
+
+
+MessageType = Annotated[str, Field(pattern=_type_pattern("msg"), examples=["geometry_msgs/Twist"])]
+
+
+class _Request(Model, frozen=True):
+    """What goes to the robot."""
+
+    fields: dict[str, FieldPath] = Field(default={})
+    """Argument to the member that it goes to, e.g. `speed: linear.x`; left out: the member of the argument's name."""
+    constants: dict[FieldPath, Constant] = Field(default={})
+    """Members that always have the same value."""
+
+
+class _Response(Model, frozen=True):
+    """What comes back from the robot."""
+
+    results: dict[str, FieldPath] = Field(default={})
+    """Result to the member that it is read from; left out: the member of the result's name."""
+    message: FieldPath | None = None
+    """Member with a text for people, e.g. why it failed."""
+
+
+class StatusTopic(_Response, frozen=True):
+    """The topic on which a robot says how it gets on with what was published."""
+
+    topic: RosName
+    """Name of the topic."""
+    type: MessageType
+    """Message type as `pkg/Name`."""
+    qos: QosConfig = QosConfig()
+    """ROS 2 only: quality of service."""
+    running: Expression | None = None
+    """Holds while the robot is at it. With it `done` and `failed` count only after it has held once: for a topic that
+    still tells the end of the last time when the robot begins."""
+    done: Expression
+    """Holds when it is done."""
+    failed: Expression | None = None
+    """Holds when it has failed."""
+    progress: Expression | None = None
+    """How far it is, 0 to 1."""
+
+
+class TopicSkill(_Request, frozen=True):
+    """Publish a message, then wait for a condition on a topic."""
+
+    topic: RosName
+    """Name of the topic that is published to."""
+    type: MessageType
+    """Message type as `pkg/Name`."""
+    qos: QosConfig = QosConfig()
+    """ROS 2 only: quality of service."""
+    status: StatusTopic | None = None
+    """Where the robot says how it gets on. Left out: it is done when it is published."""
+    halt: dict[FieldPath, Constant] | None = None
+    """Members of the message that stops the robot; the others have their defaults. Left out: it cannot be stopped."""
+
+
+class ServiceSkill(_Request, _Response, frozen=True):
+    """Call a service; its response is the end."""
+
+    name: RosName
+    """Name of the service."""
+    type: Annotated[str, Field(pattern=_type_pattern("srv"), examples=["std_srvs/Trigger"])]
+    """Service type as `pkg/Name`."""
+    success: Expression | None = None
+    """Over the response: whether it is done. Left out: any response means done."""
+
+
+class ActionSkill(_Request, _Response, frozen=True):
+    """Give a goal to an action server."""
+
+    name: RosName
+    """Name of the action."""
+    type: Annotated[str, Field(pattern=_type_pattern("action"), examples=["control_msgs/FollowJointTrajectory"])]
+    """Action type as `pkg/Name`."""
+    success: Expression | None = None
+    """Over the result of a goal that succeeded: whether it is done. Left out: it is."""
+    progress: Expression | None = None
+    """Over the feedback: how far it is, 0 to 1."""
+
+
+class RosSkillMapping(Model, frozen=True):
+    """`via` of a skill: exactly one of these."""
+
+    topic: TopicSkill | None = None
+    """Publish a message, then wait for a condition on a topic."""
+    service: ServiceSkill | None = None
+    """Call a service."""
+    action: ActionSkill | None = None
+    """Give a goal to an action server: a ROS 2 action, or actionlib in ROS 1."""
+
+    @model_validator(mode="after")
+    def _exactly_one(self) -> RosSkillMapping:
+        given = [name for name in ("topic", "service", "action") if getattr(self, name) is not None]
+        if len(given) != 1:
+            raise ValueError(f"give exactly one of topic, service, action; there is {listed(given) or 'none'}")
+        return self
+
+    @property
+    def way(self) -> TopicSkill | ServiceSkill | ActionSkill:
+        """The one that is given."""
+        way = self.topic or self.service or self.action
+        assert way is not None
+        return way
+
+
+@dataclass(frozen=True, slots=True)
+class SkillSpec:
+    """One configured skill of a robot behind a bridge."""
+
+    robot: str
+    name: str
+    topic: Topic
+    """Of the Action: (own space, namespace, id)."""
+    status: Topic
+    """The robot's SkillStatus."""
+    config: SkillConfig
+    via: RosSkillMapping | None
+    """None: the robot's own program offers it."""
+
+    @property
+    def arguments(self) -> tuple[str, ...]:
+        """Names of the arguments, in the order of an execution's values."""
+        return tuple(self.config.arguments)
+
+    @property
+    def request_topic(self) -> str:
+        """Where a robot's own program hears requests; they originate in the server's space."""
+        return Topic(SERVER_SPACE, self.topic.ns, self.topic.id).name
+
+    @property
+    def status_topic(self) -> str:
+        """Where a robot's own program tells of its executions."""
+        return self.topic.name
+
+    def offer(self) -> Skill:
+        """The skill as the bridge announces it."""
+        request, response = self.config.arguments, self.config.results
+        return Skill(
+            self.topic,
+            self.name,
+            (SkillTarget(TARGET_ID, self.robot, self.status),),
+            tuple([make_field(name, argument.type.builtin) for name, argument in request.items()]),
+            tuple([make_field(name, result.type.builtin) for name, result in response.items()]),
+            is_immediate=self.config.immediate,
+            at_once=1 if isinstance(self._way, TopicSkill) else self.config.limits.requests_at_once,
+        )
+
+    @property
+    def _way(self) -> TopicSkill | ServiceSkill | ActionSkill | None:
+        return self.via.way if self.via is not None else None
+
+    def problems(self) -> list[str]:
+        """What in `via` names no argument or result of the skill."""
+        if self.via is None:
+            return []
+        way = self.via.way
+        response = way.status if isinstance(way, TopicSkill) else way
+        results = response.results if response is not None else {}
+        found: list[str] = []
+        for key, names, known in (
+            ("fields", way.fields, self.config.arguments),
+            ("results", results, self.config.results),
+        ):
+            for name in names:
+                if name not in known:
+                    what = "argument" if key == "fields" else "result"
+                    found.append(f"{key}: {self.name} has no {what} `{name}`; {closest(name, known)}".rstrip("; "))
+        if response is None and self.config.results:
+            found.append("results: a topic without `status` has none")
+        return found
+
+
+def skill_specs(config: FleetConfig, bridge_name: str) -> tuple[SkillSpec, ...]:
+    """The skills of the robots behind a bridge. A skill, or a robot, that has no id yet is left out."""
+    space, namespace = config.bridges[bridge_name].space, config.fleet.namespace_index
+    return tuple(
+        [
+            SkillSpec(
+                robot_name,
+                name,
+                Topic(space, namespace, skill.id),
+                Topic(space, namespace, robot.skill_status_id),
+                skill,
+                RosSkillMapping.model_validate(skill.via) if skill.via else None,
+            )
+            for robot_name, robot in config.robots.items()
+            if robot.bridge == bridge_name and robot.skill_status_id is not None
+            for name, skill in robot.skills.items()
+            if skill.id is not None
+        ]
+    )

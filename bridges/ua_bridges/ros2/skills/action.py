@@ -1,0 +1,182 @@
+# pyright: basic, reportMissingImports=false
+"""A skill that is a ROS 2 action. The goal's id is the execution's, so that a bridge that comes later can ask for it.
+
+The parts of an action (its three services and two topics) are used as such: rclpy's ActionClient asks only for goals
+that it has sent itself.
+
+    begin      send_goal -> accepted -> get_result -> the end
+    query      get_result; a goal that the server does not know comes back at once as unknown
+    cancel     cancel_goal; the end comes as the result, which says that it was canceled
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from typing import Any, Final
+
+from ua_bridges.ros.executing import Executing, Open
+from ua_bridges.ros.skill_values import Condition, Ended, RequestFiller, ResponseReader
+from ua_bridges.ros.skills import ActionSkill, SkillSpec
+from ua_bridges.ros2.node import Ros2Node
+from ua_bridges.ros2.qos import Qos
+from ua_bridges.ros2.skills.calls import Calls
+from ua_bridges.ros2.skills.port import SkillPort, find_type, part_schema
+from ua_bridges.ros2.watch import absolute
+from ua_fleet.bridge.driver import DriverEvent, Execution
+from ua_fleet.values import StatusCode
+
+__all__ = ["ActionPort"]
+
+GOAL_ANSWER_S: Final = 5.0
+"""A server answers at once whether it takes a goal; after so long without an answer it is asked for the result."""
+ASK_AGAIN_S: Final = 10.0
+"""A server that was restarted does not answer what the one before was asked, so results are asked for again."""
+CANCEL_S: Final = 2.0
+"""So long an overdue goal has time to end after it was canceled."""
+
+_UNKNOWN, _SUCCEEDED, _CANCELED = 0, 4, 5
+"""action_msgs/GoalStatus."""
+_AT_IT: Final = (1, 2, 3)
+
+_FEEDBACK: Final = Qos(reliable=True, transient_local=False, depth=100)
+_STATUS: Final = Qos(reliable=True, transient_local=True, depth=1)
+
+
+class _Goal:
+    """A goal whose end is not known."""
+
+    __slots__ = ("ask_at", "give_up_at")
+
+    def __init__(self, ask_at: float) -> None:
+        self.ask_at = ask_at
+        self.give_up_at: float | None = None
+        """It took too long and was canceled."""
+
+
+class ActionPort(SkillPort):
+    """See the module."""
+
+    def __init__(
+        self, spec: SkillSpec, way: ActionSkill, executing: Executing, put: Callable[[DriverEvent], None]
+    ) -> None:
+        super().__init__(spec, executing, put)
+        self._way = way
+        self._goals: dict[bytes, _Goal] = {}
+        self._progress: Condition | None = None
+
+    def _open(self, node: Ros2Node) -> None:
+        way, name = self._way, absolute(self._way.name)
+        self._class = action = find_type(way.type, "action")
+        parts = action.Impl
+        self._filler = RequestFiller(self.spec, way, part_schema(f"{way.type}_Goal", action.Goal))
+        self._filler.check(action.Goal())
+        self._reader = ResponseReader(self.spec, way, way.success, action.Result())
+        if way.progress is not None:
+            self._progress = Condition(way.progress, self.spec.arguments, action.Feedback())
+        self._send = Calls(node, parts.SendGoalService, f"{name}/_action/send_goal")
+        self._result = Calls(node, parts.GetResultService, f"{name}/_action/get_result")
+        self._cancel = Calls(node, parts.CancelGoalService, f"{name}/_action/cancel_goal")
+        for cls, topic, qos, heard in (
+            (parts.FeedbackMessage, "feedback", _FEEDBACK, self._on_feedback),
+            (parts.GoalStatusMessage, "status", _STATUS, self._on_status),
+        ):
+            node.listen(cls, f"{name}/_action/{topic}", qos, heard)
+
+    def _request_of(self, execution: Execution) -> Any:
+        request = self._class.Impl.SendGoalService.Request()
+        request.goal_id.uuid = list(execution.execution_id)
+        self._filler.fill(request.goal, execution.values)
+        return request
+
+    def _look(self, now: float) -> str:
+        ready = self._send.is_ready and self._result.is_ready
+        return "" if ready else f"there is no action server {absolute(self._way.name)}; start the robot's node"
+
+    def _tell(self, execution_id: bytes, request: Any, now: float) -> None:
+        self._goals[execution_id] = _Goal(now + GOAL_ANSWER_S)
+        self._send.call(request, partial(self._on_goal, execution_id, now))
+
+    def _on_goal(self, execution_id: bytes, now: float, response: Any) -> None:
+        if self._executing.get(execution_id) is None:
+            self._executing.unasked(execution_id, self._send.name)
+        elif not response.accepted:
+            self._end(execution_id, Ended(StatusCode.BAD_REQUEST_NOT_ALLOWED, (), "the action server refused the goal"))
+        else:
+            self._executing.progress(execution_id, 0.0)
+            self._ask_for_result(execution_id, now)
+
+    def _ask(self, execution_id: bytes, now: float) -> None:
+        self._goals[execution_id] = _Goal(now)
+
+    def _ask_for_result(self, execution_id: bytes, now: float) -> None:
+        goal = self._goals.get(execution_id)
+        if goal is None:
+            return
+        goal.ask_at = now + ASK_AGAIN_S
+        request = self._class.Impl.GetResultService.Request()
+        request.goal_id.uuid = list(execution_id)
+        self._result.call(request, partial(self._on_result, execution_id))
+
+    def _on_result(self, execution_id: bytes, response: Any) -> None:
+        goal, opened = self._goals.get(execution_id), self._executing.get(execution_id)
+        if goal is None or opened is None:
+            return  # the same question asked more than once
+        if response.status == _UNKNOWN:
+            self._goals.pop(execution_id, None)
+            self._executing.forget(execution_id, f"the server of {absolute(self._way.name)} remembers no such goal")
+        elif response.status == _SUCCEEDED:
+            self._end(execution_id, self._reader.read(response.result, opened.arguments))
+        elif goal.give_up_at is not None:
+            self._end(execution_id, self._too_long("it was canceled"))
+        elif response.status == _CANCELED:
+            self._goals.pop(execution_id, None)
+            self._halted(execution_id)
+        else:
+            said = self._reader.text(response.result) or "the action server aborted the goal"
+            self._end(execution_id, Ended(StatusCode.BAD_UNEXPECTED_ERROR, (), said))
+
+    def _end(self, execution_id: bytes, ended: Ended) -> None:
+        self._goals.pop(execution_id, None)
+        self._executing.end(execution_id, ended)
+
+    def _on_feedback(self, message: Any) -> None:
+        execution_id = bytes(message.goal_id.uuid)
+        opened = self._executing.get(execution_id)
+        if opened is None or self._progress is None:
+            return  # every client of an action hears of all goals
+        fraction = self._progress.fraction(message.feedback, opened.arguments)
+        if fraction is not None:
+            self._executing.progress(execution_id, fraction)
+
+    def _on_status(self, message: Any) -> None:
+        for status in message.status_list:
+            execution_id = bytes(status.goal_info.goal_id.uuid)
+            opened = self._executing.get(execution_id) if execution_id in self._goals else None
+            if opened is not None and opened.told is None and status.status in _AT_IT:
+                self._executing.progress(execution_id, 0.0)
+
+    def turn(self, now: float) -> None:
+        """See SkillPort."""
+        super().turn(now)
+        for execution_id, goal in list(self._goals.items()):
+            if self._executing.get(execution_id) is None:
+                del self._goals[execution_id]
+            elif goal.give_up_at is not None and now >= goal.give_up_at:
+                self._end(execution_id, self._too_long("it was canceled, and does not end; see what the robot does"))
+            elif now >= goal.ask_at and self._result.is_ready:
+                self._ask_for_result(execution_id, now)
+
+    def _stop(self, execution_id: bytes, now: float) -> None:
+        request = self._class.Impl.CancelGoalService.Request()
+        request.goal_info.goal_id.uuid = list(execution_id)
+        self._cancel.call(request, lambda _response: None)
+
+    def _give_up(self, opened: Open, now: float) -> None:
+        """The goal is canceled, and has a moment to end."""
+        goal = self._goals.get(opened.execution_id)
+        if goal is None:
+            super()._give_up(opened, now)
+        elif goal.give_up_at is None:
+            goal.give_up_at = now + CANCEL_S
+            self._stop(opened.execution_id, now)

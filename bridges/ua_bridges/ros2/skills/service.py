@@ -1,0 +1,84 @@
+# pyright: basic, reportMissingImports=false
+"""A skill that is a service: its response is the end. A service cannot be asked afterwards, or stopped."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from typing import Any, Final
+
+from ua_bridges.ros.executing import Executing, Open
+from ua_bridges.ros.skill_values import RequestFiller, ResponseReader
+from ua_bridges.ros.skills import ServiceSkill, SkillSpec
+from ua_bridges.ros2.node import Ros2Node
+from ua_bridges.ros2.skills.calls import Calls
+from ua_bridges.ros2.skills.port import SkillPort, find_type, part_schema
+from ua_bridges.ros2.watch import absolute
+from ua_fleet.bridge.driver import DriverEvent, Execution
+
+__all__ = ["ServicePort"]
+
+GONE_S: Final = 1.0
+"""A server that is missing for so long will not answer what it was asked before."""
+
+
+class ServicePort(SkillPort):
+    """See the module."""
+
+    def __init__(
+        self, spec: SkillSpec, way: ServiceSkill, executing: Executing, put: Callable[[DriverEvent], None]
+    ) -> None:
+        super().__init__(spec, executing, put)
+        self._way = way
+        self._asked: set[bytes] = set()
+        self._gone_at: float | None = None
+
+    def _open(self, node: Ros2Node) -> None:
+        way = self._way
+        self._class = find_type(way.type, "srv")
+        self._filler = RequestFiller(self.spec, way, part_schema(f"{way.type}_Request", self._class.Request))
+        self._filler.check(self._class.Request())
+        self._reader = ResponseReader(self.spec, way, way.success, self._class.Response())
+        self._calls = Calls(node, self._class, absolute(way.name))
+
+    def _request_of(self, execution: Execution) -> Any:
+        return self._filler.fill(self._class.Request(), execution.values)
+
+    def _look(self, now: float) -> str:
+        return "" if self._calls.is_ready else f"there is no service {self._calls.name}; start the robot's node"
+
+    def _tell(self, execution_id: bytes, request: Any, now: float) -> None:
+        self._asked.add(execution_id)
+        self._executing.progress(execution_id, 0.0)
+        self._calls.call(request, partial(self._answered, execution_id))
+
+    def _answered(self, execution_id: bytes, response: Any) -> None:
+        self._asked.discard(execution_id)
+        opened = self._executing.get(execution_id)
+        if opened is None:
+            self._executing.unasked(execution_id, self._calls.name)
+        else:
+            self._executing.end(execution_id, self._reader.read(response, opened.arguments))
+
+    def turn(self, now: float) -> None:
+        """See SkillPort."""
+        super().turn(now)
+        if not self._asked or not self.absent:
+            self._gone_at = None
+        elif self._gone_at is None:
+            self._gone_at = now + GONE_S
+        elif now >= self._gone_at:
+            for execution_id in self._asked:
+                self._executing.forget(execution_id, f"the server of {self._calls.name} went before it answered")
+            self._asked.clear()
+
+    def _ask(self, execution_id: bytes, now: float) -> None:
+        said = f"a service such as {self._calls.name} cannot be asked afterwards; see what the robot did"
+        self._executing.forget(execution_id, said)
+
+    def _stop(self, execution_id: bytes, now: float) -> None:
+        """A service cannot be stopped."""
+
+    def _give_up(self, opened: Open, now: float) -> None:
+        self._asked.discard(opened.execution_id)
+        super()._give_up(opened, now)

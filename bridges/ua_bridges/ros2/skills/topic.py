@@ -1,0 +1,143 @@
+# pyright: basic, reportMissingImports=false
+"""A skill that is begun by a message on a topic, and whose end is a condition on another topic.
+
+A topic tells nothing of one execution, so there is one at a time, and after a restart nobody can be asked.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, Final
+
+from ua_bridges.ros.executing import Executing, Open
+from ua_bridges.ros.skill_values import Ended, RequestFiller, StatusReader, fill_constants
+from ua_bridges.ros.skills import SkillSpec, TopicSkill
+from ua_bridges.ros2.classes import load_type
+from ua_bridges.ros2.node import Ros2Node
+from ua_bridges.ros2.qos import sink_qos
+from ua_bridges.ros2.skills.port import SkillPort
+from ua_bridges.ros2.watch import absolute
+from ua_fleet.bridge.driver import DriverEvent, Dropped, Execution
+from ua_fleet.config.schema import QosConfig
+from ua_fleet.counters import Drop
+from ua_fleet.scenario.expression import ValueUnknown
+from ua_fleet.values import StatusCode
+
+__all__ = ["Spoken", "TopicPort"]
+
+SETTLE_S: Final = 0.3
+"""A match on our side says nothing of the subscriber's; what is published before it has matched is lost to it."""
+
+
+class Spoken:
+    """A topic that a port publishes to."""
+
+    def __init__(self, node: Ros2Node, name: str, message_class: Any, qos: Any, put: Callable[[DriverEvent], None]):
+        def on_incompatible(policy: str) -> None:
+            said = f"{name}: a subscriber asks for another {policy} than the bridge offers and gets nothing; set `qos`"
+            put(Dropped(Drop.INCOMPATIBLE_QOS, detail=said))
+
+        self.name = name
+        self._publisher = node.create_publisher(message_class, name, qos, on_incompatible)
+        self._since: float | None = None
+
+    def look(self, now: float) -> str:
+        """Why nobody would hear a message now; empty where somebody would."""
+        if not self._publisher.get_subscription_count():
+            self._since = None
+            return f"nobody subscribes to {self.name}; start the robot's node"
+        if self._since is None:
+            self._since = now
+        return "" if now >= self._since + SETTLE_S else f"{self.name} is not ready yet"
+
+    def publish(self, message: Any) -> None:
+        """Publish; rclpy serialises it before it returns."""
+        self._publisher.publish(message)
+
+
+class TopicPort(SkillPort):
+    """See the module."""
+
+    def __init__(
+        self, spec: SkillSpec, way: TopicSkill, executing: Executing, put: Callable[[DriverEvent], None]
+    ) -> None:
+        super().__init__(spec, executing, put)
+        self._way = way
+        self._name = absolute(way.topic)
+        self._source = "" if way.status is None else f"nobody publishes {absolute(way.status.topic)}"
+        self._reader: StatusReader | None = None
+        self._current: bytes | None = None
+        self._has_run = False
+
+    def _open(self, node: Ros2Node) -> None:
+        way = self._way
+        self._kind = load_type(way.type)
+        self._filler = RequestFiller(self.spec, way, self._kind.schema)
+        self._filler.check(self._kind.cls())
+        if way.halt is not None:
+            fill_constants(self._kind.schema, way.halt, self._kind.cls())
+        if way.status is not None:
+            self._reader = StatusReader(self.spec, way.status, load_type(way.status.type).cls())
+        self._spoken = Spoken(node, self._name, self._kind.cls, sink_qos(way.qos), self._put)
+
+    def _request_of(self, execution: Execution) -> Any:
+        return self._filler.fill(self._kind.cls(), execution.values)
+
+    def listened(self) -> tuple[str, str, QosConfig] | None:
+        """See SkillPort."""
+        status = self._way.status
+        return None if status is None else (absolute(status.topic), status.type, status.qos)
+
+    def source(self, problem: str) -> None:
+        """See SkillPort."""
+        self._source = problem
+
+    def _look(self, now: float) -> str:
+        return self._spoken.look(now) or self._source
+
+    def _tell(self, execution_id: bytes, request: Any, now: float) -> None:
+        self._current, self._has_run = execution_id, False
+        self._spoken.publish(request)
+        if self._reader is None:
+            self._executing.end(execution_id, Ended(StatusCode.GOOD))
+        else:
+            self._executing.progress(execution_id, 0.0)
+
+    def heard(self, message: Any) -> None:
+        """See SkillPort."""
+        opened = self._executing.get(self._current) if self._current is not None else None
+        if self._reader is None or opened is None:
+            return
+        try:
+            self._judge(self._reader, opened, message)
+        except ValueUnknown as error:
+            self._put(Dropped(Drop.CONVERSION, detail=f"{self.spec.robot}.{self.spec.name}: {error}"))
+
+    def _judge(self, reader: StatusReader, opened: Open, message: Any) -> None:
+        if not self._has_run:
+            self._has_run = reader.runs(message, opened.arguments)
+            if not self._has_run:
+                return
+        outcome = reader.judge(message, opened.arguments)
+        if outcome.ended is not None:
+            self._executing.end(opened.execution_id, outcome.ended)
+        elif outcome.progress is not None:
+            self._executing.progress(opened.execution_id, outcome.progress)
+
+    def _ask(self, execution_id: bytes, now: float) -> None:
+        self._executing.forget(execution_id, f"{self._name} tells nothing of a time before; see what the robot does")
+
+    def _stop(self, execution_id: bytes, now: float) -> None:
+        if self._say_halt():
+            self._halted(execution_id)
+
+    def _say_halt(self) -> bool:
+        if self._way.halt is None:
+            return False
+        self._spoken.publish(fill_constants(self._kind.schema, self._way.halt, self._kind.cls()))
+        return True
+
+    def _give_up(self, opened: Open, now: float) -> None:
+        stopped = self._say_halt()
+        more = "it was told to stop" if stopped else "see what the robot does"
+        self._executing.end(opened.execution_id, self._too_long(more))

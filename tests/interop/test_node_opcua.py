@@ -17,11 +17,13 @@ from ua_fleet.values import BuiltinType
 CLIENT = Path(__file__).parent / "client.cjs"
 
 
-async def run_client(url: str, user: str, password: str, folder: Path) -> tuple[int, str, str]:
+async def run_client(
+    url: str, user: str, password: str, folder: Path, *, script: Path = CLIENT
+) -> tuple[int, str, str]:
     """Run the foreign client to its end."""
     process = await asyncio.create_subprocess_exec(
         "node",
-        str(CLIENT),
+        str(script),
         url,
         user,
         password,

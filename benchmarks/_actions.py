@@ -34,6 +34,8 @@ from ua_fleet.values import BuiltinType
 SPACE = 300
 ACTION, STATUS = Topic(SPACE, 2, 1900), Topic(SPACE, 2, 1901)
 TARGET = 1
+PAUSE_S = 0.005
+"""Before each round trip of either kind: the bridge records the end of an execution after it has answered."""
 VALUES = (1.5, -2.5, 90.0, "pallet")
 FIELDS = (*(make_field(name, BuiltinType.DOUBLE) for name in "xya"), make_field("tool", BuiltinType.STRING))
 
@@ -54,7 +56,7 @@ class Idler:
         await self._base.start(inlet)
 
     def skills(self) -> Sequence[Skill]:
-        return (Skill(ACTION, "place", (SkillTarget(TARGET, "robot", STATUS),), FIELDS, at_once=8),)
+        return (Skill(ACTION, "place", (SkillTarget(TARGET, "robot", STATUS),), FIELDS, at_once=60),)
 
     def execute(self, execution: Execution) -> None:
         assert self._inlet is not None
@@ -173,6 +175,7 @@ async def client(config: FleetConfig, folder: Path, journal: str) -> None:
         while line := (await reader.readline()).decode().split():
             times: list[float] = []
             for _ in range(int(line[1])):
+                await asyncio.sleep(PAUSE_S)
                 started = time.perf_counter()
                 if line[0] == "echo":
                     await echoing.ask(bytes(int(line[2])), int(line[3]))

@@ -138,6 +138,15 @@ class SkilledDriver(VirtualDriver):
             os.kill(os.getpid(), signal.SIGKILL)
         self._follow(job)
 
+    def halt(self, execution: Execution) -> None:
+        """See HaltingDriver. Only endless work can be stopped."""
+        assert self._to is not None
+        work, _ = execution.values
+        if work != ENDLESS_WORK:
+            raise SkillRejected("the machine finishes what it has begun")
+        status = int(StatusCode.BAD_REQUEST_CANCELLED_BY_CLIENT)
+        self._to.put(ExecutionEnded(execution.execution_id, status, (), "halted"))
+
     def query(self, execution: Execution) -> None:
         """See SkillDriver."""
         assert self._to is not None

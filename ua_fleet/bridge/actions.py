@@ -26,15 +26,26 @@ from ua_fleet.bridge.driver import (
     ExecutionProgressed,
     Skill,
     SkillDriver,
+    halts_of,
 )
 from ua_fleet.bridge.skill_status import StatusBoard
 from ua_fleet.counters import Counters, Drop
-from ua_fleet.errors import LocalWireError, SkillError, StorageUnavailable
+from ua_fleet.errors import LocalWireError, SkillError, SkillRejected, StorageUnavailable
 from ua_fleet.pubsub.events import ActionReceived
 from ua_fleet.pubsub.metadata import type_codes
 from ua_fleet.pubsub.publisher import Publisher
 from ua_fleet.skill import journal as skill_journal
-from ua_fleet.skill.executions import ExecutionState, Report, RequestorName, Target, pack, unpack
+from ua_fleet.skill.executions import (
+    HALT_TARGETS,
+    OPEN,
+    ExecutionState,
+    Report,
+    RequestorName,
+    Target,
+    halt_id,
+    pack,
+    unpack,
+)
 from ua_fleet.skill.responder import (
     Execute,
     Offer,
@@ -110,6 +121,7 @@ class Actions:
         self._responder = Responder(
             space, journal, counters, allowed_spaces=requestors, must_be_verified=must_be_verified
         )
+        self._halting = None if driver is None else halts_of(driver)
         self._board = StatusBoard(core)
         self._changed: list[skill_journal.Execution] = []
         """What SkillStatus has not said yet: a requestor that waits is answered first."""
@@ -261,6 +273,9 @@ class Actions:
     def _execute(self, execution: skill_journal.Execution, now: float) -> None:
         execution_id = execution.execution_id
         assert self._driver is not None, "a responder without offers accepts nothing"
+        if execution.target.action_target_id & HALT_TARGETS:
+            self._halt(execution_id, now)
+            return
         try:
             self._driver.execute(_of_driver(execution))
         except SkillError as error:
@@ -273,9 +288,30 @@ class Actions:
         else:
             self._do(self._responder.begun(execution_id, now), now)
 
+    def _halt(self, request_id: bytes, now: float) -> None:
+        """Have a robot stop; how its execution ends is told by the driver as ever."""
+        execution = self._find(halt_id(request_id))
+        report = Report(ExecutionState.DONE)
+        try:
+            if self._halting is None or execution is None or execution.report.state not in OPEN:
+                raise SkillRejected("that execution is not under way")
+            self._halting.halt(_of_driver(execution))
+        except SkillError as error:
+            status, said = error.ua_status, str(error)
+            self._record(lambda later: self._responder.refused(request_id, status, said, later), now)
+            return
+        except Exception as error:  # noqa: BLE001 - whatever it was, the robot may have been told
+            self._failed("the driver failed while it halted an execution", error)
+            report = Report(ExecutionState.UNKNOWN, StatusCode.UNCERTAIN, "the driver failed while it halted this")
+        self._record(lambda later: self._responder.ended(request_id, report, later), now)
+
     def _query(self, execution: skill_journal.Execution, now: float) -> None:
         if self._driver is None:
             return  # the journal knows a time when there were skills; they may come back
+        if execution.target.action_target_id & HALT_TARGETS:
+            said = "a restart came while it was halted; see what became of the execution"
+            self.from_driver(ExecutionForgotten(execution.execution_id, said), now)
+            return
         try:
             self._driver.query(_of_driver(execution))
         except Exception as error:  # noqa: BLE001 - one execution must not keep the others from being asked for
@@ -295,6 +331,7 @@ class Actions:
         for topic, skill in before.items():
             for target in skill.targets:
                 self._responder.withdraw(Target(*topic, target.id))
+                self._responder.withdraw(Target(*topic, target.id | HALT_TARGETS))
             if topic not in skills:
                 self._tell_all(self._publisher.retire_action(topic, now=now, wall_ticks=wall_ticks))
         self._board.offer(skills.values(), now, wall_ticks)
@@ -303,6 +340,9 @@ class Actions:
 
     def _offer(self, skill: Skill, is_new: bool, now: float, wall_ticks: int) -> None:
         targets = tuple([ActionTarget(target.id, target.name) for target in skill.targets])
+        if self._halting is not None:
+            halts = [ActionTarget(target.id | HALT_TARGETS, f"{target.name}, halt") for target in skill.targets]
+            targets += tuple(halts)
         if is_new:
             try:
                 self._tell_all(
@@ -315,6 +355,9 @@ class Actions:
                 return
         types = type_codes(skill.request)
         for target in skill.targets:
+            if self._halting is not None:
+                halt = Target(*skill.topic, target.id | HALT_TARGETS)
+                self._responder.offer(Offer(halt, (), requests_at_once=skill.at_once))
             self._responder.offer(
                 Offer(
                     Target(*skill.topic, target.id),

@@ -26,6 +26,7 @@ __all__ = [
     "ExecutionForgotten",
     "ExecutionNotBegun",
     "ExecutionProgressed",
+    "HaltingDriver",
     "Inlet",
     "SampleRead",
     "Skill",
@@ -33,6 +34,7 @@ __all__ = [
     "SkillTarget",
     "SourceFound",
     "SourceLost",
+    "halts_of",
     "skills_of",
 ]
 
@@ -173,7 +175,7 @@ class SkillTarget(NamedTuple):
     """A robot that has a skill."""
 
     id: int
-    """ActionTargetId, unique within the skill."""
+    """ActionTargetId, unique within the skill; below 32768, since the others are for halting."""
     name: str
     status: Topic
     """The robot's SkillStatus, one data source for all its skills; the bridge publishes it."""
@@ -239,6 +241,27 @@ class SkillDriver(Protocol):
         ended, the robot cannot tell, or it was never begun.
         """
         ...
+
+
+@runtime_checkable
+class HaltingDriver(SkillDriver, Protocol):
+    """A SkillDriver whose robots can be stopped in what they do."""
+
+    def halt(self, execution: Execution) -> None:
+        """Have a robot stop an execution that was begun and has not ended, as far as the bridge knows.
+
+        ExecutionEnded follows through the inlet once it has stopped, Bad_RequestCancelledByClient is its usual status;
+        an execution that ends by itself meanwhile ends as ever.
+
+        Raises:
+            SkillError: it cannot be stopped, and goes on; the requestor is told the StatusCode and the text.
+        """
+        ...
+
+
+def halts_of(driver: SkillDriver) -> HaltingDriver | None:
+    """The driver where its robots can be stopped."""
+    return driver if isinstance(driver, HaltingDriver) else None
 
 
 def skills_of(driver: object) -> SkillDriver | None:

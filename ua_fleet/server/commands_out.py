@@ -20,10 +20,18 @@ from ua_fleet.errors import LocalWireError, RobotOffline, SkillRejected, Storage
 from ua_fleet.pubsub.action_catalog import ActionCatalog
 from ua_fleet.pubsub.events import ActionReceived
 from ua_fleet.pubsub.metadata import type_codes
-from ua_fleet.skill.executions import EXECUTION_ID_BYTES, Outcome, RequestorName, Target
+from ua_fleet.skill.executions import (
+    EXECUTION_ID_BYTES,
+    HALT_TARGETS,
+    Outcome,
+    RequestorName,
+    Target,
+    halt_id,
+)
 from ua_fleet.skill.journal import RequestorJournal
 from ua_fleet.skill.requestor import Concluded, OutcomeCorrected, Requestor, RequestorEffect, RequestPace, Send
 from ua_fleet.topics import SERVER_SPACE, Topic
+from ua_fleet.values import StatusCode
 from ua_fleet.wire.actions import encode_action
 from ua_fleet.wire.discovered import ActionMetaDataAnnouncement
 
@@ -31,6 +39,8 @@ __all__ = ["REQUESTOR_INSTANCE", "SkillCommands"]
 
 REQUESTOR_INSTANCE: Final = "server"
 """Second part of the RequestorId. The journal's requests belong to it: it is the same in each run."""
+HALT_TIMEOUT_S: Final = 5.0
+"""A robot is not halted later than that: somebody else may have made it begin something else."""
 RETRY_S: Final = 1.0
 """After a journal that could not be written, it is tried again after so long."""
 
@@ -143,10 +153,29 @@ class SkillCommands:
             self._want(topic.space, topic.id, asyncio.get_running_loop().time())
             self._sooner()
             raise _not_announced(topic)
-        named = [target.action_target_id for target in action.targets if target.name == robot or not action.targets[1:]]
-        if not named:
-            raise SkillRejected(f"{action.request.name} has no target {robot!r}")
-        self._do(self._start(action, topic, named[0], values, timeout_s, execution_id))
+        target_id = _target_of(action, robot)
+        self._do(self._start(action, topic, target_id, values, timeout_s, execution_id))
+        self._sooner()
+
+    def halt(self, topic: Topic, robot: str, execution_id: bytes) -> None:
+        """Have a robot stop an execution. How it ends is told as ever; said again, the same request is meant.
+
+        Raises:
+            RobotOffline: nobody has announced the Action.
+            SkillRejected: the robot has no way to stop; `ua_status` is Bad_NotSupported then.
+            StorageUnavailable: the request could not be recorded, and was not sent.
+        """
+        action = self._catalog.find(topic.space, topic.id)
+        if action is None:
+            raise _not_announced(topic)
+        target_id = _target_of(action, robot) | HALT_TARGETS
+        if target_id not in [target.action_target_id for target in action.targets]:
+            error = SkillRejected(f"{robot} has no way to stop {action.request.name}")
+            error.ua_status = StatusCode.BAD_NOT_SUPPORTED
+            raise error
+        now, target = asyncio.get_running_loop().time(), Target(*topic, target_id)
+        wall = self._wall_ticks()
+        self._do(self._requestor.start(halt_id(execution_id), target, (), (), HALT_TIMEOUT_S, now, wall))
         self._sooner()
 
     def want(self, topic: Topic) -> None:
@@ -260,6 +289,15 @@ class SkillCommands:
                 waiting.set_result(outcome)
         if self._told is not None:
             self._told(execution_id, outcome)
+
+
+def _target_of(action: ActionMetaDataAnnouncement, robot: str) -> int:
+    """The target of that name; an Action with one target is that robot's whatever the name."""
+    targets = [target for target in action.targets if not target.action_target_id & HALT_TARGETS]
+    named = [target.action_target_id for target in targets if target.name == robot or not targets[1:]]
+    if not named:
+        raise SkillRejected(f"{action.request.name} has no target {robot!r}")
+    return named[0]
 
 
 def _not_announced(topic: Topic) -> RobotOffline:

@@ -19,6 +19,7 @@ from ua_fleet.wire.variant import decode_variant, encode_typed
 
 __all__ = [
     "EXECUTION_ID_BYTES",
+    "HALT_TARGETS",
     "NEVER_BEGUN",
     "OPEN",
     "ExecutionState",
@@ -27,11 +28,24 @@ __all__ = [
     "Report",
     "RequestorName",
     "Target",
+    "halt_id",
     "pack",
     "unpack",
 ]
 
 EXECUTION_ID_BYTES: Final = 16
+
+
+HALT_TARGETS: Final = 0x8000
+"""Bit of an ActionTargetId: the target at which executions of the target without it are halted."""
+
+
+def halt_id(execution_id: bytes) -> bytes:
+    """The id of the request to halt an execution, and back: each bit the other way.
+
+    So a request to halt names its execution without an argument, and is made once however often it is repeated.
+    """
+    return bytes([byte ^ 0xFF for byte in execution_id])
 
 
 class ExecutionState(IntEnum):

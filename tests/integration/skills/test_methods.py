@@ -39,9 +39,8 @@ async def subscribed(client: Client) -> Events:
 
 async def call(client: Client, skill: int, *arguments: Any, method: str = "Start") -> Any:
     """Call a Method of a skill, with plain values; the CallMethodResult."""
-    method_id = (
-        f"ns=2;s={skill}.Start" if method == "Start" else {"Halt": "ns=3;i=71004", "Reset": "ns=3;i=71005"}[method]
-    )
+    shared = {"Suspend": 71002, "Halt": 71004, "Reset": 71005}
+    method_id = f"ns=2;s={skill}.Start" if method == "Start" else f"ns=3;i={shared[method]}"
     request = ua.CallMethodRequest(
         ua.NodeId.from_string(f"ns=2;i={skill}"),
         ua.NodeId.from_string(method_id),
@@ -168,6 +167,29 @@ async def test_no_more_run_at_once_than_declared(hall: Hall) -> None:
             await started(client, WORK, ENDLESS_WORK, 0.0)
         assert (await call(client, WORK, "weld", 0.0)).StatusCode.name == "BadTooManyOperations"
     assert len(hall.machine.told()) == 2
+
+
+async def test_a_skill_is_halted_where_the_robot_can_stop(hall: Hall) -> None:
+    hall.bridge()
+    async with hall.server() as running, running.client() as client:
+        events = await subscribed(client)
+        assert (await call(client, WORK, method="Halt")).StatusCode.name == "BadInvalidState"
+        execution = await started(client, WORK, ENDLESS_WORK, 0.0)
+        state = reader(client, f"ns=2;s={WORK}.CurrentState")
+        assert (await call(client, WORK, method="Suspend")).StatusCode.name == "BadNotSupported"
+        halted = await until(lambda: call(client, WORK, method="Halt"), lambda result: result.StatusCode.is_good())
+        assert halted.OutputArguments == []
+        await until(state, lambda value: value.Value.Value.Text == "Halted")
+        assert await client.get_node(f"ns=2;s={WORK}.Message").read_value() == "halted"
+
+        async def transitions() -> list[str]:
+            return events.of(execution)
+
+        await until(transitions, lambda seen: seen == ["ReadyToRunning", "RunningToHalted"])
+        await started(client, WORK, "weld", 0.8)
+        assert (await call(client, WORK, method="Halt")).StatusCode.is_good()
+        await until(state, lambda value: value.Value.Value.Text == "Ready")
+    assert [job.work for job in hall.machine.told()] == [ENDLESS_WORK, "weld"]
 
 
 async def test_a_killed_bridge_makes_nodes_bad_and_its_return_makes_them_true(hall: Hall) -> None:

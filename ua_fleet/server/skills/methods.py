@@ -2,7 +2,8 @@
 
 Start    checks arguments, limits and whether the robot is heard; gives the execution's id
 Reset    makes a halted skill Ready; the robot is not asked
-Suspend, Resume, Halt    Bad_NotSupported: robots have no way to do that yet
+Halt     asks the robot to stop all that it does for this skill; Bad_NotSupported where its driver cannot
+Suspend, Resume    Bad_NotSupported: no robot has a way to do that
 
 Roles are looked after before, by the endpoint: an operator may call all of them.
 """
@@ -42,6 +43,10 @@ class SkillRequests(Protocol):
 
     def request(self, topic: Topic, robot: str, values: tuple[Any, ...], timeout_s: float, execution_id: bytes) -> None:
         """Have a robot do a skill, once, and wait for nothing."""
+        ...
+
+    def halt(self, topic: Topic, robot: str, execution_id: bytes) -> None:
+        """Have a robot stop an execution."""
         ...
 
 
@@ -93,7 +98,7 @@ class SkillMethods:
         self._free_at: dict[NodeId, float] = {}
         """When a skill may be asked for again."""
         for name, method in SHARED_METHODS.items():
-            call = {"Reset": self._reset}.get(name, self._refuse)
+            call = {"Reset": self._reset, "Halt": self._halt}.get(name, self._refuse)
             server.link_method(server.get_node(method), call)
 
     def add(self, robot: RobotModel) -> None:
@@ -163,9 +168,18 @@ class SkillMethods:
         self._put(self._tracker.reset(offered.key, self._wall_ticks()))
         return []
 
+    async def _halt(self, parent: ua.NodeId) -> list[ua.Variant]:
+        robot, skill, key, topic = self._offered(parent)
+        executions = self._tracker.open_executions(key)
+        if not executions:
+            raise Refusal(StatusCodes.BadInvalidState, f"{skill.name} is not under way")
+        for execution_id in executions:
+            self._requests.halt(topic, robot.name, execution_id)
+        return []
+
     async def _refuse(self, parent: ua.NodeId) -> list[ua.Variant]:
         self._offered(parent)
-        raise Refusal(StatusCodes.BadNotSupported, "robots have no way to do that yet")
+        raise Refusal(StatusCodes.BadNotSupported, "no robot has a way to do that")
 
     def _offered(self, parent: ua.NodeId) -> _Offered:
         offered = self._skills.get(parent)

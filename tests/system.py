@@ -12,6 +12,7 @@ import signal
 import socket
 import subprocess
 import sys
+import sysconfig
 import tempfile
 import threading
 import time
@@ -48,7 +49,14 @@ def _node() -> str | None:
     return None if packages.exists() else "node-opcua-client is not installed; run: make setup"
 
 
-_PARTS: dict[str, Callable[[], str | None]] = {"ros1": _ros1, "ros2": _ros2, "node": _node}
+def _compiler() -> str | None:
+    if shutil.which("gcc") is None or shutil.which("g++") is None:
+        return "gcc and g++ are not installed (Debian package g++)"
+    headers = Path(sysconfig.get_path("include")) / "Python.h"
+    return None if headers.exists() else f"{headers} does not exist (Debian package python3-dev)"
+
+
+_PARTS: dict[str, Callable[[], str | None]] = {"ros1": _ros1, "ros2": _ros2, "node": _node, "compiler": _compiler}
 
 
 @functools.cache

@@ -15,7 +15,7 @@ __all__ = ["Canceled", "Execution", "Program", "Refused"]
 
 _MOST_REMEMBERED: Final = 1000
 """Ended executions; the oldest are forgotten, and a query for them is answered with `unknown`."""
-_ENDS: Final = ("refused", "done", "failed")
+_ENDS: Final = ("refused", "done", "failed", "halted")
 
 _log = logging.getLogger(__name__)
 
@@ -139,7 +139,7 @@ class Program:
         except Refused as refused:
             state, results, message = "refused", None, str(refused) or "refused"
         except Canceled:
-            state, results, message = "failed", None, "it was halted"
+            state, results, message = "halted", None, "it was halted"
         except Exception as error:  # noqa: BLE001 - whatever the robot's programmer has not foreseen
             _log.exception("%s failed", self.name)
             state, results, message = "failed", None, f"{type(error).__name__}: {error}"

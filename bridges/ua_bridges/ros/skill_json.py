@@ -48,6 +48,8 @@ class ProgramState(StrEnum):
     RUNNING = "running"
     DONE = "done"
     FAILED = "failed"
+    HALTED = "halted"
+    """It has stopped because it was told to."""
     UNKNOWN = "unknown"
     """The answer to a query: it remembers no such execution."""
 
@@ -154,6 +156,8 @@ def ended_of(status: ProgramStatus, skill: SkillConfig) -> Ended:
     """The end that a status in one of the states of an end tells."""
     if status.state is ProgramState.REFUSED:
         return Ended(StatusCode.BAD_REQUEST_NOT_ALLOWED, (), status.message or "the robot's program refused it")
+    if status.state is ProgramState.HALTED:
+        return Ended(StatusCode.BAD_REQUEST_CANCELLED_BY_CLIENT, (), status.message or "it was halted")
     if status.state is ProgramState.FAILED:
         return Ended(StatusCode.BAD_UNEXPECTED_ERROR, (), status.message or "the robot's program says that it failed")
     values: list[Any] = []

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import json
 import os
+import subprocess
 import sys
 import time
 from pathlib import Path
@@ -22,10 +23,16 @@ class Ros2Space:
     def __init__(self, domain: int, udp_url: str, folder: Path, processes: Processes) -> None:
         self.domain, self.udp_url, self.folder = domain, udp_url, folder
         self._processes = processes
+        self.packages: list[str] = []
+        """Folders with message packages that are not installed."""
 
     def environment(self, **extra: str) -> dict[str, str]:
         return clean_environment(
-            ROS_DOMAIN_ID=str(self.domain), ROS_AUTOMATIC_DISCOVERY_RANGE="LOCALHOST", PYTHONUNBUFFERED="1", **extra
+            ROS_DOMAIN_ID=str(self.domain),
+            ROS_AUTOMATIC_DISCOVERY_RANGE="LOCALHOST",
+            PYTHONUNBUFFERED="1",
+            PYTHONPATH=os.pathsep.join(("bridges", *self.packages)),
+            **extra,
         )
 
     def fleet(self, robots: dict[str, Any] | None = None, **pubsub: Any) -> dict[str, Any]:
@@ -51,7 +58,9 @@ class Ros2Space:
         path.write_text(json.dumps(config))
         program = Path(__file__).parent.parent / "run_bridge.py"
         environment = clean_environment(
-            PYTHONUNBUFFERED="1", PYTHONPATH=os.pathsep.join(("bridges", ".")), UA_FLEET_RUNTIME_DIR=str(self.folder)
+            PYTHONUNBUFFERED="1",
+            PYTHONPATH=os.pathsep.join(("bridges", ".", *self.packages)),
+            UA_FLEET_RUNTIME_DIR=str(self.folder),
         )
         environment.pop(PROFILES_VARIABLE, None)
         if profile is not None:
@@ -77,6 +86,16 @@ class Ros2Space:
 
     def listener(self, topic: str, kind: str, *options: object, quick: bool = True) -> Child:
         return self.node("listener.py", topic, kind, *options, quick=quick)
+
+
+@pytest.fixture(scope="session")
+def robot_msgs(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with the package `robot_msgs`, which has an action type."""
+    folder = tmp_path_factory.mktemp("robot_msgs")
+    program = Path(__file__).parent / "interfaces.py"
+    run = subprocess.run([sys.executable, program, folder], capture_output=True, text=True, check=False)
+    assert run.returncode == 0, run.stderr
+    return folder
 
 
 @pytest.fixture

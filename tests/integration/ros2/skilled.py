@@ -10,10 +10,11 @@ from typing import Any
 
 from ua_bridges.ros2.config import Ros2BridgeConfig
 from ua_bridges.ros2.driver import create_driver
+from ua_bridges.ros2.skills.driver import SkilledRos2Driver
 
 from tests.contract.harness import Recorder, until
 from ua_fleet.bridge import Execution, ExecutionEnded, ExecutionFact, ExecutionForgotten, ExecutionProgressed
-from ua_fleet.bridge.driver import Driver, DriverStatus, SkillDriver, skills_of
+from ua_fleet.bridge.driver import Driver
 from ua_fleet.config.schema import FleetConfig
 from ua_fleet.topics import Topic
 
@@ -67,9 +68,8 @@ class Skilled:
     """A started driver and what it has told."""
 
     def __init__(self, driver: Driver, recorder: Recorder, space: int) -> None:
-        skilled = skills_of(driver)
-        assert skilled is not None
-        self.driver: SkillDriver = skilled
+        assert isinstance(driver, SkilledRos2Driver)
+        self.driver = driver
         self.recorder, self.space = recorder, space
 
     def execution(self, skill_id: int, *values: Any, execution_id: bytes | None = None) -> Execution:
@@ -79,6 +79,9 @@ class Skilled:
         execution = self.execution(skill_id, *values)
         self.driver.execute(execution)
         return execution.execution_id
+
+    def halt(self, skill_id: int, execution_id: bytes) -> None:
+        self.driver.halt(self.execution(skill_id, execution_id=execution_id))
 
     def facts(self, execution_id: bytes) -> list[ExecutionFact]:
         kinds = (ExecutionEnded, ExecutionForgotten, ExecutionProgressed)
@@ -115,7 +118,6 @@ async def skilled_driver(domain: int, skills: dict[str, Any] | None = None) -> A
     driver, recorder = create_driver(config, "mobile"), Recorder()
     await driver.start(recorder)
     try:
-        assert isinstance(driver.status(), DriverStatus)
         yield Skilled(driver, recorder, domain)
     finally:
         await driver.stop()

@@ -109,6 +109,22 @@ async def test_program_refuses_and_fails_in_its_own_words(
         assert await skilled.end(execution_id) == ExecutionEnded(execution_id, status, (), message)
 
 
+@pytest.mark.parametrize(("skill", "values", "more"), [(MOVE, (3.0,), ["move 0.0 0.0"]), (DRIVE, ("dock", 30.0), [])])
+async def test_what_can_be_stopped_is_halted(
+    ros2: Ros2Space, robot: Child, skill: int, values: tuple[float | str, ...], more: list[str]
+) -> None:
+    async with skilled_driver(ros2.domain) as skilled:
+        execution_id = skilled.begin(skill, *values)
+        await skilled.until_at_it(execution_id)
+        skilled.halt(skill, execution_id)
+        ended = await skilled.end(execution_id)
+        assert isinstance(ended, ExecutionEnded)
+        assert (ended.status, ended.message) == (StatusCode.BAD_REQUEST_CANCELLED_BY_CLIENT, "it was halted")
+        assert told(robot)[1:] == more
+        with pytest.raises(SkillRejected, match="the service /load_map cannot be stopped"):
+            skilled.halt(LOAD, execution_id)
+
+
 async def test_what_is_absent_is_named(ros2: Ros2Space) -> None:
     async with skilled_driver(ros2.domain) as skilled:
         early = skilled.begin(LOAD, "home")

@@ -25,7 +25,7 @@ from ua_bridges.ros2.skills.topic import TopicPort
 from ua_bridges.ros2.watch import Heard
 from ua_fleet.bridge.driver import DriverEvent, Execution, ExecutionForgotten, Inlet, Skill
 from ua_fleet.config.schema import FleetConfig
-from ua_fleet.errors import RobotOffline
+from ua_fleet.errors import RobotOffline, SkillRejected
 from ua_fleet.topics import Topic
 
 __all__ = ["SkilledRos2Driver"]
@@ -79,7 +79,7 @@ class _SkillFeed:
 
 
 class SkilledRos2Driver(Ros2Driver):
-    """See SkillDriver in `ua_fleet.bridge.driver`."""
+    """See HaltingDriver in `ua_fleet.bridge.driver`."""
 
     def __init__(self, config: FleetConfig, bridge_name: str, specs: Sequence[SkillSpec]) -> None:
         super().__init__(config, bridge_name)
@@ -162,6 +162,11 @@ class SkilledRos2Driver(Ros2Driver):
         else:
             self._thread.call(partial(self._query, port, execution))
 
-    def cancel(self, execution_id: bytes) -> None:
-        """Have the robot stop an execution, where it can; its end follows as any other."""
-        self._thread.call(partial(self._cancel, execution_id))
+    def halt(self, execution: Execution) -> None:
+        """See HaltingDriver."""
+        port = self._ports.get(execution.topic)
+        if port is None or not self._thread.running:
+            raise RobotOffline(f"the bridge is not in its domain: {self.status().detail}")
+        if port.cannot_stop:
+            raise SkillRejected(port.cannot_stop)
+        self._thread.call(partial(self._cancel, execution.execution_id))

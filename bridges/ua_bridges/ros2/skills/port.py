@@ -62,6 +62,8 @@ class SkillPort(ABC):
         """Why the skill cannot be done as it is configured, ever; known when the port has opened."""
         self.absent = "the bridge is not in its domain yet"
         """What of the robot's side was missing at the last look; empty where all was there."""
+        self.cannot_stop = ""
+        """Why the robot cannot be stopped in this; empty where it can."""
         self._opened_at = 0.0
         self._waiting: dict[bytes, tuple[float, Callable[[float], None]]] = {}
         """What was begun while the robot's side was not seen yet: until when it waits, and the step to take."""

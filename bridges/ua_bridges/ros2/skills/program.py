@@ -41,7 +41,7 @@ ASK_AGAIN_S: Final = 5.0
 
 _TEXT: Final = "std_msgs/String"
 _REQUESTS: Final = Qos(reliable=True, transient_local=False, depth=100)
-_ENDS: Final = (ProgramState.REFUSED, ProgramState.DONE, ProgramState.FAILED)
+_ENDS: Final = (ProgramState.REFUSED, ProgramState.DONE, ProgramState.FAILED, ProgramState.HALTED)
 
 
 class ProgramPort(SkillPort):

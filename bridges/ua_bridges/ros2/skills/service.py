@@ -30,6 +30,7 @@ class ServicePort(SkillPort):
     ) -> None:
         super().__init__(spec, executing, put)
         self._way = way
+        self.cannot_stop = f"the service {absolute(way.name)} cannot be stopped once it is called"
         self._asked: set[bytes] = set()
         self._gone_at: float | None = None
 

@@ -64,6 +64,8 @@ class TopicPort(SkillPort):
         super().__init__(spec, executing, put)
         self._way = way
         self._name = absolute(way.topic)
+        if way.halt is None:
+            self.cannot_stop = f"fleet.yaml does not say how {spec.robot}.{spec.name} is stopped; give `via.topic.halt`"
         self._source = "" if way.status is None else f"nobody publishes {absolute(way.status.topic)}"
         self._reader: StatusReader | None = None
         self._current: bytes | None = None

@@ -1,0 +1,58 @@
+# pyright: basic, reportMissingImports=false, reportPrivateImportUsage=false
+"""A robot with an action server /turn (robot_msgs/Turn). Prints what it is told.
+
+It refuses angles above 360, and aborts those below -360.
+"""
+
+import contextlib
+import time
+from typing import Any
+
+import rclpy
+from rclpy.action import ActionServer, CancelResponse, GoalResponse
+from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.executors import ExternalShutdownException, MultiThreadedExecutor
+from robot_msgs.action import Turn
+
+rclpy.init()
+node = rclpy.create_node("turner")
+
+
+def turn(goal: Any) -> Any:
+    asked, result = goal.request, Turn.Result()
+    print("told:", asked.angle, bytes(goal.goal_id.uuid).hex(), flush=True)
+    began = time.monotonic()
+    while (spent := time.monotonic() - began) < asked.seconds:
+        if goal.is_cancel_requested:
+            print("canceled", flush=True)
+            goal.canceled()
+            return result
+        goal.publish_feedback(Turn.Feedback(share=spent / asked.seconds))
+        time.sleep(0.05)
+    if asked.angle < -360:
+        goal.abort()
+        result.said = "dizzy"
+        return result
+    goal.succeed()
+    result.reached = asked.angle
+    return result
+
+
+def decide(goal: Any) -> GoalResponse:
+    return GoalResponse.REJECT if goal.angle > 360 else GoalResponse.ACCEPT
+
+
+server = ActionServer(
+    node,
+    Turn,
+    "/turn",
+    turn,
+    goal_callback=decide,
+    cancel_callback=lambda _: CancelResponse.ACCEPT,
+    callback_group=ReentrantCallbackGroup(),
+)
+executor = MultiThreadedExecutor()
+executor.add_node(node)
+print("ready", flush=True)
+with contextlib.suppress(ExternalShutdownException, KeyboardInterrupt):
+    executor.spin()

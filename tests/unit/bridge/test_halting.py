@@ -1,0 +1,119 @@
+"""Halting: a target of the skill's own Action, whose request names the execution by its id."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from tests.unit.bridge.test_actions import ACTION, ID, Bench, Robot
+from ua_fleet.bridge import Execution, ExecutionEnded
+from ua_fleet.errors import SkillRejected
+from ua_fleet.skill import ExecutionState, MemoryJournal
+from ua_fleet.skill.executions import HALT_TARGETS, halt_id
+from ua_fleet.values import StatusCode
+
+S = ExecutionState
+
+
+class StoppableRobot(Robot):
+    """A robot that stops when it is told to."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.halted: list[Execution] = []
+        self.halt_error: Exception | None = None
+
+    def halt(self, execution: Execution) -> None:
+        self.halted.append(execution)
+        if self.halt_error is not None:
+            raise self.halt_error
+
+
+def ask_to_halt(bench: Bench, execution_id: bytes = ID, **rest: Any) -> None:
+    options: dict[str, Any] = {
+        "action_target_id": 1 | HALT_TARGETS,
+        "types": (),
+        "correlation_data": halt_id(execution_id),
+    }
+    bench.ask(2, rest.pop("values", ()), **(options | rest))
+
+
+def test_the_id_of_a_halt_leads_to_its_execution_and_back() -> None:
+    assert halt_id(halt_id(ID)) == ID
+    assert halt_id(ID) != ID
+
+
+def test_a_robot_is_told_once_to_stop_and_its_end_is_told_as_ever() -> None:
+    robot = StoppableRobot()
+    bench = Bench(robot=robot)
+    (announced,) = bench.announced()
+    assert [(one.action_target_id, one.name) for one in announced.targets] == [(1, "arm"), (0x8001, "arm, halt")]
+    bench.ask()
+    for _ in range(2):
+        ask_to_halt(bench)
+    assert [execution.execution_id for execution in robot.halted] == [ID]
+    assert robot.halted[0].topic == ACTION
+    assert [report.state for report in bench.reports()] == [S.RUNNING, S.DONE, S.DONE]
+    cancelled = int(StatusCode.BAD_REQUEST_CANCELLED_BY_CLIENT)
+    bench.tell(ExecutionEnded(ID, cancelled, (), "halted"))
+    ids, _, states, *_ = bench.status()
+    assert (ids, states) == ((ID,), (S.FAILED,)), "a halt is no execution of the skill"
+
+
+def test_what_is_not_under_way_cannot_be_halted() -> None:
+    robot = StoppableRobot()
+    bench = Bench(robot=robot)
+    ask_to_halt(bench)
+    bench.ask()
+    bench.tell(ExecutionEnded(ID, 0, (1.5,)))
+    ask_to_halt(bench, ID, request_id=1)
+    assert robot.halted == []
+    assert [report.state for report in bench.reports() if "not under way" in report.message] == [S.REFUSED] * 2
+
+
+def test_a_robot_that_cannot_stop_this_goes_on() -> None:
+    robot = StoppableRobot()
+    bench = Bench(robot=robot)
+    bench.ask()
+    robot.halt_error = SkillRejected("it holds a load")
+    ask_to_halt(bench)
+    assert (bench.reports()[-1].state, bench.reports()[-1].message) == (S.REFUSED, "it holds a load")
+    assert bench.states()[0] is S.RUNNING
+
+
+def test_a_driver_that_breaks_while_it_halts_leaves_the_halt_unknown() -> None:
+    robot = StoppableRobot()
+    bench = Bench(robot=robot)
+    bench.ask()
+    robot.halt_error = KeyError("x")
+    ask_to_halt(bench)
+    assert bench.reports()[-1].state is S.UNKNOWN
+    assert bench.failures == ["the driver failed while it halted an execution"]
+    assert bench.states()[0] is S.RUNNING
+
+
+def test_a_halt_has_no_arguments() -> None:
+    bench = Bench(robot=StoppableRobot())
+    bench.ask()
+    ask_to_halt(bench, types=(12,), values=("bin",))
+    assert bench.reports()[-1].status == StatusCode.BAD_TYPE_MISMATCH
+
+
+def test_a_driver_without_a_way_to_stop_offers_none() -> None:
+    bench = Bench()
+    assert [target.action_target_id for target in bench.announced()[0].targets] == [1]
+    bench.ask()
+    ask_to_halt(bench)
+    assert bench.reports()[-1].status == StatusCode.BAD_NOT_SUPPORTED
+
+
+def test_a_restart_in_the_middle_of_a_halt_leaves_it_unknown() -> None:
+    journal, robot = MemoryJournal(), StoppableRobot()
+    bench = Bench(robot=robot, journal=journal)
+    bench.ask()
+    ask_to_halt(bench)
+    (halt,) = [execution for execution in journal.executions() if execution.target.action_target_id & HALT_TARGETS]
+    again = MemoryJournal()
+    again.recorded(halt._replace(report=halt.report._replace(state=S.RUNNING)))
+    later = Bench(robot=StoppableRobot(), journal=again)
+    assert later.states() == [S.UNKNOWN]
+    assert later.robot.asked == []

@@ -1,0 +1,61 @@
+"""Requests that wait for nothing, and halts."""
+
+from __future__ import annotations
+
+import pytest
+
+from tests.unit.server.test_commands_out import ANNOUNCED, Bench, announced
+from ua_fleet.errors import RobotOffline, SkillRejected
+from ua_fleet.skill.executions import HALT_TARGETS, OutcomeKind, halt_id
+from ua_fleet.topics import Topic
+from ua_fleet.values import StatusCode
+from ua_fleet.wire.discovered import ActionTarget
+
+ACTION = Topic(300, 2, 1501)
+ID = bytes(15) + b"\7"
+
+
+async def test_a_request_is_sent_at_once_and_its_outcome_told() -> None:
+    bench = announced(Bench())
+    bench.commands.request(ACTION, "any name", ("bin",), 5.0, ID)
+    (request,) = bench.requests()
+    assert (request.correlation_data, request.action_target_id, request.values) == (ID, 1, ("bin",))
+    bench.respond(request)
+    assert bench.told == [OutcomeKind.ACCEPTED]
+
+
+async def test_of_several_robots_the_named_one_is_asked() -> None:
+    bench = Bench()
+    targets = (ActionTarget(3, "left"), ActionTarget(4, "right"), ActionTarget(4 | HALT_TARGETS, "right, halt"))
+    bench.commands.announced(ANNOUNCED._replace(targets=targets))
+    bench.commands.request(ACTION, "right", ("bin",), 5.0, ID)
+    assert bench.requests()[-1].action_target_id == 4
+    with pytest.raises(SkillRejected, match="pick has no target 'middle'"):
+        bench.commands.request(ACTION, "middle", ("bin",), 5.0, ID)
+
+
+async def test_what_nobody_has_announced_is_asked_for_and_refused() -> None:
+    bench = Bench()
+    with pytest.raises(RobotOffline, match="nobody announces"):
+        bench.commands.request(ACTION, "arm", ("bin",), 5.0, ID)
+    assert (bench.wanted, bench.sent) == ([(300, 1501)], [])
+    with pytest.raises(RobotOffline, match="nobody announces"):
+        bench.commands.halt(ACTION, "arm", ID)
+
+
+async def test_a_halt_names_its_execution_and_is_asked_for_once() -> None:
+    bench = Bench()
+    targets = (ActionTarget(1, "arm"), ActionTarget(1 | HALT_TARGETS, "arm, halt"))
+    bench.commands.announced(ANNOUNCED._replace(targets=targets))
+    for _ in range(2):
+        bench.commands.halt(ACTION, "arm", ID)
+    (request,) = bench.requests()
+    assert (request.action_target_id, request.correlation_data, request.values) == (1 | HALT_TARGETS, halt_id(ID), ())
+
+
+async def test_a_robot_without_a_way_to_stop_is_told() -> None:
+    bench = announced(Bench())
+    with pytest.raises(SkillRejected, match="no way to stop pick") as caught:
+        bench.commands.halt(ACTION, "arm", ID)
+    assert caught.value.ua_status == StatusCode.BAD_NOT_SUPPORTED
+    assert bench.sent == []

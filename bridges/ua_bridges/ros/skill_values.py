@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from numbers import Integral, Real
 from typing import Any, Final, NamedTuple
@@ -135,7 +136,9 @@ class Condition:
             value = self._expression.value(self._lookup(message, arguments))
         except ScenarioError:
             return None
-        return min(max(float(value), 0.0), 1.0) if isinstance(value, int | float) else None
+        if isinstance(value, str) or math.isnan(value):
+            return None
+        return min(max(float(value), 0.0), 1.0)
 
 
 class ResponseReader:

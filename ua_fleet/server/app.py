@@ -27,10 +27,12 @@ from ua_fleet.server.key_service.nodes import KeyServiceNodes
 from ua_fleet.server.key_service.service import KeyService
 from ua_fleet.server.nodeset import load_types
 from ua_fleet.server.projection import Projection
+from ua_fleet.server.scenarios.setup import add_scenarios
 from ua_fleet.server.skills.events import tell_transition
 from ua_fleet.server.skills.methods import SkillMethods
 from ua_fleet.server.writes import ClientWrites
 from ua_fleet.storage.journal import SqliteJournal
+from ua_fleet.storage.run_journal import RunJournal
 from ua_fleet.topics import SERVER_SPACE, loop_verdict
 from ua_fleet.transport.base import Transport
 from ua_fleet.transport.udp import UdpTransport
@@ -39,6 +41,8 @@ __all__ = ["application_uri", "run_server"]
 
 JOURNAL: Final = "commands.db"
 """In the server's `state_dir`: what it asked robots to do."""
+RUN_JOURNAL: Final = "runs.db"
+"""In the server's `state_dir`: runs of scenarios, and faults."""
 
 
 def application_uri(config: FleetConfig) -> str:
@@ -91,11 +95,12 @@ async def run_server(
         elif config.pubsub.security is not PubSubSecurity.NONE:
             keys = file_keys_of(config, SERVER_SPACE, config_dir)
         journal = stack.enter_context(SqliteJournal(state_dir / JOURNAL))
+        projection = Projection(nodes, tell=partial(tell_transition, ServerEvents(server.iserver)))
         hub = Hub(
             config,
             model,
             transport or _udp(config.pubsub),
-            Projection(nodes, tell=partial(tell_transition, ServerEvents(server.iserver))),
+            projection,
             state_dir=state_dir,
             journal=journal,
             keys=keys,
@@ -111,6 +116,8 @@ async def run_server(
         )
         for robot in model.robots:
             methods.add(robot)
+        runs = stack.enter_context(RunJournal(state_dir / RUN_JOURNAL))
+        add_scenarios(config, model, server, hub, nodes, runs, projection, config_dir / config.scenarios.folder)
         server.gate = ClientWrites(hub.commands, nodes, hub.publish, hub.flush_soon, wall_ticks)
         try:
             await hub.start()

@@ -45,8 +45,9 @@ class ServerEvents:
         severity: int,
         ticks: int,
         fields: EventFields,
+        subscription_id: int | None = None,
     ) -> None:
-        """Tell all who have subscribed to the Server.
+        """Tell all who have subscribed to the Server, or one subscription.
 
         Args:
             event_type: its type; the fields of BaseEventType are made here.
@@ -55,7 +56,8 @@ class ServerEvents:
             message: one line for people.
             severity: 1 to 1000.
             ticks: when it happened.
-            fields: those of the type and its supertypes below BaseEventType.
+            fields: those of the type and its supertypes; fields of BaseEventType replace those that are made here.
+            subscription_id: the subscription that alone is told.
         """
         event = Event(_SERVER)
         now = datetime.now(UTC)
@@ -73,4 +75,4 @@ class ServerEvents:
         for name, field in fields.items():
             variant: Any = to_variant(field.type, field.value) if field.type else ua.Variant()
             event.add_property(name, variant.Value, variant.VariantType)
-        await self._iserver.subscription_service.trigger_event(event)
+        await self._iserver.subscription_service.trigger_event(event, subscription_id)

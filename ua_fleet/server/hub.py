@@ -44,7 +44,10 @@ from ua_fleet.pubsub.subscriber import LoopRule, Subscriber
 from ua_fleet.pubsub.timing import PubSubTiming
 from ua_fleet.server.commands_out import SkillCommands
 from ua_fleet.server.projection import Projection
+from ua_fleet.server.scenarios.service import ScenarioService
+from ua_fleet.server.scenarios.view import ScenarioView
 from ua_fleet.server.skills.tracker import SkillChange, SkillTracker
+from ua_fleet.skill.executions import Outcome
 from ua_fleet.skill.journal import RequestorJournal
 from ua_fleet.topics import SERVER_SPACE, loop_verdict
 from ua_fleet.transport.base import Address, Transport
@@ -132,15 +135,14 @@ class Hub:
             journal,
             send=lambda datagram: self._send([datagram]),
             want=self._subscriber.want_action,
-            sooner=self._check_deadline,
+            sooner=self.check_deadline,
             wall_ticks=wall_ticks,
             must_be_verified=self._envelope.mode is not SecurityMode.NONE,
-            told=lambda execution_id, outcome: self.show_skills(
-                self.tracker.concluded(execution_id, outcome, wall_ticks())
-            ),
+            told=self._concluded,
         )
         self.tracker = SkillTracker(model)
         """What is known of executions."""
+        self._scenarios: tuple[ScenarioService, ScenarioView] | None = None
         self._sooner = asyncio.Event()
         self._wake_at = 0.0
         self._next_tick = 0.0
@@ -149,6 +151,10 @@ class Hub:
         """Publications that could not be encoded."""
         for weakness in weaknesses(config):
             _log.warning(weakness)
+
+    def add_scenarios(self, service: ScenarioService, view: ScenarioView) -> None:
+        """Run scenarios too; before `start`."""
+        self._scenarios = service, view
 
     async def start(self) -> None:
         """Open the transport; data reaches the nodes once `run` runs.
@@ -163,6 +169,8 @@ class Hub:
         async with asyncio.TaskGroup() as tasks:
             tasks.create_task(self._projection.run())
             tasks.create_task(self._keep_time())
+            if self._scenarios is not None:
+                tasks.create_task(self._scenarios[1].run())
             if self._keys is not None:
                 count = self._keys_ahead + 1
                 tasks.create_task(keep_keys(self._envelope, self._keys, self._keys_kept, count=count))
@@ -170,6 +178,8 @@ class Hub:
             self.skills.resume(asyncio.get_running_loop().time())
             for action in self.tracker.actions():
                 self.skills.want(action)
+            if self._scenarios is not None:
+                self._scenarios[0].go_on()
             await self._announce()
 
     def describe(self, endpoints: tuple[EndpointDescription, ...]) -> None:
@@ -192,8 +202,10 @@ class Hub:
             _log.error("not published", topic=topic.name, reason=str(error))
             return
         self._state.delivered(topic, timestamp)
+        if self._scenarios is not None:
+            self._scenarios[0].published(topic, types, values)
         self._send(datagrams)
-        self._check_deadline()
+        self.check_deadline()
 
     def flush_soon(self) -> None:
         """Publish what clients have written, when the request that is being served is done."""
@@ -218,14 +230,14 @@ class Hub:
             self.publish(publication)
             if number % BURST == 0:
                 await asyncio.sleep(BURST_PAUSE_S)
-        self._check_deadline()
+        self.check_deadline()
 
     def _receive(self, datagram: bytes, sender: Address) -> None:
         now = asyncio.get_running_loop().time()
         events = self._subscriber.receive(datagram, now, sender)
         if events:
             self._handle(events, now)
-        self._check_deadline()
+        self.check_deadline()
 
     def _handle(self, events: Iterable[SubscriberEvent], now: float) -> None:
         wall = wall_ticks()
@@ -243,6 +255,13 @@ class Hub:
             else:
                 self._take(self._state.apply(event, wall), now)
                 self._follow_skills(event, wall)
+                if self._scenarios is not None and isinstance(event, DataReceived):
+                    self._scenarios[0].heard(event)
+
+    def _concluded(self, execution_id: bytes, outcome: Outcome) -> None:
+        self.show_skills(self.tracker.concluded(execution_id, outcome, wall_ticks()))
+        if self._scenarios is not None:
+            self._scenarios[0].concluded(execution_id, outcome)
 
     def _follow_skills(self, event: SubscriberEvent, wall: int) -> None:
         """Take a robot's SkillStatus."""
@@ -261,6 +280,8 @@ class Hub:
     def _take(self, changes: Iterable[Change], now: float) -> None:
         for change in changes:
             if isinstance(change, ValueChanged):
+                if self._scenarios is not None:
+                    self._scenarios[0].value_changed(change)
                 if (ready := self._coalescer.offer(change, now)) is not None:
                     self._projection.put(ready)
             elif isinstance(change, Noticed):
@@ -288,11 +309,12 @@ class Hub:
             self._publisher.next_deadline(),
             self._coalescer.next_deadline(),
             self.skills.next_deadline(),
+            self._scenarios[0].next_deadline() if self._scenarios is not None else None,
             self._next_tick,
         )
         return min(deadline for deadline in deadlines if deadline is not None)
 
-    def _check_deadline(self) -> None:
+    def check_deadline(self) -> None:
         """Wake the timer where something has to be done before it would wake by itself."""
         if self._deadline() < self._wake_at - SHORTEST_WAIT_S:
             self._sooner.set()
@@ -301,6 +323,8 @@ class Hub:
         self._handle(self._subscriber.poll(now), now)
         self._send(self._publisher.poll(now, wall_ticks()))
         self.skills.poll(now)
+        if self._scenarios is not None:
+            self._scenarios[0].poll()
         for change in self._coalescer.poll(now):
             self._projection.put(change)
         if now >= self._next_tick:

@@ -1,0 +1,205 @@
+"""A whole server and a fleet of machines with one skill, each with a bridge of its own as a process."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import sys
+from collections.abc import AsyncGenerator, Sequence
+from contextlib import asynccontextmanager
+from pathlib import Path
+from typing import Any, Final, NamedTuple
+
+import pytest
+from asyncua.client.client import Client
+
+from tests.contract.skilled import Machine
+from tests.integration.server_model.harness import Running, serving, ua, until
+from tests.system import Child, Processes, clean_environment
+from ua_fleet.config.schema import FleetConfig
+from ua_fleet.server.users import USERS_FILE, Role, ScryptCost, UserStore
+
+FOLDER: Final = Path(__file__).parent
+ROBOTS: Final = ("left", "middle", "right")
+ENGINEER: Final = ("erna", "engineer-1")
+SECOND: Final = ("otto", "operate-2")
+_ARGUMENTS: Final = {
+    "work": {"type": "String", "default": "weld"},
+    "seconds": {"type": "Double", "unit": "s", "range": [0, 60], "default": 0},
+}
+_RESULTS: Final = {"done": {"type": "String"}, "seconds": {"type": "Double", "unit": "s"}}
+
+
+class Called(NamedTuple):
+    """What a Method returned."""
+
+    outputs: list[Any]
+    status: int
+    message: str
+
+
+class Plant:
+    """The folder of the fleet."""
+
+    def __init__(self, folder: Path, url: str, port: int, processes: Processes, mode: str) -> None:
+        self.folder, self._processes = folder, processes
+        self.machines = {robot: Machine(folder / robot) for robot in ROBOTS}
+        skill = {"needs": ["weld"], "arguments": _ARGUMENTS, "results": _RESULTS, "timeout_s": 30}
+        raw: dict[str, Any] = {
+            "version": 1,
+            "server": {"port": port, "trust_all_clients": True},
+            "pubsub": {"security": "none", "url": url, "keep_alive_s": 0.2, "receive_timeout_s": 0.8},
+            "bridges": {
+                f"{robot}_cell": {"kind": "virtual", "space": 300 + number, "status_id": 900 + number}
+                for number, robot in enumerate(ROBOTS)
+            },
+            "robots": {
+                robot: {
+                    "bridge": f"{robot}_cell",
+                    "capacities": ["weld"],
+                    "skill_status_id": 1200 + number,
+                    "skills": {"work": {"id": 1100 + number, **skill}},
+                }
+                for number, robot in enumerate(ROBOTS)
+            },
+            "resilience": {"mode": mode, "limit_s": 60},
+        }
+        (folder / "fleet.json").write_text(json.dumps(raw))
+        self.config = FleetConfig.model_validate(raw)
+        (folder / "scenarios").mkdir()
+
+    def scenario(self, name: str, steps: str, head: str = "") -> None:
+        """Write a scenario's file."""
+        text = f"version: 1\nname: {name}\ndescription: for a test\n{head}steps:\n{steps}"
+        (self.folder / "scenarios" / f"{name}.yaml").write_text(text)
+
+    def bridge(self, robot: str) -> Child:
+        """Start a robot's bridge, and wait until it works."""
+        child = self._start(FOLDER / "robot_bridge.py", self.folder / "fleet.json", robot, self.folder / robot)
+        child.wait_for("ready")
+        return child
+
+    def server_process(self) -> Child:
+        """Start the server as a process of its own, and wait until it serves."""
+        child = self._start(FOLDER / "server_process.py", self.folder / "fleet.json")
+        child.wait_for("opc.tcp://")
+        return child
+
+    def users(self) -> None:
+        """Make users beside those of the harness."""
+        users = UserStore(self.folder / self.config.server.state_dir / USERS_FILE, ScryptCost(2**8, 8, 1))
+        users.path.parent.mkdir(parents=True, exist_ok=True)
+        users.add(*ENGINEER, Role.ENGINEER, replace_existing=True)
+        users.add(*SECOND, Role.OPERATOR, replace_existing=True)
+
+    def _start(self, *command: str | Path) -> Child:
+        environment = clean_environment(PYTHONUNBUFFERED="1", PYTHONPATH=".:bridges")
+        return self._processes.start(sys.executable, *command, env=environment)
+
+    @asynccontextmanager
+    async def server(self) -> AsyncGenerator[Running]:
+        """The server in the test's process, while the context lasts."""
+        self.users()
+        async with serving(self.folder, self.config) as running:
+            yield running
+
+    def told(self) -> list[tuple[str, str]]:
+        """What robots were told to do, by the time at which it began."""
+        jobs = [(job.began, robot, job.work) for robot, machine in self.machines.items() for job in machine.told()]
+        return [(robot, work) for _, robot, work in sorted(jobs)]
+
+
+def texts(values: Sequence[str] = ()) -> Any:
+    return ua.Variant(list(values), ua.VariantType.String, None, True)
+
+
+async def call(client: Client, owner: str, name: str, *arguments: Any) -> Called:
+    """Call a Method of Scenarios, Resilience or Faults."""
+    node = client.get_node(f"ns=2;s=Fleet.{owner}")
+    result = await node.call_method(f"3:{name}", *arguments)
+    outputs: list[Any] = result if isinstance(result, list) else [result]
+    return Called(outputs[:-2], outputs[-2], outputs[-1])
+
+
+async def run(client: Client, name: str, parameters: dict[str, str] | None = None) -> str:
+    """Start a run; its id."""
+    given = parameters or {}
+    called = await call(client, "Scenarios", "Run", name, texts(list(given)), texts(list(given.values())))
+    assert called.status == 0, called.message
+    run_id: str = called.outputs[0]
+    return run_id
+
+
+async def value(client: Client, path: str) -> Any:
+    return await client.get_node(f"ns=2;s=Fleet.{path}").read_value()
+
+
+async def run_is(client: Client, run_id: str, *states: str) -> str:
+    """Wait until a run is in a state."""
+
+    async def read() -> Any:
+        return await value(client, f"Scenarios.Runs.{run_id}.State")
+
+    state: str = await until(read, lambda found: found in states, timeout_s=30)
+    return state
+
+
+async def open_decision(client: Client) -> str:
+    """Wait for an open decision; its id."""
+    folder = client.get_node("ns=2;s=Fleet.Resilience.Decisions")
+
+    async def read() -> Any:
+        for node in await folder.get_children():
+            name = (await node.read_browse_name()).Name
+            if await value(client, f"Resilience.Decisions.{name}.State") == "open":
+                return name
+        return None
+
+    found: str = await until(read, lambda name: name is not None, timeout_s=30)
+    return found
+
+
+async def all_heard(client: Client) -> None:
+    """Wait until the server hears all robots."""
+
+    async def read() -> Any:
+        return [await client.get_node(f"ns=2;s=Robots.{robot}.State").read_value() for robot in ROBOTS]
+
+    await until(read, lambda states: 0 not in states, timeout_s=30)
+
+
+class Seen:
+    """Events of the Server object, by a subscription."""
+
+    def __init__(self) -> None:
+        self.events: list[Any] = []
+
+    def event_notification(self, event: Any) -> None:
+        """Called by asyncua."""
+        self.events.append(event)
+
+    async def wait_for(self, text: str) -> Any:
+        """The first event whose message has a text in it."""
+        async with asyncio.timeout(20):
+            while True:
+                for event in self.events:
+                    if text in event.Message.Text:
+                        return event
+                await asyncio.sleep(0.02)
+
+
+@asynccontextmanager
+async def watching(client: Client, *types: int) -> AsyncGenerator[Seen]:
+    """Watch the Server's events with the fields of some types of ours."""
+    seen = Seen()
+    subscription = await client.create_subscription(50, seen)
+    for kind in types:
+        await subscription.subscribe_events(client.nodes.server, client.get_node(f"ns=3;i={kind}"))
+    yield seen
+    await subscription.delete()
+
+
+@pytest.fixture
+def plant(request: pytest.FixtureRequest, tmp_path: Path, udp_url: str, tcp_port: int, processes: Processes) -> Plant:
+    """A fleet; the mode of resilience may be given as the parameter."""
+    return Plant(tmp_path, udp_url, tcp_port, processes, getattr(request, "param", "operator"))

@@ -1,0 +1,69 @@
+"""A bridge to one machine of a fleet, as a process: `robot_bridge.py FLEET_JSON ROBOT MACHINE_FOLDER`.
+
+Prints `ready`, ends at SIGTERM.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import signal
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+import structlog
+
+from tests.contract.skilled import FIELDS, RESULTS, TARGET, Machine, SkilledDriver
+from tests.contract.virtual import Bus
+from ua_fleet.bridge import Skill, SkillTarget
+from ua_fleet.bridge.runner import run_bridge
+from ua_fleet.config.schema import FleetConfig
+from ua_fleet.topics import Topic
+from ua_fleet.transport.udp import UdpTransport
+
+
+class RobotDriver(SkilledDriver):
+    """A machine with the ids of its robot."""
+
+    def __init__(self, config: FleetConfig, robot: str, bus: Bus, machine: Machine) -> None:
+        self._space, self._robot = config.space_of(robot), robot
+        super().__init__(self._space, bus, machine)
+        declared = config.robots[robot]
+        self._skill, self._status = declared.skills["work"].id, declared.skill_status_id
+
+    def skills(self) -> Sequence[Skill]:
+        """See SkillDriver."""
+        assert self._skill is not None
+        assert self._status is not None
+        targets = (SkillTarget(TARGET, self._robot, Topic(self._space, 2, self._status)),)
+        return (Skill(Topic(self._space, 2, self._skill), "work", targets, FIELDS, RESULTS),)
+
+
+async def main(path: Path, robot: str, machine: Path) -> int:
+    config = FleetConfig.model_validate_json(path.read_text())
+    name = config.robots[robot].bridge
+    bus = Bus()
+    bus.is_up = True
+    running = asyncio.ensure_future(
+        run_bridge(
+            config,
+            name,
+            RobotDriver(config, robot, bus, Machine(machine)),
+            UdpTransport(config.pubsub.url, config.pubsub.interface),
+            state_dir=path.parent / config.state_dir_of(name),
+            keys=None,
+            ready=lambda: print("ready", flush=True),
+        )
+    )
+    asyncio.get_running_loop().add_signal_handler(signal.SIGTERM, running.cancel)
+    try:
+        await running
+    except asyncio.CancelledError:
+        return 0
+    return 1
+
+
+logging.basicConfig(stream=sys.stderr, level=logging.INFO)
+structlog.configure(logger_factory=structlog.PrintLoggerFactory(sys.stderr))
+sys.exit(asyncio.run(main(Path(sys.argv[1]), sys.argv[2], Path(sys.argv[3]))))

@@ -1,0 +1,135 @@
+"""The scenarios' files: `<name>.yaml` or `<name>.json` in one folder. May wait for the disk."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Final, NamedTuple
+
+from ua_fleet.document import resolve_scalar
+from ua_fleet.errors import ConfigError, ScenarioError
+from ua_fleet.scenario import FleetView, Scenario, Value, read_scenario, validate
+from ua_fleet.values import StatusCode
+
+__all__ = ["Checked", "Library", "Listed", "ScenarioUnknown", "read_values"]
+
+MOST_BYTES: Final = 256 * 1024
+"""Of one scenario."""
+MOST_LISTED: Final = 1000
+_ENDINGS: Final = (".yaml", ".yml", ".json")
+_NAME: Final = re.compile(r"[A-Za-z][A-Za-z0-9_-]{0,63}")
+
+
+class ScenarioUnknown(ScenarioError):
+    """There is no scenario, run, decision or fault of that name."""
+
+    ua_status = StatusCode.BAD_NODE_ID_UNKNOWN
+
+
+class Listed(NamedTuple):
+    """A scenario of the folder."""
+
+    name: str
+    description: str
+    problems: int
+    """Mistakes that the file has by itself."""
+
+
+class Checked(NamedTuple):
+    """A scenario held against a fleet."""
+
+    scenario: Scenario
+    problems: tuple[ConfigError, ...]
+
+
+class Library:
+    """Reads scenarios, from the folder or as they are given."""
+
+    def __init__(self, folder: Path) -> None:
+        """Use a folder; it need not be there."""
+        self._folder = folder
+
+    def listed(self) -> list[Listed]:
+        """The scenarios of the folder by their names."""
+        found: list[Listed] = []
+        names = sorted({path.stem for path in self._files() if _NAME.fullmatch(path.stem)})
+        for name in names[:MOST_LISTED]:
+            try:
+                reading = read_scenario(self.text(name).encode(), name)
+            except ScenarioError:
+                found.append(Listed(name, "", 1))
+                continue
+            found.append(Listed(name, reading.scenario.description, len(reading.problems)))
+        return found
+
+    def text(self, name_or_text: str) -> str:
+        """The text of a scenario: what has more than a line, or begins as JSON does, is one itself.
+
+        Raises:
+            ScenarioUnknown: the folder has none of that name.
+            ScenarioError: it is too long, or cannot be read.
+        """
+        given = name_or_text.strip()
+        if "\n" in given or given.startswith("{"):
+            text = name_or_text
+        elif not _NAME.fullmatch(given):
+            raise ScenarioUnknown(f"{given[:80]!r} is no name of a scenario: letters, digits, _ and -")
+        else:
+            text = self._read(given)
+        if len(text.encode()) > MOST_BYTES:
+            raise ScenarioError(f"a scenario has at most {MOST_BYTES} bytes")
+        return text
+
+    def checked(self, name_or_text: str, fleet: FleetView) -> Checked:
+        """A scenario held against a fleet; raises as `text` does."""
+        text = self.text(name_or_text)
+        file = "" if text == name_or_text else f"{name_or_text.strip()}.yaml"
+        reading = read_scenario(text.encode(), file)
+        if not reading.scenario.body.steps:
+            return Checked(*reading)
+        validation = validate(reading.scenario, fleet, file)
+        problems = sorted((*reading.problems, *validation.problems), key=lambda problem: problem.line)
+        return Checked(validation.scenario, tuple(problems))
+
+    def _files(self) -> Sequence[Path]:
+        try:
+            return [path for path in self._folder.iterdir() if path.suffix in _ENDINGS]
+        except OSError:
+            return []
+
+    def _read(self, name: str) -> str:
+        for ending in _ENDINGS:
+            path = self._folder / f"{name}{ending}"
+            try:
+                with path.open("rb") as file:
+                    return file.read(MOST_BYTES + 1).decode("utf-8")
+            except FileNotFoundError:
+                continue
+            except (OSError, UnicodeDecodeError) as error:
+                raise ScenarioError(f"{path.name} cannot be read: {error}; look at the folder of scenarios") from error
+        raise ScenarioUnknown(f"there is no scenario {name!r} in the folder of scenarios")
+
+
+def read_values(
+    names: Sequence[str], values: Sequence[str], known: Mapping[str, object] | None = None
+) -> dict[str, Value]:
+    """Values that were given as texts: true, false, numbers as YAML has them, and all else as it stands.
+
+    Args:
+        names: of the values.
+        values: their texts.
+        known: values whose kind counts: where there is a text, the given one stays a text.
+
+    Raises:
+        ScenarioError: there are not as many of one as of the other, or a name is there twice.
+    """
+    if len(names) != len(values):
+        raise ScenarioError(f"{len(names)} names were given with {len(values)} values")
+    if len(set(names)) != len(names):
+        raise ScenarioError("a name was given twice")
+    read: dict[str, Value] = {}
+    for name, text in zip(names, values, strict=True):
+        value = None if isinstance((known or {}).get(name), str) else resolve_scalar(text)
+        read[name] = text if value is None else value
+    return read

@@ -1,0 +1,137 @@
+"""Runs and decisions as people see them, made of the same facts that the engine goes by."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from typing import Final, NamedTuple
+
+from ua_fleet.orchestrator import DecisionChanged
+from ua_fleet.resilience import Aborted, Ranking, RankingChanged, ReplacementChosen
+from ua_fleet.scenario import read_scenario
+from ua_fleet.scenario.facts import Fact, RunCreated, RunEnded, TaskOver
+from ua_fleet.scenario.state import RunState, TaskPhase
+
+__all__ = ["DecisionRecord", "RunRecord", "TaskRow"]
+
+MOST_ROWS: Final = 500
+"""Tasks of a run that are shown: the last ones, where repetitions make more."""
+
+
+class TaskRow(NamedTuple):
+    """One task of a run."""
+
+    step: str
+    task: str
+    robot: str
+    skill: str
+    state: str
+    attempt: int
+    result: str
+    """A JSON object."""
+    message: str
+
+
+class RunRecord:
+    """A run, whether it is under way or not."""
+
+    def __init__(self, run_id: str) -> None:
+        self.run_id = run_id
+        self.scenario = ""
+        self.started = 0.0
+        self.ended: float | None = None
+        self.state = RunState()
+        self._messages: dict[str, str] = {}
+
+    @classmethod
+    def of(cls, run_id: str, facts: Iterable[Fact]) -> RunRecord:
+        """The record of a run of the journal."""
+        record = cls(run_id)
+        for fact in facts:
+            record.apply(fact)
+        return record
+
+    def apply(self, fact: Fact) -> None:
+        """Take a fact in."""
+        self.state.apply(fact)
+        match fact:
+            case RunCreated():
+                self.started = fact.at
+                self.scenario = read_scenario(fact.text.encode()).scenario.name
+            case RunEnded():
+                self.ended = fact.at
+            case TaskOver():
+                self._messages[fact.step] = fact.message
+            case _:
+                pass
+
+    @property
+    def shown_state(self) -> str:
+        """`running`, `paused`, `ending`, `done`, `failed` or `aborted`."""
+        state = self.state
+        if state.outcome is not None:
+            return state.outcome.value
+        if state.closing is not None:
+            return "ending"
+        return "paused" if state.paused else "running"
+
+    @property
+    def parameters(self) -> str:
+        """The parameters as a JSON object."""
+        return json.dumps(self.state.parameters, ensure_ascii=False)
+
+    def rows(self) -> list[TaskRow]:
+        """The tasks, in the order in which their turn came."""
+        rows: list[TaskRow] = []
+        for step, task in list(self.state.tasks.items())[-MOST_ROWS:]:
+            ended = self.state.ended.get(step)
+            state = ended.value if ended is not None else task.phase.name.lower()
+            results = self.state.results.get(task.name, {}) if task.phase is TaskPhase.OVER else {}
+            rows.append(
+                TaskRow(
+                    step,
+                    task.name,
+                    task.robot,
+                    task.skill,
+                    state,
+                    task.attempt,
+                    json.dumps(dict(results), ensure_ascii=False),
+                    self._messages.get(step, ""),
+                )
+            )
+        return rows
+
+
+@dataclass(slots=True)
+class DecisionRecord:
+    """A decision, whether it is open or not."""
+
+    id: str
+    run_id: str
+    step: str
+    task: str
+    failed: str
+    reason: str
+    state: str = "open"
+    """`open`, `chosen` or `aborted`."""
+    chosen: str = ""
+    by: str = ""
+    ranking: Ranking | None = field(default=None)
+
+    @classmethod
+    def of(cls, changed: DecisionChanged) -> DecisionRecord:
+        """The record of a decision of which nothing was said before."""
+        event = changed.event
+        return cls(event.decision_id, changed.run_id, changed.step, changed.task, changed.failed, changed.reason)
+
+    def apply(self, changed: DecisionChanged) -> None:
+        """Take in what was said."""
+        self.failed, self.reason = changed.failed, changed.reason
+        match changed.event:
+            case RankingChanged(ranking=ranking):
+                self.state, self.chosen, self.by, self.ranking = "open", "", "", ranking
+            case ReplacementChosen(robot=robot, by=by, ranking=ranking):
+                self.state, self.chosen, self.by, self.ranking = "chosen", robot, by, ranking
+            case Aborted(reason=reason):
+                self.state, self.reason = "aborted", reason

@@ -1,0 +1,633 @@
+"""Runs, faults and decisions of one server: carries out what the orchestrator says.
+
+    values, SkillStatus, outcomes, time, people -> orchestrator -> facts -> journal -> requests to robots; nodes, events
+
+What follows from one input is written down as one, before any of it is carried out or shown. Where that fails it is
+tried again until it is written: nothing is carried out meanwhile, and nothing is lost. Everything here runs in the
+server's event loop; the hub calls `poll` when `next_deadline` has come.
+"""
+
+from __future__ import annotations
+
+import secrets
+from collections import OrderedDict
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any, Final, Protocol
+
+import structlog
+
+from ua_fleet.config.schema import FleetConfig
+from ua_fleet.errors import RobotOffline, ScenarioError, ScenarioInvalid, SkillError, StorageUnavailable
+from ua_fleet.fleet.changes import ValueChanged
+from ua_fleet.fleet.model import FleetModel, RobotModel, RobotState
+from ua_fleet.fleet.skills import SkillModel
+from ua_fleet.orchestrator import (
+    Fault,
+    FaultChanged,
+    FaultConditions,
+    Forecast,
+    Orchestrator,
+    Output,
+    ResilienceSettings,
+    RunChanged,
+    TaskCancelled,
+    TaskStarted,
+)
+from ua_fleet.pubsub.events import DataReceived
+from ua_fleet.resilience import Confirmation
+from ua_fleet.scenario import FleetView, RobotView, Scenario, Value
+from ua_fleet.scenario.dry_run import DryRun, dry_run
+from ua_fleet.scenario.facts import Fact, RunEnded, RunOutcome, TaskOutcome
+from ua_fleet.server.scenarios.library import Checked, Library, Listed, ScenarioUnknown, read_values
+from ua_fleet.server.scenarios.records import RunRecord
+from ua_fleet.server.scenarios.values import FleetValues
+from ua_fleet.skill.executions import OPEN, ExecutionState, Outcome, OutcomeKind, unpack
+from ua_fleet.skill.status import read_result
+from ua_fleet.storage.run_journal import RunJournal
+from ua_fleet.topics import Topic
+from ua_fleet.values import BuiltinType, NodeId
+
+__all__ = ["ScenarioService", "TooManyRuns", "fleet_view"]
+
+START_WITHIN_S: Final = 10.0
+"""A robot that has not begun by then has refused. Immediate skills have their own timeout: they answer at their end."""
+ASK_AGAIN_S: Final = 0.2
+"""Pause before an Action that nobody has announced is looked for again."""
+RETRY_S: Final = 1.0
+"""After a journal that could not be written it is tried again after so long."""
+COALESCE_S: Final = 0.1
+"""Numbers are looked at so often at most; a Boolean at once."""
+MOST_EXECUTIONS: Final = 10_000
+MOST_NAME: Final = 200
+"""Characters of a reason or a name that people give."""
+
+_FLOATS: Final = (BuiltinType.FLOAT, BuiltinType.DOUBLE)
+_ENDED: Final = {
+    ExecutionState.DONE: TaskOutcome.DONE,
+    ExecutionState.FAILED: TaskOutcome.FAILED,
+    ExecutionState.UNKNOWN: TaskOutcome.UNKNOWN,
+    ExecutionState.REFUSED: TaskOutcome.REFUSED,
+    ExecutionState.TIMED_OUT: TaskOutcome.TIMED_OUT,
+}
+
+_log: Any = structlog.get_logger("ua_fleet.scenarios")
+
+
+class TooManyRuns(ScenarioError):
+    """As many runs are under way as may be."""
+
+
+class Requests(Protocol):
+    """What asks robots; see `server.commands_out.SkillCommands`."""
+
+    def request(self, topic: Topic, robot: str, values: tuple[Any, ...], timeout_s: float, execution_id: bytes) -> None:
+        """Have a robot do a skill, once, and wait for nothing."""
+        ...
+
+    def known_outcome(self, execution_id: bytes) -> Outcome | None:
+        """What is known of a request; None while it is asked for, KeyError where it was never made."""
+        ...
+
+
+def fleet_view(model: FleetModel, meanings: Mapping[str, int]) -> FleetView:
+    """What scenarios are held against."""
+    robots = {
+        robot.name: RobotView(robot.name, frozenset(robot.capacities), {skill.name: skill for skill in robot.skills})
+        for robot in model.robots
+    }
+    return FleetView(robots, meanings)
+
+
+@dataclass(slots=True)
+class _Waiting:
+    """A task whose robot could not be asked yet."""
+
+    task: TaskStarted
+    give_up_at: float
+    next_at: float
+
+
+class ScenarioService:
+    """The orchestrator of one server. Methods that people call raise UaFleetError with the reason."""
+
+    def __init__(
+        self,
+        config: FleetConfig,
+        model: FleetModel,
+        journal: RunJournal,
+        requests: Requests,
+        *,
+        folder: Path,
+        show: Callable[[Output], None],
+        forgotten: Callable[[str], None],
+        requested: Callable[[NodeId, bytes], None],
+        sooner: Callable[[], None],
+        clock: Callable[[], float],
+        wall_s: Callable[[], float],
+    ) -> None:
+        """Make a service; `restore` before all else.
+
+        Args:
+            config: the fleet's.
+            model: its robots.
+            journal: of runs and faults.
+            requests: asks robots.
+            folder: of the scenarios' files.
+            show: told of everything that happens, in order, once it is written down.
+            forgotten: told of runs that are no longer kept.
+            requested: told of each skill (its node) that was asked for, with the execution's id.
+            sooner: called when `next_deadline` may have come nearer.
+            clock: monotonic seconds.
+            wall_s: the wall clock in seconds.
+        """
+        self._config, self._journal, self._requests = config, journal, requests
+        self._show, self._forgotten, self._requested, self._sooner = show, forgotten, requested, sooner
+        self._clock, self._wall_s = clock, wall_s
+        self._robots = {robot.name: robot for robot in model.robots}
+        self._status_topics = {robot.skill_status: robot for robot in model.robots if robot.skill_status is not None}
+        self._states = {robot.part("State"): robot.name for robot in model.robots}
+        self._own = {
+            data_set.topic: tuple([field.key for field in data_set.fields])
+            for data_set in model.data_sets()
+            if data_set.writable
+        }
+        self._values = FleetValues(model)
+        self.fleet = fleet_view(model, self._values.meanings)
+        self.library = Library(folder)
+        self._conditions = FaultConditions(config.resilience.rules())
+        self._unwritten: list[tuple[str, Fact]] = []
+        self._held: list[Output] = []
+        """Outputs that are carried out once their facts are written."""
+        self._changed_faults: dict[str, Fault] = {}
+        self._orchestrator = Orchestrator(
+            config.resilience.settings(),
+            self.fleet,
+            self._values.look_up,
+            lambda run_id, fact: self._unwritten.append((run_id, fact)),
+        )
+        self._skills: OrderedDict[str, SkillModel] = OrderedDict()
+        """The skill of each execution that was begun here."""
+        self._waiting: dict[str, _Waiting] = {}
+        self._shown: dict[Topic, dict[str, tuple[ExecutionState, str, dict[str, Value]]]] = {}
+        """The executions of each robot's last SkillStatus."""
+        self._heard_by: float | None = None
+        """When robots that were not heard since the start are silent."""
+        self._heard: set[str] = set()
+        self._dirty_at: float | None = None
+        self._retry_at: float | None = None
+        self._is_carrying_out = False
+
+    # What is there.
+
+    @property
+    def settings(self) -> ResilienceSettings:
+        """How replacements are chosen now."""
+        return self._orchestrator.settings
+
+    @property
+    def faults(self) -> list[Fault]:
+        """All faults that are active, or not acknowledged."""
+        return list(self._orchestrator.faults)
+
+    @property
+    def run_ids(self) -> list[str]:
+        """Runs that are under way."""
+        return list(self._orchestrator.runs)
+
+    def bridge_of(self, robot: str) -> str:
+        """The bridge that a robot lives behind; raises ScenarioUnknown where there is no such robot."""
+        return self._robot(robot).bridge
+
+    # Restart.
+
+    def restore(self) -> list[RunRecord]:
+        """Go on where the journal ends; the records of all runs, to be shown before what follows.
+
+        Raises:
+            StorageUnavailable: the journal cannot be read.
+        """
+        now = self._wall_s()
+        self._heard_by = self._clock() + max(5.0, 2 * self._config.pubsub.receive_timeout_s)
+        for run_id in self._journal.prune(self._config.scenarios.kept_runs):
+            _log.debug("run forgotten", run=run_id)
+        records: list[RunRecord] = []
+        stored: list[tuple[str, Scenario, list[Fact]]] = []
+        for run_id, ended in self._journal.runs():
+            facts = self._journal.facts(run_id)
+            record = RunRecord.of(run_id, facts)
+            if not ended:
+                scenario = self._scenario_of(record, facts, now)
+                if scenario is not None:
+                    stored.append((run_id, scenario, facts))
+            records.append(record)
+        outputs = self._restore_faults(now)
+        outputs += self._orchestrator.restore_all(stored, now)
+        if stored:
+            _log.info("runs go on", runs=len(stored))
+        self._held += outputs
+        return records
+
+    def go_on(self) -> None:
+        """Carry out what follows from `restore`; the records are shown."""
+        self._do([])
+
+    def _scenario_of(self, record: RunRecord, facts: list[Fact], now: float) -> Scenario | None:
+        """The scenario of a run that goes on; None after ending a run that no longer fits the fleet."""
+        text = next((fact_text for fact in facts if (fact_text := getattr(fact, "text", None)) is not None), "")
+        checked = self.library.checked(f"{text}\n", self.fleet)
+        if not checked.problems:
+            return checked.scenario
+        reason = f"it does not fit the fleet any more: {checked.problems[0]}"
+        ended = RunEnded(now, RunOutcome.FAILED, reason)
+        _log.error("run cannot go on after the restart", run=record.run_id, reason=reason)
+        self._journal.write([(record.run_id, ended)])
+        record.apply(ended)
+        return None
+
+    def _restore_faults(self, now: float) -> list[Output]:
+        outputs: list[Output] = []
+        for fault in self._journal.faults():
+            if fault.robot not in self._robots:
+                continue
+            outputs += self._orchestrator.fault_raised(fault.robot, fault.source, fault.reason, fault.since)
+            if fault.acknowledged:
+                outputs += self._orchestrator.acknowledge(fault.id, fault.acknowledged_by, now)
+            if fault.source in self._conditions.names:
+                self._conditions.restored(fault.robot, fault.source)
+            if not fault.active:
+                outputs += self._orchestrator.fault_cleared(fault.robot, fault.source, now)
+        return outputs
+
+    # People.
+
+    def listed(self) -> list[Listed]:
+        """The scenarios of the folder."""
+        return self.library.listed()
+
+    def check(self, name_or_text: str) -> Checked:
+        """A scenario with its problems; nothing is started."""
+        return self.library.checked(name_or_text, self.fleet)
+
+    def valid(self, name_or_text: str) -> Scenario:
+        """A scenario that can be run. May wait for the disk, and be called from any thread.
+
+        Raises:
+            ScenarioInvalid: it has problems, all of which are said.
+            ScenarioError: it is not there, or too long.
+        """
+        checked = self.check(name_or_text)
+        if checked.problems:
+            raise ScenarioInvalid([str(problem) for problem in checked.problems])
+        return checked.scenario
+
+    def start(self, scenario: Scenario, names: Sequence[str], values: Sequence[str], by: str) -> str:
+        """Start a run of a valid scenario; its id.
+
+        Raises:
+            ScenarioError: a parameter does not fit, or too many runs are under way.
+            StorageUnavailable: it cannot be written down; it begins when that is possible again.
+        """
+        most = self._config.scenarios.most_runs
+        if len(self._orchestrator.runs) >= most:
+            raise TooManyRuns(f"{most} runs are under way, and more may not be; abort one, or wait for its end")
+        now = self._wall_s()
+        stamp = datetime.fromtimestamp(now, UTC).strftime("%Y%m%d-%H%M%S")
+        run_id = f"{stamp}-{secrets.token_hex(3)}"  # never used twice: execution ids follow from it
+        outputs = self._orchestrator.start(run_id, scenario, _parameters(scenario, names, values), by=by, now=now)
+        created = next(fact for owner, fact in self._unwritten if owner == run_id)
+        _log.info("run started", run=run_id, scenario=scenario.name, by=by)
+        self._do([RunChanged(run_id, created), *outputs], must_be_written=True)
+        return run_id
+
+    def rehearse(
+        self,
+        name_or_text: str,
+        names: Sequence[str],
+        values: Sequence[str],
+        given_names: Sequence[str],
+        given_values: Sequence[str],
+    ) -> DryRun:
+        """What a run would come to, with these values; raises as `valid` does. May be called from any thread."""
+        scenario = self.valid(name_or_text)
+        given = read_values(given_names, given_values)
+        return dry_run(scenario, self.fleet, _parameters(scenario, names, values), given)
+
+    def pause(self, run_id: str, by: str) -> None:
+        """Let a run start no further task."""
+        self._do(self._orchestrator.pause(self._known(run_id), by, self._wall_s()), must_be_written=True)
+
+    def resume(self, run_id: str, by: str) -> None:
+        """Let a run go on."""
+        self._do(self._orchestrator.resume(self._known(run_id), by, self._wall_s()), must_be_written=True)
+
+    def abort(self, run_id: str, reason: str, by: str) -> None:
+        """End a run."""
+        reason = reason.strip()[:MOST_NAME] or f"aborted by {by}"
+        self._do(self._orchestrator.abort(self._known(run_id), reason, by, self._wall_s()), must_be_written=True)
+
+    def answer(self, run_id: str, step: str, answer: str, by: str) -> None:
+        """Say what became of a task; the step may be named by its task."""
+        run = self._orchestrator.runs[self._known(run_id)]
+        steps = [key for key, task in run.state.tasks.items() if step in (key, task.name)]
+        key = steps[-1] if steps else step
+        self._do(self._orchestrator.answer(run_id, key, answer, by, self._wall_s()), must_be_written=True)
+
+    def tell_event(self, name: str) -> None:
+        """An event has happened that steps may wait for."""
+        self._do(self._orchestrator.event(name[:MOST_NAME], self._wall_s()), must_be_written=True)
+
+    def confirm(self, decision_id: str, robot: str, by: str) -> Confirmation:
+        """Choose a replacement. Of two who choose at once the first decides, the other is told so."""
+        if decision_id not in self._orchestrator.decisions:
+            raise ScenarioUnknown(
+                f"there is no open decision {decision_id[:MOST_NAME]!r}; somebody may have decided it"
+            )
+        confirmation, outputs = self._orchestrator.confirm(decision_id, robot, by, self._wall_s())
+        self._do(outputs, must_be_written=True)
+        return confirmation
+
+    def what_if(self, robot: str) -> list[Forecast]:
+        """Who would take over a robot's tasks; without effect."""
+        self._robot(robot)
+        return self._orchestrator.what_if(robot)
+
+    def set_settings(self, settings: ResilienceSettings) -> None:
+        """Other judgements or modes; open decisions are ranked again."""
+        self._do(self._orchestrator.set_settings(settings, self._wall_s()))
+
+    def raise_fault(self, robot: str, reason: str) -> None:
+        """A robot, or somebody for it, says that it cannot work."""
+        reason = reason.strip()[:MOST_NAME] or "it says that it cannot work"
+        self._do(
+            self._orchestrator.fault_raised(self._robot(robot).name, "robot", reason, self._wall_s()),
+            must_be_written=True,
+        )
+
+    def clear_fault(self, robot: str) -> None:
+        """A robot, or somebody for it, says that it can work again; what a failed skill was is over as well."""
+        now = self._wall_s()
+        name = self._robot(robot).name
+        outputs = self._orchestrator.fault_cleared(name, "robot", now)
+        outputs += self._orchestrator.fault_cleared(name, "skill", now)
+        self._do(outputs, must_be_written=True)
+
+    def acknowledge(self, fault_id: str, by: str) -> None:
+        """Somebody has seen a fault."""
+        self._do(self._orchestrator.acknowledge(fault_id, by, self._wall_s()), must_be_written=True)
+
+    # Robots.
+
+    def value_changed(self, change: ValueChanged) -> None:
+        """A node of the fleet has another value or status."""
+        robot = self._states.get(change.key)
+        if robot is not None:
+            self._state_changed(robot, change.value)
+        elif self._values.change(change):
+            self._look_again(is_urgent=change.type == BuiltinType.BOOLEAN)
+
+    def published(self, topic: Topic, types: Sequence[int], values: Sequence[object]) -> None:
+        """Data of the server itself, which clients write, has been sent to robots."""
+        for key, kind, value in zip(self._own.get(topic, ()), types, values, strict=False):
+            if kind != BuiltinType.STATUS_CODE and self._values.take(key, value, 0):
+                self._look_again(is_urgent=kind == BuiltinType.BOOLEAN)
+
+    def heard(self, event: DataReceived) -> None:
+        """Take a robot's SkillStatus; any other data is left alone."""
+        robot = self._status_topics.get(event.topic)
+        if robot is None:
+            return
+        shown = self._shown[event.topic] = dict(_rows(event))
+        for execution_id in shown.keys() & self._skills.keys():
+            self._take_state(execution_id, *shown[execution_id])
+
+    def concluded(self, execution_id: bytes, outcome: Outcome) -> None:
+        """The outcome of a request is known."""
+        hex_id = execution_id.hex()
+        skill = self._skills.get(hex_id)
+        if skill is None:
+            return
+        report, now = outcome.report, self._wall_s()
+        if outcome.kind is OutcomeKind.ACCEPTED:
+            if report.state in OPEN or report.state is ExecutionState.DONE:
+                self._do(self._orchestrator.accepted(hex_id, now))
+            if report.state is ExecutionState.DONE:
+                values = [variant.value for variant in unpack(report.result)]
+                names = [result.name for result in skill.results]
+                self._ended(hex_id, TaskOutcome.DONE, report.message, dict(zip(names, values, strict=False)))
+            elif report.state not in OPEN:
+                self._ended(hex_id, _ENDED[report.state], report.message, {})
+        else:
+            ended = {OutcomeKind.REFUSED: TaskOutcome.REFUSED, OutcomeKind.TIMED_OUT: TaskOutcome.TIMED_OUT}
+            self._ended(hex_id, ended.get(outcome.kind, TaskOutcome.UNKNOWN), report.message, {})
+
+    def _take_state(self, execution_id: str, state: ExecutionState, message: str, results: dict[str, Value]) -> None:
+        if state in OPEN:
+            self._do(self._orchestrator.accepted(execution_id, self._wall_s()))
+        else:
+            self._ended(execution_id, _ENDED[state], message, results)
+
+    def _ended(self, execution_id: str, outcome: TaskOutcome, message: str, results: Mapping[str, Value]) -> None:
+        if outcome is not TaskOutcome.UNKNOWN:  # what nobody can tell may be told later
+            self._skills.pop(execution_id, None)
+        self._waiting.pop(execution_id, None)
+        now = self._wall_s()
+        self._do(self._orchestrator.ended(execution_id, outcome, now, message=message, results=results))
+
+    def _state_changed(self, robot: str, state: object) -> None:
+        now = self._wall_s()
+        if state == RobotState.OFFLINE:
+            if robot in self._heard:
+                self._heard.discard(robot)
+                self._do(self._orchestrator.fault_raised(robot, "silent", "it is silent", now))
+            return
+        self._heard.add(robot)
+        self._do(self._orchestrator.fault_cleared(robot, "silent", now))
+
+    # Time.
+
+    def poll(self) -> None:
+        """Do what is due."""
+        now = self._clock()
+        if self._retry_at is not None and now >= self._retry_at:
+            self._retry_at = None
+            self._do([])
+        if self._heard_by is not None and now >= self._heard_by:
+            self._heard_by = None
+            for robot in self._robots.keys() - self._heard:
+                self._do(self._orchestrator.fault_raised(robot, "silent", "it is not heard", self._wall_s()))
+        for waiting in list(self._waiting.values()):
+            if now >= waiting.next_at:
+                self._ask(waiting)
+        due = self._orchestrator.next_deadline()
+        if (self._dirty_at is not None and now >= self._dirty_at) or (due is not None and self._wall_s() >= due):
+            self._dirty_at = None
+            for found in self._conditions.check(self._values.look_up):
+                robot, source, wall = found.robot, found.source, self._wall_s()
+                if found.active:
+                    self._do(self._orchestrator.fault_raised(robot, source, found.reason, wall))
+                else:
+                    self._do(self._orchestrator.fault_cleared(robot, source, wall))
+            self._do(self._orchestrator.poll(self._wall_s()))
+
+    def next_deadline(self) -> float | None:
+        """When `poll` is to be called next, by the monotonic clock, or None."""
+        due = self._orchestrator.next_deadline()
+        deadlines = [self._retry_at, self._heard_by, self._dirty_at]
+        deadlines += [waiting.next_at for waiting in self._waiting.values()]
+        if due is not None:
+            deadlines.append(self._clock() + max(0.0, due - self._wall_s()))
+        return min((deadline for deadline in deadlines if deadline is not None), default=None)
+
+    def _look_again(self, *, is_urgent: bool) -> None:
+        if not (self._orchestrator.runs or self._conditions.names):
+            return
+        at = self._clock() + (0.0 if is_urgent else COALESCE_S)
+        if self._dirty_at is None or at < self._dirty_at:
+            self._dirty_at = at
+            self._sooner()
+
+    # Carrying out.
+
+    def _do(self, outputs: Iterable[Output], *, must_be_written: bool = False) -> None:
+        """Write down what has happened, then carry it out, and what follows from that."""
+        self._held += outputs
+        if self._is_carrying_out:
+            return  # whoever carries out takes this as well
+        self._is_carrying_out = True
+        try:
+            while self._held or self._unwritten:
+                self._write()
+                output = self._held.pop(0) if self._held else None
+                if output is not None:
+                    self._carry_out(output)
+        except StorageUnavailable as error:
+            if self._retry_at is None:
+                _log.error("runs cannot be written down, and stand still", reason=str(error))
+            self._retry_at = self._clock() + RETRY_S
+            if must_be_written:
+                raise
+        finally:
+            self._is_carrying_out = False
+        self._sooner()
+
+    def _write(self) -> None:
+        for output in self._held:
+            if isinstance(output, FaultChanged):
+                self._changed_faults[output.fault.id] = output.fault
+        if not self._unwritten and not self._changed_faults:
+            return
+        self._journal.write(self._unwritten, self._changed_faults.values())
+        self._unwritten.clear()
+        self._changed_faults.clear()
+
+    def _carry_out(self, output: Output) -> None:
+        if isinstance(output, TaskStarted):
+            self._begin(output)
+        elif isinstance(output, TaskCancelled):
+            self._cancel(output)
+        self._show(output)
+        if isinstance(output, RunChanged) and isinstance(output.fact, RunEnded):
+            _log.info("run ended", run=output.run_id, outcome=output.fact.outcome.value, reason=output.fact.reason)
+            for run_id in self._journal.prune(self._config.scenarios.kept_runs):
+                self._forgotten(run_id)
+
+    def _begin(self, task: TaskStarted) -> None:
+        """Ask a robot, once: after a restart the same execution id is the same request."""
+        robot = self._robots.get(task.robot)
+        skill = next((skill for skill in robot.skills if skill.name == task.skill), None) if robot is not None else None
+        if robot is None or skill is None or robot.skill_status is None:
+            self._ended(task.execution_id, TaskOutcome.REFUSED, f"{task.robot} has no skill {task.skill}", {})
+            return
+        self._skills[task.execution_id] = skill
+        if len(self._skills) > MOST_EXECUTIONS:
+            self._skills.popitem(last=False)
+        execution_id = bytes.fromhex(task.execution_id)
+        try:
+            outcome = self._requests.known_outcome(execution_id)
+        except KeyError:
+            now = self._clock()
+            waiting = self._waiting[task.execution_id] = _Waiting(task, now + START_WITHIN_S, now)
+            self._ask(waiting)
+        else:
+            if outcome is not None:
+                self.concluded(execution_id, outcome)
+        shown = self._shown.get(robot.skill_status, {}).get(task.execution_id)
+        if shown is not None:
+            self._take_state(task.execution_id, *shown)
+
+    def _ask(self, waiting: _Waiting) -> None:
+        task = waiting.task
+        robot, skill = self._robots[task.robot], self._skills[task.execution_id]
+        assert robot.skill_status is not None
+        topic = Topic(robot.skill_status.space, robot.ns, skill.id)
+        timeout_s = skill.timeout_s if skill.immediate else min(START_WITHIN_S, skill.timeout_s)
+        now = self._clock()
+        try:
+            values = tuple([_typed(argument.type, task.arguments[argument.name]) for argument in skill.arguments])
+            self._requests.request(topic, robot.name, values, timeout_s, bytes.fromhex(task.execution_id))
+        except (RobotOffline, StorageUnavailable) as error:
+            if now < waiting.give_up_at:
+                waiting.next_at = now + ASK_AGAIN_S
+                return
+            self._ended(task.execution_id, TaskOutcome.REFUSED, str(error), {})
+        except (SkillError, KeyError, ValueError) as error:
+            reason = f"no argument {error}" if isinstance(error, KeyError) else str(error)
+            self._ended(task.execution_id, TaskOutcome.REFUSED, reason, {})
+        else:
+            self._waiting.pop(task.execution_id, None)
+            self._requested(NodeId(robot.ns, skill.id), bytes.fromhex(task.execution_id))
+
+    def _cancel(self, cancelled: TaskCancelled) -> None:
+        """What was not asked for yet never is. Robots that are at work cannot be stopped: Actions have no way to."""
+        if self._waiting.pop(cancelled.execution_id, None) is not None:
+            self._ended(cancelled.execution_id, TaskOutcome.REFUSED, "it was cancelled before it began", {})
+        else:
+            _log.warning("a robot cannot be stopped, and finishes what it is at", robot=cancelled.robot)
+
+    # Within.
+
+    def _known(self, run_id: str) -> str:
+        if run_id not in self._orchestrator.runs:
+            raise ScenarioUnknown(f"there is no run {run_id[:MOST_NAME]!r} under way")
+        return run_id
+
+    def _robot(self, name: str) -> RobotModel:
+        robot = self._robots.get(name)
+        if robot is None:
+            raise ScenarioUnknown(f"there is no robot {name[:MOST_NAME]!r}")
+        return robot
+
+
+def _parameters(scenario: Scenario, names: Sequence[str], values: Sequence[str]) -> dict[str, Value]:
+    return read_values(names, values, {parameter.name: parameter.default for parameter in scenario.parameters})
+
+
+def _typed(kind: int, value: Value) -> Value:
+    """A value of a scenario in the type of an argument: YAML writes 0 where a Double is meant."""
+    if kind in _FLOATS and not isinstance(value, bool | str):
+        return float(value)
+    if kind in (BuiltinType.STRING, BuiltinType.BOOLEAN) or isinstance(value, bool | str):
+        return value
+    return int(value)
+
+
+def _rows(event: DataReceived) -> Iterable[tuple[str, tuple[ExecutionState, str, dict[str, Value]]]]:
+    """The executions of a SkillStatus by their ids."""
+    names = [declared.name for declared in event.metadata.fields]
+    for row in zip(*[column or () for column in event.message.values], strict=False):
+        fields = dict(zip(names, row, strict=True))
+        execution_id = fields.get("ExecutionId")
+        try:
+            state = ExecutionState(fields.get("State", -1))
+        except ValueError:
+            continue
+        if isinstance(execution_id, bytes):
+            results = {
+                name: value
+                for name, value in read_result(str(fields.get("Result") or "")).items()
+                if isinstance(value, bool | int | float | str)
+            }
+            yield execution_id.hex(), (state, str(fields.get("Message") or ""), results)

@@ -1,0 +1,72 @@
+"""The parts of this package put together for one server."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from pathlib import Path
+
+from ua_fleet.config.schema import FleetConfig
+from ua_fleet.fleet.model import FleetModel
+from ua_fleet.server.address_space import FleetNodes
+from ua_fleet.server.events import ServerEvents
+from ua_fleet.server.hardened import HardenedServer
+from ua_fleet.server.hub import Hub, wall_ticks
+from ua_fleet.server.parts import NodeParts
+from ua_fleet.server.projection import Projection
+from ua_fleet.server.scenarios.methods import ScenarioMethods
+from ua_fleet.server.scenarios.nodes import ScenarioNodes
+from ua_fleet.server.scenarios.service import ScenarioService
+from ua_fleet.server.scenarios.view import ScenarioView
+from ua_fleet.storage.run_journal import RunJournal
+
+__all__ = ["add_scenarios"]
+
+
+def add_scenarios(
+    config: FleetConfig,
+    model: FleetModel,
+    server: HardenedServer,
+    hub: Hub,
+    fleet: FleetNodes,
+    journal: RunJournal,
+    projection: Projection,
+    folder: Path,
+) -> None:
+    """Let a server run scenarios; it is not started yet.
+
+    Args:
+        config: the fleet's.
+        model: of its nodes.
+        server: gets the nodes and Methods.
+        hub: carries data, and runs what has to run.
+        fleet: the nodes that are there.
+        journal: of runs and faults.
+        projection: writes values to nodes.
+        folder: of the scenarios' files.
+
+    Raises:
+        StorageUnavailable: the journal cannot be read.
+    """
+    parts = NodeParts(server.iserver.aspace, model.ns)
+    parts.values = fleet.values
+    nodes = ScenarioNodes(parts, projection.put, wall_ticks)
+    nodes.build()
+    view = ScenarioView(nodes, ServerEvents(server.iserver), wall_ticks)
+    service = ScenarioService(
+        config,
+        model,
+        journal,
+        hub.skills,
+        folder=folder,
+        show=view.show,
+        forgotten=view.forget_run,
+        requested=lambda key, execution_id: hub.show_skills(hub.tracker.requested(key, execution_id, wall_ticks())),
+        sooner=hub.check_deadline,
+        clock=asyncio.get_running_loop().time,
+        wall_s=time.time,
+    )
+    view.restored(service.restore())
+    view.show_settings(service.settings)
+    ScenarioMethods(server, nodes, view, service).build()
+    hub.add_scenarios(service, view)

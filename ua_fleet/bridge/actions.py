@@ -213,6 +213,8 @@ class Actions:
     def _report_of(self, ended: ExecutionEnded) -> Report:
         if quality_of(ended.status) is Quality.BAD:
             return Report(ExecutionState.FAILED, ended.status, ended.message)
+        if quality_of(ended.status) is Quality.UNCERTAIN and not ended.values:  # the driver says why there are none
+            return Report(ExecutionState.DONE, ended.status, ended.message)
         execution = self._find(ended.execution_id)
         skill = None if execution is None else self._skills.get(_topic_of(execution.target))
         types = () if skill is None else type_codes(skill.response)

@@ -98,7 +98,7 @@ class ExecutionEnded(NamedTuple):
     status: int = 0
     """StatusCode; 0 where the robot did what was asked."""
     values: tuple[Any, ...] = ()
-    """The response's fields; empty where the robot failed."""
+    """The response's fields; empty where the robot failed, or with an Uncertain status where they are not known."""
     message: str = ""
     """One line for people: why it failed."""
 

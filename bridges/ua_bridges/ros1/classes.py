@@ -8,6 +8,7 @@ declarations is left.
 
 from __future__ import annotations
 
+import contextlib
 import importlib.machinery
 import re
 from collections.abc import Callable
@@ -25,6 +26,8 @@ __all__ = [
     "MessageType",
     "TypeUnavailable",
     "installed_type",
+    "needed_service",
+    "needed_type",
     "sanitized",
     "type_from_definition",
     "type_of_publisher",
@@ -161,6 +164,29 @@ def installed_type(message_type: str) -> MessageType | None:
         return None
     found: type[Any] | None = genpy.message.get_message_class(message_type)
     return None if found is None else MessageType(message_type, found, _make_installed)
+
+
+def needed_type(message_type: str) -> MessageType:
+    """The installed type; raises TypeUnavailable with the package to install."""
+    kind = installed_type(message_type)
+    if kind is None:
+        raise _missing("message", message_type)
+    return kind
+
+
+def needed_service(service_type: str) -> type[Any]:
+    """The class of an installed service type; raises TypeUnavailable with the package to install."""
+    found: type[Any] | None = None
+    with contextlib.suppress(ImportError):
+        found = genpy.message.get_service_class(service_type)
+    if found is None:
+        raise _missing("service", service_type)
+    return found
+
+
+def _missing(what: str, name: str) -> TypeUnavailable:
+    package = name.split("/", 1)[0].replace("_", "-")
+    return TypeUnavailable(f"the {what} type {name} is not installed; install python3-{package}")
 
 
 def type_of_publisher(message_type: str, md5sum: str, definition: str) -> MessageType:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from ua_bridges.ros.skills import skill_specs
 from ua_fleet.bridge.driver import Driver
 from ua_fleet.config.schema import FleetConfig
 from ua_fleet.errors import BridgeUnavailable
@@ -17,9 +18,11 @@ def create_driver(config: FleetConfig, bridge_name: str) -> Driver:
     """
     try:
         from ua_bridges.ros1.session import Ros1Driver  # rospy, only where it is wanted
+        from ua_bridges.ros1.skills.driver import SkilledRos1Driver
     except ImportError as error:
         raise BridgeUnavailable(
             f"rospy cannot be imported ({error}); install the package python3-rospy, and run the bridge with the "
             "system's Python or .venv-ros1/bin/python"
         ) from error
-    return Ros1Driver(config, bridge_name)
+    specs = skill_specs(config, bridge_name)
+    return SkilledRos1Driver(config, bridge_name, specs) if specs else Ros1Driver(config, bridge_name)

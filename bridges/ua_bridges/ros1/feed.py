@@ -28,11 +28,11 @@ Read = Callable[[Any, int, bool], None]
 
 
 class Feed(Protocol):
-    """A DataSet that is read from a topic. `announce`, the readers and `lost` may run in any thread."""
+    """What is read from a topic: a DataSet, or a skill. `announce`, the readers and `lost` may run in any thread."""
 
     @property
-    def topic(self) -> Topic:
-        """The UA topic that it is read for."""
+    def topic(self) -> Topic | None:
+        """The UA topic that it is read for; None for a skill, which keeps nothing of a time before."""
         ...
 
     def announce(self, kind: MessageType, latched: bool) -> None:

@@ -17,10 +17,11 @@ CALL_TIMEOUT_S: Final = 2.0
 
 
 class SystemState(NamedTuple):
-    """What the master knows: the names of the nodes that publish and that subscribe to each topic."""
+    """What the master knows: the names of the nodes that publish, subscribe to, or serve each name."""
 
     publishers: dict[str, list[str]]
     subscribers: dict[str, list[str]]
+    services: dict[str, list[str]]
 
 
 class _Transport(xmlrpc.client.Transport):
@@ -57,11 +58,11 @@ class RosMaster:
         return value
 
     def system_state(self) -> SystemState:
-        """Who publishes and subscribes to what. This and all other calls raise NotConnected."""
+        """Who publishes, subscribes to and serves what. This and all other calls raise NotConnected."""
         answer = self._call("getSystemState")
         try:
-            publishers, subscribers, _ = answer
-            return SystemState(dict(publishers), dict(subscribers))
+            publishers, subscribers, services = answer
+            return SystemState(dict(publishers), dict(subscribers), dict(services))
         except (TypeError, ValueError) as error:
             raise NotConnected(f"what answers at {self.uri} is no ROS master; correct `master_uri`") from error
 
@@ -76,6 +77,11 @@ class RosMaster:
     def node_uri(self, name: str) -> str | None:
         """The address of a node's process; None when the master does not know the node."""
         code, _, uri = self._ask("lookupNode", name)
+        return str(uri) if code == 1 else None
+
+    def service_uri(self, name: str) -> str | None:
+        """The address of a service, `rosrpc://host:port`; None when nobody offers it."""
+        code, _, uri = self._ask("lookupService", name)
         return str(uri) if code == 1 else None
 
     def unregister(self, publications: Iterable[str], subscriptions: Iterable[str], node_uri: str) -> None:

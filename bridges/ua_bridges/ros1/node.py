@@ -29,7 +29,7 @@ import rospy.topics
 
 from ua_fleet.errors import BridgeUnavailable
 
-__all__ = ["RosNode"]
+__all__ = ["RosNode", "keep_alive"]
 
 KEEPALIVE_IDLE_S: Final = 3
 KEEPALIVE_INTERVAL_S: Final = 1
@@ -37,6 +37,14 @@ KEEPALIVE_PROBES: Final = 3
 """A host that lost its power says nothing more: after 3 + 3 * 1 s its link counts as gone (rospy waits 150 s)."""
 
 _lock = threading.Lock()
+
+
+def keep_alive(link: socket.socket) -> None:
+    """Have the kernel notice soon when a connection's other end vanishes without a word."""
+    link.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+    link.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPIDLE, KEEPALIVE_IDLE_S)
+    link.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPINTVL, KEEPALIVE_INTERVAL_S)
+    link.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPCNT, KEEPALIVE_PROBES)
 
 
 def _prepare_environment(master_uri: str, host_ip: str) -> None:
@@ -139,10 +147,7 @@ class RosNode:
     def watch_link(link: Any) -> None:
         """Have the kernel notice soon when the link's other end vanishes without a word."""
         with contextlib.suppress(OSError, AttributeError):  # the link may be closing
-            link.socket.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
-            link.socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPIDLE, KEEPALIVE_IDLE_S)
-            link.socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPINTVL, KEEPALIVE_INTERVAL_S)
-            link.socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPCNT, KEEPALIVE_PROBES)
+            keep_alive(link.socket)
 
     def close(self) -> None:
         """End the node: all links, servers and threads. Registrations are the caller's to take back first."""

@@ -19,7 +19,7 @@ from ua_bridges.ros.fields import ros_type_of
 from ua_bridges.ros.latched import is_latched
 from ua_bridges.ros.rate import RateGate
 from ua_bridges.ros.schema import ros1_type_name
-from ua_bridges.ros1.classes import MessageType, TypeUnavailable, installed_type, type_from_definition
+from ua_bridges.ros1.classes import MessageType, TypeUnavailable, installed_type, needed_type, type_from_definition
 from ua_bridges.ros1.outlet import Outlet
 from ua_fleet.bridge.driver import Dropped, Inlet
 from ua_fleet.config.schema import DataSetConfig, TopicMapping
@@ -170,7 +170,7 @@ class Outlets:
 
     def _sink_outlet(self, mapping: TopicMapping, paths: list[str]) -> Outlet:
         name = absolute(mapping.topic)
-        kind = _installed(ros1_type_name(mapping.type.replace("/msg/", "/")))
+        kind = needed_type(ros1_type_name(mapping.type.replace("/msg/", "/")))
         shared_kind, shared = self._shared.setdefault(name, (kind, kind.cls()))
         if shared_kind.name != kind.name:
             raise ConfigError(f"another sink has the type {shared_kind.name} for this topic, not {kind.name}")
@@ -191,14 +191,6 @@ def absolute(topic: str) -> str:
     return topic if topic.startswith("/") else f"/{topic}"
 
 
-def _installed(type_name: str) -> MessageType:
-    kind = installed_type(type_name)
-    if kind is None:
-        package = type_name.split("/", 1)[0].replace("_", "-")
-        raise TypeUnavailable(f"the message type {type_name} is not installed; install python3-{package}")
-    return kind
-
-
 def _type_for(metadata: DataSetMetaData) -> tuple[MessageType, tuple[str, ...]]:
     """The type to publish a DataSet with, and the flat names of its values; raises UaFleetError."""
     found = ros_type_of(metadata.fields)
@@ -208,4 +200,4 @@ def _type_for(metadata: DataSetMetaData) -> tuple[MessageType, tuple[str, ...]]:
     type_name = ros1_type_name(canonical)
     if installed_type(type_name) is None and definition is not None:
         return type_from_definition(type_name, definition), names
-    return _installed(type_name), names
+    return needed_type(type_name), names

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Iterable, Mapping
 
 from ua_bridges.ros.delivered import Delivered, state_folder
 from ua_bridges.ros.served import Served
@@ -55,13 +56,33 @@ class Ros1Driver:
         mapped: dict[str, list[Feed]] = {}
         for number, name, dataset in self._datasets:
             if dataset.source is not None:
-                feed = MappedFeed(Topic(bridge.space, self._namespace, number), dataset, name, inlet, loop)
-                mapped.setdefault(absolute(dataset.source.topic), []).append(feed)
+                mapped_feed = MappedFeed(Topic(bridge.space, self._namespace, number), dataset, name, inlet, loop)
+                mapped.setdefault(absolute(dataset.source.topic), []).append(mapped_feed)
             if dataset.sink is not None:
                 outlets.add_sink(Topic(SERVER_SPACE, self._namespace, number), name, dataset)
-        master = RosMaster(bridge.master_uri, node.name)
-        self._watch = Watch(bridge.space, node, master, inlet, loop, mapped, outlets, self._memory, self._served)
+        for name, feed in self._skill_feeds(node, inlet):
+            mapped.setdefault(name, []).append(feed)
+        self._watch = Watch(
+            bridge.space,
+            node,
+            RosMaster(bridge.master_uri, node.name),
+            inlet,
+            loop,
+            mapped,
+            outlets,
+            self._memory,
+            self._served,
+            self._spoken(),
+        )
         self._watch.start()
+
+    def _skill_feeds(self, node: RosNode, inlet: Inlet) -> Iterable[tuple[str, Feed]]:
+        """Who hears which topics for skills; a driver with skills has some."""
+        return ()
+
+    def _spoken(self) -> Mapping[str, str]:
+        """Type of each topic that skills publish."""
+        return {}
 
     def publish(self, topic: Topic, metadata: DataSetMetaData, message: DataSetMessage) -> bool:
         """See Driver."""

@@ -62,6 +62,8 @@ class RosSource:
         self._memory = memory
         self._is_first = True
         self._feeds = feeds
+        self._topic = next((feed.topic for feed in feeds if feed.topic is not None), None)
+        """Of the DataSet by which a latched message is remembered."""
         self._node = node
         self._inlet = inlet
         self._retry = LinkRetry()
@@ -89,9 +91,10 @@ class RosSource:
         try:
             content = raw._buff  # noqa: SLF001 - rospy's name for it
             message = reading.cls().deserialize(content)
-            if link.endpoint is not None:
-                topic = self._feeds[0].topic
-                received_ns = self._memory.time_of(topic, content, link.endpoint, received_ns, first=self._is_first)
+            if link.endpoint is not None and self._topic is not None:
+                received_ns = self._memory.time_of(
+                    self._topic, content, link.endpoint, received_ns, first=self._is_first
+                )
             if not link.own:
                 self._is_first = False
             for read in reading.reads:
@@ -182,7 +185,8 @@ class RosSource:
         self._told.clear()
         for feed in self._feeds:
             feed.lost()
-        self._memory.forget(self._feeds[0].topic)
+        if self._topic is not None:
+            self._memory.forget(self._topic)
 
     def lose(self) -> None:
         """Say that the source is lost, since the node itself is going."""

@@ -49,10 +49,25 @@ class Watch:
         outlets: Iterable[Outlet],
         memory: LatchMemory,
         served: Served,
+        spoken: Mapping[str, str],
     ) -> None:
-        """`mapped` are the DataSets that are read from robots' own topics, by the topic's name with its slash."""
+        """Prepare the watch.
+
+        Args:
+            space: the own one.
+            node: this process in the graph.
+            master: for the watch alone.
+            inlet: where sources are told.
+            loop: the outlets' event loop.
+            mapped: who reads robots' own topics, by the topic's name with its slash.
+            outlets: what the bridge publishes.
+            memory: of latched sources.
+            served: whom the bridge before this one had served.
+            spoken: type of each topic that skills publish.
+        """
         self._node, self._master, self._inlet, self._loop = node, master, inlet, loop
         self._mapped, self._outlets, self._memory, self._served = mapped, outlets, memory, served
+        self._spoken = spoken
         self._note_at = 0.0
         self._graph = GraphWatch(space)
         self._sources: dict[str, RosSource] = {}
@@ -62,6 +77,8 @@ class Watch:
         self._wake = threading.Event()
         self._thread = threading.Thread(target=self._run, name="ros1-watch", daemon=True)
         self.status = DriverStatus(False, f"looking for the ROS master at {master.uri}")
+        self.state = SystemState({}, {}, {})
+        """What the master said last."""
 
     def start(self) -> None:
         """Begin to look."""
@@ -106,7 +123,7 @@ class Watch:
     def _look(self) -> None:
         state: SystemState | None = None
         try:
-            state = self._master.system_state()
+            self.state = state = self._master.system_state()
             self._find(state)
             self._register(state)
             self.status = DriverStatus(True, f"node {self._node.name} at the ROS master {self._master.uri}")
@@ -123,12 +140,14 @@ class Watch:
             self._inlet.put(Dropped(Drop.ILLEGAL_TOPIC, detail=str(error)))
         for topic in news.found:
             name = f"/{topic.name}"
+            if name in self._mapped:
+                continue  # a robot's program tells of its executions there
             self._sources[name] = RosSource(
                 name, [MirrorFeed(topic, self._inlet)], self._node, self._inlet, self._memory
             )
 
     def _register(self, state: SystemState) -> None:
-        types = {outlet.name: outlet.kind.name for outlet in self._outlets}
+        types = {**self._spoken, **{outlet.name: outlet.kind.name for outlet in self._outlets}}
         for name in self._due("publisher", types, state.publishers):
             self._master.register_publisher(name, types[name], self._node.uri)
             self._registered.add(("publisher", name))

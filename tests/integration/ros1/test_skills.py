@@ -1,0 +1,216 @@
+"""Skills in ROS 1 with a real robot, through the bridge as a process and a requestor of commands."""
+
+from __future__ import annotations
+
+import asyncio
+import secrets
+import signal
+from collections.abc import AsyncIterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.integration.actions.conftest import until
+from tests.integration.actions.requesting import Requesting, requesting
+from tests.integration.ros1.ros1_graph import Ros1Graph
+from tests.integration.ros1.skilled import COUNT, DRIVE, FAIL, HOLD, MOVE, NO, ROBOTS, SPACE, STATUS
+from tests.system import Child
+from ua_fleet.config.schema import FleetConfig
+from ua_fleet.skill.executions import OPEN, ExecutionState, Outcome, OutcomeKind
+from ua_fleet.skill.status import read_result
+from ua_fleet.topics import Topic
+from ua_fleet.values import StatusCode
+
+pytestmark = pytest.mark.needs("ros1")
+
+DONE, FAILED, UNKNOWN = ExecutionState.DONE, ExecutionState.FAILED, ExecutionState.UNKNOWN
+
+
+class Robot:
+    """A robot with skills, its bridge, and who commands it."""
+
+    def __init__(self, graph: Ros1Graph, requestor: Requesting) -> None:
+        self.graph, self._requestor = graph, requestor
+        self.bridge = graph.bridge(ROBOTS)
+        self.node: Child = graph.node("skilled.py")
+        self._status = Topic(SPACE, 2, STATUS)
+
+    def told(self) -> list[str]:
+        """What the robot was told, without the ids of goals."""
+        told = [line.removeprefix("told: ") for line in self.node.lines if line.startswith("told: ")]
+        return [" ".join(word for word in line.split() if len(word) < 32) for line in told]
+
+    async def ask(self, skill: int, *values: Any, execution_id: bytes | None = None) -> Outcome:
+        topic = Topic(SPACE, 2, skill)
+        return await self._requestor.commands.invoke(topic, 1, values, 20.0, execution_id=execution_id)
+
+    async def begin(self, skill: int, *values: Any) -> bytes:
+        """Have it begin something, and wait until it was told."""
+        execution_id, before = secrets.token_bytes(16), len(self.told())
+        outcome = await self.ask(skill, *values, execution_id=execution_id)
+        assert outcome.kind is OutcomeKind.ACCEPTED, outcome
+        await until(lambda: len(self.told()) > before)
+        return execution_id
+
+    def seen(self, execution_id: bytes) -> tuple[ExecutionState, dict[str, Any], str] | None:
+        """State, results and message of an execution in SkillStatus."""
+        message = self._requestor.status.get(self._status)
+        if message is None or not message.values:
+            return None
+        ids, _skills, states, _progress, results, messages = message.values
+        for number, one in enumerate(ids):
+            if one == execution_id:
+                return ExecutionState(states[number]), read_result(results[number]), messages[number]
+        return None
+
+    def has_ended(self, execution_id: bytes) -> bool:
+        seen = self.seen(execution_id)
+        return seen is not None and seen[0] not in OPEN
+
+    async def end(self, execution_id: bytes) -> tuple[ExecutionState, dict[str, Any], str]:
+        await until(lambda: self.has_ended(execution_id))
+        seen = self.seen(execution_id)
+        assert seen is not None
+        return seen
+
+    async def do(self, skill: int, *values: Any) -> tuple[ExecutionState, dict[str, Any], str]:
+        """Have it do something; how it ended."""
+        return await self.end(await self.begin(skill, *values))
+
+    def halt(self, skill: int, execution_id: bytes) -> None:
+        self._requestor.commands.halt(Topic(SPACE, 2, skill), "arm", execution_id)
+
+    def restart_bridge(self) -> None:
+        """Kill the bridge and start it anew."""
+        self.bridge.end(signal.SIGKILL)
+        self._requestor.status.clear()
+        self.bridge = self.graph.bridge(ROBOTS)
+
+
+@pytest.fixture
+async def robot(graph: Ros1Graph, tmp_path: Path) -> AsyncIterator[Robot]:
+    config = FleetConfig.model_validate({"version": 1, "pubsub": {"security": "none", "url": graph.pubsub_url}})
+    graph.master()
+    async with requesting(config, tmp_path) as requestor:
+        yield await asyncio.to_thread(Robot, graph, requestor)
+
+
+async def test_topic_skill_ends_as_the_robot_says(robot: Robot) -> None:
+    assert await robot.do(MOVE, 1.0) == (DONE, {}, "arrived")
+    for _ in range(2):  # the state of the first time is no answer to the second
+        assert await robot.do(MOVE, 2.0) == (FAILED, {}, "stuck")
+    assert robot.told() == ["move 1.0 0.5", "move 2.0 0.5", "move 2.0 0.5"]
+
+
+async def test_topic_skill_that_takes_too_long_is_stopped(robot: Robot) -> None:
+    state, _, message = await robot.do(MOVE, 3.0)
+    assert (state, message) == (FAILED, "it took longer than 2 s; it was told to stop")
+    await until(lambda: robot.told() == ["move 3.0 0.5", "move 0.0 0.0"])
+
+
+async def test_service_skill_ends_with_its_response(robot: Robot) -> None:
+    assert await robot.do(HOLD, True) == (DONE, {}, "held")
+    assert await robot.do(NO) == (FAILED, {}, "there is nothing to do")
+    state, _, message = await robot.do(FAIL)
+    assert state is FAILED
+    assert "the gripper is stuck" in message
+    state, _, message = await robot.do(HOLD, False)
+    assert (state, message) == (FAILED, "it took longer than 1 s; see what the robot does")
+    assert robot.told() == ["hold True", "no", "fail", "hold False"]
+
+
+async def test_action_skill_ends_with_its_result(robot: Robot) -> None:
+    assert await robot.do(COUNT, 3) == (DONE, {"counted": 3}, "counted")
+    assert await robot.do(COUNT, 98) == (FAILED, {}, "lost count")
+    assert await robot.do(COUNT, 99) == (FAILED, {}, "no way")
+    assert robot.told() == ["count 3", "count 98", "count 99"]
+
+
+async def test_program_does_a_skill_once(robot: Robot) -> None:
+    assert await robot.do(DRIVE, "dock", 0.5) == (DONE, {"distance": 2.5}, "")
+    state, _, message = await robot.do(DRIVE, "the wall", 0.0)
+    assert (state, message) == (FAILED, "RuntimeError: bumped")
+    assert await robot.do(DRIVE, "the moon", 0.0) == (FAILED, {}, "no way to the moon")
+    assert robot.told() == ["drive dock", "drive the wall", "drive the moon"]
+
+
+@pytest.mark.parametrize(("skill", "values"), [(MOVE, (3.0,)), (COUNT, (50,)), (DRIVE, ("dock", 5.0))])
+async def test_robot_is_halted(robot: Robot, skill: int, values: tuple[Any, ...]) -> None:
+    execution_id = await robot.begin(skill, *values)
+    robot.halt(skill, execution_id)
+    state, _, message = await robot.end(execution_id)
+    assert (state, message) == (FAILED, "it was halted")
+
+
+@pytest.mark.parametrize(
+    ("skill", "values", "state", "results"),
+    [
+        (MOVE, (4.0,), UNKNOWN, {}),
+        (HOLD, (False,), UNKNOWN, {}),
+        (COUNT, (20,), DONE, {"counted": 20}),
+        (DRIVE, ("dock", 2.0), DONE, {"distance": 2.5}),
+    ],
+)
+async def test_killed_bridge_finds_out_what_became_of_it(
+    robot: Robot, skill: int, values: tuple[Any, ...], state: ExecutionState, results: dict[str, Any]
+) -> None:
+    execution_id = await robot.begin(skill, *values)
+    await asyncio.to_thread(robot.restart_bridge)
+    ended = await robot.end(execution_id)
+    assert ended[:2] == (state, results), ended
+    await asyncio.sleep(1.0)
+    assert len(robot.told()) == 1, "never twice"
+
+
+async def test_goal_that_ended_while_the_bridge_was_away_is_done(robot: Robot) -> None:
+    execution_id = await robot.begin(COUNT, 3)
+    robot.bridge.end(signal.SIGKILL)
+    await asyncio.sleep(0.5)
+    await asyncio.to_thread(robot.restart_bridge)
+    assert await robot.end(execution_id) == (DONE, {}, "it is done; its results came while nobody listened")
+    assert len(robot.told()) == 1
+
+
+async def test_robot_that_is_restarted_knows_nothing(robot: Robot) -> None:
+    executions = [await robot.begin(DRIVE, "dock", 30.0), await robot.begin(COUNT, 97)]
+    robot.node.end(signal.SIGKILL)
+    robot.node = await asyncio.to_thread(robot.graph.node, "skilled.py")
+    for execution_id in executions:
+        state, _, message = await robot.end(execution_id)
+        assert state is UNKNOWN, message
+    assert robot.told() == []
+
+
+async def test_restarted_master_disturbs_no_execution(graph: Ros1Graph, tmp_path: Path) -> None:
+    config = FleetConfig.model_validate({"version": 1, "pubsub": {"security": "none", "url": graph.pubsub_url}})
+    master = graph.master()
+    async with requesting(config, tmp_path) as requestor:
+        robot = await asyncio.to_thread(Robot, graph, requestor)
+        executions = [await robot.begin(DRIVE, "dock", 3.0), await robot.begin(COUNT, 30)]
+        master.end()
+        await asyncio.sleep(0.5)
+        graph.master()
+        for execution_id in executions:
+            assert (await robot.end(execution_id))[0] is DONE
+        assert await robot.do(MOVE, 1.0) == (DONE, {}, "arrived")  # links do not need the master
+    assert len(robot.told()) == 3
+
+
+async def test_what_is_absent_is_named(graph: Ros1Graph, tmp_path: Path) -> None:
+    config = FleetConfig.model_validate({"version": 1, "pubsub": {"security": "none", "url": graph.pubsub_url}})
+    graph.master()
+    async with requesting(config, tmp_path) as requestor:
+        robot = await asyncio.to_thread(Robot, graph, requestor)
+        robot.node.end(signal.SIGINT)
+        await asyncio.sleep(3.5)
+        for skill, values, said in (
+            (HOLD, (True,), "there is no service /hold; start the robot's node"),
+            (MOVE, (1.0,), "nobody subscribes to /move; start the robot's node"),
+            (COUNT, (1,), "there is no action server /count; start the robot's node"),
+            (DRIVE, ("dock", 0.0), "no program publishes /ua_1_2_1010"),
+        ):
+            refused = await robot.ask(skill, *values)
+            assert refused.kind is OutcomeKind.REFUSED
+            assert refused.report.status == StatusCode.BAD_NO_COMMUNICATION
+            assert said in refused.report.message

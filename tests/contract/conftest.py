@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.contract.harness import Space
+from tests.contract.harness import SkilledSpace, Space
 from tests.system import Processes
 
 DRIVERS = {
@@ -18,6 +18,7 @@ DRIVERS = {
 }
 """Modules as the package's docstring describes them."""
 OpenSpace = Callable[[Path, Processes], AbstractAsyncContextManager[Space]]
+OpenSkilledSpace = Callable[[Path, Processes], AbstractAsyncContextManager[SkilledSpace]]
 DEFAULT = "virtual,skilled,ros2"
 """What can run in the main environment: rospy and rclpy cannot share one interpreter."""
 
@@ -27,7 +28,8 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
-    if "open_space" not in metafunc.fixturenames:
+    opens = next((name for name in ("open_space", "open_skilled_space") if name in metafunc.fixturenames), None)
+    if opens is None:
         return
     chosen = str(metafunc.config.getoption("--drivers", default=DEFAULT))  # unknown when tests/ is run as a whole
     params: list[object] = []
@@ -35,10 +37,12 @@ def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
         if name not in DRIVERS:
             raise pytest.UsageError(f"--drivers: there is no driver {name!r}; there are {', '.join(DRIVERS)}")
         module = importlib.import_module(DRIVERS[name])
+        if not hasattr(module, opens):
+            continue
         marks = [pytest.mark.needs(part) for part in module.NEEDS]
         marks += [pytest.mark.filterwarnings(warning) for warning in module.WARNINGS]
-        params.append(pytest.param(module.open_space, id=name, marks=marks))
-    metafunc.parametrize("open_space", params)
+        params.append(pytest.param(getattr(module, opens), id=name, marks=marks))
+    metafunc.parametrize(opens, params)
 
 
 @pytest.fixture
@@ -53,3 +57,12 @@ async def space(absent_space: Space) -> Space:
     """The space of one driver, with a robot in it."""
     absent_space.appear()
     return absent_space
+
+
+@pytest.fixture
+async def skilled_space(
+    open_skilled_space: OpenSkilledSpace, tmp_path: Path, processes: Processes
+) -> AsyncIterator[SkilledSpace]:
+    """A space whose robot has a skill."""
+    async with open_skilled_space(tmp_path, processes) as opened:
+        yield opened

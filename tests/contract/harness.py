@@ -151,6 +151,22 @@ class SkillSpace(Space, Protocol):
         ...
 
 
+class SkilledSpace(Protocol):
+    """A space with a robot that is up and has a skill `work`.
+
+    It takes a String `work` and a Double `seconds`, goes on for so long, and its results are the Strings `done` and the
+    Double `seconds`. It refuses the work `refuse`, fails at `fail`, and never ends with `never ends`.
+    """
+
+    def make_driver(self) -> Driver:
+        """A new driver for this space, not started."""
+        ...
+
+    def told(self) -> list[str]:
+        """The work that the robot was told to do, twice where it was told twice."""
+        ...
+
+
 @dataclass
 class Recorder:
     """An inlet that keeps all it gets."""

@@ -23,6 +23,7 @@ NEEDS = ("ros2",)
 WARNINGS = ("ignore:module 'sre_:DeprecationWarning",)
 
 ROBOT = Path(__file__).parent / "robots" / "ros2_robot.py"
+SKILLED_ROBOT = ROBOT.with_name("ros2_skilled.py")
 
 
 class Ros2Space:
@@ -71,3 +72,49 @@ async def open_space(folder: Path, processes: system.Processes) -> AsyncGenerato
             yield space
         finally:
             space.end()
+
+
+WORK_ID = 1900
+WORK = {
+    "id": WORK_ID,
+    "arguments": {"work": {"type": "String"}, "seconds": {"type": "Double"}},
+    "results": {"done": {"type": "String"}, "seconds": {"type": "Double"}},
+}
+
+
+class SkilledRos2Space:
+    """See SkilledSpace."""
+
+    def __init__(self, domain: int, robot: system.Child) -> None:
+        self._robot = robot
+        robots = {"machine": {"bridge": "mobile", "skill_status_id": 1902, "skills": {"work": WORK}}}
+        self._config = FleetConfig.model_validate(
+            {
+                "version": 1,
+                "pubsub": {"security": "none"},
+                "bridges": {"mobile": Ros2BridgeConfig(kind="ros2", space=domain)},
+                "robots": robots,
+            }
+        )
+
+    def make_driver(self) -> Driver:
+        """See SkilledSpace."""
+        return create_driver(self._config, "mobile")
+
+    def told(self) -> list[str]:
+        """See SkilledSpace."""
+        return [line.removeprefix("told: ") for line in self._robot.lines if line.startswith("told: ")]
+
+
+@asynccontextmanager
+async def open_skilled_space(folder: Path, processes: system.Processes) -> AsyncGenerator[SkilledRos2Space]:
+    """A domain that no other test uses, with a robot whose own program has the skill."""
+    with system.ros_domain() as domain, pytest.MonkeyPatch.context() as patch:
+        patch.setenv(STATE_VARIABLE, str(folder))
+        env = system.clean_environment(
+            ROS_DOMAIN_ID=str(domain), ROS_AUTOMATIC_DISCOVERY_RANGE="LOCALHOST", PYTHONPATH="bridges"
+        )
+        env[PROFILES_VARIABLE] = str(profile_path("robot"))
+        robot = processes.start(sys.executable, "-u", SKILLED_ROBOT, str(domain), str(WORK_ID), env=env)
+        robot.wait_for("ready")
+        yield SkilledRos2Space(domain, robot)

@@ -203,3 +203,18 @@ class SkilledSpace(VirtualSpace):
 async def open_space(folder: Path, processes: Processes) -> AsyncGenerator[SkilledSpace]:
     """A new space."""
     yield SkilledSpace(folder)
+
+
+class SkilledVirtualSpace:
+    """See `harness.SkilledSpace`."""
+
+    def __init__(self, folder: Path) -> None:
+        self._bus, self._machine = Bus(), Machine(folder)
+
+    def make_driver(self) -> Driver:
+        """See SkilledSpace."""
+        return SkilledDriver(300, self._bus, self._machine)
+
+    def told(self) -> list[str]:
+        """See SkilledSpace."""
+        return [job.work for job in self._machine.told()]

@@ -1,7 +1,8 @@
-"""The contract of `ua_fleet.bridge.driver.SkillDriver`, for drivers whose space keeps `harness.SkillSpace`."""
+"""The contract of `ua_fleet.bridge.driver.SkillDriver`, and of HaltingDriver where a driver is one."""
 
 from __future__ import annotations
 
+import asyncio
 import secrets
 from collections.abc import AsyncGenerator
 from contextlib import asynccontextmanager
@@ -9,55 +10,67 @@ from typing import Any
 
 import pytest
 
-from tests.contract.harness import Recorder, SkillCase, SkillSpace, Space, until
+from tests.contract.harness import Recorder, SkilledSpace, until
 from ua_fleet.bridge import (
     Driver,
     Execution,
     ExecutionEnded,
+    ExecutionFact,
     ExecutionForgotten,
     ExecutionNotBegun,
     ExecutionProgressed,
-    SkillDriver,
 )
+from ua_fleet.bridge.driver import SkillDriver, halts_of, skills_of
 from ua_fleet.errors import SkillError
-from ua_fleet.pubsub.metadata import type_codes
-from ua_fleet.skill.executions import pack
-from ua_fleet.values import Quality, quality_of
+from ua_fleet.values import Quality, StatusCode, quality_of
 
-FACTS = (ExecutionProgressed, ExecutionEnded, ExecutionForgotten, ExecutionNotBegun)
-
-
-@pytest.fixture
-def skilled(space: Space) -> SkillSpace:
-    """The space of a driver with skills."""
-    if not isinstance(space, SkillSpace):
-        pytest.skip("the robots of this space have no skills")
-    return space
+FACTS = (ExecutionEnded, ExecutionForgotten, ExecutionNotBegun, ExecutionProgressed)
 
 
 class Started:
-    """A started driver with what it said of executions."""
+    """A started driver, and what it has told."""
 
     def __init__(self, driver: Driver, recorder: Recorder) -> None:
-        assert isinstance(driver, SkillDriver)
-        self.driver, self._recorder = driver, recorder
+        skilled = skills_of(driver)
+        assert skilled is not None
+        self.driver: SkillDriver = skilled
+        self._recorder = recorder
 
-    def said(self, execution: Execution, *kinds: type[Any]) -> list[Any]:
-        """What was said of an execution, in order."""
-        facts = [event for event in list(self._recorder.events) if isinstance(event, FACTS)]
-        return [
-            fact for fact in facts if fact.execution_id == execution.execution_id and isinstance(fact, kinds or FACTS)
-        ]
+    def execution(self, *values: Any, execution_id: bytes | None = None) -> Execution:
+        """An execution of the skill `work`."""
+        skill = next(skill for skill in self.driver.skills() if skill.name == "work")
+        return Execution(execution_id or secrets.token_bytes(16), skill.topic, skill.targets[0].id, values, 20.0)
 
-    async def end(self, execution: Execution) -> ExecutionEnded:
-        """The end of an execution, once it came."""
-        await until(lambda: self.said(execution, ExecutionEnded), "ExecutionEnded")
-        ended: ExecutionEnded = self.said(execution, ExecutionEnded)[0]
-        return ended
+    def begin(self, *values: Any) -> Execution:
+        """Begin one."""
+        execution = self.execution(*values)
+        self.driver.execute(execution)
+        return execution
+
+    def facts(self, execution: Execution) -> list[ExecutionFact]:
+        """What was told of it."""
+        events = list(self._recorder.events)
+        return [event for event in events if isinstance(event, FACTS) and event.execution_id == execution.execution_id]
+
+    async def at_it(self, execution: Execution) -> None:
+        """Wait until the robot is at it."""
+        await until(lambda: self.facts(execution), "the robot's beginning")
+
+    async def end(self, execution: Execution) -> ExecutionFact:
+        """The one fact that is not progress; it is the last."""
+
+        def ends() -> list[ExecutionFact]:
+            return [fact for fact in self.facts(execution) if not isinstance(fact, ExecutionProgressed)]
+
+        await until(ends, "the end")
+        await asyncio.sleep(0.2)
+        assert len(ends()) == 1
+        assert self.facts(execution)[-1] == ends()[0]
+        return ends()[0]
 
 
 @asynccontextmanager
-async def started(space: SkillSpace) -> AsyncGenerator[Started]:
+async def started(space: SkilledSpace) -> AsyncGenerator[Started]:
     driver, recorder = space.make_driver(), Recorder()
     await driver.start(recorder)
     try:
@@ -66,108 +79,88 @@ async def started(space: SkillSpace) -> AsyncGenerator[Started]:
         await driver.stop()
 
 
-def execution(case: SkillCase, values: tuple[Any, ...]) -> Execution:
-    return Execution(secrets.token_bytes(16), case.topic, case.target_id, values, 10.0)
+async def test_skill_is_offered_with_its_fields_and_targets(skilled_space: SkilledSpace) -> None:
+    async with started(skilled_space) as one:
+        skill = next(skill for skill in one.driver.skills() if skill.name == "work")
+        assert [field.name for field in skill.request] == ["work", "seconds"]
+        assert [field.name for field in skill.response] == ["done", "seconds"]
+        (target,) = skill.targets
+        assert target.name == "machine"
+        assert target.status.space == skill.topic.space
+        assert target.status.id != skill.topic.id
 
 
-async def test_skills_are_complete_and_their_ids_are_unique(skilled: SkillSpace) -> None:
-    async with started(skilled) as running:
-        skills = running.driver.skills()
-        assert skills
-        topics = [skill.topic for skill in skills]
-        statuses = {target.status for skill in skills for target in skill.targets}
-        assert len({topic.id for topic in topics} | {topic.id for topic in statuses}) == len(topics) + len(statuses)
-        for skill in skills:
-            assert {skill.topic.space, *(target.status.space for target in skill.targets)} == {skilled.number}
-            assert skill.targets
-            assert len({target.id for target in skill.targets}) == len(skill.targets)
-            assert skill.name
-        assert list(running.driver.skills()) == list(skills), "what has not changed is equal"
+async def test_what_is_begun_ends_once_with_its_results(skilled_space: SkilledSpace) -> None:
+    async with started(skilled_space) as one:
+        execution = one.begin("weld", 0.3)
+        assert await one.end(execution) == ExecutionEnded(execution.execution_id, 0, ("weld", 0.3))
+        assert isinstance(one.facts(execution)[0], ExecutionProgressed)
+    assert skilled_space.told() == ["weld"]
 
 
-async def test_an_execution_is_begun_once_and_ends_once_with_its_results(skilled: SkillSpace) -> None:
-    case = skilled.skill_case
-    async with started(skilled) as running:
-        [skill] = [skill for skill in running.driver.skills() if skill.topic == case.topic]
-        one = execution(case, case.succeeds)
-        running.driver.execute(one)
-        ended = await running.end(one)
-        assert quality_of(ended.status) is Quality.GOOD
-        assert pack(type_codes(skill.response), ended.values), "results of the types that were announced"
-        assert running.said(one)[-1] == ended, "nothing is said after the end"
-        assert skilled.begun(one.execution_id) == 1
-        assert len(running.said(one, ExecutionEnded)) == 1
+async def test_one_after_the_other(skilled_space: SkilledSpace) -> None:
+    async with started(skilled_space) as one:
+        for number in range(5):
+            execution = one.begin(f"weld {number}", 0.0)
+            assert await one.end(execution) == ExecutionEnded(execution.execution_id, 0, (f"weld {number}", 0.0))
+    assert skilled_space.told() == [f"weld {number}" for number in range(5)]
 
 
-async def test_several_executions_end_each(skilled: SkillSpace) -> None:
-    case = skilled.skill_case
-    async with started(skilled) as running:
-        several = [execution(case, case.succeeds) for _ in range(3)]
-        for one in several:
-            running.driver.execute(one)
-            await running.end(one)
-        assert [skilled.begun(one.execution_id) for one in several] == [1, 1, 1]
-
-
-async def test_a_robot_that_fails_is_told_with_a_reason(skilled: SkillSpace) -> None:
-    case = skilled.skill_case
-    async with started(skilled) as running:
-        one = execution(case, case.fails)
-        running.driver.execute(one)
-        ended = await running.end(one)
+async def test_what_fails_says_why(skilled_space: SkilledSpace) -> None:
+    async with started(skilled_space) as one:
+        ended = await one.end(one.begin("fail", 0.0))
+        assert isinstance(ended, ExecutionEnded)
         assert quality_of(ended.status) is Quality.BAD
-        assert ended.message
-        assert "\n" not in ended.message
+        assert ended.values == ()
+        assert "the machine broke" in ended.message
 
 
-async def test_what_is_refused_is_not_begun(skilled: SkillSpace) -> None:
-    case = skilled.skill_case
-    async with started(skilled) as running:
-        one = execution(case, case.refused)
-        with pytest.raises(SkillError) as refused:
-            running.driver.execute(one)
-        assert str(refused.value)
-        assert "\n" not in str(refused.value)
-        assert skilled.begun(one.execution_id) == 0
-        assert running.said(one) == []
+async def test_what_is_refused_is_not_done(skilled_space: SkilledSpace) -> None:
+    async with started(skilled_space) as one:
+        execution, said = one.execution("refuse", 0.0), ""
+        try:
+            one.driver.execute(execution)
+        except SkillError as error:
+            said = str(error)
+        else:
+            ended = await one.end(execution)
+            assert isinstance(ended, ExecutionEnded)
+            assert quality_of(ended.status) is Quality.BAD
+            said = ended.message
+        assert said == "the machine does not do that"
+    assert skilled_space.told() == []
 
 
-async def test_another_driver_finds_out_what_became_of_an_execution(skilled: SkillSpace) -> None:
-    case = skilled.skill_case
-    one, before = execution(case, case.lasts), execution(case, case.succeeds)
-    async with started(skilled) as running:
-        running.driver.execute(before)
-        await running.end(before)
-        running.driver.execute(one)
-    async with started(skilled) as running:
-        for execution_before in (before, one):
-            running.driver.query(execution_before)
-            await until(lambda it=execution_before: running.said(it), "an answer")  # type: ignore[misc]  # no type for the default
-        if not running.said(before, ExecutionForgotten):
-            assert quality_of((await running.end(before)).status) is Quality.GOOD
-        if not running.said(one, ExecutionForgotten):
-            await running.end(one)
-    assert [skilled.begun(before.execution_id), skilled.begun(one.execution_id)] == [1, 1], "asking begins nothing"
+async def test_driver_that_comes_later_finds_out_what_became_of_it(skilled_space: SkilledSpace) -> None:
+    async with started(skilled_space) as one:
+        ended = one.begin("weld", 0.0)
+        await one.end(ended)
+        under_way = one.begin("polish", 1.5)
+        await one.at_it(under_way)
+    async with started(skilled_space) as other:
+        for execution in (ended, under_way):
+            other.driver.query(execution)
+        assert await other.end(ended) == ExecutionEnded(ended.execution_id, 0, ("weld", 0.0))
+        assert await other.end(under_way) == ExecutionEnded(under_way.execution_id, 0, ("polish", 1.5))
+    assert skilled_space.told() == ["weld", "polish"]
 
 
-async def test_of_what_it_never_heard_a_robot_cannot_tell(skilled: SkillSpace) -> None:
-    async with started(skilled) as running:
-        one = execution(skilled.skill_case, skilled.skill_case.succeeds)
-        running.driver.query(one)
-        await until(lambda: running.said(one), "an answer")
-        assert not running.said(one, ExecutionEnded, ExecutionProgressed)
-    assert skilled.begun(one.execution_id) == 0
+async def test_what_the_robot_never_heard_of_is_not_done(skilled_space: SkilledSpace) -> None:
+    async with started(skilled_space) as one:
+        execution = one.execution("weld", 0.0)
+        one.driver.query(execution)
+        assert isinstance(await one.end(execution), ExecutionForgotten | ExecutionNotBegun)
+    assert skilled_space.told() == []
 
 
-async def test_a_stopped_driver_says_nothing_more(skilled: SkillSpace) -> None:
-    case = skilled.skill_case
-    one = execution(case, case.lasts)
-    async with started(skilled) as running:
-        running.driver.execute(one)
-    said = running.said(one)
-    async with started(skilled) as another:
-        await until(lambda: skilled.begun(one.execution_id) == 1, "the robot's work")
-        two = execution(case, case.succeeds)
-        another.driver.execute(two)
-        await another.end(two)
-    assert running.said(one) == said
+async def test_what_is_halted_ends(skilled_space: SkilledSpace) -> None:
+    async with started(skilled_space) as one:
+        halting = halts_of(one.driver)
+        if halting is None:
+            pytest.skip("the driver's robots cannot be stopped")
+        execution = one.begin("never ends", 0.0)
+        await one.at_it(execution)
+        halting.halt(execution)
+        ended = await one.end(execution)
+        assert isinstance(ended, ExecutionEnded)
+        assert ended.status == StatusCode.BAD_REQUEST_CANCELLED_BY_CLIENT

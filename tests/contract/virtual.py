@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 from ua_bridges.ros import ros_type_of
 
-from tests.contract.harness import NUMBER, TEXT, TWIST, Kind
+from tests.contract.harness import NUMBER, TEXT, TWIST, Kind, SkilledSpace
 from tests.system import Processes
 from ua_fleet.bridge import Driver, DriverStatus, Dropped, Inlet, SampleRead, SourceFound, SourceLost
 from ua_fleet.counters import Drop
@@ -186,3 +186,11 @@ class VirtualSpace:
 async def open_space(folder: Path, processes: Processes) -> AsyncGenerator[VirtualSpace]:
     """A new space."""
     yield VirtualSpace()
+
+
+@asynccontextmanager
+async def open_skilled_space(folder: Path, processes: Processes) -> AsyncGenerator[SkilledSpace]:
+    """The machine of `skilled.py`."""
+    from tests.contract.skilled import SkilledVirtualSpace
+
+    yield SkilledVirtualSpace(folder / "machine")

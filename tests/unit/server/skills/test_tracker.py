@@ -180,6 +180,20 @@ def test_two_executions_at_once_keep_a_skill_running_until_both_are_over() -> No
     assert tracker.take_busy_changes() == []
 
 
+def test_an_execution_whose_end_was_lost_is_given_up_long_after_its_time() -> None:
+    tracker = SkillTracker(model())
+    tracker.requested(TURN, FIRST, 10)
+    tracker.requested(TURN, SECOND, 10)
+    tracker.apply(said(status(SECOND, S.RUNNING)), 11)
+    assert tracker.expire(TURN, 10 + 40 * 10**7) == []
+    given_up = tracker.expire(TURN, 11 + 40 * 10**7)
+    assert told(given_up) == [(T.RUNNING_TO_HALTED, FIRST, True)]
+    assert shown(given_up)["LastStatus"] == (int(StatusCode.UNCERTAIN), 0)
+    assert tracker.open_executions(TURN) == [SECOND], "the robot tells of it"
+    late = tracker.apply(said(status(FIRST, S.DONE), status(SECOND, S.RUNNING), timestamp=60), 12)
+    assert told(late) == [(T.HALTED_TO_READY, FIRST, True)]
+
+
 def test_results_that_do_not_fit_and_states_nobody_knows_are_left_out() -> None:
     tracker = SkillTracker(model())
     tracker.requested(TURN, FIRST, 10)

@@ -26,6 +26,38 @@ WARNINGS: tuple[str, ...] = (
 )
 
 ROBOT = Path(__file__).parent / "robots" / "ros1_robot.py"
+SKILLED_ROBOT = ROBOT.with_name("ros1_skilled.py")
+WORK_ID = 1900
+WORK = {
+    "id": WORK_ID,
+    "arguments": {"work": {"type": "String"}, "seconds": {"type": "Double"}},
+    "results": {"done": {"type": "String"}, "seconds": {"type": "Double"}},
+}
+
+
+class Master:
+    """A rosmaster that is not up yet."""
+
+    def __init__(self, folder: Path, processes: system.Processes) -> None:
+        self._processes, self._port = processes, system.free_tcp_port()
+        self.uri = f"http://127.0.0.1:{self._port}"
+        self.env = system.clean_environment(
+            ROS_MASTER_URI=self.uri, ROS_IP="127.0.0.1", ROS_LOG_DIR=str(folder / "log"), HOME=str(folder)
+        )
+
+    def appear(self) -> None:
+        """Start it; ready when it answers."""
+        self._processes.start("/usr/bin/rosmaster", "--core", "-p", str(self._port), "-w", "3", env=self.env)
+        deadline = time.monotonic() + 20
+        while True:
+            try:
+                with xmlrpc.client.ServerProxy(self.uri) as master:
+                    master.getPid("/test")
+                break
+            except OSError:
+                if time.monotonic() > deadline:
+                    raise
+                time.sleep(0.02)
 
 
 class Ros1Space:
@@ -35,17 +67,12 @@ class Ros1Space:
     can_be_absent = True
 
     def __init__(self, folder: Path, processes: system.Processes) -> None:
-        self._processes = processes
-        self._port = system.free_tcp_port()
-        self._uri = f"http://127.0.0.1:{self._port}"
-        self._env = system.clean_environment(
-            ROS_MASTER_URI=self._uri, ROS_IP="127.0.0.1", ROS_LOG_DIR=str(folder / "log"), HOME=str(folder)
-        )
+        self._master = Master(folder, processes)
         self._robot: RobotProcess | None = None
         self._config = FleetConfig(
             version=1,
             pubsub=PubSubConfig(security=PubSubSecurity.NONE),
-            bridges={"arm": Ros1BridgeConfig(kind="ros1", master_uri=self._uri)},
+            bridges={"arm": Ros1BridgeConfig(kind="ros1", master_uri=self._master.uri)},
         )
 
     @property
@@ -60,18 +87,8 @@ class Ros1Space:
 
     def appear(self) -> None:
         """See Space."""
-        self._processes.start("/usr/bin/rosmaster", "--core", "-p", str(self._port), "-w", "3", env=self._env)
-        deadline = time.monotonic() + 20
-        while True:
-            try:
-                with xmlrpc.client.ServerProxy(self._uri) as master:
-                    master.getPid("/test")
-                break
-            except OSError:
-                if time.monotonic() > deadline:
-                    raise
-                time.sleep(0.02)
-        self._robot = RobotProcess([system.ROS1_PYTHON, "-u", ROBOT], self._env)
+        self._master.appear()
+        self._robot = RobotProcess([system.ROS1_PYTHON, "-u", ROBOT], self._master.env)
 
     def end(self) -> None:
         """End the robot."""
@@ -89,3 +106,38 @@ async def open_space(folder: Path, processes: system.Processes) -> AsyncGenerato
             yield space
         finally:
             space.end()
+
+
+class SkilledRos1Space:
+    """See SkilledSpace."""
+
+    def __init__(self, master: Master, robot: system.Child) -> None:
+        self._robot = robot
+        self._config = FleetConfig.model_validate(
+            {
+                "version": 1,
+                "pubsub": {"security": "none"},
+                "bridges": {"arm": Ros1BridgeConfig(kind="ros1", master_uri=master.uri)},
+                "robots": {"machine": {"bridge": "arm", "skill_status_id": 1902, "skills": {"work": WORK}}},
+            }
+        )
+
+    def make_driver(self) -> Driver:
+        """See SkilledSpace."""
+        return create_driver(self._config, "arm")
+
+    def told(self) -> list[str]:
+        """See SkilledSpace."""
+        return [line.removeprefix("told: ") for line in self._robot.lines if line.startswith("told: ")]
+
+
+@asynccontextmanager
+async def open_skilled_space(folder: Path, processes: system.Processes) -> AsyncGenerator[SkilledRos1Space]:
+    """A graph of its own, with a robot whose own program has the skill."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv(STATE_VARIABLE, str(folder))
+        master = Master(folder, processes)
+        master.appear()
+        robot = processes.start(system.ROS1_PYTHON, "-u", SKILLED_ROBOT, str(WORK_ID), env=master.env)
+        robot.wait_for("ready")
+        yield SkilledRos1Space(master, robot)

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import asyncio
 import signal
+import sys
 import time
 
 import pytest
+from ua_bridges.ros2.environment import PROFILES_VARIABLE, profile_path
 
 from tests.integration.ros2.conftest import Ros2Space
 from tests.integration.ros2.skilled import skilled_driver
-from tests.system import Child
+from tests.system import Child, Processes
+from tests.unit.docs.pages import ROOT, blocks
 from ua_fleet.bridge import ExecutionEnded, ExecutionForgotten, ExecutionProgressed, SourceFound
 from ua_fleet.errors import RobotOffline, SkillRejected
 from ua_fleet.values import StatusCode
@@ -22,6 +25,7 @@ pytestmark = [
 ]
 
 DRIVE, MOVE, LOAD = 1010, 1011, 1012
+DOUBLE = {"type": "Double"}
 
 
 @pytest.fixture
@@ -182,3 +186,15 @@ async def test_program_that_is_killed_and_comes_back_does_nothing_twice(ros2: Ro
         assert forgotten.message == "this program remembers nothing of it"
         assert time.monotonic() - began < 10
     assert told(again) == []
+
+
+async def test_program_of_the_documentation(ros2: Ros2Space, processes: Processes) -> None:
+    (program,) = [block.text for block in blocks("python") if block.page == ROOT / "docs" / "skills-json.md"]
+    text = program.replace("space=2", f"space={ros2.domain}")
+    environment = ros2.environment(**{PROFILES_VARIABLE: str(profile_path("robot"))})
+    processes.start(sys.executable, "-c", text, env=environment)
+    skills = {"drive": {"id": DRIVE, "arguments": {"to": {"type": "String"}}, "results": {"distance": DOUBLE}}}
+    async with skilled_driver(ros2.domain, skills) as skilled:
+        execution_id = skilled.begin(DRIVE, "dock")
+        assert await skilled.end(execution_id) == ExecutionEnded(execution_id, 0, (3.2,))
+        assert skilled.facts(execution_id)[2] == ExecutionProgressed(execution_id, 0.1, "on the way to dock")

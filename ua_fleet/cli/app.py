@@ -41,6 +41,9 @@ _GROUPS: Final = {
     "user": "Who may use the server, and what they may do.",
     "keys": "Key files of message security, where keys do not come from the server.",
     "cert": "Certificates of the server and the bridges, and which clients the server trusts.",
+    "scenario": "Scenarios and their runs.",
+    "fault": "Robots that cannot work.",
+    "decision": "Who takes over when a robot fails.",
     "skill": "What robots can do, and having them do it.",
     "pubsub": "OPC UA PubSub between the server and the bridges.",
 }
@@ -70,12 +73,14 @@ def _build() -> typer.Typer:
         browse,
         cert,
         config,
+        decision,
         demo,
         keys,
         pubsub,
         pubsub_decode,
         pubsub_probe,
         read,
+        scenario,
         serve,
         skill,
         user,
@@ -106,6 +111,19 @@ def _build() -> typer.Typer:
     _add(groups["pubsub"], "listen", pubsub.listen, pubsub.EXAMPLES)
     _add(groups["pubsub"], "probe", pubsub_probe.probe, pubsub_probe.EXAMPLES)
     _add(groups["pubsub"], "decode", pubsub_decode.decode, pubsub_decode.EXAMPLES)
+    _add(groups["scenario"], "list", scenario.show, scenario.LIST_EXAMPLES)
+    _add(groups["scenario"], "validate", scenario.validate, scenario.VALIDATE_EXAMPLES)
+    _add(groups["scenario"], "run", scenario.run, scenario.RUN_EXAMPLES)
+    _add(groups["scenario"], "watch", scenario.watch, scenario.WATCH_EXAMPLES)
+    _add(groups["scenario"], "pause", scenario.pause, scenario.PAUSE_EXAMPLES)
+    _add(groups["scenario"], "resume", scenario.resume, scenario.RESUME_EXAMPLES)
+    _add(groups["scenario"], "abort", scenario.abort, scenario.ABORT_EXAMPLES)
+    _add(groups["scenario"], "answer", scenario.answer, scenario.ANSWER_EXAMPLES)
+    _add(groups["fault"], "list", decision.faults, decision.FAULT_EXAMPLES)
+    _add(groups["fault"], "ack", decision.ack, decision.ACK_EXAMPLES)
+    _add(groups["decision"], "list", decision.show, decision.LIST_EXAMPLES)
+    _add(groups["decision"], "confirm", decision.confirm, decision.CONFIRM_EXAMPLES)
+    _add(groups["decision"], "whatif", decision.whatif, decision.WHATIF_EXAMPLES)
     _add(groups["skill"], "list", skill.show, skill.LIST_EXAMPLES)
     _add(groups["skill"], "call", skill.call, skill.CALL_EXAMPLES)
     # A group of one command needs a callback, or typer takes the command for the group.

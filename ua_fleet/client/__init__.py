@@ -7,6 +7,16 @@ print(change.value, change.status_text)
 
 from ua_fleet.client.fleet_client import POLICIES, Change, FleetClient, NodeInfo, Reading
 from ua_fleet.client.identity import ClientIdentity, default_identity_folder
+from ua_fleet.client.scenarios import (
+    DecisionInfo,
+    FaultInfo,
+    Forecast,
+    NotDone,
+    Problem,
+    RunInfo,
+    ScenarioClient,
+    ScenarioInfo,
+)
 from ua_fleet.client.skills import SkillArgument, SkillEvent, SkillExecution, SkillInfo
 from ua_fleet.client.translated import NodeNotFound
 
@@ -14,10 +24,18 @@ __all__ = [
     "POLICIES",
     "Change",
     "ClientIdentity",
+    "DecisionInfo",
+    "FaultInfo",
     "FleetClient",
+    "Forecast",
     "NodeInfo",
     "NodeNotFound",
+    "NotDone",
+    "Problem",
     "Reading",
+    "RunInfo",
+    "ScenarioClient",
+    "ScenarioInfo",
     "SkillArgument",
     "SkillEvent",
     "SkillExecution",

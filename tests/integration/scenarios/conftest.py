@@ -116,8 +116,7 @@ def texts(values: Sequence[str] = ()) -> Any:
 async def call(client: Client, owner: str, name: str, *arguments: Any) -> Called:
     """Call a Method of Scenarios, Resilience or Faults."""
     node = client.get_node(f"ns=2;s=Fleet.{owner}")
-    result = await node.call_method(f"3:{name}", *arguments)
-    outputs: list[Any] = result if isinstance(result, list) else [result]
+    outputs: Any = await node.call_method(f"3:{name}", *arguments)
     return Called(outputs[:-2], outputs[-2], outputs[-1])
 
 

@@ -9,7 +9,7 @@ from typing import Final, NamedTuple
 
 from ua_fleet.orchestrator import DecisionChanged
 from ua_fleet.resilience import Aborted, Ranking, RankingChanged, ReplacementChosen
-from ua_fleet.scenario import read_scenario
+from ua_fleet.scenario import Value, read_scenario
 from ua_fleet.scenario.facts import Fact, RunCreated, RunEnded, TaskOver
 from ua_fleet.scenario.state import RunState, TaskPhase
 
@@ -87,7 +87,9 @@ class RunRecord:
         for step, task in list(self.state.tasks.items())[-MOST_ROWS:]:
             ended = self.state.ended.get(step)
             state = ended.value if ended is not None else task.phase.name.lower()
-            results = self.state.results.get(task.name, {}) if task.phase is TaskPhase.OVER else {}
+            results: dict[str, Value] = {}
+            if task.phase is TaskPhase.OVER:
+                results.update(self.state.results.get(task.name, {}))
             rows.append(
                 TaskRow(
                     step,
@@ -96,7 +98,7 @@ class RunRecord:
                     task.skill,
                     state,
                     task.attempt,
-                    json.dumps(dict(results), ensure_ascii=False),
+                    json.dumps(results, ensure_ascii=False),
                     self._messages.get(step, ""),
                 )
             )

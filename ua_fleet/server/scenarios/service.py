@@ -87,6 +87,10 @@ class Requests(Protocol):
         """Have a robot do a skill, once, and wait for nothing."""
         ...
 
+    def halt(self, topic: Topic, robot: str, execution_id: bytes) -> None:
+        """Have a robot stop an execution."""
+        ...
+
     def known_outcome(self, execution_id: bytes) -> Outcome | None:
         """What is known of a request; None while it is asked for, KeyError where it was never made."""
         ...
@@ -581,11 +585,18 @@ class ScenarioService:
             self._requested(NodeId(robot.ns, skill.id), bytes.fromhex(task.execution_id))
 
     def _cancel(self, cancelled: TaskCancelled) -> None:
-        """What was not asked for yet never is. Robots that are at work cannot be stopped: Actions have no way to."""
+        """What was not asked for yet never is; what was is halted, where the robot has a way to."""
         if self._waiting.pop(cancelled.execution_id, None) is not None:
             self._ended(cancelled.execution_id, TaskOutcome.REFUSED, "it was cancelled before it began", {})
-        else:
-            _log.warning("a robot cannot be stopped, and finishes what it is at", robot=cancelled.robot)
+            return
+        robot, skill = self._robots.get(cancelled.robot), self._skills.get(cancelled.execution_id)
+        if robot is None or skill is None or robot.skill_status is None:
+            return
+        topic = Topic(robot.skill_status.space, robot.ns, skill.id)
+        try:
+            self._requests.halt(topic, robot.name, bytes.fromhex(cancelled.execution_id))
+        except (SkillError, StorageUnavailable) as error:
+            _log.warning("a robot is not halted", robot=robot.name, skill=skill.name, reason=str(error))
 
     # Within.
 

@@ -1,0 +1,95 @@
+"""The command line and the typed client, with a real server."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import signal
+import sys
+from typing import Any, NamedTuple
+
+from tests.contract.skilled import ENDLESS_WORK
+from tests.integration.scenarios.conftest import ROBOTS, Plant, all_heard
+from tests.integration.server_model.harness import OPERATOR, Running, until
+from tests.system import clean_environment
+
+
+class Ended(NamedTuple):
+    code: int
+    objects: list[Any]
+    errors: str
+
+
+async def command(running: Running, *arguments: str) -> Ended:
+    """Run a command as a process."""
+    environment = clean_environment(
+        UA_FLEET_ENDPOINT=running.url,
+        UA_FLEET_USER=OPERATOR[0],
+        UA_FLEET_PASSWORD=OPERATOR[1],
+        XDG_STATE_HOME=str(running.folder / "xdg"),
+    )
+    process = await asyncio.create_subprocess_exec(
+        *(sys.executable, "-m", "ua_fleet.cli", *arguments, "--json"),
+        stdout=asyncio.subprocess.PIPE,
+        stderr=asyncio.subprocess.PIPE,
+        env=environment,
+    )
+    output, errors = await asyncio.wait_for(process.communicate(), 60)
+    assert process.returncode is not None
+    return Ended(process.returncode, [json.loads(line) for line in output.decode().splitlines()], errors.decode())
+
+
+async def test_scenarios(plant: Plant) -> None:
+    plant.scenario("short", "  - {task: a, skill: work, robot: left}\n")
+    (plant.folder / "wrong.yaml").write_text("version: 1\nname: w\nsteps:\n  - {task: a, skill: jump, robot: left}\n")
+    plant.bridge("left")
+    async with plant.server() as running:
+        async with running.client() as client:
+            await until(lambda: client.get_node("ns=2;s=Robots.left.State").read_value(), lambda state: state != 0)
+        listed = await command(running, "scenario", "list")
+        assert listed.objects == [{"name": "short", "description": "for a test", "problems": 0}], listed.errors
+        wrong = await command(running, "scenario", "validate", str(plant.folder / "wrong.yaml"))
+        assert wrong.code == 2
+        assert wrong.objects[0]["line"] == 4
+        assert (await command(running, "scenario", "validate", "short")).code == 0
+        ran = await command(running, "scenario", "run", "short", "--wait")
+        assert ran.code == 0, ran.errors
+        assert ran.objects[-1]["state"] == "done"
+        run_id = ran.objects[0]["run_id"]
+        seen = await command(running, "scenario", "watch", run_id)
+        assert (seen.code, seen.objects[-1]["states"]) == (0, ["done"])
+        late = await command(running, "scenario", "abort", run_id)
+        assert late.code == 3
+        assert "there is no run" in late.errors
+        assert (await command(running, "scenario", "run", "nothing")).code == 3
+        assert (await command(running, "scenario", "watch", "nothing")).code == 3
+
+
+async def test_faults_and_decisions(plant: Plant) -> None:
+    plant.scenario(
+        "long", f"  - {{task: a, skill: work, robot: left, arguments: {{work: {ENDLESS_WORK}}}, timeout_s: 60}}\n"
+    )
+    bridges = {robot: plant.bridge(robot) for robot in ROBOTS}
+    async with plant.server() as running:
+        async with running.client() as client:
+            await all_heard(client)
+        (run,) = (await command(running, "scenario", "run", "long")).objects
+        forecast = await command(running, "decision", "whatif", "left")
+        assert [(one["task"], one["best"]) for one in forecast.objects] == [("a", "middle")]
+        bridges["left"].end(signal.SIGKILL)
+
+        async def found() -> Any:
+            return (await command(running, "decision", "list")).objects
+
+        (decision,) = await until(found, bool, timeout_s=30)
+        assert (decision["state"], decision["robots"]) == ("open", ["middle", "right"])
+        (fault,) = (await command(running, "fault", "list")).objects
+        assert (fault["fault_id"], fault["active"], fault["acknowledged"]) == ("left.silent", True, False)
+        assert (await command(running, "fault", "ack", "left.silent", "--comment", "seen")).code == 0
+        assert (await command(running, "fault", "list")).objects[0]["acknowledged"] is True
+        refused = await command(running, "decision", "confirm", decision["decision_id"], "left")
+        assert refused.code == 1
+        assert "cannot take over" in refused.errors
+        taken = await command(running, "decision", "confirm", decision["decision_id"], "right")
+        assert taken.objects[0]["outcome"] == "taken"
+        await command(running, "scenario", "abort", run["run_id"], "--reason", "enough")

@@ -1,0 +1,305 @@
+"""`ua-fleet scenario ...`: scenarios and their runs."""
+
+from __future__ import annotations
+
+from collections.abc import Awaitable, Callable
+from contextlib import aclosing
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from ua_fleet.cli.connect import connected
+from ua_fleet.cli.endings import UsageError
+from ua_fleet.cli.options import (
+    DEFAULT_ENDPOINT,
+    Connection,
+    Endpoint,
+    Insecure,
+    Json,
+    PasswordFile,
+    Policy,
+    SecurityPolicy,
+    Timeout,
+    User,
+)
+from ua_fleet.cli.output import message, print_json, print_line, print_table
+from ua_fleet.cli.process import run as run_until_done
+from ua_fleet.errors import ScenarioError, ScenarioInvalid
+
+if TYPE_CHECKING:
+    from ua_fleet.client import RunInfo, ScenarioClient
+
+__all__ = [
+    "ABORT_EXAMPLES",
+    "ANSWER_EXAMPLES",
+    "LIST_EXAMPLES",
+    "PAUSE_EXAMPLES",
+    "RESUME_EXAMPLES",
+    "RUN_EXAMPLES",
+    "VALIDATE_EXAMPLES",
+    "WATCH_EXAMPLES",
+    "abort",
+    "answer",
+    "pause",
+    "resume",
+    "run",
+    "show",
+    "validate",
+    "watch",
+    "with_scenarios",
+]
+
+LIST_EXAMPLES = ("ua-fleet scenario list -u anna",)
+VALIDATE_EXAMPLES = ("ua-fleet scenario validate nine_tasks -u anna", "ua-fleet scenario validate ./new.yaml -u anna")
+RUN_EXAMPLES = ("ua-fleet scenario run nine_tasks angle=20 -u anna", "ua-fleet scenario run nine_tasks --wait -u anna")
+WATCH_EXAMPLES = ("ua-fleet scenario watch 20300131-120000-a1b2c3 -u anna --json",)
+PAUSE_EXAMPLES = ("ua-fleet scenario pause 20300131-120000-a1b2c3 -u anna",)
+RESUME_EXAMPLES = ("ua-fleet scenario resume 20300131-120000-a1b2c3 -u anna",)
+ABORT_EXAMPLES = ('ua-fleet scenario abort 20300131-120000-a1b2c3 --reason "door open" -u anna',)
+ANSWER_EXAMPLES = ("ua-fleet scenario answer 20300131-120000-a1b2c3 fetch done -u anna",)
+
+RunId = Annotated[str, typer.Argument(help="Id of the run.")]
+ScenarioName = Annotated[str, typer.Argument(help="Name of a scenario of the server, or a file: ./new.yaml.")]
+
+
+def with_scenarios(connection: Connection, work: Callable[[ScenarioClient], Awaitable[None]]) -> None:
+    """Connect, and do something with scenarios."""
+
+    async def main() -> None:
+        async with connected(connection) as client:
+            from ua_fleet.client import ScenarioClient
+
+            await work(ScenarioClient(client))
+
+    run_until_done(main())
+
+
+def show(
+    endpoint: Endpoint = DEFAULT_ENDPOINT,
+    user: User = None,
+    password_file: PasswordFile = None,
+    policy: SecurityPolicy = Policy.BASIC256SHA256,
+    insecure: Insecure = False,
+    timeout: Timeout = 10.0,
+    as_json: Json = False,
+) -> None:
+    """List the scenarios that the server has."""
+
+    async def work(scenarios: ScenarioClient) -> None:
+        found = await scenarios.scenarios()
+        if as_json:
+            for one in found:
+                print_json(asdict(one))
+        else:
+            print_table(
+                [("scenario", "problems", "description"), *((s.name, str(s.problems), s.description) for s in found)]
+            )
+
+    with_scenarios(Connection.of(endpoint, user, password_file, policy, insecure, timeout), work)
+
+
+def validate(
+    scenario: ScenarioName,
+    endpoint: Endpoint = DEFAULT_ENDPOINT,
+    user: User = None,
+    password_file: PasswordFile = None,
+    policy: SecurityPolicy = Policy.BASIC256SHA256,
+    insecure: Insecure = False,
+    timeout: Timeout = 10.0,
+    as_json: Json = False,
+) -> None:
+    """Hold a scenario against the server's fleet, and print all that is wrong with it.
+
+    Exit code 2 if there is anything.
+    """
+    text = _given(scenario)
+
+    async def work(scenarios: ScenarioClient) -> None:
+        problems = await scenarios.validate(text)
+        if as_json:
+            for problem in problems:
+                print_json(asdict(problem))
+        if problems:
+            said = ["it cannot be run; see the problems above"] if as_json else [problem.text for problem in problems]
+            raise _Invalid(said)
+
+    with_scenarios(Connection.of(endpoint, user, password_file, policy, insecure, timeout), work)
+
+
+def run(
+    scenario: ScenarioName,
+    parameters: Annotated[list[str] | None, typer.Argument(help="Parameters as name=value.")] = None,
+    wait: Annotated[bool, typer.Option("--wait", help="Print what happens until the run has ended.")] = False,
+    endpoint: Endpoint = DEFAULT_ENDPOINT,
+    user: User = None,
+    password_file: PasswordFile = None,
+    policy: SecurityPolicy = Policy.BASIC256SHA256,
+    insecure: Insecure = False,
+    timeout: Timeout = 10.0,
+    as_json: Json = False,
+) -> None:
+    """Start a run, and print its id.
+
+    With --wait, exit code 1 if the run was not done in the end; it goes on when this command is interrupted.
+    """
+    text, given = _given(scenario), dict(_parameter(one) for one in parameters or ())
+
+    async def work(scenarios: ScenarioClient) -> None:
+        run_id = await scenarios.run(text, given)
+        if as_json:
+            print_json({"run_id": run_id})
+        else:
+            print_line(run_id)
+        if wait:
+            await _follow(scenarios, run_id, as_json=as_json)
+
+    with_scenarios(Connection.of(endpoint, user, password_file, policy, insecure, timeout), work)
+
+
+def watch(
+    run_id: RunId,
+    endpoint: Endpoint = DEFAULT_ENDPOINT,
+    user: User = None,
+    password_file: PasswordFile = None,
+    policy: SecurityPolicy = Policy.BASIC256SHA256,
+    insecure: Insecure = False,
+    timeout: Timeout = 10.0,
+    as_json: Json = False,
+) -> None:
+    """Print a run now and whenever it changes, until it has ended. Exit code 1 if it was not done."""
+
+    async def work(scenarios: ScenarioClient) -> None:
+        await _follow(scenarios, run_id, as_json=as_json)
+
+    with_scenarios(Connection.of(endpoint, user, password_file, policy, insecure, timeout), work)
+
+
+def pause(
+    run_id: RunId,
+    endpoint: Endpoint = DEFAULT_ENDPOINT,
+    user: User = None,
+    password_file: PasswordFile = None,
+    policy: SecurityPolicy = Policy.BASIC256SHA256,
+    insecure: Insecure = False,
+    timeout: Timeout = 10.0,
+    as_json: Json = False,
+) -> None:
+    """Let a run start no further task; what robots are at goes on."""
+    connection = Connection.of(endpoint, user, password_file, policy, insecure, timeout)
+
+    async def work(scenarios: ScenarioClient) -> None:
+        await scenarios.pause(run_id)
+        if as_json:
+            print_json({"run_id": run_id, "done": True})
+
+    with_scenarios(connection, work)
+
+
+def resume(
+    run_id: RunId,
+    endpoint: Endpoint = DEFAULT_ENDPOINT,
+    user: User = None,
+    password_file: PasswordFile = None,
+    policy: SecurityPolicy = Policy.BASIC256SHA256,
+    insecure: Insecure = False,
+    timeout: Timeout = 10.0,
+    as_json: Json = False,
+) -> None:
+    """Let a run go on."""
+    connection = Connection.of(endpoint, user, password_file, policy, insecure, timeout)
+
+    async def work(scenarios: ScenarioClient) -> None:
+        await scenarios.resume(run_id)
+        if as_json:
+            print_json({"run_id": run_id, "done": True})
+
+    with_scenarios(connection, work)
+
+
+def abort(
+    run_id: RunId,
+    reason: Annotated[str, typer.Option(help="Why, for people.")] = "",
+    endpoint: Endpoint = DEFAULT_ENDPOINT,
+    user: User = None,
+    password_file: PasswordFile = None,
+    policy: SecurityPolicy = Policy.BASIC256SHA256,
+    insecure: Insecure = False,
+    timeout: Timeout = 10.0,
+    as_json: Json = False,
+) -> None:
+    """End a run; robots that can stop are halted."""
+    connection = Connection.of(endpoint, user, password_file, policy, insecure, timeout)
+
+    async def work(scenarios: ScenarioClient) -> None:
+        await scenarios.abort(run_id, reason)
+        if as_json:
+            print_json({"run_id": run_id, "done": True})
+
+    with_scenarios(connection, work)
+
+
+def answer(
+    run_id: RunId,
+    step: Annotated[str, typer.Argument(help="Key of the step, or name of its task.")],
+    answer: Annotated[str, typer.Argument(help="done, retry, or fail: another robot is looked for.")],
+    endpoint: Endpoint = DEFAULT_ENDPOINT,
+    user: User = None,
+    password_file: PasswordFile = None,
+    policy: SecurityPolicy = Policy.BASIC256SHA256,
+    insecure: Insecure = False,
+    timeout: Timeout = 10.0,
+    as_json: Json = False,
+) -> None:
+    """Say what became of a task of which nobody else can tell."""
+    connection = Connection.of(endpoint, user, password_file, policy, insecure, timeout)
+
+    async def work(scenarios: ScenarioClient) -> None:
+        await scenarios.answer(run_id, step, answer)
+        if as_json:
+            print_json({"run_id": run_id, "done": True})
+
+    with_scenarios(connection, work)
+
+
+class _Invalid(UsageError, ScenarioInvalid):
+    """A scenario has problems: exit code 2."""
+
+
+async def _follow(scenarios: ScenarioClient, run_id: str, *, as_json: bool) -> None:
+    last: RunInfo | None = None
+    async with aclosing(scenarios.follow(run_id)) as changes:
+        async for info in changes:
+            last = info
+            if as_json:
+                print_json(asdict(info))
+            else:
+                tasks = [
+                    f"{task} ({robot}) {state}"
+                    for task, robot, state in zip(info.tasks, info.robots, info.states, strict=False)
+                ]
+                print_line(f"{info.state}: {', '.join(tasks) or 'no task yet'}")
+    if last is None or not last.is_over:
+        message(f"the connection has ended; see: ua-fleet scenario watch {run_id}")
+    elif last.state != "done":
+        raise ScenarioError(f"run {run_id} {last.state}: {last.reason}")
+
+
+def _given(scenario: str) -> str:
+    """A scenario's name, or the text of a file."""
+    if not scenario.endswith((".yaml", ".yml", ".json")):
+        return scenario
+    try:
+        text = Path(scenario).read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        reason = error.strerror if isinstance(error, OSError) else "it is not UTF-8 text"
+        raise UsageError(f"{scenario}: cannot be read: {reason}; name a file, or a scenario of the server") from error
+    return f"{text}\n"
+
+
+def _parameter(text: str) -> tuple[str, str]:
+    name, equals, value = text.partition("=")
+    if not equals:
+        raise UsageError(f"{text!r} is no parameter; write name=value")
+    return name, value

@@ -1,0 +1,259 @@
+# asyncua is typed in part only.
+# pyright: reportUnknownMemberType=false, reportUnknownVariableType=false, reportUnknownArgumentType=false
+# pyright: reportPrivateImportUsage=false
+"""Scenarios, faults and decisions of a server, by its Methods and nodes."""
+
+from __future__ import annotations
+
+from collections.abc import AsyncGenerator, Mapping, Sequence
+from contextlib import aclosing
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Final
+
+from asyncua import ua
+
+from ua_fleet.errors import UaFleetError
+from ua_fleet.values import StatusCode
+
+if TYPE_CHECKING:
+    from ua_fleet.client.fleet_client import FleetClient
+
+__all__ = ["DecisionInfo", "FaultInfo", "Forecast", "NotDone", "Problem", "RunInfo", "ScenarioClient", "ScenarioInfo"]
+
+_STATUS: Final = {
+    1: StatusCode.BAD_NODE_ID_UNKNOWN,
+    2: StatusCode.BAD_CONFIGURATION_ERROR,
+    3: StatusCode.BAD_INVALID_STATE,
+    4: StatusCode.BAD_RESOURCE_UNAVAILABLE,
+}
+"""ReturnStatus of the server's Methods."""
+_OVER: Final = ("done", "failed", "aborted")
+_ACKNOWLEDGE: Final = f"i={ua.ObjectIds.AcknowledgeableConditionType_Acknowledge}"
+
+
+class NotDone(UaFleetError):
+    """The server has not done what was asked for; the text says why."""
+
+    def __init__(self, return_status: int, message: str) -> None:
+        self.return_status = return_status
+        self.ua_status = int(_STATUS.get(return_status, StatusCode.BAD_UNEXPECTED_ERROR))
+        super().__init__(message)
+
+
+@dataclass(frozen=True, slots=True)
+class ScenarioInfo:
+    """A scenario of the server's folder."""
+
+    name: str
+    description: str
+    problems: int
+
+
+@dataclass(frozen=True, slots=True)
+class Problem:
+    """A mistake in a scenario."""
+
+    line: int
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class RunInfo:
+    """A run as it is now; the tuples have an item for each task whose turn has come."""
+
+    run_id: str
+    state: str
+    scenario: str
+    started: str | None
+    """ISO 8601."""
+    started_by: str
+    reason: str
+    tasks: tuple[str, ...]
+    robots: tuple[str, ...]
+    states: tuple[str, ...]
+    results: tuple[str, ...]
+
+    @property
+    def is_over(self) -> bool:
+        """Whether it has ended."""
+        return self.state in _OVER
+
+
+@dataclass(frozen=True, slots=True)
+class FaultInfo:
+    """A fault of a robot."""
+
+    fault_id: str
+    robot: str
+    source: str
+    reason: str
+    active: bool
+    acknowledged: bool
+
+
+@dataclass(frozen=True, slots=True)
+class DecisionInfo:
+    """A decision as it is now."""
+
+    decision_id: str
+    state: str
+    task: str
+    failed: str
+    reason: str
+    chosen: str
+    chosen_by: str
+    robots: tuple[str, ...]
+    scores: tuple[float, ...]
+    excluded: tuple[str, ...]
+    reasons: tuple[str, ...]
+    consistency_ratio: float
+
+
+@dataclass(frozen=True, slots=True)
+class Forecast:
+    """Who would take over a task."""
+
+    run_id: str
+    task: str
+    best: str
+    explanation: str
+
+
+class ScenarioClient:
+    """What people do with scenarios. Methods raise NotDone with the server's reason."""
+
+    def __init__(self, client: FleetClient) -> None:
+        self._client = client
+
+    async def scenarios(self) -> list[ScenarioInfo]:
+        """The scenarios that the server has."""
+        names, descriptions, problems = await self._call("Scenarios", "List")
+        return [ScenarioInfo(*row) for row in zip(names, descriptions, problems, strict=True)]
+
+    async def validate(self, scenario: str) -> list[Problem]:
+        """What is wrong with a scenario, given by its name or as a text."""
+        _, texts, lines = await self._call("Scenarios", "Validate", _text(scenario))
+        return [Problem(line, text) for line, text in zip(lines, texts, strict=True)]
+
+    async def run(self, scenario: str, parameters: Mapping[str, str] | None = None) -> str:
+        """Start a run; its id."""
+        given = parameters or {}
+        names, values = _texts(list(given)), _texts(list(given.values()))
+        (run_id,) = await self._call("Scenarios", "Run", _text(scenario), names, values)
+        return str(run_id)
+
+    async def pause(self, run_id: str) -> None:
+        """Let a run start no further task."""
+        await self._call("Scenarios", "Pause", _text(run_id))
+
+    async def resume(self, run_id: str) -> None:
+        """Let a run go on."""
+        await self._call("Scenarios", "Resume", _text(run_id))
+
+    async def abort(self, run_id: str, reason: str) -> None:
+        """End a run."""
+        await self._call("Scenarios", "Abort", _text(run_id), _text(reason))
+
+    async def answer(self, run_id: str, step: str, answer: str) -> None:
+        """Say what became of a task: done, retry or fail."""
+        await self._call("Scenarios", "Answer", _text(run_id), _text(step), _text(answer))
+
+    async def run_info(self, run_id: str) -> RunInfo:
+        """A run as it is now; NodeNotFound where there is none."""
+        names = ("State", "Scenario", "StartTime", "StartedBy", "Reason", "Tasks", "Robots", "States", "Results")
+        state, scenario, started, by, reason, *columns = await self._read(f"Scenarios.Runs.{run_id}", names)
+        return RunInfo(run_id, state, scenario, started, by, reason, *(tuple(column or ()) for column in columns))
+
+    async def follow(self, run_id: str) -> AsyncGenerator[RunInfo]:
+        """A run now, and whenever something about it changes, until it has ended."""
+        path = f"ns=2;s=Fleet.Scenarios.Runs.{run_id}"
+        before: RunInfo | None = None
+        async with aclosing(self._client.watch([f"{path}.State", f"{path}.States", f"{path}.Robots"])) as changes:
+            async for _ in changes:
+                info = await self.run_info(run_id)
+                if info != before:
+                    before = info
+                    yield info
+                if info.is_over:
+                    return
+
+    async def faults(self) -> list[FaultInfo]:
+        """Faults that are active, or that nobody has acknowledged."""
+        found: list[FaultInfo] = []
+        names = ("Robot", "FaultSource", "Reason", "ActiveState.Id", "AckedState.Id", "Retain")
+        for fault_id in await self._below("Faults"):
+            *values, retain = await self._read(f"Faults.{fault_id}", names)
+            if retain:
+                found.append(FaultInfo(fault_id, *values))
+        return found
+
+    async def acknowledge(self, fault_id: str, comment: str) -> None:
+        """Say that a fault was seen; NodeNotFound where there is none."""
+        (event_id,) = await self._read(f"Faults.{fault_id}", ("EventId",))
+        await self._client.call(
+            f"ns=2;s=Fleet.Faults.{fault_id}",
+            _ACKNOWLEDGE,
+            ua.Variant(bytes.fromhex(event_id), ua.VariantType.ByteString),
+            ua.Variant(ua.LocalizedText(comment), ua.VariantType.LocalizedText),
+        )
+
+    async def decisions(self) -> list[DecisionInfo]:
+        """Decisions that are open, and the last that were made."""
+        names = ("State", "Task", "Failed", "Reason", "Chosen", "ChosenBy")
+        arrays = ("Robots", "Scores", "Excluded", "Reasons")
+        found: list[DecisionInfo] = []
+        for decision_id in await self._below("Resilience.Decisions"):
+            path = f"Resilience.Decisions.{decision_id}"
+            state, task, failed, reason, chosen, by = await self._read(path, names)
+            robots, scores, excluded, reasons, ratio = await self._read(path, (*arrays, "ConsistencyRatio"))
+            found.append(
+                DecisionInfo(
+                    decision_id,
+                    state,
+                    task,
+                    failed,
+                    reason,
+                    chosen,
+                    by,
+                    robots=tuple(robots or ()),
+                    scores=tuple(scores or ()),
+                    excluded=tuple(excluded or ()),
+                    reasons=tuple(reasons or ()),
+                    consistency_ratio=ratio,
+                )
+            )
+        return found
+
+    async def confirm(self, decision_id: str, robot: str) -> str:
+        """Choose who takes over: `taken`, or `repeated` where it was this robot before."""
+        (outcome,) = await self._call("Resilience", "Confirm", _text(decision_id), _text(robot))
+        return str(outcome)
+
+    async def what_if(self, robot: str) -> list[Forecast]:
+        """Who would take over each task that a robot has ahead."""
+        columns = await self._call("Resilience", "WhatIf", _text(robot))
+        return [Forecast(*row) for row in zip(*columns, strict=True)]
+
+    async def _call(self, owner: str, name: str, *arguments: ua.Variant) -> list[Any]:
+        *outputs, status, message = await self._client.call(
+            f"ns=2;s=Fleet.{owner}", f"ns=2;s=Fleet.{owner}.{name}", *arguments
+        )
+        if status:
+            raise NotDone(int(status), str(message))
+        return outputs
+
+    async def _read(self, path: str, names: Sequence[str]) -> list[Any]:
+        readings = await self._client.read([f"ns=2;s=Fleet.{path}.{name}" for name in names])
+        return [reading.value for reading in readings]
+
+    async def _below(self, folder: str) -> list[str]:
+        nodes = await self._client.browse(f"ns=2;s=Fleet.{folder}")
+        return [node.browse_name for node in nodes if node.node_class == "Object"]
+
+
+def _text(value: str) -> ua.Variant:
+    return ua.Variant(value, ua.VariantType.String)
+
+
+def _texts(values: Sequence[str]) -> ua.Variant:
+    return ua.Variant(list(values), ua.VariantType.String, None, True)

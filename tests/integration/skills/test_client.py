@@ -12,7 +12,7 @@ from contextlib import asynccontextmanager
 import pytest
 
 from tests.contract.skilled import ENDLESS_WORK, FAILING_WORK, REFUSED_WORK
-from tests.integration.server_model.harness import OBSERVER, OPERATOR, Running
+from tests.integration.server_model.harness import OBSERVER, OPERATOR, Running, until
 from tests.integration.skills.conftest import Hall
 from tests.system import clean_environment
 from ua_fleet.client import ClientIdentity, FleetClient, NodeNotFound
@@ -134,9 +134,15 @@ async def test_the_command_line_calls_skills(hall: Hall) -> None:
             assert code == expected, errors
 
 
-async def test_a_silent_robot_is_unreachable_for_the_command_line_too(hall: Hall) -> None:
+async def test_a_robot_that_fell_silent_is_unreachable(hall: Hall) -> None:
     bridge = hall.bridge()
     async with hall.server() as running, connected(running) as client:
+
+        async def state() -> str | None:
+            return (await client.skills("machine"))[0].state
+
+        await until(state, lambda shown: shown == "Ready")
         bridge.end(signal.SIGKILL)
-        with pytest.raises(RobotOffline):
+        await until(state, lambda shown: shown is None)
+        with pytest.raises(RobotOffline, match="whether its bridge runs"):
             await client.call_skill("machine", "work", seconds=1)

@@ -6,6 +6,8 @@ PYTHON_ROS1 := .venv-ros1/bin/python
 # Parts of the system whose absence fails the tests that need them, instead of skipping these:
 #   make test REQUIRE=ros1,ros2,node
 REQUIRE ?=
+# Test processes side by side; many tests wait for processes that they started: make test JOBS=1
+JOBS ?= 2
 # One group of benchmarks: make bench ONLY=codec
 ONLY ?=
 # More options for pytest or the demonstration: make test ARGS="-k topics"
@@ -30,7 +32,7 @@ demo: setup
 	@.venv/bin/ua-fleet demo pal $(ARGS)
 
 test: setup-test
-	$(PYTHON) -m pytest --require="$(REQUIRE)" $(ARGS)
+	$(PYTHON) -m pytest -n $(JOBS) --dist loadfile --require="$(REQUIRE)" $(ARGS)
 	@if [ -x $(PYTHON_ROS1) ]; then \
 		$(PYTHON_ROS1) -m pytest tests/contract tests/unit/bridges/ros1 --drivers=ros1 --require="$(REQUIRE)" -p no:cacheprovider; \
 	else \

@@ -118,12 +118,14 @@ class SkillTracker:
         return changes
 
     def requested(self, key: NodeId, execution_id: bytes, ticks: int) -> list[SkillChange]:
-        """A request of this server was recorded and sent."""
+        """A request of this server was recorded and sent; said again after a restart, it changes nothing."""
         skill = self._skills[key]
         self._asked[execution_id] = skill
         if len(self._asked) > MOST_ASKED:
             del self._asked[next(iter(self._asked))]
         self._touched.add(self._topics[key])
+        if execution_id in skill.executions:
+            return []
         return [*self._known_here(skill, ticks), *skill.take(Execution(execution_id, _S.RUNNING, began=ticks), ticks)]
 
     def concluded(self, execution_id: bytes, outcome: Outcome, ticks: int) -> list[SkillChange]:

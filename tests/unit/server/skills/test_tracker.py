@@ -70,6 +70,13 @@ def test_a_request_runs_is_accepted_goes_on_and_ends_with_its_results() -> None:
     assert tracker.apply(said(status(FIRST, S.RUNNING), timestamp=20), 15) == []
 
 
+def test_a_request_that_is_made_again_after_a_restart_changes_nothing() -> None:
+    tracker = SkillTracker(model())
+    tracker.apply(said(status(FIRST, S.DONE)), 10)
+    assert tracker.requested(TURN, FIRST, 11) == []
+    assert tracker.state(TURN) is ProgramState.READY
+
+
 def test_an_immediate_skill_brings_its_results_in_the_answer() -> None:
     tracker = SkillTracker(model())
     tracker.requested(TURN, FIRST, 10)

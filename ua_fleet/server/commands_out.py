@@ -24,6 +24,7 @@ from ua_fleet.skill.executions import (
     EXECUTION_ID_BYTES,
     HALT_TARGETS,
     Outcome,
+    OutcomeKind,
     RequestorName,
     Target,
     halt_id,
@@ -92,6 +93,8 @@ class SkillCommands:
         self._catalog = ActionCatalog()
         self._send, self._want, self._sooner, self._wall_ticks, self._told = send, want, sooner, wall_ticks, told
         self._waiting: dict[bytes, list[asyncio.Future[Outcome]]] = {}
+        self._halts: dict[bytes, str] = {}
+        """Who is asked to stop, by the id of the request."""
         self._announced = asyncio.Event()
         self._retry_at = 0.0
         self._is_failing = False
@@ -175,6 +178,7 @@ class SkillCommands:
             raise error
         now, target = asyncio.get_running_loop().time(), Target(*topic, target_id)
         wall = self._wall_ticks()
+        self._halts[halt_id(execution_id)] = f"{robot}: {action.request.name}"
         self._do(self._requestor.start(halt_id(execution_id), target, (), (), HALT_TIMEOUT_S, now, wall))
         self._sooner()
 
@@ -284,6 +288,9 @@ class SkillCommands:
                 self._tell(effect.execution_id, effect.outcome)
 
     def _tell(self, execution_id: bytes, outcome: Outcome) -> None:
+        halted = self._halts.pop(execution_id, None)
+        if halted is not None and outcome.kind is not OutcomeKind.ACCEPTED:
+            _log.warning("not halted", what=halted, outcome=outcome.kind.value, reason=outcome.report.message)
         for waiting in self._waiting.pop(execution_id, ()):
             if not waiting.done():
                 waiting.set_result(outcome)

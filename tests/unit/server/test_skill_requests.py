@@ -6,7 +6,7 @@ import pytest
 
 from tests.unit.server.test_commands_out import ANNOUNCED, Bench, announced
 from ua_fleet.errors import RobotOffline, SkillRejected
-from ua_fleet.skill.executions import HALT_TARGETS, OutcomeKind, halt_id
+from ua_fleet.skill.executions import HALT_TARGETS, ExecutionState, OutcomeKind, Report, halt_id
 from ua_fleet.topics import Topic
 from ua_fleet.values import StatusCode
 from ua_fleet.wire.discovered import ActionTarget
@@ -43,7 +43,9 @@ async def test_what_nobody_has_announced_is_asked_for_and_refused() -> None:
         bench.commands.halt(ACTION, "arm", ID)
 
 
-async def test_a_halt_names_its_execution_and_is_asked_for_once() -> None:
+async def test_a_halt_names_its_execution_is_asked_for_once_and_a_refusal_is_logged(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     bench = Bench()
     targets = (ActionTarget(1, "arm"), ActionTarget(1 | HALT_TARGETS, "arm, halt"))
     bench.commands.announced(ANNOUNCED._replace(targets=targets))
@@ -51,6 +53,10 @@ async def test_a_halt_names_its_execution_and_is_asked_for_once() -> None:
         bench.commands.halt(ACTION, "arm", ID)
     (request,) = bench.requests()
     assert (request.action_target_id, request.correlation_data, request.values) == (1 | HALT_TARGETS, halt_id(ID), ())
+    bench.respond(request, Report(ExecutionState.REFUSED, message="it holds a load"))
+    said = capsys.readouterr().out
+    assert "not halted" in said
+    assert "it holds a load" in said
 
 
 async def test_a_robot_without_a_way_to_stop_is_told() -> None:

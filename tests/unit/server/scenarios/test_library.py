@@ -1,0 +1,57 @@
+"""The scenarios' files, and values given as texts."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from ua_fleet.errors import ScenarioError
+from ua_fleet.scenario import FleetView
+from ua_fleet.server.scenarios.library import MOST_BYTES, Library, Listed, ScenarioUnknown, read_values
+
+GOOD = "version: 1\nname: good\ndescription: waits\nsteps:\n  - {wait: 1}\n"
+FLEET = FleetView({})
+
+
+def test_scenarios_are_listed_with_their_mistakes(tmp_path: Path) -> None:
+    (tmp_path / "good.yaml").write_text(GOOD)
+    (tmp_path / "bad.json").write_text('{"version": 1, "name": "bad"}')
+    (tmp_path / "notes.txt").write_text("nothing")
+    (tmp_path / "no name.yaml").write_text(GOOD)
+    assert Library(tmp_path).listed() == [Listed("bad", "", 1), Listed("good", "waits", 0)]
+    assert Library(tmp_path / "not_there").listed() == []
+
+
+def test_a_scenario_is_a_name_or_a_text(tmp_path: Path) -> None:
+    (tmp_path / "good.yaml").write_text(GOOD)
+    library = Library(tmp_path)
+    assert library.text("good") == GOOD
+    assert library.checked(GOOD, FLEET).problems == ()
+    (problem,) = library.checked("version: 1\nname: s\nsteps:\n  - {task: a, skill: x, robot: y}\n", FLEET).problems
+    assert problem.line == 4
+
+
+@pytest.mark.parametrize("name", ["../good", "/etc/passwd", "", "good.yaml", "a" * 65, "missing"])
+def test_what_is_no_name_leads_nowhere(tmp_path: Path, name: str) -> None:
+    (tmp_path / "folder").mkdir()
+    (tmp_path / "good.yaml").write_text(GOOD)
+    with pytest.raises(ScenarioUnknown):
+        Library(tmp_path / "folder").text(name)
+
+
+def test_a_scenario_that_is_too_long_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "long.yaml").write_text("#" * (MOST_BYTES + 1))
+    for given in ("long", "a: 1\n" * MOST_BYTES):
+        with pytest.raises(ScenarioError, match="at most"):
+            Library(tmp_path).text(given)
+
+
+def test_values_are_read_as_in_yaml() -> None:
+    given = ["20", "2.5", "true", "left", "", "7"]
+    read = read_values(["a", "b", "c", "d", "e", "f"], given, {"f": "text"})
+    assert read == {"a": 20, "b": 2.5, "c": True, "d": "left", "e": "", "f": "7"}
+    with pytest.raises(ScenarioError, match="1 names were given with 0 values"):
+        read_values(["a"], [])
+    with pytest.raises(ScenarioError, match="twice"):
+        read_values(["a", "a"], ["1", "2"])

@@ -1,0 +1,249 @@
+"""The service with robots that are asked by nobody, a clock that stands still, and a journal that may fail."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from ua_fleet.config.nodes import fleet_model
+from ua_fleet.config.schema import FleetConfig
+from ua_fleet.errors import RobotOffline, SkillRejected, StorageUnavailable
+from ua_fleet.fleet.changes import ValueChanged
+from ua_fleet.fleet.model import RobotState
+from ua_fleet.orchestrator import DecisionChanged, FaultChanged, Output, RunChanged
+from ua_fleet.scenario.facts import RunEnded, TaskOver
+from ua_fleet.server.scenarios.service import COALESCE_S, START_WITHIN_S, ScenarioService
+from ua_fleet.skill.executions import ExecutionState, Outcome, OutcomeKind, Report
+from ua_fleet.storage.run_journal import RunJournal
+from ua_fleet.topics import Topic
+from ua_fleet.values import BuiltinType, NodeId
+
+SKILL = {"arguments": {"angle": {"type": "Double", "default": 0}}, "timeout_s": 5}
+CONFIG = FleetConfig.model_validate(
+    {
+        "version": 1,
+        "pubsub": {"security": "none"},
+        "bridges": {"cell": {"kind": "virtual", "space": 2, "status_id": 900}},
+        "robots": {
+            robot: {
+                "bridge": "cell",
+                "skill_status_id": 1200 + number,
+                "skills": {"grab": {"id": 1100 + number, **SKILL}},
+                "data": {
+                    "battery": {"id": 1000 + number, "type": "Double"},
+                    "fault": {"id": 1010 + number, "type": "Boolean"},
+                },
+            }
+            for number, robot in enumerate(("left", "right"))
+        },
+        "resilience": {
+            "mode": "automatic",
+            "faults": {"battery_low": {"robots": ["left", "right"], "when": "battery < 20"}},
+        },
+    }
+)
+ONE = "version: 1\nname: one\nsteps:\n  - {task: a, skill: grab, robot: left, arguments: {angle: 5}}\n"
+ACCEPTED = Outcome(OutcomeKind.ACCEPTED, Report(ExecutionState.RUNNING))
+IMMEDIATE = Outcome(OutcomeKind.ACCEPTED, Report(ExecutionState.DONE))
+
+
+class Robots:
+    """What asks robots."""
+
+    def __init__(self) -> None:
+        self.asked: list[tuple[str, tuple[Any, ...], bytes]] = []
+        self.halted: list[str] = []
+        self.known: dict[bytes, Outcome | None] = {}
+        self.refusal: Exception | None = None
+
+    def request(self, topic: Topic, robot: str, values: tuple[Any, ...], timeout_s: float, execution_id: bytes) -> None:
+        if self.refusal is not None:
+            raise self.refusal
+        assert topic.space == 2
+        assert timeout_s == 5
+        self.asked.append((robot, values, execution_id))
+        self.known[execution_id] = None
+
+    def halt(self, topic: Topic, robot: str, execution_id: bytes) -> None:
+        self.halted.append(robot)
+        raise SkillRejected("it cannot stop")
+
+    def known_outcome(self, execution_id: bytes) -> Outcome | None:
+        return self.known[execution_id]
+
+
+class FailingJournal(RunJournal):
+    fails = False
+
+    def write(self, facts: Any, faults: Any = ()) -> None:
+        if self.fails:
+            raise StorageUnavailable("the disk is full")
+        super().write(facts, faults)
+
+
+class World:
+    def __init__(self, folder: Path, robots: Robots | None = None, *, heard: Sequence[str] = ("left", "right")) -> None:
+        self.robots = robots or Robots()
+        self.journal = FailingJournal(folder / "runs.db")
+        self.said: list[Output] = []
+        self.now = 100.0
+        self.service = ScenarioService(
+            CONFIG,
+            fleet_model(CONFIG),
+            self.journal,
+            self.robots,
+            folder=folder,
+            show=self.said.append,
+            forgotten=lambda run_id: None,
+            requested=lambda key, execution_id: None,
+            sooner=lambda: None,
+            clock=lambda: self.now,
+            wall_s=lambda: self.now,
+        )
+        self.records = self.service.restore()
+        self.service.go_on()
+        for robot in heard:
+            self.state(robot, RobotState.IDLE)
+
+    def state(self, robot: str, state: RobotState) -> None:
+        self.value(f"Robots.{robot}.State", int(state), BuiltinType.INT32)
+
+    def value(self, key: int | str, value: object, kind: BuiltinType = BuiltinType.DOUBLE) -> None:
+        self.service.value_changed(ValueChanged(NodeId(2, key), int(kind), value, 0, 1, False))
+
+    def start(self, text: str = ONE, names: Sequence[str] = (), values: Sequence[str] = ()) -> str:
+        return self.service.start(self.service.valid(text), names, values, "anna")
+
+    def pass_time(self, seconds: float) -> None:
+        end = self.now + seconds
+        while (due := self.service.next_deadline()) is not None and due <= end:
+            self.now = max(self.now, due)
+            self.service.poll()
+        self.now = end
+
+    def faults(self) -> list[str]:
+        return [f"{output.fault.id} {output.change.name}" for output in self.said if isinstance(output, FaultChanged)]
+
+    def ended(self) -> list[str]:
+        return [
+            f"{output.fact.outcome.value} {output.fact.reason}".strip()
+            for output in self.said
+            if isinstance(output, RunChanged) and isinstance(output.fact, RunEnded)
+        ]
+
+
+def test_a_task_is_asked_for_once_and_its_end_ends_the_run(tmp_path: Path) -> None:
+    world = World(tmp_path)
+    world.start()
+    ((robot, values, execution_id),) = world.robots.asked
+    assert (robot, values) == ("left", (5.0,))
+    world.service.concluded(execution_id, ACCEPTED)
+    world.service.concluded(execution_id, IMMEDIATE)
+    assert world.ended() == ["done"]
+    world.service.concluded(execution_id, IMMEDIATE)
+    assert world.ended() == ["done"]
+    assert len(world.robots.asked) == 1
+
+
+def test_after_a_restart_a_known_request_is_not_made_again(tmp_path: Path) -> None:
+    world = World(tmp_path)
+    run_id = world.start()
+    ((_, _, execution_id),) = world.robots.asked
+    world.journal.close()
+    again = World(tmp_path, world.robots)
+    assert [record.run_id for record in again.records] == [run_id]
+    assert len(again.robots.asked) == 1
+    again.service.concluded(execution_id, IMMEDIATE)
+    assert again.ended() == ["done"]
+
+
+def test_an_action_that_nobody_announces_is_refused_in_the_end(tmp_path: Path) -> None:
+    world = World(tmp_path)
+    world.robots.refusal = RobotOffline("nobody announces it")
+    world.start()
+    world.pass_time(START_WITHIN_S - 1)
+    assert not [output for output in world.said if isinstance(output, RunChanged) and isinstance(output.fact, TaskOver)]
+    world.pass_time(2)
+    (over, *_) = [o.fact for o in world.said if isinstance(o, RunChanged) and isinstance(o.fact, TaskOver)]
+    assert over.message == "nobody announces it"
+    assert any(isinstance(output, DecisionChanged) for output in world.said)
+
+
+def test_what_cannot_be_written_is_not_carried_out_until_it_is(tmp_path: Path) -> None:
+    world = World(tmp_path)
+    world.journal.fails = True
+    with pytest.raises(StorageUnavailable):
+        world.start()
+    assert world.robots.asked == []
+    world.pass_time(5)
+    assert world.robots.asked == []
+    world.journal.fails = False
+    world.pass_time(2)
+    assert [robot for robot, _, _ in world.robots.asked] == ["left"]
+
+
+def test_a_silent_robot_is_a_fault_until_it_is_heard(tmp_path: Path) -> None:
+    world = World(tmp_path)
+    world.start()
+    world.state("left", RobotState.OFFLINE)
+    assert world.faults() == ["left.silent RAISED"]
+    assert [robot for robot, _, _ in world.robots.asked] == ["left", "right"]
+    assert world.robots.halted == ["left"]
+    world.state("left", RobotState.IDLE)
+    assert world.faults() == ["left.silent RAISED", "left.silent CLEARED"]
+
+
+def test_a_robot_that_is_never_heard_is_silent_after_a_while(tmp_path: Path) -> None:
+    world = World(tmp_path, heard=["right"])
+    world.pass_time(1)
+    assert world.faults() == []
+    world.pass_time(60)
+    assert world.faults() == ["left.silent RAISED"]
+    world.state("left", RobotState.IDLE)
+    assert world.faults() == ["left.silent RAISED", "left.silent CLEARED"]
+
+
+def test_conditions_are_looked_at_soon_and_not_for_each_value(tmp_path: Path) -> None:
+    world = World(tmp_path)
+    world.value(1000, 15.0)
+    assert world.service.next_deadline() == world.now + COALESCE_S
+    world.value(1000, 10.0)
+    world.pass_time(1)
+    assert world.faults() == ["left.battery_low RAISED"]
+    world.value(1010, True, BuiltinType.BOOLEAN)
+    assert world.service.next_deadline() == world.now
+    world.value(1000, 50.0)
+    world.pass_time(1)
+    assert world.faults() == ["left.battery_low RAISED", "left.battery_low CLEARED"]
+
+
+def test_faults_are_there_again_after_a_restart(tmp_path: Path) -> None:
+    world = World(tmp_path)
+    world.service.raise_fault("left", "gripper stuck")
+    world.service.acknowledge("left.robot", "anna")
+    world.journal.close()
+    again = World(tmp_path)
+    ((fault),) = again.service.faults
+    assert (fault.id, fault.reason, fault.acknowledged_by) == ("left.robot", "gripper stuck", "anna")
+    again.service.clear_fault("left")
+    assert again.service.faults == []
+
+
+def test_a_run_that_no_longer_fits_the_fleet_is_ended(tmp_path: Path) -> None:
+    world = World(tmp_path)
+    run_id = world.start()
+    world.journal.close()
+    (tmp_path / "runs.db").touch()
+    with RunJournal(tmp_path / "runs.db") as journal:
+        (created, *others) = journal.facts(run_id)
+        text = ONE.replace("robot: left", "robot: gone")
+        journal.write([("other", type(created)(1.0, "other", text))])  # type: ignore[call-arg, arg-type]  # it is RunCreated
+        assert others
+    again = World(tmp_path)
+    (ended,) = [record for record in again.records if record.run_id == "other"]
+    assert ended.shown_state == "failed"
+    assert "there is no robot 'gone'" in ended.state.reason
+    assert again.service.run_ids == [run_id]

@@ -16,7 +16,7 @@ import structlog
 from ua_bridges.ros.executing import Executing
 from ua_bridges.ros.ports.port import SkillGraph, SkillPort
 from ua_bridges.ros.skills import SkillSpec
-from ua_fleet.bridge.driver import DriverEvent, Execution, ExecutionForgotten, Skill
+from ua_fleet.bridge.driver import DriverEvent, Execution, ExecutionForgotten
 from ua_fleet.errors import RobotOffline, SkillRejected
 
 __all__ = ["MakePort", "RobotSkills"]
@@ -49,7 +49,6 @@ class RobotSkills(Generic[Graph]):
         self._executing = Executing(put)
         self._ports = {spec.topic: make_port(spec, self._executing, put) for spec in specs}
         self._begun_by: dict[bytes, SkillPort[Graph]] = {}
-        self.offers: Sequence[Skill] = tuple([spec.offer() for spec in specs])
 
     def __iter__(self) -> Iterator[SkillPort[Graph]]:
         """The ports."""

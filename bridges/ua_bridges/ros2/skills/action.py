@@ -16,12 +16,12 @@ from functools import partial
 from typing import Any, Final
 
 from ua_bridges.ros.executing import Executing, Open
+from ua_bridges.ros.ports import SkillPort
 from ua_bridges.ros.skill_values import Condition, Ended, RequestFiller, ResponseReader
 from ua_bridges.ros.skills import ActionSkill, SkillSpec
-from ua_bridges.ros2.node import Ros2Node
 from ua_bridges.ros2.qos import Qos
 from ua_bridges.ros2.skills.calls import Calls
-from ua_bridges.ros2.skills.port import SkillPort, find_type, part_schema
+from ua_bridges.ros2.skills.graph import Ros2Graph, find_type, part_schema
 from ua_bridges.ros2.watch import absolute
 from ua_fleet.bridge.driver import DriverEvent, Execution
 from ua_fleet.values import StatusCode
@@ -54,7 +54,7 @@ class _Goal:
         """It took too long and was canceled."""
 
 
-class ActionPort(SkillPort):
+class ActionPort(SkillPort[Ros2Graph]):
     """See the module."""
 
     def __init__(
@@ -65,8 +65,8 @@ class ActionPort(SkillPort):
         self._goals: dict[bytes, _Goal] = {}
         self._progress: Condition | None = None
 
-    def _open(self, node: Ros2Node) -> None:
-        way, name = self._way, absolute(self._way.name)
+    def _open(self, graph: Ros2Graph) -> None:
+        way, name, node = self._way, absolute(self._way.name), graph.node
         self._class = action = find_type(way.type, "action")
         parts = action.Impl
         self._filler = RequestFiller(self.spec, way, part_schema(f"{way.type}_Goal", action.Goal))

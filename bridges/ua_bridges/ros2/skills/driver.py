@@ -3,37 +3,28 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Sequence
-from functools import partial
-from typing import Any
-
-import structlog
 
 from ua_bridges.ros.executing import Executing
+from ua_bridges.ros.ports import Listened, ProgramPort, RobotSkills, SkillPort, TopicPort
 from ua_bridges.ros.skills import ActionSkill, ServiceSkill, SkillSpec, TopicSkill
 from ua_bridges.ros2.classes import MessageType
 from ua_bridges.ros2.feed import Read
 from ua_bridges.ros2.graph import LOOK_S
-from ua_bridges.ros2.node import Ros2Node, guarded
+from ua_bridges.ros2.node import Ros2Node
 from ua_bridges.ros2.session import Ros2Driver
 from ua_bridges.ros2.skills.action import ActionPort
-from ua_bridges.ros2.skills.port import SkillPort
-from ua_bridges.ros2.skills.program import ProgramPort
+from ua_bridges.ros2.skills.graph import Ros2Graph
 from ua_bridges.ros2.skills.service import ServicePort
-from ua_bridges.ros2.skills.topic import TopicPort
 from ua_bridges.ros2.watch import Heard
-from ua_fleet.bridge.driver import DriverEvent, Execution, ExecutionForgotten, Inlet, Skill
+from ua_fleet.bridge.driver import DriverEvent, Execution, Inlet, Skill
 from ua_fleet.config.schema import FleetConfig
-from ua_fleet.errors import RobotOffline, SkillRejected
-from ua_fleet.topics import Topic
+from ua_fleet.errors import RobotOffline
 
 __all__ = ["SkilledRos2Driver"]
 
-_log = structlog.get_logger("ua_bridges.ros2")
 
-
-def _make_port(spec: SkillSpec, executing: Executing, put: Callable[[DriverEvent], None]) -> SkillPort:
+def _make_port(spec: SkillSpec, executing: Executing, put: Callable[[DriverEvent], None]) -> SkillPort[Ros2Graph]:
     way = spec.via.way if spec.via is not None else None
     if isinstance(way, TopicSkill):
         return TopicPort(spec, way, executing, put)
@@ -45,29 +36,29 @@ def _make_port(spec: SkillSpec, executing: Executing, put: Callable[[DriverEvent
 
 
 class _SkillFeed:
-    """What is heard on a port's topic; see `ua_bridges.ros2.feed.Feed`."""
+    """What a port hears; see `ua_bridges.ros2.feed.Feed`."""
 
-    def __init__(self, port: SkillPort, name: str, wanted_type: str) -> None:
-        self._port, self._name, self._wanted = port, name, wanted_type.replace("/msg/", "/")
+    def __init__(self, listened: Listened) -> None:
+        self._listened, self._wanted = listened, listened.type.replace("/msg/", "/")
 
     def found(self, kind: MessageType, latched: bool) -> None:
         """See Feed."""
         if kind.name == self._wanted:
-            self._port.source("")
+            self._listened.source("")
         else:
             self.mistyped(kind.name, 0)
 
     def reader(self, kind: MessageType) -> Read:
         """See Feed."""
-        heard = self._port.heard
+        heard = self._listened.heard
         if kind.name != self._wanted:
             return lambda message, time_ns: None
         return lambda message, time_ns: heard(message)
 
     def mistyped(self, ros_type: str, time_ns: int) -> None:
         """See Feed."""
-        said = f"{self._name} carries {ros_type.replace('/msg/', '/')}, and not {self._wanted}; correct `type`"
-        self._port.source(said)
+        name, wanted = self._listened.name, self._wanted
+        self._listened.source(f"{name} carries {ros_type.replace('/msg/', '/')}, and not {wanted}; correct `type`")
 
     def release(self, now: float) -> float | None:
         """Nothing waits."""
@@ -75,7 +66,7 @@ class _SkillFeed:
 
     def lost(self) -> None:
         """See Feed."""
-        self._port.source(f"nobody publishes {self._name}; start the robot's node")
+        self._listened.source(f"nobody publishes {self._listened.name}; start the robot's node")
 
 
 class SkilledRos2Driver(Ros2Driver):
@@ -85,61 +76,34 @@ class SkilledRos2Driver(Ros2Driver):
         super().__init__(config, bridge_name)
         self._specs = specs
         self._offers = tuple([spec.offer() for spec in specs])
-        self._ports: dict[Topic, SkillPort] = {}
-        self._begun_by: dict[bytes, SkillPort] = {}
         self._look_at = 0.0
 
     # The node's thread
 
     def _listened(self, inlet: Inlet) -> list[Heard]:
-        self._executing = Executing(inlet.put)
-        self._ports = {spec.topic: _make_port(spec, self._executing, inlet.put) for spec in self._specs}
-        heard: list[Heard] = []
-        for port in self._ports.values():
-            if (wanted := port.listened()) is not None:
-                name, ros_type, qos = wanted
-                heard.append(Heard(name, ros_type, qos, _SkillFeed(port, name, ros_type)))
-        return heard
+        self._skills = RobotSkills(self._specs, _make_port, inlet.put, self._thread.call)
+        return [
+            Heard(listened.name, listened.type, listened.qos, _SkillFeed(listened))
+            for port in self._skills
+            for listened in port.listened()
+        ]
 
     def _opened(self, node: Ros2Node) -> None:
-        for port in self._ports.values():
-            port.opened(node)
-            if port.problem:
-                _log.error("a skill cannot be done", robot=port.spec.robot, skill=port.spec.name, why=port.problem)
+        self._skills.opened(Ros2Graph(node, self._inlet.put))
         super()._opened(node)
 
     def _turn(self, now: float) -> float:
         due = super()._turn(now)
         if now >= self._look_at:
             self._look_at = now + LOOK_S
-            for opened in self._executing.overdue(now):
-                port = self._begun_by.get(opened.execution_id)
-                if port is not None:
-                    guarded(port.overdue)(opened, now)
-            for port in self._ports.values():
-                guarded(port.turn)(now)
-            for execution_id in [each for each in self._begun_by if self._executing.get(each) is None]:
-                del self._begun_by[execution_id]
+            self._skills.turn(now)
         return min(due, self._look_at)
 
-    def _begin(self, port: SkillPort, execution: Execution, request: Any) -> None:
-        self._begun_by[execution.execution_id] = port
-        try:
-            port.begin(execution, request, time.monotonic())
-        except Exception:  # noqa: BLE001 - whatever it was, the robot may have been told
-            _log.exception("a skill could not be begun", robot=port.spec.robot, skill=port.spec.name)
-            self._executing.forget(execution.execution_id, "the bridge failed while it began this; see its log")
-
-    def _query(self, port: SkillPort, execution: Execution) -> None:
-        self._begun_by[execution.execution_id] = port
-        port.query(execution, time.monotonic())
-
-    def _cancel(self, execution_id: bytes) -> None:
-        port = self._begun_by.get(execution_id)
-        if port is not None:
-            port.cancel(execution_id, time.monotonic())
-
     # The event loop's side
+
+    def _check_node(self) -> None:
+        if not self._thread.running:
+            raise RobotOffline(f"the bridge is not in its domain: {self.status().detail}")
 
     def skills(self) -> Sequence[Skill]:
         """See SkillDriver."""
@@ -147,26 +111,14 @@ class SkilledRos2Driver(Ros2Driver):
 
     def execute(self, execution: Execution) -> None:
         """See SkillDriver."""
-        port = self._ports.get(execution.topic)
-        if port is None or not self._thread.running:
-            raise RobotOffline(f"the bridge is not in its domain: {self.status().detail}")
-        request = port.prepare(execution)
-        self._thread.call(partial(self._begin, port, execution, request))
+        self._check_node()
+        self._skills.execute(execution)
 
     def query(self, execution: Execution) -> None:
         """See SkillDriver."""
-        port = self._ports.get(execution.topic)
-        if port is None:
-            said = "the skill is no longer in fleet.yaml; see what the robot did"
-            self._inlet.put(ExecutionForgotten(execution.execution_id, said))
-        else:
-            self._thread.call(partial(self._query, port, execution))
+        self._skills.query(execution)
 
     def halt(self, execution: Execution) -> None:
         """See HaltingDriver."""
-        port = self._ports.get(execution.topic)
-        if port is None or not self._thread.running:
-            raise RobotOffline(f"the bridge is not in its domain: {self.status().detail}")
-        if port.cannot_stop:
-            raise SkillRejected(port.cannot_stop)
-        self._thread.call(partial(self._cancel, execution.execution_id))
+        self._check_node()
+        self._skills.halt(execution)

@@ -8,11 +8,11 @@ from functools import partial
 from typing import Any, Final
 
 from ua_bridges.ros.executing import Executing, Open
+from ua_bridges.ros.ports import SkillPort
 from ua_bridges.ros.skill_values import RequestFiller, ResponseReader
 from ua_bridges.ros.skills import ServiceSkill, SkillSpec
-from ua_bridges.ros2.node import Ros2Node
 from ua_bridges.ros2.skills.calls import Calls
-from ua_bridges.ros2.skills.port import SkillPort, find_type, part_schema
+from ua_bridges.ros2.skills.graph import Ros2Graph, find_type, part_schema
 from ua_bridges.ros2.watch import absolute
 from ua_fleet.bridge.driver import DriverEvent, Execution
 
@@ -22,7 +22,7 @@ GONE_S: Final = 1.0
 """A server that is missing for so long will not answer what it was asked before."""
 
 
-class ServicePort(SkillPort):
+class ServicePort(SkillPort[Ros2Graph]):
     """See the module."""
 
     def __init__(
@@ -34,13 +34,13 @@ class ServicePort(SkillPort):
         self._asked: set[bytes] = set()
         self._gone_at: float | None = None
 
-    def _open(self, node: Ros2Node) -> None:
+    def _open(self, graph: Ros2Graph) -> None:
         way = self._way
         self._class = find_type(way.type, "srv")
         self._filler = RequestFiller(self.spec, way, part_schema(f"{way.type}_Request", self._class.Request))
         self._filler.check(self._class.Request())
         self._reader = ResponseReader(self.spec, way, way.success, self._class.Response())
-        self._calls = Calls(node, self._class, absolute(way.name))
+        self._calls = Calls(graph.node, self._class, absolute(way.name))
 
     def _request_of(self, execution: Execution) -> Any:
         return self._filler.fill(self._class.Request(), execution.values)

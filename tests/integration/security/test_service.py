@@ -47,6 +47,7 @@ async def test_a_bridge_waits_for_the_key_service_and_says_nothing_meanwhile(sec
             await until(lambda: say(one, "ready"))
             counter = reader(client, f"ns=2;i={COUNTER_ONE.id}")
             await until_read(counter, lambda data: data.StatusCode.name == "Good")
+            await until(lambda: say(one, "the source of keys is back"))
         assert len(say(one, "the source of keys is back")) == 1
     assert one.end() == 0
     assert not say(one, "Traceback")

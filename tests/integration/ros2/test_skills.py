@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import json
 import signal
 import sys
 import time
@@ -10,11 +11,13 @@ import time
 import pytest
 from ua_bridges.ros2.environment import PROFILES_VARIABLE, profile_path
 
+from tests.contract.harness import until
 from tests.integration.ros2.conftest import Ros2Space
 from tests.integration.ros2.skilled import skilled_driver
 from tests.system import Child, Processes
 from tests.unit.docs.pages import ROOT, blocks
 from ua_fleet.bridge import ExecutionEnded, ExecutionForgotten, ExecutionProgressed, SourceFound
+from ua_fleet.counters import Drop
 from ua_fleet.errors import RobotOffline, SkillRejected
 from ua_fleet.values import StatusCode
 
@@ -55,6 +58,20 @@ async def test_topic_skill_fails_when_the_robot_says_so(ros2: Ros2Space, robot: 
     assert told(robot) == ["move 2.0 0.5"] * 2
 
 
+async def test_program_that_answers_twice_or_nonsense_is_counted(ros2: Ros2Space, robot: Child) -> None:
+    async with skilled_driver(ros2.domain) as skilled:
+        execution_id = skilled.begin(DRIVE, "dock", 0.0)
+        await skilled.end(execution_id)
+        done = json.dumps({"execution_id": execution_id.hex(), "state": "done", "results": {"distance": 9.0}})
+        other = json.dumps({"execution_id": "00" * 16, "state": "done"})
+        for text in (done, other, "done!"):
+            ros2.talker(f"ua_{ros2.domain}_2_{DRIVE}", "std_msgs/String", {"data": text}, "--count", 1, "--wait")
+        await until(lambda: skilled.recorder.dropped(Drop.UNASKED) >= 2, "both answers")
+        await until(lambda: skilled.recorder.dropped(Drop.MALFORMED), "what is no status")
+        assert isinstance(skilled.facts(execution_id)[-1], ExecutionEnded)
+        assert [fact.values for fact in skilled.facts(execution_id) if isinstance(fact, ExecutionEnded)] == [(2.5,)]
+
+
 async def test_topic_skill_that_takes_too_long_is_stopped(ros2: Ros2Space, robot: Child) -> None:
     async with skilled_driver(ros2.domain) as skilled:
         execution_id = skilled.begin(MOVE, 3.0)
@@ -82,7 +99,7 @@ async def test_service_that_answers_late_is_counted(ros2: Ros2Space, robot: Chil
         ended = await skilled.end(execution_id)
         assert isinstance(ended, ExecutionEnded)
         assert ended.status == StatusCode.BAD_TIMEOUT
-        await asyncio.sleep(1.5)
+        await until(lambda: skilled.recorder.dropped(Drop.UNASKED), "the late response")
         assert len(skilled.facts(execution_id)) == 2, "at it, and its end"
     assert told(robot) == ["map slow"]
 

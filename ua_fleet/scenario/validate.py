@@ -142,7 +142,8 @@ class _Checker:
             said.update(call_problems(rest, {name: arguments[name] for name in arguments.keys() - computed}))
         for problem in sorted(said):
             self._problem(task.line, f"task {task.name!r}: {problem}")
-        return replace(task, arguments=arguments, quantities={})
+        timeout_s = max(skill.timeout_s for skill in skills) if task.timeout_s is None else task.timeout_s
+        return replace(task, arguments=arguments, quantities={}, timeout_s=timeout_s)
 
     def _skills_for(self, task: Task) -> list[SkillModel]:
         """The declarations that a task's skill may have; none after noting why."""

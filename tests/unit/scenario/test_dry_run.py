@@ -92,3 +92,9 @@ def test_what_would_never_end_is_said() -> None:
 def test_parameters_are_checked() -> None:
     with pytest.raises(ScenarioError, match="there is no parameter 'other'"):
         rehearse("  - {wait: 1}", {"other": 1})
+
+
+def test_a_task_without_a_timeout_has_that_of_its_skill() -> None:
+    checked = validate(scenario_of("version: 1\nname: s\nsteps:\n  - {task: a, skill: grab, robot: ur3}\n"), FLEET)
+    (task,) = checked.scenario.tasks()
+    assert task.timeout_s == GRAB.timeout_s

@@ -2,6 +2,7 @@
 # (pyright finds the std_msgs of ROS 2)
 from __future__ import annotations
 
+import queue
 import socket
 import struct
 import threading
@@ -19,12 +20,14 @@ from actionlib_msgs.msg import GoalID, GoalStatus, GoalStatusArray  # type: igno
 from std_srvs.srv import SetBool
 from ua_bridges.ros.executing import Executing
 from ua_bridges.ros.ports import LoadedType
-from ua_bridges.ros.skills import ActionSkill, RosSkillMapping, SkillSpec
+from ua_bridges.ros.skills import ActionSkill, RosSkillMapping, ServiceSkill, SkillSpec
 from ua_bridges.ros1.classes import TypeUnavailable, needed_service, needed_type
 from ua_bridges.ros1.feed import schema_of
+from ua_bridges.ros1.master import RosMaster, SystemState
 from ua_bridges.ros1.skills.action import ActionPort
 from ua_bridges.ros1.skills.exchange import CallFailed, CallLost, NotAsked, exchange
-from ua_bridges.ros1.skills.graph import ros1_name
+from ua_bridges.ros1.skills.graph import Ros1Graph, ros1_name
+from ua_bridges.ros1.skills.service import ServicePort
 
 from ua_fleet.bridge.driver import (
     DriverEvent,
@@ -292,8 +295,12 @@ class Server:
         try:
             return exchange(self.uri, "/hold", SetBool, "/ua_bridge", b"\x01", lambda link: None, asked)
         finally:
-            self._thread.join()
-            self._listener.close()
+            self.end()
+
+    def end(self) -> None:
+        """Its one connection has ended."""
+        self._thread.join()
+        self._listener.close()
 
 
 def _accept(link: socket.socket) -> None:
@@ -379,5 +386,84 @@ def test_call_that_is_given_up_ends() -> None:
     with pytest.raises(CallLost):
         exchange(server.uri, "/hold", SetBool, "/ua_bridge", b"\x01", links.append, lambda: None)
     ending.join()
-    server._thread.join()
-    server._listener.close()
+    server.end()
+
+
+class Calling:
+    """A service port whose server, and whose thread, is the test."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch, uri: str) -> None:
+        raw = {"service": {"name": "/hold", "type": "std_srvs/SetBool", "success": "success", "message": "message"}}
+        config = SkillConfig.model_validate(
+            {"id": 5, "arguments": {"data": {"type": "Boolean"}}, "timeout_s": 1.0, "via": raw}
+        )
+        mapping = RosSkillMapping.model_validate(raw)
+        assert isinstance(mapping.way, ServiceSkill)
+        self.events: list[DriverEvent] = []
+        self._steps: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
+        state = SystemState({}, {}, {"/hold": ["/robot"]})
+        graph = Ros1Graph("/ua_bridge", "http://127.0.0.1:1", lambda: state, self._steps.put)
+        spec = SkillSpec("arm", "hold", Topic(1, 2, 5), Topic(1, 2, 6), config, mapping)
+        self.executing = Executing(self.events.append)
+        self.port = ServicePort(spec, mapping.way, self.executing, self.events.append)
+        self.port.opened(graph)
+        self.port.turn(0.0)
+        monkeypatch.setattr(RosMaster, "service_uri", lambda _master, _name: uri)
+        execution = Execution(ID, Topic(1, 2, 5), 1, (True,))
+        self.port.begin(execution, self.port.prepare(execution), 0.0)
+
+    def step(self) -> None:
+        """Do what a call's thread has brought."""
+        self._steps.get(timeout=5)()
+
+
+def _answer(link: socket.socket, message: bytes = b"held") -> None:
+    content = b"\x01" + struct.pack("<I", len(message)) + message
+    link.sendall(b"\x01" + struct.pack("<I", len(content)) + content)
+
+
+def test_service_that_answers_after_its_time_is_counted(monkeypatch: pytest.MonkeyPatch) -> None:
+    is_late = threading.Event()
+
+    def serve(link: socket.socket) -> None:
+        _accept(link)
+        is_late.wait(5)
+        _answer(link)
+
+    server = Server(serve)
+    calling = Calling(monkeypatch, server.uri)
+    calling.step()
+    (opened,) = calling.executing.overdue(2.0)
+    calling.port.overdue(opened, 2.0)
+    is_late.set()
+    calling.step()
+    server.end()
+    progressed, ended, dropped = calling.events
+    assert progressed == ExecutionProgressed(ID)
+    assert isinstance(ended, ExecutionEnded)
+    assert ended.status == StatusCode.BAD_TIMEOUT
+    assert isinstance(dropped, Dropped)
+    assert dropped.cause is Drop.UNASKED
+
+
+def test_service_whose_server_dies_while_it_works_is_not_known(monkeypatch: pytest.MonkeyPatch) -> None:
+    server = Server(_accept)
+    calling = Calling(monkeypatch, server.uri)
+    calling.step()
+    calling.step()
+    server.end()
+    assert isinstance(calling.events[-1], ExecutionForgotten)
+    assert "the server of /hold went before it answered" in calling.events[-1].message
+
+
+def test_calls_end_when_the_bridge_stops(monkeypatch: pytest.MonkeyPatch) -> None:
+    def serve(link: socket.socket) -> None:
+        _accept(link)
+        link.recv(1)  # until the bridge goes
+
+    server = Server(serve)
+    calling = Calling(monkeypatch, server.uri)
+    calling.step()
+    calling.port.close()
+    calling.step()
+    server.end()

@@ -10,20 +10,17 @@ server's event loop; the hub calls `poll` when `next_deadline` has come.
 from __future__ import annotations
 
 import secrets
-from collections import OrderedDict
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any, Final, Protocol
+from typing import Any, Final
 
 import structlog
 
 from ua_fleet.config.schema import FleetConfig
-from ua_fleet.errors import RobotOffline, ScenarioError, ScenarioInvalid, SkillError, StorageUnavailable
+from ua_fleet.errors import ScenarioError, ScenarioInvalid, StorageUnavailable
 from ua_fleet.fleet.changes import ValueChanged
 from ua_fleet.fleet.model import FleetModel, RobotModel, RobotState
-from ua_fleet.fleet.skills import SkillModel
 from ua_fleet.orchestrator import (
     Fault,
     FaultChanged,
@@ -43,57 +40,27 @@ from ua_fleet.scenario.dry_run import DryRun, dry_run
 from ua_fleet.scenario.facts import Fact, RunEnded, RunOutcome, TaskOutcome
 from ua_fleet.server.scenarios.library import Checked, Library, Listed, ScenarioUnknown, read_values
 from ua_fleet.server.scenarios.records import RunRecord
+from ua_fleet.server.scenarios.requests import Requests, TaskRequests
 from ua_fleet.server.scenarios.values import FleetValues
-from ua_fleet.skill.executions import OPEN, ExecutionState, Outcome, OutcomeKind, unpack
-from ua_fleet.skill.status import read_result
+from ua_fleet.skill.executions import Outcome
 from ua_fleet.storage.run_journal import RunJournal
 from ua_fleet.topics import Topic
 from ua_fleet.values import BuiltinType, NodeId
 
 __all__ = ["ScenarioService", "TooManyRuns", "fleet_view"]
 
-START_WITHIN_S: Final = 10.0
-"""A robot that has not begun by then has refused. Immediate skills have their own timeout: they answer at their end."""
-ASK_AGAIN_S: Final = 0.2
-"""Pause before an Action that nobody has announced is looked for again."""
 RETRY_S: Final = 1.0
 """After a journal that could not be written it is tried again after so long."""
 COALESCE_S: Final = 0.1
 """Numbers are looked at so often at most; a Boolean at once."""
-MOST_EXECUTIONS: Final = 10_000
 MOST_NAME: Final = 200
 """Characters of a reason or a name that people give."""
-
-_FLOATS: Final = (BuiltinType.FLOAT, BuiltinType.DOUBLE)
-_ENDED: Final = {
-    ExecutionState.DONE: TaskOutcome.DONE,
-    ExecutionState.FAILED: TaskOutcome.FAILED,
-    ExecutionState.UNKNOWN: TaskOutcome.UNKNOWN,
-    ExecutionState.REFUSED: TaskOutcome.REFUSED,
-    ExecutionState.TIMED_OUT: TaskOutcome.TIMED_OUT,
-}
 
 _log: Any = structlog.get_logger("ua_fleet.scenarios")
 
 
 class TooManyRuns(ScenarioError):
     """As many runs are under way as may be."""
-
-
-class Requests(Protocol):
-    """What asks robots; see `server.commands_out.SkillCommands`."""
-
-    def request(self, topic: Topic, robot: str, values: tuple[Any, ...], timeout_s: float, execution_id: bytes) -> None:
-        """Have a robot do a skill, once, and wait for nothing."""
-        ...
-
-    def halt(self, topic: Topic, robot: str, execution_id: bytes) -> None:
-        """Have a robot stop an execution."""
-        ...
-
-    def known_outcome(self, execution_id: bytes) -> Outcome | None:
-        """What is known of a request; None while it is asked for, KeyError where it was never made."""
-        ...
 
 
 def fleet_view(model: FleetModel, meanings: Mapping[str, int]) -> FleetView:
@@ -103,15 +70,6 @@ def fleet_view(model: FleetModel, meanings: Mapping[str, int]) -> FleetView:
         for robot in model.robots
     }
     return FleetView(robots, meanings)
-
-
-@dataclass(slots=True)
-class _Waiting:
-    """A task whose robot could not be asked yet."""
-
-    task: TaskStarted
-    give_up_at: float
-    next_at: float
 
 
 class ScenarioService:
@@ -147,11 +105,10 @@ class ScenarioService:
             clock: monotonic seconds.
             wall_s: the wall clock in seconds.
         """
-        self._config, self._journal, self._requests = config, journal, requests
-        self._show, self._forgotten, self._requested, self._sooner = show, forgotten, requested, sooner
+        self._config, self._journal = config, journal
+        self._show, self._forgotten, self._sooner = show, forgotten, sooner
         self._clock, self._wall_s = clock, wall_s
         self._robots = {robot.name: robot for robot in model.robots}
-        self._status_topics = {robot.skill_status: robot for robot in model.robots if robot.skill_status is not None}
         self._states = {robot.part("State"): robot.name for robot in model.robots}
         self._own = {
             data_set.topic: tuple([field.key for field in data_set.fields])
@@ -172,11 +129,9 @@ class ScenarioService:
             self._values.look_up,
             lambda run_id, fact: self._unwritten.append((run_id, fact)),
         )
-        self._skills: OrderedDict[str, SkillModel] = OrderedDict()
-        """The skill of each execution that was begun here."""
-        self._waiting: dict[str, _Waiting] = {}
-        self._shown: dict[Topic, dict[str, tuple[ExecutionState, str, dict[str, Value]]]] = {}
-        """The executions of each robot's last SkillStatus."""
+        self._tasks = TaskRequests(
+            self._robots, requests, requested=requested, clock=clock, accepted=self._accepted, ended=self._ended
+        )
         self._heard_by: float | None = None
         """When robots that were not heard since the start are silent."""
         self._heard: set[str] = set()
@@ -400,43 +355,16 @@ class ScenarioService:
 
     def heard(self, event: DataReceived) -> None:
         """Take a robot's SkillStatus; any other data is left alone."""
-        robot = self._status_topics.get(event.topic)
-        if robot is None:
-            return
-        shown = self._shown[event.topic] = dict(_rows(event))
-        for execution_id in shown.keys() & self._skills.keys():
-            self._take_state(execution_id, *shown[execution_id])
+        self._tasks.heard(event)
 
     def concluded(self, execution_id: bytes, outcome: Outcome) -> None:
         """The outcome of a request is known."""
-        hex_id = execution_id.hex()
-        skill = self._skills.get(hex_id)
-        if skill is None:
-            return
-        report, now = outcome.report, self._wall_s()
-        if outcome.kind is OutcomeKind.ACCEPTED:
-            if report.state in OPEN or report.state is ExecutionState.DONE:
-                self._do(self._orchestrator.accepted(hex_id, now))
-            if report.state is ExecutionState.DONE:
-                values = [variant.value for variant in unpack(report.result)]
-                names = [result.name for result in skill.results]
-                self._ended(hex_id, TaskOutcome.DONE, report.message, dict(zip(names, values, strict=False)))
-            elif report.state not in OPEN:
-                self._ended(hex_id, _ENDED[report.state], report.message, {})
-        else:
-            ended = {OutcomeKind.REFUSED: TaskOutcome.REFUSED, OutcomeKind.TIMED_OUT: TaskOutcome.TIMED_OUT}
-            self._ended(hex_id, ended.get(outcome.kind, TaskOutcome.UNKNOWN), report.message, {})
+        self._tasks.concluded(execution_id, outcome)
 
-    def _take_state(self, execution_id: str, state: ExecutionState, message: str, results: dict[str, Value]) -> None:
-        if state in OPEN:
-            self._do(self._orchestrator.accepted(execution_id, self._wall_s()))
-        else:
-            self._ended(execution_id, _ENDED[state], message, results)
+    def _accepted(self, execution_id: str) -> None:
+        self._do(self._orchestrator.accepted(execution_id, self._wall_s()))
 
     def _ended(self, execution_id: str, outcome: TaskOutcome, message: str, results: Mapping[str, Value]) -> None:
-        if outcome is not TaskOutcome.UNKNOWN:  # what nobody can tell may be told later
-            self._skills.pop(execution_id, None)
-        self._waiting.pop(execution_id, None)
         now = self._wall_s()
         self._do(self._orchestrator.ended(execution_id, outcome, now, message=message, results=results))
 
@@ -462,9 +390,7 @@ class ScenarioService:
             self._heard_by = None
             for robot in self._robots.keys() - self._heard:
                 self._do(self._orchestrator.fault_raised(robot, "silent", "it is not heard", self._wall_s()))
-        for waiting in list(self._waiting.values()):
-            if now >= waiting.next_at:
-                self._ask(waiting)
+        self._tasks.poll()
         due = self._orchestrator.next_deadline()
         if (self._dirty_at is not None and now >= self._dirty_at) or (due is not None and self._wall_s() >= due):
             self._dirty_at = None
@@ -479,8 +405,7 @@ class ScenarioService:
     def next_deadline(self) -> float | None:
         """When `poll` is to be called next, by the monotonic clock, or None."""
         due = self._orchestrator.next_deadline()
-        deadlines = [self._retry_at, self._heard_by, self._dirty_at]
-        deadlines += [waiting.next_at for waiting in self._waiting.values()]
+        deadlines = [self._retry_at, self._heard_by, self._dirty_at, self._tasks.next_deadline()]
         if due is not None:
             deadlines.append(self._clock() + max(0.0, due - self._wall_s()))
         return min((deadline for deadline in deadlines if deadline is not None), default=None)
@@ -529,74 +454,14 @@ class ScenarioService:
 
     def _carry_out(self, output: Output) -> None:
         if isinstance(output, TaskStarted):
-            self._begin(output)
+            self._tasks.begin(output)
         elif isinstance(output, TaskCancelled):
-            self._cancel(output)
+            self._tasks.cancel(output)
         self._show(output)
         if isinstance(output, RunChanged) and isinstance(output.fact, RunEnded):
             _log.info("run ended", run=output.run_id, outcome=output.fact.outcome.value, reason=output.fact.reason)
             for run_id in self._journal.prune(self._config.scenarios.kept_runs):
                 self._forgotten(run_id)
-
-    def _begin(self, task: TaskStarted) -> None:
-        """Ask a robot, once: after a restart the same execution id is the same request."""
-        robot = self._robots.get(task.robot)
-        skill = next((skill for skill in robot.skills if skill.name == task.skill), None) if robot is not None else None
-        if robot is None or skill is None or robot.skill_status is None:
-            self._ended(task.execution_id, TaskOutcome.REFUSED, f"{task.robot} has no skill {task.skill}", {})
-            return
-        self._skills[task.execution_id] = skill
-        if len(self._skills) > MOST_EXECUTIONS:
-            self._skills.popitem(last=False)
-        execution_id = bytes.fromhex(task.execution_id)
-        try:
-            outcome = self._requests.known_outcome(execution_id)
-        except KeyError:
-            now = self._clock()
-            waiting = self._waiting[task.execution_id] = _Waiting(task, now + START_WITHIN_S, now)
-            self._ask(waiting)
-        else:
-            if outcome is not None:
-                self.concluded(execution_id, outcome)
-        shown = self._shown.get(robot.skill_status, {}).get(task.execution_id)
-        if shown is not None:
-            self._take_state(task.execution_id, *shown)
-
-    def _ask(self, waiting: _Waiting) -> None:
-        task = waiting.task
-        robot, skill = self._robots[task.robot], self._skills[task.execution_id]
-        assert robot.skill_status is not None
-        topic = Topic(robot.skill_status.space, robot.ns, skill.id)
-        timeout_s = skill.timeout_s if skill.immediate else min(START_WITHIN_S, skill.timeout_s)
-        now = self._clock()
-        try:
-            values = tuple([_typed(argument.type, task.arguments[argument.name]) for argument in skill.arguments])
-            self._requests.request(topic, robot.name, values, timeout_s, bytes.fromhex(task.execution_id))
-        except (RobotOffline, StorageUnavailable) as error:
-            if now < waiting.give_up_at:
-                waiting.next_at = now + ASK_AGAIN_S
-                return
-            self._ended(task.execution_id, TaskOutcome.REFUSED, str(error), {})
-        except (SkillError, KeyError, ValueError) as error:
-            reason = f"no argument {error}" if isinstance(error, KeyError) else str(error)
-            self._ended(task.execution_id, TaskOutcome.REFUSED, reason, {})
-        else:
-            self._waiting.pop(task.execution_id, None)
-            self._requested(NodeId(robot.ns, skill.id), bytes.fromhex(task.execution_id))
-
-    def _cancel(self, cancelled: TaskCancelled) -> None:
-        """What was not asked for yet never is; what was is halted, where the robot has a way to."""
-        if self._waiting.pop(cancelled.execution_id, None) is not None:
-            self._ended(cancelled.execution_id, TaskOutcome.REFUSED, "it was cancelled before it began", {})
-            return
-        robot, skill = self._robots.get(cancelled.robot), self._skills.get(cancelled.execution_id)
-        if robot is None or skill is None or robot.skill_status is None:
-            return
-        topic = Topic(robot.skill_status.space, robot.ns, skill.id)
-        try:
-            self._requests.halt(topic, robot.name, bytes.fromhex(cancelled.execution_id))
-        except (SkillError, StorageUnavailable) as error:
-            _log.warning("a robot is not halted", robot=robot.name, skill=skill.name, reason=str(error))
 
     # Within.
 
@@ -614,31 +479,3 @@ class ScenarioService:
 
 def _parameters(scenario: Scenario, names: Sequence[str], values: Sequence[str]) -> dict[str, Value]:
     return read_values(names, values, {parameter.name: parameter.default for parameter in scenario.parameters})
-
-
-def _typed(kind: int, value: Value) -> Value:
-    """A value of a scenario in the type of an argument: YAML writes 0 where a Double is meant."""
-    if kind in _FLOATS and not isinstance(value, bool | str):
-        return float(value)
-    if kind in (BuiltinType.STRING, BuiltinType.BOOLEAN) or isinstance(value, bool | str):
-        return value
-    return int(value)
-
-
-def _rows(event: DataReceived) -> Iterable[tuple[str, tuple[ExecutionState, str, dict[str, Value]]]]:
-    """The executions of a SkillStatus by their ids."""
-    names = [declared.name for declared in event.metadata.fields]
-    for row in zip(*[column or () for column in event.message.values], strict=False):
-        fields = dict(zip(names, row, strict=True))
-        execution_id = fields.get("ExecutionId")
-        try:
-            state = ExecutionState(fields.get("State", -1))
-        except ValueError:
-            continue
-        if isinstance(execution_id, bytes):
-            results = {
-                name: value
-                for name, value in read_result(str(fields.get("Result") or "")).items()
-                if isinstance(value, bool | int | float | str)
-            }
-            yield execution_id.hex(), (state, str(fields.get("Message") or ""), results)

@@ -15,7 +15,8 @@ from ua_fleet.fleet.changes import ValueChanged
 from ua_fleet.fleet.model import RobotState
 from ua_fleet.orchestrator import DecisionChanged, FaultChanged, Output, RunChanged
 from ua_fleet.scenario.facts import RunEnded, TaskOver
-from ua_fleet.server.scenarios.service import COALESCE_S, START_WITHIN_S, ScenarioService
+from ua_fleet.server.scenarios.requests import START_WITHIN_S
+from ua_fleet.server.scenarios.service import COALESCE_S, ScenarioService
 from ua_fleet.skill.executions import ExecutionState, Outcome, OutcomeKind, Report
 from ua_fleet.storage.run_journal import RunJournal
 from ua_fleet.topics import Topic

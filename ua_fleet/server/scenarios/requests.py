@@ -1,0 +1,243 @@
+"""Tasks of runs as requests to robots, and what robots say of them.
+
+    begin -> request, again until the Action is announced -> outcome, SkillStatus -> accepted, ended
+
+A request that was made before, also by a run of the server before, is not made again: its outcome is what it was.
+"""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any, Final, Protocol
+
+import structlog
+
+from ua_fleet.errors import RobotOffline, SkillError, StorageUnavailable
+from ua_fleet.fleet.model import RobotModel
+from ua_fleet.fleet.skills import SkillModel
+from ua_fleet.orchestrator import TaskCancelled, TaskStarted
+from ua_fleet.pubsub.events import DataReceived
+from ua_fleet.scenario import Value
+from ua_fleet.scenario.facts import TaskOutcome
+from ua_fleet.skill.executions import OPEN, ExecutionState, Outcome, OutcomeKind, unpack
+from ua_fleet.skill.status import read_result
+from ua_fleet.topics import Topic
+from ua_fleet.values import BuiltinType, NodeId
+
+__all__ = ["START_WITHIN_S", "Requests", "TaskRequests"]
+
+START_WITHIN_S: Final = 10.0
+"""A robot that has not begun by then has refused. Immediate skills have their own timeout: they answer at their end."""
+ASK_AGAIN_S: Final = 0.2
+"""Pause before an Action that nobody has announced is looked for again."""
+MOST_EXECUTIONS: Final = 10_000
+
+_FLOATS: Final = (BuiltinType.FLOAT, BuiltinType.DOUBLE)
+_ENDED: Final = {
+    ExecutionState.DONE: TaskOutcome.DONE,
+    ExecutionState.FAILED: TaskOutcome.FAILED,
+    ExecutionState.UNKNOWN: TaskOutcome.UNKNOWN,
+    ExecutionState.REFUSED: TaskOutcome.REFUSED,
+    ExecutionState.TIMED_OUT: TaskOutcome.TIMED_OUT,
+}
+
+_log: Any = structlog.get_logger("ua_fleet.scenarios")
+
+
+class Requests(Protocol):
+    """What asks robots; see `server.commands_out.SkillCommands`."""
+
+    def request(self, topic: Topic, robot: str, values: tuple[Any, ...], timeout_s: float, execution_id: bytes) -> None:
+        """Have a robot do a skill, once, and wait for nothing."""
+        ...
+
+    def halt(self, topic: Topic, robot: str, execution_id: bytes) -> None:
+        """Have a robot stop an execution."""
+        ...
+
+    def known_outcome(self, execution_id: bytes) -> Outcome | None:
+        """What is known of a request; None while it is asked for, KeyError where it was never made."""
+        ...
+
+
+@dataclass(slots=True)
+class _Waiting:
+    """A task whose robot could not be asked yet."""
+
+    task: TaskStarted
+    give_up_at: float
+    next_at: float
+
+
+class TaskRequests:
+    """Asks robots, once for each execution. What comes of it is told by `accepted` and `ended`."""
+
+    def __init__(
+        self,
+        robots: Mapping[str, RobotModel],
+        requests: Requests,
+        *,
+        requested: Callable[[NodeId, bytes], None],
+        clock: Callable[[], float],
+        accepted: Callable[[str], None],
+        ended: Callable[[str, TaskOutcome, str, Mapping[str, Value]], None],
+    ) -> None:
+        """Connect the parts.
+
+        Args:
+            robots: by their names.
+            requests: asks them.
+            requested: told of each skill (its node) that was asked for, with the execution's id.
+            clock: monotonic seconds.
+            accepted: told of executions that robots have taken.
+            ended: told of their ends, with message and results.
+        """
+        self._robots, self._requests, self._requested, self._clock = robots, requests, requested, clock
+        self._accepted, self._tell_end = accepted, ended
+        self._status_topics = {robot.skill_status for robot in robots.values() if robot.skill_status is not None}
+        self._skills: OrderedDict[str, SkillModel] = OrderedDict()
+        """The skill of each execution that was begun here."""
+        self._waiting: dict[str, _Waiting] = {}
+        self._shown: dict[Topic, dict[str, tuple[ExecutionState, str, dict[str, Value]]]] = {}
+        """The executions of each robot's last SkillStatus."""
+
+    def begin(self, task: TaskStarted) -> None:
+        """Ask a robot, once: after a restart the same execution id is the same request."""
+        robot = self._robots.get(task.robot)
+        skill = next((skill for skill in robot.skills if skill.name == task.skill), None) if robot is not None else None
+        if robot is None or skill is None or robot.skill_status is None:
+            self._ended(task.execution_id, TaskOutcome.REFUSED, f"{task.robot} has no skill {task.skill}", {})
+            return
+        self._skills[task.execution_id] = skill
+        if len(self._skills) > MOST_EXECUTIONS:
+            self._skills.popitem(last=False)
+        execution_id = bytes.fromhex(task.execution_id)
+        try:
+            outcome = self._requests.known_outcome(execution_id)
+        except KeyError:
+            now = self._clock()
+            waiting = self._waiting[task.execution_id] = _Waiting(task, now + START_WITHIN_S, now)
+            self._ask(waiting)
+        else:
+            if outcome is not None:
+                self.concluded(execution_id, outcome)
+        shown = self._shown.get(robot.skill_status, {}).get(task.execution_id)
+        if shown is not None:
+            self._take_state(task.execution_id, *shown)
+
+    def _ask(self, waiting: _Waiting) -> None:
+        task = waiting.task
+        robot, skill = self._robots[task.robot], self._skills[task.execution_id]
+        assert robot.skill_status is not None
+        topic = Topic(robot.skill_status.space, robot.ns, skill.id)
+        timeout_s = skill.timeout_s if skill.immediate else min(START_WITHIN_S, skill.timeout_s)
+        now = self._clock()
+        try:
+            values = tuple([_typed(argument.type, task.arguments[argument.name]) for argument in skill.arguments])
+            self._requests.request(topic, robot.name, values, timeout_s, bytes.fromhex(task.execution_id))
+        except (RobotOffline, StorageUnavailable) as error:
+            if now < waiting.give_up_at:
+                waiting.next_at = now + ASK_AGAIN_S
+                return
+            self._ended(task.execution_id, TaskOutcome.REFUSED, str(error), {})
+        except (SkillError, KeyError, ValueError) as error:
+            reason = f"no argument {error}" if isinstance(error, KeyError) else str(error)
+            self._ended(task.execution_id, TaskOutcome.REFUSED, reason, {})
+        else:
+            self._waiting.pop(task.execution_id, None)
+            self._requested(NodeId(robot.ns, skill.id), bytes.fromhex(task.execution_id))
+
+    def cancel(self, cancelled: TaskCancelled) -> None:
+        """What was not asked for yet never is; what was is halted, where the robot has a way to."""
+        if self._waiting.pop(cancelled.execution_id, None) is not None:
+            self._ended(cancelled.execution_id, TaskOutcome.REFUSED, "it was cancelled before it began", {})
+            return
+        robot, skill = self._robots.get(cancelled.robot), self._skills.get(cancelled.execution_id)
+        if robot is None or skill is None or robot.skill_status is None:
+            return
+        topic = Topic(robot.skill_status.space, robot.ns, skill.id)
+        try:
+            self._requests.halt(topic, robot.name, bytes.fromhex(cancelled.execution_id))
+        except (SkillError, StorageUnavailable) as error:
+            _log.warning("a robot is not halted", robot=robot.name, skill=skill.name, reason=str(error))
+
+    def heard(self, event: DataReceived) -> None:
+        """Take a robot's SkillStatus; any other data is left alone."""
+        if event.topic not in self._status_topics:
+            return
+        shown = self._shown[event.topic] = dict(_rows(event))
+        for execution_id in shown.keys() & self._skills.keys():
+            self._take_state(execution_id, *shown[execution_id])
+
+    def concluded(self, execution_id: bytes, outcome: Outcome) -> None:
+        """The outcome of a request is known."""
+        hex_id = execution_id.hex()
+        skill = self._skills.get(hex_id)
+        if skill is None:
+            return
+        report = outcome.report
+        if outcome.kind is OutcomeKind.ACCEPTED:
+            if report.state in OPEN or report.state is ExecutionState.DONE:
+                self._accepted(hex_id)
+            if report.state is ExecutionState.DONE:
+                values = [variant.value for variant in unpack(report.result)]
+                names = [result.name for result in skill.results]
+                self._ended(hex_id, TaskOutcome.DONE, report.message, dict(zip(names, values, strict=False)))
+            elif report.state not in OPEN:
+                self._ended(hex_id, _ENDED[report.state], report.message, {})
+        else:
+            ended = {OutcomeKind.REFUSED: TaskOutcome.REFUSED, OutcomeKind.TIMED_OUT: TaskOutcome.TIMED_OUT}
+            self._ended(hex_id, ended.get(outcome.kind, TaskOutcome.UNKNOWN), report.message, {})
+
+    def poll(self) -> None:
+        """Ask those who could not be asked before."""
+        now = self._clock()
+        for waiting in list(self._waiting.values()):
+            if now >= waiting.next_at:
+                self._ask(waiting)
+
+    def next_deadline(self) -> float | None:
+        """When `poll` is to be called next, by the monotonic clock, or None."""
+        return min((waiting.next_at for waiting in self._waiting.values()), default=None)
+
+    def _take_state(self, execution_id: str, state: ExecutionState, message: str, results: dict[str, Value]) -> None:
+        if state in OPEN:
+            self._accepted(execution_id)
+        else:
+            self._ended(execution_id, _ENDED[state], message, results)
+
+    def _ended(self, execution_id: str, outcome: TaskOutcome, message: str, results: Mapping[str, Value]) -> None:
+        if outcome is not TaskOutcome.UNKNOWN:  # what nobody can tell may be told later
+            self._skills.pop(execution_id, None)
+        self._waiting.pop(execution_id, None)
+        self._tell_end(execution_id, outcome, message, results)
+
+
+def _typed(kind: int, value: Value) -> Value:
+    """A value of a scenario in the type of an argument: YAML writes 0 where a Double is meant."""
+    if kind in _FLOATS and not isinstance(value, bool | str):
+        return float(value)
+    if kind in (BuiltinType.STRING, BuiltinType.BOOLEAN) or isinstance(value, bool | str):
+        return value
+    return int(value)
+
+
+def _rows(event: DataReceived) -> Iterable[tuple[str, tuple[ExecutionState, str, dict[str, Value]]]]:
+    """The executions of a SkillStatus by their ids."""
+    names = [declared.name for declared in event.metadata.fields]
+    for row in zip(*[column or () for column in event.message.values], strict=False):
+        fields = dict(zip(names, row, strict=True))
+        execution_id = fields.get("ExecutionId")
+        try:
+            state = ExecutionState(fields.get("State", -1))
+        except ValueError:
+            continue
+        if isinstance(execution_id, bytes):
+            results = {
+                name: value
+                for name, value in read_result(str(fields.get("Result") or "")).items()
+                if isinstance(value, bool | int | float | str)
+            }
+            yield execution_id.hex(), (state, str(fields.get("Message") or ""), results)

@@ -172,6 +172,7 @@ class Seen:
 
     def __init__(self) -> None:
         self.events: list[Any] = []
+        self.subscription_id = 0
 
     def event_notification(self, event: Any) -> None:
         """Called by asyncua."""
@@ -192,6 +193,7 @@ async def watching(client: Client, *types: int) -> AsyncGenerator[Seen]:
     """Watch the Server's events with the fields of some types of ours."""
     seen = Seen()
     subscription = await client.create_subscription(50, seen)
+    seen.subscription_id = subscription.subscription_id or 0
     for kind in types:
         await subscription.subscribe_events(client.nodes.server, client.get_node(f"ns=3;i={kind}"))
     yield seen

@@ -265,3 +265,35 @@ async def test_a_server_that_is_killed_goes_on_without_doing_anything_twice(plan
         assert await run_is(client, run_id, "done", "failed", "aborted") == "done"
         assert await value(client, f"Scenarios.Runs.{run_id}.States") == ["done"] * 6
     assert plant.told() == [(ROBOTS[number % 3], f"t{number}") for number in range(6)]
+
+
+async def test_an_abort_halts_a_robot_that_can_be_halted(plant: Plant) -> None:
+    plant.scenario("endless", f"  - {{task: a, skill: work, robot: left, arguments: {{work: {ENDLESS_WORK}}}}}\n")
+    plant.bridge("left")
+    async with plant.server() as server, server.client() as client:
+        run_id = await run(client, "endless")
+
+        async def read() -> object:
+            return await value(client, f"Scenarios.Runs.{run_id}.States")
+
+        await until(read, lambda states: states == ["accepted"])
+        await call(client, "Scenarios", "Abort", run_id, "door open")
+        await run_is(client, run_id, "aborted")
+        assert await value(client, f"Scenarios.Runs.{run_id}.Reason") == "door open", "nobody had to be waited for"
+        messages = await value(client, f"Scenarios.Runs.{run_id}.Messages")
+        assert messages == ["halted"]
+
+
+async def test_alarms_are_told_again_to_who_asks(plant: Plant) -> None:
+    async with plant.server() as server, server.client() as client, server.client(SECOND) as other:
+        await call(client, "Faults", "RaiseFault", "left", "gripper stuck")
+        async with watching(client, TypeId.FAULT_ALARM) as seen:
+            assert seen.events == []
+            refresh = ua.NodeId(3875, 0)
+            condition_type = client.get_node("i=2782")
+            number = ua.Variant(seen.subscription_id, ua.VariantType.UInt32)
+            await condition_type.call_method(refresh, number)
+            told = await seen.wait_for("left: gripper stuck")
+            assert told.Retain is True
+            with pytest.raises(ua.UaStatusCodeError, match="BadSubscriptionIdInvalid"):
+                await other.get_node("i=2782").call_method(refresh, number)

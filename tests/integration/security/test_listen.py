@@ -142,7 +142,8 @@ async def test_with_the_key_service(tmp_path: Path, udp_url: str, processes: Pro
     ready: asyncio.Future[str] = asyncio.get_running_loop().create_future()
     serving = asyncio.ensure_future(run_server(config, tmp_path, ready=ready.set_result))
     try:
-        await asyncio.wait([serving, ready], timeout=30, return_when=asyncio.FIRST_COMPLETED)
+        starting: set[asyncio.Future[Any]] = {serving, ready}
+        await asyncio.wait(starting, timeout=30, return_when=asyncio.FIRST_COMPLETED)
         child = listening(processes, "-c", str(path), "--as-bridge", "floor", "--count", "2", "--timeout", "30")
         blind = listening(processes, "-c", str(path), "--count", "1", "--timeout", "30")
         async with asyncio.timeout(40):

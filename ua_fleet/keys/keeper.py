@@ -30,7 +30,9 @@ LONGEST_ANSWERED_DELAY_S: Final = 5.0
 anybody can write into a message must not make us ask all the time."""
 
 _MOST_TOLD: Final = 64
-"""Refused groups and other reasons that the log names; who writes messages of many groups must not fill it."""
+"""Reasons that the log names before it names them again, and refused groups that it names in `_TOLD_PERIOD_S`: who
+writes messages of ever new groups must not fill it."""
+_TOLD_PERIOD_S: Final = 3600.0
 
 _log: Any = structlog.get_logger("ua_fleet.keys")
 
@@ -104,6 +106,8 @@ class _Keeper:
         self._source_at = float("-inf")
         self._generation = source.generation
         self._told: set[str] = set()
+        self._refusals_told = 0
+        self._refusals_since = float("-inf")
 
     def tell_what_was_not_sent(self) -> None:
         """Log each reason once. They name groups and tokens, so there may be many over the years."""
@@ -163,11 +167,17 @@ class _Keeper:
             self._kept.source_problem = ""
 
     def _refused(self, group_id: str, group: _Group, reason: str, now: float) -> None:
-        if self._kept.refused.get(group_id) != reason and len(self._kept.refused) < _MOST_TOLD:
+        if self._kept.refused.get(group_id) != reason and self._may_tell_refusal(now):
             _log.warning("no keys", group=group_id, reason=reason)
         self._kept.refused[group_id] = reason
         group.refresh_at = self._put_off(group, LONGEST_DELAY_S, now)
         group.keys = None
+
+    def _may_tell_refusal(self, now: float) -> bool:
+        if now >= self._refusals_since + _TOLD_PERIOD_S:
+            self._refusals_told, self._refusals_since = 0, now
+        self._refusals_told += 1
+        return self._refusals_told <= _MOST_TOLD
 
     def _fetched(self, group_id: str, group: _Group, keys: GroupKeys, is_wanted: bool, now: float) -> None:
         if self._kept.refused.pop(group_id, None) is not None:
@@ -218,7 +228,12 @@ async def keep_keys(
     """
     clock = clock or asyncio.get_running_loop().time
     keeper = _Keeper(envelope, source, kept, count, random or Random())  # noqa: S311 - spreads delays, keeps no secret
+    task = asyncio.current_task()
+    assert task is not None
     while True:
         await keeper.fetch_what_is_due(clock)
+        if task.cancelling():
+            # A connection that fails in the moment of the cancellation swallows it (asyncio.wait_for before 3.12).
+            raise asyncio.CancelledError
         keeper.tell_what_was_not_sent()
         await sleep(PERIOD_S)

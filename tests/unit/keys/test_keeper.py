@@ -202,6 +202,44 @@ async def test_many_groups_that_somebody_made_up_do_not_fill_the_log() -> None:
     assert world.kept.problem() == "no keys of t-1: no file"
 
 
+async def test_ever_new_groups_that_somebody_made_up_do_not_fill_the_log() -> None:
+    world = World()
+
+    def replace(first: int) -> None:
+        world.groups[:] = [f"t-{first + i}" for i in range(40)]
+        world.wanted = set(world.groups)
+        world.gives = {group_id: KeysRefused(group_id, "no file") for group_id in world.groups}
+
+    for second in range(3700):
+        world.at(second, partial(replace, 300 + 17 * second))
+    with structlog.testing.capture_logs() as log:
+        await world.run(3500)
+        assert len(log) == 64
+        await world.run(200)
+    assert len(log) == 128, "an hour later it is said again"
+
+
+async def test_it_ends_when_the_source_swallows_that_it_is_cancelled() -> None:
+    begun = asyncio.Event()
+
+    class Swallows(World):
+        async def fetch(self, group_id: str, starting_token_id: int, count: int) -> GroupKeys:
+            del starting_token_id, count
+            begun.set()
+            try:
+                await asyncio.get_running_loop().create_future()
+            except asyncio.CancelledError:
+                raise KeySourceUnavailable(f"{group_id}: connection refused") from None
+            raise AssertionError
+
+    world = Swallows("t-2")
+    keeping = asyncio.ensure_future(keep_keys(world, world, world.kept, count=5, clock=lambda: world.now))
+    await begun.wait()
+    keeping.cancel()
+    await asyncio.wait([keeping], timeout=5)
+    assert keeping.cancelled()
+
+
 async def test_why_something_was_not_sent_is_told_once() -> None:
     world = World("t-2")
     for seconds, problem in ((1.0, "no key of t-2"), (2.0, ""), (3.0, "no key of t-2"), (4.0, "nonces are used up")):

@@ -1,4 +1,4 @@
-"""Reserved nonces on disk: `nonces.json` in a folder that only its owner may enter.
+"""Reserved nonces on disk: `nonces.json` in a folder that only its owner may write.
 
     {"version": 1, "groups": {"t-2": {"reserved": {"7": 131072}, "pruned": 3, "pruned_number": 65536}}}
 
@@ -63,12 +63,13 @@ class FileNonces:
         """Use a folder, which is made where it is missing.
 
         Raises:
-            ConfigError: the file there cannot be read or understood. Which nonces were used is not known then, so
-                nothing may be sent with the keys there are.
+            ConfigError: the file there cannot be read or understood, or others may remove it. Which nonces were used
+                is not known then, so nothing may be sent with the keys there are.
         """
         self._path = folder / _NAME
         try:
             folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+            _check_rights(folder)
             with self._locked():
                 self._read()
         except OSError as error:
@@ -141,6 +142,13 @@ class FileNonces:
             os.fsync(folder)
         finally:
             os.close(folder)
+
+
+def _check_rights(folder: Path) -> None:
+    if folder.stat().st_mode & 0o022:
+        raise ConfigError(
+            "others may write there, and make nonces repeat", file=str(folder), suggestion=f"run: chmod go-w {folder}"
+        )
 
 
 def _groups_of(document: Any) -> dict[str, _Group]:

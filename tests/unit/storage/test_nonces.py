@@ -34,6 +34,17 @@ def test_only_the_owner_may_read(tmp_path: Path) -> None:
     }
 
 
+@pytest.mark.parametrize("mode", [0o777, 0o770, 0o702])
+def test_a_folder_that_others_may_write_is_refused(tmp_path: Path, mode: int) -> None:
+    folder = tmp_path / "state"
+    folder.mkdir()
+    folder.chmod(mode)
+    with pytest.raises(ConfigError, match=f"chmod go-w {folder}"):
+        FileNonces(folder)
+    folder.chmod(0o755)
+    assert FileNonces(folder).reserve("t-2", 1, 10) == 1
+
+
 def test_it_is_durable_before_it_is_given(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     nonces = FileNonces(tmp_path)
     steps: list[str] = []

@@ -33,12 +33,9 @@ from ua_fleet.wire.header import (
     MessageType,
 )
 from ua_fleet.wire.messages import PublisherIdType
-from ua_fleet.wire.security import NONCE_BYTES, SIGNATURE_BYTES, SecuredDatagram, SecurityMode, read_security
+from ua_fleet.wire.security import MOST_ADDED_BYTES, NONCE_BYTES, SecuredDatagram, SecurityMode, read_security
 
-__all__ = ["SECURED_BYTES", "Envelope"]
-
-SECURED_BYTES: Final = 1 + 6 + NONCE_BYTES + SIGNATURE_BYTES
-"""What securing adds at most: ExtendedFlags1, SecurityFlags, token, the nonce with its length, and the signature."""
+__all__ = ["Envelope"]
 
 _NONE: Final = SecurityMode.NONE
 _UINT16: Final = PublisherIdType.UINT16.value
@@ -83,7 +80,7 @@ class Envelope:
         self.problem = ""
         """Why something could not be sent; empty when the last message could."""
         self._own_space, self._counters, self._mode, self._nonces = own_space, counters, mode, nonces
-        self._most_bytes = max_datagram_bytes - (SECURED_BYTES if mode is not _NONE else 0)
+        self._most_bytes = max_datagram_bytes - (MOST_ADDED_BYTES if mode is not _NONE else 0)
         self._prefix = nonce_prefix(own_space, random.getrandbits(16))
         self._groups = Groups(past_keys, frozenset(relaxed_replay))
         self._telemetry: Mapping[int | str | None, Group] = self._groups.telemetry

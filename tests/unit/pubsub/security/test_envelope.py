@@ -30,12 +30,13 @@ from tests.unit.pubsub.security.securing import (
 )
 from ua_fleet.counters import Counters, Drop
 from ua_fleet.errors import LocalWireError, RemoteWireError
-from ua_fleet.pubsub.security.envelope import SECURED_BYTES, Envelope
+from ua_fleet.pubsub.security.envelope import Envelope
 from ua_fleet.pubsub.security.groups import MOST_KEYLESS
 from ua_fleet.pubsub.security.keyring import GroupKeys
 from ua_fleet.pubsub.security.nonces import MemoryNonces, NoncesUnavailable
 from ua_fleet.wire import MessageKey, SecurityMode, SecurityPolicy, payload_offset, read_security
 from ua_fleet.wire.messages import NetworkMessage
+from ua_fleet.wire.security import MOST_ADDED_BYTES
 
 VECTORS = Path(__file__).parents[3] / "vectors"
 PLAIN = data()
@@ -63,7 +64,7 @@ def test_what_is_sealed_is_opened(mode: SecurityMode, plain: bytes) -> None:
     sealed = one(sender(mode).seal(plain, 0.0))
     heard = read_security(sealed)
     assert (heard.mode, heard.token_id, struct.unpack("<H2xI", heard.nonce)) == (mode, 1, (1, 1))
-    assert len(sealed) <= len(plain) + SECURED_BYTES
+    assert len(sealed) <= len(plain) + MOST_ADDED_BYTES
     assert (plain[-5:] in sealed) is (mode is SIGN)
     assert reader(mode).open(sealed, 0.0) == plain
 

@@ -70,7 +70,7 @@ class Envelope:
             counters: what is not sent and what chunks lose is counted here; what is refused, by who calls `open`.
             mode: what is sent has it, what is received has at least it. With NONE there are only chunks.
             nonces: where sequence numbers are reserved.
-            relaxed_replay: PublisherIds whose messages are taken without a replay check.
+            relaxed_replay: PublisherIds whose data, but no command, is taken without a replay check.
             max_datagram_bytes: longer messages are sent as chunks.
             max_message_bytes: bound of what is put together from chunks.
             past_keys: KeyLifetimes for which a key that was replaced is taken.

@@ -55,7 +55,7 @@ class Groups:
     """
 
     def __init__(self, past_keys: int, relaxed: Container[int]) -> None:
-        """Begin with none; `relaxed` are the PublisherIds whose messages are not checked for replay."""
+        """Begin with none; `relaxed` are the PublisherIds whose data is not checked for replay."""
         self.telemetry: dict[int | str | None, Group] = {}
         """By PublisherId."""
         self.commands: dict[int, Group] = {}
@@ -76,8 +76,9 @@ class Groups:
         publisher_id = int(found[2])
         group = self._by_id.get(group_id)
         if group is None:
-            group = Group(group_id, self._past_keys, is_relaxed=publisher_id in self._relaxed)
-            self._by_id[group_id] = group
+            # A peer that cannot count its nonces may send data so; commands are never taken a second time.
+            is_relaxed = found[1] == "t" and publisher_id in self._relaxed
+            group = self._by_id[group_id] = Group(group_id, self._past_keys, is_relaxed=is_relaxed)
             (self.commands if found[1] == "c" else self.telemetry)[publisher_id] = group
         if found[1] == "t":
             self._keyless.pop(publisher_id, None)

@@ -173,6 +173,13 @@ def test_replay_may_be_relaxed_for_a_publisher() -> None:
             assert refusal(opening, sealed) is again
 
 
+def test_replay_of_commands_is_never_relaxed() -> None:
+    requestor, responder = envelope(0, "t-0", "c-1"), envelope(1, "t-1", "c-1", relaxed_replay=(1,))
+    sealed = one(requestor.seal(action(), 0.0))
+    assert responder.open(sealed, 0.0) == action()
+    assert refusal(responder, sealed) is Drop.REPLAYED
+
+
 def test_a_key_reset_does_not_open_the_window_again() -> None:
     sealed = one(sender().seal(PLAIN, 0.0))
     opening = reader()

@@ -253,7 +253,8 @@ class PubSubConfig(Model, frozen=True):
     keys: KeysConfig = KeysConfig()
     """Keys of message security; without meaning where `security` is `none`."""
     relaxed_replay: tuple[Annotated[int, Field(ge=0, le=65535)], ...] = ()
-    """Spaces (PublisherIds) whose messages are taken without a replay check. open62541 1.5 needs it; said at start."""
+    """Spaces (PublisherIds) whose data, but no command, is taken without a replay check. open62541 1.5 needs it; said
+    at start."""
     max_datagram_bytes: int = Field(default=65_507, ge=576, le=65_507)
     """Larger NetworkMessages are sent as chunks of at most this size (OPC 10000-14 7.2.4.4.4)."""
     max_message_bytes: int = Field(default=4 * 1024 * 1024, ge=65_536)

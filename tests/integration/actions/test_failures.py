@@ -107,11 +107,13 @@ async def test_of_what_is_lost_and_repeated_nothing_is_done_twice(cell: Cell, lo
     assert transport.lost > 10
     told = cell.told()
     assert len(set(told)) == len(told), "twice"
-    accepted = {name for name in names if outcomes[name].kind is OutcomeKind.ACCEPTED}
-    unknown = {name for name in names if outcomes[name].kind is OutcomeKind.UNKNOWN}
-    assert accepted <= set(told), "accepted, and not done"
-    assert set(told) - {"first"} <= accepted | unknown, "done, and the requestor says that it was not"
-    assert len(accepted) >= 8
+    accepted = [name for name in names if outcomes[name].kind is OutcomeKind.ACCEPTED]
+    unknown = [name for name in names if outcomes[name].kind is OutcomeKind.UNKNOWN]
+    assert len(accepted) >= 10
+    assert {outcome.kind for outcome in outcomes.values()} <= {*OutcomeKind} - {OutcomeKind.REFUSED}
+    # Where every answer was lost, the requestor says that it does not know: such a job may be done or not.
+    assert [name for name in names if name in told and name not in unknown] == accepted
+    assert not unknown or loss > 0.2
 
 
 async def test_a_bridge_that_is_gone_leaves_the_outcome_unknown(cell: Cell) -> None:

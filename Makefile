@@ -55,7 +55,7 @@ format: setup-test
 
 lock:
 	uv pip compile pyproject.toml --universal --python-version 3.11 --group dev \
-		--extra server --extra client --extra ros2 --extra mqtt \
+		--extra server --extra client --extra ros2 --extra mqtt --extra modbus --extra ur --extra sensors --extra plot \
 		--no-emit-index-url --no-emit-find-links --no-annotate --quiet --output-file requirements.lock
 
 clean:

@@ -19,7 +19,7 @@ from dataclasses import replace
 from enum import StrEnum
 from typing import Any, Final, NamedTuple, cast
 
-from ua_bridges.ros.skill_values import Ended, ended_text
+from ua_fleet.bridge.executing import Ended, ended_text
 from ua_fleet.config.schema import SkillConfig
 from ua_fleet.fleet.skills import argument_problem
 from ua_fleet.values import BuiltinType, StatusCode

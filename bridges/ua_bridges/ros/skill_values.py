@@ -12,6 +12,7 @@ from ua_bridges.ros.mapping import FieldUnfit, cast_scalar, compile_path
 from ua_bridges.ros.schema import MessageSchema
 from ua_bridges.ros.sink import compile_sink
 from ua_bridges.ros.skills import ActionSkill, Constant, ServiceSkill, SkillSpec, StatusTopic, TopicSkill
+from ua_fleet.bridge.executing import Ended, ended_text
 from ua_fleet.config.schema import SkillConfig
 from ua_fleet.errors import ScenarioError, SkillRejected
 from ua_fleet.scenario.expression import Expression, Lookup, Value, ValueUnknown, parse_expression
@@ -19,33 +20,16 @@ from ua_fleet.values import StatusCode
 
 __all__ = [
     "Condition",
-    "Ended",
     "Outcome",
     "RequestFiller",
     "ResponseReader",
     "StatusReader",
-    "ended_text",
     "fill_constants",
 ]
 
 _ARGUMENTS: Final = "arguments."
-_MOST_TEXT: Final = 200
 
 Arguments = Mapping[str, Any]
-
-
-class Ended(NamedTuple):
-    """How a robot ended an execution: as in ExecutionEnded."""
-
-    status: int
-    values: tuple[Any, ...] = ()
-    message: str = ""
-
-
-def ended_text(text: str) -> str:
-    """A robot's text as one line of bounded length."""
-    line = " ".join(text.split())
-    return line if len(line) <= _MOST_TEXT else f"{line[: _MOST_TEXT - 3]}..."
 
 
 class RequestFiller:

@@ -13,21 +13,19 @@ message, and `arguments.<name>` over what was asked for.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated, Final
+from typing import Annotated
 
 from pydantic import AfterValidator, Field, model_validator
 
-from ua_fleet.bridge.driver import Skill, SkillTarget
+from ua_fleet.bridge.configured import ConfiguredSkill, configured_skills
 from ua_fleet.config.base import FieldPath, Model
-from ua_fleet.config.schema import FleetConfig, QosConfig, SkillConfig
+from ua_fleet.config.schema import FleetConfig, QosConfig
 from ua_fleet.errors import ScenarioError
 from ua_fleet.names import closest, listed
-from ua_fleet.pubsub.metadata import make_field
 from ua_fleet.scenario.expression import parse_expression
 from ua_fleet.topics import SERVER_SPACE, Topic
 
 __all__ = [
-    "TARGET_ID",
     "ActionSkill",
     "Constant",
     "RosSkillMapping",
@@ -37,9 +35,6 @@ __all__ = [
     "TopicSkill",
     "skill_specs",
 ]
-
-TARGET_ID: Final = 1
-"""ActionTargetId: a skill in `fleet.yaml` belongs to one robot and has an id of its own."""
 
 
 def _expression(text: str) -> str:
@@ -166,24 +161,9 @@ class RosSkillMapping(Model, frozen=True):
         return way
 
 
-@dataclass(frozen=True, slots=True)
-class SkillSpec:
-    """One configured skill of a robot behind a bridge."""
-
-    robot: str
-    name: str
-    topic: Topic
-    """Of the Action: (own space, namespace, id)."""
-    status: Topic
-    """The robot's SkillStatus."""
-    config: SkillConfig
-    via: RosSkillMapping | None
-    """None: the robot's own program offers it."""
-
-    @property
-    def arguments(self) -> tuple[str, ...]:
-        """Names of the arguments, in the order of an execution's values."""
-        return tuple(self.config.arguments)
+@dataclass(frozen=True)
+class SkillSpec(ConfiguredSkill[RosSkillMapping]):
+    """One configured skill of a ROS robot; without `via` the robot's own program offers it."""
 
     @property
     def request_topic(self) -> str:
@@ -195,18 +175,10 @@ class SkillSpec:
         """Where a robot's own program tells of its executions."""
         return self.topic.name
 
-    def offer(self) -> Skill:
-        """The skill as the bridge announces it."""
-        request, response = self.config.arguments, self.config.results
-        return Skill(
-            self.topic,
-            self.name,
-            (SkillTarget(TARGET_ID, self.robot, self.status),),
-            tuple([make_field(name, argument.type.builtin) for name, argument in request.items()]),
-            tuple([make_field(name, result.type.builtin) for name, result in response.items()]),
-            is_immediate=self.config.immediate,
-            at_once=1 if isinstance(self._way, TopicSkill) else self.config.limits.requests_at_once,
-        )
+    @property
+    def at_once(self) -> int:
+        """One where the robot's answers on a topic do not say which execution they mean."""
+        return 1 if isinstance(self._way, TopicSkill) else self.config.limits.requests_at_once
 
     @property
     def _way(self) -> TopicSkill | ServiceSkill | ActionSkill | None:
@@ -235,20 +207,9 @@ class SkillSpec:
 
 def skill_specs(config: FleetConfig, bridge_name: str) -> tuple[SkillSpec, ...]:
     """The skills of the robots behind a bridge. A skill, or a robot, that has no id yet is left out."""
-    space, namespace = config.bridges[bridge_name].space, config.fleet.namespace_index
     return tuple(
         [
-            SkillSpec(
-                robot_name,
-                name,
-                Topic(space, namespace, skill.id),
-                Topic(space, namespace, robot.skill_status_id),
-                skill,
-                RosSkillMapping.model_validate(skill.via) if skill.via else None,
-            )
-            for robot_name, robot in config.robots.items()
-            if robot.bridge == bridge_name and robot.skill_status_id is not None
-            for name, skill in robot.skills.items()
-            if skill.id is not None
+            SkillSpec(skill.robot, skill.name, skill.topic, skill.status, skill.config, skill.via)
+            for skill in configured_skills(config, bridge_name, RosSkillMapping)
         ]
     )

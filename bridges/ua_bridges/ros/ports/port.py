@@ -11,11 +11,10 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable
 from typing import Any, Final, Generic, NamedTuple, Protocol, TypeVar
 
-from ua_bridges.ros.executing import Executing, Open
 from ua_bridges.ros.schema import MessageSchema
-from ua_bridges.ros.skill_values import Ended
 from ua_bridges.ros.skills import SkillSpec
 from ua_fleet.bridge.driver import DriverEvent, Execution
+from ua_fleet.bridge.executing import Ended, Executing, Open
 from ua_fleet.config.schema import QosConfig
 from ua_fleet.errors import RobotOffline, SkillRejected, UaFleetError
 from ua_fleet.values import StatusCode

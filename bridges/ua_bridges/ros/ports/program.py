@@ -10,7 +10,6 @@ import time
 from collections.abc import Callable
 from typing import Any, Final
 
-from ua_bridges.ros.executing import Executing, Open
 from ua_bridges.ros.ports.port import Listened, SkillGraph, SkillPort
 from ua_bridges.ros.skill_json import (
     ProgramState,
@@ -23,6 +22,7 @@ from ua_bridges.ros.skill_json import (
 )
 from ua_bridges.ros.skills import SkillSpec
 from ua_fleet.bridge.driver import DriverEvent, Dropped, Execution
+from ua_fleet.bridge.executing import Executing, Open
 from ua_fleet.config.schema import QosConfig
 from ua_fleet.counters import Drop
 from ua_fleet.errors import SkillRejected

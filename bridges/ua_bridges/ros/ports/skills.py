@@ -13,10 +13,10 @@ from typing import Any, Generic, TypeVar
 
 import structlog
 
-from ua_bridges.ros.executing import Executing
 from ua_bridges.ros.ports.port import SkillGraph, SkillPort
 from ua_bridges.ros.skills import SkillSpec
 from ua_fleet.bridge.driver import DriverEvent, Execution, ExecutionForgotten
+from ua_fleet.bridge.executing import Executing
 from ua_fleet.errors import RobotOffline, SkillRejected
 
 __all__ = ["MakePort", "RobotSkills"]

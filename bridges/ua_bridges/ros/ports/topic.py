@@ -8,11 +8,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from ua_bridges.ros.executing import Executing, Open
 from ua_bridges.ros.ports.port import Listened, SkillGraph, SkillPort
-from ua_bridges.ros.skill_values import Ended, RequestFiller, StatusReader, fill_constants
+from ua_bridges.ros.skill_values import RequestFiller, StatusReader, fill_constants
 from ua_bridges.ros.skills import SkillSpec, TopicSkill
 from ua_fleet.bridge.driver import DriverEvent, Dropped, Execution
+from ua_fleet.bridge.executing import Ended, Executing, Open
 from ua_fleet.counters import Drop
 from ua_fleet.scenario.expression import ValueUnknown
 from ua_fleet.values import StatusCode

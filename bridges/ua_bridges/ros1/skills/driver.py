@@ -7,7 +7,6 @@ import asyncio
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
 
-from ua_bridges.ros.executing import Executing
 from ua_bridges.ros.ports import Listened, ProgramPort, RobotSkills, SkillPort, TopicPort
 from ua_bridges.ros.skills import ActionSkill, ServiceSkill, SkillSpec, TopicSkill
 from ua_bridges.ros1.classes import MessageType
@@ -20,6 +19,7 @@ from ua_bridges.ros1.skills.graph import Ros1Graph, ros1_name
 from ua_bridges.ros1.skills.service import ServicePort
 from ua_bridges.ros1.skills.thread import SkillThread
 from ua_fleet.bridge.driver import DriverEvent, Execution, Inlet, Skill
+from ua_fleet.bridge.executing import Executing
 from ua_fleet.config.schema import FleetConfig
 from ua_fleet.errors import RobotOffline
 

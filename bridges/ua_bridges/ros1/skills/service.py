@@ -18,10 +18,9 @@ from typing import Any, Final
 
 import genpy
 
-from ua_bridges.ros.executing import Executing, Open
 from ua_bridges.ros.ports import SkillPort
 from ua_bridges.ros.schema import schema_from_definition
-from ua_bridges.ros.skill_values import Ended, RequestFiller, ResponseReader, ended_text
+from ua_bridges.ros.skill_values import RequestFiller, ResponseReader
 from ua_bridges.ros.skills import ServiceSkill, SkillSpec
 from ua_bridges.ros1.classes import needed_service
 from ua_bridges.ros1.master import RosMaster
@@ -29,6 +28,7 @@ from ua_bridges.ros1.outlets import absolute
 from ua_bridges.ros1.skills.exchange import CallFailed, CallLost, NotAsked, exchange
 from ua_bridges.ros1.skills.graph import Ros1Graph, ros1_name
 from ua_fleet.bridge.driver import DriverEvent, Execution
+from ua_fleet.bridge.executing import Ended, Executing, Open, ended_text
 from ua_fleet.errors import NotConnected, SkillRejected
 from ua_fleet.values import StatusCode
 

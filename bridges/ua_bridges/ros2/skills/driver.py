@@ -5,7 +5,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from ua_bridges.ros.executing import Executing
 from ua_bridges.ros.ports import Listened, ProgramPort, RobotSkills, SkillPort, TopicPort
 from ua_bridges.ros.skills import ActionSkill, ServiceSkill, SkillSpec, TopicSkill
 from ua_bridges.ros2.classes import MessageType
@@ -18,6 +17,7 @@ from ua_bridges.ros2.skills.graph import Ros2Graph
 from ua_bridges.ros2.skills.service import ServicePort
 from ua_bridges.ros2.watch import Heard
 from ua_fleet.bridge.driver import DriverEvent, Execution, Inlet, Skill
+from ua_fleet.bridge.executing import Executing
 from ua_fleet.config.schema import FleetConfig
 from ua_fleet.errors import RobotOffline
 

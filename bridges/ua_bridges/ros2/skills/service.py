@@ -7,7 +7,6 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any, Final
 
-from ua_bridges.ros.executing import Executing, Open
 from ua_bridges.ros.ports import SkillPort
 from ua_bridges.ros.skill_values import RequestFiller, ResponseReader
 from ua_bridges.ros.skills import ServiceSkill, SkillSpec
@@ -15,6 +14,7 @@ from ua_bridges.ros2.skills.calls import Calls
 from ua_bridges.ros2.skills.graph import Ros2Graph, find_type, part_schema
 from ua_bridges.ros2.watch import absolute
 from ua_fleet.bridge.driver import DriverEvent, Execution
+from ua_fleet.bridge.executing import Executing, Open
 
 __all__ = ["ServicePort"]
 

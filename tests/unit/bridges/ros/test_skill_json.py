@@ -19,9 +19,9 @@ from ua_bridges.ros.skill_json import (
     parse_status,
     query_text,
 )
-from ua_bridges.ros.skill_values import Ended
 
 from tests.unit.bridges.ros.skill_fakes import spec_of
+from ua_fleet.bridge.executing import Ended
 from ua_fleet.values import StatusCode
 
 ID = bytes(range(16))

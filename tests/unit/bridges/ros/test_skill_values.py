@@ -7,19 +7,11 @@ from typing import Any
 
 import pytest
 from ua_bridges.ros.errors import ConversionError
-from ua_bridges.ros.skill_values import (
-    Condition,
-    Ended,
-    Outcome,
-    RequestFiller,
-    ResponseReader,
-    StatusReader,
-    ended_text,
-    fill_constants,
-)
+from ua_bridges.ros.skill_values import Condition, Outcome, RequestFiller, ResponseReader, StatusReader, fill_constants
 from ua_bridges.ros.skills import ServiceSkill, StatusTopic
 
 from tests.unit.bridges.ros.skill_fakes import SCHEMA, spec_of, state
+from ua_fleet.bridge.executing import Ended, ended_text
 from ua_fleet.errors import SkillRejected
 from ua_fleet.scenario.expression import ValueUnknown
 from ua_fleet.values import StatusCode

@@ -18,7 +18,6 @@ from actionlib.msg import TestActionFeedback as ActionFeedback
 from actionlib.msg import TestActionResult as ActionResult
 from actionlib_msgs.msg import GoalID, GoalStatus, GoalStatusArray  # type: ignore[import-not-found]  # not in a wheel
 from std_srvs.srv import SetBool
-from ua_bridges.ros.executing import Executing
 from ua_bridges.ros.ports import LoadedType
 from ua_bridges.ros.skills import ActionSkill, RosSkillMapping, ServiceSkill, SkillSpec
 from ua_bridges.ros1.classes import TypeUnavailable, needed_service, needed_type
@@ -37,6 +36,7 @@ from ua_fleet.bridge.driver import (
     ExecutionForgotten,
     ExecutionProgressed,
 )
+from ua_fleet.bridge.executing import Executing
 from ua_fleet.config.schema import SkillConfig
 from ua_fleet.counters import Drop
 from ua_fleet.errors import SkillRejected

@@ -6,16 +6,15 @@
     ended     an answer                      counted: the robot said it twice, or too late
     (none)    an answer                      counted: it belongs to another execution
 
-All calls come from one thread, that of the ROS node.
+All calls come from one thread, the one in which the driver hears its robots.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
-from ua_bridges.ros.skill_values import Ended
-from ua_bridges.ros.skills import SkillSpec
+from ua_fleet.bridge.configured import ConfiguredSkill
 from ua_fleet.bridge.driver import (
     DriverEvent,
     Dropped,
@@ -26,11 +25,26 @@ from ua_fleet.bridge.driver import (
 )
 from ua_fleet.counters import Drop
 
-__all__ = ["Executing", "Open"]
+__all__ = ["Ended", "Executing", "Open", "ended_text"]
 
 _MOST_REMEMBERED: Final = 1000
+_MOST_TEXT: Final = 200
 _LEAST_STEP: Final = 0.01
 """Progress that differs by less is not told."""
+
+
+class Ended(NamedTuple):
+    """How a robot ended an execution: as in ExecutionEnded."""
+
+    status: int
+    values: tuple[Any, ...] = ()
+    message: str = ""
+
+
+def ended_text(text: str) -> str:
+    """A robot's text as one line of bounded length."""
+    line = " ".join(text.split())
+    return line if len(line) <= _MOST_TEXT else f"{line[: _MOST_TEXT - 3]}..."
 
 
 class Open:
@@ -38,7 +52,7 @@ class Open:
 
     __slots__ = ("arguments", "deadline", "execution_id", "said", "skill", "told")
 
-    def __init__(self, spec: SkillSpec, execution: Execution, deadline: float) -> None:
+    def __init__(self, spec: ConfiguredSkill[Any], execution: Execution, deadline: float) -> None:
         self.skill = f"{spec.robot}.{spec.name}"
         self.execution_id = execution.execution_id
         self.arguments: Mapping[str, Any] = dict(zip(spec.arguments, execution.values, strict=True))
@@ -57,7 +71,7 @@ class Executing:
         self._open: dict[bytes, Open] = {}
         self._ended: dict[bytes, None] = {}
 
-    def begin(self, spec: SkillSpec, execution: Execution, now: float) -> Open:
+    def begin(self, spec: ConfiguredSkill[Any], execution: Execution, now: float) -> Open:
         """An execution is begun, or asked about; its time begins."""
         opened = Open(spec, execution, now + spec.config.timeout_s)
         self._ended.pop(execution.execution_id, None)

@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-from ua_bridges.ros.executing import Executing
-from ua_bridges.ros.skill_values import Ended
-
-from tests.unit.bridges.ros.skill_fakes import spec_of
+from ua_fleet.bridge.configured import ConfiguredSkill
 from ua_fleet.bridge.driver import (
     DriverEvent,
     Dropped,
@@ -14,10 +11,21 @@ from ua_fleet.bridge.driver import (
     ExecutionForgotten,
     ExecutionProgressed,
 )
+from ua_fleet.bridge.executing import Ended, Executing
+from ua_fleet.config.base import Model
+from ua_fleet.config.schema import SkillConfig
 from ua_fleet.counters import Drop
+from ua_fleet.topics import Topic
 
 ID, OTHER = bytes(16), bytes([1]) * 16
-SPEC = spec_of(arguments={"to": {"type": "String"}}, timeout_s=5)
+SPEC = ConfiguredSkill[Model](
+    "carrier",
+    "dock",
+    Topic(2, 2, 1010),
+    Topic(2, 2, 1011),
+    SkillConfig.model_validate({"arguments": {"to": {"type": "String"}}, "timeout_s": 5}),
+    None,
+)
 EXECUTION = Execution(ID, SPEC.topic, 1, ("dock",))
 
 

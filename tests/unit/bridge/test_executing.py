@@ -41,7 +41,7 @@ def drops(told: list[DriverEvent]) -> list[str]:
 def test_it_ends_once_and_what_comes_later_is_counted() -> None:
     one, told = executing()
     opened = one.begin(SPEC, EXECUTION, 10.0)
-    assert (opened.arguments, opened.deadline, opened.skill) == ({"to": "dock"}, 15.0, "carrier.go")
+    assert (opened.arguments, opened.deadline, opened.skill) == ({"to": "dock"}, 15.0, "carrier.dock")
     one.progress(ID, 0.0)
     assert one.end(ID, Ended(0, (1,), "there"))
     assert not one.end(ID, Ended(0, (2,)))

@@ -119,6 +119,28 @@ def check_ids_given(parts: Parts, *, allow_missing: bool) -> None:
 def _absolute(topic: str) -> str:
     return topic if topic.startswith("/") else f"/{topic}"
 
+def _check_directions(parts: Parts) -> None:
+    for (robot, name), dataset in parts.data.items():
+        path: KeyPath = ("robots", robot, "data", name)
+        if dataset.origin == "server" and dataset.source is not None:
+            parts.document.problem((*path, "source"), "data of origin server has no source: clients write it")
+        if dataset.origin == "robot" and dataset.sink is not None:
+            text = "data of origin robot is read from the robot; a sink needs `origin: server`"
+            parts.document.problem((*path, "sink"), text)
+
+
+def _check_kinds(parts: Parts) -> None:
+    """What each kind of bridge finds wrong between a bridge and its robots."""
+    for name, bridge in parts.bridges.items():
+        robots: dict[str, RobotConfig] = {}
+        for robot, config in parts.robots.items():
+            if config.bridge == name:
+                data = {data: dataset for (owner, data), dataset in parts.data.items() if owner == robot}
+                robots[robot] = config.model_copy(update={"data": data})
+        for path, text, suggestion in bridge.problems(name, robots):
+            parts.document.problem(path, text, suggestion)
+
+
 
 def _check_sink(
     parts: Parts,
@@ -143,7 +165,7 @@ def _check_topics(parts: Parts) -> None:
     writers: dict[tuple[str, str, str], KeyPath] = {}
     for (robot, name), dataset in parts.data.items():
         bridge = parts.bridge_of.get(robot, "")
-        for side, mapping in (("source", dataset.source), ("sink", dataset.sink)):
+        for side, mapping in (("source", dataset.source_topic), ("sink", dataset.sink_topic)):
             if mapping is None:
                 continue
             path: KeyPath = ("robots", robot, "data", name, side, "topic")
@@ -288,12 +310,14 @@ _CHECKS: Final[tuple[Callable[[Parts], None], ...]] = (
     _check_topics,
     _check_initial_values,
     _check_pubsub,
+    _check_directions,
     _check_listed_spaces,
     _check_keys,
     _check_skills,
 )
 
 
+    _check_kinds,
 def check_all(parts: Parts) -> None:
     """Note every problem between the parts."""
     for check in _CHECKS:

@@ -17,7 +17,7 @@ from ua_fleet.config.base import Name
 from ua_fleet.config.checks import Parts, check_all, check_ids_given
 from ua_fleet.config.kinds import known_kinds, model_of_kind
 from ua_fleet.config.layers import apply_environment, apply_options
-from ua_fleet.config.schema import BridgeConfig, DataSetConfig, FleetConfig, RobotConfig, SkillConfig
+from ua_fleet.config.schema import BridgeConfig, DataMapping, DataSetConfig, FleetConfig, RobotConfig, SkillConfig
 from ua_fleet.config.wording import explain
 from ua_fleet.document import MAX_BYTES, Document, KeyPath, as_mapping, key_text, read_document
 from ua_fleet.errors import ConfigError, ConfigInvalid
@@ -29,6 +29,8 @@ VERSION: Final = 1
 """The version of the format that this code reads."""
 
 _NAME: Final[TypeAdapter[str]] = TypeAdapter(Name)
+_SIDES: Final = ("source", "sink")
+"""Of a data source: what stands there depends on the bridge's kind."""
 _SECTIONS: Final = ("fleet", "server", "pubsub", "bridges", "robots")
 _Model = TypeVar("_Model", bound=BaseModel)
 
@@ -118,6 +120,22 @@ class _Loading:
                 self.model(bridge.skill_mapping, skill.via, (*inner, "via"))
         return skills
 
+    def data_set(self, path: KeyPath, given: Mapping[str, Any], bridge: BridgeConfig | None) -> DataSetConfig | None:
+        """A data source; what it is read from and written to is validated by the models of the bridge's kind."""
+        sides = {side: given[side] for side in _SIDES if given.get(side) is not None}
+        data_set = self.model(DataSetConfig, {key: value for key, value in given.items() if key not in sides}, path)
+        mappings: dict[str, DataMapping] = {}
+        for side, value in sides.items():
+            if bridge is None:
+                continue  # that is a problem already, and nobody knows what should stand here
+            model = bridge.source_mapping if side == "source" else bridge.sink_mapping
+            if model is None:
+                kind = bridge.kind
+                self._document.problem((*path, side), f"bridges of kind {kind} have no `{side}`", f"remove `{side}`")
+            elif (mapping := self.model(model, self.mapping((*path, side), value), (*path, side))) is not None:
+                mappings[side] = mapping
+        return None if data_set is None else data_set.model_copy(update=mappings)
+
 
 def _read(document: Document, file: str, allow_missing_ids: bool) -> FleetConfig | None:
     root, loading = document.data, _Loading(document)
@@ -139,7 +157,11 @@ def _read(document: Document, file: str, allow_missing_ids: bool) -> FleetConfig
         path = (*path, "data")
         for data_name, data_value in loading.named(path, given.get("data")).items():
             inner = (*path, data_name)
-            if (valid := loading.model(DataSetConfig, loading.mapping(inner, data_value), inner)) is not None:
+            given_data, bridge = (
+                loading.mapping(inner, data_value),
+                bridges.get(robots[name].bridge) if name in robots else None,
+            )
+            if (valid := loading.data_set(inner, given_data, bridge)) is not None:
                 data[name, data_name] = valid
     bridge_of = {name: robot.bridge for name, robot in robots.items()}
     parts = Parts(document, file, shell.pubsub if shell else None, bridges, bridge_of, data, robots)

@@ -6,6 +6,7 @@ each problem and checks what one model alone cannot see (ids used twice, a robot
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping
 from enum import StrEnum
 from typing import Annotated, ClassVar, Literal
 
@@ -14,12 +15,14 @@ from pydantic import BaseModel, Field, SerializeAsAny, field_validator, model_va
 from ua_fleet.config.base import DataSetId, FieldPath, Model, Name, ScalarType
 from ua_fleet.config.resilience_schema import ResilienceConfig
 from ua_fleet.config.skill_schema import SkillConfig
+from ua_fleet.document import KeyPath
 from ua_fleet.errors import TopicInvalid
 from ua_fleet.fleet.model import UnknownSources
 from ua_fleet.topics import SERVER_SPACE, check_space
 
 __all__ = [
     "BridgeConfig",
+    "DataMapping",
     "DataSetConfig",
     "FieldConfig",
     "FleetConfig",
@@ -76,8 +79,12 @@ class QosConfig(Model, frozen=True):
     """Messages that the queue holds."""
 
 
-class TopicMapping(Model, frozen=True):
-    """A robot's own topic that a DataSet is read from or written to."""
+class DataMapping(Model, frozen=True):
+    """What `source` and `sink` of a data source say. Each kind of bridge derives its own from this one."""
+
+
+class TopicMapping(DataMapping, frozen=True):
+    """A robot's own topic that a DataSet is read from or written to. For the bridges of ROS 1 and ROS 2."""
 
     topic: Annotated[str, Field(pattern=r"^/?[A-Za-z_][A-Za-z0-9_/]*$", examples=["/battery_state"])]
     """Name of the topic in the robot's space, e.g. `/battery_state`."""
@@ -117,10 +124,11 @@ class DataSetConfig(Model, frozen=True):
     """Short form, as in a field."""
     fields: dict[Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_.]{0,127}$")], FieldConfig] = {}
     """Several fields: name to field."""
-    source: TopicMapping | None = None
-    """The robot's own topic that the data is read from. Without it the source is the topic `ua_<space>_<ns>_<id>`."""
-    sink: TopicMapping | None = None
-    """The robot's own topic that the data is also written to."""
+    source: SerializeAsAny[DataMapping] | None = None
+    """What the data is read from, by the bridge's kind: a robot's own topic, registers. Without it the source is the
+    topic `ua_<space>_<ns>_<id>`, where the kind has topics."""
+    sink: SerializeAsAny[DataMapping] | None = None
+    """What the data is also written to, by the bridge's kind."""
 
     @model_validator(mode="after")
     def _check(self) -> DataSetConfig:
@@ -130,10 +138,6 @@ class DataSetConfig(Model, frozen=True):
             raise ValueError("give `type` (one field) or `fields` (several)")
         if self.fields and (self.array or self.unit or self.range or self.path or self.initial is not None):
             raise ValueError("with `fields`, array, unit, range, path and initial belong to each field")
-        if self.origin == "server" and self.source is not None:
-            raise ValueError("data of origin server has no source: clients write it")
-        if self.origin == "robot" and self.sink is not None:
-            raise ValueError("data of origin robot is read from the robot; a sink needs `origin: server`")
         self.all_fields()
         return self
 
@@ -146,6 +150,16 @@ class DataSetConfig(Model, frozen=True):
             type=self.type, array=self.array, unit=self.unit, range=self.range, path=self.path, initial=self.initial
         )
         return {"": single}
+
+    @property
+    def source_topic(self) -> TopicMapping | None:
+        """`source` where it is a robot's own topic."""
+        return self.source if isinstance(self.source, TopicMapping) else None
+
+    @property
+    def sink_topic(self) -> TopicMapping | None:
+        """`sink` where it is a robot's own topic."""
+        return self.sink if isinstance(self.sink, TopicMapping) else None
 
 
 class RobotConfig(Model, frozen=True):
@@ -191,6 +205,10 @@ class BridgeConfig(Model, frozen=True):
     """Model of `via` in a skill of a robot on such a bridge; None where bridges of this kind run no skills."""
 
     @field_validator("space")
+    source_mapping: ClassVar[type[DataMapping] | None] = None
+    """Model of `source` in the data of such a robot; None where bridges of this kind read nothing by configuration."""
+    sink_mapping: ClassVar[type[DataMapping] | None] = None
+    """Model of `sink` in the data of such a robot; None where bridges of this kind write nothing by configuration."""
     @classmethod
     def _space(cls, space: int) -> int:
         if space == SERVER_SPACE:
@@ -202,6 +220,18 @@ class BridgeConfig(Model, frozen=True):
 
 
 class PubSubSecurity(StrEnum):
+    def problems(self, name: str, robots: Mapping[str, RobotConfig]) -> Iterable[tuple[KeyPath, str, str]]:
+        """What is wrong between this bridge and its robots, beyond what one model alone can see.
+
+        Args:
+            name: the bridge's own.
+            robots: those on this bridge, by name, with their valid data and skills.
+
+        Returns:
+            For each problem the path of the key from the top of the file, the problem, and a suggestion or "".
+        """
+        return ()
+
     """Message security of PubSub (MessageSecurityMode, OPC 10000-14 6.2.5.2). `none` has to be written."""
 
     NONE = "none"

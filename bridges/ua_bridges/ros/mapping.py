@@ -172,8 +172,8 @@ class MappedSource:
 
         A single field has the DataSet's browse name, and without `path` the path `data` of the std_msgs.
         """
-        assert dataset.source is not None
-        self.message_type = dataset.source.type.replace("/msg/", "/")
+        assert dataset.source_topic is not None
+        self.message_type = dataset.source_topic.type.replace("/msg/", "/")
         self.fields: tuple[tuple[str, BuiltinType, bool], ...] = tuple(
             (name or browse_name, field.type.builtin, field.array) for name, field in dataset.all_fields().items()
         )

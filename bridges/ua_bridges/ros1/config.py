@@ -7,7 +7,7 @@ from typing import Annotated, ClassVar, Literal
 from pydantic import BaseModel, Field
 
 from ua_bridges.ros.skills import RosSkillMapping
-from ua_fleet.config.schema import BridgeConfig
+from ua_fleet.config.schema import BridgeConfig, DataMapping, TopicMapping
 
 __all__ = ["Ros1BridgeConfig"]
 
@@ -28,3 +28,5 @@ class Ros1BridgeConfig(BridgeConfig, frozen=True):
 
     skill_mapping: ClassVar[type[BaseModel] | None] = RosSkillMapping
     """Model of `via` in the skills of its robots."""
+    source_mapping: ClassVar[type[DataMapping] | None] = TopicMapping
+    sink_mapping: ClassVar[type[DataMapping] | None] = TopicMapping

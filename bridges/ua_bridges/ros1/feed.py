@@ -106,17 +106,17 @@ class MappedFeed:
     def __init__(
         self, topic: Topic, dataset: DataSetConfig, browse_name: str, inlet: Inlet, loop: asyncio.AbstractEventLoop
     ) -> None:
-        assert dataset.source is not None
+        assert dataset.source_topic is not None
         self.topic = topic
-        self._name = dataset.source.topic
+        self._name = dataset.source_topic.topic
         self._mapped = MappedSource(dataset, browse_name)
         self._fields = tuple(make_field(name, builtin, array=array) for name, builtin, array in self._mapped.fields)
         self._put = inlet.put
         self._loop = loop
         self._gate: RateGate[SampleRead] | None = None
-        if dataset.source.max_rate_hz is not None:
+        if dataset.source_topic.max_rate_hz is not None:
             self._gate = RateGate(
-                dataset.source.max_rate_hz, loop, inlet.put, lambda: inlet.put(Dropped(Drop.RATE_LIMITED))
+                dataset.source_topic.max_rate_hz, loop, inlet.put, lambda: inlet.put(Dropped(Drop.RATE_LIMITED))
             )
 
     def announce(self, kind: MessageType, latched: bool) -> None:

@@ -117,7 +117,7 @@ class Outlets:
 
     def add_sink(self, topic: Topic, browse_name: str, dataset: DataSetConfig) -> None:
         """Write the DataSet to the robot's own topic, too."""
-        mapping = dataset.sink
+        mapping = dataset.sink_topic
         assert mapping is not None
         paths = [field.path or name or "data" for name, field in dataset.all_fields().items()]
         outlet: Outlet | Dropped

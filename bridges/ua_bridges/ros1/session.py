@@ -55,10 +55,10 @@ class Ros1Driver:
         self._outlets = outlets = Outlets(inlet, loop, self._delivered, self._outlets_changed)
         mapped: dict[str, list[Feed]] = {}
         for number, name, dataset in self._datasets:
-            if dataset.source is not None:
+            if dataset.source_topic is not None:
                 mapped_feed = MappedFeed(Topic(bridge.space, self._namespace, number), dataset, name, inlet, loop)
-                mapped.setdefault(absolute(dataset.source.topic), []).append(mapped_feed)
-            if dataset.sink is not None:
+                mapped.setdefault(absolute(dataset.source_topic.topic), []).append(mapped_feed)
+            if dataset.sink_topic is not None:
                 outlets.add_sink(Topic(SERVER_SPACE, self._namespace, number), name, dataset)
         for name, feed in self._skill_feeds(node, inlet):
             mapped.setdefault(name, []).append(feed)

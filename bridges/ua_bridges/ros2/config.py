@@ -7,7 +7,7 @@ from typing import Annotated, ClassVar, Literal
 from pydantic import BaseModel, Field, field_validator
 
 from ua_bridges.ros.skills import RosSkillMapping
-from ua_fleet.config.schema import BridgeConfig
+from ua_fleet.config.schema import BridgeConfig, DataMapping, TopicMapping
 from ua_fleet.errors import TopicInvalid
 from ua_fleet.topics import check_ros2_space
 
@@ -28,6 +28,8 @@ class Ros2BridgeConfig(BridgeConfig, frozen=True):
 
     skill_mapping: ClassVar[type[BaseModel] | None] = RosSkillMapping
     """Model of `via` in the skills of its robots."""
+    source_mapping: ClassVar[type[DataMapping] | None] = TopicMapping
+    sink_mapping: ClassVar[type[DataMapping] | None] = TopicMapping
 
     @field_validator("space")
     @classmethod

@@ -97,14 +97,14 @@ class MappedFeed:
         wake_at: Callable[[float], None],
     ) -> None:
         """`wake_at` is told when `release` wants to be called."""
-        assert dataset.source is not None
+        assert dataset.source_topic is not None
         self.topic = topic
-        self._name = dataset.source.topic
+        self._name = dataset.source_topic.topic
         self._mapped = MappedSource(dataset, browse_name)
         self._fields = tuple(make_field(name, builtin, array=array) for name, builtin, array in self._mapped.fields)
         self._put = inlet.put
         self._monotonic, self._wake_at = monotonic, wake_at
-        rate = dataset.source.max_rate_hz
+        rate = dataset.source_topic.max_rate_hz
         self._limit = RateLimit[SampleRead](rate) if rate is not None else None
 
     def found(self, kind: MessageType, latched: bool) -> None:

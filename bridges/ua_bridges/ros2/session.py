@@ -86,8 +86,10 @@ class Ros2Driver:
         """See Driver."""
         self._inlet = inlet
         self._loop = asyncio.get_running_loop()
-        mapped: list[Mapped] = [each for each in self._datasets if each[2].source is not None]
-        written = {absolute(dataset.sink.topic) for _, _, dataset in self._datasets if dataset.sink is not None}
+        mapped: list[Mapped] = [each for each in self._datasets if each[2].source_topic is not None]
+        written = {
+            absolute(dataset.sink_topic.topic) for _, _, dataset in self._datasets if dataset.sink_topic is not None
+        }
         folder = state_folder()
         self._delivered = Delivered(folder, *self._identity)
         self._served = Served(folder, *self._identity)
@@ -96,8 +98,8 @@ class Ros2Driver:
         )
         await self._thread.start(self._opened, self._turn, self._watch.closing)
         for topic, name, dataset in self._datasets:
-            if dataset.sink is not None:
-                self._add_sink(topic, name, dataset, dataset.sink)
+            if dataset.sink_topic is not None:
+                self._add_sink(topic, name, dataset, dataset.sink_topic)
 
     def _listened(self, inlet: Inlet) -> Iterable[Heard]:
         """Topics to listen to that are no data sources; a driver with skills has some."""

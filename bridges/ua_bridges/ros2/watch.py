@@ -75,8 +75,8 @@ class Watch:
         self._inlet = inlet
         self._mapped: dict[str, list[Mapped]] = {}
         for each in mapped:
-            assert each[2].source is not None
-            self._mapped.setdefault(absolute(each[2].source.topic), []).append(each)
+            assert each[2].source_topic is not None
+            self._mapped.setdefault(absolute(each[2].source_topic.topic), []).append(each)
         self._written = written
         self._wake_at = wake_at
         self._heard: dict[str, list[Heard]] = {}
@@ -117,7 +117,7 @@ class Watch:
             for topic, browse_name, dataset in datasets
         ]
         feeds += [each.feed for each in self._heard.get(name, [])]
-        first: TopicMapping | None = datasets[0][2].source
+        first: TopicMapping | None = datasets[0][2].source_topic
         assert first is not None
         return RosSource(name, feeds, self._node, self._inlet, self._look_soon, wanted_type=first.type, qos=first.qos)
 

@@ -12,7 +12,7 @@ from pydantic import BaseModel
 from ua_fleet.config.assign_ids import assign_ids
 from ua_fleet.config.default_file import default_content, write_default
 from ua_fleet.config.load import load, load_content
-from ua_fleet.config.schema import FleetConfig, KeysConfig, PubSubConfig, ServerConfig
+from ua_fleet.config.schema import BridgeConfig, FleetConfig, KeysConfig, PubSubConfig, ServerConfig
 from ua_fleet.errors import ConfigError, ConfigInvalid
 
 
@@ -45,7 +45,9 @@ def test_its_values_are_the_defaults() -> None:
 
 
 def test_it_shows_every_key_there_is() -> None:
-    models: list[type] = [FleetConfig, *(entry.load() for entry in entry_points(group="ua_fleet.bridges"))]
+    kinds: list[type[BridgeConfig]] = [entry.load() for entry in entry_points(group="ua_fleet.bridges")]
+    mappings = [kind.source_mapping for kind in kinds] + [kind.sink_mapping for kind in kinds]
+    models: list[type] = [FleetConfig, *kinds, *(mapping for mapping in mappings if mapping is not None)]
     known = {key for model in models for key in keys_of(model, set())}
     shown = set(re.findall(r"(?:^|[{,#]) *([a-z_]+):", default_content().decode(), re.MULTILINE))
     assert known - shown == set()

@@ -37,6 +37,69 @@ def test_a_new_kind_brings_its_own_keys(monkeypatch: pytest.MonkeyPatch, tmp_pat
     assert kinds.known_kinds() == ("plc",)
 
 
+PLC = """
+from collections.abc import Iterable
+from typing import ClassVar
+from ua_fleet.config.schema import BridgeConfig, DataMapping
+
+class Register(DataMapping, frozen=True):
+    address: int
+
+class PlcConfig(BridgeConfig, frozen=True):
+    source_mapping: ClassVar[type[DataMapping] | None] = Register
+
+    def problems(self, name, robots):
+        for robot, config in robots.items():
+            for data, data_set in config.data.items():
+                path = ("robots", robot, "data", data, "source", "address")
+                if data_set.source is not None and data_set.source.address > 9:
+                    yield path, f"{name} has 10 registers", "use another"
+"""
+ROBOT = b"""version: 1
+pubsub: {security: none}
+bridges: {a: {kind: plc, space: 300, status_id: 1}}
+robots:
+  press:
+    bridge: a
+    data:
+"""
+
+
+@pytest.mark.parametrize(
+    ("data", "problem"),
+    [
+        ("x: {id: 2, type: Double, source: {address: 3}}", ""),
+        (
+            "x: {id: 2, type: Double, source: {address: 30}}",
+            "f.yaml:8:robots.press.data.x.source.address: a has 10 registers; use another",
+        ),
+        (
+            "x: {id: 2, type: Double, source: {addres: 3}}",
+            "f.yaml:8:robots.press.data.x.source.addres: unknown key `addres`; did you mean `address`?",
+        ),
+        (
+            "x: {id: 2, type: Double, origin: server, sink: {address: 3}}",
+            "f.yaml:8:robots.press.data.x.sink: bridges of kind plc have no `sink`; remove `sink`",
+        ),
+    ],
+)
+def test_a_kind_says_what_data_is_read_from(
+    data: str, problem: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    (tmp_path / "plc_sources.py").write_text(PLC)
+    monkeypatch.setattr(sys, "path", [str(tmp_path), *sys.path])
+    install(monkeypatch, "plc_sources:PlcConfig")
+    content = ROBOT + f"      {data}\n".encode()
+    if not problem:
+        source = load_content(content, "f.yaml", {}).robots["press"].data["x"].source
+        assert source is not None
+        assert source.model_dump() == {"address": 3}
+        return
+    with pytest.raises(ConfigInvalid) as caught:
+        load_content(content, "f.yaml", {})
+    assert problem in [str(each) for each in caught.value.problems]
+
+
 @pytest.mark.parametrize(
     "value", ["no_such_package.config:Config", "ua_fleet.config.schema:NoSuch", "ua_fleet.errors:ConfigError"]
 )

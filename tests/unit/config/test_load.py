@@ -375,12 +375,12 @@ BAD: list[tuple[str, str, list[str]]] = [
     (
         "sink of a robot's value",
         ROBOT + "      q: {id: 5, type: Double, sink: {topic: /a, type: std_msgs/Float64}}\n",
-        ["F:10:robots.ned.data.q: data of origin robot is read from the robot; a sink needs `origin: server`"],
+        ["F:10:robots.ned.data.q.sink: data of origin robot is read from the robot; a sink needs `origin: server`"],
     ),
     (
         "source of the server's value",
         ROBOT + "      q: {id: 5, type: Double, origin: server, source: {topic: /a, type: std_msgs/Float64}}\n",
-        ["F:10:robots.ned.data.q: data of origin server has no source: clients write it"],
+        ["F:10:robots.ned.data.q.source: data of origin server has no source: clients write it"],
     ),
     (
         "topic and type",

@@ -9,6 +9,7 @@ import pytest
 
 from tests.unit.fleet.fleet_of import BOOLEAN, DOUBLE, STATUS, STRING, fleet_config, key
 from ua_fleet.config.nodes import fleet_model
+from ua_fleet.config.schema import TopicMapping
 from ua_fleet.fleet import Commands, Publication
 from ua_fleet.pubsub.metadata import first_property
 from ua_fleet.topics import Topic
@@ -26,7 +27,7 @@ def commands(**more: Any) -> Commands:
             "id": 10,
             "origin": "server",
             "fields": {"linear.x": {"type": "Double", "range": [-1, 1]}, "angular.z": {"type": "Double"}},
-            "sink": {"topic": "/cmd_vel", "type": "geometry_msgs/msg/Twist"},
+            "sink": TopicMapping(topic="/cmd_vel", type="geometry_msgs/msg/Twist"),
         },
         "goal": {"id": 11, "origin": "server", "type": "Boolean"},
         "text": {"id": 12, "origin": "server", "type": "String"},
@@ -125,7 +126,7 @@ def test_only_what_originates_in_the_server_is_announced_with_its_message_type()
 
 def test_fields_with_other_paths_announce_no_message_type() -> None:
     fields = {"forward": {"type": "Double", "path": "linear.x"}, "turn": {"type": "Double", "path": "angular.z"}}
-    sink = {"topic": "/cmd_vel", "type": "geometry_msgs/Twist"}
+    sink = TopicMapping(topic="/cmd_vel", type="geometry_msgs/Twist")
     state = commands(drive={"id": 20, "origin": "server", "fields": fields, "sink": sink})
     announced = {model.topic.id: fields for model, fields in state.sources()}
     assert all(not field.properties for field in announced[20])

@@ -6,8 +6,8 @@ from typing import Any
 import pytest
 
 from ua_fleet.errors import ScenarioError
-from ua_fleet.simulator import equations
-from ua_fleet.simulator.equations import Situation, cyclic
+from ua_fleet.traffic import equations
+from ua_fleet.traffic.equations import Situation, cyclic
 
 DEMONSTRATION = Situation(robots=5, sensor_rates=(1.0,), elapsed_s=180.0)
 """Section 6.2: five robots, one sensor that says something each second, about three minutes."""

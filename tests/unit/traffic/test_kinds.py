@@ -1,0 +1,160 @@
+"""Each message has the kind that the table says, whoever sends it."""
+
+from collections.abc import Iterable
+
+import pytest
+
+from ua_fleet.counters import Counters
+from ua_fleet.pubsub.metadata import make_field
+from ua_fleet.pubsub.publisher import Publisher
+from ua_fleet.pubsub.timing import PubSubTiming
+from ua_fleet.skill.executions import ExecutionState
+from ua_fleet.skill.status import SKILL_STATUS_FIELDS, ExecutionStatus, SkillStatus
+from ua_fleet.topics import Topic
+from ua_fleet.traffic import EQUATION_12_KINDS, Kind, Traffic
+from ua_fleet.values import BuiltinType
+from ua_fleet.wire import ActionMessage, ActionState, Codec, encode_action, encode_announcement, encode_probe
+from ua_fleet.wire.discovered import ActionTarget, PubSubState, StatusAnnouncement
+from ua_fleet.wire.messages import DataSetMessage, FrameKind, NetworkMessage, Probe, ProbeKind
+
+SPACE = 7
+STATUS = Topic(SPACE, 2, 101)
+POSE = Topic(SPACE, 2, 102)
+SKILL = Topic(SPACE, 2, 103)
+WALL = 134_000_000_000_000_000
+TIMING = PubSubTiming()
+X = (make_field("x", BuiltinType.DOUBLE),)
+
+
+class Robot:
+    """A publisher, and what it says to a Traffic."""
+
+    def __init__(self, known: dict[Topic, Kind] | None = None) -> None:
+        self.traffic = Traffic(known)
+        self.publisher = Publisher(SPACE, TIMING, Counters(), Codec())
+        self.status = SkillStatus()
+
+    def kinds(self, datagrams: Iterable[bytes], now: float = 0.0) -> list[Kind]:
+        return [kind for datagram in datagrams for kind in self.traffic.take(datagram, len(datagram), now)]
+
+    def announce_status(self) -> list[Kind]:
+        return self.kinds(
+            self.publisher.announce(STATUS, "robot skill status", SKILL_STATUS_FIELDS, now=0.0, wall_ticks=WALL)
+        )
+
+    def show(self, number: int, state: ExecutionState, timestamp: int) -> list[Kind]:
+        self.status.show(ExecutionStatus(number.to_bytes(16), "task", state))
+        types, values = self.status.fields()
+        return self.kinds(self.publisher.publish(STATUS, values, timestamp=timestamp, now=0.0, types=types))
+
+
+def test_who_comes_registers_and_then_is_alive() -> None:
+    robot = Robot()
+    assert robot.kinds(robot.publisher.begin(now=0.0, wall_ticks=WALL)) == [Kind.REGISTRATION, Kind.REGISTRATION]
+    assert robot.kinds(robot.publisher.poll(10.0, WALL)) == [Kind.KEEP_ALIVE]
+    assert robot.kinds(robot.publisher.poll(60.0, WALL)) == [Kind.KEEP_ALIVE, Kind.REPEAT]  # status, application
+    assert robot.kinds(robot.publisher.end()) == [Kind.REGISTRATION]
+
+
+def test_a_source_is_metadata_and_configuration() -> None:
+    robot = Robot()
+    robot.publisher.begin(now=0.0, wall_ticks=WALL)
+    assert robot.announce_status() == [Kind.METADATA, Kind.KEEP_ALIVE]
+    assert robot.kinds(robot.publisher.poll(0.5, WALL)) == [Kind.REGISTRATION]  # the WriterGroup
+    asked = Probe(SPACE, 1, ProbeKind.DATA_SET_META_DATA, (STATUS.id,))
+    assert robot.kinds([encode_probe(asked)]) == [Kind.METADATA]
+    assert robot.kinds(robot.publisher.answer(asked, 5.0)) == [Kind.REPEAT, Kind.KEEP_ALIVE]
+
+
+def test_other_metadata_than_before_is_no_repeat() -> None:
+    robot = Robot()
+    robot.kinds(robot.publisher.announce(POSE, "pose", X, now=0.0, wall_ticks=WALL))
+    other = (*X, make_field("y", BuiltinType.DOUBLE))
+    changed = robot.kinds(robot.publisher.announce(POSE, "pose", other, now=0.0, wall_ticks=WALL))
+    assert changed == [Kind.METADATA, Kind.KEEP_ALIVE]
+
+
+def test_an_action_is_metadata_and_a_responder() -> None:
+    robot = Robot()
+    target = (ActionTarget(1, "robot"),)
+    said = robot.publisher.announce_action(SKILL, "task", target, X, (), now=0.0, wall_ticks=WALL)
+    assert robot.kinds(said) == [Kind.METADATA]
+    assert robot.kinds(robot.publisher.poll(0.5, WALL)) == [Kind.REGISTRATION]
+
+
+def test_looking_for_applications_is_registration() -> None:
+    robot = Robot()
+    assert robot.kinds([encode_probe(Probe(None, 1, ProbeKind.FIND_APPLICATIONS))]) == [Kind.REGISTRATION]
+
+
+@pytest.mark.parametrize(("is_request", "kind"), [(True, Kind.REQUEST), (False, Kind.RESPONSE)])
+def test_actions(is_request: bool, kind: Kind) -> None:
+    robot = Robot()
+    message = ActionMessage(*SKILL, 1, 1, ActionState.DONE, is_request, "0.server", bytes(16))
+    assert robot.kinds([encode_action(message)] * 2) == [kind, kind]  # asked again is asked
+    both = message._replace(others=(message._replace(request_id=2),))
+    assert robot.kinds([encode_action(both)]) == [kind, kind]
+
+
+def test_status_tells_each_failure_once() -> None:
+    robot = Robot()
+    robot.announce_status()
+    assert robot.show(1, ExecutionState.RUNNING, 1) == [Kind.STATUS]
+    assert robot.show(1, ExecutionState.FAILED, 2) == [Kind.FAULT]
+    assert robot.show(2, ExecutionState.RUNNING, 3) == [Kind.STATUS]  # it still shows the first one
+    assert robot.show(2, ExecutionState.UNKNOWN, 4) == [Kind.FAULT]
+    assert robot.kinds(robot.publisher.poll(TIMING.repeat_interval_s, WALL)) == [Kind.REPEAT]
+
+
+def test_data_without_a_skill_status_s_metadata_is_telemetry() -> None:
+    robot = Robot()
+    robot.publisher.announce(STATUS, "robot skill status", SKILL_STATUS_FIELDS, now=0.0, wall_ticks=WALL)
+    assert robot.show(1, ExecutionState.FAILED, 1) == [Kind.TELEMETRY]
+
+
+def test_a_source_that_goes_is_a_fault() -> None:
+    robot = Robot()
+    robot.kinds(robot.publisher.announce(POSE, "pose", X, now=0.0, wall_ticks=WALL))
+    assert robot.kinds(robot.publisher.publish(POSE, (1.0,), timestamp=5, now=0.0)) == [Kind.TELEMETRY]
+    assert robot.kinds(robot.publisher.source_lost(POSE, timestamp=6, now=1.0)) == [Kind.FAULT]
+
+
+def test_a_process_in_error_is_a_fault() -> None:
+    robot = Robot()
+    failed = StatusAnnouncement(SPACE, 1, 0, False, PubSubState.ERROR)
+    assert robot.kinds([encode_announcement(failed)]) == [Kind.FAULT]
+
+
+def test_the_owner_knows_sensors() -> None:
+    robot = Robot({POSE: Kind.SENSOR})
+    robot.kinds(robot.publisher.announce(POSE, "temperature", X, now=0.0, wall_ticks=WALL))
+    assert robot.kinds(robot.publisher.publish(POSE, (20.5,), timestamp=5, now=0.0)) == [Kind.SENSOR]
+    assert robot.kinds(robot.publisher.poll(TIMING.repeat_interval_s, WALL)) == [Kind.REPEAT]
+
+
+def test_messages_of_one_datagram_share_its_bytes() -> None:
+    alive = DataSetMessage(1, FrameKind.KEEP_ALIVE, sequence_number=1)
+    data = DataSetMessage(2, types=(BuiltinType.DOUBLE,), values=(1.0,), sequence_number=1, timestamp=5)
+    plain = Codec().encode(NetworkMessage(SPACE, writer_group_id=2, messages=(alive, data)))
+    traffic = Traffic()
+    assert traffic.take(plain, 101, 61.9) == [Kind.KEEP_ALIVE, Kind.TELEMETRY]
+    assert traffic.bytes == {Kind.KEEP_ALIVE: 51, Kind.TELEMETRY: 50}
+    assert traffic.bytes_at == {(61, Kind.KEEP_ALIVE): 51, (61, Kind.TELEMETRY): 50}
+    assert traffic.messages_at == {(61, Kind.KEEP_ALIVE): 1, (61, Kind.TELEMETRY): 1}
+
+
+def test_what_nobody_can_read_is_counted_apart() -> None:
+    traffic = Traffic()
+    assert traffic.take(b"\xff\xff\xff", 3, 0.0) == []
+    assert traffic.unreadable == 1
+    assert not traffic.messages
+
+
+def test_what_equation_12_counts() -> None:
+    traffic = Traffic()
+    for number, kind in enumerate(Kind):
+        traffic.record(kind, 10**number, 0.0)
+    counted = {kind for kind in Kind if kind in EQUATION_12_KINDS}
+    assert counted == set(Kind) - {Kind.METADATA, Kind.KEEP_ALIVE, Kind.REPEAT, Kind.TELEMETRY, Kind.SENSOR}
+    assert traffic.equation_12_messages == 6
+    assert traffic.equation_12_bytes == 1111101

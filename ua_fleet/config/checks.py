@@ -116,9 +116,6 @@ def check_ids_given(parts: Parts, *, allow_missing: bool) -> None:
             parts.document.problem(path, f"`{key}` is missing", remedy)
 
 
-def _absolute(topic: str) -> str:
-    return topic if topic.startswith("/") else f"/{topic}"
-
 def _check_directions(parts: Parts) -> None:
     for (robot, name), dataset in parts.data.items():
         path: KeyPath = ("robots", robot, "data", name)
@@ -140,6 +137,9 @@ def _check_kinds(parts: Parts) -> None:
         for path, text, suggestion in bridge.problems(name, robots):
             parts.document.problem(path, text, suggestion)
 
+
+def _absolute(topic: str) -> str:
+    return topic if topic.startswith("/") else f"/{topic}"
 
 
 def _check_sink(
@@ -307,17 +307,17 @@ _CHECKS: Final[tuple[Callable[[Parts], None], ...]] = (
     _check_bridges_exist,
     _check_spaces,
     _check_ids,
+    _check_directions,
     _check_topics,
     _check_initial_values,
     _check_pubsub,
-    _check_directions,
     _check_listed_spaces,
     _check_keys,
     _check_skills,
+    _check_kinds,
 )
 
 
-    _check_kinds,
 def check_all(parts: Parts) -> None:
     """Note every problem between the parts."""
     for check in _CHECKS:

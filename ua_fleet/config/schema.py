@@ -203,12 +203,12 @@ class BridgeConfig(Model, frozen=True):
 
     skill_mapping: ClassVar[type[BaseModel] | None] = None
     """Model of `via` in a skill of a robot on such a bridge; None where bridges of this kind run no skills."""
-
-    @field_validator("space")
     source_mapping: ClassVar[type[DataMapping] | None] = None
     """Model of `source` in the data of such a robot; None where bridges of this kind read nothing by configuration."""
     sink_mapping: ClassVar[type[DataMapping] | None] = None
     """Model of `sink` in the data of such a robot; None where bridges of this kind write nothing by configuration."""
+
+    @field_validator("space")
     @classmethod
     def _space(cls, space: int) -> int:
         if space == SERVER_SPACE:
@@ -218,8 +218,6 @@ class BridgeConfig(Model, frozen=True):
         except TopicInvalid as error:
             raise ValueError(error.reason) from error
 
-
-class PubSubSecurity(StrEnum):
     def problems(self, name: str, robots: Mapping[str, RobotConfig]) -> Iterable[tuple[KeyPath, str, str]]:
         """What is wrong between this bridge and its robots, beyond what one model alone can see.
 
@@ -232,6 +230,8 @@ class PubSubSecurity(StrEnum):
         """
         return ()
 
+
+class PubSubSecurity(StrEnum):
     """Message security of PubSub (MessageSecurityMode, OPC 10000-14 6.2.5.2). `none` has to be written."""
 
     NONE = "none"

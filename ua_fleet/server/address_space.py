@@ -42,6 +42,8 @@ __all__ = ["FleetNodes"]
 
 _OBJECTS: Final = raw_id(ObjectIds.ObjectsFolder)
 _UINT64: Final = int(BuiltinType.UINT64)
+_ROBOTS: Final = "Fleet.Robots"
+_SOURCES: Final = "Fleet.Discovered.Sources"
 
 
 class FleetNodes:
@@ -84,18 +86,28 @@ class FleetNodes:
 
     def add_source(self, data_set: DataSetModel) -> None:
         """Make the nodes of a source that the model does not name."""
-        self._add_data_set(data_set, self._parts.group("Fleet.Discovered.Sources"), data_set.topic.name)
+        self._add_data_set(data_set, self._parts.group(_SOURCES), data_set.topic.name)
 
     async def remove_source(self, data_set: DataSetModel) -> None:
         """Remove the nodes of a source that had been added."""
-        for field in data_set.fields:
-            del self.values[field.key]
-            for part in ("EURange", "EngineeringUnits"):
-                await self._parts.builder.remove(self._parts.id(f"{field.key.identifier!s}.{part}"), node_id(field.key))
-            if not data_set.is_single:
-                await self._parts.builder.remove(node_id(field.key), node_id(data_set.key))
-        await self._parts.builder.remove(self._parts.id(f"Topics.{data_set.topic.id}"), node_id(data_set.key))
-        await self._parts.builder.remove(node_id(data_set.key), self._parents.pop(data_set.key))
+        await self._parts.remove(node_id(data_set.key))
+        self._parts.leave(_SOURCES, self._parents.pop(data_set.key))
+
+    def add_robot(self, robot: RobotModel) -> None:
+        """Make the nodes of a robot that the model does not name."""
+        self._add_robot(robot)
+
+    async def remove_robot(self, robot: RobotModel) -> None:
+        """Remove the nodes of a robot, and the capacities that no other robot has."""
+        await self._parts.remove(node_id(robot.key))
+        self._parts.leave(_ROBOTS, self._parents.pop(robot.key))
+        for data_set in robot.data_sets:
+            self._parents.pop(data_set.key, None)
+        for capacity in robot.capacities:
+            known = self._capabilities[capacity]
+            if not self._parts.builder.is_referenced(known, self._parts.types[TypeId.PROVIDES_CAPABILITY]):
+                del self._capabilities[capacity]
+                await self._parts.remove(known)
 
     def add_quarantined(self, source: SourceQuarantined) -> None:
         """List a source that gets no nodes."""
@@ -113,10 +125,11 @@ class FleetNodes:
 
     def _add_robot(self, robot: RobotModel) -> None:
         prefix = f"Robots.{robot.name}"
+        parent = self._parents[robot.key] = self._parts.group(_ROBOTS)
         node = self._parts.object(
             prefix,
             robot.name,
-            self._parts.group("Fleet.Robots"),
+            parent,
             TypeId.ROBOT,
             own_name=True,
             description=robot.description,
@@ -133,6 +146,8 @@ class FleetNodes:
         self._skills.add(robot, f"{prefix}.Skills")
         if (status := robot.skill_status_data) is not None:
             self._add_data_set(status, node, status.name)
+        if robot.fault is not None:
+            self._add_data_set(robot.fault, node, robot.fault.name)
         data = self._parts.folder(f"{prefix}.Data", "Data", node)
         is_grouped = len(robot.data_sets) > GROUP_SIZE
         for data_set in robot.data_sets:

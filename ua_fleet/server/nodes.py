@@ -63,7 +63,7 @@ class NodeBuilder:
         self._shared: dict[tuple[str, Any], AttributeValue] = {}
         self._objects: dict[str, _Attributes] = {}
         self._type_references: dict[ua.NodeId, ua.ReferenceDescription] = {}
-        self._parent_references: dict[tuple[ua.NodeId, ua.NodeId], ua.ReferenceDescription] = {}
+        self._parent_references: dict[ua.NodeId, dict[ua.NodeId, ua.ReferenceDescription]] = {}
 
     def add_object(
         self,
@@ -140,17 +140,53 @@ class NodeBuilder:
         from_data.references.append(self._describe(reference, to_data, is_forward=True))
         to_data.references.append(self._describe(reference, from_data, is_forward=False))
 
-    async def remove(self, node_id: ua.NodeId, parent: ua.NodeId) -> None:
-        """Remove a node that has no references but those to its parent, type and removed children.
+    def is_referenced(self, node_id: ua.NodeId, reference: ua.NodeId) -> bool:
+        """Whether any node refers to this one by a reference of this type."""
+        references = self._space[node_id].references
+        return any(found.ReferenceTypeId == reference and not found.IsForward for found in references)
 
-        Who watches it is told BadNodeIdUnknown.
+    async def remove(self, node_id: ua.NodeId) -> list[ua.NodeId]:
+        """Remove a node with all that was added below it, and say which these were.
+
+        Who watches any of it is told BadNodeIdUnknown. Only these nodes and those that they refer to are looked at:
+        asyncua's DeleteNodes goes through the whole address space for each node.
         """
-        data = self._space.get(node_id)
+        gone = self._tree(node_id)
+        outside = {
+            reference.NodeId
+            for data in gone.values()
+            for reference in data.references
+            if reference.NodeId not in gone and reference.ReferenceTypeId != _HAS_TYPE_DEFINITION  # types list nobody
+        }
+        for other in outside:
+            if (around := self._space.get(other)) is not None:
+                around.references[:] = [reference for reference in around.references if reference.NodeId not in gone]
+        for removed, data in gone.items():
+            await self._tell_gone(removed, data)
+        for removed in gone:
+            del self._space[removed]
+            self._parent_references.pop(removed, None)
+        return list(gone)
+
+    def _tree(self, top: ua.NodeId) -> dict[ua.NodeId, NodeData]:
+        """A node and those that were added below it, itself first."""
+        data = self._space.get(top)
         if data is None:
-            return
-        parent_data = self._space.get(parent)
-        if parent_data is not None:
-            parent_data.references[:] = [ref for ref in parent_data.references if ref.NodeId != node_id]
+            return {}
+        found, waiting = {top: data}, [data]
+        while waiting:
+            parent = waiting.pop()
+            for reference in parent.references:
+                child = self._space.get(reference.NodeId) if reference.IsForward else None
+                # The reference to the parent that a node was added to is its first one.
+                if child is not None and child.nodeid not in found and child.references:
+                    first = child.references[0]
+                    if first.NodeId == parent.nodeid and not first.IsForward:
+                        found[child.nodeid] = child
+                        waiting.append(child)
+        return found
+
+    async def _tell_gone(self, node_id: ua.NodeId, data: NodeData) -> None:
         gone = ua.DataValue(StatusCode=to_status(StatusCode.BAD_NODE_ID_UNKNOWN))
         watched = self._space._handle_to_attribute_map  # noqa: SLF001 - the only place that knows whose handle it is
         for attribute in data.attributes.values():
@@ -158,7 +194,6 @@ class NodeBuilder:
                 if watched[handle][0] == node_id:  # else another node's that shares the attribute
                     await callback(handle, gone)
                     self._space.delete_datachange_callback(handle)
-        del self._space[node_id]
 
     def _add(
         self,
@@ -214,11 +249,10 @@ class NodeBuilder:
         return shared
 
     def _to_parent(self, reference: ua.NodeId, parent: NodeData) -> ua.ReferenceDescription:
-        known = self._parent_references.get((reference, parent.nodeid))
+        of_parent = self._parent_references.setdefault(parent.nodeid, {})
+        known = of_parent.get(reference)
         if known is None:
-            known = self._parent_references[reference, parent.nodeid] = self._describe(
-                reference, parent, is_forward=False
-            )
+            known = of_parent[reference] = self._describe(reference, parent, is_forward=False)
         return known
 
     def _to_type(self, type_definition: ua.NodeId) -> ua.ReferenceDescription:

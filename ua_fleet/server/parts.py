@@ -110,11 +110,11 @@ class NodeParts:
 
     def group(self, folder: str) -> ua.NodeId:
         """The group below a folder that the next child goes to."""
-        used = self._groups.setdefault(folder, [0])
-        number, place = divmod(used[0], GROUP_SIZE)
-        used[0] += 1
+        used = self._groups.setdefault(folder, [])
+        number = next((number for number, count in enumerate(used) if count < GROUP_SIZE), len(used))
         name = f"G{number:02d}"
-        if place == 0:
+        if number == len(used):
+            used.append(0)
             self.builder.add_object(
                 self.id(f"{folder}.{name}"),
                 QualifiedName(self.ns, name),
@@ -122,7 +122,20 @@ class NodeParts:
                 STANDARD["FolderType"],
                 reference=ORGANIZES,
             )
+        used[number] += 1
         return self.id(f"{folder}.{name}")
+
+    def leave(self, folder: str, group: ua.NodeId) -> None:
+        """A child of a group is gone: another one may have its place."""
+        number = str(group.Identifier).removeprefix(f"{folder}.G")
+        self._groups[folder][int(number)] -= 1
+
+    async def remove(self, node: ua.NodeId) -> None:
+        """Remove a node with all that is below it."""
+        for gone in await self.builder.remove(node):
+            identifier: Any = gone.Identifier
+            self.values.pop(NodeId(int(gone.NamespaceIndex), identifier), None)
+            self._groups.pop(str(identifier), None)
 
     def id(self, text: str) -> ua.NodeId:
         """A string NodeId in the fleet's namespace."""

@@ -1,12 +1,16 @@
 """The fleet as clients browse it."""
 
+# pyright: reportPrivateUsage=false
+
 from __future__ import annotations
 
 from typing import Any
 
 import pytest
 
+from tests.unit.fleet.fleet_of import fleet_config
 from tests.unit.server.model_server import children, fleet_built, ua
+from ua_fleet.config.nodes import fleet_model
 from ua_fleet.fleet import DataSetModel, FieldModel, SourceQuarantined
 from ua_fleet.topics import Topic
 from ua_fleet.values import BuiltinType, NodeId
@@ -206,3 +210,52 @@ async def test_a_quarantined_source_is_listed_by_topic_and_type() -> None:
         assert await server.get_node(f"{node_id}.MessageType").read_value() == "nav_msgs/Odometry"
         assert await server.get_node(f"{node_id}.Reason").read_value() == "unknown"
         assert (await server.get_node(node_id).read_display_name()).Text == "/odom"
+
+
+async def everything(server: Any, node_id: str) -> list[str]:
+    found = [node_id]
+    for child in await server.get_node(node_id).get_children():
+        found += await everything(server, child.nodeid.to_string())
+    return sorted(found)
+
+
+async def test_a_robot_comes_and_goes_and_leaves_nothing_behind() -> None:
+    late = fleet_model(
+        fleet_config(
+            {
+                "late": {
+                    "bridge": "mobile",
+                    "capacities": ["grab", "paint"],
+                    "skill_status_id": 1602,
+                    "data": {"tilt": {"id": 1601, "type": "Double", "unit": "deg", "range": [0, 9]}},
+                    "skills": {"spray": {"id": 1600, "arguments": {"seconds": {"type": "Double"}}}},
+                }
+            }
+        )
+    ).robots[0]
+    async with fleet_built(ROBOTS) as (server, nodes):
+        space = server.iserver.aspace
+        before, size, values = await everything(server, "ns=2;s=Fleet"), len(space._nodes), len(nodes.values)
+        halt = len(space[ua.NodeId(71004, 3)].references)
+        for _ in range(2):
+            nodes.add_robot(late)
+            assert "ns=2;s=Fleet.Capabilities.paint" in await everything(server, "ns=2;s=Fleet")
+            assert await type_definition(server, "ns=2;i=1600") == "ns=3;i=1010"
+            assert NodeId(2, 1601) in nodes.values
+            await nodes.remove_robot(late)
+            assert await everything(server, "ns=2;s=Fleet") == before
+            assert (len(space._nodes), len(nodes.values)) == (size, values)
+            assert len(space[ua.NodeId(71004, 3)].references) == halt
+            grab = space[ua.NodeId("Fleet.Capabilities.grab", 2)].references
+            assert not any(reference.BrowseName.Name == "late" for reference in grab)
+
+
+async def test_a_place_in_a_group_is_given_again() -> None:
+    robots = {f"r{number:03d}": {"bridge": "mobile"} for number in range(101)}
+    models = fleet_model(fleet_config(robots)).robots
+    async with fleet_built(robots) as (server, nodes):
+        assert set(await children(server, "ns=2;s=Fleet.Robots")) == {"2:G00", "2:G01"}
+        await nodes.remove_robot(models[5])
+        nodes.add_robot(models[5])
+        assert "2:r005" in await children(server, "ns=2;s=Fleet.Robots.G00")
+        assert set(await children(server, "ns=2;s=Fleet.Robots.G01")) == {"2:r100"}

@@ -1,5 +1,7 @@
 """Nodes put straight into the address space are what clients would see of nodes from AddNodes."""
 
+# pyright: reportPrivateUsage=false
+
 from __future__ import annotations
 
 import gc
@@ -130,11 +132,29 @@ async def test_who_watches_a_removed_node_is_told_and_nobody_else() -> None:
         watch("fast.v", ua.AttributeIds.Value)
         watch("fast.v", ua.AttributeIds.WriteMask)
         watch("fast", ua.AttributeIds.WriteMask)
-        await builder.remove(raw_id("fast.v", 2), raw_id("fast", 2))
+        await builder.remove(raw_id("fast.v", 2))
         assert told == [("fast.v", "BadNodeIdUnknown")] * 2
         assert await server.get_node("ns=2;s=fast").get_children() == []
         assert space.get(raw_id("fast.v", 2)) is None
-        await builder.remove(raw_id("fast.v", 2), raw_id("fast", 2))
+        await builder.remove(raw_id("fast.v", 2))
+
+
+async def test_a_node_goes_with_all_below_it_but_not_what_others_have_too() -> None:
+    async with types_loaded() as server:
+        builder = add_parent_and_child(server)
+        space = server.iserver.aspace
+        builder.add_object(raw_id("other", 2), QualifiedName(2, "other"), OBJECTS, FOLDER_TYPE)
+        builder.add_object(raw_id("fast.w", 2), QualifiedName(2, "below"), raw_id("fast.v", 2), FOLDER_TYPE)
+        builder.add_reference(raw_id("fast.w", 2), ORGANIZES, raw_id("other", 2))
+        size, before = len(space._nodes), await references(server, "i=61")
+        await builder.remove(raw_id("fast", 2))
+        assert len(space._nodes) == size - 3
+        assert [await server.get_node(node).get_children() for node in ("ns=2;s=other",)] == [[]]
+        assert [ref.NodeId for ref in space[raw_id("other", 2)].references if not ref.IsForward] == [OBJECTS]
+        assert "fast" not in [ref.BrowseName.Name for ref in space[OBJECTS].references]
+        assert await references(server, "i=61") == before
+        add_parent_and_child(server)
+        assert await server.get_node("ns=2;s=fast.v").read_value() == 1.5
 
 
 def test_collection_goes_on_after_building() -> None:

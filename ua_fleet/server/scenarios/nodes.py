@@ -20,7 +20,7 @@ from asyncua.ua.object_ids import ObjectIds
 from ua_fleet.fleet.changes import ValueChanged
 from ua_fleet.orchestrator import ResilienceSettings
 from ua_fleet.resilience import Ranking, weigh
-from ua_fleet.server.convert import node_id, raw_id, to_variant
+from ua_fleet.server.convert import raw_id, to_variant
 from ua_fleet.server.endpoint.stack import ns0
 from ua_fleet.server.nodes import HAS_COMPONENT, HAS_PROPERTY
 from ua_fleet.server.nodeset import TYPES_INDEX, TypeId
@@ -206,11 +206,8 @@ class ScenarioNodes:
         """Remove a run or a decision of a folder."""
         path = f"{folder}.{name}"
         for member in self._known.pop(path, ()):
-            key = self.key(f"{path}.{member}")
-            self._parts.values.pop(key, None)
-            self._last.pop(key, None)
-            await self._parts.builder.remove(node_id(key), self._parts.id(path))
-        await self._parts.builder.remove(self._parts.id(path), self._parts.id(folder))
+            self._last.pop(self.key(f"{path}.{member}"), None)
+        await self._parts.remove(self._parts.id(path))
 
     def _show(self, path: str, name: str, parent: str, kind: TypeId, values: _Values) -> None:
         if path not in self._known:

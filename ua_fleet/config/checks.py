@@ -89,7 +89,8 @@ def _id_paths(parts: Parts) -> list[KeyPath]:
 def _check_ids(parts: Parts) -> None:
     """All ids share the fleet's namespace, whatever space their data comes from."""
     used: dict[int, KeyPath] = {}
-    for path in _id_paths(parts):
+    faults: list[KeyPath] = [("robots", robot, "fault_id") for robot in parts.mapping_at(("robots",))]
+    for path in (*_id_paths(parts), *faults):
         number = parts.mapping_at(path[:-1]).get(str(path[-1]))
         if isinstance(number, bool) or not isinstance(number, int):
             continue
@@ -100,7 +101,9 @@ def _check_ids(parts: Parts) -> None:
             parts.document.problem(
                 path,
                 f"{number} is in use already ({where})",
-                f"remove it here and run: ua-fleet config assign-ids {parts.file}",
+                "choose another number"
+                if path in faults
+                else f"remove it here and run: ua-fleet config assign-ids {parts.file}",
             )
 
 

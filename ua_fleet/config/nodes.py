@@ -72,7 +72,14 @@ def _robot(ns: int, name: str, config: RobotConfig, space: int) -> RobotModel:
         skills,
         topic,
         () if topic is None else _skill_status_fields(topic),
+        None if config.fault_id is None else _fault(Topic.checked(space, ns, config.fault_id)),
     )
+
+
+def _fault(topic: Topic) -> DataSetModel:
+    text = "What the robot says of its own fault; empty while it has none."
+    field = FieldModel(NodeId(topic.ns, topic.id), "Fault", int(BuiltinType.STRING), can_wait=False)
+    return DataSetModel(topic, "Fault", (field,), text)
 
 
 def _skill_status_fields(topic: Topic) -> tuple[FieldModel, ...]:

@@ -16,7 +16,7 @@ from ua_fleet.scenario.expression import ExpressionInvalid
 
 __all__ = ["CriterionConfig", "DistanceConfig", "FaultConditionConfig", "ResilienceConfig"]
 
-RESERVED_SOURCES: Final = frozenset({"robot", "silent", "skill"})
+RESERVED_SOURCES: Final = frozenset({"announced", "robot", "silent", "skill"})
 """What else finds faults."""
 
 

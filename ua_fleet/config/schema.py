@@ -178,6 +178,8 @@ class RobotConfig(Model, frozen=True):
     skill_status_id: DataSetId | None = None
     """Needed for a robot with skills: numeric id of the DataSet with its last executions. `ua-fleet config assign-ids`
     fills it in."""
+    fault_id: DataSetId | None = None
+    """For a robot that announces its own faults: numeric id of that DataSet, a text that is empty while all is well."""
 
 
 class BridgeConfig(Model, frozen=True):

@@ -126,6 +126,8 @@ class RobotModel:
     skill_status: Topic | None = None
     """DataSet with the robot's last executions; None without skills."""
     skill_status_fields: tuple[FieldModel, ...] = ()
+    fault: DataSetModel | None = None
+    """What the robot says of its own fault, a text that is empty while it has none; None where it says nothing."""
 
     @property
     def key(self) -> NodeId:
@@ -183,6 +185,8 @@ class FleetModel:
             yield from robot.data_sets
             if (status := robot.skill_status_data) is not None:
                 yield status
+            if robot.fault is not None:
+                yield robot.fault
         for bridge in self.bridges:
             if bridge.status is not None:
                 yield bridge.status

@@ -53,6 +53,10 @@ class FaultConditions:
         """A fault of a run before is active still."""
         self._active.add((robot, source))
 
+    def is_active(self, robot: str, source: str) -> bool:
+        """Whether a condition was true when it was looked at last."""
+        return (robot, source) in self._active
+
     def check(self, lookup: Lookup) -> list[FaultFound]:
         """What has changed."""
         found: list[FaultFound] = []

@@ -25,7 +25,7 @@ class Fault:
     id: str
     robot: str
     source: str
-    """What found it: `robot`, `silent`, `skill`, `battery`, or the name of a condition."""
+    """What found it: `announced`, `robot`, `silent`, `skill`, or the name of a condition."""
     reason: str
     active: bool
     acknowledged: bool

@@ -9,11 +9,13 @@
         execution.progress(0.5, "half way")
         return {"distance": 3.2}
 
+    robot.fault("motor overheated")                  # with Robot(..., fault_id=1013); robot.repaired() when it is
+
 The function runs in a thread of its own, once for each execution, whatever is repeated on the network. It returns the
 results by their names; an exception means that it failed, `Refused` that nothing was begun. `docs/skills-json.md` has
 the messages.
 """
 
-from ua_bridges.robot.program import Canceled, Execution, Program, Refused
+from ua_bridges.robot.program import Announcer, Canceled, Execution, Program, Refused
 
-__all__ = ["Canceled", "Execution", "Program", "Refused"]
+__all__ = ["Announcer", "Canceled", "Execution", "Program", "Refused"]

@@ -11,7 +11,7 @@ import threading
 from collections.abc import Callable, Mapping
 from typing import Any, Final, cast
 
-__all__ = ["Canceled", "Execution", "Program", "Refused"]
+__all__ = ["Announcer", "Canceled", "Execution", "Program", "Refused"]
 
 _MOST_REMEMBERED: Final = 1000
 """Ended executions; the oldest are forgotten, and a query for them is answered with `unknown`."""
@@ -172,6 +172,42 @@ class Program:
         self._known[execution_id] = status
         if len(self._known) > _MOST_REMEMBERED + len(self._open):
             del self._known[next(known for known in self._known if known not in self._open)]
+
+
+class Announcer:
+    """What a robot says of its own fault: one line, which is empty while it has none. Callable from any thread.
+
+    It is said once for each change, and kept for who listens later.
+    """
+
+    def __init__(self, publish: Callable[[str], None] | None) -> None:
+        """`publish` says a text, and keeps it; None where the robot has no id to say it under."""
+        self._publish = publish
+        self._lock = threading.Lock()
+        self._said: str | None = None
+
+    def fault(self, reason: str) -> None:
+        """The robot cannot work. The server gives its tasks to others, until `repaired`.
+
+        Raises:
+            ValueError: without a reason, or without `fault_id`.
+        """
+        reason = " ".join(reason.split())
+        if not reason:
+            raise ValueError("say in a line what is wrong")
+        self._say(reason)
+
+    def repaired(self) -> None:
+        """The robot can work. Whoever may have announced a fault before a restart says this, too, once all is well."""
+        self._say("")
+
+    def _say(self, text: str) -> None:
+        if self._publish is None:
+            raise ValueError("this robot has no id to announce faults under; give Robot the fault_id of fleet.yaml")
+        with self._lock:
+            if text != self._said:
+                self._said = text
+                self._publish(text)
 
 
 def _seconds(value: object) -> float:

@@ -9,19 +9,30 @@ from typing import Any
 import rospy
 from std_msgs.msg import String
 
-from ua_bridges.robot.program import Program
+from ua_bridges.robot.program import Announcer, Program
 
 __all__ = ["Robot"]
 
 Function = Callable[..., Mapping[str, Any] | None]
 
 
-class Robot:
+class Robot(Announcer):
     """A robot in the graph of a ROS 1 master; the program has called `rospy.init_node`."""
 
-    def __init__(self, *, namespace: int = 2) -> None:
-        """`namespace` is the index of the fleet's namespace."""
+    def __init__(self, *, namespace: int = 2, fault_id: int | None = None) -> None:
+        """Offer skills from this node.
+
+        Args:
+            namespace: index of the fleet's namespace.
+            fault_id: of the robot in `fleet.yaml`; needed for `fault` and `repaired`.
+        """
         self._namespace = namespace
+        super().__init__(None if fault_id is None else self._latched(f"/ua_1_{namespace}_{fault_id}"))
+
+    @staticmethod
+    def _latched(name: str) -> Callable[[str], None]:
+        publisher = rospy.Publisher(name, String, queue_size=10, latch=True, tcp_nodelay=True)
+        return lambda text: publisher.publish(String(data=text))
 
     def skill(self, id: int, *, name: str | None = None, at_once: int = 1) -> Callable[[Function], Function]:
         """Offer a function as a skill.

@@ -9,27 +9,34 @@ from typing import Any
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from std_msgs.msg import String
 
-from ua_bridges.robot.program import Program
+from ua_bridges.robot.program import Announcer, Program
 
 __all__ = ["Robot"]
 
 _QOS = QoSProfile(depth=100, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.VOLATILE)
+_LATCHED = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 Function = Callable[..., Mapping[str, Any] | None]
 
 
-class Robot:
+class Robot(Announcer):
     """A robot in a ROS 2 domain."""
 
-    def __init__(self, node: Any, *, space: int, namespace: int = 2) -> None:
+    def __init__(self, node: Any, *, space: int, namespace: int = 2, fault_id: int | None = None) -> None:
         """Offer skills from a node that somebody spins.
 
         Args:
             node: of rclpy.
             space: id of the ROS 2 domain.
             namespace: index of the fleet's namespace.
+            fault_id: of the robot in `fleet.yaml`; needed for `fault` and `repaired`.
         """
         self._node, self._space, self._namespace = node, space, namespace
+        super().__init__(None if fault_id is None else self._latched(f"/ua_{space}_{namespace}_{fault_id}"))
+
+    def _latched(self, name: str) -> Callable[[str], None]:
+        publisher = self._node.create_publisher(String, name, _LATCHED)
+        return lambda text: publisher.publish(String(data=text))
 
     def skill(self, id: int, *, name: str | None = None, at_once: int = 1) -> Callable[[Function], Function]:
         """Offer a function as a skill.

@@ -5,8 +5,9 @@ from __future__ import annotations
 import asyncio
 import json
 import sys
-from collections.abc import AsyncGenerator, Sequence
-from contextlib import asynccontextmanager
+import time
+from collections.abc import AsyncGenerator, Mapping, Sequence
+from contextlib import AbstractAsyncContextManager, asynccontextmanager
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
@@ -14,10 +15,14 @@ import pytest
 from asyncua.client.client import Client
 
 from tests.contract.skilled import Machine
-from tests.integration.server_model.harness import Running, serving, ua, until
+from tests.integration.server_model.harness import OPERATOR, Running, connected, serving, ua, until
 from tests.system import Child, Processes, clean_environment
 from ua_fleet.config.schema import FleetConfig
+from ua_fleet.config.security import all_groups
+from ua_fleet.server.introduce import introduce_bridge
 from ua_fleet.server.users import USERS_FILE, Role, ScryptCost, UserStore
+from ua_fleet.storage.key_files import KeyFile, KeyFolder
+from ua_fleet.wire.security import SecurityPolicy
 
 FOLDER: Final = Path(__file__).parent
 ROBOTS: Final = ("left", "middle", "right")
@@ -39,16 +44,18 @@ class Called(NamedTuple):
 
 
 class Plant:
-    """The folder of the fleet."""
+    """The folder of the fleet. `pubsub` changes that part of it; with message security `prepare` comes first."""
 
-    def __init__(self, folder: Path, url: str, port: int, processes: Processes, mode: str) -> None:
+    def __init__(
+        self, folder: Path, url: str, port: int, processes: Processes, mode: str, pubsub: Mapping[str, Any] = {}
+    ) -> None:
         self.folder, self._processes = folder, processes
         self.machines = {robot: Machine(folder / robot) for robot in ROBOTS}
         skill = {"needs": ["weld"], "arguments": _ARGUMENTS, "results": _RESULTS, "timeout_s": 30}
         raw: dict[str, Any] = {
             "version": 1,
             "server": {"port": port, "trust_all_clients": True},
-            "pubsub": {"security": "none", "url": url, "keep_alive_s": 0.2, "receive_timeout_s": 0.8},
+            "pubsub": {"security": "none", "url": url, "keep_alive_s": 0.2, "receive_timeout_s": 0.8, **pubsub},
             "bridges": {
                 f"{robot}_cell": {"kind": "virtual", "space": 300 + number, "status_id": 900 + number}
                 for number, robot in enumerate(ROBOTS)
@@ -73,24 +80,49 @@ class Plant:
         text = f"version: 1\nname: {name}\ndescription: for a test\n{head}steps:\n{steps}"
         (self.folder / "scenarios" / f"{name}.yaml").write_text(text)
 
+    async def prepare(self) -> None:
+        """Make users, and what message security needs: bridges that the server knows, or key files."""
+        self.users()
+        keys = self.config.pubsub.keys
+        if keys.source == "service":
+            for name in self.config.bridges:
+                await introduce_bridge(self.config, self.folder, name)
+        else:
+            for group_id in all_groups(self.config):
+                key_file = KeyFile.new(group_id, SecurityPolicy.named(keys.policy), 3600.0, time.time())
+                KeyFolder(self.folder / keys.folder).write(key_file)
+
+    def start_bridge(self, robot: str, fleet: str = "fleet.json") -> Child:
+        """Start a robot's bridge; it says `ready` when it works."""
+        return self._start(FOLDER / "robot_bridge.py", self.folder / fleet, robot, self.folder / robot)
+
     def bridge(self, robot: str) -> Child:
         """Start a robot's bridge, and wait until it works."""
-        child = self._start(FOLDER / "robot_bridge.py", self.folder / "fleet.json", robot, self.folder / robot)
+        child = self.start_bridge(robot)
         child.wait_for("ready")
         return child
 
+    def start_server(self) -> Child:
+        """Start the server as a process of its own; it says its URL when it serves."""
+        return self._start(FOLDER / "server_process.py", self.folder / "fleet.json")
+
     def server_process(self) -> Child:
         """Start the server as a process of its own, and wait until it serves."""
-        child = self._start(FOLDER / "server_process.py", self.folder / "fleet.json")
+        child = self.start_server()
         child.wait_for("opc.tcp://")
         return child
+
+    def client(self, user: tuple[str, str] = OPERATOR) -> AbstractAsyncContextManager[Client]:
+        """A session with the server that is a process of its own."""
+        return connected(f"opc.tcp://127.0.0.1:{self.config.server.port}/ua_fleet", self.folder, user)
 
     def users(self) -> None:
         """Make users beside those of the harness."""
         users = UserStore(self.folder / self.config.server.state_dir / USERS_FILE, ScryptCost(2**8, 8, 1))
         users.path.parent.mkdir(parents=True, exist_ok=True)
         users.add(*ENGINEER, Role.ENGINEER, replace_existing=True)
-        users.add(*SECOND, Role.OPERATOR, replace_existing=True)
+        for operator in (OPERATOR, SECOND):
+            users.add(*operator, Role.OPERATOR, replace_existing=True)
 
     def _start(self, *command: str | Path) -> Child:
         environment = clean_environment(PYTHONUNBUFFERED="1", PYTHONPATH=".:bridges")

@@ -10,6 +10,7 @@ import logging
 import signal
 import sys
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 
 import structlog
@@ -18,6 +19,7 @@ from tests.contract.skilled import FIELDS, RESULTS, TARGET, Machine, SkilledDriv
 from tests.contract.virtual import Bus
 from ua_fleet.bridge import Skill, SkillTarget
 from ua_fleet.bridge.runner import run_bridge
+from ua_fleet.cli.key_source import key_source_of
 from ua_fleet.config.schema import FleetConfig
 from ua_fleet.topics import Topic
 from ua_fleet.transport.udp import UdpTransport
@@ -45,17 +47,16 @@ async def main(path: Path, robot: str, machine: Path) -> int:
     name = config.robots[robot].bridge
     bus = Bus()
     bus.is_up = True
-    running = asyncio.ensure_future(
-        run_bridge(
-            config,
-            name,
-            RobotDriver(config, robot, bus, Machine(machine)),
-            UdpTransport(config.pubsub.url, config.pubsub.interface),
-            state_dir=path.parent / config.state_dir_of(name),
-            keys=None,
-            ready=lambda: print("ready", flush=True),
-        )
-    )
+    state_dir = path.parent / config.state_dir_of(name)
+
+    async def bridged() -> None:
+        async with key_source_of(config, name, path.parent, state_dir) as keys:
+            driver = RobotDriver(config, robot, bus, Machine(machine))
+            transport = UdpTransport(config.pubsub.url, config.pubsub.interface)
+            ready = partial(print, "ready", flush=True)
+            await run_bridge(config, name, driver, transport, state_dir=state_dir, keys=keys, ready=ready)
+
+    running = asyncio.ensure_future(bridged())
     asyncio.get_running_loop().add_signal_handler(signal.SIGTERM, running.cancel)
     try:
         await running

@@ -242,12 +242,9 @@ async def test_a_server_that_is_killed_goes_on_without_doing_anything_twice(plan
     )
     for robot in ROBOTS:
         plant.bridge(robot)
-    async with plant.server():
-        pass  # makes the users and certificates
-    port = plant.config.server.port
-    running = Running(f"opc.tcp://127.0.0.1:{port}/ua_fleet", None, plant.folder)  # type: ignore[arg-type]  # no peer
+    plant.users()
     server = plant.server_process()
-    async with running.client() as client:
+    async with plant.client() as client:
         await all_heard(client)
         run_id = await run(client, "chain")
 
@@ -261,7 +258,7 @@ async def test_a_server_that_is_killed_goes_on_without_doing_anything_twice(plan
         await until(told, partial(le, count))
         if count < 6:
             server.end(signal.SIGKILL)
-    async with running.client() as client:
+    async with plant.client() as client:
         assert await run_is(client, run_id, "done", "failed", "aborted") == "done"
         assert await value(client, f"Scenarios.Runs.{run_id}.States") == ["done"] * 6
     assert plant.told() == [(ROBOTS[number % 3], f"t{number}") for number in range(6)]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import importlib
 from collections.abc import AsyncGenerator, Callable, Mapping
-from contextlib import asynccontextmanager
+from contextlib import AbstractAsyncContextManager, asynccontextmanager
 from pathlib import Path
 from typing import Any, Final
 
@@ -75,21 +75,26 @@ class Running:
         self.peer = peer
         self.folder = folder
 
-    @asynccontextmanager
-    async def client(self, user: tuple[str, str] = OPERATOR) -> AsyncGenerator[Client]:
+    def client(self, user: tuple[str, str] = OPERATOR) -> AbstractAsyncContextManager[Client]:
         """An encrypted session of a user."""
-        client = Client(self.url)
-        client.application_uri = CLIENT_URI
-        files = CertificateFiles(self.folder / "client.der", self.folder / "client.pem")
-        if not files.certificate.exists():
-            create_certificate(files, application_uri=CLIENT_URI, common_name="client")
-        await client.set_security(
-            _BASIC, str(files.certificate), str(files.private_key), mode=ua.MessageSecurityMode.SignAndEncrypt
-        )
-        client.set_user(user[0])
-        client.set_password(user[1])
-        async with client:
-            yield client
+        return connected(self.url, self.folder, user)
+
+
+@asynccontextmanager
+async def connected(url: str, folder: Path, user: tuple[str, str]) -> AsyncGenerator[Client]:
+    """An encrypted session of a user; the client's certificate is kept in `folder`."""
+    client = Client(url)
+    client.application_uri = CLIENT_URI
+    files = CertificateFiles(folder / "client.der", folder / "client.pem")
+    if not files.certificate.exists():
+        create_certificate(files, application_uri=CLIENT_URI, common_name="client")
+    await client.set_security(
+        _BASIC, str(files.certificate), str(files.private_key), mode=ua.MessageSecurityMode.SignAndEncrypt
+    )
+    client.set_user(user[0])
+    client.set_password(user[1])
+    async with client:
+        yield client
 
 
 @asynccontextmanager

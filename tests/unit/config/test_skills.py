@@ -10,7 +10,7 @@ from ua_fleet.config.nodes import fleet_model
 from ua_fleet.errors import ConfigInvalid
 from ua_fleet.orchestrator import DistanceFrom, TasksAhead, ValueOf
 from ua_fleet.resilience import Mode, OnLimit, Synthesis
-from ua_fleet.values import BuiltinType
+from ua_fleet.values import BuiltinType, NodeId
 
 HEAD = """\
 version: 1
@@ -161,3 +161,15 @@ def test_mistakes_in_resilience(old: str, new: str, said: str) -> None:
     said_all = problems(RESILIENCE.replace(old, new))
     assert any(said in problem for problem in said_all), said_all
     assert all(problem.startswith("f.yaml:") and "\n" not in problem for problem in said_all)
+
+
+def test_the_id_of_announced_faults_is_one_of_the_fleet() -> None:
+    text = (ROBOT + TURN).replace("    skills:\n", "    fault_id: 1007\n    skills:\n")
+    (robot,) = fleet_model(load_content(text.encode(), "f.yaml", {})).robots
+    assert robot.fault is not None
+    assert (robot.fault.topic.name, robot.fault.key) == ("ua_2_2_1007", NodeId(2, 1007))
+    (said,) = problems(text.replace("fault_id: 1007", "fault_id: 3"))
+    assert "robots.ur3.fault_id: 3 is in use already (robots.ur3.skill_status_id, line" in said
+    assert said.endswith("choose another number")
+    _, given = insert_ids(text.replace("        id: 2\n", "").encode(), "f.yaml")
+    assert given == {"robots.ur3.skills.turn.id": 1008}

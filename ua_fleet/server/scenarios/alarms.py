@@ -20,7 +20,7 @@ ADD_COMMENT: Final = ns0(ObjectIds.ConditionType_AddComment)
 SHARED_METHODS: Final = {"Acknowledge": ACKNOWLEDGE, "AddComment": ADD_COMMENT}
 """Methods of the type, which all alarms share (OPC 10000-3 6.4.4.2)."""
 
-_SEVERITY: Final = {"robot": 800, "silent": 700, "skill": 700}
+_SEVERITY: Final = {"announced": 800, "robot": 800, "silent": 700, "skill": 700}
 """Of faults that the program finds itself; conditions have 500."""
 _NULL: Final = NodeId(0, 0)
 

@@ -20,11 +20,11 @@ import structlog
 from ua_fleet.config.schema import FleetConfig
 from ua_fleet.errors import ScenarioError, ScenarioInvalid, StorageUnavailable
 from ua_fleet.fleet.changes import ValueChanged
-from ua_fleet.fleet.model import FleetModel, RobotModel, RobotState
+from ua_fleet.fleet.model import FleetModel, RobotModel
 from ua_fleet.orchestrator import (
     Fault,
     FaultChanged,
-    FaultConditions,
+    FaultFound,
     Forecast,
     Orchestrator,
     Output,
@@ -38,6 +38,7 @@ from ua_fleet.resilience import Confirmation
 from ua_fleet.scenario import FleetView, RobotView, Scenario, Value
 from ua_fleet.scenario.dry_run import DryRun, dry_run
 from ua_fleet.scenario.facts import Fact, RunEnded, RunOutcome, TaskOutcome
+from ua_fleet.server.scenarios.finding import FaultFinder
 from ua_fleet.server.scenarios.library import Checked, Library, Listed, ScenarioUnknown, read_values
 from ua_fleet.server.scenarios.records import RunRecord
 from ua_fleet.server.scenarios.requests import Requests, TaskRequests
@@ -109,7 +110,6 @@ class ScenarioService:
         self._show, self._forgotten, self._sooner = show, forgotten, sooner
         self._clock, self._wall_s = clock, wall_s
         self._robots = {robot.name: robot for robot in model.robots}
-        self._states = {robot.part("State"): robot.name for robot in model.robots}
         self._own = {
             data_set.topic: tuple([field.key for field in data_set.fields])
             for data_set in model.data_sets()
@@ -118,7 +118,7 @@ class ScenarioService:
         self._values = FleetValues(model)
         self.fleet = fleet_view(model, self._values.meanings)
         self.library = Library(folder)
-        self._conditions = FaultConditions(config.resilience.rules())
+        self._finder = FaultFinder(model, config.resilience.rules())
         self._unwritten: list[tuple[str, Fact]] = []
         self._held: list[Output] = []
         """Outputs that are carried out once their facts are written."""
@@ -134,7 +134,6 @@ class ScenarioService:
         )
         self._heard_by: float | None = None
         """When robots that were not heard since the start are silent."""
-        self._heard: set[str] = set()
         self._dirty_at: float | None = None
         self._retry_at: float | None = None
         self._is_carrying_out = False
@@ -214,8 +213,7 @@ class ScenarioService:
             outputs += self._orchestrator.fault_raised(fault.robot, fault.source, fault.reason, fault.since)
             if fault.acknowledged:
                 outputs += self._orchestrator.acknowledge(fault.id, fault.acknowledged_by, now)
-            if fault.source in self._conditions.names:
-                self._conditions.restored(fault.robot, fault.source)
+            self._finder.restored(fault)
             if not fault.active:
                 outputs += self._orchestrator.fault_cleared(fault.robot, fault.source, now)
         return outputs
@@ -326,11 +324,20 @@ class ScenarioService:
         )
 
     def clear_fault(self, robot: str) -> None:
-        """A robot, or somebody for it, says that it can work again; what a failed skill was is over as well."""
-        now = self._wall_s()
-        name = self._robot(robot).name
-        outputs = self._orchestrator.fault_cleared(name, "robot", now)
-        outputs += self._orchestrator.fault_cleared(name, "skill", now)
+        """A robot, or somebody for it, says that it can work again.
+
+        Raises:
+            ScenarioError: it has no other faults than those whose cause is there still.
+        """
+        active = self._orchestrator.faults.active(self._robot(robot).name)
+        there = [fault for fault in active if self._finder.is_there(fault)]
+        if active and active == there:
+            causes = ", ".join(f"{fault.source} ({fault.reason})" for fault in there)
+            raise ScenarioError(f"{robot} has a fault whose cause is still there: {causes}; it ends by itself")
+        outputs: list[Output] = []
+        for fault in active:
+            if fault not in there:
+                outputs += self._orchestrator.fault_cleared(robot, fault.source, self._wall_s())
         self._do(outputs, must_be_written=True)
 
     def acknowledge(self, fault_id: str, by: str) -> None:
@@ -341,9 +348,8 @@ class ScenarioService:
 
     def value_changed(self, change: ValueChanged) -> None:
         """A node of the fleet has another value or status."""
-        robot = self._states.get(change.key)
-        if robot is not None:
-            self._state_changed(robot, change.value)
+        if self._finder.knows(change):
+            self._found(self._finder.changed(change))
         elif self._values.change(change):
             self._look_again(is_urgent=change.type == BuiltinType.BOOLEAN)
 
@@ -368,15 +374,13 @@ class ScenarioService:
         now = self._wall_s()
         self._do(self._orchestrator.ended(execution_id, outcome, now, message=message, results=results))
 
-    def _state_changed(self, robot: str, state: object) -> None:
-        now = self._wall_s()
-        if state == RobotState.OFFLINE:
-            if robot in self._heard:
-                self._heard.discard(robot)
-                self._do(self._orchestrator.fault_raised(robot, "silent", "it is silent", now))
-            return
-        self._heard.add(robot)
-        self._do(self._orchestrator.fault_cleared(robot, "silent", now))
+    def _found(self, found: Iterable[FaultFound]) -> None:
+        for one in found:
+            now = self._wall_s()
+            if one.active:
+                self._do(self._orchestrator.fault_raised(one.robot, one.source, one.reason, now))
+            else:
+                self._do(self._orchestrator.fault_cleared(one.robot, one.source, now))
 
     # Time.
 
@@ -388,18 +392,12 @@ class ScenarioService:
             self._do([])
         if self._heard_by is not None and now >= self._heard_by:
             self._heard_by = None
-            for robot in self._robots.keys() - self._heard:
-                self._do(self._orchestrator.fault_raised(robot, "silent", "it is not heard", self._wall_s()))
+            self._found(self._finder.not_heard())
         self._tasks.poll()
         due = self._orchestrator.next_deadline()
         if (self._dirty_at is not None and now >= self._dirty_at) or (due is not None and self._wall_s() >= due):
             self._dirty_at = None
-            for found in self._conditions.check(self._values.look_up):
-                robot, source, wall = found.robot, found.source, self._wall_s()
-                if found.active:
-                    self._do(self._orchestrator.fault_raised(robot, source, found.reason, wall))
-                else:
-                    self._do(self._orchestrator.fault_cleared(robot, source, wall))
+            self._found(self._finder.check(self._values.look_up))
             self._do(self._orchestrator.poll(self._wall_s()))
 
     def next_deadline(self) -> float | None:
@@ -411,7 +409,7 @@ class ScenarioService:
         return min((deadline for deadline in deadlines if deadline is not None), default=None)
 
     def _look_again(self, *, is_urgent: bool) -> None:
-        if not (self._orchestrator.runs or self._conditions.names):
+        if not (self._orchestrator.runs or self._finder.has_conditions):
             return
         at = self._clock() + (0.0 if is_urgent else COALESCE_S)
         if self._dirty_at is None or at < self._dirty_at:

@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 import pytest
-from ua_bridges.robot import Execution, Program, Refused
+from ua_bridges.robot import Announcer, Execution, Program, Refused
 
 ID, OTHER = "00" * 16, "11" * 16
 
@@ -185,3 +185,27 @@ def test_memory_is_bounded_and_forgets_what_has_ended() -> None:
         heard.wait("done", f"{number:032x}")
     program.receive(json.dumps({"request": "query", "execution_id": f"{0:032x}"}))
     assert heard.states(f"{0:032x}")[-1] == "unknown"
+
+
+def test_a_fault_is_said_once_and_its_end_too() -> None:
+    said: list[str] = []
+    robot = Announcer(said.append)
+    robot.fault(" motor\n overheated ")
+    robot.fault("motor overheated")
+    robot.fault("motor burnt")
+    robot.repaired()
+    robot.repaired()
+    assert said == ["motor overheated", "motor burnt", ""]
+
+
+def test_a_robot_that_was_restarted_says_that_it_is_well() -> None:
+    said: list[str] = []
+    Announcer(said.append).repaired()
+    assert said == [""]
+
+
+def test_a_fault_needs_a_reason_and_an_id() -> None:
+    with pytest.raises(ValueError, match="say in a line what is wrong"):
+        Announcer(print).fault(" \n")
+    with pytest.raises(ValueError, match="give Robot the fault_id"):
+        Announcer(None).fault("motor overheated")

@@ -10,7 +10,7 @@ import pytest
 
 from ua_fleet.config.nodes import fleet_model
 from ua_fleet.config.schema import FleetConfig
-from ua_fleet.errors import RobotOffline, SkillRejected, StorageUnavailable
+from ua_fleet.errors import RobotOffline, ScenarioError, SkillRejected, StorageUnavailable
 from ua_fleet.fleet.changes import ValueChanged
 from ua_fleet.fleet.model import RobotState
 from ua_fleet.orchestrator import DecisionChanged, FaultChanged, Output, RunChanged
@@ -20,7 +20,7 @@ from ua_fleet.server.scenarios.service import COALESCE_S, ScenarioService
 from ua_fleet.skill.executions import ExecutionState, Outcome, OutcomeKind, Report
 from ua_fleet.storage.run_journal import RunJournal
 from ua_fleet.topics import Topic
-from ua_fleet.values import BuiltinType, NodeId
+from ua_fleet.values import BuiltinType, NodeId, StatusCode
 
 SKILL = {"arguments": {"angle": {"type": "Double", "default": 0}}, "timeout_s": 5}
 CONFIG = FleetConfig.model_validate(
@@ -32,6 +32,7 @@ CONFIG = FleetConfig.model_validate(
             robot: {
                 "bridge": "cell",
                 "skill_status_id": 1200 + number,
+                "fault_id": 1300 + number,
                 "skills": {"grab": {"id": 1100 + number, **SKILL}},
                 "data": {
                     "battery": {"id": 1000 + number, "type": "Double"},
@@ -112,8 +113,8 @@ class World:
     def state(self, robot: str, state: RobotState) -> None:
         self.value(f"Robots.{robot}.State", int(state), BuiltinType.INT32)
 
-    def value(self, key: int | str, value: object, kind: BuiltinType = BuiltinType.DOUBLE) -> None:
-        self.service.value_changed(ValueChanged(NodeId(2, key), int(kind), value, 0, 1, False))
+    def value(self, key: int | str, value: object, kind: BuiltinType = BuiltinType.DOUBLE, status: int = 0) -> None:
+        self.service.value_changed(ValueChanged(NodeId(2, key), int(kind), value, status, 1, False))
 
     def start(self, text: str = ONE, names: Sequence[str] = (), values: Sequence[str] = ()) -> str:
         return self.service.start(self.service.valid(text), names, values, "anna")
@@ -248,3 +249,42 @@ def test_a_run_that_no_longer_fits_the_fleet_is_ended(tmp_path: Path) -> None:
     assert ended.shown_state == "failed"
     assert "there is no robot 'gone'" in ended.state.reason
     assert again.service.run_ids == [run_id]
+
+
+def test_a_robot_announces_its_fault_and_its_repair(tmp_path: Path) -> None:
+    world = World(tmp_path)
+    world.start()
+    world.value(1300, " motor\n overheated", BuiltinType.STRING)
+    world.value(1300, "motor overheated", BuiltinType.STRING)
+    world.value(1300, "motor burnt", BuiltinType.STRING)
+    assert world.faults() == ["left.announced RAISED", "left.announced REASON_CHANGED"]
+    assert world.service.faults[0].reason == "motor burnt"
+    assert [robot for robot, *_ in world.robots.asked] == ["left", "right"], "another robot does the task"
+    with pytest.raises(ScenarioError, match=r"cause is still there: announced \(motor burnt\)"):
+        world.service.clear_fault("left")
+    world.value(1300, "", BuiltinType.STRING)
+    assert world.faults()[-1] == "left.announced CLEARED"
+
+
+def test_an_announced_fault_lasts_while_the_robot_is_silent_and_over_a_restart(tmp_path: Path) -> None:
+    world = World(tmp_path)
+    world.value(1300, "motor overheated", BuiltinType.STRING)
+    world.value(1300, "motor overheated", BuiltinType.STRING, StatusCode.BAD_NO_COMMUNICATION)
+    assert world.faults() == ["left.announced RAISED"]
+    world.journal.close()
+    again = World(tmp_path)
+    assert [(fault.id, fault.reason, fault.active) for fault in again.service.faults] == [
+        ("left.announced", "motor overheated", True)
+    ]
+    again.service.clear_fault("left")  # nobody says any more that it is there
+    assert again.faults()[-1] == "left.announced CLEARED"
+    again.value(1300, "motor overheated", BuiltinType.STRING)
+    assert again.faults()[-1] == "left.announced RAISED"
+
+
+def test_what_is_no_text_is_no_fault(tmp_path: Path) -> None:
+    world = World(tmp_path)
+    world.value(1300, 7, BuiltinType.INT32)
+    world.value(1300, "x" * 1000, BuiltinType.STRING)
+    (fault,) = world.service.faults
+    assert len(fault.reason) == 200

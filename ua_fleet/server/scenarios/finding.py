@@ -1,0 +1,88 @@
+"""Faults that nobody has to tell the server of: a robot is silent, announces its own fault, or a condition holds."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Final
+
+from ua_fleet.fleet.changes import ValueChanged
+from ua_fleet.fleet.model import FleetModel, RobotState
+from ua_fleet.orchestrator import Fault, FaultConditions, FaultFound, FaultRule
+from ua_fleet.scenario import Lookup
+from ua_fleet.values import Quality, quality_of
+
+__all__ = ["ANNOUNCED", "SILENT", "FaultFinder"]
+
+SILENT: Final = "silent"
+ANNOUNCED: Final = "announced"
+"""Sources of faults; the others have the names of their conditions."""
+MOST_CHARACTERS: Final = 200
+"""Of what a robot says of its fault."""
+
+
+class FaultFinder:
+    """Each method returns what is new since the one before."""
+
+    def __init__(self, model: FleetModel, rules: Iterable[FaultRule]) -> None:
+        """Look after the robots of a model; none has been heard yet."""
+        self._states = {robot.part("State"): robot.name for robot in model.robots}
+        self._fault_keys = {robot.fault.key: robot.name for robot in model.robots if robot.fault is not None}
+        self._names = [robot.name for robot in model.robots]
+        self._heard: set[str] = set()
+        self._announced: dict[str, str] = {}
+        """What robots say now; not of those whose program is silent."""
+        self._conditions = FaultConditions(tuple(rules))
+
+    @property
+    def has_conditions(self) -> bool:
+        """Whether values of robots may be faults."""
+        return bool(self._conditions.names)
+
+    def restored(self, fault: Fault) -> None:
+        """A fault of a run before the restart."""
+        if fault.source in self._conditions.names:
+            self._conditions.restored(fault.robot, fault.source)
+
+    def knows(self, change: ValueChanged) -> bool:
+        """Whether a node is about faults alone, and no condition can be about it."""
+        return change.key in self._states or change.key in self._fault_keys
+
+    def changed(self, change: ValueChanged) -> list[FaultFound]:
+        """A node that `knows` names has another value."""
+        robot = self._states.get(change.key)
+        if robot is not None:
+            return self._state_changed(robot, change.value)
+        return self._said(self._fault_keys[change.key], change)
+
+    def _state_changed(self, robot: str, state: object) -> list[FaultFound]:
+        was_heard = robot in self._heard
+        if state != RobotState.OFFLINE:
+            self._heard.add(robot)
+            return [FaultFound(robot, SILENT, False, "")]
+        self._heard.discard(robot)
+        return [FaultFound(robot, SILENT, True, "it is silent")] if was_heard else []
+
+    def _said(self, robot: str, change: ValueChanged) -> list[FaultFound]:
+        """What a robot has announced lasts until it says something else, also while it is silent."""
+        if quality_of(change.status) is Quality.BAD or not isinstance(change.value, str):
+            self._announced.pop(robot, None)
+            return []
+        reason = " ".join(change.value.split())[:MOST_CHARACTERS]
+        self._announced[robot] = reason
+        return [FaultFound(robot, ANNOUNCED, bool(reason), reason)]
+
+    def not_heard(self) -> list[FaultFound]:
+        """Robots that had time enough since the start."""
+        return [FaultFound(robot, SILENT, True, "it is not heard") for robot in self._names if robot not in self._heard]
+
+    def check(self, lookup: Lookup) -> list[FaultFound]:
+        """Values of robots have changed."""
+        return self._conditions.check(lookup)
+
+    def is_there(self, fault: Fault) -> bool:
+        """Whether the cause of a fault is there as far as can be seen, so that nobody can say that it is over."""
+        if fault.source == SILENT:
+            return fault.robot not in self._heard
+        if fault.source == ANNOUNCED:
+            return bool(self._announced.get(fault.robot))
+        return self._conditions.is_active(fault.robot, fault.source)

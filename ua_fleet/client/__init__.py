@@ -5,6 +5,7 @@ async for change in client.watch(["ua_1_2_1001"]):
 print(change.value, change.status_text)
 """
 
+from ua_fleet.client.events import DecisionTold, FaultTold, RankedRobot, RankingInfo, RunTold, StepTold, Told
 from ua_fleet.client.fleet_client import POLICIES, Change, FleetClient, NodeInfo, Reading
 from ua_fleet.client.identity import ClientIdentity, default_identity_folder
 from ua_fleet.client.scenarios import (
@@ -25,20 +26,27 @@ __all__ = [
     "Change",
     "ClientIdentity",
     "DecisionInfo",
+    "DecisionTold",
     "FaultInfo",
+    "FaultTold",
     "FleetClient",
     "Forecast",
     "NodeInfo",
     "NodeNotFound",
     "NotDone",
     "Problem",
+    "RankedRobot",
+    "RankingInfo",
     "Reading",
     "RunInfo",
+    "RunTold",
     "ScenarioClient",
     "ScenarioInfo",
     "SkillArgument",
     "SkillEvent",
     "SkillExecution",
     "SkillInfo",
+    "StepTold",
+    "Told",
     "default_identity_folder",
 ]

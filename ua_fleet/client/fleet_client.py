@@ -8,8 +8,8 @@ from __future__ import annotations
 import asyncio
 import logging
 import re
-from collections.abc import AsyncGenerator, Callable, Sequence
-from contextlib import asynccontextmanager
+from collections.abc import AsyncGenerator, AsyncIterator, Callable, Sequence
+from contextlib import AbstractAsyncContextManager, asynccontextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import Any, Final, Self
@@ -24,6 +24,7 @@ from cryptography.x509 import load_der_x509_certificate
 
 from ua_fleet.client.addresses import parse_address
 from ua_fleet.client.convert import parse_value, plain_value
+from ua_fleet.client.events import Feed, Told, told_by
 from ua_fleet.client.identity import ClientIdentity, default_identity_folder
 from ua_fleet.client.skills import SkillCalls, SkillExecution, SkillInfo
 from ua_fleet.client.translated import NodeNotFound, quietly, translated
@@ -121,6 +122,10 @@ class _Feed:
 
     def status_change_notification(self, status: ua.StatusChangeNotification) -> None:
         """Called by asyncua when the server ends the subscription."""
+        self.lose()
+
+    def lose(self) -> None:
+        """No more changes will come."""
         self.put(None)
 
 
@@ -150,13 +155,13 @@ class FleetClient:
         """Changes that `watch` dropped because nobody took them in time."""
         self.on_lost: Callable[[], None] | None = None
         """Called when the connection is lost."""
-        self._feeds: set[_Feed] = set()
+        self._feeds: set[Feed] = set()
         self._skills = SkillCalls(client, self._node, endpoint)
         client.connection_lost_callback = self._lost
 
     async def _lost(self, _error: Exception) -> None:
         for feed in self._feeds:
-            feed.put(None)
+            feed.lose()
         self._skills.lost()
         if self.on_lost is not None:
             self.on_lost()
@@ -370,6 +375,14 @@ class FleetClient:
             node = await self._node(address)
             subscription = await self._client.create_subscription(period_ms, _Bell(heard))
             await subscription.subscribe_data_change(node)
+
+    def told(self) -> AbstractAsyncContextManager[AsyncIterator[Told]]:
+        """What the server tells of runs, steps, decisions and faults, while the context lasts.
+
+        All that happens once the context has been entered is told. The iterator raises NotConnected when the connection
+        is lost.
+        """
+        return told_by(self._client, self.endpoint, self._feeds)
 
     async def watch(self, addresses: Sequence[str], *, period_ms: float = 100.0) -> AsyncGenerator[Change]:
         """The current values of some nodes, then each change, until the iteration is closed.

@@ -1,0 +1,257 @@
+# asyncua is typed in part only.
+# pyright: reportUnknownMemberType=false, reportUnknownVariableType=false, reportUnknownArgumentType=false
+# pyright: reportPrivateImportUsage=false
+"""What a server tells of runs, steps, decisions and faults, as events of its Server object."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from collections.abc import AsyncGenerator, AsyncIterator, Mapping, Sequence
+from contextlib import asynccontextmanager
+from dataclasses import dataclass
+from datetime import UTC
+from typing import Any, Final, Protocol
+
+from asyncua import Client, ua
+
+from ua_fleet.client.convert import plain_value
+from ua_fleet.client.translated import quietly, translated
+from ua_fleet.errors import NotConnected
+
+__all__ = ["DecisionTold", "FaultTold", "Feed", "RankedRobot", "RankingInfo", "RunTold", "StepTold", "Told", "told_by"]
+
+_TYPES_URI: Final = "http://ua-fleet.org/UA/"
+_FAULT, _RUN, _STEP, _DECISION = 1025, 1026, 1027, 1028
+"""Event types; see nodesets/UaFleet.NodeIds.csv."""
+_OWN: Final = (
+    *("RunId", "Scenario", "State"),
+    *("Fact", "Task", "Robot", "Skill", "Outcome", "Detail"),
+    *("DecisionId", "DecisionState", "Failed", "Reason", "Chosen", "ChosenBy"),
+    *("Robots", "Scores", "Criteria", "Weights", "RawValues", "CriterionScores", "Excluded", "Reasons"),
+    *("ConsistencyRatio", "FaultSource"),
+)
+"""Fields of ours that any of these types has."""
+_ANY: Final = ua.NodeId(ua.Int32(ua.ObjectIds.BaseEventType))
+_STANDARD: Final = ("EventType", "Message", "ConditionName", "ActiveState/Id", "AckedState/Id", "Time")
+_QUEUE: Final = 10_000
+
+
+@dataclass(frozen=True, slots=True)
+class RankedRobot:
+    """One candidate's place in a ranking."""
+
+    robot: str
+    score: float
+    """The scores of all candidates together are 1."""
+    raw: tuple[float, ...]
+    """Its value of each criterion, in the criterion's unit."""
+    scores: tuple[float, ...]
+    """What each of these is worth, before its weight."""
+
+
+@dataclass(frozen=True, slots=True)
+class RankingInfo:
+    """Who could take a task over, the best first, and why."""
+
+    criteria: tuple[str, ...]
+    weights: tuple[float, ...]
+    consistency_ratio: float
+    ranked: tuple[RankedRobot, ...]
+    excluded: tuple[tuple[str, str], ...]
+    """Robots that are no candidates, with the reason."""
+
+
+@dataclass(frozen=True, slots=True)
+class RunTold:
+    """A run has begun, was paused, or has ended."""
+
+    run_id: str
+    scenario: str
+    state: str
+    message: str
+
+
+@dataclass(frozen=True, slots=True)
+class StepTold:
+    """A fact of a run's journal about one of its steps."""
+
+    run_id: str
+    fact: str
+    """E.g. `TaskAssigned` or `TaskOver`."""
+    task: str
+    robot: str
+    skill: str
+    outcome: str
+    detail: Mapping[str, Any]
+    """The fact itself; `at` is when it happened, in seconds since 1970."""
+
+
+@dataclass(frozen=True, slots=True)
+class DecisionTold:
+    """A ranking was made or has changed, or a decision has ended."""
+
+    run_id: str
+    decision_id: str
+    state: str
+    """`open`, `chosen` or `aborted`."""
+    task: str
+    failed: str
+    """The robot that cannot do it."""
+    reason: str
+    chosen: str
+    chosen_by: str
+    ranking: RankingInfo
+    at: float
+    """Seconds since 1970."""
+
+
+@dataclass(frozen=True, slots=True)
+class FaultTold:
+    """A fault was found, seen by somebody, or is over."""
+
+    fault_id: str
+    robot: str
+    source: str
+    reason: str
+    active: bool
+    acknowledged: bool
+    at: float
+    """Seconds since 1970."""
+
+
+Told = RunTold | StepTold | DecisionTold | FaultTold
+
+
+class Feed(Protocol):
+    """Hands on what a subscription brings."""
+
+    def lose(self) -> None:
+        """No more will come."""
+        ...
+
+
+class _EventFeed:
+    """The subscription's handler."""
+
+    def __init__(self, types: Mapping[ua.NodeId, int]) -> None:
+        self._types = types
+        self.queue: asyncio.Queue[Told | None] = asyncio.Queue()
+
+    def event_notification(self, event: Any) -> None:
+        """Called by asyncua with each event."""
+        kind = self._types.get(event.EventType)
+        if kind is not None:
+            self.queue.put_nowait(_told(kind, event))
+
+    def status_change_notification(self, status: ua.StatusChangeNotification) -> None:
+        """Called by asyncua when the server ends the subscription."""
+        self.lose()
+
+    def lose(self) -> None:
+        """No more events will come."""
+        self.queue.put_nowait(None)
+
+
+@asynccontextmanager
+async def told_by(client: Client, endpoint: str, feeds: set[Feed]) -> AsyncGenerator[AsyncIterator[Told]]:
+    """Subscribe; all that the server tells from then on, until the context is left.
+
+    Args:
+        client: connected.
+        endpoint: of the server, for messages.
+        feeds: where the handler stands meanwhile, so that it is told when the connection is lost.
+    """
+    with translated(endpoint):
+        index = await client.get_namespace_index(_TYPES_URI)
+        types = {ua.NodeId(ua.Int32(kind), ua.Int16(index)): kind for kind in (_FAULT, _RUN, _STEP, _DECISION)}
+        feed = _EventFeed(types)
+        subscription = await client.create_subscription(50, feed, queue_maxsize=_QUEUE)
+        feeds.add(feed)
+        wanted = _filter(list(types), index)
+        await subscription.subscribe_events(ua.ObjectIds.Server, evfilter=wanted, queuesize=_QUEUE)
+    try:
+        yield _until_lost(feed, endpoint)
+    finally:
+        feeds.discard(feed)
+        await quietly(subscription.delete())
+
+
+async def _until_lost(feed: _EventFeed, endpoint: str) -> AsyncGenerator[Told]:
+    while (told := await feed.queue.get()) is not None:
+        yield told
+    raise NotConnected(f"the connection to {endpoint} was lost")
+
+
+def _filter(types: Sequence[ua.NodeId], index: int) -> ua.EventFilter:
+    wanted = ua.EventFilter()
+    paths = [[ua.QualifiedName(part, 0) for part in name.split("/")] for name in _STANDARD]
+    paths += [[ua.QualifiedName(name, index)] for name in _OWN]
+    wanted.SelectClauses = [_operand(path) for path in paths]
+    element = ua.ContentFilterElement()
+    element.FilterOperator = ua.FilterOperator.InList
+    element.FilterOperands = [
+        _operand([ua.QualifiedName("EventType", 0)]),
+        *(ua.LiteralOperand(Value=ua.Variant(one)) for one in types),
+    ]
+    wanted.WhereClause.Elements.append(element)
+    return wanted
+
+
+def _operand(path: list[ua.QualifiedName]) -> ua.SimpleAttributeOperand:
+    return ua.SimpleAttributeOperand(
+        TypeDefinitionId=ua.NodeId(ua.Int32(ua.ObjectIds.BaseEventType)),
+        BrowsePath=path,
+        AttributeId=ua.AttributeIds.Value,
+    )
+
+
+def _told(kind: int, event: Any) -> Told:
+    if kind == _RUN:
+        return RunTold(event.RunId, event.Scenario, event.State, event.Message.Text or "")
+    if kind == _STEP:
+        detail: dict[str, Any] = (
+            json.loads(event.Detail) if event.Detail.startswith("{") else {"question": event.Detail}
+        )
+        return StepTold(event.RunId, event.Fact, event.Task, event.Robot, event.Skill, event.Outcome, detail)
+    if kind == _DECISION:
+        return DecisionTold(
+            event.RunId,
+            event.DecisionId,
+            event.DecisionState,
+            event.Task,
+            event.Failed,
+            event.Reason,
+            event.Chosen,
+            event.ChosenBy,
+            _ranking(event),
+            _seconds(event),
+        )
+    return FaultTold(
+        event.ConditionName,
+        event.Robot,
+        event.FaultSource,
+        event.Reason,
+        bool(getattr(event, "ActiveState/Id")),
+        bool(getattr(event, "AckedState/Id")),
+        _seconds(event),
+    )
+
+
+def _ranking(event: Any) -> RankingInfo:
+    criteria = tuple(plain_value(event.Criteria or []))
+    width = len(criteria)
+    raw, scores = event.RawValues or [], event.CriterionScores or []
+    ranked = tuple(
+        RankedRobot(
+            robot, score, tuple(raw[at * width : (at + 1) * width]), tuple(scores[at * width : (at + 1) * width])
+        )
+        for at, (robot, score) in enumerate(zip(event.Robots or [], event.Scores or [], strict=True))
+    )
+    excluded = tuple(zip(event.Excluded or [], event.Reasons or [], strict=True))
+    return RankingInfo(criteria, tuple(event.Weights or []), float(event.ConsistencyRatio), tuple(ranked), excluded)
+
+
+def _seconds(event: Any) -> float:
+    time = event.Time
+    return float((time if time.tzinfo is not None else time.replace(tzinfo=UTC)).timestamp())

@@ -67,6 +67,7 @@ class SkillCommands:
         instance: str = REQUESTOR_INSTANCE,
         pace: RequestPace | None = None,
         told: Told | None = None,
+        clock: Callable[[], float] | None = None,
     ) -> None:
         """Make a requestor that goes on where its journal ends.
 
@@ -81,6 +82,7 @@ class SkillCommands:
             instance: of this process; with the space its RequestorId.
             pace: of repetition.
             told: learns of every outcome, also of requests that nobody waits for.
+            clock: monotonic seconds; the event loop's without.
         """
         self.outcomes: Counter[str] = Counter()
         """Outcomes by their kind, corrections apart; `problems` are attempts that the journal could not record."""
@@ -92,6 +94,7 @@ class SkillCommands:
         )
         self._catalog = ActionCatalog()
         self._send, self._want, self._sooner, self._wall_ticks, self._told = send, want, sooner, wall_ticks, told
+        self._clock = clock or _loop_time
         self._waiting: dict[bytes, list[asyncio.Future[Outcome]]] = {}
         self._halts: dict[bytes, str] = {}
         """Who is asked to stop, by the id of the request."""
@@ -153,7 +156,7 @@ class SkillCommands:
         """
         action = self._catalog.find(topic.space, topic.id)
         if action is None:
-            self._want(topic.space, topic.id, asyncio.get_running_loop().time())
+            self._want(topic.space, topic.id, self._clock())
             self._sooner()
             raise _not_announced(topic)
         target_id = _target_of(action, robot)
@@ -176,7 +179,7 @@ class SkillCommands:
             error = SkillRejected(f"{robot} has no way to stop {action.request.name}")
             error.ua_status = StatusCode.BAD_NOT_SUPPORTED
             raise error
-        now, target = asyncio.get_running_loop().time(), Target(*topic, target_id)
+        now, target = self._clock(), Target(*topic, target_id)
         wall = self._wall_ticks()
         self._halts[halt_id(execution_id)] = f"{robot}: {action.request.name}"
         self._do(self._requestor.start(halt_id(execution_id), target, (), (), HALT_TIMEOUT_S, now, wall))
@@ -185,7 +188,7 @@ class SkillCommands:
     def want(self, topic: Topic) -> None:
         """See to it that an Action is announced, where it is not yet."""
         if self._catalog.find(topic.space, topic.id) is None:
-            self._want(topic.space, topic.id, asyncio.get_running_loop().time())
+            self._want(topic.space, topic.id, self._clock())
             self._sooner()
 
     def _start(
@@ -202,7 +205,7 @@ class SkillCommands:
             raise SkillRejected(f"{action.request.name} takes {len(types)} arguments, not {len(values)}")
         if action_target_id not in [target.action_target_id for target in action.targets]:
             raise SkillRejected(f"{action.request.name} has no target {action_target_id}")
-        now, target = asyncio.get_running_loop().time(), Target(*topic, action_target_id)
+        now, target = self._clock(), Target(*topic, action_target_id)
         try:
             return self._requestor.start(execution_id, target, types, values, timeout_s, now, self._wall_ticks())
         except LocalWireError as error:
@@ -244,7 +247,7 @@ class SkillCommands:
         try:
             async with asyncio.timeout(timeout_s):
                 while (action := self.action(topic)) is None:
-                    self._want(topic.space, topic.id, asyncio.get_running_loop().time())
+                    self._want(topic.space, topic.id, self._clock())
                     self._sooner()
                     self._announced.clear()
                     await self._announced.wait()
@@ -296,6 +299,10 @@ class SkillCommands:
                 waiting.set_result(outcome)
         if self._told is not None:
             self._told(execution_id, outcome)
+
+
+def _loop_time() -> float:
+    return asyncio.get_running_loop().time()
 
 
 def _target_of(action: ActionMetaDataAnnouncement, robot: str) -> int:

@@ -114,7 +114,7 @@ class Traffic:
         self.bytes_at: Counter[tuple[int, Kind]] = Counter()
         self.unreadable = 0
         """Datagrams that the codec refused; they are in none of the counts."""
-        self._known: dict[_Writer, Kind] = {(*topic,): kind for topic, kind in (known or {}).items()}
+        self._known: Mapping[Any, Kind] = known or {}
         self._codec = Codec()
         self._columns: dict[tuple[int | str | None, int], _Columns] = {}
         """Of the sources that are a SkillStatus, by PublisherId and DataSetWriterId."""

@@ -7,18 +7,25 @@ The clock is virtual: nothing moves until the owner moves it.
     one.attach(receive_one); other.attach(receive_other)
     one.send(b"...")
     network.advance_to(1.0)          # delivers to both: a sender hears its own multicast
+
+A network of many members may be told who could use a datagram (`route`), so that it
+need not carry each to everybody.
 """
 
 from __future__ import annotations
 
 import heapq
+from collections.abc import Callable, Iterable
 from itertools import count
 from random import Random
 from typing import Final
 
 from ua_fleet.transport.base import Address, Receive, TransportStats
 
-__all__ = ["MemoryEndpoint", "MemoryNetwork"]
+__all__ = ["MemoryEndpoint", "MemoryNetwork", "Route"]
+
+Route = Callable[[bytes, Address], Iterable[Address] | None]
+"""The members that could use a datagram of a sender; None: all of them."""
 
 _FIRST_PORT: Final = 49_152
 
@@ -35,6 +42,7 @@ class MemoryNetwork:
         min_delay_s: float = 0.0,
         max_delay_s: float = 0.0,
         now: float = 0.0,
+        route: Route | None = None,
     ) -> None:
         """Make a network without members.
 
@@ -45,6 +53,7 @@ class MemoryNetwork:
             min_delay_s: the shortest way.
             max_delay_s: the longest way; different delays reorder.
             now: the clock's first time.
+            route: who gets what is sent to all; without, everybody does.
         """
         self.now = now
         self.loss = loss
@@ -52,14 +61,15 @@ class MemoryNetwork:
         self.min_delay_s = min_delay_s
         self.max_delay_s = max_delay_s
         self._random = Random(seed)  # noqa: S311 - luck that can be repeated
-        self._endpoints: list[MemoryEndpoint] = []
+        self._route = route
+        self._endpoints: dict[Address, MemoryEndpoint] = {}
         self._way: list[tuple[float, int, MemoryEndpoint, bytes, Address]] = []
         self._order = count()
 
     def endpoint(self) -> MemoryEndpoint:
         """A new member of the group. It gets what is sent from now on, once it is attached or started."""
         endpoint = MemoryEndpoint(self, ("127.0.0.1", _FIRST_PORT + len(self._endpoints)))
-        self._endpoints.append(endpoint)
+        self._endpoints[endpoint.address] = endpoint
         return endpoint
 
     def next_delivery(self) -> float | None:
@@ -83,15 +93,22 @@ class MemoryNetwork:
 
     def carry(self, datagram: bytes, sender: MemoryEndpoint, address: Address | None = None) -> None:
         """Put a datagram on its way to all members, or to the one with this address."""
-        for endpoint in self._endpoints:
-            if address is not None and endpoint.address != address:
-                continue
+        for endpoint in self._receivers(datagram, sender.address, address):
             if self._random.random() < self.loss:
                 continue
             copies = 2 if self._random.random() < self.duplicate else 1
             for _ in range(copies):
                 due = self.now + self._random.uniform(self.min_delay_s, self.max_delay_s)
                 heapq.heappush(self._way, (due, next(self._order), endpoint, datagram, sender.address))
+
+    def _receivers(self, datagram: bytes, sender: Address, address: Address | None) -> Iterable[MemoryEndpoint]:
+        if address is None:
+            addresses = None if self._route is None else self._route(datagram, sender)
+            if addresses is None:
+                return self._endpoints.values()
+        else:
+            addresses = (address,)
+        return [self._endpoints[one] for one in addresses if one in self._endpoints]
 
 
 class MemoryEndpoint:

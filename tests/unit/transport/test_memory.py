@@ -4,6 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ua_fleet.transport import Address, MemoryEndpoint, MemoryNetwork, Transport
+from ua_fleet.transport.base import Address
 
 
 def listener(network: MemoryNetwork) -> tuple[MemoryEndpoint, list[tuple[float, bytes, Address]]]:
@@ -120,3 +121,26 @@ def test_a_datagram_to_an_address_reaches_that_member_alone() -> None:
     network.advance_to(0.0)
     assert (heard_by_one, heard_by_other) == ([], [(0.0, b"a", one.address)])
     assert one.stats.sent == 2
+
+
+def test_a_route_says_who_could_use_a_datagram() -> None:
+    asked: list[bytes] = []
+    members: list[Address] = []
+
+    def route(datagram: bytes, sender: Address) -> list[Address] | None:
+        asked.append(datagram)
+        assert sender == members[0]
+        return None if datagram == b"all" else members[1:2]
+
+    network = MemoryNetwork(route=route)
+    endpoints = [network.endpoint() for _ in range(3)]
+    members += [endpoint.address for endpoint in endpoints]
+    heard: list[tuple[int, bytes]] = []
+    for number, endpoint in enumerate(endpoints):
+        endpoint.attach(lambda datagram, _, number=number: heard.append((number, datagram)))
+    endpoints[0].send(b"some")
+    endpoints[0].send(b"all")
+    endpoints[0].send(b"one", members[2])
+    network.advance_to(1.0)
+    assert heard == [(1, b"some"), (0, b"all"), (1, b"all"), (2, b"all"), (2, b"one")]
+    assert asked == [b"some", b"all"]

@@ -24,6 +24,7 @@ from ua_fleet.bridge import Execution, ExecutionEnded, Inlet, Skill, SkillTarget
 from ua_fleet.bridge.runner import run_bridge
 from ua_fleet.config.schema import FleetConfig, PubSubSecurity
 from ua_fleet.config.security import file_keys_of
+from ua_fleet.fleet.skills import SkillLimits
 from ua_fleet.pubsub.events import ActionReceived
 from ua_fleet.pubsub.metadata import make_field
 from ua_fleet.skill.journal import MemoryJournal
@@ -56,7 +57,15 @@ class Idler:
         await self._base.start(inlet)
 
     def skills(self) -> Sequence[Skill]:
-        return (Skill(ACTION, "place", (SkillTarget(TARGET, "robot", STATUS),), FIELDS, at_once=60),)
+        return (
+            Skill(
+                ACTION,
+                "place",
+                (SkillTarget(TARGET, "robot", STATUS),),
+                FIELDS,
+                limits=SkillLimits(requests_at_once=60),
+            ),
+        )
 
     def execute(self, execution: Execution) -> None:
         assert self._inlet is not None

@@ -30,6 +30,7 @@ from ua_fleet.bridge import (
     SkillTarget,
 )
 from ua_fleet.errors import SkillRejected
+from ua_fleet.fleet.skills import SkillLimits
 from ua_fleet.pubsub.metadata import make_field
 from ua_fleet.topics import Topic
 from ua_fleet.values import BuiltinType, StatusCode
@@ -88,9 +89,14 @@ class Machine:
 
     def find(self, execution_id: bytes) -> Job | None:
         """What it remembers of a job."""
-        if self._forgetful.exists():
+        if self.is_forgetful:
             return None
         return next((job for job in self.told() if job.execution_id == execution_id), None)
+
+    @property
+    def is_forgetful(self) -> bool:
+        """Whether it remembers nothing of what it was told."""
+        return self._forgetful.exists()
 
     def forget(self) -> None:
         """Remember nothing from now on, as most robots do after their power was off."""
@@ -122,7 +128,9 @@ class SkilledDriver(VirtualDriver):
         """See SkillDriver."""
         targets = (SkillTarget(TARGET, "machine", Topic(self._number, 2, STATUS)),)
         return (
-            Skill(Topic(self._number, 2, WORK), "work", targets, FIELDS, RESULTS, at_once=8),
+            Skill(
+                Topic(self._number, 2, WORK), "work", targets, FIELDS, RESULTS, limits=SkillLimits(requests_at_once=8)
+            ),
             Skill(Topic(self._number, 2, QUICK), "quick", targets, FIELDS, RESULTS, is_immediate=True),
         )
 

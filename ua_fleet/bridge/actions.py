@@ -46,9 +46,9 @@ from ua_fleet.skill.executions import (
     pack,
     unpack,
 )
+from ua_fleet.skill.offers import Offer
 from ua_fleet.skill.responder import (
     Execute,
-    Offer,
     Query,
     Respond,
     Responder,
@@ -355,17 +355,22 @@ class Actions:
             except LocalWireError as error:
                 self._failed(f"the skill {skill.name} cannot be offered: {error}", None)
                 return
-        types = type_codes(skill.request)
+        types, limits = type_codes(skill.request), skill.limits
+        spaces = None if limits.visible_to is None else frozenset(limits.visible_to)
         for target in skill.targets:
             if self._halting is not None:
                 halt = Target(*skill.topic, target.id | HALT_TARGETS)
-                self._responder.offer(Offer(halt, (), requests_at_once=skill.at_once))
+                self._responder.offer(Offer(halt, (), requests_at_once=limits.requests_at_once, spaces=spaces))
             self._responder.offer(
                 Offer(
                     Target(*skill.topic, target.id),
                     types,
                     immediate=skill.is_immediate,
-                    requests_at_once=skill.at_once,
+                    requests_at_once=limits.requests_at_once,
+                    spaces=spaces,
+                    least_interval_s=limits.least_interval_s,
+                    largest_message_bytes=limits.largest_message_bytes,
+                    most_requestors=limits.most_requestors,
                 )
             )
 

@@ -8,6 +8,7 @@ from typing import Final, Generic, TypeVar
 from ua_fleet.bridge.driver import Skill, SkillTarget
 from ua_fleet.config.base import Model
 from ua_fleet.config.schema import FleetConfig, SkillConfig
+from ua_fleet.fleet.skills import SkillLimits
 from ua_fleet.pubsub.metadata import make_field
 from ua_fleet.topics import Topic
 
@@ -44,9 +45,9 @@ class ConfiguredSkill(Generic[Via]):
         return tuple(self.config.arguments)
 
     @property
-    def at_once(self) -> int:
-        """Executions that the robot may have under way."""
-        return self.config.limits.requests_at_once
+    def limits(self) -> SkillLimits:
+        """What the robot takes at most."""
+        return self.config.limits.model()
 
     def offer(self) -> Skill:
         """The skill as the bridge announces it."""
@@ -58,7 +59,7 @@ class ConfiguredSkill(Generic[Via]):
             tuple([make_field(name, argument.type.builtin) for name, argument in request.items()]),
             tuple([make_field(name, result.type.builtin) for name, result in response.items()]),
             is_immediate=self.config.immediate,
-            at_once=self.at_once,
+            limits=self.limits,
         )
 
 

@@ -8,10 +8,11 @@ robots can be commanded keeps the `SkillDriver` protocol too.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 from ua_fleet.counters import Drop
+from ua_fleet.fleet.skills import SkillLimits
 from ua_fleet.topics import Topic
 from ua_fleet.wire.messages import DataSetMessage, DataSetMetaData, FieldMetaData
 
@@ -196,8 +197,8 @@ class Skill:
     """The results."""
     is_immediate: bool = False
     """Whether the ActionResponse waits for the end, which comes within the request's TimeoutHint."""
-    at_once: int = 1
-    """Executions that each target may have under way; one more is refused."""
+    limits: SkillLimits = field(default_factory=SkillLimits)
+    """What each target takes at most; more is refused."""
 
 
 class Execution(NamedTuple):

@@ -16,7 +16,7 @@ from ua_fleet.fleet.model import (
     RobotModel,
     drop_field,
 )
-from ua_fleet.fleet.skills import SkillLimits, SkillModel
+from ua_fleet.fleet.skills import SkillModel
 from ua_fleet.skill.status import SKILL_STATUS_FIELDS
 from ua_fleet.topics import SERVER_SPACE, Topic
 from ua_fleet.values import ARRAY, BuiltinType, NodeId
@@ -94,7 +94,6 @@ def _skill(robot: str, name: str, config: SkillConfig) -> SkillModel:
         raise ConfigError(
             "the skill has no id", key=f"robots.{robot}.skills.{name}.id", suggestion="run: ua-fleet config assign-ids"
         )
-    limits = config.limits
     return SkillModel(
         config.id,
         name,
@@ -103,13 +102,7 @@ def _skill(robot: str, name: str, config: SkillConfig) -> SkillModel:
         tuple(result.model(result_name) for result_name, result in config.results.items()),
         config.timeout_s,
         config.immediate,
-        SkillLimits(
-            limits.least_interval_s,
-            limits.largest_message_bytes,
-            limits.requests_at_once,
-            limits.most_requestors,
-            limits.visible_to,
-        ),
+        config.limits.model(),
         config.description,
     )
 

@@ -7,7 +7,7 @@ from typing import Annotated, Any
 from pydantic import Field, model_validator
 
 from ua_fleet.config.base import DataSetId, Model, Name, ScalarType
-from ua_fleet.fleet.skills import ArgumentModel, argument_problem
+from ua_fleet.fleet.skills import ArgumentModel, SkillLimits, argument_problem
 
 __all__ = ["ArgumentConfig", "SkillConfig", "SkillLimitsConfig"]
 
@@ -56,9 +56,19 @@ class SkillLimitsConfig(Model, frozen=True):
     requests_at_once: int = Field(default=1, ge=1)
     """Executions that may be under way."""
     most_requestors: int = Field(default=16, ge=1)
-    """Different requestors at a time."""
+    """Different requestors at a time; one is forgotten a minute after its last request."""
     visible_to: tuple[Annotated[int, Field(ge=0, le=65535)], ...] | None = None
     """Spaces that see the skill and may request it; left out: all that may command the robot."""
+
+    def model(self) -> SkillLimits:
+        """The limits as the fleet knows them."""
+        return SkillLimits(
+            self.least_interval_s,
+            self.largest_message_bytes,
+            self.requests_at_once,
+            self.most_requestors,
+            self.visible_to,
+        )
 
 
 class SkillConfig(Model, frozen=True):

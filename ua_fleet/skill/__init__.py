@@ -26,11 +26,11 @@ from ua_fleet.skill.executions import (
     unpack,
 )
 from ua_fleet.skill.journal import Execution, MemoryJournal, Request, RequestorJournal, ResponderJournal
+from ua_fleet.skill.offers import Offer
 from ua_fleet.skill.requestor import Concluded, OutcomeCorrected, Requestor, RequestorEffect, RequestPace, Send
 from ua_fleet.skill.responder import (
     Execute,
     ExecutionChanged,
-    Offer,
     Query,
     Respond,
     Responder,

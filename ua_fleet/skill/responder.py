@@ -32,9 +32,9 @@ has requests refused, with both times in the message, rather than begun late.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Final
 
 from ua_fleet.counters import Counters, Drop
 from ua_fleet.errors import LocalWireError, StorageUnavailable
@@ -49,6 +49,7 @@ from ua_fleet.skill.executions import (
     pack,
 )
 from ua_fleet.skill.journal import Execution, ResponderJournal
+from ua_fleet.skill.offers import Decision, Offer, Offers
 from ua_fleet.values import TICKS_PER_SECOND, StatusCode
 from ua_fleet.wire.actions import ActionMessage, ActionState
 
@@ -75,22 +76,6 @@ TRANSITIONS: Final = {
     _S.TIMED_OUT: frozenset[ExecutionState](),
 }
 """The table above: from each state, None for an execution that is not known."""
-
-
-@dataclass(frozen=True, slots=True)
-class Offer:
-    """One thing that can be asked for."""
-
-    target: Target
-    types: tuple[int, ...] | None = None
-    """Of the arguments; None takes any."""
-    immediate: bool = False
-    """Whether the answer waits for the end."""
-    requests_at_once: int = 1
-    spaces: frozenset[int] | None = None
-    """Whose requests are taken, of the spaces that may command at all; None: all of them."""
-    problem: Callable[[tuple[Any, ...]], str | None] | None = None
-    """Why these arguments are not legal, or None."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -165,10 +150,10 @@ class Responder:
         if limits.most_remembered <= limits.requests_at_once:
             raise ValueError("a responder remembers more executions than it takes at once")
         self._space, self._journal, self._counters, self._limits = space, journal, counters, limits
-        self._offers = {offer.target: offer for offer in offers}
         self._allowed = frozenset(allowed_spaces)
         self._must_be_verified = must_be_verified
         self._executions = {execution.execution_id: execution for execution in journal.executions()}
+        self._offers = Offers(offers, self._executions.values())
         self._under_way = {key for key, execution in self._executions.items() if execution.report.state in OPEN}
         self._forgotten = dict(journal.forgotten())
         self._to_begin: set[bytes] = set()
@@ -177,11 +162,11 @@ class Responder:
 
     def offer(self, offer: Offer) -> None:
         """Take requests for it from now on."""
-        self._offers[offer.target] = offer
+        self._offers.put(offer)
 
     def withdraw(self, target: Target) -> None:
         """Refuse requests for it from now on."""
-        self._offers.pop(target, None)
+        self._offers.remove(target)
 
     def executions(self) -> list[Execution]:
         """All that are remembered, in the order in which they came."""
@@ -306,7 +291,13 @@ class Responder:
             if message.timestamp <= self._forgotten.get(name.space, -1):
                 report = Report(_S.UNKNOWN, StatusCode.UNCERTAIN, "older than what is remembered; it may be done")
                 return [answer(message, ActionState.DONE, report, reply_to)]
-            execution = self._record(message, content, name, utc)
+            if self._offers.is_hidden(_target_of(message), name.space):
+                # Not recorded: who may not ask for this must not use up the id of who may.
+                self._counters.drop(Drop.REQUESTOR)
+                said = f"this skill is not for space {name.space}"
+                report = Report(_S.REFUSED, StatusCode.BAD_USER_ACCESS_DENIED, said)
+                return [answer(message, ActionState.DONE, report, reply_to)]
+            execution = self._record(message, content, name, now, utc)
             effects.append(ExecutionChanged(execution))
             if execution.report.state is _S.RUNNING:
                 self._to_begin.add(execution_id)
@@ -325,7 +316,7 @@ class Responder:
             return effects  # `begun` and `refused` go on
         return effects + self._tell(execution_id, now)
 
-    def _record(self, message: ActionMessage, content: bytes, name: RequestorName, utc: int) -> Execution:
+    def _record(self, message: ActionMessage, content: bytes, name: RequestorName, now: float, utc: int) -> Execution:
         """Decide on a new request, and journal it."""
         self._make_room()
         timestamp, hint_ms = message.timestamp or 0, message.timeout_hint_ms or 0.0
@@ -338,34 +329,35 @@ class Responder:
             # Forgetting it must not set a mark that other requests, of a right clock, would be below.
             min(timestamp, utc + round(self._limits.clock_tolerance_s * TICKS_PER_SECOND)),
             min(round(hint_ms), 0x7FFF_FFFF),
-            self._decide(message, name, timestamp, hint_ms, utc),
+            Report(_S.RUNNING),
         )
+        decision = self._decide(execution, message, now, utc)
+        execution = execution._replace(report=decision.report)
         self._journal.recorded(execution)
         self._executions[execution.execution_id] = execution
         if execution.report.state in OPEN:
             self._under_way.add(execution.execution_id)
+            self._offers.accepted(execution, now)
+        elif decision.drop is not None:
+            self._counters.drop(decision.drop)
         return execution
 
-    def _decide(self, message: ActionMessage, name: RequestorName, issued: int, hint_ms: float, utc: int) -> Report:
+    def _decide(self, execution: Execution, message: ActionMessage, now: float, utc: int) -> Decision:
         """RUNNING, or why not."""
-        ahead_s = (issued - utc) / TICKS_PER_SECOND
-        if hint_ms <= 0 or -ahead_s > hint_ms / 1000 + self._limits.clock_tolerance_s:
-            return Report(_S.TIMED_OUT, StatusCode.BAD_TIMEOUT, f"it came {-ahead_s:.3f} s after it was issued")
-        if ahead_s > self._limits.clock_tolerance_s:
+        tolerance_s, hint_ms = self._limits.clock_tolerance_s, message.timeout_hint_ms or 0.0
+        ahead_s = ((message.timestamp or 0) - utc) / TICKS_PER_SECOND
+        if hint_ms <= 0 or -ahead_s > hint_ms / 1000 + tolerance_s:
+            late = Report(_S.TIMED_OUT, StatusCode.BAD_TIMEOUT, f"it came {-ahead_s:.3f} s after it was issued")
+            return Decision(late, Drop.REFUSED)
+        if ahead_s > tolerance_s:
             said = f"it was issued {ahead_s:.3f} s ahead of this clock; set the clocks of both sides"
-            return Report(_S.REFUSED, StatusCode.BAD_INVALID_TIMESTAMP, said)
-        offer = self._offers.get(_target_of(message))
-        if offer is None or (offer.spaces is not None and name.space not in offer.spaces):
-            return Report(_S.REFUSED, StatusCode.BAD_NOT_SUPPORTED, "there is no such skill here")
-        if offer.types is not None and message.types != offer.types:
-            return Report(_S.REFUSED, StatusCode.BAD_TYPE_MISMATCH, "the arguments are of other types")
-        problem = offer.problem(message.values) if offer.problem is not None else None
-        if problem is not None:
-            return Report(_S.REFUSED, StatusCode.BAD_OUT_OF_RANGE, problem)
-        of_offer = sum(self._executions[key].target == offer.target for key in self._under_way)
-        if of_offer >= offer.requests_at_once or len(self._under_way) >= self._limits.requests_at_once:
-            return Report(_S.REFUSED, StatusCode.BAD_TOO_MANY_OPERATIONS, f"{of_offer} such executions are under way")
-        return Report(_S.RUNNING)
+            return Decision(Report(_S.REFUSED, StatusCode.BAD_INVALID_TIMESTAMP, said), Drop.REFUSED)
+        under_way = [self._executions[key] for key in self._under_way]
+        decision = self._offers.decide(execution, message.types, message.values, under_way, now, utc)
+        if decision.report.state is _S.RUNNING and len(under_way) >= self._limits.requests_at_once:
+            said = f"{len(under_way)} executions are under way"
+            return Decision(Report(_S.REFUSED, StatusCode.BAD_TOO_MANY_OPERATIONS, said), Drop.TOO_MANY)
+        return decision
 
     def _become(self, execution_id: bytes, report: Report, now: float) -> list[ResponderEffect]:
         """Journal a new state and say it; nothing where the table has no such transition."""

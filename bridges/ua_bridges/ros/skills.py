@@ -12,7 +12,7 @@ message, and `arguments.<name>` over what was asked for.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated
 
 from pydantic import AfterValidator, Field, model_validator
@@ -21,6 +21,7 @@ from ua_fleet.bridge.configured import ConfiguredSkill, configured_skills
 from ua_fleet.config.base import FieldPath, Model
 from ua_fleet.config.schema import FleetConfig, QosConfig
 from ua_fleet.errors import ScenarioError
+from ua_fleet.fleet.skills import SkillLimits
 from ua_fleet.names import closest, listed
 from ua_fleet.scenario.expression import parse_expression
 from ua_fleet.topics import SERVER_SPACE, Topic
@@ -176,9 +177,10 @@ class SkillSpec(ConfiguredSkill[RosSkillMapping]):
         return self.topic.name
 
     @property
-    def at_once(self) -> int:
-        """One where the robot's answers on a topic do not say which execution they mean."""
-        return 1 if isinstance(self._way, TopicSkill) else self.config.limits.requests_at_once
+    def limits(self) -> SkillLimits:
+        """One at a time where the robot's answers on a topic do not say which execution they mean."""
+        limits = self.config.limits.model()
+        return replace(limits, requests_at_once=1) if isinstance(self._way, TopicSkill) else limits
 
     @property
     def _way(self) -> TopicSkill | ServiceSkill | ActionSkill | None:

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -18,6 +19,7 @@ from ua_fleet.bridge import (
 from ua_fleet.bridge.actions import Actions
 from ua_fleet.counters import Counters, Drop
 from ua_fleet.errors import SkillRejected, StorageUnavailable
+from ua_fleet.fleet.skills import SkillLimits
 from ua_fleet.pubsub.events import ActionReceived
 from ua_fleet.pubsub.metadata import make_field
 from ua_fleet.pubsub.publisher import Publisher
@@ -112,7 +114,7 @@ class Bench:
             self.counters,
             driver=self.robot if robot is not NO_ROBOT else None,
             journal=self.journal,
-            requestors=(0,),
+            requestors=(0, 9),
             must_be_verified=must_be_verified,
             core=self.core,
             send=self.sent.append,
@@ -172,6 +174,7 @@ class Bench:
 
 
 NO_ROBOT = Robot()
+MANY = Drop.TOO_MANY_REQUESTORS
 ID = (1).to_bytes(16, "big")
 
 
@@ -331,6 +334,36 @@ def test_skills_may_come_and_go() -> None:
     bench.ask(2)
     assert [execution.execution_id for execution in bench.robot.begun] == [(2).to_bytes(16, "big")]
     assert [len(one.targets) for one in bench.announced()][-1] == 1
+
+
+@pytest.mark.parametrize(
+    ("limits", "second", "status", "drop"),
+    [
+        (SkillLimits(least_interval_s=2.0), {}, StatusCode.BAD_SERVER_TOO_BUSY, Drop.TOO_SOON),
+        (
+            SkillLimits(largest_message_bytes=8),
+            {"values": ("shelf",)},
+            StatusCode.BAD_REQUEST_TOO_LARGE,
+            Drop.TOO_LARGE,
+        ),
+        (SkillLimits(most_requestors=1), {"requestor_id": "0.b"}, StatusCode.BAD_MAX_CONNECTIONS_REACHED, MANY),
+        (SkillLimits(visible_to=(0,)), {"requestor_id": "9.b"}, StatusCode.BAD_USER_ACCESS_DENIED, Drop.REQUESTOR),
+    ],
+)
+def test_the_limits_of_a_skill_hold_at_the_robot(
+    limits: SkillLimits, second: dict[str, Any], status: StatusCode, drop: Drop
+) -> None:
+    robot = Robot()
+    robot.offered = (replace(PICK, limits=limits),)
+    bench = Bench(robot=robot)
+    bench.ask(1)
+    bench.tell(ExecutionEnded(ID, 0, (12.5,)))
+    bench.ask(1)
+    bench.ask(2, **second)
+    assert [execution.execution_id for execution in robot.begun] == [ID]
+    assert [report.state for report in bench.reports()[-2:]] == [ExecutionState.DONE, ExecutionState.REFUSED]
+    assert bench.reports()[-1].status == status
+    assert bench.counters.drops == {drop: 1}
 
 
 def test_a_bridge_without_skills_refuses() -> None:

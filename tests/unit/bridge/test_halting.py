@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
-from tests.unit.bridge.test_actions import ACTION, ID, Bench, Robot
+from tests.unit.bridge.test_actions import ACTION, ID, PICK, Bench, Robot
 from ua_fleet.bridge import Execution, ExecutionEnded
 from ua_fleet.errors import SkillRejected
+from ua_fleet.fleet.skills import SkillLimits
 from ua_fleet.skill import ExecutionState, MemoryJournal
 from ua_fleet.skill.executions import HALT_TARGETS, halt_id
 from ua_fleet.values import StatusCode
@@ -40,6 +42,18 @@ def ask_to_halt(bench: Bench, execution_id: bytes = ID, **rest: Any) -> None:
 def test_the_id_of_a_halt_leads_to_its_execution_and_back() -> None:
     assert halt_id(halt_id(ID)) == ID
     assert halt_id(ID) != ID
+
+
+def test_a_halt_waits_for_no_interval_and_is_for_those_who_may_see_the_skill() -> None:
+    robot = StoppableRobot()
+    limits = SkillLimits(least_interval_s=60.0, largest_message_bytes=8, most_requestors=1, visible_to=(0,))
+    robot.offered = (replace(PICK, limits=limits),)
+    bench = Bench(robot=robot)
+    bench.ask()
+    ask_to_halt(bench, requestor_id="9.other")
+    assert bench.reports()[-1].status == StatusCode.BAD_USER_ACCESS_DENIED
+    ask_to_halt(bench, requestor_id="0.other")
+    assert [execution.execution_id for execution in robot.halted] == [ID]
 
 
 def test_a_robot_is_told_once_to_stop_and_its_end_is_told_as_ever() -> None:

@@ -22,6 +22,7 @@ from ua_fleet.skill import (
     ResponderEffect,
 )
 from ua_fleet.skill.executions import NEVER_BEGUN
+from ua_fleet.skill.offers import Decision
 from ua_fleet.wire import ActionMessage
 
 SCHEDULES = 10_000
@@ -32,6 +33,7 @@ KINDS = {
     "accepted, FAILED",
     "refused, BAD_NOT_EXECUTABLE",
     "refused, BAD_NOT_SUPPORTED",
+    "refused, BAD_SERVER_TOO_BUSY",
     "refused, BAD_TOO_MANY_OPERATIONS",
     "timed_out",
     "unknown for want of an answer",
@@ -84,8 +86,8 @@ class KeepsNoRequests(CrashingJournal):
 
 
 class ForgetsRefusals(Responder):
-    def _record(self, message: ActionMessage, content: bytes, name: RequestorName, utc: int) -> Execution:
-        execution = super()._record(message, content, name, utc)
+    def _record(self, message: ActionMessage, content: bytes, name: RequestorName, now: float, utc: int) -> Execution:
+        execution = super()._record(message, content, name, now, utc)
         if execution.report.state in NEVER_BEGUN:
             del self._executions[execution.execution_id]
         return execution
@@ -94,8 +96,8 @@ class ForgetsRefusals(Responder):
 class BeginsWhenAsked(Responder):
     """Begins on a TimeoutHint of 0, and however late."""
 
-    def _decide(self, message: ActionMessage, name: RequestorName, issued: int, hint_ms: float, utc: int) -> Report:
-        return super()._decide(message, name, utc, 1e9, utc)
+    def _decide(self, execution: Execution, message: ActionMessage, now: float, utc: int) -> Decision:
+        return super()._decide(execution, message._replace(timestamp=utc, timeout_hint_ms=1e9), now, utc)
 
 
 class KnowsNoRepetition(Responder):

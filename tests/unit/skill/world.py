@@ -56,7 +56,7 @@ NOWHERE = Target(SPACE, 3, 100, 9)
 """It is not offered."""
 OFFERS = (
     Offer(LONG, (BuiltinType.INT32,), requests_at_once=2),
-    Offer(IMMEDIATE, (BuiltinType.INT32,), immediate=True, requests_at_once=2),
+    Offer(IMMEDIATE, (BuiltinType.INT32,), immediate=True, requests_at_once=2, least_interval_s=0.5),
     Offer(UNKIND, (BuiltinType.INT32,), requests_at_once=2),
 )
 PACE = RequestPace(interval_s=0.1, longest_interval_s=0.4, grace_s=1.5)

@@ -41,13 +41,15 @@ def test_skills_of_a_bridge() -> None:
     assert drive.via is not None
     assert isinstance(drive.via.way, TopicSkill)
     offer = drive.offer()
-    assert (offer.topic, offer.name, offer.at_once) == (Topic(2, 2, 2), "drive", 1), "a topic knows one at a time"
+    assert (offer.topic, offer.name, offer.limits.requests_at_once) == (Topic(2, 2, 2), "drive", 1), (
+        "a topic knows one at a time"
+    )
     assert [(target.id, target.name, target.status) for target in offer.targets] == [(1, "carrier", Topic(2, 2, 3))]
     assert dock.via is None
     assert (dock.request_topic, dock.status_topic) == ("ua_0_2_4", "ua_2_2_4")
     offer = dock.offer()
     assert ([field.name for field in offer.request], [field.name for field in offer.response]) == (["gate"], ["took"])
-    assert (offer.is_immediate, offer.at_once) == (True, 3)
+    assert (offer.is_immediate, offer.limits.requests_at_once) == (True, 3)
 
 
 STATUS = {"topic": "/state", "type": "std_msgs/String", "done": "data == 'x'"}

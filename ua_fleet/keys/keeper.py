@@ -25,6 +25,8 @@ PERIOD_S: Final = 0.25
 """How often it is looked at what is wanted."""
 FIRST_DELAY_S: Final = 0.5
 LONGEST_DELAY_S: Final = 30.0
+LONGEST_DELAY_AT_START_S: Final = 5.0
+"""The same for a process that never had a key: it stands still until its source is back, so it looks more often."""
 LONGEST_ANSWERED_DELAY_S: Final = 5.0
 """Between two fetches of a group that the source has nothing new of, though it is wanted: an unknown token that
 anybody can write into a message must not make us ask all the time."""
@@ -154,7 +156,8 @@ class _Keeper:
             self._kept.refused.pop(group_id, None)
 
     def _is_away(self, reason: str, now: float) -> None:
-        self._source_delay_s = min(LONGEST_DELAY_S, max(FIRST_DELAY_S, 2 * self._source_delay_s))
+        longest_s = LONGEST_DELAY_S if self._kept.groups else LONGEST_DELAY_AT_START_S
+        self._source_delay_s = min(longest_s, max(FIRST_DELAY_S, 2 * self._source_delay_s))
         self._source_at = now + self._spread(self._source_delay_s)
         if not self._kept.source_problem:
             _log.warning("the source of keys is away; going on with the keys there are", reason=reason)

@@ -1,4 +1,4 @@
-"""The journal of scenario runs and faults in one SQLite file.
+"""The journal of scenario runs and faults in one SQLite file, with what users have set.
 
 Facts that belong together are one transaction, on the disk when `write` returns: what they ask of robots is carried out
 after that alone. So a process that is killed at any moment finds all that robots were ever asked for.
@@ -15,7 +15,7 @@ from ua_fleet.orchestrator import Fault
 from ua_fleet.scenario.facts import Fact, RunEnded, decode_fact, encode_fact
 from ua_fleet.storage.database import Database
 
-__all__ = ["RunJournal", "StoredRun"]
+__all__ = ["RunJournal", "StoredRun", "StoredSetting"]
 
 _VERSION: Final = 1
 _SCHEMA: Final = (
@@ -27,6 +27,9 @@ _SCHEMA: Final = (
     acknowledged INTEGER NOT NULL, since REAL NOT NULL, acknowledged_by TEXT NOT NULL, PRIMARY KEY (robot, source))
     STRICT""",
 )
+_SETTINGS: Final = """CREATE TABLE IF NOT EXISTS settings (name TEXT PRIMARY KEY, value TEXT NOT NULL,
+    instead_of TEXT NOT NULL, set_by TEXT NOT NULL, set_at REAL NOT NULL) STRICT"""
+"""Made at each opening, since files of version 1 without it are about."""
 
 _Statement = tuple[str, Sequence[Any]]
 
@@ -38,12 +41,27 @@ class StoredRun(NamedTuple):
     ended: bool
 
 
+class StoredSetting(NamedTuple):
+    """What a user has set in place of what the configuration says."""
+
+    value: str
+    instead_of: str
+    """What the configuration said then."""
+    by: str
+    at: float
+
+
 class RunJournal:
     """Runs in the order in which they began. Every method raises StorageUnavailable where it cannot do its part."""
 
     def __init__(self, path: Path) -> None:
         """Open a journal, or begin one; no other process can use it until `close`."""
         self._database = Database(path, version=_VERSION, schema=_SCHEMA)
+        try:
+            self._database.commit((_SETTINGS, ()))
+        except BaseException:
+            self._database.close()
+            raise
 
     def close(self) -> None:
         """Give the file free. Safe to call twice."""
@@ -92,6 +110,19 @@ class RunJournal:
             Fault(f"{robot}.{source}", robot, source, reason, bool(active), bool(acknowledged), since, by)
             for robot, source, reason, active, acknowledged, since, by in rows
         ]
+
+    def settings(self) -> dict[str, StoredSetting]:
+        """What users have set, by its name."""
+        rows = self._database.read("SELECT name, value, instead_of, set_by, set_at FROM settings ORDER BY name")
+        return {name: StoredSetting(*setting) for name, *setting in rows}
+
+    def keep_setting(self, name: str, setting: StoredSetting) -> None:
+        """Keep a setting in place of the one before."""
+        self._database.commit(("INSERT OR REPLACE INTO settings VALUES (?, ?, ?, ?, ?)", (name, *setting)))
+
+    def forget_setting(self, name: str) -> None:
+        """The configuration counts again."""
+        self._database.commit(("DELETE FROM settings WHERE name = ?", (name,)))
 
     def prune(self, kept: int) -> list[str]:
         """Forget all but the last `kept` runs that have ended; the ids of those that were forgotten."""

@@ -294,3 +294,14 @@ async def test_alarms_are_told_again_to_who_asks(plant: Plant) -> None:
             assert told.Retain is True
             with pytest.raises(ua.UaStatusCodeError, match="BadSubscriptionIdInvalid"):
                 await other.get_node("i=2782").call_method(refresh, number)
+
+
+async def test_mode_and_judgements_are_kept_over_a_restart(plant: Plant) -> None:
+    async with plant.server() as server, server.client(ENGINEER) as client:
+        assert (await call(client, "Resilience", "SetMode", "abort", 12.5, "abort")).status == 0
+    log = (plant.folder / plant.config.server.state_dir / "audit.log").read_text()
+    (line,) = [json.loads(line) for line in log.splitlines() if "Resilience.SetMode" in line]
+    assert (line["event"], line["user"], line["value"]) == ("call", ENGINEER[0], "['abort', 12.5, 'abort']")
+    async with plant.server() as server, server.client(OBSERVER) as client:
+        for name, expected in (("Mode", "abort"), ("Limit", 12_500.0), ("OnLimit", "abort")):
+            assert await value(client, f"Resilience.{name}") == expected

@@ -282,12 +282,12 @@ class ScenarioMethods:
             raise JudgementsInvalid([f"{len(pairs)} pairs were given with {len(values)} values"])
         judgements: dict[tuple[str, str], float] = {}
         for pair, value in zip(pairs, values, strict=True):
-            one, _, other = pair.partition("/")
+            one, _, other = [part.strip() for part in pair.partition("/")]
             if (one, other) in judgements:
                 raise JudgementsInvalid([f"{pair} was given twice"])
-            judgements[one.strip(), other.strip()] = value
+            judgements[one, other] = value
         settings = replace(self._service.settings, judgements=judgements)
-        self._service.set_settings(settings)
+        self._service.set_settings(settings, _caller().name)
         self._view.show_settings(settings)
         _log.info("judgements set", by=_caller().name)
         weights = weigh([criterion.name for criterion, _ in settings.criteria], judgements)
@@ -305,7 +305,7 @@ class ScenarioMethods:
             limit_s=limit_s or settings.limit_s,
             on_limit=OnLimit(on_limit) if on_limit else settings.on_limit,
         )
-        self._service.set_settings(settings)
+        self._service.set_settings(settings, _caller().name)
         self._view.show_settings(settings)
         _log.info("mode set", mode=mode, by=_caller().name)
         return ()

@@ -39,6 +39,7 @@ from ua_fleet.scenario import FleetView, RobotView, Scenario, Value
 from ua_fleet.scenario.dry_run import DryRun, dry_run
 from ua_fleet.scenario.facts import Fact, RunEnded, RunOutcome, TaskOutcome
 from ua_fleet.server.scenarios.finding import FaultFinder
+from ua_fleet.server.scenarios.kept_settings import KeptSettings
 from ua_fleet.server.scenarios.library import Checked, Library, Listed, ScenarioUnknown, read_values
 from ua_fleet.server.scenarios.records import RunRecord
 from ua_fleet.server.scenarios.requests import Requests, TaskRequests
@@ -110,6 +111,7 @@ class ScenarioService:
         self._show, self._forgotten, self._sooner = show, forgotten, sooner
         self._clock, self._wall_s = clock, wall_s
         self._robots = {robot.name: robot for robot in model.robots}
+        self._settings = KeptSettings(config.resilience.settings(), journal)
         self._own = {
             data_set.topic: tuple([field.key for field in data_set.fields])
             for data_set in model.data_sets()
@@ -124,7 +126,7 @@ class ScenarioService:
         """Outputs that are carried out once their facts are written."""
         self._changed_faults: dict[str, Fault] = {}
         self._orchestrator = Orchestrator(
-            config.resilience.settings(),
+            self._settings.current,
             self.fleet,
             self._values.look_up,
             lambda run_id, fact: self._unwritten.append((run_id, fact)),
@@ -311,8 +313,13 @@ class ScenarioService:
         self._robot(robot)
         return self._orchestrator.what_if(robot)
 
-    def set_settings(self, settings: ResilienceSettings) -> None:
-        """Other judgements or modes; open decisions are ranked again."""
+    def set_settings(self, settings: ResilienceSettings, by: str) -> None:
+        """Other judgements or modes, also after a restart; open decisions are ranked again.
+
+        Raises:
+            StorageUnavailable: it cannot be kept, and nothing has changed.
+        """
+        self._settings.keep(settings, by, self._wall_s())
         self._do(self._orchestrator.set_settings(settings, self._wall_s()))
 
     def raise_fault(self, robot: str, reason: str) -> None:

@@ -1,0 +1,38 @@
+"""Values in Modbus registers: where they lie, how they are converted, and in how few requests they are read. Pure.
+
+Both sides stand on it: the bridge that reads PLCs, and the server that PLCs read. Nothing here knows a socket, a
+library of Modbus or `fleet.yaml`.
+"""
+
+from ua_fleet.registers.convert import (
+    Cell,
+    RegisterUnfit,
+    cast,
+    decode,
+    encode,
+    fit_problem,
+    make_decoder,
+    make_encoder,
+)
+from ua_fleet.registers.model import LAST_ADDRESS, Order, Register, RegisterType, Span, Table
+from ua_fleet.registers.plan import Limits, fits_device, plan_reads
+
+__all__ = [
+    "LAST_ADDRESS",
+    "Cell",
+    "Limits",
+    "Order",
+    "Register",
+    "RegisterType",
+    "RegisterUnfit",
+    "Span",
+    "Table",
+    "cast",
+    "decode",
+    "encode",
+    "fit_problem",
+    "fits_device",
+    "make_decoder",
+    "make_encoder",
+    "plan_reads",
+]

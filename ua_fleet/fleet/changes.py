@@ -4,11 +4,21 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-from ua_fleet.fleet.model import DataSetModel
+from ua_fleet.fleet.model import DataSetModel, RobotModel
 from ua_fleet.topics import Topic
 from ua_fleet.values import NodeId
 
-__all__ = ["Change", "Noticed", "SourceAdded", "SourceQuarantined", "SourceRemoved", "ValueChanged"]
+__all__ = [
+    "Change",
+    "Noticed",
+    "RobotAdded",
+    "RobotRemoved",
+    "SourceAdded",
+    "SourceQuarantined",
+    "SourceReleased",
+    "SourceRemoved",
+    "ValueChanged",
+]
 
 
 class ValueChanged(NamedTuple):
@@ -46,6 +56,24 @@ class SourceQuarantined(NamedTuple):
     reason: str
 
 
+class SourceReleased(NamedTuple):
+    """A source is not listed any more, since a robot has it now."""
+
+    topic: Topic
+
+
+class RobotAdded(NamedTuple):
+    """A robot that `fleet.yaml` does not name gets nodes. Precedes the values of its sources."""
+
+    robot: RobotModel
+
+
+class RobotRemoved(NamedTuple):
+    """The nodes of such a robot are gone."""
+
+    robot: RobotModel
+
+
 class Noticed(NamedTuple):
     """Something for the log, said once until it has changed."""
 
@@ -54,4 +82,13 @@ class Noticed(NamedTuple):
     topic: Topic | None = None
 
 
-Change = ValueChanged | SourceAdded | SourceRemoved | SourceQuarantined | Noticed
+Change = (
+    ValueChanged
+    | SourceAdded
+    | SourceRemoved
+    | SourceQuarantined
+    | SourceReleased
+    | RobotAdded
+    | RobotRemoved
+    | Noticed
+)

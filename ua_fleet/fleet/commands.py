@@ -7,17 +7,17 @@ write of the same field makes a second one, since none may be lost.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import Any, Final, NamedTuple
 
 from ua_fleet.fleet.check import misfit
-from ua_fleet.fleet.model import DataSetModel, FleetModel
+from ua_fleet.fleet.model import DataSetModel, FleetModel, RobotModel
 from ua_fleet.pubsub.metadata import make_field
 from ua_fleet.topics import Topic
 from ua_fleet.values import ARRAY, DIMENSIONS, BuiltinType, Matrix, NodeId, StatusCode
 from ua_fleet.wire.messages import FieldMetaData
 
-__all__ = ["Commands", "Publication"]
+__all__ = ["Commands", "Publication", "metadata_of"]
 
 MAX_BYTES: Final = 60_000
 """Most bytes of a DataSet's values: it has to fit into one datagram."""
@@ -56,33 +56,40 @@ class Commands:
 
     def __init__(self, model: FleetModel) -> None:
         """Take the configured initial values."""
-        self._data_sets: list[_DataSet] = []
+        self._data_sets: dict[Topic, _DataSet] = {}
         self._fields: dict[NodeId, tuple[_DataSet, int]] = {}
         for data_set in model.data_sets():
-            if not data_set.writable:
-                continue
-            state = _DataSet(data_set)
-            self._data_sets.append(state)
-            for index, field in enumerate(data_set.fields):
-                self._fields[field.key] = state, index
-                if field.initial is not None:
-                    state.types[index], state.values[index] = field.type, field.initial
+            if data_set.writable:
+                self._add(data_set)
+
+    def add(self, robot: RobotModel, wall_ticks: int) -> list[Publication]:
+        """Know the data for a robot; what has a value from the start is to be published, once it is announced."""
+        added = [self._add(data_set) for data_set in robot.data_sets if data_set.writable]
+        return _initial(added, wall_ticks)
+
+    def remove(self, robot: RobotModel) -> None:
+        """Forget the data for a robot."""
+        for data_set in robot.data_sets:
+            self._data_sets.pop(data_set.topic, None)
+            for field in data_set.fields:
+                self._fields.pop(field.key, None)
+
+    def _add(self, data_set: DataSetModel) -> _DataSet:
+        state = self._data_sets[data_set.topic] = _DataSet(data_set)
+        for index, field in enumerate(data_set.fields):
+            self._fields[field.key] = state, index
+            if field.initial is not None:
+                state.types[index], state.values[index] = field.type, field.initial
+        return state
 
     def sources(self) -> Iterator[tuple[DataSetModel, tuple[FieldMetaData, ...]]]:
         """What is to be announced: each DataSet with the metadata of its fields."""
-        for state in self._data_sets:
-            yield state.model, _metadata(state.model)
+        for state in self._data_sets.values():
+            yield state.model, metadata_of(state.model)
 
     def initial(self, wall_ticks: int) -> list[Publication]:
         """The DataSets that have a value from the start."""
-        publications: list[Publication] = []
-        for state in self._data_sets:
-            written = [index for index, kind in enumerate(state.types) if kind != _STATUS]
-            if written:
-                state.newest = wall_ticks
-                state.pending = dict.fromkeys(written, wall_ticks)
-                publications.append(state.publication())
-        return publications
+        return _initial(self._data_sets.values(), wall_ticks)
 
     def check(self, key: NodeId, type_code: int, value: Any) -> StatusCode:
         """Whether a client may write this value to this node."""
@@ -125,11 +132,25 @@ class Commands:
 
     def flush(self) -> list[Publication]:
         """The DataSets that were written since the last time."""
-        return [state.publication() for state in self._data_sets if state.pending]
+        return [state.publication() for state in self._data_sets.values() if state.pending]
 
 
-def _metadata(model: DataSetModel) -> tuple[FieldMetaData, ...]:
-    """The message type is announced where it has fields of these names; a single field has a std_msgs type anyway."""
+def _initial(states: Iterable[_DataSet], wall_ticks: int) -> list[Publication]:
+    publications: list[Publication] = []
+    for state in states:
+        written = [index for index, kind in enumerate(state.types) if kind != _STATUS]
+        if written:
+            state.newest = wall_ticks
+            state.pending = dict.fromkeys(written, wall_ticks)
+            publications.append(state.publication())
+    return publications
+
+
+def metadata_of(model: DataSetModel) -> tuple[FieldMetaData, ...]:
+    """What is announced of a DataSet.
+
+    The message type is announced where it has fields of these names; a single field has a std_msgs type anyway.
+    """
     properties: dict[str, str] = {}
     is_flat = all(field.path is None or field.path == field.name for field in model.fields)
     if model.message_type is not None and not model.is_single and is_flat:

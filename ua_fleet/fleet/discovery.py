@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from ua_fleet.fleet.changes import Change, Noticed, SourceAdded, SourceQuarantined, SourceRemoved
+from ua_fleet.fleet.changes import Change, Noticed, SourceAdded, SourceQuarantined, SourceReleased, SourceRemoved
 from ua_fleet.fleet.model import DataSetModel, FieldModel, UnknownSources
 from ua_fleet.pubsub.metadata import field_property, type_code
 from ua_fleet.topics import Topic
@@ -95,6 +95,14 @@ class Discovery:
             changes.append(SourceQuarantined(topic, name, message_type_of(metadata), made))
             changes.append(Noticed(True, f"{topic.name} ({name}) has no nodes: {made}", topic))
         return None, changes
+
+    def forget(self, topic: Topic) -> list[Change]:
+        """A robot has this source from now on."""
+        known = self._known.pop(topic, None)
+        if known is None:
+            return []
+        self._is_full = False
+        return [SourceReleased(topic) if known[1] is None else SourceRemoved(known[1])]
 
     def _refuse(self, topic: Topic) -> list[Change]:
         if self._is_full:

@@ -58,13 +58,15 @@ class BridgeStatus:
 class RobotStatus:
     """Whether a robot can be reached: while any of its own sources is alive.
 
-    A robot without sources of its own can be reached while its bridge can.
+    A robot without sources of its own can be reached while its bridge can; without a bridge that is known, while its
+    SkillStatus is heard. Offline goes before Faulted, and that before Busy.
     """
 
     __slots__ = (
         "alive",
         "bridge",
         "busy",
+        "faulted",
         "last_update",
         "model",
         "shown",
@@ -77,10 +79,14 @@ class RobotStatus:
     def __init__(self, model: RobotModel, bridge: BridgeStatus | None) -> None:
         self.model = model
         self.bridge = bridge
-        self.sources = sum(not data_set.writable for data_set in model.data_sets)
+        self.sources = tuple([data_set.topic for data_set in model.data_sets if not data_set.writable])
+        if not self.sources and bridge is None and model.skill_status is not None:
+            self.sources = (model.skill_status,)
         self.alive = 0
         self.busy = False
         """Whether it runs a skill."""
+        self.faulted = False
+        """Whether it has a fault that is more than its silence."""
         self.silent: set[str] = set()
         """Names of the sources that have been alive and are not."""
         self.told_silent: set[str] = set()
@@ -100,7 +106,9 @@ class RobotStatus:
     def state(self, wall_ticks: int) -> list[Change]:
         """State, where it has changed."""
         is_online = self.alive > 0 if self.sources else self.bridge is not None and bool(self.bridge.online)
-        state = (RobotState.BUSY if self.busy else RobotState.IDLE) if is_online else RobotState.OFFLINE
+        state = RobotState.OFFLINE
+        if is_online:
+            state = RobotState.FAULTED if self.faulted else RobotState.BUSY if self.busy else RobotState.IDLE
         if state is self.shown:
             return []
         self.shown = state

@@ -100,6 +100,8 @@ class DataSetModel:
     """Whether the DataSet is a Variable; otherwise it is an Object with a Variable for each field."""
     message_type: str | None = None
     """Type of the robot's own topic that clients' data is written to, as `pkg/Name`."""
+    for_clients: bool = True
+    """Whether clients write it where it originates in the server; else the server itself says it."""
 
     @property
     def key(self) -> NodeId:
@@ -109,7 +111,7 @@ class DataSetModel:
     @property
     def writable(self) -> bool:
         """Whether clients may write it: only what originates in the server."""
-        return self.topic.space == SERVER_SPACE
+        return self.topic.space == SERVER_SPACE and self.for_clients
 
 
 @dataclass(frozen=True, slots=True)
@@ -144,7 +146,22 @@ class RobotModel:
         if self.skill_status is None:
             return None
         text = "The last executions of the robot's skills, the oldest first."
-        return DataSetModel(self.skill_status, "SkillStatus", self.skill_status_fields, text, is_single=False)
+        fields = self.skill_status_fields
+        return DataSetModel(self.skill_status, "SkillStatus", fields, text, is_single=False, for_clients=False)
+
+    def actions(self) -> Iterator[Topic]:
+        """The Actions of its skills."""
+        if self.skill_status is not None:
+            for skill in self.skills:
+                yield Topic(self.skill_status.space, self.ns, skill.id)
+
+    def all_data_sets(self) -> Iterator[DataSetModel]:
+        """Its data, and what it says of its skills and faults."""
+        yield from self.data_sets
+        if (status := self.skill_status_data) is not None:
+            yield status
+        if self.fault is not None:
+            yield self.fault
 
 
 @dataclass(frozen=True, slots=True)
@@ -182,11 +199,7 @@ class FleetModel:
     def data_sets(self) -> Iterator[DataSetModel]:
         """All configured DataSets, those of skills' and bridges' status included."""
         for robot in self.robots:
-            yield from robot.data_sets
-            if (status := robot.skill_status_data) is not None:
-                yield status
-            if robot.fault is not None:
-                yield robot.fault
+            yield from robot.all_data_sets()
         for bridge in self.bridges:
             if bridge.status is not None:
                 yield bridge.status

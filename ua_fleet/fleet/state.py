@@ -15,10 +15,10 @@ from __future__ import annotations
 from typing import Final
 
 from ua_fleet.counters import Counters, Drop
-from ua_fleet.fleet.changes import Change, Noticed, SourceAdded, SourceRemoved
+from ua_fleet.fleet.changes import Change, Noticed, RobotAdded, RobotRemoved, SourceAdded, SourceRemoved
 from ua_fleet.fleet.discovery import Discovery
 from ua_fleet.fleet.members import BridgeStatus, RobotStatus, Traffic
-from ua_fleet.fleet.model import FleetModel, UnknownSources
+from ua_fleet.fleet.model import DataSetModel, FleetModel, RobotModel, UnknownSources
 from ua_fleet.fleet.source import Source
 from ua_fleet.pubsub.events import (
     DataReceived,
@@ -64,17 +64,11 @@ class FleetState:
         self._discovered: set[Topic] = set()
         self._silent_strangers: set[Topic] = set()
         self._bridges = [BridgeStatus(bridge) for bridge in model.bridges]
-        by_name = {bridge.model.name: bridge for bridge in self._bridges}
-        self._robots = [RobotStatus(robot, by_name.get(robot.bridge)) for robot in model.robots]
-        self._robot_of = {
-            data_set.topic: robot
-            for robot in self._robots
-            for data_set in robot.model.data_sets
-            if not data_set.writable
-        }
-        self._robot_of_skills = {
-            robot.model.skill_status: robot for robot in self._robots if robot.model.skill_status is not None
-        }
+        self._bridge_named = {bridge.model.name: bridge for bridge in self._bridges}
+        self._robots: dict[str, RobotStatus] = {}
+        self._robot_of: dict[Topic, RobotStatus] = {}
+        """By the sources that a robot can be reached by."""
+        self._robot_of_skills: dict[Topic, RobotStatus] = {}
         self._bridge_of = {
             bridge.model.status.topic: bridge for bridge in self._bridges if bridge.model.status is not None
         }
@@ -82,9 +76,11 @@ class FleetState:
         for bridge in self._bridges:
             self._bridges_in.setdefault(bridge.model.space, []).append(bridge)
         self._traffic = Traffic(model)
-        for data_set in model.data_sets():
-            self._sources[data_set.topic] = Source(data_set)
-            self._claims[data_set.topic.ns, data_set.topic.id] = data_set.topic
+        for bridge_model in model.bridges:
+            if bridge_model.status is not None:
+                self._claim(bridge_model.status)
+        for robot in model.robots:
+            self._add(robot)
 
     @property
     def sources(self) -> int:
@@ -113,14 +109,50 @@ class FleetState:
         changes: list[Change] = []
         for bridge in self._bridges:
             changes += bridge.tick(wall_ticks)
-        for robot in self._robots:
+        for robot in self._robots.values():
             changes += robot.tick(wall_ticks)
         return changes + self._traffic.tick(self._counters, wall_ticks)
 
+    def owner(self, ns: int, identifier: int) -> Topic | None:
+        """The source that has this id."""
+        return self._claims.get((ns, identifier))
+
+    def knows(self, topic: Topic) -> bool:
+        """Whether a source belongs to a robot or a bridge, so that no policy decides on it."""
+        return topic in self._sources and topic not in self._discovered
+
+    def add_robot(self, robot: RobotModel) -> list[Change]:
+        """Know a robot from now on. Sources of it that were discovered before are its own now."""
+        changes: list[Change] = []
+        for data_set in robot.all_data_sets():
+            changes += self._discovery.forget(data_set.topic)
+            self._discovered.discard(data_set.topic)
+            self._silent_strangers.discard(data_set.topic)
+        self._add(robot)
+        return [*changes, RobotAdded(robot)]
+
+    def remove_robot(self, name: str) -> list[Change]:
+        """Forget a robot."""
+        status = self._robots.pop(name)
+        for data_set in status.model.all_data_sets():
+            topic = data_set.topic
+            del self._sources[topic], self._claims[topic.ns, topic.id]
+            self._robot_of.pop(topic, None)
+            self._robot_of_skills.pop(topic, None)
+        return [RobotRemoved(status.model)]
+
+    def set_faulted(self, robot: str, faulted: bool, wall_ticks: int) -> list[Change]:
+        """A robot has a fault that is more than its silence, or none."""
+        status = self._robots.get(robot)
+        if status is None:
+            return []
+        status.faulted = faulted
+        return status.state(wall_ticks)
+
     def set_busy(self, skill_status: Topic, busy: bool, wall_ticks: int) -> list[Change]:
         """The robot of this SkillStatus runs a skill, or none."""
-        robot = self._robot_of_skills[skill_status]
-        if robot.busy == busy:
+        robot = self._robot_of_skills.get(skill_status)
+        if robot is None or robot.busy == busy:
             return []
         robot.busy = busy
         return robot.state(wall_ticks)
@@ -130,6 +162,19 @@ class FleetState:
         source = self._sources.get(topic)
         if source is not None:
             source.remember(timestamp)
+
+    def _add(self, robot: RobotModel) -> None:
+        status = self._robots[robot.name] = RobotStatus(robot, self._bridge_named.get(robot.bridge))
+        for data_set in robot.all_data_sets():
+            self._claim(data_set)
+        for topic in status.sources:
+            self._robot_of[topic] = status
+        if robot.skill_status is not None:
+            self._robot_of_skills[robot.skill_status] = status
+
+    def _claim(self, data_set: DataSetModel) -> None:
+        self._sources[data_set.topic] = Source(data_set)
+        self._claims[data_set.topic.ns, data_set.topic.id] = data_set.topic
 
     def _data(self, event: DataReceived, wall_ticks: int) -> list[Change]:
         topic, message, metadata = event
@@ -195,7 +240,7 @@ class FleetState:
         bridge = self._bridge_of.get(topic)
         if bridge is not None:
             changes += bridge.set_online(source.alive, wall_ticks)
-            for one in self._robots:
+            for one in self._robots.values():
                 if one.bridge is bridge:
                     changes += one.state(wall_ticks)
             return changes

@@ -151,6 +151,18 @@ class Subscriber:
             return self._receive_action(message, sender)
         return [] if isinstance(message, NetworkMessage) else self._receive_announcement(message)
 
+    def known(self, topic: Topic) -> list[SubscriberEvent]:
+        """What was heard of a source last, for one who begins to follow it now."""
+        writer = self._writers.get(topic)
+        if writer is None or writer.metadata is None:
+            return []
+        events: list[SubscriberEvent] = [MetaDataReceived(topic, writer.metadata)]
+        if writer.last_frame is not None:
+            events.append(DataReceived(topic, writer.last_frame, writer.metadata))
+        if writer.silent:
+            events.append(SourceSilent(topic))
+        return events
+
     def want_action(self, publisher_id: int, data_set_writer_id: int, now: float) -> bool:
         """Ask for the Actions of a DataSetWriter until they are announced; False if there are too many wishes.
 

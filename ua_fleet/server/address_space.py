@@ -36,6 +36,7 @@ from ua_fleet.server.nodes import ORGANIZES, paused_collection
 from ua_fleet.server.nodeset import TypeId
 from ua_fleet.server.parts import STANDARD, NodeParts
 from ua_fleet.server.skills.nodes import SkillNodes
+from ua_fleet.topics import Topic
 from ua_fleet.values import ARRAY, BuiltinType, NodeId, QualifiedName
 
 __all__ = ["FleetNodes"]
@@ -44,6 +45,7 @@ _OBJECTS: Final = raw_id(ObjectIds.ObjectsFolder)
 _UINT64: Final = int(BuiltinType.UINT64)
 _ROBOTS: Final = "Fleet.Robots"
 _SOURCES: Final = "Fleet.Discovered.Sources"
+_QUARANTINE: Final = "Fleet.Discovered.Quarantine"
 
 
 class FleetNodes:
@@ -57,6 +59,7 @@ class FleetNodes:
         self.values = self._parts.values
         """What holds the value of a node."""
         self._parents: dict[NodeId, ua.NodeId] = {}
+        self._quarantined: dict[Topic, ua.NodeId] = {}
         self._capabilities: dict[str, ua.NodeId] = {}
         self._skills = SkillNodes(self._parts)
 
@@ -101,8 +104,8 @@ class FleetNodes:
         """Remove the nodes of a robot, and the capacities that no other robot has."""
         await self._parts.remove(node_id(robot.key))
         self._parts.leave(_ROBOTS, self._parents.pop(robot.key))
-        for data_set in robot.data_sets:
-            self._parents.pop(data_set.key, None)
+        for data_set in robot.all_data_sets():
+            del self._parents[data_set.key]
         for capacity in robot.capacities:
             known = self._capabilities[capacity]
             if not self._parts.builder.is_referenced(known, self._parts.types[TypeId.PROVIDES_CAPABILITY]):
@@ -112,16 +115,22 @@ class FleetNodes:
     def add_quarantined(self, source: SourceQuarantined) -> None:
         """List a source that gets no nodes."""
         topic = source.topic.name
+        group = self._quarantined[source.topic] = self._parts.group(_QUARANTINE)
         parent = self._parts.object(
-            f"Fleet.Discovered.Quarantine.{topic}",
+            f"{_QUARANTINE}.{topic}",
             topic,
-            self._parts.group("Fleet.Discovered.Quarantine"),
+            group,
             TypeId.QUARANTINED_SOURCE,
             own_name=True,
             display_name=source.name or topic,
         )
         for name, text in (("Topic", topic), ("MessageType", source.message_type), ("Reason", source.reason)):
-            self._parts.property(f"Fleet.Discovered.Quarantine.{topic}.{name}", name, parent, BuiltinType.STRING, text)
+            self._parts.property(f"{_QUARANTINE}.{topic}.{name}", name, parent, BuiltinType.STRING, text)
+
+    async def remove_quarantined(self, topic: Topic) -> None:
+        """List a source no more."""
+        await self._parts.remove(self._parts.id(f"{_QUARANTINE}.{topic.name}"))
+        self._parts.leave(_QUARANTINE, self._quarantined.pop(topic))
 
     def _add_robot(self, robot: RobotModel) -> None:
         prefix = f"Robots.{robot.name}"

@@ -19,10 +19,10 @@ from ua_fleet.config.schema import FleetConfig
 from ua_fleet.config.security import envelope_of, keys_needed, weaknesses
 from ua_fleet.counters import Counters, Drop
 from ua_fleet.errors import LocalWireError
-from ua_fleet.fleet.changes import Change, Noticed, SourceRemoved, ValueChanged
+from ua_fleet.fleet.changes import Change, Noticed, RobotRemoved, SourceRemoved, ValueChanged
 from ua_fleet.fleet.coalesce import Coalescer
-from ua_fleet.fleet.commands import Commands, Publication
-from ua_fleet.fleet.model import FleetModel
+from ua_fleet.fleet.commands import Commands, Publication, metadata_of
+from ua_fleet.fleet.model import FleetModel, RobotModel
 from ua_fleet.fleet.state import FleetState
 from ua_fleet.keys.keeper import KeysKept, keep_keys
 from ua_fleet.keys.source import KeySource
@@ -49,7 +49,7 @@ from ua_fleet.server.scenarios.view import ScenarioView
 from ua_fleet.server.skills.tracker import SkillChange, SkillTracker
 from ua_fleet.skill.executions import Outcome
 from ua_fleet.skill.journal import RequestorJournal
-from ua_fleet.topics import SERVER_SPACE, loop_verdict
+from ua_fleet.topics import SERVER_SPACE, Topic, loop_verdict
 from ua_fleet.transport.base import Address, Transport
 from ua_fleet.values import ticks_from_unix_ns
 from ua_fleet.wire import Codec
@@ -182,6 +182,46 @@ class Hub:
                 self._scenarios[0].go_on()
             await self._announce()
 
+    def add_robot(self, robot: RobotModel) -> None:
+        """Know a robot from now on, with what was heard of it before; its nodes follow in order with all else."""
+        now, wall = asyncio.get_running_loop().time(), wall_ticks()
+        self._take(self._state.add_robot(robot), now)
+        self.tracker.add(robot)
+        initial = self.commands.add(robot, wall)
+        if self._scenarios is not None:
+            self._scenarios[0].add_robot(robot)
+        for data_set in robot.data_sets:
+            if data_set.writable:
+                fields = metadata_of(data_set)
+                self._send(self._publisher.announce(data_set.topic, data_set.name, fields, now=now, wall_ticks=wall))
+        for publication in initial:
+            self.publish(publication)
+        for data_set in robot.all_data_sets():
+            self._handle(self._subscriber.known(data_set.topic), now)
+        for action in robot.actions():
+            self.skills.want(action)
+        self.check_deadline()
+
+    def remove_robot(self, robot: RobotModel) -> None:
+        """Forget a robot that does nothing."""
+        if self._scenarios is not None:
+            self._scenarios[0].remove_robot(robot.name)
+        self.commands.remove(robot)
+        self.tracker.remove(robot)
+        for data_set in robot.data_sets:
+            if data_set.writable:
+                self._publisher.retire(data_set.topic)
+        self._take(self._state.remove_robot(robot.name), asyncio.get_running_loop().time())
+
+    def owner_of(self, ns: int, identifier: int) -> Topic | None:
+        """The source that has an id."""
+        return self._state.owner(ns, identifier)
+
+    def set_faulted(self, robot: str, faulted: bool) -> None:
+        """A robot has a fault that is more than its silence, or none."""
+        changes = self._state.set_faulted(robot, faulted, wall_ticks())
+        self._take(changes, asyncio.get_running_loop().time())
+
     def describe(self, endpoints: tuple[EndpointDescription, ...]) -> None:
         """Tell the server's Endpoints to who asks for them on PubSub."""
         self._publisher.describe(server_application(self._config, endpoints))
@@ -287,8 +327,11 @@ class Hub:
             elif isinstance(change, Noticed):
                 (_log.warning if change.is_problem else _log.info)(change.text)
             else:
-                if isinstance(change, SourceRemoved):
-                    self._coalescer.forget(field.key for field in change.data_set.fields)
+                gone = [change.data_set] if isinstance(change, SourceRemoved) else []
+                if isinstance(change, RobotRemoved):
+                    gone += change.robot.all_data_sets()
+                for data_set in gone:
+                    self._coalescer.forget(field.key for field in data_set.fields)
                 self._projection.put(change)
 
     async def _keep_time(self) -> None:

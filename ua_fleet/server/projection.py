@@ -10,7 +10,16 @@ from collections.abc import Awaitable, Callable
 from datetime import UTC, datetime
 from typing import Final
 
-from ua_fleet.fleet.changes import Change, SourceAdded, SourceQuarantined, SourceRemoved, ValueChanged
+from ua_fleet.fleet.changes import (
+    Change,
+    RobotAdded,
+    RobotRemoved,
+    SourceAdded,
+    SourceQuarantined,
+    SourceReleased,
+    SourceRemoved,
+    ValueChanged,
+)
 from ua_fleet.server.address_space import FleetNodes
 from ua_fleet.server.convert import data_value
 from ua_fleet.server.skills.tracker import SkillTransitioned
@@ -40,13 +49,20 @@ class Projection:
         self._nodes = nodes
         self._now = now
         self._tell = tell
-        self._waiting: deque[Change | SkillTransitioned] = deque()
+        self._waiting: deque[Change | SkillTransitioned | asyncio.Future[None]] = deque()
         self._wake = asyncio.Event()
 
     def put(self, change: Change | SkillTransitioned) -> None:
         """Queue a change for `run`."""
         self._waiting.append(change)
         self._wake.set()
+
+    async def settled(self) -> None:
+        """Wait until all that was put before is written, which `run` does."""
+        written: asyncio.Future[None] = asyncio.get_running_loop().create_future()
+        self._waiting.append(written)
+        self._wake.set()
+        await written
 
     async def run(self) -> None:
         """Write what is put, until cancelled."""
@@ -86,13 +102,25 @@ class Projection:
                 for handle, tell in tuple(watchers.items()):
                     await tell(handle, value)
 
-    async def _apply(self, change: Change | SkillTransitioned) -> None:
-        if isinstance(change, SkillTransitioned):
-            if self._tell is not None:
-                await self._tell(change)
-        elif isinstance(change, SourceAdded):
-            self._nodes.add_source(change.data_set)
-        elif isinstance(change, SourceRemoved):
-            await self._nodes.remove_source(change.data_set)
-        elif isinstance(change, SourceQuarantined):
-            self._nodes.add_quarantined(change)
+    async def _apply(self, change: Change | SkillTransitioned | asyncio.Future[None]) -> None:
+        match change:
+            case SkillTransitioned():
+                if self._tell is not None:
+                    await self._tell(change)
+            case SourceAdded():
+                self._nodes.add_source(change.data_set)
+            case SourceRemoved():
+                await self._nodes.remove_source(change.data_set)
+            case SourceQuarantined():
+                self._nodes.add_quarantined(change)
+            case SourceReleased():
+                await self._nodes.remove_quarantined(change.topic)
+            case RobotAdded():
+                self._nodes.add_robot(change.robot)
+            case RobotRemoved():
+                await self._nodes.remove_robot(change.robot)
+            case asyncio.Future():
+                if not change.done():
+                    change.set_result(None)
+            case _:
+                pass

@@ -10,15 +10,14 @@ from ua_fleet.config.nodes import fleet_model
 from ua_fleet.scenario import read_scenario, validate
 from ua_fleet.scenario.dry_run import dry_run
 from ua_fleet.scenario.facts import RunOutcome
-from ua_fleet.server.scenarios.service import fleet_view
-from ua_fleet.server.scenarios.values import FleetValues
+from ua_fleet.server.scenarios.values import FleetValues, fleet_view
 
 
 def test_scenarios_fit_their_fleet_and_would_be_done(tmp_path: Path) -> None:
     (fleet,) = [block for block in blocks("yaml") if block.page.name == "scenarios.md"]
     (tmp_path / "fleet.yaml").write_text(fleet.text, encoding="utf-8")
     model = fleet_model(load(tmp_path / "fleet.yaml", {}))
-    view = fleet_view(model, FleetValues(model).meanings)
+    view = fleet_view(model.robots, FleetValues(model).meanings)
     scenarios = [block for block in blocks("yml") if block.page.name == "scenarios.md"]
     assert scenarios
     for block in scenarios:

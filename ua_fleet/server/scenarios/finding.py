@@ -6,10 +6,10 @@ from collections.abc import Iterable
 from typing import Final
 
 from ua_fleet.fleet.changes import ValueChanged
-from ua_fleet.fleet.model import FleetModel, RobotState
+from ua_fleet.fleet.model import FleetModel, RobotModel, RobotState
 from ua_fleet.orchestrator import Fault, FaultConditions, FaultFound, FaultRule
 from ua_fleet.scenario import Lookup
-from ua_fleet.values import Quality, quality_of
+from ua_fleet.values import NodeId, Quality, quality_of
 
 __all__ = ["ANNOUNCED", "SILENT", "FaultFinder"]
 
@@ -25,13 +25,31 @@ class FaultFinder:
 
     def __init__(self, model: FleetModel, rules: Iterable[FaultRule]) -> None:
         """Look after the robots of a model; none has been heard yet."""
-        self._states = {robot.part("State"): robot.name for robot in model.robots}
-        self._fault_keys = {robot.fault.key: robot.name for robot in model.robots if robot.fault is not None}
-        self._names = [robot.name for robot in model.robots]
+        self._states: dict[NodeId, str] = {}
+        self._fault_keys: dict[NodeId, str] = {}
+        self._names: set[str] = set()
         self._heard: set[str] = set()
         self._announced: dict[str, str] = {}
         """What robots say now; not of those whose program is silent."""
         self._conditions = FaultConditions(tuple(rules))
+        for robot in model.robots:
+            self.add(robot)
+
+    def add(self, robot: RobotModel) -> None:
+        """Look after a robot too."""
+        self._names.add(robot.name)
+        self._states[robot.part("State")] = robot.name
+        if robot.fault is not None:
+            self._fault_keys[robot.fault.key] = robot.name
+
+    def remove(self, robot: RobotModel) -> None:
+        """Look after a robot no more."""
+        self._names.discard(robot.name)
+        self._heard.discard(robot.name)
+        self._announced.pop(robot.name, None)
+        self._states.pop(robot.part("State"), None)
+        if robot.fault is not None:
+            self._fault_keys.pop(robot.fault.key, None)
 
     @property
     def has_conditions(self) -> bool:
@@ -73,7 +91,7 @@ class FaultFinder:
 
     def not_heard(self) -> list[FaultFound]:
         """Robots that had time enough since the start."""
-        return [FaultFound(robot, SILENT, True, "it is not heard") for robot in self._names if robot not in self._heard]
+        return [FaultFound(robot, SILENT, True, "it is not heard") for robot in sorted(self._names - self._heard)]
 
     def check(self, lookup: Lookup) -> list[FaultFound]:
         """Values of robots have changed."""

@@ -103,6 +103,17 @@ class TaskRequests:
         self._shown: dict[Topic, dict[str, tuple[ExecutionState, str, dict[str, Value]]]] = {}
         """The executions of each robot's last SkillStatus."""
 
+    def add(self, robot: RobotModel) -> None:
+        """A robot has come."""
+        if robot.skill_status is not None:
+            self._status_topics.add(robot.skill_status)
+
+    def remove(self, robot: RobotModel) -> None:
+        """A robot that does nothing is gone."""
+        if robot.skill_status is not None:
+            self._status_topics.discard(robot.skill_status)
+            self._shown.pop(robot.skill_status, None)
+
     def begin(self, task: TaskStarted) -> None:
         """Ask a robot, once: after a restart the same execution id is the same request."""
         robot = self._robots.get(task.robot)

@@ -35,7 +35,7 @@ from ua_fleet.orchestrator import (
 )
 from ua_fleet.pubsub.events import DataReceived
 from ua_fleet.resilience import Confirmation
-from ua_fleet.scenario import FleetView, RobotView, Scenario, Value
+from ua_fleet.scenario import Scenario, Value
 from ua_fleet.scenario.dry_run import DryRun, dry_run
 from ua_fleet.scenario.facts import Fact, RunEnded, RunOutcome, TaskOutcome
 from ua_fleet.server.scenarios.finding import FaultFinder
@@ -43,13 +43,13 @@ from ua_fleet.server.scenarios.kept_settings import KeptSettings
 from ua_fleet.server.scenarios.library import Checked, Library, Listed, ScenarioUnknown, read_values
 from ua_fleet.server.scenarios.records import RunRecord
 from ua_fleet.server.scenarios.requests import Requests, TaskRequests
-from ua_fleet.server.scenarios.values import FleetValues
+from ua_fleet.server.scenarios.values import FleetValues, fleet_view, own_fields
 from ua_fleet.skill.executions import Outcome
 from ua_fleet.storage.run_journal import RunJournal
 from ua_fleet.topics import Topic
 from ua_fleet.values import BuiltinType, NodeId
 
-__all__ = ["ScenarioService", "TooManyRuns", "fleet_view"]
+__all__ = ["ScenarioService", "TooManyRuns"]
 
 RETRY_S: Final = 1.0
 """After a journal that could not be written it is tried again after so long."""
@@ -63,15 +63,6 @@ _log: Any = structlog.get_logger("ua_fleet.scenarios")
 
 class TooManyRuns(ScenarioError):
     """As many runs are under way as may be."""
-
-
-def fleet_view(model: FleetModel, meanings: Mapping[str, int]) -> FleetView:
-    """What scenarios are held against."""
-    robots = {
-        robot.name: RobotView(robot.name, frozenset(robot.capacities), {skill.name: skill for skill in robot.skills})
-        for robot in model.robots
-    }
-    return FleetView(robots, meanings)
 
 
 class ScenarioService:
@@ -111,20 +102,16 @@ class ScenarioService:
         self._show, self._forgotten, self._sooner = show, forgotten, sooner
         self._clock, self._wall_s = clock, wall_s
         self._robots = {robot.name: robot for robot in model.robots}
-        self._settings = KeptSettings(config.resilience.settings(), journal)
-        self._own = {
-            data_set.topic: tuple([field.key for field in data_set.fields])
-            for data_set in model.data_sets()
-            if data_set.writable
-        }
+        self._own = own_fields(model.robots)
         self._values = FleetValues(model)
-        self.fleet = fleet_view(model, self._values.meanings)
+        self.fleet = fleet_view(model.robots, self._values.meanings)
         self.library = Library(folder)
         self._finder = FaultFinder(model, config.resilience.rules())
         self._unwritten: list[tuple[str, Fact]] = []
         self._held: list[Output] = []
         """Outputs that are carried out once their facts are written."""
         self._changed_faults: dict[str, Fault] = {}
+        self._settings = KeptSettings(config.resilience.settings(), journal)
         self._orchestrator = Orchestrator(
             self._settings.current,
             self.fleet,
@@ -352,6 +339,32 @@ class ScenarioService:
         self._do(self._orchestrator.acknowledge(fault_id, by, self._wall_s()), must_be_written=True)
 
     # Robots.
+
+    def add_robot(self, robot: RobotModel) -> None:
+        """A robot has come: scenarios may use it from now on."""
+        self._robots[robot.name] = robot
+        for part in (self._values, self._finder, self._tasks):
+            part.add(robot)
+        self._fleet_changed()
+
+    def remove_robot(self, name: str) -> None:
+        """A robot that no run uses is gone, with its faults."""
+        robot = self._robots[name]
+        for fault in self._orchestrator.faults.active(name):
+            self._do(self._orchestrator.fault_cleared(name, fault.source, self._wall_s()))
+        del self._robots[name]
+        for part in (self._values, self._finder, self._tasks):
+            part.remove(robot)
+        self._fleet_changed()
+
+    def users_of(self, robot: str) -> list[str]:
+        """Runs with tasks that a robot is at, or has ahead."""
+        return sorted({forecast.run_id for forecast in self._orchestrator.what_if(robot)})
+
+    def _fleet_changed(self) -> None:
+        self._own = own_fields(self._robots.values())
+        self.fleet = fleet_view(self._robots.values(), self._values.meanings)
+        self._do(self._orchestrator.fleet_changed(self.fleet, self._wall_s()))
 
     def value_changed(self, change: ValueChanged) -> None:
         """A node of the fleet has another value or status."""

@@ -8,12 +8,14 @@ from pathlib import Path
 
 from ua_fleet.config.schema import FleetConfig
 from ua_fleet.fleet.model import FleetModel
+from ua_fleet.orchestrator import FaultChanged, Output
 from ua_fleet.server.address_space import FleetNodes
 from ua_fleet.server.events import ServerEvents
 from ua_fleet.server.hardened import HardenedServer
 from ua_fleet.server.hub import Hub, wall_ticks
 from ua_fleet.server.parts import NodeParts
 from ua_fleet.server.projection import Projection
+from ua_fleet.server.scenarios.finding import SILENT
 from ua_fleet.server.scenarios.methods import ScenarioMethods
 from ua_fleet.server.scenarios.nodes import ScenarioNodes
 from ua_fleet.server.scenarios.service import ScenarioService
@@ -53,13 +55,21 @@ def add_scenarios(
     nodes = ScenarioNodes(parts, projection.put, wall_ticks)
     nodes.build()
     view = ScenarioView(nodes, ServerEvents(server.iserver), wall_ticks)
+
+    def show(output: Output) -> None:
+        view.show(output)
+        if isinstance(output, FaultChanged):
+            robot = output.fault.robot
+            faults = [fault for fault in service.faults if fault.robot == robot and fault.active]
+            hub.set_faulted(robot, any(fault.source != SILENT for fault in faults))
+
     service = ScenarioService(
         config,
         model,
         journal,
         hub.skills,
         folder=folder,
-        show=view.show,
+        show=show,
         forgotten=view.forget_run,
         requested=lambda key, execution_id: hub.show_skills(hub.tracker.requested(key, execution_id, wall_ticks())),
         sooner=hub.check_deadline,

@@ -46,6 +46,7 @@ _GROUPS: Final = {
     "decision": "Who takes over when a robot fails.",
     "skill": "What robots can do, and having them do it.",
     "pubsub": "OPC UA PubSub between the server and the bridges.",
+    "demo": "Demonstrations with real robots' programs.",
 }
 """Groups whose commands stand in one module each."""
 
@@ -74,7 +75,7 @@ def _build() -> typer.Typer:
         cert,
         config,
         decision,
-        demo,
+        demo_pal,
         keys,
         pubsub,
         pubsub_decode,
@@ -126,11 +127,11 @@ def _build() -> typer.Typer:
     _add(groups["decision"], "whatif", decision.whatif, decision.WHATIF_EXAMPLES)
     _add(groups["skill"], "list", skill.show, skill.LIST_EXAMPLES)
     _add(groups["skill"], "call", skill.call, skill.CALL_EXAMPLES)
+    _add(groups["demo"], "pal", demo_pal.pal, demo_pal.EXAMPLES)
     # A group of one command needs a callback, or typer takes the command for the group.
-    groups["pubsub"].callback()(_no_options)
+    groups["demo"].callback()(_no_options)
     for name, group in groups.items():
         whole.add_typer(group, name=name)
-    whole.add_typer(demo.app, name="demo")
     whole.callback()(_common)
     return whole
 

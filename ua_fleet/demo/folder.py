@@ -19,11 +19,12 @@ __all__ = ["claim_domain", "run_folder"]
 
 
 @contextmanager
-def run_folder(wanted: Path | None, *, keep: bool) -> Generator[Path]:
+def run_folder(wanted: Path | None, name: str, *, keep: bool) -> Generator[Path]:
     """A folder for one run.
 
     Args:
         wanted: the user's choice.
+        name: of the demonstration.
         keep: without a choice, use the one folder in `$XDG_STATE_HOME` that all such runs share, unless another run has
             it now. Otherwise a temporary one is made, and removed at the end.
     """
@@ -32,12 +33,12 @@ def run_folder(wanted: Path | None, *, keep: bool) -> Generator[Path]:
         return
     if keep:
         base = os.environ.get("XDG_STATE_HOME") or str(Path.home() / ".local" / "state")
-        shared = _made(Path(base) / "ua-fleet" / "demo-pal")
+        shared = _made(Path(base) / "ua-fleet" / f"demo-{name}")
         with ExitStack() as held:
             if _lock(shared / "lock", held):
                 yield shared
                 return
-    with tempfile.TemporaryDirectory(prefix="ua-fleet-pal-") as temporary:
+    with tempfile.TemporaryDirectory(prefix=f"ua-fleet-{name}-") as temporary:
         yield Path(temporary)
 
 

@@ -8,6 +8,7 @@ import os
 import shutil
 import signal
 import socket
+import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
@@ -115,6 +116,26 @@ class Processes:
                     await process.changed.wait()
         self.check()
         raise DemoFailed(f"{name} is not ready after {timeout_s:.0f} s; see {process.log}")
+
+    async def until(self, condition: Callable[[], bool], changed: asyncio.Event, timeout_s: float, what: str) -> None:
+        """Wait until a condition holds; raises DemoFailed when it does not in time, or a process ends.
+
+        Args:
+            condition: looked at whenever `changed` is set, which it clears.
+            changed: set by whoever takes in what the condition is about.
+            timeout_s: longest wait.
+            what: is waited for, for people.
+        """
+        deadline = time.monotonic() + timeout_s
+        while not condition():
+            changed.clear()
+            self.check()
+            left = deadline - time.monotonic()
+            if left <= 0:
+                raise DemoFailed(f"waited {timeout_s:.0f} s for {what}; see the logs in {self._log_folder}")
+            with contextlib.suppress(TimeoutError):
+                async with asyncio.timeout(min(left, 0.5)):
+                    await changed.wait()
 
     def check(self) -> None:
         """Raise DemoFailed if a process has ended, with the last line that it wrote."""

@@ -52,9 +52,8 @@ def test_each_command_explains_itself(command: str, invoke: Invoke) -> None:
     assert ended.code == 0
     assert f"Usage: ua-fleet {command} " in ended.stdout
     assert "--json" in ended.stdout
-    if command != "demo pal":
-        assert "Examples:\n  " in ended.stdout
-        assert f"ua-fleet {command}" in ended.stdout.partition("Examples:")[2]
+    assert "Examples:\n  " in ended.stdout
+    assert f"ua-fleet {command}" in ended.stdout.partition("Examples:")[2]
     assert "  --password " not in ended.stdout
 
 

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from ua_fleet.demo.pal.timeline import LineEvent, Timeline, percentiles
+from ua_fleet.demo.lines import LineEvent
+from ua_fleet.demo.pal.timeline import Timeline, percentiles
 
 START = 1000.0
 

@@ -3,33 +3,27 @@
 from __future__ import annotations
 
 import asyncio
-import json
-import sys
-import time
 from collections import Counter
 from collections.abc import Callable, Mapping
-from contextlib import aclosing
+from contextlib import AbstractAsyncContextManager, aclosing
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
-from ua_fleet.client import Change, ClientIdentity, FleetClient, NodeNotFound
-from ua_fleet.config.load import load
+from ua_fleet.client import Change, FleetClient, NodeNotFound
+from ua_fleet.demo.launch import START_TIMEOUT_S, Launch
+from ua_fleet.demo.lines import read_line
 from ua_fleet.demo.pal.setting import Setting
-from ua_fleet.demo.pal.timeline import LineEvent, Timeline
+from ua_fleet.demo.pal.timeline import Timeline
 from ua_fleet.demo.processes import DemoFailed, Processes
 from ua_fleet.errors import UaFleetError
-from ua_fleet.server.introduce import introduce_bridge
-from ua_fleet.server.users import Role, UserStore
 
-__all__ = ["USER", "PalResult", "run_pal"]
+__all__ = ["PalResult", "run_pal"]
 
-USER: Final = "operator"
 ROBOTS: Final = Path(__file__).resolve().parent / "robots"
 CONVEYOR_OFF_S: Final = 25.0
 LINE_TIMEOUT_S: Final = 180.0
 """The line's seconds after which covers that have not arrived are given up; a run takes about 100."""
-START_TIMEOUT_S: Final = 60.0
 
 CONVEYOR, ON_CONVEYOR, ON_TURTLEBOT = "ns=2;i=1001", "ns=2;i=1002", "ns=2;i=1003"
 JOINTS, POSE = "ns=2;s=1005.position", "ns=2;s=1013.pose.position.x"
@@ -47,6 +41,7 @@ class PalResult:
 class _Run:
     def __init__(self, setting: Setting, processes: Processes, say: Callable[[str], None]) -> None:
         self._setting, self._processes, self._say = setting, processes, say
+        self._launch = Launch(setting.site, processes, () if setting.loop_rule else ("--without-loop-rule",))
         self.timeline = Timeline(setting.speed)
         self._ready: set[str] = set()
         self.changed = asyncio.Event()
@@ -55,11 +50,9 @@ class _Run:
 
     def robot_says(self, line: str) -> None:
         """One line on the stdout of a robot's program."""
-        try:
-            said = json.loads(line)
-            event = LineEvent(float(said.pop("t")), str(said.pop("who")), str(said.pop("what")), said)
-        except (ValueError, KeyError, AttributeError):
-            return  # a library's own message; it stands in the log
+        event = read_line(line)
+        if event is None:
+            return
         if event.what == "is ready" or (event.who, event.what) == ("turtlebot3", "stands at the park"):
             self._ready.add(event.who)
         text = self.timeline.add(event)
@@ -89,45 +82,20 @@ class _Run:
 
     # The processes.
 
-    def _python(self, ros: int) -> str:
-        return str(self._setting.ros1_python) if ros == 1 else sys.executable
-
-    def _arm_domain(self) -> int | None:
-        return None if self._setting.arm_ros == 1 else self._setting.arm_space
-
-    async def _start_cli(self, name: str, ros: int, *args: str) -> None:
-        """Start `ua-fleet` with some arguments in the interpreter for ROS 1 or 2."""
-        setting = self._setting
-        environment = setting.robot_environment(None)
-        command = [self._python(ros), "-m", "ua_fleet.cli", *args, "--config", str(setting.config_file)]
-        if not setting.loop_rule:
-            command.append("--without-loop-rule")
-        await self._processes.start(name, command, environment)
-
-    async def _start_robot(self, name: str, script: str, ros: int, domain: int | None, *args: str) -> None:
-        command = [self._python(ros), str(ROBOTS / script), *args]
-        environment = self._setting.robot_environment(domain)
-        await self._processes.start(name, command, environment, self.robot_says, stdin=name == "operator")
-
     async def start_infrastructure(self) -> None:
         """Start the server, the ROS master and both bridges, and wait until they are ready."""
-        setting, processes = self._setting, self._processes
-        state = setting.folder / "state"
-        state.mkdir(mode=0o700, exist_ok=True)
-        store = UserStore(state / "users.yaml")
-        await asyncio.to_thread(store.add, USER, setting.password, Role.OPERATOR, replace_existing=True)
-        if setting.secure:
-            config = load(setting.config_file)
-            for bridge in config.bridges:
-                await introduce_bridge(config, setting.folder, bridge)
-        if setting.arm_ros == 1:
-            master = ["/usr/bin/env", "rosmaster", "--core", "-p", str(setting.master_port), "-w", "3"]
-            await processes.start("rosmaster", master, setting.robot_environment(None))
-        await self._start_cli("server", 2, "serve")
-        await self._start_cli("arm_side", setting.arm_ros, "bridge", "arm_side")
-        await self._start_cli("mobile_side", 2, "bridge", "mobile_side")
-        for name in ("server", "arm_side", "mobile_side"):
-            await processes.line_with(name, "ready", START_TIMEOUT_S)
+        launch = self._launch
+        await launch.prepare()
+        if self._setting.arm_ros == 1:
+            await launch.master()
+        await launch.server()
+        await launch.bridge("arm_side", self._setting.arm_ros)
+        await launch.bridge("mobile_side", 2)
+        await launch.ready("server", "arm_side", "mobile_side")
+
+    async def _start_robot(self, name: str, script: str, domain: int | None, *args: str) -> None:
+        has_stdin = name == "operator"
+        await self._launch.robot(name, ROBOTS / script, domain, *args, on_line=self.robot_says, stdin=has_stdin)
 
     async def start_robots(self) -> None:
         """Start the robots' programs; the arm begins by itself once it has heard of the park and the bucket."""
@@ -135,30 +103,22 @@ class _Run:
         speed = ("--speed", str(setting.speed))
         spaces = ("--space", str(setting.mobile_space), "--arm-space", str(setting.arm_space))
         arm_ros = ("--ros", str(setting.arm_ros))
-        domain = self._arm_domain()
-        await self._start_robot("operator", "operator_panel.py", setting.arm_ros, domain, *arm_ros)
-        await self._start_robot("human", "human.py", 2, setting.mobile_space, *spaces, *speed)
+        domain = None if setting.arm_ros == 1 else setting.arm_space
+        await self._start_robot("operator", "operator_panel.py", domain, *arm_ros)
+        await self._start_robot("human", "human.py", setting.mobile_space, *spaces, *speed)
         await self._until(lambda: {"operator", "human"} <= self._ready, START_TIMEOUT_S, "the human and the operator")
-        await self._start_robot("turtlebot3", "turtlebot3.py", 2, setting.mobile_space, *spaces, *speed)
+        await self._start_robot("turtlebot3", "turtlebot3.py", setting.mobile_space, *spaces, *speed)
         await self._until(lambda: "turtlebot3" in self._ready, START_TIMEOUT_S, "the TurtleBot3")
         arm_spaces = ("--space", str(setting.arm_space), "--turtlebot-space", str(setting.mobile_space))
-        await self._start_robot("ned", "ned.py", setting.arm_ros, domain, *arm_ros, *arm_spaces, *speed)
+        await self._start_robot("ned", "ned.py", domain, *arm_ros, *arm_spaces, *speed)
         await self._until(lambda: self.timeline.started is not None, START_TIMEOUT_S, "the arm")
 
+    def connect(self) -> AbstractAsyncContextManager[FleetClient]:
+        """The client that watches."""
+        return self._launch.connect()
+
     async def _until(self, condition: Callable[[], bool], timeout_s: float, what: str) -> None:
-        """Wait for something that the robots say; raises DemoFailed when it does not come or a process ends."""
-        deadline = time.monotonic() + timeout_s
-        while not condition():
-            self.changed.clear()
-            self._processes.check()
-            left = deadline - time.monotonic()
-            if left <= 0:
-                raise DemoFailed(f"waited {timeout_s:.0f} s for {what}; see the logs in {self._setting.folder / 'log'}")
-            try:
-                async with asyncio.timeout(min(left, 0.5)):
-                    await self.changed.wait()
-            except TimeoutError:
-                continue
+        await self._processes.until(condition, self.changed, timeout_s, what)
 
     async def until_delivered(self) -> list[str]:
         """Wait until all covers have arrived; what went wrong, if they do not."""
@@ -174,7 +134,7 @@ class _Run:
         if looped:
             problems = [*problems, f"{looped} messages were delivered twice to one place"]
         ros1 = self._setting.arm_ros == 1
-        report = self.timeline.report(looped=looped, drops=drops, ros1=ros1, secure=self._setting.secure)
+        report = self.timeline.report(looped=looped, drops=drops, ros1=ros1, secure=self._setting.site.secure)
         return PalResult(report, self.timeline.delay_table(ros1=ros1), problems)
 
 
@@ -208,7 +168,7 @@ async def run_pal(
     setting: Setting,
     *,
     say: Callable[[str], None],
-    started: Callable[[Setting], None],
+    started: Callable[[], None],
     finished: Callable[[PalResult], None],
     stay: bool,
 ) -> None:
@@ -224,14 +184,11 @@ async def run_pal(
     Raises:
         DemoFailed: a process did not start, ended too early, or the covers did not arrive in time.
     """
-    async with Processes(setting.folder / "log") as processes:
+    async with Processes(setting.site.folder / "log") as processes:
         run = _Run(setting, processes, say)
         await run.start_infrastructure()
-        started(setting)
-        identity = ClientIdentity(setting.folder / "client")
-        async with FleetClient.connect(
-            setting.endpoint, user=USER, password=setting.password, identity=identity, timeout_s=30
-        ) as client:
+        started()
+        async with run.connect() as client:
             await _with_client(client, run, processes, finished, stay=stay)
 
 

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
-__all__ = ["COVERS", "Cover", "LineEvent", "Timeline", "percentiles"]
+from ua_fleet.demo.lines import LineEvent
+
+__all__ = ["COVERS", "Cover", "Timeline", "percentiles"]
 
 COVERS = 4
 """Covers in the storage, as in Figure 7 of the paper."""
@@ -18,26 +20,6 @@ _QUIET = frozenset({"hears of the joints", "hears of the park", "hears of the bu
 PAPER_S = {"conveyor_off": 2.0, "counter_to_server": 4.0, "placed_to_move": 10.0}
 """The paper's delays in seconds (section V): between arm and server for the conveyor, from placing a cover to the
 counter in the server, and from placing a cover on the TurtleBot3 to its first move."""
-
-
-@dataclass(frozen=True, slots=True)
-class LineEvent:
-    """One fact. `t` is seconds since 1970, `what` as in the robots' programs."""
-
-    t: float
-    who: str
-    what: str
-    details: Mapping[str, Any] = field(default_factory=dict[str, Any])
-
-    def text(self) -> str:
-        """The event for people."""
-        shown = {k: v for k, v in self.details.items() if k != "delay_ms"}
-        suffix = ", ".join(f"{key} {_word(value)}" for key, value in shown.items())
-        return f"{self.who} {self.what}" + (f" ({suffix})" if suffix else "")
-
-
-def _word(value: object) -> str:
-    return {True: "yes", False: "no"}[value] if isinstance(value, bool) else str(value)
 
 
 @dataclass(slots=True)

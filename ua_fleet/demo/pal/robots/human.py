@@ -8,14 +8,11 @@ messages take from ROS 1 to ROS 2.
 from __future__ import annotations
 
 import argparse
-import sys
 import time
 from collections import deque
-from pathlib import Path
 from typing import Any
 
-sys.path.insert(0, str(Path(__file__).resolve().parent))
-from ros_node import RosNode, connect, report  # type: ignore[import-not-found,unused-ignore]
+from ua_fleet.demo.ros_node import RosNode, connect, report
 
 BELT_S = 4.0
 """Time that a cover lies on the running belt."""

@@ -9,14 +9,11 @@ from __future__ import annotations
 
 import argparse
 import math
-import sys
 import threading
 import time
-from pathlib import Path
 from typing import Any
 
-sys.path.insert(0, str(Path(__file__).resolve().parent))
-from ros_node import RosNode, connect, report  # type: ignore[import-not-found,unused-ignore]
+from ua_fleet.demo.ros_node import RosNode, connect, report
 
 COVERS = 4
 PICK_S = 3.0

@@ -5,10 +5,8 @@ from __future__ import annotations
 import argparse
 import sys
 import time
-from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).resolve().parent))
-from ros_node import connect, report  # type: ignore[import-not-found,unused-ignore]
+from ua_fleet.demo.ros_node import connect, report
 
 
 def main() -> None:

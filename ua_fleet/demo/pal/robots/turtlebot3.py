@@ -8,14 +8,11 @@ rises until the worker has taken the cover.
 from __future__ import annotations
 
 import argparse
-import sys
 import threading
 import time
-from pathlib import Path
 from typing import Any
 
-sys.path.insert(0, str(Path(__file__).resolve().parent))
-from ros_node import RosNode, connect, report  # type: ignore[import-not-found,unused-ignore]
+from ua_fleet.demo.ros_node import RosNode, connect, report
 
 WAY_TO_WORKER_S = 20.5
 WAY_TO_PARK_S = 20.5

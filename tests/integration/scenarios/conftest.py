@@ -71,6 +71,7 @@ class Plant:
             },
             "resilience": {"mode": mode, "limit_s": 60},
         }
+        raw["robots"]["left"]["data"] = {"go_on": {"id": 1300, "type": "Int32", "origin": "server", "initial": 1}}
         (folder / "fleet.json").write_text(json.dumps(raw))
         self.config = FleetConfig.model_validate(raw)
         (folder / "scenarios").mkdir()

@@ -9,37 +9,18 @@ import asyncio
 import logging
 import signal
 import sys
-from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
 import structlog
 
-from tests.contract.skilled import FIELDS, RESULTS, TARGET, Machine, SkilledDriver
+from tests.contract.skilled import Machine
 from tests.contract.virtual import Bus
-from ua_fleet.bridge import Skill, SkillTarget
+from tests.integration.scenarios.machines import RobotDriver
 from ua_fleet.bridge.runner import run_bridge
 from ua_fleet.cli.key_source import key_source_of
 from ua_fleet.config.schema import FleetConfig
-from ua_fleet.topics import Topic
 from ua_fleet.transport.udp import UdpTransport
-
-
-class RobotDriver(SkilledDriver):
-    """A machine with the ids of its robot."""
-
-    def __init__(self, config: FleetConfig, robot: str, bus: Bus, machine: Machine) -> None:
-        self._space, self._robot = config.space_of(robot), robot
-        super().__init__(self._space, bus, machine)
-        declared = config.robots[robot]
-        self._skill, self._status = declared.skills["work"].id, declared.skill_status_id
-
-    def skills(self) -> Sequence[Skill]:
-        """See SkillDriver."""
-        assert self._skill is not None
-        assert self._status is not None
-        targets = (SkillTarget(TARGET, self._robot, Topic(self._space, 2, self._status)),)
-        return (Skill(Topic(self._space, 2, self._skill), "work", targets, FIELDS, RESULTS),)
 
 
 async def main(path: Path, robot: str, machine: Path) -> int:

@@ -5,13 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from numbers import Integral, Real
-from typing import Any, Final, NamedTuple
+from typing import Any, NamedTuple
 
 from ua_bridges.ros.errors import ConversionError
 from ua_bridges.ros.mapping import FieldUnfit, cast_scalar, compile_path
 from ua_bridges.ros.schema import MessageSchema
 from ua_bridges.ros.sink import compile_sink
-from ua_bridges.ros.skills import ActionSkill, Constant, ServiceSkill, SkillSpec, StatusTopic, TopicSkill
+from ua_bridges.ros.skills import ARGUMENTS, ActionSkill, Constant, ServiceSkill, SkillSpec, StatusTopic, TopicSkill
 from ua_fleet.bridge.executing import Ended, ended_text
 from ua_fleet.config.schema import SkillConfig
 from ua_fleet.errors import ScenarioError, SkillRejected
@@ -26,8 +26,6 @@ __all__ = [
     "StatusReader",
     "fill_constants",
 ]
-
-_ARGUMENTS: Final = "arguments."
 
 Arguments = Mapping[str, Any]
 
@@ -87,8 +85,8 @@ class Condition:
         self._expression: Expression = parse_expression(text)
         self._follow: dict[str, Callable[[Any], Any]] = {}
         for name in sorted(self._expression.names):
-            if name.startswith(_ARGUMENTS):
-                if name.removeprefix(_ARGUMENTS) not in arguments:
+            if name.startswith(ARGUMENTS):
+                if name.removeprefix(ARGUMENTS) not in arguments:
                     raise ConversionError(name, f"{text!r}: the skill has no such argument")
                 continue
             self._follow[name] = follow = compile_path(name)
@@ -101,8 +99,8 @@ class Condition:
 
     def _lookup(self, message: Any, arguments: Arguments) -> Lookup:
         def lookup(name: str) -> Value:
-            if name.startswith(_ARGUMENTS):
-                return _plain(arguments[name.removeprefix(_ARGUMENTS)], name)
+            if name.startswith(ARGUMENTS):
+                return _plain(arguments[name.removeprefix(ARGUMENTS)], name)
             try:
                 return _plain(self._follow[name](message), name)
             except FieldUnfit as unfit:

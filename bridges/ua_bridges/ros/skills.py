@@ -12,14 +12,16 @@ message, and `arguments.<name>` over what was asked for.
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
-from typing import Annotated
+from typing import Annotated, Final
 
-from pydantic import AfterValidator, Field, model_validator
+from pydantic import AfterValidator, Field, ValidationError, model_validator
 
 from ua_fleet.bridge.configured import ConfiguredSkill, configured_skills
 from ua_fleet.config.base import FieldPath, Model
-from ua_fleet.config.schema import FleetConfig, QosConfig
+from ua_fleet.config.schema import FleetConfig, QosConfig, RobotConfig, SkillConfig
+from ua_fleet.document import KeyPath
 from ua_fleet.errors import ScenarioError
 from ua_fleet.fleet.skills import SkillLimits
 from ua_fleet.names import closest, listed
@@ -27,6 +29,7 @@ from ua_fleet.scenario.expression import parse_expression
 from ua_fleet.topics import SERVER_SPACE, Topic
 
 __all__ = [
+    "ARGUMENTS",
     "ActionSkill",
     "Constant",
     "RosSkillMapping",
@@ -34,8 +37,12 @@ __all__ = [
     "SkillSpec",
     "StatusTopic",
     "TopicSkill",
+    "skill_problems",
     "skill_specs",
 ]
+
+ARGUMENTS: Final = "arguments."
+"""What begins so in a condition is an argument of the skill."""
 
 
 def _expression(text: str) -> str:
@@ -186,25 +193,42 @@ class SkillSpec(ConfiguredSkill[RosSkillMapping]):
     def _way(self) -> TopicSkill | ServiceSkill | ActionSkill | None:
         return self.via.way if self.via is not None else None
 
-    def problems(self) -> list[str]:
-        """What in `via` names no argument or result of the skill."""
-        if self.via is None:
-            return []
-        way = self.via.way
-        response = way.status if isinstance(way, TopicSkill) else way
-        results = response.results if response is not None else {}
-        found: list[str] = []
-        for key, names, known in (
-            ("fields", way.fields, self.config.arguments),
-            ("results", results, self.config.results),
-        ):
-            for name in names:
-                if name not in known:
-                    what = "argument" if key == "fields" else "result"
-                    found.append(f"{key}: {self.name} has no {what} `{name}`; {closest(name, known)}".rstrip("; "))
-        if response is None and self.config.results:
-            found.append("results: a topic without `status` has none")
-        return found
+
+def skill_problems(robots: Mapping[str, RobotConfig]) -> Iterator[tuple[KeyPath, str, str]]:
+    """What in `via` of these robots' skills names no argument or result; as BridgeConfig.problems has it."""
+    for robot_name, robot in robots.items():
+        for name, skill in robot.skills.items():
+            try:
+                via = RosSkillMapping.model_validate(skill.via) if skill.via else None
+            except ValidationError:
+                continue  # that is a problem already
+            if via is not None:
+                yield from _via_problems(("robots", robot_name, "skills", name), name, skill, via)
+
+
+def _via_problems(
+    path: KeyPath, name: str, skill: SkillConfig, via: RosSkillMapping
+) -> Iterator[tuple[KeyPath, str, str]]:
+    way = via.way
+    inner: KeyPath = (*path, "via", next(key for key in ("topic", "service", "action") if getattr(via, key) is way))
+    response, of_response = (way.status, (*inner, "status")) if isinstance(way, TopicSkill) else (way, inner)
+    for argument in way.fields:
+        if argument not in skill.arguments:
+            said = f"{name} has no argument `{argument}`"
+            yield (*inner, "fields", argument), said, closest(argument, skill.arguments)
+    if response is None:
+        if skill.results:
+            yield (*path, "results"), "a topic without `status` brings no results", "add `status`, or remove them"
+        return
+    for result in response.results:
+        if result not in skill.results:
+            yield (*of_response, "results", result), f"{name} has no result `{result}`", closest(result, skill.results)
+    for key in ("running", "done", "failed", "progress", "success"):
+        text: str | None = getattr(response, key, None)
+        for used in sorted(parse_expression(text).names) if text is not None else ():
+            argument = used.removeprefix(ARGUMENTS)
+            if argument != used and argument not in skill.arguments:
+                yield (*of_response, key), f"{name} has no argument `{argument}`", closest(argument, skill.arguments)
 
 
 def skill_specs(config: FleetConfig, bridge_name: str) -> tuple[SkillSpec, ...]:

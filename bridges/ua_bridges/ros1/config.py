@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping
 from typing import Annotated, ClassVar, Literal
 
 from pydantic import BaseModel, Field
 
-from ua_bridges.ros.skills import RosSkillMapping
-from ua_fleet.config.schema import BridgeConfig, DataMapping, TopicMapping
+from ua_bridges.ros.skills import RosSkillMapping, skill_problems
+from ua_fleet.config.schema import BridgeConfig, DataMapping, RobotConfig, TopicMapping
+from ua_fleet.document import KeyPath
 
 __all__ = ["Ros1BridgeConfig"]
 
@@ -30,3 +32,7 @@ class Ros1BridgeConfig(BridgeConfig, frozen=True):
     """Model of `via` in the skills of its robots."""
     source_mapping: ClassVar[type[DataMapping] | None] = TopicMapping
     sink_mapping: ClassVar[type[DataMapping] | None] = TopicMapping
+
+    def problems(self, name: str, robots: Mapping[str, RobotConfig]) -> Iterable[tuple[KeyPath, str, str]]:
+        """See BridgeConfig."""
+        return skill_problems(robots)

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping
 from typing import Annotated, ClassVar, Literal
 
 from pydantic import BaseModel, Field, field_validator
 
-from ua_bridges.ros.skills import RosSkillMapping
-from ua_fleet.config.schema import BridgeConfig, DataMapping, TopicMapping
+from ua_bridges.ros.skills import RosSkillMapping, skill_problems
+from ua_fleet.config.schema import BridgeConfig, DataMapping, RobotConfig, TopicMapping
+from ua_fleet.document import KeyPath
 from ua_fleet.errors import TopicInvalid
 from ua_fleet.topics import check_ros2_space
 
@@ -38,3 +40,7 @@ class Ros2BridgeConfig(BridgeConfig, frozen=True):
             return check_ros2_space(space)
         except TopicInvalid as error:
             raise ValueError(error.reason) from error
+
+    def problems(self, name: str, robots: Mapping[str, RobotConfig]) -> Iterable[tuple[KeyPath, str, str]]:
+        """See BridgeConfig."""
+        return skill_problems(robots)

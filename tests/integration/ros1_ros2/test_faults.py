@@ -55,7 +55,8 @@ class Cells:
     def robot(self, name: str) -> system.Child:
         """Start a robot's program."""
         if name == "arm":
-            python, environment, command = system.ROS1_PYTHON, self.ros1.env, ("ros1", "1", str(ARM))
+            python, environment = str(system.ROS1_PYTHON), self.ros1.env
+            command = ("ros1", "1", str(ARM))
         else:
             python, environment = sys.executable, self.ros2.environment()
             command = ("ros2", str(self.ros2.domain), str(CARRIER))

@@ -78,7 +78,7 @@ class SkillPort(ABC, Generic[Graph_contra]):
 
     def __init__(self, spec: SkillSpec, executing: Executing, put: Callable[[DriverEvent], None]) -> None:
         self.spec, self._executing, self._put = spec, executing, put
-        self.problem = "; ".join(spec.problems())
+        self.problem = ""
         """Why the skill cannot be done as it is configured, ever; known when the port has opened."""
         self.absent = "the bridge is not in its graph yet"
         """What of the robot's side was missing at the last look; empty where all was there."""

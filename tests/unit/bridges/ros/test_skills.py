@@ -9,6 +9,7 @@ from pydantic import ValidationError
 from ua_bridges.ros.skills import ActionSkill, RosSkillMapping, TopicSkill, skill_specs
 
 from ua_fleet.config.load import load_content
+from ua_fleet.errors import ConfigInvalid
 from ua_fleet.topics import Topic
 
 FLEET = """\
@@ -90,16 +91,28 @@ def test_mistakes_in_a_mapping(via: dict[str, Any], said: str) -> None:
     assert said in str(caught.value)
 
 
+def said(text: str) -> list[str]:
+    with pytest.raises(ConfigInvalid) as caught:
+        load_content(text.encode(), "f.yaml", {}, allow_missing_ids=True)
+    return [str(problem) for problem in caught.value.problems]
+
+
 def test_names_that_the_skill_does_not_have() -> None:
-    text = FLEET.replace("fields: {speed: linear.x}", "fields: {sped: linear.x}")
-    (drive, _) = skill_specs(load_content(text.encode(), "f.yaml", {}, allow_missing_ids=True), "floor")
-    assert drive.problems() == ["fields: drive has no argument `sped`; did you mean `speed`?"]
+    status = "{topic: /s, type: std_msgs/Int32, done: data == arguments.sped, results: {far: data}}"
+    text = FLEET.replace("fields: {speed: linear.x}", f"fields: {{sped: linear.x}}, status: {status}")
+    line = text[: text.index("sped: linear.x")].count("\n") + 1
+    via = "robots.carrier.skills.drive.via.topic"
+    assert said(text) == [
+        f"f.yaml:{line}:{via}.fields.sped: drive has no argument `sped`; did you mean `speed`?",
+        f"f.yaml:{line}:{via}.status.results.far: drive has no result `far`",
+        f"f.yaml:{line}:{via}.status.done: drive has no argument `sped`; did you mean `speed`?",
+    ]
 
 
 def test_results_need_somewhere_to_come_from() -> None:
     text = FLEET.replace("        limits: {requests_at_once: 3}\n", "        results: {far: {type: Double}}\n", 1)
-    (drive, _) = skill_specs(load_content(text.encode(), "f.yaml", {}, allow_missing_ids=True), "floor")
-    assert drive.problems() == ["results: a topic without `status` has none"]
+    (problem,) = said(text)
+    assert "skills.drive.results: a topic without `status` brings no results; add `status`, or remove them" in problem
 
 
 def test_the_one_that_is_given() -> None:

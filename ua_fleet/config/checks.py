@@ -131,13 +131,12 @@ def _check_directions(parts: Parts) -> None:
 
 def _check_kinds(parts: Parts) -> None:
     """What each kind of bridge finds wrong between a bridge and its robots."""
+    robots: dict[str, RobotConfig] = {}
+    for robot, config in parts.robots.items():
+        data = {data: dataset for (owner, data), dataset in parts.data.items() if owner == robot}
+        robots[robot] = config.model_copy(update={"data": data})
     for name, bridge in parts.bridges.items():
-        robots: dict[str, RobotConfig] = {}
-        for robot, config in parts.robots.items():
-            if config.bridge == name:
-                data = {data: dataset for (owner, data), dataset in parts.data.items() if owner == robot}
-                robots[robot] = config.model_copy(update={"data": data})
-        for path, text, suggestion in bridge.problems(name, robots):
+        for path, text, suggestion in bridge.fleet_problems(name, robots):
             parts.document.problem(path, text, suggestion)
 
 

@@ -232,6 +232,10 @@ class BridgeConfig(Model, frozen=True):
         """
         return ()
 
+    def fleet_problems(self, name: str, robots: Mapping[str, RobotConfig]) -> Iterable[tuple[KeyPath, str, str]]:
+        """As `problems`, for a kind whose own keys name robots of other bridges: `robots` are those of the fleet."""
+        return self.problems(name, {robot: config for robot, config in robots.items() if config.bridge == name})
+
 
 class PubSubSecurity(StrEnum):
     """Message security of PubSub (MessageSecurityMode, OPC 10000-14 6.2.5.2). `none` has to be written."""

@@ -23,7 +23,7 @@ from ua_fleet.errors import TopicInvalid
 from ua_fleet.names import closest, listed
 from ua_fleet.topics import check_space
 
-__all__ = ["Parts", "check_all", "check_ids_given"]
+__all__ = ["Parts", "check_all", "check_ids_given", "check_robots"]
 
 _UA_TOPIC: Final = re.compile(r"/?ua_[0-9]")
 _BITS: Final = re.compile(r"(U?)(?:Int)(\d+)")
@@ -323,4 +323,10 @@ _CHECKS: Final[tuple[Callable[[Parts], None], ...]] = (
 def check_all(parts: Parts) -> None:
     """Note every problem between the parts."""
     for check in _CHECKS:
+        check(parts)
+
+
+def check_robots(parts: Parts) -> None:
+    """Note the problems of robots that stand in no file: of all but what their bridges alone can know."""
+    for check in (_check_ids, _check_directions, _check_initial_values, _check_skills):
         check(parts)

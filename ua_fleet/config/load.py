@@ -23,7 +23,7 @@ from ua_fleet.document import MAX_BYTES, Document, KeyPath, as_mapping, key_text
 from ua_fleet.errors import ConfigError, ConfigInvalid
 from ua_fleet.names import closest, listed
 
-__all__ = ["VERSION", "load", "load_content", "read_content"]
+__all__ = ["VERSION", "Loading", "load", "load_content", "read_content"]
 
 VERSION: Final = 1
 """The version of the format that this code reads."""
@@ -50,7 +50,7 @@ def read_content(path: Path) -> bytes:
         raise ConfigInvalid([ConfigError(f"cannot be read: {reason}", file=str(path))]) from error
 
 
-class _Loading:
+class Loading:
     """One file on its way into the models; problems go to the document."""
 
     def __init__(self, document: Document) -> None:
@@ -120,6 +120,22 @@ class _Loading:
                 self.model(bridge.skill_mapping, skill.via, (*inner, "via"))
         return skills
 
+    def robot(
+        self, path: KeyPath, value: Any, bridges: Mapping[str, BridgeConfig]
+    ) -> tuple[RobotConfig | None, dict[str, DataSetConfig]]:
+        """A robot with its skills, and apart from it its data."""
+        given = self.mapping(path, value)
+        robot = self.model(RobotConfig, {**given, "data": {}, "skills": {}}, path)
+        bridge = None if robot is None else bridges.get(robot.bridge)
+        if robot is not None:
+            robot = robot.model_copy(update={"skills": self.skills(path, given, bridge)})
+        data: dict[str, DataSetConfig] = {}
+        for name, data_value in self.named((*path, "data"), given.get("data")).items():
+            inner = (*path, "data", name)
+            if (valid := self.data_set(inner, self.mapping(inner, data_value), bridge)) is not None:
+                data[name] = valid
+        return robot, data
+
     def data_set(self, path: KeyPath, given: Mapping[str, Any], bridge: BridgeConfig | None) -> DataSetConfig | None:
         """A data source; what it is read from and written to is validated by the models of the bridge's kind."""
         sides = {side: given[side] for side in _SIDES if given.get(side) is not None}
@@ -138,7 +154,7 @@ class _Loading:
 
 
 def _read(document: Document, file: str, allow_missing_ids: bool) -> FleetConfig | None:
-    root, loading = document.data, _Loading(document)
+    root, loading = document.data, Loading(document)
     sections = {name: loading.mapping((name,), root.get(name)) for name in _SECTIONS}
     shell = loading.model(
         FleetConfig, {**root, **{name: sections[name] for name in ("fleet", "server", "pubsub")}, **_NO_NAMES}, ()
@@ -150,19 +166,10 @@ def _read(document: Document, file: str, allow_missing_ids: bool) -> FleetConfig
     robots: dict[str, RobotConfig] = {}
     data: dict[tuple[str, str], DataSetConfig] = {}
     for name, value in loading.named(("robots",), sections["robots"]).items():
-        path: KeyPath = ("robots", name)
-        given = loading.mapping(path, value)
-        if (robot := loading.model(RobotConfig, {**given, "data": {}, "skills": {}}, path)) is not None:
-            robots[name] = robot.model_copy(update={"skills": loading.skills(path, given, bridges.get(robot.bridge))})
-        path = (*path, "data")
-        for data_name, data_value in loading.named(path, given.get("data")).items():
-            inner = (*path, data_name)
-            given_data, bridge = (
-                loading.mapping(inner, data_value),
-                bridges.get(robots[name].bridge) if name in robots else None,
-            )
-            if (valid := loading.data_set(inner, given_data, bridge)) is not None:
-                data[name, data_name] = valid
+        robot, data_sets = loading.robot(("robots", name), value, bridges)
+        if robot is not None:
+            robots[name] = robot
+        data |= {(name, data_name): data_set for data_name, data_set in data_sets.items()}
     bridge_of = {name: robot.bridge for name, robot in robots.items()}
     parts = Parts(document, file, shell.pubsub if shell else None, bridges, bridge_of, data, robots)
     check_all(parts)

@@ -21,14 +21,14 @@ from ua_fleet.skill.status import SKILL_STATUS_FIELDS
 from ua_fleet.topics import SERVER_SPACE, Topic
 from ua_fleet.values import ARRAY, BuiltinType, NodeId
 
-__all__ = ["fleet_model"]
+__all__ = ["fleet_model", "robot_model"]
 
 
 def fleet_model(config: FleetConfig) -> FleetModel:
     """The model of a configuration that `load` has checked; raises ConfigError for a data source without an id."""
     ns = config.fleet.namespace_index
     bridges = tuple(_bridge(ns, name, bridge) for name, bridge in config.bridges.items())
-    robots = tuple(_robot(ns, name, robot, config.space_of(name)) for name, robot in config.robots.items())
+    robots = tuple(robot_model(ns, name, robot, config.space_of(name)) for name, robot in config.robots.items())
     return FleetModel(config.fleet.name, ns, robots, bridges)
 
 
@@ -42,7 +42,8 @@ def _bridge(ns: int, name: str, config: BridgeConfig) -> BridgeModel:
     return BridgeModel(name, config.kind, config.space, config.description, status, ns)
 
 
-def _robot(ns: int, name: str, config: RobotConfig, space: int) -> RobotModel:
+def robot_model(ns: int, name: str, config: RobotConfig, space: int) -> RobotModel:
+    """The model of a robot whose configuration was checked; raises ConfigError for a data source without an id."""
     data_sets: list[DataSetModel] = []
     for browse_name, data_set in config.data.items():
         if data_set.id is None:

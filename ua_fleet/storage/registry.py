@@ -1,0 +1,62 @@
+"""Robots that were registered with a server, in one SQLite file, so that they are there again after a restart."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Final, NamedTuple, Self
+
+from ua_fleet.storage.database import Database
+
+__all__ = ["Registry", "StoredRobot"]
+
+_VERSION: Final = 1
+_SCHEMA: Final = (
+    """CREATE TABLE robots (
+    name TEXT PRIMARY KEY, bridge TEXT NOT NULL, definition TEXT NOT NULL, registered_by TEXT NOT NULL,
+    registered_s REAL NOT NULL) STRICT""",
+)
+
+
+class StoredRobot(NamedTuple):
+    """A robot as it was registered."""
+
+    name: str
+    bridge: str
+    """Name of a bridge, number of a space, or empty for a robot of clients."""
+    definition: str
+    """Its text."""
+    registered_by: str
+    """The user."""
+    registered_s: float
+    """When, by the wall clock."""
+
+
+class Registry:
+    """The registered robots. Every method raises StorageUnavailable where it cannot do its part."""
+
+    def __init__(self, path: Path) -> None:
+        """Open a file, or begin one; no other process can use it until `close`."""
+        self._database = Database(path, version=_VERSION, schema=_SCHEMA)
+
+    def close(self) -> None:
+        """Give the file free. Safe to call twice."""
+        self._database.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def put(self, robot: StoredRobot) -> None:
+        """Keep a robot, in place of one of the same name."""
+        self._database.commit(("INSERT OR REPLACE INTO robots VALUES (?, ?, ?, ?, ?)", robot))
+
+    def remove(self, name: str) -> None:
+        """Keep a robot no longer."""
+        self._database.commit(("DELETE FROM robots WHERE name = ?", (name,)))
+
+    def robots(self) -> list[StoredRobot]:
+        """All of them, in the order in which they were registered."""
+        rows = self._database.read("SELECT * FROM robots ORDER BY registered_s, name")
+        return [StoredRobot(*row) for row in rows]

@@ -10,7 +10,7 @@
 Time is wall clock in seconds, since a run outlives a process. A journal has written a fact down when it returns.
 """
 
-from ua_fleet.scenario.expression import Expression, Lookup, Value, ValueUnknown, parse_expression
+from ua_fleet.scenario.expression import Expression, Lookup, Value, ValueUnknown, parse_expression, split_index
 from ua_fleet.scenario.model import Scenario, Task
 from ua_fleet.scenario.read import Reading, read_scenario, scenario_of
 from ua_fleet.scenario.reservations import Grant, Reservations
@@ -36,5 +36,6 @@ __all__ = [
     "parse_expression",
     "read_scenario",
     "scenario_of",
+    "split_index",
     "validate",
 ]

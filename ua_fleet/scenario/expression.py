@@ -1,8 +1,9 @@
 """Conditions in scenarios: `temperature > 20`, `fetch.weight <= limit and not gate.open`.
 
-Names are dotted: a parameter, the result of a task, or a value of a robot (`ur3.temperature`). Comparisons may be
-chained; `and`, `or`, `not`, `+ - * /` and parentheses are there, calls and everything else are not. The text is read by
-Python's parser and checked node by node, so nothing of Python can be reached.
+Names are dotted: a parameter, the result of a task, or a value of a robot (`ur3.temperature`, and of an array one
+element, `ur3.joints[1]`, counted from 0). Comparisons may be
+chained; `and`, `or`, `not`, `+ - * /` and parentheses are there, calls and everything else are not. The text is read
+by Python's parser and checked node by node, so nothing of Python can be reached.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from typing import Final
 
 from ua_fleet.errors import ScenarioError
 
-__all__ = ["Expression", "ExpressionInvalid", "Lookup", "Value", "ValueUnknown", "parse_expression"]
+__all__ = ["Expression", "ExpressionInvalid", "Lookup", "Value", "ValueUnknown", "parse_expression", "split_index"]
 
 Value = bool | int | float | str
 Lookup = Callable[[str], Value]
@@ -94,10 +95,10 @@ def _check(node: ast.expr, names: set[str], text: str, depth: int) -> None:
     if depth > MOST_DEPTH:
         raise ExpressionInvalid(f"{text!r} is nested deeper than {MOST_DEPTH} levels")
     match node:
-        case ast.Name() | ast.Attribute():
+        case ast.Name() | ast.Attribute() | ast.Subscript():
             name = _dotted(node)
             if name is None:
-                raise ExpressionInvalid(f"{text!r}: names are like robot.value, and nothing else has a dot")
+                raise ExpressionInvalid(f"{text!r}: names are like robot.value or robot.value[0]")
             if name not in _WORDS:
                 names.add(name)
             return
@@ -127,7 +128,18 @@ def _dotted(node: ast.expr) -> str | None:
         return node.id
     if isinstance(node, ast.Attribute) and (owner := _dotted(node.value)) is not None:
         return f"{owner}.{node.attr}"
+    if isinstance(node, ast.Subscript) and (owner := _dotted(node.value)) is not None:
+        index = node.slice.value if isinstance(node.slice, ast.Constant) else None
+        return f"{owner}[{index}]" if type(index) is int else None
     return None
+
+
+def split_index(name: str) -> tuple[str, int | None]:
+    """`joints[1]` as `joints` and 1; a name without an index with None."""
+    if not name.endswith("]"):
+        return name, None
+    owner, _, index = name[:-1].rpartition("[")
+    return owner, int(index)
 
 
 def _evaluate(node: ast.expr, lookup: Lookup) -> Value:

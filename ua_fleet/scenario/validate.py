@@ -11,7 +11,7 @@ from ua_fleet.errors import ConfigError
 from ua_fleet.fleet.quantities import UnitsDiffer
 from ua_fleet.fleet.skills import SkillModel, call_problems, in_unit_of
 from ua_fleet.names import closest, listed
-from ua_fleet.scenario.expression import Expression, ValueUnknown
+from ua_fleet.scenario.expression import Expression, ValueUnknown, split_index
 from ua_fleet.scenario.model import Argument, Condition, End, Parallel, Repeat, Scenario, Step, Task, Wait
 from ua_fleet.scenario.model import Sequence as Steps
 from ua_fleet.values import BuiltinType
@@ -37,6 +37,8 @@ class FleetView:
     """Names that conditions may use, `robot.data` and `data`, each with the number of values that it may mean."""
     events: frozenset[str] | None = None
     """Names of events that can happen; None: any."""
+    arrays: frozenset[str] = frozenset()
+    """Those of `values` that mean an array, of which a condition names one element."""
 
     def able(self, skill: str, capacities: Sequence[str]) -> list[RobotView]:
         """The robots that have a skill and capacities."""
@@ -178,6 +180,13 @@ class _Checker:
 
     def _unknown(self, name: str) -> tuple[str, str] | None:
         """What is wrong with a name in a condition, and a hint; None if it is known."""
+        name, index = split_index(name)
+        problem = self._unknown_name(name)
+        if problem is not None or (index is not None) == (name in self._fleet.arrays):
+            return problem
+        return (f"{name!r} is an array", f"write {name}[0]") if index is None else (f"{name!r} is no array", "")
+
+    def _unknown_name(self, name: str) -> tuple[str, str] | None:
         if name in self._parameters:
             return None
         owner, _, rest = name.partition(".")

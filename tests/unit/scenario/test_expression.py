@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ua_fleet.scenario.expression import ExpressionInvalid, Value, ValueUnknown, parse_expression
+from ua_fleet.scenario.expression import ExpressionInvalid, Value, ValueUnknown, parse_expression, split_index
 
 VALUES: dict[str, Value] = {
     "temperature": 21.5,
@@ -56,6 +56,13 @@ def test_names_are_all_that_it_mentions() -> None:
     assert expression.names == {"temperature", "ur3.temperature", "limit"}
 
 
+def test_an_element_of_an_array_is_a_name() -> None:
+    expression = parse_expression("ur3.joints[ 1 ] > 0.5")
+    assert expression.names == {"ur3.joints[1]"}
+    assert expression.holds({"ur3.joints[1]": 0.6}.__getitem__)
+    assert [split_index(name) for name in ("ur3.joints[12]", "battery")] == [("ur3.joints", 12), ("battery", None)]
+
+
 def test_and_and_or_stop_where_the_answer_is_known() -> None:
     assert parse_expression("gate.open and nowhere.there").holds(lookup) is False
     assert parse_expression("temperature > 1 or nowhere.there").holds(lookup) is True
@@ -96,7 +103,12 @@ def test_nothing_is_greater_than_what_is_no_number() -> None:
         "'a'.upper()",
         "[1, 2]",
         "{1: 2}",
-        "x[0]",
+        "x[-1]",
+        "x[i]",
+        "x[0:1]",
+        "x[true]",
+        "x['a']",
+        "f()[0]",
         "lambda: 1",
         "a if b else c",
         "f'{x}'",

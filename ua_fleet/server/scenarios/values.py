@@ -5,13 +5,14 @@ where only one has such a value.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from typing import cast
 
 from ua_fleet.fleet.changes import ValueChanged
-from ua_fleet.fleet.model import FleetModel, RobotModel
-from ua_fleet.scenario import FleetView, RobotView, Value, ValueUnknown
+from ua_fleet.fleet.model import DataSetModel, FieldModel, FleetModel, RobotModel
+from ua_fleet.scenario import FleetView, RobotView, Value, ValueUnknown, split_index
 from ua_fleet.topics import Topic
-from ua_fleet.values import NodeId, StatusCode, status_name
+from ua_fleet.values import ARRAY, NodeId, StatusCode, status_name
 
 __all__ = ["FleetValues", "fleet_view", "own_fields"]
 
@@ -23,7 +24,7 @@ class FleetValues:
 
     def __init__(self, model: FleetModel) -> None:
         self._full: dict[NodeId, str] = {}
-        self._values: dict[str, Value] = {}
+        self._values: dict[str, object] = {}
         self._status: dict[str, int] = {}
         self._own: dict[str, str] = {}
         """Each name without its robot."""
@@ -51,7 +52,7 @@ class FleetValues:
     def _take_in(self, robot: RobotModel) -> None:
         for data_set in robot.data_sets:
             for field in data_set.fields:
-                own = data_set.name if data_set.is_single else f"{data_set.name}.{field.name}"
+                own = _own_name(data_set, field)
                 full = self._full[field.key] = f"{robot.name}.{own}"
                 self._own[full] = own
                 self._status[full] = int(StatusCode.BAD_WAITING_FOR_INITIAL_DATA)
@@ -77,10 +78,7 @@ class FleetValues:
         if name is None:
             return False
         self._status[name] = status
-        if isinstance(value, bool | int | float | str):
-            self._values[name] = value
-        else:
-            self._values.pop(name, None)
+        self._values[name] = value
         return True
 
     def change(self, change: ValueChanged) -> bool:
@@ -93,24 +91,46 @@ class FleetValues:
         Raises:
             ValueUnknown: there is no such value, or it is not known now.
         """
-        full = self._short.get(name, name)
+        own, index = split_index(name)
+        full = self._short.get(own, own)
         status = self._status.get(full)
         if status is None:
             raise ValueUnknown(f"there is no value {name!r}")
+        if status & _BAD:
+            raise ValueUnknown(f"{name} is not known now ({status_name(status)})")
         value = self._values.get(full)
-        if status & _BAD or value is None:
-            reason = status_name(status) if status & _BAD else "no number, text or truth value"
-            raise ValueUnknown(f"{name} is not known now ({reason})")
+        if index is not None:
+            if not isinstance(value, tuple | list):
+                raise ValueUnknown(f"{own} is no array")
+            elements = cast("Sequence[object]", value)
+            if index >= len(elements):
+                raise ValueUnknown(f"{own} has {len(elements)} elements now, and no {name}")
+            value = elements[index]
+        if not isinstance(value, bool | int | float | str):
+            raise ValueUnknown(f"{name} is not known now (no number, text or truth value)")
         return value
 
 
-def fleet_view(robots: Iterable[RobotModel], meanings: Mapping[str, int]) -> FleetView:
+def _own_name(data_set: DataSetModel, field: FieldModel) -> str:
+    """The name of a value without its robot."""
+    return data_set.name if data_set.is_single else f"{data_set.name}.{field.name}"
+
+
+def fleet_view(robots: Collection[RobotModel], meanings: Mapping[str, int]) -> FleetView:
     """What scenarios are held against."""
     views = {
         robot.name: RobotView(robot.name, frozenset(robot.capacities), {skill.name: skill for skill in robot.skills})
         for robot in robots
     }
-    return FleetView(views, meanings)
+    arrays = {
+        name
+        for robot in robots
+        for data_set in robot.data_sets
+        for field in data_set.fields
+        if field.type & ARRAY
+        for name in (_own_name(data_set, field), f"{robot.name}.{_own_name(data_set, field)}")
+    }
+    return FleetView(views, meanings, arrays=frozenset(arrays))
 
 
 def own_fields(robots: Iterable[RobotModel]) -> dict[Topic, tuple[NodeId, ...]]:

@@ -6,8 +6,8 @@ import pytest
 
 from ua_fleet.config.nodes import fleet_model
 from ua_fleet.config.schema import FleetConfig
-from ua_fleet.scenario import ValueUnknown
-from ua_fleet.server.scenarios.values import FleetValues
+from ua_fleet.scenario import ValueUnknown, read_scenario, validate
+from ua_fleet.server.scenarios.values import FleetValues, fleet_view
 from ua_fleet.values import NodeId, StatusCode
 
 CONFIG = FleetConfig.model_validate(
@@ -24,7 +24,13 @@ CONFIG = FleetConfig.model_validate(
                     "goal": {"id": 1003, "type": "Double", "origin": "server", "initial": 0.5},
                 },
             },
-            "rover": {"bridge": "cell", "data": {"battery": {"id": 1004, "type": "Double"}}},
+            "rover": {
+                "bridge": "cell",
+                "data": {
+                    "battery": {"id": 1004, "type": "Double"},
+                    "joints": {"id": 1005, "type": "Double", "array": True},
+                },
+            },
         },
     }
 )
@@ -42,6 +48,8 @@ def test_names_and_what_they_may_mean(values: FleetValues) -> None:
         "ur3.pose.frame": 1,
         "ur3.goal": 1,
         "rover.battery": 1,
+        "rover.joints": 1,
+        "joints": 1,
         "battery": 2,
         "pose.x": 1,
         "pose.frame": 1,
@@ -72,3 +80,36 @@ def test_a_bad_value_is_not_known(values: FleetValues) -> None:
     values.take(NodeId(2, 1001), (1.0, 2.0), 0)
     with pytest.raises(ValueUnknown, match="no number, text or truth value"):
         values.look_up("ur3.battery")
+
+
+def test_elements_of_arrays_have_an_index(values: FleetValues) -> None:
+    values.take(NodeId(2, 1005), (0.25, 0.5), 0)
+    assert (values.look_up("joints[1]"), values.look_up("rover.joints[0]")) == (0.5, 0.25)
+    for name, said in (
+        ("joints[2]", "joints has 2 elements now"),
+        ("joints", "no number, text or truth value"),
+        ("goal[0]", "goal is no array"),
+    ):
+        with pytest.raises(ValueUnknown, match=said):
+            values.look_up(name)
+    values.take(NodeId(2, 1005), (0.25, 0.5), int(StatusCode.BAD_NO_COMMUNICATION))
+    with pytest.raises(ValueUnknown, match="BadNoCommunication"):
+        values.look_up("joints[1]")
+
+
+@pytest.mark.parametrize(
+    ("condition", "said"),
+    [
+        ("rover.joints[1] > 0.5 and joints[0] < 1", []),
+        ("joints > 0.5", ["'joints' is an array; write joints[0]"]),
+        ("ur3.battery[0] > 1", ["'ur3.battery' is no array"]),
+        ("speed[0] > 1", ["'speed' is no array"]),
+    ],
+)
+def test_conditions_name_elements_of_arrays_alone(condition: str, said: list[str]) -> None:
+    model = fleet_model(CONFIG)
+    head = "version: 1\nname: a\nparameters: {speed: {default: 1}}\nsteps:\n"
+    text = f"{head}  - {{wait: null, until: {condition!r}}}\n"
+    scenario = read_scenario(text.encode(), "").scenario
+    problems = validate(scenario, fleet_view(model.robots, FleetValues(model).meanings)).problems
+    assert [str(problem).partition(":")[2].strip() for problem in problems] == said

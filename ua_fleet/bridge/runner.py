@@ -193,10 +193,10 @@ class _Shell:
         self._timer = None
         now = self._loop.time()
         try:
-            self._core.poll(now, _wall_ticks())
-            if now >= self._status_at:
+            if now >= self._status_at:  # first, since it makes the keep-alive that is due with it needless
                 self._status_at = now + STATUS_INTERVAL_S
                 self._report(now)
+            self._core.poll(now, _wall_ticks())
         finally:
             self._arm()
 

@@ -83,6 +83,7 @@ def _build() -> typer.Typer:
         read,
         scenario,
         serve,
+        simulate,
         skill,
         user,
         watch,
@@ -95,6 +96,7 @@ def _build() -> typer.Typer:
     _add(whole, "read", read.read, read.EXAMPLES)
     _add(whole, "write", write.write, write.EXAMPLES)
     _add(whole, "watch", watch.watch, watch.EXAMPLES)
+    _add(whole, "simulate", simulate.simulate, simulate.EXAMPLES)
     groups = {name: _new(help_text) for name, help_text in _GROUPS.items()}
     _add(groups["config"], "init", config.init, config.INIT_EXAMPLES)
     _add(groups["config"], "check", config.check, config.CHECK_EXAMPLES)

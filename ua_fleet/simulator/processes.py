@@ -162,13 +162,13 @@ class VirtualBridge:
             self._begin(now, wall)
         for event in self._robot.poll(now):
             self._core.from_space(event, now=now, wall_ticks=wall)
-        self._core.poll(now, wall)
         if now >= self._status_at:
             self._status_at = now + self._status_period_s
             status = DriverStatus(connected=True, detail="a virtual robot")
             self._core.tell(
                 self._status_topic, status_values(self._name, self._kind, status, self.counters), wall, now=now
             )
+        self._core.poll(now, wall)
 
     def next_deadline(self) -> float | None:
         """When `poll` is to be called next, or None."""

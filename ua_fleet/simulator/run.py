@@ -63,7 +63,7 @@ class Result:
     outcome: str = ""
     """`done`, or how the run ended otherwise."""
     reason: str = ""
-    started_s: float = 0.0
+    began_s: float = 0.0
     """When the run began."""
     ended_s: float = 0.0
     tasks_done: Counter[str] = field(default_factory=Counter[str])
@@ -94,8 +94,8 @@ class Result:
             if isinstance(output.fact, RunEnded):
                 self.outcome, self.reason = output.fact.outcome.value, output.fact.reason
                 self.ended_s = output.fact.at
-            elif isinstance(output.fact, TaskAssigned) and not self.started_s:
-                self.started_s = output.fact.at
+            elif isinstance(output.fact, TaskAssigned) and not self.began_s:
+                self.began_s = output.fact.at
             elif isinstance(output.fact, TaskOver) and output.fact.outcome is TaskOutcome.DONE:
                 self.tasks_done[output.fact.step] += 1
 

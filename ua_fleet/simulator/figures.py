@@ -1,0 +1,178 @@
+"""Figures 11, 12 and 13 of the paper with simulated values, as PNG and SVG.
+
+Figures 11 and 12 need further simulations, of smaller fleets with fewer tasks. matplotlib is imported here alone, and
+only where something is drawn.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+from ua_fleet.simulator.run import Result, simulate
+from ua_fleet.traffic import EQUATION_12_KINDS, Kind, equations
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+__all__ = ["FIGURES", "draw", "grid_of", "sweep"]
+
+FIGURES: Final = ("figure_11_messages", "figure_12_bytes", "figure_13_over_time")
+"""Names of the files, each as .png and .svg."""
+PARTS: Final = (0.25, 0.5, 0.75, 1.0)
+"""Of the greatest numbers of robots and tasks: where Figures 11 and 12 have points."""
+_QUIET_S: Final = 600.0
+"""Keep-alives are not in these figures; with so long a period the further simulations take less time."""
+_COLOURS: Final = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#666666")
+"""Told apart by the colour-blind too (Okabe and Ito)."""
+
+Points = Mapping[tuple[int, int], Result]
+"""Simulations by (robots, tasks)."""
+
+
+def grid_of(most: int) -> list[int]:
+    """1, and the parts of the greatest number."""
+    return sorted({1, *(max(1, round(most * part)) for part in PARTS)})
+
+
+def sweep(result: Result, progress: Callable[[int, int], None]) -> dict[tuple[int, int], Result]:
+    """The simulations that Figures 11 and 12 need; none of their robots fails.
+
+    Args:
+        result: of the greatest fleet with the most tasks, which is not simulated again unless a robot has failed there.
+        progress: told before each simulation how many are done, and how many there are.
+    """
+    settings = replace(result.settings, faults=0)
+    wanted = [(robots, tasks) for robots in grid_of(settings.robots) for tasks in grid_of(settings.tasks)]
+    points: dict[tuple[int, int], Result] = {}
+    if not result.settings.faults:
+        points[settings.robots, settings.tasks] = result
+    for number, (robots, tasks) in enumerate(wanted):
+        progress(number, len(wanted))
+        if (robots, tasks) not in points:
+            points[robots, tasks] = simulate(replace(settings, robots=robots, tasks=tasks, keep_alive_s=_QUIET_S))
+    return points
+
+
+def draw(result: Result, points: Points, folder: Path) -> list[Path]:
+    """Draw all figures; the files.
+
+    Args:
+        result: the simulation; Figure 13 shows all that was sent in it.
+        points: what `sweep` made.
+        folder: where the files go.
+
+    Raises:
+        ImportError: matplotlib is not installed.
+        OSError: a file cannot be written.
+    """
+    from matplotlib import rc_context
+
+    files: list[Path] = []
+    style: dict[str, Any] = {"svg.hashsalt": "ua-fleet", "font.size": 9, "axes.grid": True, "grid.alpha": 0.3}
+    with rc_context(style):
+        for name, figure in zip(FIGURES, (_messages(points), _bytes(points), _over_time(result, points)), strict=True):
+            for ending, metadata in (("png", {"Software": None}), ("svg", {"Date": None})):
+                files.append(folder / f"{name}.{ending}")
+                figure.savefig(files[-1], dpi=150, metadata=metadata)
+    return files
+
+
+def _figure(width: float, height: float, panels: int = 1) -> tuple[Figure, list[Axes]]:
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(width, height), layout="constrained")
+    axes: Any = figure.subplots(1, panels, squeeze=False)
+    return figure, list(axes[0])
+
+
+def _messages(points: Points) -> Figure:
+    """Figure 11: messages by the number of robots, a line for each number of tasks."""
+    figure, (axis,) = _figure(7, 4.5)
+    _lines(axis, points, lambda result: result.traffic.equation_12_messages)
+    most = max(robots for robots, _ in points)
+    across = sorted({max(1, round(1 + (most - 1) * part / 40)) for part in range(41)})
+    for tasks, colour in zip(sorted({tasks for _, tasks in points}), _COLOURS, strict=False):
+        values = [equations.total(equations.cyclic(robots, tasks)) for robots in across]
+        axis.plot(across, values, color=colour, linestyle="--", linewidth=1)
+    axis.plot([], [], color="black", linestyle="--", linewidth=1, label="Eq. 12, same colours")
+    axis.set_xlabel("robots")
+    axis.set_ylabel("messages (kinds of Eq. 12)")
+    axis.set_title("Messages by robots and tasks")
+    axis.legend()
+    return figure
+
+
+def _bytes(points: Points) -> Figure:
+    """Figure 12: bytes by the number of tasks, a line for each number of robots."""
+    figure, (axis,) = _figure(7, 4.5)
+    swapped = {(tasks, robots): result for (robots, tasks), result in points.items()}
+    _lines(axis, swapped, lambda result: result.traffic.equation_12_bytes / 1000, what="robots")
+    axis.set_xlabel("tasks")
+    axis.set_ylabel("kB (kinds of Eq. 12, signed and encrypted)")
+    axis.set_title("Data by tasks and robots")
+    axis.legend()
+    return figure
+
+
+def _lines(
+    axis: Axes, points: Mapping[tuple[int, int], Result], value: Callable[[Result], float], what: str = "tasks"
+) -> None:
+    for number, colour in zip(sorted({second for _, second in points}), _COLOURS, strict=False):
+        across = sorted(first for first, second in points if second == number)
+        values = [value(points[first, number]) for first in across]
+        label = f"{number:,} {what if number != 1 else what.removesuffix('s')}"
+        axis.plot(across, values, color=colour, marker="o", markersize=4, label=label)
+    axis.set_xlim(left=0)
+    axis.set_ylim(bottom=0)
+
+
+def _over_time(result: Result, points: Points) -> Figure:
+    """Figure 13: messages over time, for several fleets, and all kinds of the simulation itself."""
+    figure, (fleets, kinds) = _figure(11, 4.5, panels=2)
+    most = max(tasks for _, tasks in points)
+    for robots, colour in zip(sorted({robots for robots, _ in points}), _COLOURS, strict=False):
+        counted = _per_second(points[robots, most], EQUATION_12_KINDS)
+        total = 0
+        cumulated: list[int] = []
+        for count in counted:
+            total += count
+            cumulated.append(total)
+        label = f"{robots:,} robot{'s' if robots != 1 else ''}"
+        fleets.step([*range(len(counted))], cumulated, where="post", color=colour, label=label)
+    fleets.set_title(f"Messages so far (kinds of Eq. 12), {most:,} tasks")
+    fleets.set_xlabel("s")
+    fleets.set_ylabel("messages")
+    fleets.set_xlim(left=0)
+    fleets.set_ylim(bottom=0)
+    fleets.legend()
+    settings = result.settings
+    shown = [kind for kind in Kind if result.traffic.messages[kind]]
+    colours = [*_COLOURS, "#f0e442", "#999933", "#882255", "#000000"]
+    for kind, colour in zip(shown, colours, strict=False):
+        counted = _per_second(result, (kind,))
+        seconds = [second for second, count in enumerate(counted) if count]
+        is_counted = kind in EQUATION_12_KINDS
+        kinds.scatter(
+            seconds,
+            [counted[second] for second in seconds],
+            s=10 if is_counted else 4,
+            marker="o" if is_counted else "x",
+            linewidths=0.6,
+            color=colour,
+            label=f"{kind.value} ({result.traffic.messages[kind]:,})",
+        )
+    kinds.set_yscale("log")
+    kinds.set_title(f"Messages in each second, {settings.robots:,} robots, {settings.tasks:,} tasks")
+    kinds.set_xlabel("s")
+    kinds.set_xlim(left=0)
+    kinds.legend(fontsize=7, ncols=2, markerscale=2)
+    return figure
+
+
+def _per_second(result: Result, kinds: Sequence[Kind]) -> list[int]:
+    traffic = result.traffic
+    return [sum(traffic.messages_at[second, kind] for kind in kinds) for second in range(int(result.ended_s) + 1)]

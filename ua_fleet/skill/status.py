@@ -7,14 +7,22 @@ execution keeps its place from its start on.
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, Final, NamedTuple, cast
 
 from ua_fleet.skill.executions import ExecutionState
 from ua_fleet.values import ARRAY, BuiltinType
 from ua_fleet.wire.messages import FieldMetaData
 
-__all__ = ["MOST_SHOWN", "SKILL_STATUS_FIELDS", "ExecutionStatus", "SkillStatus", "read_result", "result_text"]
+__all__ = [
+    "MOST_SHOWN",
+    "SKILL_STATUS_FIELDS",
+    "ExecutionStatus",
+    "SkillStatus",
+    "read_result",
+    "read_status",
+    "result_text",
+]
 
 MOST_SHOWN: Final = 8
 
@@ -28,6 +36,7 @@ _FIELDS: Final = (
 )
 SKILL_STATUS_FIELDS: Final = tuple([FieldMetaData(name, kind, value_rank=1) for name, kind in _FIELDS])
 """State is an ExecutionState; Result a JSON object with the results by their names, empty before the end."""
+_STATES: Final = frozenset(ExecutionState)
 _TYPES: Final = tuple([kind | ARRAY for _, kind in _FIELDS])
 
 
@@ -72,6 +81,26 @@ def _plain(value: Any) -> Any:
     return value.value if isinstance(value, ExecutionState) else value
 
 
+def read_status(fields: Sequence[FieldMetaData], values: Sequence[Any]) -> Iterator[ExecutionStatus]:
+    """The executions that a SkillStatus tells of. Whoever sent it: a row that is none is left out.
+
+    Args:
+        fields: as they were announced.
+        values: of one message.
+    """
+    columns: dict[str, Sequence[Any]] = {
+        field.name: value for field, value in zip(fields, values, strict=False) if isinstance(value, tuple | list)
+    }
+    for row in zip(*[columns.get(name, ()) for name, _ in _FIELDS], strict=False):
+        execution_id, skill, state, progress, result, message = row
+        texts = (skill, result or "", message or "")
+        if not isinstance(execution_id, bytes) or not all(isinstance(text, str) for text in texts):
+            continue
+        if not (isinstance(progress, int | float | None) and isinstance(state, int) and state in _STATES):
+            continue
+        yield ExecutionStatus(execution_id, skill, ExecutionState(state), float(progress or 0.0), *texts[1:])
+
+
 def result_text(results: Mapping[str, Any]) -> str:
     """Results by their names as they stand in Result."""
     return json.dumps(dict(results), ensure_ascii=False, separators=(",", ":")) if results else ""
@@ -81,6 +110,6 @@ def read_result(text: str) -> dict[str, Any]:
     """The results in a Result; none where it is empty or no JSON object."""
     try:
         results: object = json.loads(text) if text else {}
-    except ValueError:
+    except (ValueError, RecursionError):  # whoever sent it may have nested it deeply
         return {}
     return cast("dict[str, Any]", results) if isinstance(results, dict) else {}

@@ -12,6 +12,7 @@ from ua_fleet.skill.status import (
     ExecutionStatus,
     SkillStatus,
     read_result,
+    read_status,
     result_text,
 )
 from ua_fleet.values import ARRAY, BuiltinType, Variant
@@ -42,7 +43,7 @@ def test_an_end_is_not_overwritten_by_the_next_start() -> None:
 def test_results_as_text() -> None:
     assert read_result(result_text({"x": 1, "name": "ü"})) == {"x": 1, "name": "ü"}
     assert result_text({}) == ""
-    for text in ("", "[1]", "{", "1"):
+    for text in ("", "[1]", "{", "1", "[" * 50_000):
         assert read_result(text) == {}
 
 
@@ -53,3 +54,40 @@ def test_packed_values() -> None:
     assert unpack(b"") == ()
     with pytest.raises(LocalWireError):
         pack((BuiltinType.INT32,), ("x",))
+
+
+def test_what_was_shown_is_read() -> None:
+    status = SkillStatus()
+    shown = [
+        ExecutionStatus(b"a", "move", ExecutionState.DONE, 1.0, result_text({"x": 1.5}), "there"),
+        ExecutionStatus(b"b", "turn", ExecutionState.RUNNING, 0.5),
+    ]
+    for one in shown:
+        status.show(one)
+    assert list(read_status(SKILL_STATUS_FIELDS, status.fields()[1])) == shown
+
+
+@pytest.mark.parametrize(
+    ("column", "value"),
+    [
+        ("ExecutionId", (4_000_000_000,)),
+        ("ExecutionId", ("a",)),
+        ("ExecutionId", b"a"),
+        ("ExecutionId", None),
+        ("Skill", (1,)),
+        ("State", (99,)),
+        ("State", ("DONE",)),
+        ("State", ((3,),)),
+        ("Progress", ("half",)),
+        ("Result", (1,)),
+        ("Message", (b"x",)),
+        ("Message", "x"),
+    ],
+)
+def test_a_row_that_is_no_execution_is_left_out(column: str, value: object) -> None:
+    names = [field.name for field in SKILL_STATUS_FIELDS]
+    values: list[object] = [(b"a",), ("move",), (3,), (1.0,), ("",), (None,)]
+    assert len(list(read_status(SKILL_STATUS_FIELDS, values))) == 1
+    values[names.index(column)] = value
+    assert list(read_status(SKILL_STATUS_FIELDS, values)) == []
+    assert list(read_status(SKILL_STATUS_FIELDS[:3], values)) == []

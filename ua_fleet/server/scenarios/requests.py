@@ -22,7 +22,7 @@ from ua_fleet.pubsub.events import DataReceived
 from ua_fleet.scenario import Value
 from ua_fleet.scenario.facts import TaskOutcome
 from ua_fleet.skill.executions import OPEN, ExecutionState, Outcome, OutcomeKind, unpack
-from ua_fleet.skill.status import read_result
+from ua_fleet.skill.status import read_result, read_status
 from ua_fleet.topics import Topic
 from ua_fleet.values import BuiltinType, NodeId
 
@@ -99,6 +99,8 @@ class TaskRequests:
         self._status_topics = {robot.skill_status for robot in robots.values() if robot.skill_status is not None}
         self._skills: OrderedDict[str, SkillModel] = OrderedDict()
         """The skill of each execution that was begun here."""
+        self._told_by: dict[str, Topic] = {}
+        """The SkillStatus of its robot, which alone may tell of it."""
         self._waiting: dict[str, _Waiting] = {}
         self._shown: dict[Topic, dict[str, tuple[ExecutionState, str, dict[str, Value]]]] = {}
         """The executions of each robot's last SkillStatus."""
@@ -121,9 +123,10 @@ class TaskRequests:
         if robot is None or skill is None or robot.skill_status is None:
             self._ended(task.execution_id, TaskOutcome.REFUSED, f"{task.robot} has no skill {task.skill}", {})
             return
-        self._skills[task.execution_id] = skill
+        self._skills[task.execution_id], self._told_by[task.execution_id] = skill, robot.skill_status
         if len(self._skills) > MOST_EXECUTIONS:
-            self._skills.popitem(last=False)
+            oldest, _ = self._skills.popitem(last=False)
+            del self._told_by[oldest]
         execution_id = bytes.fromhex(task.execution_id)
         try:
             outcome = self._requests.known_outcome(execution_id)
@@ -178,9 +181,10 @@ class TaskRequests:
         """Take a robot's SkillStatus; any other data is left alone."""
         if event.topic not in self._status_topics:
             return
-        shown = self._shown[event.topic] = dict(_rows(event))
+        shown = self._shown[event.topic] = dict(_shown_in(event))
         for execution_id in shown.keys() & self._skills.keys():
-            self._take_state(execution_id, *shown[execution_id])
+            if self._told_by[execution_id] == event.topic:
+                self._take_state(execution_id, *shown[execution_id])
 
     def concluded(self, execution_id: bytes, outcome: Outcome) -> None:
         """The outcome of a request is known."""
@@ -222,6 +226,7 @@ class TaskRequests:
     def _ended(self, execution_id: str, outcome: TaskOutcome, message: str, results: Mapping[str, Value]) -> None:
         if outcome is not TaskOutcome.UNKNOWN:  # what nobody can tell may be told later
             self._skills.pop(execution_id, None)
+            self._told_by.pop(execution_id, None)
         self._waiting.pop(execution_id, None)
         self._tell_end(execution_id, outcome, message, results)
 
@@ -235,20 +240,12 @@ def _typed(kind: int, value: Value) -> Value:
     return int(value)
 
 
-def _rows(event: DataReceived) -> Iterable[tuple[str, tuple[ExecutionState, str, dict[str, Value]]]]:
+def _shown_in(event: DataReceived) -> Iterable[tuple[str, tuple[ExecutionState, str, dict[str, Value]]]]:
     """The executions of a SkillStatus by their ids."""
-    names = [declared.name for declared in event.metadata.fields]
-    for row in zip(*[column or () for column in event.message.values], strict=False):
-        fields = dict(zip(names, row, strict=True))
-        execution_id = fields.get("ExecutionId")
-        try:
-            state = ExecutionState(fields.get("State", -1))
-        except ValueError:
-            continue
-        if isinstance(execution_id, bytes):
-            results = {
-                name: value
-                for name, value in read_result(str(fields.get("Result") or "")).items()
-                if isinstance(value, bool | int | float | str)
-            }
-            yield execution_id.hex(), (state, str(fields.get("Message") or ""), results)
+    for said in read_status(event.metadata.fields, event.message.values):
+        results = {
+            name: value
+            for name, value in read_result(said.result).items()
+            if isinstance(value, bool | int | float | str)
+        }
+        yield said.execution_id.hex(), (said.state, said.message, results)

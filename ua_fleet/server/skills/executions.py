@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, Final, NamedTuple
 
 from ua_fleet.fleet.skills import SkillModel, argument_problem
-from ua_fleet.pubsub.events import DataReceived
 from ua_fleet.skill.executions import OPEN, ExecutionState, unpack
-from ua_fleet.skill.status import read_result
+from ua_fleet.skill.status import ExecutionStatus, read_result
 from ua_fleet.values import BuiltinType, NodeId, StatusCode
 
-__all__ = ["STATUS_OF", "Execution", "SkillKeys", "answered", "heard", "rows"]
+__all__ = ["STATUS_OF", "Execution", "SkillKeys", "answered", "heard"]
 
 _S: Final = ExecutionState
 STATUS_OF: Final = {
@@ -71,34 +70,21 @@ class Execution:
         return self.state not in OPEN
 
 
-def rows(event: DataReceived) -> Iterator[dict[str, Any]]:
-    """The executions of a SkillStatus, each as its fields by name."""
-    names = [declared.name for declared in event.metadata.fields]
-    for row in zip(*[column or () for column in event.message.values], strict=False):
-        yield dict(zip(names, row, strict=True))
-
-
-def heard(
-    model: SkillModel, execution_id: bytes, row: dict[str, Any], known: Execution | None, ticks: int
-) -> Execution | None:
-    """An execution as the robot tells it; None where that is no news, or nothing that can be."""
-    try:
-        state = ExecutionState(row.get("State", -1))
-    except ValueError:
-        return None
-    message, progress = str(row.get("Message") or ""), float(row.get("Progress") or 0.0)
+def heard(model: SkillModel, said: ExecutionStatus, known: Execution | None, ticks: int) -> Execution | None:
+    """An execution as the robot tells it; None where that is no news, or cannot be."""
+    state = said.state
     if known is not None and known.is_over and known.state is not _S.UNKNOWN and state is not known.state:
         return None  # the end that was heard stays; repeats of older messages say otherwise
     if known is not None and known.state == state and known.is_over:
         return None
     is_over = state not in OPEN
     return Execution(
-        execution_id,
+        said.execution_id,
         state,
         STATUS_OF.get(state, 0),
-        message,
-        1.0 if state is _S.DONE else progress,
-        _declared(model, read_result(str(row.get("Result") or ""))) if state is _S.DONE else {},
+        said.message,
+        1.0 if state is _S.DONE else said.progress,
+        _declared(model, read_result(said.result)) if state is _S.DONE else {},
         known.began if known is not None else ticks,
         ticks if is_over else None,
     )

@@ -24,10 +24,11 @@ from ua_fleet.pubsub.events import (
     SourceSilent,
     SubscriberEvent,
 )
-from ua_fleet.server.skills.executions import STATUS_OF, Execution, SkillKeys, answered, heard, rows
+from ua_fleet.server.skills.executions import STATUS_OF, Execution, SkillKeys, answered, heard
 from ua_fleet.server.skills.program import ProgramState
 from ua_fleet.server.skills.tracked import SkillChange, SkillTransitioned, TrackedSkill
 from ua_fleet.skill.executions import OPEN, ExecutionState, Outcome, OutcomeKind
+from ua_fleet.skill.status import read_status
 from ua_fleet.topics import Topic
 from ua_fleet.values import NodeId, StatusCode
 
@@ -199,17 +200,16 @@ class SkillTracker:
         self._synchronised.add(event.topic)
         self._touched.add(event.topic)
         when = event.message.timestamp or ticks
-        said = list(rows(event))
-        listed = frozenset(bytes(row.get("ExecutionId") or b"") for row in said)
+        told = list(read_status(event.metadata.fields, event.message.values))
+        listed = frozenset(said.execution_id for said in told)
         for each in skills.values():
             each.listed = listed
-        for row in said:
-            skill = skills.get(str(row.get("Skill")))
-            execution_id = row.get("ExecutionId")
-            if skill is None or not isinstance(execution_id, bytes):
+        for said in told:
+            skill = skills.get(said.skill)
+            if skill is None:
                 continue
-            known = skill.executions.get(execution_id)
-            execution = heard(skill.model, execution_id, row, known, when)
+            known = skill.executions.get(said.execution_id)
+            execution = heard(skill.model, said, known, when)
             if execution is not None:
                 changes += skill.take(execution, when, quiet=is_first and known is None)
         return changes

@@ -14,13 +14,16 @@ from ua_fleet.errors import RobotOffline, ScenarioError, SkillRejected, StorageU
 from ua_fleet.fleet.changes import ValueChanged
 from ua_fleet.fleet.model import RobotState
 from ua_fleet.orchestrator import DecisionChanged, FaultChanged, Output, RunChanged
+from ua_fleet.pubsub.events import DataReceived
 from ua_fleet.scenario.facts import RunEnded, TaskOver
 from ua_fleet.server.scenarios.requests import START_WITHIN_S
 from ua_fleet.server.scenarios.service import COALESCE_S, ScenarioService
 from ua_fleet.skill.executions import ExecutionState, Outcome, OutcomeKind, Report
+from ua_fleet.skill.status import SKILL_STATUS_FIELDS, ExecutionStatus, SkillStatus
 from ua_fleet.storage.run_journal import RunJournal
 from ua_fleet.topics import Topic
 from ua_fleet.values import BuiltinType, NodeId, StatusCode
+from ua_fleet.wire.messages import ConfigurationVersion, DataSetMessage, DataSetMetaData
 
 SKILL = {"arguments": {"angle": {"type": "Double", "default": 0}}, "timeout_s": 5}
 CONFIG = FleetConfig.model_validate(
@@ -160,6 +163,21 @@ def test_after_a_restart_a_known_request_is_not_made_again(tmp_path: Path) -> No
     assert len(again.robots.asked) == 1
     again.service.concluded(execution_id, IMMEDIATE)
     assert again.ended() == ["done"]
+
+
+def test_a_robot_tells_of_its_own_executions_alone(tmp_path: Path) -> None:
+    world = World(tmp_path)
+    world.start()
+    ((_, _, execution_id),) = world.robots.asked
+    world.service.concluded(execution_id, ACCEPTED)
+    shown = SkillStatus()
+    shown.show(ExecutionStatus(execution_id, "grab", ExecutionState.DONE))
+    for status_id, ended in ((1201, []), (1200, ["done"])):
+        types, values = shown.fields()
+        message = DataSetMessage(status_id, types=types, values=values)
+        metadata = DataSetMetaData("skill status", SKILL_STATUS_FIELDS, ConfigurationVersion(1, 1))
+        world.service.heard(DataReceived(Topic(2, 2, status_id), message, metadata))
+        assert world.ended() == ended
 
 
 def test_an_action_that_nobody_announces_is_refused_in_the_end(tmp_path: Path) -> None:

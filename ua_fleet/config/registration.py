@@ -71,7 +71,7 @@ class Definition:
 
 def definition_text(name: str, config: RobotConfig) -> str:
     """A robot as text for `read_robot`, without what is its bridge's own matter."""
-    own = {"skills": {"__all__": {"via"}}, "data": {"__all__": {"source"}}, "bridge": True}
+    own: dict[str, Any] = {"skills": {"__all__": {"via"}}, "data": {"__all__": {"source"}}, "bridge": True}
     said: dict[str, Any] = config.model_dump(mode="json", exclude_defaults=True, exclude=own)
     return json.dumps({"robots": {name: said}}, ensure_ascii=False, separators=(",", ":"))
 

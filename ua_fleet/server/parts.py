@@ -236,3 +236,24 @@ class NodeParts:
             value_rank=1 if type_code & ARRAY else -1,
             reference=HAS_PROPERTY,
         )
+
+    def method(
+        self, owner: str, name: str, inputs: list[ua.Argument], outputs: list[ua.Argument], description: str
+    ) -> ua.NodeId:
+        """A Method of the Object with the string id `owner`; what it does is linked later."""
+        node = self.id(f"{owner}.{name}")
+        self.builder.add_method(node, QualifiedName(TYPES_INDEX, name), self.id(owner), description=description)
+        for which, arguments in (("InputArguments", inputs), ("OutputArguments", outputs)):
+            if arguments:
+                self.builder.add_variable(
+                    self.id(f"{owner}.{name}.{which}"),
+                    QualifiedName(0, which),
+                    node,
+                    STANDARD["PropertyType"],
+                    data_type=raw_id(ObjectIds.Argument),
+                    value=ua.DataValue(ua.Variant(arguments, ua.VariantType.ExtensionObject, None, True)),
+                    value_rank=1,
+                    array_length=len(arguments),
+                    reference=HAS_PROPERTY,
+                )
+        return node

@@ -1,49 +1,36 @@
-"""The Methods of Scenarios, Resilience and Faults: plain arguments, so that any client's call dialog can fill them in.
-
-All end with ReturnStatus and Message. A StatusCode that is Bad says that the call itself was not allowed or not well
-formed; what could not be done has a ReturnStatus above 0, and a Message that says why:
-
-    0 done   1 there is no such thing   2 not valid   3 not possible now   4 cannot be recorded
-"""
+"""The Methods of Scenarios, Resilience and Faults; see `ua_fleet.server.plain` for what they have in common."""
 
 # pyright: reportUnknownMemberType=false, reportUnknownVariableType=false, reportUnknownArgumentType=false
 
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Awaitable, Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 import structlog
 from asyncua import ua
 
-from ua_fleet.errors import JudgementsInvalid, ScenarioError, ScenarioInvalid, StorageUnavailable, UaFleetError
+from ua_fleet.errors import JudgementsInvalid, ScenarioError, ScenarioInvalid, UaFleetError
 from ua_fleet.orchestrator import Forecast
 from ua_fleet.resilience import Mode, OnLimit, weigh
-from ua_fleet.server.convert import fleet_variant, raw_id, to_variant
 from ua_fleet.server.endpoint.stack import ObjectIds, Refusal, StatusCodes, ns0
 from ua_fleet.server.hardened import HardenedServer
+from ua_fleet.server.parts import NodeParts
+from ua_fleet.server.plain import NOT_FOUND, NOT_POSSIBLE, NOT_VALID, Argument, PlainMethods, caller
 from ua_fleet.server.scenarios.alarms import ACKNOWLEDGE, ADD_COMMENT
 from ua_fleet.server.scenarios.library import MOST_BYTES, ScenarioUnknown
 from ua_fleet.server.scenarios.nodes import FAULTS, RESILIENCE, SCENARIOS, ScenarioNodes
 from ua_fleet.server.scenarios.service import ScenarioService
 from ua_fleet.server.scenarios.view import ScenarioView
-from ua_fleet.server.users import Role, User, current_user
+from ua_fleet.server.users import Role, User
 from ua_fleet.values import ARRAY, BuiltinType, NodeId
 
-__all__ = ["DONE", "NOT_FOUND", "NOT_POSSIBLE", "NOT_RECORDED", "NOT_VALID", "ScenarioMethods"]
+__all__ = ["ScenarioMethods"]
 
 _log: Any = structlog.get_logger("ua_fleet.scenarios")
 
-DONE: Final = 0
-NOT_FOUND: Final = 1
-NOT_VALID: Final = 2
-NOT_POSSIBLE: Final = 3
-NOT_RECORDED: Final = 4
-
-MOST_ITEMS: Final = 1000
-"""Of one array."""
 MOST_COMMENT: Final = 1000
 
 _TEXT: Final = int(BuiltinType.STRING)
@@ -53,115 +40,104 @@ _NUMBERS: Final = int(BuiltinType.DOUBLE | ARRAY)
 _COUNTS: Final = int(BuiltinType.INT32 | ARRAY)
 _FLAG: Final = int(BuiltinType.BOOLEAN)
 _REFRESH: Final = ns0(ObjectIds.ConditionType_ConditionRefresh)
-
-
-class _Argument(NamedTuple):
-    name: str
-    type: int
-    description: str
-
-
-_RETURNED: Final = (
-    _Argument(
-        "ReturnStatus", int(BuiltinType.UINT64), "0 done, 1 not found, 2 not valid, 3 not possible, 4 not recorded"
-    ),
-    _Argument("Message", _TEXT, "why it was not done"),
-)
-_SCENARIO: Final = _Argument("Scenario", _TEXT, "name of a scenario of the folder, or the text of one")
-_RUN_ID: Final = _Argument("RunId", _TEXT, "the run")
-_ROBOT: Final = _Argument("Robot", _TEXT, "name of a robot")
+_SCENARIO: Final = Argument("Scenario", _TEXT, "name of a scenario of the folder, or the text of one")
+_RUN_ID: Final = Argument("RunId", _TEXT, "the run")
+_ROBOT: Final = Argument("Robot", _TEXT, "name of a robot")
 _PARAMETERS: Final = (
-    _Argument("ParameterNames", _TEXTS, "parameters of the scenario; the others have their defaults"),
-    _Argument("ParameterValues", _TEXTS, "their values, e.g. 20, true, left"),
+    Argument("ParameterNames", _TEXTS, "parameters of the scenario; the others have their defaults"),
+    Argument("ParameterValues", _TEXTS, "their values, e.g. 20, true, left"),
 )
 _WEIGHTS: Final = (
-    _Argument("ConsistencyRatio", _NUMBER, "of the judgements (Saaty)"),
-    _Argument("Criteria", _TEXTS, "the criteria"),
-    _Argument("Weights", _NUMBERS, "their weights; together 1"),
+    Argument("ConsistencyRatio", _NUMBER, "of the judgements (Saaty)"),
+    Argument("Criteria", _TEXTS, "the criteria"),
+    Argument("Weights", _NUMBERS, "their weights; together 1"),
 )
-
-_Work = Callable[..., Awaitable[Sequence[Any]]]
-"""Takes the arguments as plain values; gives the outputs before ReturnStatus."""
 
 
 class ScenarioMethods:
     """Answers the Methods."""
 
     def __init__(
-        self, server: HardenedServer, nodes: ScenarioNodes, view: ScenarioView, service: ScenarioService
+        self,
+        server: HardenedServer,
+        parts: NodeParts,
+        nodes: ScenarioNodes,
+        view: ScenarioView,
+        service: ScenarioService,
     ) -> None:
         """Prepare to answer; `build` makes the Methods.
 
         Args:
             server: whose Methods they are.
+            parts: of the fleet.
             nodes: with the objects that have them.
             view: of runs and faults.
             service: does what is asked for.
         """
         self._server, self._nodes, self._view, self._service = server, nodes, view, service
+        self._methods = PlainMethods(server, parts, _code_of)
 
     def build(self) -> None:
         """Make the Methods and let them be called."""
         observer, operator, engineer = Role.OBSERVER, Role.OPERATOR, Role.ENGINEER
-        self._add(SCENARIOS, "List", observer, self._list, (), (
-            _Argument("Names", _TEXTS, "the scenarios of the folder"),
-            _Argument("Descriptions", _TEXTS, "what they are for"),
-            _Argument("Problems", _COUNTS, "how many mistakes each file has by itself"),
+        add = self._methods.add
+        add(SCENARIOS, "List", observer, self._list, (), (
+            Argument("Names", _TEXTS, "the scenarios of the folder"),
+            Argument("Descriptions", _TEXTS, "what they are for"),
+            Argument("Problems", _COUNTS, "how many mistakes each file has by itself"),
         ))  # fmt: skip
-        self._add(SCENARIOS, "Validate", operator, self._validate, (_SCENARIO,), (
-            _Argument("Valid", _FLAG, "whether it can be run"),
-            _Argument("Problems", _TEXTS, "all that is wrong with it"),
-            _Argument("Lines", _COUNTS, "the line of each problem; 0 where it has none"),
+        add(SCENARIOS, "Validate", operator, self._validate, (_SCENARIO,), (
+            Argument("Valid", _FLAG, "whether it can be run"),
+            Argument("Problems", _TEXTS, "all that is wrong with it"),
+            Argument("Lines", _COUNTS, "the line of each problem; 0 where it has none"),
         ))  # fmt: skip
-        self._add(SCENARIOS, "Run", operator, self._run, (_SCENARIO, *_PARAMETERS), (_RUN_ID,))
-        self._add(SCENARIOS, "Pause", operator, self._pause, (_RUN_ID,), ())
-        self._add(SCENARIOS, "Resume", operator, self._resume, (_RUN_ID,), ())
-        self._add(SCENARIOS, "Abort", operator, self._abort, (_RUN_ID, _Argument("Reason", _TEXT, "for people")), ())
-        self._add(SCENARIOS, "Answer", operator, self._answer, (
+        add(SCENARIOS, "Run", operator, self._run, (_SCENARIO, *_PARAMETERS), (_RUN_ID,))
+        add(SCENARIOS, "Pause", operator, self._pause, (_RUN_ID,), ())
+        add(SCENARIOS, "Resume", operator, self._resume, (_RUN_ID,), ())
+        add(SCENARIOS, "Abort", operator, self._abort, (_RUN_ID, Argument("Reason", _TEXT, "for people")), ())
+        add(SCENARIOS, "Answer", operator, self._answer, (
             _RUN_ID,
-            _Argument("Step", _TEXT, "key of the step, or name of its task"),
-            _Argument("Answer", _TEXT, "done, retry, or fail: another robot is looked for"),
+            Argument("Step", _TEXT, "key of the step, or name of its task"),
+            Argument("Answer", _TEXT, "done, retry, or fail: another robot is looked for"),
         ), ())  # fmt: skip
-        self._add(SCENARIOS, "DryRun", operator, self._dry_run, (
+        add(SCENARIOS, "DryRun", operator, self._dry_run, (
             _SCENARIO,
             *_PARAMETERS,
-            _Argument("ValueNames", _TEXTS, "values of robots and results of tasks, e.g. ur3.battery, fetch.weight"),
-            _Argument("Values", _TEXTS, "these values"),
+            Argument("ValueNames", _TEXTS, "values of robots and results of tasks, e.g. ur3.battery, fetch.weight"),
+            Argument("Values", _TEXTS, "these values"),
         ), (
-            _Argument("Outcome", _TEXT, "done, failed, aborted; empty where it would not end"),
-            _Argument("Reason", _TEXT, "why"),
-            _Argument("Times", _NUMBERS, "seconds since the start"),
-            _Argument("Steps", _TEXTS, "keys of the steps"),
-            _Argument("Texts", _TEXTS, "what would happen then"),
+            Argument("Outcome", _TEXT, "done, failed, aborted; empty where it would not end"),
+            Argument("Reason", _TEXT, "why"),
+            Argument("Times", _NUMBERS, "seconds since the start"),
+            Argument("Steps", _TEXTS, "keys of the steps"),
+            Argument("Texts", _TEXTS, "what would happen then"),
         ))  # fmt: skip
-        self._add(
-            SCENARIOS, "TellEvent", operator, self._tell_event, (_Argument("Name", _TEXT, "name of the event"),), ()
-        )
-        decision = _Argument("DecisionId", _TEXT, "the decision")
-        self._add(RESILIENCE, "Confirm", operator, self._confirm, (decision, _ROBOT), (
-            _Argument("Outcome", _TEXT, "taken, or repeated where this robot was chosen before"),
+        add(SCENARIOS, "TellEvent", operator, self._tell_event, (Argument("Name", _TEXT, "name of the event"),), ())
+        decision = Argument("DecisionId", _TEXT, "the decision")
+        add(RESILIENCE, "Confirm", operator, self._confirm, (decision, _ROBOT), (
+            Argument("Outcome", _TEXT, "taken, or repeated where this robot was chosen before"),
         ))  # fmt: skip
-        self._add(RESILIENCE, "WhatIf", observer, self._what_if, (_ROBOT,), (
-            _Argument("Runs", _TEXTS, "run of each task that the robot has ahead"),
-            _Argument("Tasks", _TEXTS, "name of each task"),
-            _Argument("Best", _TEXTS, "who would take it over; empty for nobody"),
-            _Argument("Explanations", _TEXTS, "the ranking, and who is no candidate, and why"),
+        add(RESILIENCE, "WhatIf", observer, self._what_if, (_ROBOT,), (
+            Argument("Runs", _TEXTS, "run of each task that the robot has ahead"),
+            Argument("Tasks", _TEXTS, "name of each task"),
+            Argument("Best", _TEXTS, "who would take it over; empty for nobody"),
+            Argument("Explanations", _TEXTS, "the ranking, and who is no candidate, and why"),
         ))  # fmt: skip
-        self._add(RESILIENCE, "SetJudgements", engineer, self._set_judgements, (
-            _Argument("Pairs", _TEXTS, "pairs of criteria, e.g. battery/distance; each pair once"),
-            _Argument("Values", _NUMBERS, "how many times more important the first is, 1/9 to 9"),
+        add(RESILIENCE, "SetJudgements", engineer, self._set_judgements, (
+            Argument("Pairs", _TEXTS, "pairs of criteria, e.g. battery/distance; each pair once"),
+            Argument("Values", _NUMBERS, "how many times more important the first is, 1/9 to 9"),
         ), _WEIGHTS)  # fmt: skip
-        self._add(RESILIENCE, "SetMode", engineer, self._set_mode, (
-            _Argument("Mode", _TEXT, "operator, automatic or abort"),
-            _Argument("LimitSeconds", _NUMBER, "how long an operator may think; 0 leaves it"),
-            _Argument("OnLimit", _TEXT, "what happens then: best or abort; empty leaves it"),
+        add(RESILIENCE, "SetMode", engineer, self._set_mode, (
+            Argument("Mode", _TEXT, "operator, automatic or abort"),
+            Argument("LimitSeconds", _NUMBER, "how long an operator may think; 0 leaves it"),
+            Argument("OnLimit", _TEXT, "what happens then: best or abort; empty leaves it"),
         ), ())  # fmt: skip
-        reason = _Argument("Reason", _TEXT, "what is wrong")
+        reason = Argument("Reason", _TEXT, "what is wrong")
         for name, work, inputs in (
             ("RaiseFault", self._raise_fault, (_ROBOT, reason)),
             ("ClearFault", self._clear_fault, (_ROBOT,)),
         ):
-            method = self._add(FAULTS, name, operator, work, inputs, ())
+            method = add(FAULTS, name, operator, work, inputs, ())
             self._server.context.method_rules[method] = _may_speak_for_robots
         for method, call in (
             (ACKNOWLEDGE, self._acknowledge),
@@ -170,41 +146,6 @@ class ScenarioMethods:
         ):
             self._server.link_method(self._server.get_node(method), call)
         self._server.require_role(_REFRESH, Role.OBSERVER)
-
-    def _add(
-        self,
-        owner: str,
-        name: str,
-        role: Role,
-        work: _Work,
-        inputs: Sequence[_Argument],
-        outputs: Sequence[_Argument],
-    ) -> ua.NodeId:
-        described = f"{name} of {owner}"
-        node = self._nodes.add_method(
-            owner,
-            name,
-            [_declared(one) for one in inputs],
-            [_declared(one) for one in (*outputs, *_RETURNED)],
-            described,
-        )
-
-        async def call(_parent: ua.NodeId, *arguments: ua.Variant) -> list[ua.Variant]:
-            code, message = DONE, ""
-            values: Sequence[Any] = [_nothing(output.type) for output in outputs]
-            try:
-                values = await work(*[_plain(argument) for argument in arguments])
-            except UaFleetError as error:
-                code, message = _code_of(error), str(error)
-                _log.warning("not done", method=name, by=_caller().name, reason=message)
-            return [
-                to_variant(output.type, value)
-                for output, value in zip((*outputs, *_RETURNED), (*values, code, message), strict=True)
-            ]
-
-        self._server.link_method(self._server.get_node(node), call)
-        self._server.require_role(node, role)
-        return node
 
     # Scenarios.
 
@@ -222,22 +163,22 @@ class ScenarioMethods:
 
     async def _run(self, scenario: str, names: list[str], values: list[str]) -> Sequence[Any]:
         valid = await asyncio.to_thread(self._service.valid, _short(scenario, MOST_BYTES))
-        return (self._service.start(valid, names, values, _caller().name),)
+        return (self._service.start(valid, names, values, caller().name),)
 
     async def _pause(self, run_id: str) -> Sequence[Any]:
-        self._service.pause(run_id, _caller().name)
+        self._service.pause(run_id, caller().name)
         return ()
 
     async def _resume(self, run_id: str) -> Sequence[Any]:
-        self._service.resume(run_id, _caller().name)
+        self._service.resume(run_id, caller().name)
         return ()
 
     async def _abort(self, run_id: str, reason: str) -> Sequence[Any]:
-        self._service.abort(run_id, reason, _caller().name)
+        self._service.abort(run_id, reason, caller().name)
         return ()
 
     async def _answer(self, run_id: str, step: str, answer: str) -> Sequence[Any]:
-        self._service.answer(run_id, step, answer, _caller().name)
+        self._service.answer(run_id, step, answer, caller().name)
         return ()
 
     async def _dry_run(
@@ -266,7 +207,7 @@ class ScenarioMethods:
             if known.chosen == robot:
                 return ("repeated",)
             raise ScenarioError(f"{decision_id}: {known.by} has chosen {known.chosen} before")
-        return (self._service.confirm(decision_id, robot, _caller().name).value,)
+        return (self._service.confirm(decision_id, robot, caller().name).value,)
 
     async def _what_if(self, robot: str) -> Sequence[Any]:
         forecasts = self._service.what_if(robot)
@@ -287,9 +228,9 @@ class ScenarioMethods:
                 raise JudgementsInvalid([f"{pair} was given twice"])
             judgements[one, other] = value
         settings = replace(self._service.settings, judgements=judgements)
-        self._service.set_settings(settings, _caller().name)
+        self._service.set_settings(settings, caller().name)
         self._view.show_settings(settings)
-        _log.info("judgements set", by=_caller().name)
+        _log.info("judgements set", by=caller().name)
         weights = weigh([criterion.name for criterion, _ in settings.criteria], judgements)
         return float(weights.consistency_ratio), list(weights.names), list(weights.weights)
 
@@ -305,9 +246,9 @@ class ScenarioMethods:
             limit_s=limit_s or settings.limit_s,
             on_limit=OnLimit(on_limit) if on_limit else settings.on_limit,
         )
-        self._service.set_settings(settings, _caller().name)
+        self._service.set_settings(settings, caller().name)
         self._view.show_settings(settings)
-        _log.info("mode set", mode=mode, by=_caller().name)
+        _log.info("mode set", mode=mode, by=caller().name)
         return ()
 
     # Faults.
@@ -323,7 +264,7 @@ class ScenarioMethods:
         return ()
 
     def _check_robot(self, robot: str) -> None:
-        bridge = _caller().bridge
+        bridge = caller().bridge
         if bridge and self._service.bridge_of(robot) != bridge:
             raise Refusal(StatusCodes.BadUserAccessDenied, f"{robot} is no robot of {bridge}")
 
@@ -332,21 +273,21 @@ class ScenarioMethods:
         fault_id = self._alarm(parent, event_id)
         if self._view.is_acknowledged(fault_id):
             raise Refusal(StatusCodes.BadConditionBranchAlreadyAcked, f"{fault_id} is acknowledged")
-        by = _caller().name
+        by = caller().name
         self._view.comment(fault_id, _text_of(comment), by, tell=False)
         self._service.acknowledge(fault_id, by)
         return []
 
     async def _add_comment(self, parent: ua.NodeId, event_id: ua.Variant, comment: ua.Variant) -> list[ua.Variant]:
         """AddComment (OPC 10000-9 5.5.6)."""
-        self._view.comment(self._alarm(parent, event_id), _text_of(comment), _caller().name, tell=True)
+        self._view.comment(self._alarm(parent, event_id), _text_of(comment), caller().name, tell=True)
         return []
 
     async def _refresh(self, _parent: ua.NodeId, subscription_id: ua.Variant) -> list[ua.Variant]:
         """ConditionRefresh (OPC 10000-9 5.5.7): to the caller's own subscription alone."""
         number = int(subscription_id.Value)
         subscription: Any = self._server.iserver.subscription_service.subscriptions.get(number)
-        if subscription is None or subscription.owner != _caller():
+        if subscription is None or subscription.owner != caller():
             raise Refusal(StatusCodes.BadSubscriptionIdInvalid)
         await self._view.refresh(number)
         return []
@@ -359,33 +300,6 @@ class ScenarioMethods:
         if not self._view.has_told(fault_id, event_id.Value or b""):
             raise Refusal(StatusCodes.BadEventIdUnknown, f"no event of {fault_id}")
         return fault_id
-
-
-def _declared(argument: _Argument) -> ua.Argument:
-    is_array = bool(argument.type & ARRAY)
-    return ua.Argument(
-        Name=ua.String(argument.name),
-        DataType=raw_id(argument.type & 0x3F),
-        ValueRank=ua.Int32(1 if is_array else -1),
-        ArrayDimensions=[ua.UInt32(0)] if is_array else [],
-        Description=ua.LocalizedText(argument.description),
-    )
-
-
-def _plain(argument: ua.Variant) -> Any:
-    """An argument as a plain value; a null is what is empty of its kind."""
-    kind, value = fleet_variant(argument)
-    if kind & ARRAY or isinstance(value, tuple | list):
-        if len(value or ()) > MOST_ITEMS:
-            raise ScenarioInvalid([f"an array has at most {MOST_ITEMS} items here"])
-        return [item if item is not None else "" for item in value or ()]
-    return "" if value is None else value
-
-
-def _nothing(kind: int) -> Any:
-    if kind & ARRAY:
-        return []
-    return "" if kind == _TEXT else False if kind == _FLAG else 0.0
 
 
 def _short(text: str, most: int) -> str:
@@ -407,19 +321,11 @@ def _explained(forecast: Forecast) -> str:
 
 
 def _code_of(error: UaFleetError) -> int:
-    if isinstance(error, Refusal):
-        raise error
     if isinstance(error, ScenarioUnknown):
         return NOT_FOUND
     if isinstance(error, ScenarioInvalid | JudgementsInvalid):
         return NOT_VALID
-    return NOT_RECORDED if isinstance(error, StorageUnavailable) else NOT_POSSIBLE
-
-
-def _caller() -> User:
-    user = current_user.get()
-    assert user is not None
-    return user
+    return NOT_POSSIBLE
 
 
 def _may_speak_for_robots(user: User) -> bool:

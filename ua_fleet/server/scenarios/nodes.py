@@ -104,27 +104,6 @@ class ScenarioNodes:
         parts.folder(f"{RESILIENCE}.Decisions", "Decisions", resilience)
         parts.object(FAULTS, "Faults", fleet, TypeId.FAULTS)
 
-    def add_method(
-        self, owner: str, name: str, inputs: list[ua.Argument], outputs: list[ua.Argument], description: str
-    ) -> ua.NodeId:
-        """A Method of an object."""
-        parts, node = self._parts, self._parts.id(f"{owner}.{name}")
-        parts.builder.add_method(node, QualifiedName(TYPES_INDEX, name), parts.id(owner), description=description)
-        for which, arguments in (("InputArguments", inputs), ("OutputArguments", outputs)):
-            if arguments:
-                parts.builder.add_variable(
-                    parts.id(f"{owner}.{name}.{which}"),
-                    QualifiedName(0, which),
-                    node,
-                    STANDARD["PropertyType"],
-                    data_type=ns0(ObjectIds.Argument),
-                    value=ua.DataValue(ua.Variant(arguments, ua.VariantType.ExtensionObject, None, True)),
-                    value_rank=1,
-                    array_length=len(arguments),
-                    reference=HAS_PROPERTY,
-                )
-        return node
-
     def show_run(self, record: RunRecord) -> None:
         """A run, as it is now."""
         rows = record.rows()

@@ -78,5 +78,5 @@ def add_scenarios(
     )
     view.restored(service.restore())
     view.show_settings(service.settings)
-    ScenarioMethods(server, nodes, view, service).build()
+    ScenarioMethods(server, parts, nodes, view, service).build()
     hub.add_scenarios(service, view)

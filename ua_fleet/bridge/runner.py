@@ -44,6 +44,8 @@ __all__ = ["run_bridge", "timing_of"]
 
 JOURNAL: Final = "executions.db"
 """In a bridge's state folder: what its robots were asked to do."""
+Sent = Callable[[bytes, int], None]
+"""Told of each message that is sent: as it was before it was secured, and its bytes on the wire."""
 _TOLD: Final = 256
 """Different reasons of drops that are logged; the counters go on."""
 
@@ -73,8 +75,9 @@ class _Shell:
         state_dir: Path,
         journal: ResponderJournal,
         rule: Rule,
+        sent: Sent | None,
     ) -> None:
-        self._loop = asyncio.get_running_loop()
+        self._loop, self._sent = asyncio.get_running_loop(), sent
         self._name, self._bridge = bridge_name, config.bridges[bridge_name]
         self._driver, self._transport = driver, transport
         self._status_topic = status_topic(config, self._bridge)
@@ -155,12 +158,15 @@ class _Shell:
         self._arm()
 
     def _send(self, datagram: bytes) -> None:
-        for sealed in self.envelope.seal(datagram, self._loop.time()):
-            self._transport.send(sealed)
+        self._send_to(datagram, None)
 
-    def _send_to(self, datagram: bytes, address: Address) -> None:
+    def _send_to(self, datagram: bytes, address: Address | None) -> None:
+        size = 0
         for sealed in self.envelope.seal(datagram, self._loop.time()):
             self._transport.send(sealed, address)
+            size += len(sealed)
+        if self._sent is not None:
+            self._sent(datagram, size)
 
     def _failed(self, text: str, error: BaseException | None) -> None:
         """Log what went wrong with commands, with the traceback where it is a mistake of the driver."""
@@ -232,6 +238,7 @@ async def run_bridge(
     journal: ResponderJournal | None = None,
     ready: Callable[[], None] | None = None,
     rule: Rule = loop_verdict,
+    sent: Sent | None = None,
 ) -> None:
     """Run a bridge until cancelled; then the driver has left its space and the transport is closed.
 
@@ -245,6 +252,7 @@ async def run_bridge(
         journal: of executions; the one in `state_dir` if left out. Without skills there is nothing to remember.
         ready: called once both sides work.
         rule: the loop rule; only a test puts another one in its place.
+        sent: told of each message that is sent, with its bytes on the wire.
 
     Raises:
         ConfigError: there is no source of keys, or what stands in `state_dir` cannot be used.
@@ -256,7 +264,7 @@ async def run_bridge(
     async with AsyncExitStack() as cleanup:
         if journal is None and skills_of(driver) is not None:
             journal = cleanup.enter_context(SqliteJournal(state_dir / JOURNAL))
-        shell = _Shell(config, bridge_name, driver, transport, state_dir, journal or MemoryJournal(), rule)
+        shell = _Shell(config, bridge_name, driver, transport, state_dir, journal or MemoryJournal(), rule, sent)
         cleanup.push_async_callback(transport.close)
         cleanup.push_async_callback(driver.stop)
         cleanup.callback(shell.end)

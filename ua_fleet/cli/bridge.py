@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Annotated
 
 import typer
@@ -13,6 +14,7 @@ from ua_fleet.cli.options import DEFAULT_CONFIG, Config, Json, WithoutLoopRule, 
 from ua_fleet.cli.output import message, print_json, print_line
 from ua_fleet.cli.process import run
 from ua_fleet.cli.rules import rule_for
+from ua_fleet.cli.traffic_log import TrafficLogFile, traffic_log
 
 __all__ = ["EXAMPLES", "bridge"]
 
@@ -23,6 +25,7 @@ def bridge(
     name: Annotated[str, typer.Argument(help="Name of the bridge in the configuration file.")],
     config: Config = DEFAULT_CONFIG,
     as_json: Json = False,
+    traffic_file: TrafficLogFile = None,
     without_loop_rule: WithoutLoopRule = False,
 ) -> None:
     """Run one UA bridge between its space and OPC UA PubSub until Ctrl-C.
@@ -53,7 +56,7 @@ def bridge(
         else:
             print_line(f"ready: bridge {name}")
 
-    async def bridged() -> None:
+    async def bridged(sent: Callable[[bytes, int], None] | None) -> None:
         async with source as keys:
             await run_bridge(
                 fleet,
@@ -64,7 +67,9 @@ def bridge(
                 keys=keys,
                 ready=ready,
                 rule=rule_for(without_loop_rule),
+                sent=sent,
             )
 
     message(f"bridge {name} ({fleet.bridges[name].kind}, space {fleet.bridges[name].space}); end it with Ctrl-C")
-    run(bridged())
+    with traffic_log(traffic_file, fleet) as sent:
+        run(bridged(sent))

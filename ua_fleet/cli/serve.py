@@ -12,6 +12,7 @@ from ua_fleet.cli.options import DEFAULT_CONFIG, Config, Json, WithoutLoopRule, 
 from ua_fleet.cli.output import message, print_json, print_line
 from ua_fleet.cli.process import run
 from ua_fleet.cli.rules import rule_for
+from ua_fleet.cli.traffic_log import TrafficLogFile, traffic_log
 
 __all__ = ["EXAMPLES", "serve"]
 
@@ -23,6 +24,7 @@ def serve(
     host: Annotated[str | None, typer.Option(help="Listen on this address instead of the file's.")] = None,
     port: Annotated[int | None, typer.Option(help="Listen on this port instead of the file's; 0: any.")] = None,
     as_json: Json = False,
+    traffic_file: TrafficLogFile = None,
     without_loop_rule: WithoutLoopRule = False,
 ) -> None:
     """Run the OPC UA server of a fleet until Ctrl-C.
@@ -43,4 +45,5 @@ def serve(
             print_line(f"ready: {endpoint}")
 
     message(f"serving {fleet.fleet.name} of {config}; end it with Ctrl-C")
-    run(run_server(fleet, config.resolve().parent, ready=ready, rule=rule_for(without_loop_rule)))
+    with traffic_log(traffic_file, fleet) as sent:
+        run(run_server(fleet, config.resolve().parent, ready=ready, rule=rule_for(without_loop_rule), sent=sent))

@@ -57,6 +57,7 @@ async def run_server(
     transport: Transport | None = None,
     ready: Callable[[str], None] | None = None,
     rule: LoopRule = loop_verdict,
+    sent: Callable[[bytes, int], None] | None = None,
 ) -> None:
     """Serve a fleet until cancelled.
 
@@ -66,6 +67,7 @@ async def run_server(
         transport: in place of the UDP transport that the configuration describes.
         ready: called with the endpoint URL once clients can connect and data is received.
         rule: the loop rule.
+        sent: told of each PubSub message that is sent, with its bytes on the wire.
 
     Raises:
         ConfigError: a data source has no id, or the key files cannot be used.
@@ -105,6 +107,7 @@ async def run_server(
             journal=journal,
             keys=keys,
             rule=rule,
+            sent=sent,
         )
         methods = SkillMethods(
             server,

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
 import structlog
@@ -88,6 +88,7 @@ class Hub:
         journal: RequestorJournal,
         keys: KeySource | None = None,
         rule: LoopRule = loop_verdict,
+        sent: Callable[[bytes, int], None] | None = None,
     ) -> None:
         """Make a hub.
 
@@ -100,6 +101,7 @@ class Hub:
             journal: what robots were asked to do, through restarts.
             keys: where the keys of message security come from; not needed where it is `none`.
             rule: the loop rule.
+            sent: told of each message that is sent: as it was before it was secured, and its bytes on the wire.
 
         Raises:
             ConfigError: there is no source of keys, or what stands in `state_dir` cannot be used.
@@ -108,6 +110,7 @@ class Hub:
         timing = PubSubTiming(pubsub.keep_alive_s, pubsub.receive_timeout_s, pubsub.repeat_interval_s)
         codec = Codec()
         self.counters = Counters()
+        self._sent = sent
         self.commands = Commands(model)
         self._transport = transport
         self._projection = projection
@@ -385,5 +388,9 @@ class Hub:
     def _send(self, datagrams: Iterable[bytes]) -> None:
         now = asyncio.get_running_loop().time()
         for datagram in datagrams:
+            size = 0
             for sealed in self._envelope.seal(datagram, now):
                 self._transport.send(sealed)
+                size += len(sealed)
+            if self._sent is not None:
+                self._sent(datagram, size)

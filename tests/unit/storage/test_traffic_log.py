@@ -1,0 +1,48 @@
+"""What processes send is written down by kind, and read back over all of them."""
+
+from __future__ import annotations
+
+from contextlib import closing
+from pathlib import Path
+
+import pytest
+
+from ua_fleet.errors import ConfigError
+from ua_fleet.storage.traffic_log import TrafficLog, read_traffic
+from ua_fleet.topics import Topic
+from ua_fleet.traffic import Kind
+from ua_fleet.wire import encode_probe
+from ua_fleet.wire.messages import Probe, ProbeKind
+
+PROBE = encode_probe(Probe(None, 0, ProbeKind.FIND_APPLICATIONS))
+
+
+def test_messages_of_all_processes_come_back_in_their_order(tmp_path: Path) -> None:
+    paths = [tmp_path / "one.jsonl", tmp_path / "two.jsonl"]
+    with closing(TrafficLog(paths[0], {})) as one, closing(TrafficLog(paths[1], {})) as two:
+        one.sent(PROBE, 100, 11.0)
+        one.sent(PROBE, 300, 13.0)
+        two.sent(PROBE, 200, 12.0)
+        messages = read_traffic(paths)
+    assert [(message.at, message.size) for message in messages] == [(11.0, 100), (12.0, 200), (13.0, 300)]
+    assert all(message.kinds == (Kind.REGISTRATION,) for message in messages)
+
+
+def test_what_cannot_be_decoded_is_there_without_a_kind(tmp_path: Path) -> None:
+    path = tmp_path / "log.jsonl"
+    with closing(TrafficLog(path, {Topic(2, 2, 1): Kind.SENSOR})) as log:
+        log.sent(b"\xff", 1, 11.0)
+    assert [(message.kinds, message.size) for message in read_traffic([path])] == [((), 1)]
+
+
+def test_a_line_that_a_kill_cut_off_is_left_out(tmp_path: Path) -> None:
+    path = tmp_path / "log.jsonl"
+    with closing(TrafficLog(path, {})) as log:
+        log.sent(PROBE, 9, 11.0)
+    path.write_text(path.read_text() + '{"t": 12.5, "kinds": ["sta')
+    assert [message.size for message in read_traffic([path])] == [9]
+
+
+def test_a_file_that_cannot_be_written_is_named(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=r"missing/log\.jsonl.*cannot write the traffic log"):
+        TrafficLog(tmp_path / "missing" / "log.jsonl", {})

@@ -1,0 +1,22 @@
+"""What `fleet.yaml` tells of the kinds of messages that do not show it themselves."""
+
+from __future__ import annotations
+
+from ua_fleet.config.schema import FleetConfig
+from ua_fleet.topics import Topic
+from ua_fleet.traffic import Kind
+
+__all__ = ["known_kinds"]
+
+
+def known_kinds(config: FleetConfig) -> dict[Topic, Kind]:
+    """Where robots announce faults, and the data of sensors: of what has data and can be asked for nothing."""
+    known: dict[Topic, Kind] = {}
+    for robot in config.robots.values():
+        space, ns = config.bridges[robot.bridge].space, config.fleet.namespace_index
+        if robot.fault_id is not None:
+            known[Topic(space, ns, robot.fault_id)] = Kind.FAULT
+        if not robot.skills:
+            sources = [data.id for data in robot.data.values() if data.origin == "robot" and data.id is not None]
+            known |= {Topic(space, ns, number): Kind.SENSOR for number in sources}
+    return known

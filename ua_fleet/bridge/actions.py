@@ -70,7 +70,7 @@ RETRY_S: Final = 1.0
 _SHOWN_AFTER_START: Final = 256
 """Executions of a run before that SkillStatus is made of, of all robots together."""
 SKILLS_PERIOD_S: Final = 1.0
-"""How often the driver is asked what skills there are."""
+"""How often a driver is asked what skills there are."""
 
 
 class Actions:
@@ -92,6 +92,7 @@ class Actions:
         wall_ticks: Callable[[], int],
         failed: Callable[[str, BaseException | None], None],
         rule: Rule = loop_verdict,
+        skills_period_s: float = SKILLS_PERIOD_S,
     ) -> None:
         """Connect the parts.
 
@@ -109,6 +110,7 @@ class Actions:
             wall_ticks: the time of the wall clock.
             failed: told what an operator has to know, with the exception where a mistake of the driver was the cause.
             rule: the loop rule.
+            skills_period_s: how often the driver is asked what skills there are.
         """
         self._space, self._publisher, self._counters, self._driver = space, publisher, counters, driver
         self._send, self._send_to, self._wall_ticks, self._failed, self._rule = (
@@ -126,7 +128,7 @@ class Actions:
         self._changed: list[skill_journal.Execution] = []
         """What SkillStatus has not said yet: a requestor that waits is answered first."""
         self._skills: dict[Topic, Skill] = {}
-        self._skills_at = 0.0
+        self._skills_at, self._skills_period_s = 0.0, skills_period_s
         self._waiting: deque[Callable[[float], Sequence[ResponderEffect]]] = deque()
         """What could not be journaled yet, in its order."""
         self._retry_at = 0.0
@@ -322,7 +324,7 @@ class Actions:
 
     def _look_at_skills(self, now: float) -> None:
         """Announce what is new or has changed, and retire what is gone."""
-        self._skills_at = now + SKILLS_PERIOD_S
+        self._skills_at = now + self._skills_period_s
         if self._driver is None:
             return
         skills = {skill.topic: skill for skill in self._driver.skills()}

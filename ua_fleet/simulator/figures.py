@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from itertools import accumulate
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -28,6 +29,7 @@ _QUIET_S: Final = 600.0
 """Keep-alives are not in these figures; with so long a period the further simulations take less time."""
 _COLOURS: Final = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#666666")
 """Told apart by the colour-blind too (Okabe and Ito)."""
+_MORE_COLOURS: Final = ("#000000", "#999933", "#882255", "#44aa99")
 
 Points = Mapping[tuple[int, int], Result]
 """Simulations by (robots, tasks)."""
@@ -99,6 +101,7 @@ def _messages(points: Points) -> Figure:
         values = [equations.total(equations.cyclic(robots, tasks)) for robots in across]
         axis.plot(across, values, color=colour, linestyle="--", linewidth=1)
     axis.plot([], [], color="black", linestyle="--", linewidth=1, label="Eq. 12, same colours")
+    axis.set_ylim(bottom=0, auto=True)
     axis.set_xlabel("robots")
     axis.set_ylabel("messages (kinds of Eq. 12)")
     axis.set_title("Messages by robots and tasks")
@@ -111,6 +114,7 @@ def _bytes(points: Points) -> Figure:
     figure, (axis,) = _figure(7, 4.5)
     swapped = {(tasks, robots): result for (robots, tasks), result in points.items()}
     _lines(axis, swapped, lambda result: result.traffic.equation_12_bytes / 1000, what="robots")
+    axis.set_ylim(bottom=0)
     axis.set_xlabel("tasks")
     axis.set_ylabel("kB (kinds of Eq. 12, signed and encrypted)")
     axis.set_title("Data by tasks and robots")
@@ -127,7 +131,6 @@ def _lines(
         label = f"{number:,} {what if number != 1 else what.removesuffix('s')}"
         axis.plot(across, values, color=colour, marker="o", markersize=4, label=label)
     axis.set_xlim(left=0)
-    axis.set_ylim(bottom=0)
 
 
 def _over_time(result: Result, points: Points) -> Figure:
@@ -135,44 +138,26 @@ def _over_time(result: Result, points: Points) -> Figure:
     figure, (fleets, kinds) = _figure(11, 4.5, panels=2)
     most = max(tasks for _, tasks in points)
     for robots, colour in zip(sorted({robots for robots, _ in points}), _COLOURS, strict=False):
-        counted = _per_second(points[robots, most], EQUATION_12_KINDS)
-        total = 0
-        cumulated: list[int] = []
-        for count in counted:
-            total += count
-            cumulated.append(total)
-        label = f"{robots:,} robot{'s' if robots != 1 else ''}"
-        fleets.step([*range(len(counted))], cumulated, where="post", color=colour, label=label)
-    fleets.set_title(f"Messages so far (kinds of Eq. 12), {most:,} tasks")
-    fleets.set_xlabel("s")
-    fleets.set_ylabel("messages")
-    fleets.set_xlim(left=0)
+        _steps(fleets, points[robots, most], EQUATION_12_KINDS, f"{robots:,} robot{'s' if robots != 1 else ''}", colour)
     fleets.set_ylim(bottom=0)
+    fleets.set_title(f"Messages so far (kinds of Eq. 12), {most:,} tasks")
     fleets.legend()
-    settings = result.settings
-    shown = [kind for kind in Kind if result.traffic.messages[kind]]
-    colours = [*_COLOURS, "#f0e442", "#999933", "#882255", "#000000"]
-    for kind, colour in zip(shown, colours, strict=False):
-        counted = _per_second(result, (kind,))
-        seconds = [second for second, count in enumerate(counted) if count]
-        is_counted = kind in EQUATION_12_KINDS
-        kinds.scatter(
-            seconds,
-            [counted[second] for second in seconds],
-            s=10 if is_counted else 4,
-            marker="o" if is_counted else "x",
-            linewidths=0.6,
-            color=colour,
-            label=f"{kind.value} ({result.traffic.messages[kind]:,})",
-        )
+    settings, traffic = result.settings, result.traffic
+    shown = sorted((kind for kind in Kind if traffic.messages[kind]), key=lambda kind: -traffic.messages[kind])
+    for kind, colour in zip(shown, (*_COLOURS, *_MORE_COLOURS), strict=False):
+        style = "-" if kind in EQUATION_12_KINDS else ":"
+        _steps(kinds, result, (kind,), f"{kind.value} ({traffic.messages[kind]:,})", colour, style)
     kinds.set_yscale("log")
-    kinds.set_title(f"Messages in each second, {settings.robots:,} robots, {settings.tasks:,} tasks")
-    kinds.set_xlabel("s")
-    kinds.set_xlim(left=0)
-    kinds.legend(fontsize=7, ncols=2, markerscale=2)
+    kinds.set_title(f"Messages so far by kind, {settings.robots:,} robots, {settings.tasks:,} tasks")
+    kinds.legend(title="dotted: not in Eq. 12", loc="center left", bbox_to_anchor=(1.0, 0.5))
     return figure
 
 
-def _per_second(result: Result, kinds: Sequence[Kind]) -> list[int]:
-    traffic = result.traffic
-    return [sum(traffic.messages_at[second, kind] for kind in kinds) for second in range(int(result.ended_s) + 1)]
+def _steps(axis: Axes, result: Result, kinds: Sequence[Kind], label: str, colour: str, style: str = "-") -> None:
+    """What was sent up to the end of each second."""
+    at = result.traffic.messages_at
+    counted = accumulate(sum(at[second, kind] for kind in kinds) for second in range(int(result.ended_s) + 1))
+    axis.step([*range(int(result.ended_s) + 1)], [*counted], where="post", color=colour, linestyle=style, label=label)
+    axis.set_xlim(left=0)
+    axis.set_xlabel("s")
+    axis.set_ylabel("messages")

@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
@@ -141,6 +142,7 @@ class VirtualBridge:
             send_to=place.send,
             wall_ticks=place.wall_ticks,
             failed=_raise,
+            skills_period_s=math.inf,  # a virtual robot's never change
         )
         topic = status_topic(config, bridge)
         assert topic is not None, "fleet_of gives each bridge one"

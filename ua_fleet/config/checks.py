@@ -4,21 +4,20 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
-from dataclasses import dataclass
 from datetime import datetime
-from typing import Any, Final
+from typing import Final
 
+from ua_fleet.config.parts import Parts
+from ua_fleet.config.resilience_checks import check_resilience
 from ua_fleet.config.schema import (
-    BridgeConfig,
     DataSetConfig,
     FieldConfig,
-    PubSubConfig,
     PubSubSecurity,
     RobotConfig,
     ScalarType,
     TopicMapping,
 )
-from ua_fleet.document import Document, KeyPath, as_mapping, key_text
+from ua_fleet.document import KeyPath, key_text
 from ua_fleet.errors import TopicInvalid
 from ua_fleet.names import closest, listed
 from ua_fleet.topics import check_space
@@ -29,29 +28,6 @@ _UA_TOPIC: Final = re.compile(r"/?ua_[0-9]")
 _BITS: Final = re.compile(r"(U?)(?:Int)(\d+)")
 _SHORTEST_LIFETIME_S: Final = 2.0
 _MAX_FLOAT: Final = 3.4028234663852886e38
-
-
-@dataclass(frozen=True, slots=True)
-class Parts:
-    """What is valid by itself; the rest has its problems already."""
-
-    document: Document
-    file: str
-    pubsub: PubSubConfig | None
-    bridges: dict[str, BridgeConfig]
-    bridge_of: dict[str, str]
-    """The bridge of each valid robot."""
-    data: dict[tuple[str, str], DataSetConfig]
-    """By robot and name."""
-    robots: dict[str, RobotConfig]
-    """Robots with their skills, without their data."""
-
-    def mapping_at(self, path: KeyPath) -> dict[str, Any]:
-        """The mapping that stands at a path of the file; empty where there is none."""
-        value = self.document.data
-        for step in path:
-            value = as_mapping(value.get(str(step))) or {}
-        return value
 
 
 def _check_bridges_exist(parts: Parts) -> None:
@@ -317,6 +293,7 @@ _CHECKS: Final[tuple[Callable[[Parts], None], ...]] = (
     _check_keys,
     _check_skills,
     _check_kinds,
+    check_resilience,
 )
 
 

@@ -17,7 +17,16 @@ from ua_fleet.config.base import Name
 from ua_fleet.config.checks import Parts, check_all, check_ids_given
 from ua_fleet.config.kinds import known_kinds, model_of_kind
 from ua_fleet.config.layers import apply_environment, apply_options
-from ua_fleet.config.schema import BridgeConfig, DataMapping, DataSetConfig, FleetConfig, RobotConfig, SkillConfig
+from ua_fleet.config.resilience_schema import CriterionConfig, FaultConditionConfig
+from ua_fleet.config.schema import (
+    BridgeConfig,
+    DataMapping,
+    DataSetConfig,
+    FleetConfig,
+    ResilienceConfig,
+    RobotConfig,
+    SkillConfig,
+)
 from ua_fleet.config.wording import explain
 from ua_fleet.document import MAX_BYTES, Document, KeyPath, as_mapping, key_text, read_document
 from ua_fleet.errors import ConfigError, ConfigInvalid
@@ -31,7 +40,7 @@ VERSION: Final = 1
 _NAME: Final[TypeAdapter[str]] = TypeAdapter(Name)
 _SIDES: Final = ("source", "sink")
 """Of a data source: what stands there depends on the bridge's kind."""
-_SECTIONS: Final = ("fleet", "server", "pubsub", "bridges", "robots")
+_SECTIONS: Final = ("fleet", "server", "pubsub", "bridges", "robots", "resilience")
 _Model = TypeVar("_Model", bound=BaseModel)
 
 
@@ -152,6 +161,25 @@ class Loading:
                 mappings[side] = mapping
         return None if data_set is None else data_set.model_copy(update=mappings)
 
+    def resilience(self, given: Mapping[str, Any]) -> ResilienceConfig:
+        """The section with those of its criteria and faults that are valid."""
+        path: KeyPath = ("resilience",)
+        names = {key: self.named((*path, key), given.get(key)) for key in ("criteria", "faults")}
+        rest = {key: value for key, value in given.items() if key not in names or value == {}}
+        shell = self.model(ResilienceConfig, rest, path)
+        criteria: dict[str, CriterionConfig] = {}
+        for name, value in names["criteria"].items():
+            inner = (*path, "criteria", name)
+            if (criterion := self.model(CriterionConfig, self.mapping(inner, value), inner)) is not None:
+                criteria[name] = criterion
+        faults: dict[str, FaultConditionConfig] = {}
+        for name, value in names["faults"].items():
+            inner = (*path, "faults", name)
+            if (fault := self.model(FaultConditionConfig, self.mapping(inner, value), inner)) is not None:
+                faults[name] = fault
+        changed = {"criteria": criteria, "faults": faults} if names["criteria"] else {"faults": faults}
+        return (shell or ResilienceConfig()).model_copy(update=changed)
+
 
 def _read(document: Document, file: str, allow_missing_ids: bool) -> FleetConfig | None:
     root, loading = document.data, Loading(document)
@@ -159,6 +187,7 @@ def _read(document: Document, file: str, allow_missing_ids: bool) -> FleetConfig
     shell = loading.model(
         FleetConfig, {**root, **{name: sections[name] for name in ("fleet", "server", "pubsub")}, **_NO_NAMES}, ()
     )
+    resilience = loading.resilience(sections["resilience"])
     bridges: dict[str, BridgeConfig] = {}
     for name, value in loading.named(("bridges",), sections["bridges"]).items():
         if (bridge := loading.bridge(name, value)) is not None:
@@ -171,7 +200,7 @@ def _read(document: Document, file: str, allow_missing_ids: bool) -> FleetConfig
             robots[name] = robot
         data |= {(name, data_name): data_set for data_name, data_set in data_sets.items()}
     bridge_of = {name: robot.bridge for name, robot in robots.items()}
-    parts = Parts(document, file, shell.pubsub if shell else None, bridges, bridge_of, data, robots)
+    parts = Parts(document, file, shell.pubsub if shell else None, bridges, bridge_of, data, robots, resilience)
     check_all(parts)
     check_ids_given(parts, allow_missing=allow_missing_ids)
     if shell is None or document.problems:
@@ -180,10 +209,10 @@ def _read(document: Document, file: str, allow_missing_ids: bool) -> FleetConfig
     for (robot_name, data_name), dataset in data.items():
         of_robot[robot_name][data_name] = dataset
     whole = {name: robot.model_copy(update={"data": of_robot[name]}) for name, robot in robots.items()}
-    return shell.model_copy(update={"bridges": bridges, "robots": whole})
+    return shell.model_copy(update={"bridges": bridges, "robots": whole, "resilience": resilience})
 
 
-_NO_NAMES: Final[dict[str, Any]] = {"bridges": {}, "robots": {}}
+_NO_NAMES: Final[dict[str, Any]] = {"bridges": {}, "robots": {}, "resilience": {}}
 
 
 def _check_version(document: Document) -> None:

@@ -8,13 +8,12 @@ from typing import Annotated, Final, Literal
 from pydantic import Field, model_validator
 
 from ua_fleet.config.base import FieldPath, Model, Name
-from ua_fleet.errors import JudgementsInvalid
 from ua_fleet.orchestrator import CriterionSource, DistanceFrom, FaultRule, ResilienceSettings, TasksAhead, ValueOf
 from ua_fleet.resilience import Criterion, CriterionKind, Mode, OnLimit, Synthesis
 from ua_fleet.scenario import parse_expression
 from ua_fleet.scenario.expression import ExpressionInvalid
 
-__all__ = ["CriterionConfig", "DistanceConfig", "FaultConditionConfig", "ResilienceConfig"]
+__all__ = ["RESERVED_SOURCES", "CriterionConfig", "DistanceConfig", "FaultConditionConfig", "ResilienceConfig"]
 
 RESERVED_SOURCES: Final = frozenset({"announced", "robot", "silent", "skill"})
 """What else finds faults."""
@@ -72,7 +71,8 @@ class FaultConditionConfig(Model, frozen=True):
     robots: Annotated[tuple[Name, ...], Field(min_length=1)]
     """Robots that may have it."""
     when: str
-    """The fault is there when this is true, e.g. `battery < 20`; names are the robot's own values."""
+    """The fault is there when this is true, e.g. `battery < 20`; names are the robot's own values, or with a
+    robot's name before them that one's."""
     until: str | None = None
     """It is over when this is true; left out: when `when` is false."""
     reason: str = ""
@@ -121,22 +121,12 @@ class ResilienceConfig(Model, frozen=True):
     faults: dict[Name, FaultConditionConfig] = {}
     """Faults that are found by conditions, by name."""
 
-    @model_validator(mode="after")
-    def _check(self) -> ResilienceConfig:
-        for name in self.faults.keys() & RESERVED_SOURCES:
-            raise ValueError(f"faults: {name!r} is found by the program itself; choose another name")
-        try:
-            self.settings()
-        except JudgementsInvalid as error:
-            raise ValueError("judgements: " + "; ".join(error.problems)) from None
-        return self
-
     def rules(self) -> tuple[FaultRule, ...]:
         """The conditions that are faults."""
         return tuple(fault.rule(name) for name, fault in self.faults.items())
 
     def settings(self) -> ResilienceSettings:
-        """What the orchestrator goes by."""
+        """What the orchestrator goes by; raises JudgementsInvalid, never for a file that was loaded."""
         criteria = tuple(
             (Criterion(name, CriterionKind(config.kind), config.range, config.unit), config.source())
             for name, config in self.criteria.items()

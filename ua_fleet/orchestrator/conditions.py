@@ -1,7 +1,7 @@
 """Faults that are found: conditions on robots' values, e.g. `battery < 20`.
 
-A name in a condition is a value of the robot itself: `battery` is `<robot>.battery`, and may be written so too. While a
-value is not known, nothing changes.
+A name in a condition is a value of the robot itself: `battery` is `<robot>.battery`. With a robot's name before it, it
+is that robot's, e.g. of a cell with sensors. While a value is not known, nothing changes.
 """
 
 from __future__ import annotations
@@ -80,7 +80,7 @@ def _holds(rule: FaultRule, robot: str, lookup: Lookup, *, was_active: bool) -> 
         try:
             return lookup(f"{robot}.{name}")
         except ValueUnknown:
-            if name.partition(".")[0] == robot:
+            if "." in name:
                 return lookup(name)
             raise
 

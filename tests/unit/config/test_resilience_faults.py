@@ -23,7 +23,6 @@ def test_conditions_are_read() -> None:
         ({"low": {"robots": ["ur3"], "when": "battery <"}}, "is no condition"),
         ({"low": {"robots": ["ur3"], "when": "a < 1", "until": "f(1)"}}, "no call here"),
         ({"low": {"robots": [], "when": "a < 1"}}, "robots"),
-        ({"silent": {"robots": ["ur3"], "when": "a < 1"}}, "found by the program itself"),
     ],
 )
 def test_mistakes_in_conditions(faults: object, said: str) -> None:

@@ -46,3 +46,9 @@ def test_a_fault_of_the_run_before_is_over_when_its_condition_is() -> None:
     conditions, values = FaultConditions([HOT]), Values({"ur3.temperature": 20.0})
     conditions.restored("ur3", "hot")
     assert conditions.check(values.look_up) == [FaultFound("ur3", "hot", False, "ur3.temperature > 80")]
+
+
+def test_a_value_of_another_robot_has_its_name_before_it() -> None:
+    jam = FaultRule("jam", ("ur3", "rover"), parse_expression("belt.load > 5 and battery > 0"))
+    conditions, values = FaultConditions([jam]), Values({"belt.load": 9.0, "ur3.battery": 1.0, "rover.battery": 0.0})
+    assert conditions.check(values.look_up) == [FaultFound("ur3", "jam", True, "belt.load > 5 and battery > 0")]

@@ -16,7 +16,7 @@ from ua_fleet.resilience import Mode, OnLimit
 from ua_fleet.server.scenarios.kept_settings import KeptSettings
 from ua_fleet.storage.run_journal import RunJournal, StoredSetting
 
-CRITERIA = {
+CRITERIA: dict[str, dict[str, Any]] = {
     "availability": {"kind": "benefit", "range": [0, 100], "tasks_ahead": True},
     "battery": {"kind": "benefit", "range": [0, 100], "value": "battery"},
 }

@@ -1,0 +1,123 @@
+"""`resilience` held against the robots of the file: all problems at once, each at its line."""
+
+from __future__ import annotations
+
+import pytest
+
+from ua_fleet.config.load import load_content
+from ua_fleet.errors import ConfigInvalid
+
+FLEET = """\
+version: 1
+pubsub: {security: none}
+bridges:
+  floor: {kind: ros2, space: 2, status_id: 1}
+robots:
+  ur3:
+    bridge: floor
+    skill_status_id: 2
+    skills: {go: {id: 3, arguments: {to: {type: String}}}}
+    data:
+      battery: {id: 10, type: Double}
+      joints: {id: 11, type: Double, array: true}
+      door: {id: 12, type: Boolean}
+      blob: {id: 13, type: ByteString}
+      pose: {id: 14, fields: {x: {type: Double}, y: {type: Double}}}
+  drone:
+    bridge: floor
+    data: {battery: {id: 20, type: Double}}
+resilience:
+"""
+
+
+def problems(section: str) -> list[str]:
+    """What is wrong with `resilience`, without the file's name."""
+    try:
+        load_content((FLEET + section).encode(), "f.yaml", {})
+    except ConfigInvalid as error:
+        return [str(problem).removeprefix("f.yaml:") for problem in error.problems]
+    return []
+
+
+def test_what_some_robot_has_is_no_mistake() -> None:
+    assert not problems("""\
+  criteria:
+    battery: {kind: benefit, range: [0, 100], value: battery}
+    bent: {kind: cost, range: [0, 3], value: "joints[1]"}
+    far: {kind: cost, range: [0, 9], distance: {x: pose.x, y: pose.y, argument: to, places: {dock: [0, 1]}}}
+  judgements: {battery: {bent: 2, far: 2}, bent: {far: 1}}
+  faults:
+    low: {robots: [ur3, drone], when: battery < 20, until: battery > 30}
+    shut: {robots: [ur3], when: "not ur3.door and joints[0] > 1.5"}
+    cold: {robots: [drone], when: "ur3.joints[1] < 0"}
+""")
+
+
+def test_all_mistakes_are_told_at_once_with_their_lines() -> None:
+    assert problems("""\
+  critera: {}
+  criteria:
+    battery: {kind: benefit, value: battery}
+    charge: {kind: benefit, range: [0, 100], value: batery}
+    far: {kind: cost, range: [0, 9], distance: {x: pose.x, y: pose.z, argument: too, places: {dock: [0, 1]}}}
+    near: {kind: cost, range: [0, 9], distance: {x: pose.x, y: pose.y, places: {dock: [0, 1]}}}
+  faults:
+    low: {robots: [ur3, dron], when: batery < 20}
+    bent: {robots: [ur3], when: joints > 3, until: "battery[0] > 1"}
+    odd: {robots: [drone], when: blob > 1 and ur3.batery < 1}
+    blob: {robots: [ur3], when: blob > 1}
+    silent: {robots: [ur3], when: battery < 1}
+    bad: {robots: [ur3], when: "battery <"}
+""") == [
+        "20:resilience.critera: unknown key `critera`; did you mean `criteria`?",
+        "22:resilience.criteria.battery.range: `range` is missing; add `range: ...`",
+        (
+            "23:resilience.criteria.charge.value: no robot has a number `batery`: ur3 has no value `batery`;"
+            " did you mean `battery`?"
+        ),
+        (
+            "24:resilience.criteria.far.distance.y: no robot has a number `pose.z`: ur3 has no value `pose.z`;"
+            " did you mean `pose.y`?"
+        ),
+        "24:resilience.criteria.far.distance.argument: no skill has an argument `too`; did you mean `to`?",
+        (
+            "25:resilience.criteria.near.distance.places: `places` is without use where `argument` is missing; add"
+            " `argument`, or remove it"
+        ),
+        "27:resilience.faults.low.robots[1]: there is no robot `dron`; did you mean `drone`?",
+        "27:resilience.faults.low.when: ur3 has no value `batery`; did you mean `battery`?",
+        "28:resilience.faults.bent.when: `joints` of ur3 is an array; write joints[0] for its first element",
+        "28:resilience.faults.bent.until: `battery` of ur3 is no array; write battery",
+        "29:resilience.faults.odd.when: drone has no value `blob`; it has: `battery`",
+        "29:resilience.faults.odd.when: ur3 has no value `batery`; did you mean `battery`?",
+        "30:resilience.faults.blob.when: `blob` of ur3 is a ByteString, which cannot be used here",
+        "31:resilience.faults.silent: `silent` is found by the program itself; choose another name",
+        "32:resilience.faults.bad: 'battery <' is no condition; write e.g. temperature > 20",
+    ]
+
+
+def test_data_with_problems_of_its_own_is_not_complained_about_twice() -> None:
+    text = FLEET.replace("battery: {id: 20, type: Double}", "battery: {id: 20, type: Duble}")
+    with pytest.raises(ConfigInvalid) as caught:
+        load_content(f"{text}  faults: {{low: {{robots: [drone], when: battery < 2}}}}\n".encode(), "f.yaml", {})
+    (problem,) = caught.value.problems
+    assert "`Duble` is not allowed" in str(problem)
+
+
+def test_judgements_have_their_line() -> None:
+    said = problems("""\
+  criteria:
+    battery: {kind: benefit, range: [0, 100], value: battery}
+    free: {kind: benefit, range: [0, 100], tasks_ahead: true}
+
+  judgements: {battery: {fre: 2}}
+""")
+    assert said == ["24:resilience.judgements: 'fre' is not among 'battery', 'free'"]
+
+
+def test_the_sections_may_be_empty() -> None:
+    assert not problems("  criteria:\n  faults:\n")
+    (said,) = problems("  criteria: {}\n")
+    assert said.startswith("20:resilience.criteria: ")
+    (said,) = problems("  faults: [low]\n")
+    assert said == "20:resilience.faults: must have keys with values"

@@ -9,6 +9,7 @@ import heapq
 from collections.abc import Callable, Iterable
 from typing import Final, Protocol
 
+from ua_fleet.topics import SERVER_SPACE
 from ua_fleet.transport import Address, MemoryEndpoint, MemoryNetwork
 from ua_fleet.wire import read_security
 from ua_fleet.wire.header import MESSAGE_TYPE_BITS, MessageType
@@ -55,8 +56,8 @@ class Route:
         """The addresses of the members that could use it; None for all."""
         heard = read_security(datagram)
         if heard.is_discovery and datagram[2] & MESSAGE_TYPE_BITS == _PROBE:
-            to = self.bridges.get(heard.publisher_id)
-            return None if heard.publisher_id is None else (self.server if to is None else to,)
+            to = self.server if heard.publisher_id == SERVER_SPACE else self.bridges.get(heard.publisher_id)
+            return None if to is None else (to,)
         if sender != self.server:
             return (self.server,)
         if not heard.is_action:

@@ -4,7 +4,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ua_fleet.transport import Address, MemoryEndpoint, MemoryNetwork, Transport
-from ua_fleet.transport.base import Address
 
 
 def listener(network: MemoryNetwork) -> tuple[MemoryEndpoint, list[tuple[float, bytes, Address]]]:

@@ -15,11 +15,12 @@ DRIVERS = {
     "skilled": "tests.contract.skilled",
     "ros1": "tests.contract.ros1",
     "ros2": "tests.contract.ros2",
+    "tcp": "tests.contract.tcp",
 }
 """Modules as the package's docstring describes them."""
 OpenSpace = Callable[[Path, Processes], AbstractAsyncContextManager[Space]]
 OpenSkilledSpace = Callable[[Path, Processes], AbstractAsyncContextManager[SkilledSpace]]
-DEFAULT = "virtual,skilled,ros2"
+DEFAULT = "virtual,skilled,ros2,tcp"
 """What can run in the main environment: rospy and rclpy cannot share one interpreter."""
 
 

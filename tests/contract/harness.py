@@ -24,6 +24,8 @@ __all__ = [
     "TEXT",
     "TWIST",
     "UNKNOWN",
+    "WORK",
+    "WORK_ID",
     "Kind",
     "Recorder",
     "Robot",
@@ -35,6 +37,13 @@ __all__ = [
 ]
 
 WAIT_S: Final = 20.0
+WORK_ID: Final = 1900
+WORK: Final = {
+    "id": WORK_ID,
+    "arguments": {"work": {"type": "String"}, "seconds": {"type": "Double"}},
+    "results": {"done": {"type": "String"}, "seconds": {"type": "Double"}},
+}
+"""The skill of a SkilledSpace, as `fleet.yaml` has it."""
 
 
 @dataclass(frozen=True)

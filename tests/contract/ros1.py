@@ -14,7 +14,7 @@ from ua_bridges.ros1.config import Ros1BridgeConfig
 from ua_bridges.ros1.driver import create_driver
 
 from tests import system
-from tests.contract.harness import RobotProcess
+from tests.contract.harness import WORK, WORK_ID, RobotProcess
 from ua_fleet.bridge import Driver
 from ua_fleet.config.schema import FleetConfig, PubSubConfig, PubSubSecurity
 
@@ -27,12 +27,6 @@ WARNINGS: tuple[str, ...] = (
 
 ROBOT = Path(__file__).parent / "robots" / "ros1_robot.py"
 SKILLED_ROBOT = ROBOT.with_name("ros1_skilled.py")
-WORK_ID = 1900
-WORK = {
-    "id": WORK_ID,
-    "arguments": {"work": {"type": "String"}, "seconds": {"type": "Double"}},
-    "results": {"done": {"type": "String"}, "seconds": {"type": "Double"}},
-}
 
 
 class Master:

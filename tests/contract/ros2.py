@@ -14,7 +14,7 @@ from ua_bridges.ros2.driver import create_driver
 from ua_bridges.ros2.environment import PROFILES_VARIABLE, profile_path
 
 from tests import system
-from tests.contract.harness import RobotProcess
+from tests.contract.harness import WORK, WORK_ID, RobotProcess
 from ua_fleet.bridge import Driver
 from ua_fleet.config.schema import FleetConfig, PubSubConfig, PubSubSecurity
 
@@ -72,14 +72,6 @@ async def open_space(folder: Path, processes: system.Processes) -> AsyncGenerato
             yield space
         finally:
             space.end()
-
-
-WORK_ID = 1900
-WORK = {
-    "id": WORK_ID,
-    "arguments": {"work": {"type": "String"}, "seconds": {"type": "Double"}},
-    "results": {"done": {"type": "String"}, "seconds": {"type": "Double"}},
-}
 
 
 class SkilledRos2Space:

@@ -3,6 +3,7 @@
     (none)    begin                          open
     open      progress                       ExecutionProgressed, where it is new
     open      end, forget                    ExecutionEnded, ExecutionForgotten; ended
+    open      never                          ExecutionNotBegun; as if it had not been there
     ended     an answer                      counted: the robot said it twice, or too late
     (none)    an answer                      counted: it belongs to another execution
 
@@ -21,6 +22,7 @@ from ua_fleet.bridge.driver import (
     Execution,
     ExecutionEnded,
     ExecutionForgotten,
+    ExecutionNotBegun,
     ExecutionProgressed,
 )
 from ua_fleet.counters import Drop
@@ -104,6 +106,17 @@ class Executing:
         """Nobody can tell what became of it."""
         if self._close(execution_id):
             self._put(ExecutionForgotten(execution_id, why))
+
+    def never(self, execution_id: bytes) -> None:
+        """The robot knows for sure that it never heard of it; ExecutionNotBegun is said."""
+        if self._open.pop(execution_id, None) is None:
+            self.unasked(execution_id)
+        else:
+            self._put(ExecutionNotBegun(execution_id))
+
+    def due(self) -> float | None:
+        """When the next one has taken too long, None where none is under way."""
+        return min((opened.deadline for opened in self._open.values()), default=None)
 
     def overdue(self, now: float) -> list[Open]:
         """Those that have taken longer than their skill's timeout."""

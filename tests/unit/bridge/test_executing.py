@@ -9,6 +9,7 @@ from ua_fleet.bridge.driver import (
     Execution,
     ExecutionEnded,
     ExecutionForgotten,
+    ExecutionNotBegun,
     ExecutionProgressed,
 )
 from ua_fleet.bridge.executing import Ended, Executing
@@ -98,3 +99,16 @@ def test_ends_that_are_remembered_are_bounded() -> None:
         one.end(each.execution_id, Ended(0))
     one.end(bytes(16), Ended(0))
     assert drops(told) == ["a robot answered for an execution that nobody waits for"]
+
+
+def test_what_the_robot_never_heard_of_may_be_begun_again() -> None:
+    one, told = executing()
+    one.begin(SPEC, EXECUTION, 10.0)
+    assert one.due() == 15.0
+    one.never(ID)
+    assert told == [ExecutionNotBegun(ID)]
+    assert one.due() is None
+    one.never(ID)
+    assert len(drops(told)) == 1
+    one.begin(SPEC, EXECUTION, 20.0)
+    assert one.end(ID, Ended(0))

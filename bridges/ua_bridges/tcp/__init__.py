@@ -1,0 +1,1 @@
+"""The bridge to robots that speak over a plain TCP socket: `direct` and `interpreter` mode."""

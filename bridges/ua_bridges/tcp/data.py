@@ -1,0 +1,129 @@
+"""The data of a TCP robot: what it sends, and what it is sent. Pure."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from ua_bridges.tcp.config import FAULT, TcpBridgeConfig, TcpSink, TcpSource, field_types
+from ua_fleet.bridge.driver import DriverEvent, Dropped, SampleRead, SourceFound, SourceLost
+from ua_fleet.config.base import ScalarType
+from ua_fleet.config.schema import DataSetConfig, FleetConfig
+from ua_fleet.counters import Drop
+from ua_fleet.pubsub.metadata import make_field
+from ua_fleet.topics import SERVER_SPACE, Topic
+from ua_fleet.values import BuiltinType, StatusCode, Variant
+from ua_fleet.wire.messages import FieldMetaData
+
+__all__ = ["Put", "RobotData", "Sources", "data_of", "faults_of"]
+
+Put = Callable[[DriverEvent], None]
+
+
+@dataclass(frozen=True, slots=True)
+class RobotData:
+    """One DataSet of a robot behind the bridge."""
+
+    topic: Topic
+    label: str
+    """`robot.data`, for people."""
+    subtype: str
+    """What the program on the robot calls it."""
+    types: Mapping[str, ScalarType]
+    mapping: TcpSource | TcpSink | None
+    fields: tuple[FieldMetaData, ...]
+
+
+def _one(config: FleetConfig, bridge: TcpBridgeConfig, label: str, name: str, data: DataSetConfig) -> RobotData:
+    assert data.id is not None
+    space = bridge.space if data.origin == "robot" else SERVER_SPACE
+    mapping = data.source if data.origin == "robot" else data.sink
+    if not isinstance(mapping, TcpSource | TcpSink):
+        mapping = None
+    fields = [make_field(field or name, each.type.builtin) for field, each in data.all_fields().items()]
+    subtype = mapping.subtype if mapping is not None and mapping.subtype is not None else name
+    topic = Topic(space, config.fleet.namespace_index, data.id)
+    return RobotData(topic, label, subtype, field_types(data), mapping, tuple(fields))
+
+
+def data_of(config: FleetConfig, bridge_name: str) -> tuple[RobotData, ...]:
+    """The data of the robots behind a bridge, in both directions. What has no id yet is left out."""
+    bridge = config.bridges[bridge_name]
+    assert isinstance(bridge, TcpBridgeConfig)
+    return tuple(
+        [
+            _one(config, bridge, f"{robot_name}.{name}", name, data)
+            for robot_name, robot in config.robots.items()
+            if robot.bridge == bridge_name
+            for name, data in robot.data.items()
+            if data.id is not None
+        ]
+    )
+
+
+def faults_of(config: FleetConfig, bridge_name: str) -> tuple[RobotData, ...]:
+    """The DataSets with which the robots behind a bridge say what is wrong with them."""
+    bridge = config.bridges[bridge_name]
+    return tuple(
+        [
+            RobotData(
+                Topic(bridge.space, config.fleet.namespace_index, robot.fault_id),
+                f"{name}.{FAULT}",
+                FAULT,
+                {"value": ScalarType.STRING},
+                None,
+                (make_field(FAULT, BuiltinType.STRING),),
+            )
+            for name, robot in config.robots.items()
+            if robot.bridge == bridge_name and robot.fault_id is not None
+        ]
+    )
+
+
+class Sources:
+    """The sources that a robot's connection stands for: they are there while it is."""
+
+    def __init__(self, put: Put) -> None:
+        self._put = put
+        self._there: set[Topic] = set()
+        self._told: set[str] = set()
+        """Mistakes that were told since they were last absent: a log needs each once."""
+
+    def found(self, data: RobotData) -> None:
+        """It can be heard (again)."""
+        if data.topic not in self._there:
+            self._there.add(data.topic)
+            self._put(SourceFound(data.topic, data.label, data.fields))
+
+    def lost(self, data: RobotData) -> None:
+        """It cannot be heard any more."""
+        if data.topic in self._there:
+            self._there.remove(data.topic)
+            self._put(SourceLost(data.topic))
+
+    def all_lost(self) -> None:
+        """The connection is gone."""
+        for topic in sorted(self._there):
+            self._put(SourceLost(topic))
+        self._there.clear()
+        self._told.clear()
+
+    def read(self, data: RobotData, values: Mapping[str, Any], time_ns: int) -> None:
+        """One value; a field that is missing, or a ValueError in its place, is Bad."""
+        read: list[Any] = []
+        for name in data.types:
+            value = values.get(name)
+            if isinstance(value, ValueError) or value is None:
+                read.append(Variant(BuiltinType.STATUS_CODE, StatusCode.BAD_TYPE_MISMATCH))
+                self.dropped(Drop.CONVERSION, f"{data.label}: {name}: {value or 'it is missing'}")
+            else:
+                read.append(value)
+        self._put(SampleRead(data.topic, tuple(read), time_ns))
+
+    def dropped(self, cause: Drop, detail: str) -> None:
+        """Count what cannot be handed on; the same words are told once for each connection."""
+        is_new = detail not in self._told and len(self._told) < 100
+        if is_new:
+            self._told.add(detail)
+        self._put(Dropped(cause, detail=detail if is_new else ""))

@@ -1,0 +1,153 @@
+"""The driver for a robot that speaks over TCP: its connections, and which of them a skill or a value takes."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from typing import Any
+
+from ua_bridges.tcp.config import TcpBridgeConfig, TcpSkillMapping
+from ua_bridges.tcp.data import RobotData, data_of, faults_of
+from ua_bridges.tcp.direct import DirectSession
+from ua_bridges.tcp.interpreter import InterpreterSession, TcpSkill
+from ua_bridges.tcp.link import Link
+from ua_fleet.bridge.configured import configured_skills
+from ua_fleet.bridge.driver import Driver, DriverStatus, Dropped, Execution, Inlet, Skill
+from ua_fleet.config.schema import FleetConfig
+from ua_fleet.counters import Drop
+from ua_fleet.topics import SERVER_SPACE, Topic
+from ua_fleet.values import Quality, quality_of
+from ua_fleet.wire.messages import DataSetMessage, DataSetMetaData
+
+__all__ = ["TcpDriver", "create_driver"]
+
+
+def _is_direct(skill: TcpSkill) -> bool:
+    return skill.via is not None and skill.via.direct is not None
+
+
+def _is_sent_direct(data: RobotData) -> bool:
+    return data.mapping is not None and data.mapping.direct is not None
+
+
+class TcpDriver:
+    """See HaltingDriver in `ua_fleet.bridge.driver`."""
+
+    def __init__(self, config: FleetConfig, bridge_name: str) -> None:
+        bridge = config.bridges[bridge_name]
+        assert isinstance(bridge, TcpBridgeConfig)
+        self._config, self._name = bridge, bridge_name
+        self._skills = {skill.topic: skill for skill in configured_skills(config, bridge_name, TcpSkillMapping)}
+        self._offers = tuple([skill.offer() for skill in self._skills.values()])
+        data = data_of(config, bridge_name)
+        self._sources = tuple([each for each in data if each.topic.space != SERVER_SPACE])
+        self._faults = faults_of(config, bridge_name)
+        self._sinks = {each.topic: each for each in data if each.topic.space == SERVER_SPACE}
+        self._direct_link = self._interpreter_link = None
+        if (direct := bridge.direct) is not None:
+            self._direct_link = Link(f"{bridge_name} (direct)", direct.connect)
+        if (program := bridge.interpreter) is not None:
+            self._interpreter_link = Link(f"{bridge_name} (interpreter)", program.connect, program.listen, program.peer)
+        self._direct: DirectSession | None = None
+        self._interpreter: InterpreterSession | None = None
+        self._answers = _topics_of(config, bridge.answers)
+        self._known: dict[str, tuple[Any, ...] | None] = dict.fromkeys(self._answers.values())
+        self._inlet: Inlet | None = None
+
+    async def start(self, inlet: Inlet) -> None:
+        """See Driver."""
+        self._inlet = inlet
+        config, now = self._config, time.monotonic()
+        if config.direct is not None and (link := self._direct_link) is not None:
+            skills = [skill for skill in self._skills.values() if _is_direct(skill)]
+            data = [each for each in (*self._sources, *self._sinks.values()) if _is_sent_direct(each)]
+            self._direct = DirectSession(config.direct, skills, data, inlet.put, link.write, link.reset, now)
+            link.start(self._direct)
+        if config.interpreter is not None and (link := self._interpreter_link) is not None:
+            data = [each for each in (*self._sources, *self._faults) if not _is_sent_direct(each)]
+            self._interpreter = InterpreterSession(config.interpreter, data, inlet.put, link.write, link.reset, now)
+            self._interpreter.answer_from(self._known)
+            link.start(self._interpreter)
+
+    def publish(self, topic: Topic, metadata: DataSetMetaData, message: DataSetMessage) -> bool:
+        """See Driver."""
+        assert self._inlet is not None
+        wanted = self._answers.get(topic)
+        if wanted is not None:
+            is_good = quality_of(message.status or 0) is not Quality.BAD
+            self._known[wanted] = tuple(message.values) if is_good else None
+        sink = self._sinks.get(topic)
+        if sink is None:
+            if wanted is None:
+                self._inlet.put(Dropped(Drop.NOT_MAPPED))
+            return wanted is not None
+        if self._direct is not None and self._direct.writes(topic):
+            return self._direct.inform(topic, message.values)
+        assert self._interpreter is not None
+        done = self._interpreter.inform(sink, message.values, time.monotonic())
+        self._look()
+        return done
+
+    def status(self) -> DriverStatus:
+        """See Driver."""
+        links = [link for link in (self._direct_link, self._interpreter_link) if link is not None]
+        sessions = [session for session in (self._direct, self._interpreter) if session is not None]
+        is_connected = bool(sessions) and all(session.is_connected for session in sessions)
+        return DriverStatus(is_connected, "; ".join(link.detail for link in links))
+
+    async def stop(self) -> None:
+        """See Driver."""
+        for link in (self._direct_link, self._interpreter_link):
+            if link is not None:
+                link.stop()
+
+    # Skills
+
+    def skills(self) -> Sequence[Skill]:
+        """See SkillDriver."""
+        return self._offers
+
+    def _session(self, skill: TcpSkill) -> DirectSession | InterpreterSession:
+        session = self._direct if _is_direct(skill) else self._interpreter
+        assert session is not None
+        return session
+
+    def execute(self, execution: Execution) -> None:
+        """See SkillDriver."""
+        skill = self._skills[execution.topic]
+        self._session(skill).execute(skill, execution, time.monotonic())
+        self._look()
+
+    def query(self, execution: Execution) -> None:
+        """See SkillDriver."""
+        skill = self._skills[execution.topic]
+        self._session(skill).query(skill, execution, time.monotonic())
+        self._look()
+
+    def halt(self, execution: Execution) -> None:
+        """See HaltingDriver."""
+        self._session(self._skills[execution.topic]).halt(execution, time.monotonic())
+
+    def _look(self) -> None:
+        now = time.monotonic()
+        for link, session in ((self._direct_link, self._direct), (self._interpreter_link, self._interpreter)):
+            if link is not None and session is not None:
+                link.look(now)
+
+
+def _topics_of(config: FleetConfig, answers: Sequence[str]) -> dict[Topic, str]:
+    """Topics of other robots' data by their names `robot.data`; config check has seen that they exist."""
+    topics: dict[Topic, str] = {}
+    for name in answers:
+        robot_name, _, data_name = name.partition(".")
+        robot = config.robots.get(robot_name)
+        data = robot.data.get(data_name) if robot is not None else None
+        if data is not None and data.id is not None:
+            space = config.space_of(robot_name) if data.origin == "robot" else SERVER_SPACE
+            topics[Topic(space, config.fleet.namespace_index, data.id)] = name
+    return topics
+
+
+def create_driver(config: FleetConfig, bridge_name: str) -> Driver:
+    """The driver of the TCP bridge with this name in `fleet.yaml`."""
+    return TcpDriver(config, bridge_name)

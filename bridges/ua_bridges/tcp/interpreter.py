@@ -1,0 +1,348 @@
+"""The exchange with a small program on a robot: messages field by field, and what became of each number. Pure.
+
+A command is sent once. A program that does not answer it in time, or whose connection was lost meanwhile, is asked by
+its number; only one that says `never` is told again. So nothing is done twice, whatever breaks in between.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, Final, NamedTuple
+
+from ua_bridges.tcp.config import FAULT, InterpreterLink, TcpSkillMapping
+from ua_bridges.tcp.data import Put, RobotData, Sources
+from ua_bridges.tcp.framing import FieldReader, FramingBroken
+from ua_bridges.tcp.link import APPEARS_S
+from ua_bridges.tcp.messages import (
+    ACK,
+    Message,
+    MessageReader,
+    MessageRefused,
+    RobotState,
+    Type,
+    fields_of,
+    number_of,
+    value_of,
+)
+from ua_bridges.tcp.outbox import Outbox
+from ua_fleet.bridge.configured import ConfiguredSkill
+from ua_fleet.bridge.driver import Execution
+from ua_fleet.bridge.executing import Ended, Executing, Open, ended_text
+from ua_fleet.counters import Drop
+from ua_fleet.errors import RobotOffline, SkillRejected
+from ua_fleet.values import StatusCode
+
+__all__ = ["InterpreterSession", "TcpSkill"]
+
+TcpSkill = ConfiguredSkill[TcpSkillMapping]
+ASK_AGAIN_S: Final = 5.0
+"""A program that was silent about a number for so long is asked: a message may have been lost with a connection."""
+_NO_PROGRAM: Final = "the program on the robot is not connected; start it"
+
+
+class _Told(NamedTuple):
+    """A number that the robot was told, or is asked about."""
+
+    skill: TcpSkill
+    execution_id: bytes
+    command: Message | None
+    """None where a bridge before us has sent it."""
+    is_sent: bool
+    """Whether the robot may have heard of it."""
+
+
+class InterpreterSession:
+    """One robot's program. `write` sends bytes, `reset` ends the connection for a reason."""
+
+    def __init__(
+        self,
+        link: InterpreterLink,
+        sources: Sequence[RobotData],
+        put: Put,
+        write: Callable[[bytes], None],
+        reset: Callable[[str], None],
+        now: float,
+    ) -> None:
+        self._link, self._reset = link, reset
+        self._outbox = Outbox(link, write)
+        self._data = {data.subtype: data for data in sources}
+        self._sources = Sources(put)
+        self._executing = Executing(put)
+        self._told: dict[int, _Told] = {}
+        self._ask_at: dict[int, float] = {}
+        self._asked_for: Mapping[str, tuple[Any, ...] | None] = {}
+        self._is_connected = False
+        self._offline_since = now
+        self._fields, self._messages = FieldReader(link), MessageReader(link.most_fields)
+        self._begun_at: float | None = None
+        """When the message began that is not complete."""
+
+    @property
+    def is_connected(self) -> bool:
+        """Whether the robot's program is there."""
+        return self._is_connected
+
+    def answer_from(self, values: Mapping[str, tuple[Any, ...] | None]) -> None:
+        """Data of other robots by `robot.data`, which this one may ask for; None for what is not known now."""
+        self._asked_for = values
+
+    # The connection
+
+    def connected(self, now: float) -> None:
+        """The robot's program is there. It is told what waited, and asked about all else that is open."""
+        self._is_connected = True
+        self._fields, self._messages = FieldReader(self._link), MessageReader(self._link.most_fields)
+        self._begun_at = None
+        for data in self._data.values():
+            self._sources.found(data)
+        for number, told in self._told.items():
+            if told.command is not None and not told.is_sent:
+                self._tell(number, told.command, now)
+            else:
+                self._ask_at[number] = now
+        self.turn(now)
+
+    def lost(self, now: float) -> None:
+        """The connection is gone. What is open stays so, and is asked about when the program is back."""
+        self._is_connected, self._offline_since = False, now
+        self._outbox.clear()
+        self._sources.all_lost()
+
+    def received(self, data: bytes, now: float, time_ns: int) -> None:
+        """Bytes from the robot."""
+        try:
+            for field in self._fields.feed(data):
+                if not self._messages.is_within and field == ACK:
+                    if not self._outbox.acknowledged(now):
+                        self._sources.dropped(Drop.UNASKED, "the program acknowledged what was not sent")
+                    continue
+                if (message := self._messages.feed(field)) is not None:
+                    self._message(message, now, time_ns)
+        except (FramingBroken, MessageRefused) as error:
+            self._sources.dropped(Drop.MALFORMED, f"the program on the robot sent {error}")
+            self._reset(f"it sent {error}")
+            return
+        within = self._fields.is_within or self._messages.is_within
+        self._begun_at = (self._begun_at or now) if within else None
+
+    # What the robot says
+
+    def _message(self, message: Message, now: float, time_ns: int) -> None:
+        if message.type is Type.STATUS:
+            self._status(message, now)
+        elif message.type is Type.INFORMATION:
+            self._information(message, time_ns)
+        else:
+            self._request(message, now)
+
+    def _information(self, message: Message, time_ns: int) -> None:
+        data = self._data.get(message.subtype)
+        if data is None:
+            known = f"fleet.yaml has {', '.join(self._data) or 'none'}"
+            self._sources.dropped(Drop.UNKNOWN_SOURCE, f"the program sends `{message.subtype[:40]}`; {known}")
+            return
+        if data.subtype == FAULT and not message.data:
+            message = message._replace(data=("",))
+        values: dict[str, Any] = {}
+        for (name, wanted), field in zip(data.types.items(), message.data, strict=False):
+            try:
+                values[name] = value_of(field, wanted)
+            except ValueError as error:
+                values[name] = error
+        self._sources.read(data, values, time_ns)
+
+    def _request(self, message: Message, now: float) -> None:
+        if message.subtype not in self._asked_for:
+            reason = f"the program asks for `{message.subtype[:40]}`, which `answers` of the bridge does not name"
+            self._sources.dropped(Drop.UNKNOWN_SOURCE, reason)
+        values = self._asked_for.get(message.subtype) or ()
+        self._send(Message(Type.INFORMATION, message.subtype, message.number, fields_of(values)), now)
+
+    def _status(self, message: Message, now: float) -> None:
+        told = self._told.get(message.number)
+        try:
+            state = RobotState(message.subtype)
+        except ValueError:
+            self._sources.dropped(Drop.MALFORMED, f"the program says {message.subtype[:40]!r} of a number")
+            return
+        said = ended_text(message.data[0]) if message.data else ""
+        if told is None or self._executing.get(told.execution_id) is None:
+            if state not in (RobotState.UNKNOWN, RobotState.NEVER):
+                self._executing.unasked(told.execution_id if told else b"", f"number {message.number}")
+            return
+        execution_id = told.execution_id
+        if state is RobotState.RUNNING:
+            self._ask_at[message.number] = now + ASK_AGAIN_S
+            self._executing.progress(execution_id, _fraction(said), "" if _is_number(said) else said)
+        elif state is RobotState.DONE:
+            self._close(message.number, _results(told.skill, message.data))
+        elif state is RobotState.FAILED:
+            self._close(message.number, Ended(StatusCode.BAD_UNEXPECTED_ERROR, (), said or "the robot says so"))
+        elif state is RobotState.REFUSED:
+            self._close(message.number, Ended(StatusCode.BAD_REQUEST_NOT_ALLOWED, (), said or "the robot refuses it"))
+        elif state is RobotState.HALTED:
+            self._close(message.number, Ended(StatusCode.BAD_REQUEST_CANCELLED_BY_CLIENT, (), said or "it was halted"))
+        elif state is RobotState.UNKNOWN:
+            del self._told[message.number]
+            self._executing.forget(execution_id, said or "the program on the robot remembers nothing of it")
+        elif told.command is not None:
+            self._tell(message.number, told.command, now)
+        else:
+            del self._told[message.number]
+            self._executing.never(execution_id)
+
+    def _close(self, number: int, ended: Ended) -> None:
+        self._executing.end(self._told[number].execution_id, ended)
+
+    # What the robot is asked to do
+
+    def execute(self, skill: TcpSkill, execution: Execution, now: float) -> None:
+        """Tell the robot.
+
+        Raises:
+            SkillRejected: an argument is no field, or the number is in use.
+            RobotOffline: its program is not connected.
+        """
+        if not self._is_connected and now >= self._offline_since + APPEARS_S:
+            raise RobotOffline(_NO_PROGRAM)
+        number = self._number(execution.execution_id)
+        kind = Type.REQUEST if skill.config.immediate else Type.COMMAND
+        message = Message(kind, _subtype(skill), number, fields_of(execution.values))
+        self._outbox.check(message)
+        self._executing.begin(skill, execution, now)
+        self._told[number] = _Told(skill, execution.execution_id, message, False)
+        if self._is_connected:
+            self._tell(number, message, now)
+
+    def _tell(self, number: int, command: Message, now: float) -> None:
+        self._told[number] = self._told[number]._replace(is_sent=True)
+        self._ask_at[number] = now + self._link.answer_timeout_s
+        self._send(command, now)
+
+    def query(self, skill: TcpSkill, execution: Execution, now: float) -> None:
+        """Ask what became of a number that a bridge before us may have sent."""
+        self._executing.begin(skill, execution, now)
+        number = number_of(execution.execution_id)
+        self._told[number] = _Told(skill, execution.execution_id, None, True)
+        self._ask_at[number] = now
+        self.turn(now)
+
+    def halt(self, execution: Execution, now: float) -> None:
+        """Have the robot stop; raises RobotOffline."""
+        number = number_of(execution.execution_id)
+        told = self._told.get(number)
+        if told is None or self._executing.get(execution.execution_id) is None:
+            return
+        if not told.is_sent:
+            halted = Ended(StatusCode.BAD_REQUEST_CANCELLED_BY_CLIENT, (), "it was halted before the robot was told")
+            self._executing.end(execution.execution_id, halted)
+        elif not self._is_connected:
+            raise RobotOffline(_NO_PROGRAM)
+        else:
+            self._send(Message(Type.HALT, _subtype(told.skill), number), now)
+
+    def inform(self, data: RobotData, values: Sequence[Any], now: float) -> bool:
+        """Hand the robot a value; False, after a drop was counted, where that is not possible."""
+        message = Message(Type.INFORMATION, data.subtype, 0, fields_of(values))
+        try:
+            self._outbox.check(message)
+        except SkillRejected as error:
+            self._sources.dropped(Drop.CONVERSION, f"{data.label}: {error}")
+            return False
+        if not self._is_connected:
+            self._sources.dropped(Drop.NOT_CONNECTED, f"{data.label}: {_NO_PROGRAM}")
+            return False
+        self._send(message, now)
+        return True
+
+    def _number(self, execution_id: bytes) -> int:
+        number = number_of(execution_id)
+        told = self._told.get(number)
+        if told is not None and self._executing.get(told.execution_id) is not None:
+            raise SkillRejected(f"the number {number} is under way; ask again, which gives another one")
+        return number
+
+    def _send(self, message: Message, now: float) -> None:
+        self._outbox.send(message, now)
+        if self._outbox.is_full:
+            self._reset("it does not take what it is sent")
+
+    # Time
+
+    def turn(self, now: float) -> float | None:
+        """Do what is due; when to be called again, None where nothing is open."""
+        for opened in self._executing.overdue(now):
+            self._give_up(opened, now)
+        if not self._is_connected and now >= self._offline_since + APPEARS_S:
+            for told in [told for told in self._told.values() if not told.is_sent]:
+                if self._executing.get(told.execution_id) is not None:
+                    self._executing.end(told.execution_id, Ended(StatusCode.BAD_NO_COMMUNICATION, (), _NO_PROGRAM))
+        self._told = {
+            number: told for number, told in self._told.items() if self._executing.get(told.execution_id) is not None
+        }
+        self._ask_at = {number: at for number, at in self._ask_at.items() if number in self._told}
+        timeout_s = self._link.answer_timeout_s
+        if self._is_connected:
+            if self._outbox.waits_since is not None and now >= self._outbox.waits_since + timeout_s:
+                self._reset(f"it acknowledged no field within {timeout_s:g} s")
+            elif self._begun_at is not None and now >= self._begun_at + timeout_s:
+                self._sources.dropped(Drop.MALFORMED, "the program on the robot stopped in the middle of a message")
+                self._reset(f"it stopped in the middle of a message for {timeout_s:g} s")
+        if self._is_connected:
+            for number, ask_at in self._ask_at.items():
+                if now >= ask_at:
+                    self._ask_at[number] = now + timeout_s
+                    self._send(Message(Type.QUERY, _subtype(self._told[number].skill), number), now)
+        return self._due()
+
+    def _due(self) -> float | None:
+        overdue = self._executing.due()
+        times = [overdue] if overdue is not None else []
+        if self._is_connected:
+            times += self._ask_at.values()
+            begun = (self._outbox.waits_since, self._begun_at)
+            times += [at + self._link.answer_timeout_s for at in begun if at is not None]
+        elif any(not told.is_sent for told in self._told.values()):
+            times.append(self._offline_since + APPEARS_S)
+        return min(times, default=None)
+
+    def _give_up(self, opened: Open, now: float) -> None:
+        """The program is told to stop; of one that never answered nobody knows what it did."""
+        number = number_of(opened.execution_id)
+        told = self._told.get(number)
+        if self._is_connected and told is not None and told.is_sent:
+            self._send(Message(Type.HALT, _subtype(told.skill), number), now)
+        if told is not None and not told.is_sent:
+            self._executing.end(opened.execution_id, Ended(StatusCode.BAD_NO_COMMUNICATION, (), _NO_PROGRAM))
+        elif opened.told is None:
+            self._executing.forget(opened.execution_id, "the program on the robot never answered; see what it does")
+        else:
+            said = "it took longer than the skill's timeout; see what the robot does"
+            self._executing.end(opened.execution_id, Ended(StatusCode.BAD_TIMEOUT, (), said))
+
+
+def _subtype(skill: TcpSkill) -> str:
+    return (skill.via.subtype if skill.via is not None else None) or skill.name
+
+
+def _is_number(text: str) -> bool:
+    try:
+        return float(text) == float(text)
+    except ValueError:
+        return False
+
+
+def _fraction(text: str) -> float:
+    return min(max(float(text), 0.0), 1.0) if _is_number(text) else 0.0
+
+
+def _results(skill: TcpSkill, data: Sequence[str]) -> Ended:
+    values: list[Any] = []
+    wanted = skill.config.results
+    for index, (name, result) in enumerate(wanted.items()):
+        try:
+            values.append(value_of(data[index], result.type))
+        except (IndexError, ValueError) as error:
+            why = "it is missing" if isinstance(error, IndexError) else str(error)
+            return Ended(StatusCode.UNCERTAIN, (), f"it is done; its result {name} is not known: {why}")
+    return Ended(StatusCode.GOOD, tuple(values), ended_text(data[len(wanted)]) if len(data) > len(wanted) else "")

@@ -1,0 +1,317 @@
+"""The socket to a robot: made, kept and made again. All of it runs in the event loop, and nothing of it waits.
+
+Bytes are written where they are made, without a task between: a command leaves within some microseconds.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import socket
+import time
+from collections.abc import Callable
+from functools import partial
+from typing import Any, Final, Protocol
+
+from ua_bridges.tcp.config import host_and_port
+
+__all__ = ["APPEARS_S", "Link", "Session"]
+
+APPEARS_S: Final = 3.0
+"""What is begun while the robot is not connected waits so long from the start, or the loss, for the connection."""
+FIRST_PAUSE_S: Final = 0.1
+LONGEST_PAUSE_S: Final = 5.0
+CONNECT_S: Final = 5.0
+"""A connection that is not there by then is tried anew."""
+MOST_UNSENT: Final = 1 << 20
+"""Bytes that a robot may leave unread."""
+_READ: Final = 65_536
+_KEEP_ALIVE: Final = ((socket.TCP_KEEPIDLE, 2), (socket.TCP_KEEPINTVL, 1), (socket.TCP_KEEPCNT, 3))
+"""A robot whose cable is out is noticed within five seconds, also when nothing is sent."""
+_UNSENT_MS: Final = 5000
+
+logger = logging.getLogger(__name__)
+
+
+class Session(Protocol):
+    """What is said on a connection; pure."""
+
+    def connected(self, now: float) -> None:
+        """The robot is there."""
+        ...
+
+    def lost(self, now: float) -> None:
+        """It is gone."""
+        ...
+
+    def received(self, data: bytes, now: float, time_ns: int) -> None:
+        """Bytes from the robot."""
+        ...
+
+    def turn(self, now: float) -> float | None:
+        """Do what is due; when to be called again."""
+        ...
+
+
+class Link:
+    """One connection to one robot, which it accepts or which we accept from it."""
+
+    def __init__(self, who: str, connect: str | None, listen: str | None = None, peer: str | None = None) -> None:
+        """Either `connect` or `listen` is given, as `host:port`; `peer` alone may connect."""
+        self._who, self._peer = who, peer
+        self._address = host_and_port(connect or listen or "")
+        self._listens = listen is not None
+        self._session: Session | None = None
+        self._listener: socket.socket | None = None
+        self._socket: socket.socket | None = None
+        self._is_up = False
+        self._unsent = bytearray()
+        self._pause_s = FIRST_PAUSE_S
+        self._timers: dict[Callable[[], None], asyncio.TimerHandle] = {}
+        self._resolving: asyncio.Future[Any] | None = None
+        self._is_stopped = False
+        self._said = "not started"
+        self.detail = "not started"
+        """What it is connected to, or why not and what to do."""
+
+    # Life
+
+    def start(self, session: Session) -> None:
+        """Begin, and go on until `stop`."""
+        self._loop = asyncio.get_running_loop()
+        self._session = session
+        self._again()
+
+    def stop(self) -> None:
+        """Leave the robot and release everything. Safe to call twice."""
+        self._is_stopped = True
+        for timer in self._timers.values():
+            timer.cancel()
+        self._timers.clear()
+        if self._resolving is not None:
+            self._resolving.cancel()
+        self._down("stopped")
+        if self._listener is not None:
+            self._loop.remove_reader(self._listener.fileno())
+            self._listener.close()
+            self._listener = None
+
+    def _in(self, seconds: float, do: Callable[[], None]) -> None:
+        """Have something done later; of the same only the last counts."""
+        if (before := self._timers.pop(do, None)) is not None:
+            before.cancel()
+        if not self._is_stopped:
+            self._timers[do] = self._loop.call_later(max(seconds, 0.0), do)
+
+    def _say(self, detail: str, *, good: bool = False) -> None:
+        """One line for each change."""
+        self.detail = detail
+        if detail != self._said:
+            self._said = detail
+            (logger.info if good else logger.warning)("%s: %s", self._who, detail)
+
+    # Connecting
+
+    def _again(self) -> None:
+        if self._listens:
+            self._listen()
+        else:
+            host, port = self._address
+            find = partial(socket.getaddrinfo, host, port, type=socket.SOCK_STREAM)
+            self._resolving = found = self._loop.run_in_executor(None, find)
+            found.add_done_callback(self._resolved)
+
+    def _resolved(self, found: asyncio.Future[Any]) -> None:
+        if found.cancelled() or self._is_stopped:
+            return
+        self._resolving = None
+        if found.exception() is not None:
+            self._later(f"nobody knows the address {self._address[0]}; correct it in fleet.yaml, or the name service")
+            return
+        family, kind, protocol, _, address = found.result()[0]
+        self._socket = made = socket.socket(family, kind, protocol)
+        made.setblocking(False)
+        self._prepare(made)
+        try:
+            made.connect(address)
+        except (BlockingIOError, InterruptedError):
+            self._loop.add_writer(made.fileno(), self._connected)
+            self._in(CONNECT_S, self._too_long)
+        except OSError as error:
+            self._refused(error)
+        else:
+            self._connected()
+
+    def _too_long(self) -> None:
+        self._refused(TimeoutError(f"no answer within {CONNECT_S:g} s"))
+
+    def _connected(self) -> None:
+        made = self._socket
+        assert made is not None
+        self._loop.remove_writer(made.fileno())
+        if (timer := self._timers.pop(self._too_long, None)) is not None:
+            timer.cancel()
+        code = made.getsockopt(socket.SOL_SOCKET, socket.SO_ERROR)
+        if code:
+            self._refused(OSError(code, _reason(OSError(code))))
+        elif made.getsockname() == made.getpeername():  # TCP connects a port to itself when nobody listens there
+            self._refused(ConnectionRefusedError("nobody listens"))
+        else:
+            self._up()
+
+    def _refused(self, error: OSError) -> None:
+        made, self._socket = self._socket, None
+        if made is not None:
+            self._loop.remove_writer(made.fileno())
+            made.close()
+        self._later(f"no connection to {self._where()}: {_reason(error)}; see that the robot is on and listens there")
+
+    def _later(self, why: str) -> None:
+        self._say(why)
+        self._in(self._pause_s, self._again)
+        self._pause_s = min(self._pause_s * 2, LONGEST_PAUSE_S)
+
+    def _listen(self) -> None:
+        host, port = self._address
+        try:
+            self._listener = made = socket.create_server(
+                (host, port), family=socket.AF_INET6 if ":" in host else socket.AF_INET, backlog=4
+            )
+        except OSError as error:
+            self._later(f"cannot listen on {self._where()}: {_reason(error)}; free the port, or take another one")
+            return
+        made.setblocking(False)
+        self._loop.add_reader(made.fileno(), self._accept)
+        self._say(f"waiting on {self._where()} for the robot's program; start it")
+
+    def _accept(self) -> None:
+        assert self._listener is not None
+        try:
+            accepted, address = self._listener.accept()
+        except OSError:
+            return
+        if address[0] != self._peer:
+            logger.warning("%s: refused a connection from %s; only %s may connect", self._who, address[0], self._peer)
+            accepted.close()
+            return
+        if self._socket is not None:
+            self._down("the robot's program connected anew")
+        accepted.setblocking(False)
+        self._prepare(accepted)
+        self._socket = accepted
+        self._up()
+
+    @staticmethod
+    def _prepare(made: socket.socket) -> None:
+        made.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        made.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+        for option, value in _KEEP_ALIVE:
+            made.setsockopt(socket.IPPROTO_TCP, option, value)
+        made.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, _UNSENT_MS)
+
+    def _where(self) -> str:
+        host, port = self._address
+        return f"{host}:{port}"
+
+    # Connected
+
+    def _up(self) -> None:
+        assert self._socket is not None
+        assert self._session is not None
+        self._is_up, self._pause_s = True, FIRST_PAUSE_S
+        self._unsent.clear()
+        self._loop.add_reader(self._socket.fileno(), self._readable)
+        self._say(f"connected to {self._where()}" if not self._listens else f"{self._peer} is connected", good=True)
+        self._session.connected(time.monotonic())
+        self._turn()
+
+    def _down(self, why: str) -> None:
+        made, self._socket = self._socket, None
+        if made is None:
+            return
+        self._loop.remove_reader(made.fileno())
+        self._loop.remove_writer(made.fileno())
+        made.close()
+        if self._is_up:
+            self._is_up = False
+            assert self._session is not None
+            self._session.lost(time.monotonic())
+            if not self._is_stopped:
+                self._say(f"the connection to the robot is lost: {why}")
+                if not self._listens:
+                    self._in(FIRST_PAUSE_S, self._again)
+
+    def reset(self, why: str) -> None:
+        """End the connection, since nothing sensible can follow on it; it is made again."""
+        self._down(why)
+
+    def _readable(self) -> None:
+        assert self._socket is not None
+        assert self._session is not None
+        try:
+            data = self._socket.recv(_READ)
+        except (BlockingIOError, InterruptedError):
+            return
+        except OSError as error:
+            self._down(_reason(error))
+            return
+        if not data:
+            self._down("the robot closed it")
+            return
+        self._session.received(data, time.monotonic(), time.time_ns())
+        self._turn()
+
+    def write(self, data: bytes) -> None:
+        """Send bytes, at once where the kernel takes them."""
+        made = self._socket
+        if made is None or not self._is_up:
+            return
+        if self._unsent:
+            self._unsent += data
+        else:
+            try:
+                sent = made.send(data)
+            except (BlockingIOError, InterruptedError):
+                sent = 0
+            except OSError as error:
+                self._loop.call_soon(self._broken, made, _reason(error))
+                return
+            if sent == len(data):
+                return
+            self._unsent += data[sent:]
+            self._loop.add_writer(made.fileno(), self._writable)
+        if len(self._unsent) > MOST_UNSENT:
+            self._loop.call_soon(self._broken, made, "it does not read what it is sent")
+
+    def _broken(self, made: socket.socket, why: str) -> None:
+        if self._socket is made:
+            self._down(why)
+
+    def _writable(self) -> None:
+        assert self._socket is not None
+        try:
+            sent = self._socket.send(self._unsent)
+        except (BlockingIOError, InterruptedError):
+            return
+        except OSError as error:
+            self._down(_reason(error))
+            return
+        del self._unsent[:sent]
+        if not self._unsent:
+            self._loop.remove_writer(self._socket.fileno())
+
+    # Time
+
+    def _turn(self) -> None:
+        self.look(time.monotonic())
+
+    def look(self, now: float) -> None:
+        """Something was begun: see when the session is due."""
+        assert self._session is not None
+        due = self._session.turn(now)
+        if due is not None:
+            self._in(due - now, self._turn)
+
+
+def _reason(error: OSError) -> str:
+    return error.strerror or str(error) or type(error).__name__

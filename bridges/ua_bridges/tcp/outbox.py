@@ -1,0 +1,73 @@
+"""What is on its way to a robot's program: at once, or a field for each acknowledgement. Pure."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+from typing import Final
+
+from ua_bridges.tcp.config import Framing, InterpreterLink
+from ua_bridges.tcp.framing import FieldWriter
+from ua_bridges.tcp.messages import Message, Type
+
+__all__ = ["Outbox"]
+
+MOST_WAITING: Final = 100
+"""Messages that may wait for acknowledgements."""
+
+
+class Outbox:
+    """Messages in their order, never one within another."""
+
+    def __init__(self, link: InterpreterLink, write: Callable[[bytes], None]) -> None:
+        self._writer, self._write = FieldWriter(link), write
+        self._one_by_one = link.framing is Framing.ACKNOWLEDGED
+        self._waiting: deque[Message] = deque()
+        self._fields: deque[bytes] = deque()
+        self.waits_since: float | None = None
+        """When the field was sent that has not been acknowledged."""
+
+    @property
+    def is_full(self) -> bool:
+        """Whether more waits than a program that works lets wait."""
+        return len(self._waiting) > MOST_WAITING
+
+    def check(self, message: Message) -> None:
+        """Raise SkillRejected for what cannot be sent."""
+        for field in message.fields():
+            self._writer.encode(field)
+
+    def send(self, message: Message, now: float) -> None:
+        """Send it, or have it wait. Of information that waits, the latest of its subtype counts."""
+        if not self._one_by_one:
+            self._write(b"".join([self._writer.encode(field) for field in message.fields()]))
+            return
+        if message.type is Type.INFORMATION and message.number == 0:
+            for index, waiting in enumerate(self._waiting):
+                if (waiting.type, waiting.subtype, waiting.number) == (message.type, message.subtype, 0):
+                    self._waiting[index] = message
+                    return
+        self._waiting.append(message)
+        if self.waits_since is None:
+            self._next(now)
+
+    def acknowledged(self, now: float) -> bool:
+        """The robot has read a field; False where none was sent."""
+        if self.waits_since is None:
+            return False
+        self.waits_since = None
+        self._next(now)
+        return True
+
+    def clear(self) -> None:
+        """The connection is gone, and what was half sent with it."""
+        self._waiting.clear()
+        self._fields.clear()
+        self.waits_since = None
+
+    def _next(self, now: float) -> None:
+        if not self._fields and self._waiting:
+            self._fields.extend([self._writer.encode(field) for field in self._waiting.popleft().fields()])
+        if self._fields:
+            self.waits_since = now
+            self._write(self._fields.popleft())

@@ -1,0 +1,51 @@
+"""The driver and a robot that takes commands in a language of its own, over real sockets."""
+
+from __future__ import annotations
+
+import asyncio
+
+from tests.contract.harness import until
+from tests.integration.tcp.conftest import StartRobot, direct_fleet, running
+from tests.integration.tcp.test_interpreter import METADATA, SPEED, message
+from tests.system import free_tcp_port
+from ua_fleet.bridge.driver import ExecutionEnded, ExecutionForgotten, ExecutionProgressed, SampleRead, SourceLost
+from ua_fleet.values import Quality, quality_of
+
+ID, OTHER, THIRD = bytes(range(16)), bytes(range(16, 32)), bytes(range(32, 48))
+
+
+async def test_skills_and_data(start_robot: StartRobot) -> None:
+    robot = start_robot("--direct", "127.0.0.1:0")
+    address = f"127.0.0.1:{robot.wait_for('ready').split()[1]}"
+    async with running(direct_fleet(address)) as one:
+        one.begin("weld", 0.2, ID)
+        await until(lambda: len(one.facts(ExecutionEnded)) == 1, "the end")
+        assert one.facts(ExecutionEnded) == [ExecutionEnded(ID, 0, ("weld", 0.2))]
+        one.begin("fail", 0.1, OTHER)
+        await until(lambda: len(one.facts(ExecutionEnded)) == 2, "the failure")
+        one.begin("refuse", 0.1, THIRD)
+        await until(lambda: len(one.facts(ExecutionEnded)) == 3, "the refusal")
+        assert [quality_of(ended.status) for ended in one.facts(ExecutionEnded)[1:]] == [Quality.BAD] * 2
+        assert [ended.message for ended in one.facts(ExecutionEnded)[1:]] == [
+            "the machine broke",
+            "the machine does not do that",
+        ]
+        await until(lambda: len(one.facts(SampleRead)) >= 2, "positions")
+        assert one.facts(SampleRead)[0].values == (0.0, 0.0)
+        assert one.driver.publish(SPEED, METADATA, message(0.254))
+        assert await asyncio.to_thread(robot.wait_for, "speed") == "speed 0.25"
+
+
+async def test_a_robot_that_goes_away_leaves_it_unknown_and_comes_back(start_robot: StartRobot) -> None:
+    address = f"127.0.0.1:{free_tcp_port()}"
+    robot = start_robot("--direct", address)
+    async with running(direct_fleet(address)) as one:
+        one.begin("weld", 5.0, ID)
+        await until(lambda: one.facts(ExecutionProgressed), "the beginning")
+        robot.end()
+        await until(lambda: one.facts(ExecutionForgotten), "the loss")
+        assert one.facts(SourceLost)
+        start_robot("--direct", address)
+        one.begin("weld", 0.0, OTHER)
+        await until(lambda: one.facts(ExecutionEnded), "the end")
+        assert one.facts(ExecutionEnded)[0][:2] == (OTHER, 0)

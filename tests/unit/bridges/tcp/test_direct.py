@@ -1,0 +1,220 @@
+"""Commands in a robot's own language, and the lines that answer them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+from ua_bridges.tcp.config import TcpBridgeConfig, TcpSkillMapping
+from ua_bridges.tcp.data import data_of
+from ua_bridges.tcp.direct import DirectSession
+
+from tests.unit.bridges.tcp.tcp_fleet import fleet
+from ua_fleet.bridge.configured import configured_skills
+from ua_fleet.bridge.driver import (
+    DriverEvent,
+    Dropped,
+    Execution,
+    ExecutionEnded,
+    ExecutionForgotten,
+    ExecutionProgressed,
+    SampleRead,
+    SourceFound,
+    SourceLost,
+)
+from ua_fleet.counters import Drop
+from ua_fleet.errors import RobotOffline, SkillRejected
+from ua_fleet.topics import Topic
+from ua_fleet.values import BuiltinType, StatusCode, Variant
+
+ID, OTHER = bytes(range(16)), bytes(range(16, 32))
+SPEED = Topic(0, 2, 12)
+
+
+class Robot:
+    """A session, and the robot's side of it."""
+
+    def __init__(self, *, connected: bool = True, numbered: bool = False) -> None:
+        number = (("{angle}, {name})", "{angle}, {name}, {number})"), ("OK {reached}", "OK {number} {reached}"))
+        config = fleet(*number) if numbered else fleet()
+        bridge = config.bridges["cell"]
+        assert isinstance(bridge, TcpBridgeConfig)
+        assert bridge.direct is not None
+        self.told: list[DriverEvent] = []
+        self.sent: list[bytes] = []
+        self.resets: list[str] = []
+        self.now = 0.0
+        self.skills = {skill.name: skill for skill in configured_skills(config, "cell", TcpSkillMapping)}
+        self.session = DirectSession(
+            bridge.direct,
+            list(self.skills.values()),
+            data_of(config, "cell"),
+            self.told.append,
+            self.sent.append,
+            self._reset,
+            self.now,
+        )
+        if connected:
+            self.session.connected(self.now)
+            assert self.sent == [b"COUNT?\n"]
+            self.sent.clear()
+
+    def _reset(self, why: str) -> None:
+        self.resets.append(why)
+        self.session.lost(self.now)
+
+    def after(self, seconds: float) -> None:
+        self.now += seconds
+        self.session.turn(self.now)
+
+    def says(self, text: str) -> None:
+        self.session.received(text.encode(), self.now, 5)
+
+    def execute(self, skill: str, *values: Any, execution_id: bytes = ID) -> Execution:
+        execution = Execution(execution_id, self.skills[skill].topic, 1, values, 10.0)
+        self.session.execute(self.skills[skill], execution, self.now)
+        return execution
+
+    def facts(self, kind: type[Any]) -> list[Any]:
+        return [event for event in self.told if isinstance(event, kind)]
+
+    def drops(self, cause: Drop) -> int:
+        return sum(event.cause is cause for event in self.told if isinstance(event, Dropped))
+
+
+def test_a_command_and_its_answer() -> None:
+    robot = Robot()
+    robot.execute("move", 0.5, "left")
+    assert robot.sent == [b'movej(0.5, "left")\n']
+    assert robot.facts(ExecutionProgressed) == [ExecutionProgressed(ID, 0.0, "")]
+    robot.says("OK 0.")
+    assert robot.facts(ExecutionEnded) == []
+    robot.says("49\r\n")
+    assert robot.facts(ExecutionEnded) == [ExecutionEnded(ID, 0, (0.49,), "")]
+
+
+def test_a_failure_with_the_robots_words() -> None:
+    robot = Robot()
+    robot.execute("move", 0.5, "left")
+    robot.says("ERR joint limit\n")
+    assert robot.facts(ExecutionEnded) == [ExecutionEnded(ID, StatusCode.BAD_UNEXPECTED_ERROR, (), "joint limit")]
+
+
+def test_without_an_answer_it_is_done_when_it_is_sent() -> None:
+    robot = Robot()
+    robot.execute("move", 0.5, "left")
+    robot.execute("home", execution_id=OTHER)
+    assert robot.sent[-1] == b"home()\n"
+    assert robot.facts(ExecutionEnded)[0][:2] == (OTHER, 0)
+
+
+def test_one_answer_is_awaited_at_a_time() -> None:
+    robot = Robot()
+    robot.execute("move", 0.5, "left")
+    with pytest.raises(SkillRejected, match=r"has not answered arm\.move yet"):
+        robot.execute("move", 0.5, "left", execution_id=OTHER)
+    robot.says("OK 0.5\n")
+    robot.execute("move", 0.5, "left", execution_id=OTHER)
+
+
+@pytest.mark.parametrize("name", ["a\nstopj()", 'a")', "\x00"])
+def test_no_argument_becomes_a_second_command(name: str) -> None:
+    robot = Robot()
+    with pytest.raises(SkillRejected):
+        robot.execute("move", 0.5, name)
+    assert robot.sent == []
+    assert robot.session.turn(robot.now) == 1.0
+
+
+def test_a_late_answer_is_nobody_elses() -> None:
+    robot = Robot()
+    robot.execute("move", 0.5, "left")
+    robot.after(10.0)
+    assert robot.facts(ExecutionEnded)[0].status == StatusCode.BAD_TIMEOUT
+    assert b"stopj()\n" in robot.sent
+    assert "may still come" in robot.resets[0]
+
+
+def test_with_a_number_the_connection_stays() -> None:
+    robot = Robot(numbered=True)
+    execution = robot.execute("move", 0.5, "left")
+    number = robot.sent[0].split(b", ")[2].rstrip(b")\n").decode()
+    robot.says("OK 1 0.4\n")
+    assert robot.facts(ExecutionEnded) == []
+    assert robot.drops(Drop.UNASKED) == 1
+    robot.session.halt(execution, robot.now)
+    assert robot.resets == []
+    robot.says(f"OK {number} 0.4\n")
+    assert [ended.status for ended in robot.facts(ExecutionEnded)] == [StatusCode.BAD_REQUEST_CANCELLED_BY_CLIENT]
+
+
+def test_a_lost_connection_leaves_it_unknown() -> None:
+    robot = Robot()
+    robot.execute("move", 0.5, "left")
+    robot.session.lost(robot.now)
+    assert len(robot.facts(ExecutionForgotten)) == 1
+    robot.session.query(robot.skills["move"], Execution(OTHER, robot.skills["move"].topic, 1, (0.5, "x"), 1.0), 0.0)
+    assert len(robot.facts(ExecutionForgotten)) == 2
+
+
+def test_what_is_begun_before_the_robot_is_there_waits_for_it() -> None:
+    robot = Robot(connected=False)
+    robot.execute("move", 0.5, "left")
+    with pytest.raises(SkillRejected):
+        robot.execute("home", execution_id=OTHER)
+    robot.session.connected(1.0)
+    assert robot.sent[0] == b'movej(0.5, "left")\n'
+
+
+def test_but_not_for_long() -> None:
+    robot = Robot(connected=False)
+    robot.execute("move", 0.5, "left")
+    robot.after(3.0)
+    assert robot.facts(ExecutionEnded)[0].status == StatusCode.BAD_NO_COMMUNICATION
+    with pytest.raises(RobotOffline, match="remote control"):
+        robot.execute("home")
+
+
+def test_halting() -> None:
+    robot = Robot()
+    robot.session.halt(robot.execute("move", 0.5, "left"), robot.now)
+    assert robot.sent[-1] == b"stopj()\n"
+    assert robot.facts(ExecutionEnded)[0].status == StatusCode.BAD_REQUEST_CANCELLED_BY_CLIENT
+    waiting = Robot(connected=False)
+    waiting.session.halt(waiting.execute("move", 0.5, "left"), 0.0)
+    assert waiting.sent == []
+    assert len(waiting.facts(ExecutionEnded)) == 1
+
+
+def test_data_that_the_robot_is_asked_for() -> None:
+    robot = Robot()
+    count = robot.facts(SourceFound)[0].topic
+    robot.says("COUNT 5\nCOUNT 99999\nwelcome\nwelcome\n")
+    bad = Variant(BuiltinType.STATUS_CODE, StatusCode.BAD_TYPE_MISMATCH)
+    assert robot.facts(SampleRead) == [SampleRead(count, (5,), 5), SampleRead(count, (bad,), 5)]
+    assert robot.drops(Drop.UNASKED) == 2
+    robot.after(1.0)
+    assert robot.sent == [b"COUNT?\n"]
+    robot.after(3.0)
+    assert robot.facts(SourceLost) == [SourceLost(count)]
+    robot.says("COUNT 6\n")
+    assert len(robot.facts(SourceFound)) == 2
+
+
+def test_values_for_the_robot() -> None:
+    robot = Robot()
+    assert robot.session.writes(SPEED)
+    assert not robot.session.writes(Topic(0, 2, 13))
+    assert robot.session.inform(SPEED, (1.005,))
+    assert robot.sent == [b"speed(1.00)\n"]
+    assert not robot.session.inform(SPEED, (float("nan"),))
+    robot.session.lost(robot.now)
+    assert not robot.session.inform(SPEED, (1.0,))
+    assert (robot.drops(Drop.CONVERSION), robot.drops(Drop.NOT_CONNECTED)) == (1, 1)
+
+
+def test_a_line_without_end_ends_the_connection() -> None:
+    robot = Robot()
+    robot.says("x" * 5000)
+    assert len(robot.resets) == 1
+    assert robot.drops(Drop.MALFORMED) == 1

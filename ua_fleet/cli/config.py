@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -23,6 +24,8 @@ CHECK_EXAMPLES = ("ua-fleet config check", "ua-fleet config check hall2.yaml --j
 IDS_EXAMPLES = ("ua-fleet config assign-ids", "ua-fleet config assign-ids hall2.yaml --json")
 
 File = Annotated[Path, typer.Argument(help="The configuration file.", envvar="UA_FLEET_CONFIG")]
+
+Scenarios = Annotated[bool, typer.Option(help="Check the scenarios in the fleet's folder as well.")]
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,23 +67,38 @@ def init(file: File = DEFAULT_CONFIG, as_json: Json = False) -> None:
     message(f"edit it, then run: ua-fleet config check {file}")
 
 
-def check(file: File = DEFAULT_CONFIG, as_json: Json = False) -> None:
+def _problems_of_scenarios(config: FleetConfig, folder: Path) -> Sequence[ConfigError]:
+    from ua_fleet.config.nodes import fleet_model
+    from ua_fleet.server.scenarios.library import Library
+    from ua_fleet.server.scenarios.values import FleetValues, fleet_view
+
+    model = fleet_model(config)
+    view = fleet_view(model.robots, FleetValues(model).meanings)
+    return Library(folder / config.scenarios.folder).problems(view)
+
+
+def check(file: File = DEFAULT_CONFIG, scenarios: Scenarios = True, as_json: Json = False) -> None:
     """Check a configuration file and print all its problems, each with its line and a suggestion.
 
-    The environment counts as it will when the server runs: ${VAR} in the file, and UA_FLEET__SERVER__PORT and the like.
-    Exit code 2 if there are problems.
+    The scenarios in its folder are held against the fleet as well; robots that are registered while the server runs are
+    not known here. The environment counts as it will when the server runs: ${VAR} in the file, and
+    UA_FLEET__SERVER__PORT and the like. Exit code 2 if there are problems.
     """
     try:
-        size = _Size.of(load_config(file))
+        config = load_config(file)
+        problems = _problems_of_scenarios(config, file.parent) if scenarios else []
     except ConfigInvalid as error:
+        config, problems = None, error.problems
+    if config is None or problems:
         if as_json:
-            print_json({"valid": False, "problems": [_as_json(problem) for problem in error.problems]})
+            print_json({"valid": False, "problems": [_as_json(problem) for problem in problems]})
         else:
-            for problem in error.problems:
+            for problem in problems:
                 print_line(str(problem))
-            count = len(error.problems)
+            count = len(problems)
             message(f"ua-fleet: {count} problem{'s' if count > 1 else ''}; mend and run: ua-fleet config check {file}")
-        raise typer.Exit(EXIT_USAGE) from None
+        raise typer.Exit(EXIT_USAGE)
+    size = _Size.of(config)
     if as_json:
         print_json(
             {

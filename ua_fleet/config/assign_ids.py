@@ -72,7 +72,9 @@ def insert_ids(content: bytes, file: str) -> tuple[bytes, dict[str, int]]:
         raise ConfigInvalid(document.problems)
     owners = _owners(document)
     used = [_at(document.data, path).get(key) for path, key in owners.items()]
-    used += [_at(document.data, ("robots", robot)).get("fault_id") for robot in _at(document.data, ("robots",))]
+    used += [
+        (as_mapping(robot) or {}).get("fault_id") for robot in (as_mapping(document.data.get("robots")) or {}).values()
+    ]
     number = max([FIRST_ID - 1, *(value for value in used if isinstance(value, int))])
     text = content.removeprefix(_BOM).decode("utf-8")
     given: dict[KeyPath, int] = {}

@@ -160,7 +160,7 @@ class _Checker:
             return [robot.skills[task.skill] for robot in able]
         robot = fleet.robots.get(task.robot)
         if robot is None:
-            hint = closest(task.robot, fleet.robots) or f"known robots: {listed(fleet.robots)}"
+            hint = closest(task.robot, fleet.robots) or f"known robots: {listed(fleet.robots) or 'none'}"
             self._problem(task.line, f"task {task.name!r}: there is no robot {task.robot!r}", hint)
             return []
         skill = robot.skills.get(task.skill)

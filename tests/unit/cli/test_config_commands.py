@@ -81,3 +81,19 @@ def test_the_environment_counts(invoke: Invoke, fleet: Path, monkeypatch: pytest
     monkeypatch.setenv("UA_FLEET_CONFIG", str(fleet))
     monkeypatch.chdir("/")
     assert invoke("config", "check").code == 0
+
+
+def test_scenarios_are_held_against_the_fleet(invoke: Invoke, tmp_path: Path) -> None:
+    (tmp_path / "fleet.yaml").write_text("version: 1\npubsub: {security: none}\n")
+    (tmp_path / "scenarios").mkdir()
+    (tmp_path / "scenarios" / "one.yaml").write_text(
+        "version: 1\nname: one\nsteps:\n  - {task: a, skill: go, robot: ur3}\n"
+    )
+    ended = invoke("config", "check")
+    assert (ended.code, ended.stdout) == (
+        2,
+        "scenarios/one.yaml:4: task 'a': there is no robot 'ur3'; known robots: none\n",
+    )
+    (problem,) = json.loads(invoke("config", "check", "--json").stdout)["problems"]
+    assert (problem["file"], problem["line"]) == ("scenarios/one.yaml", 4)
+    assert invoke("config", "check", "--no-scenarios").code == 0

@@ -63,6 +63,28 @@ class Library:
             found.append(Listed(name, reading.scenario.description, len(reading.problems)))
         return found
 
+    def problems(self, fleet: FleetView) -> list[ConfigError]:
+        """All that is wrong with the files of the folder, by their paths."""
+        found: list[ConfigError] = []
+        read: dict[str, Path] = {}
+        for path in sorted(self._files(), key=lambda path: (path.stem, _ENDINGS.index(path.suffix))):
+            first = read.setdefault(path.stem, path)
+            if not _NAME.fullmatch(path.stem):
+                text = f"{path.stem!r} is no name of a scenario: letters, digits, _ and -"
+                found.append(ConfigError(text, file=str(path), suggestion="rename the file"))
+            elif first != path:
+                text = f"it is never read, since {first.name} has the same name"
+                found.append(ConfigError(text, file=str(path), suggestion="remove one of them"))
+            else:
+                found += self._problems_of(path, fleet)
+        return found
+
+    def _problems_of(self, path: Path, fleet: FleetView) -> Sequence[ConfigError]:
+        try:
+            return self._held(self.text(path.stem), str(path), fleet).problems
+        except ScenarioError as error:
+            return [ConfigError(str(error).removeprefix(f"{path.name}: "), file=str(path))]
+
     def text(self, name_or_text: str) -> str:
         """The text of a scenario: what has more than a line, or begins as JSON does, is one itself.
 
@@ -84,7 +106,9 @@ class Library:
     def checked(self, name_or_text: str, fleet: FleetView) -> Checked:
         """A scenario held against a fleet; raises as `text` does."""
         text = self.text(name_or_text)
-        file = "" if text == name_or_text else f"{name_or_text.strip()}.yaml"
+        return self._held(text, "" if text == name_or_text else f"{name_or_text.strip()}.yaml", fleet)
+
+    def _held(self, text: str, file: str, fleet: FleetView) -> Checked:
         reading = read_scenario(text.encode(), file)
         if not reading.scenario.body.steps:
             return Checked(*reading)
@@ -106,8 +130,11 @@ class Library:
                     return file.read(MOST_BYTES + 1).decode("utf-8")
             except FileNotFoundError:
                 continue
-            except (OSError, UnicodeDecodeError) as error:
-                raise ScenarioError(f"{path.name} cannot be read: {error}; look at the folder of scenarios") from error
+            except UnicodeDecodeError as error:
+                raise ScenarioError(f"{path.name}: it is not UTF-8 text; save it in the encoding UTF-8") from error
+            except OSError as error:
+                reason = error.strerror or "it cannot be opened"
+                raise ScenarioError(f"{path.name}: {reason}; look at the folder of scenarios") from error
         raise ScenarioUnknown(f"there is no scenario {name!r} in the folder of scenarios")
 
 

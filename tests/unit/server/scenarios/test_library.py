@@ -55,3 +55,21 @@ def test_values_are_read_as_in_yaml() -> None:
         read_values(["a"], [])
     with pytest.raises(ScenarioError, match="twice"):
         read_values(["a", "a"], ["1", "2"])
+
+
+def test_all_files_of_the_folder_are_held_against_the_fleet(tmp_path: Path) -> None:
+    (tmp_path / "good.yaml").write_text(GOOD)
+    (tmp_path / "good.json").write_text("{}")
+    (tmp_path / "a b.yaml").write_text(GOOD)
+    (tmp_path / "bytes.yml").write_bytes(b"\xff")
+    (tmp_path / "lost.json").write_text('{"version": 1, "name": "lost",\n"steps": [{"task": "a", "robot": "x"}]}')
+    (tmp_path / "folder.yaml").mkdir()
+    said = [str(problem).removeprefix(f"{tmp_path}/") for problem in Library(tmp_path).problems(FLEET)]
+    assert said == [
+        "a b.yaml: 'a b' is no name of a scenario: letters, digits, _ and -; rename the file",
+        "bytes.yml: it is not UTF-8 text; save it in the encoding UTF-8",
+        "folder.yaml: Is a directory; look at the folder of scenarios",
+        "good.json: it is never read, since good.yaml has the same name; remove one of them",
+        "lost.json:2:steps[0].skill: `skill` is missing",
+        "lost.json:2: task 'a': there is no robot 'x'; known robots: none",
+    ]

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 from ua_fleet.counters import Drop
@@ -29,6 +30,7 @@ __all__ = [
     "ExecutionProgressed",
     "HaltingDriver",
     "Inlet",
+    "RememberingDriver",
     "SampleRead",
     "Skill",
     "SkillDriver",
@@ -169,6 +171,15 @@ class Driver(Protocol):
 
     async def stop(self) -> None:
         """Leave the space and release everything. Safe to call twice."""
+        ...
+
+
+@runtime_checkable
+class RememberingDriver(Protocol):
+    """What a driver has beside `Driver` where it keeps files: certificates, or what must survive a restart."""
+
+    def remember_in(self, folder: Path) -> None:
+        """Told the bridge's `state_dir` before `start`. The folder need not exist."""
         ...
 
 

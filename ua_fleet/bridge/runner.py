@@ -19,10 +19,11 @@ import structlog
 
 from ua_fleet.bridge.actions import Actions
 from ua_fleet.bridge.core import BridgeCore, Rule
-from ua_fleet.bridge.driver import Driver, DriverEvent, Dropped, SampleRead, SourceFound, skills_of
+from ua_fleet.bridge.driver import Driver, DriverEvent, Dropped, RememberingDriver, SampleRead, SourceFound, skills_of
 from ua_fleet.bridge.inlet import BoundedInlet
 from ua_fleet.bridge.status import STATUS_FIELDS, STATUS_INTERVAL_S, status_topic, status_values
 from ua_fleet.config.applications import bridge_application
+from ua_fleet.config.registration import announced_robots
 from ua_fleet.config.schema import FleetConfig, PubSubConfig
 from ua_fleet.config.security import envelope_of, keys_needed, weaknesses
 from ua_fleet.counters import Counters, Drop
@@ -117,6 +118,7 @@ class _Shell:
             wall_ticks=_wall_ticks,
             failed=self._failed,
             rule=rule,
+            definitions=announced_robots(config, bridge_name),
         )
         self.inlet = BoundedInlet(self._loop, config.pubsub.inlet_size, self._from_space)
         self._timer: asyncio.TimerHandle | None = None
@@ -274,6 +276,8 @@ async def run_bridge(
                     count = config.pubsub.keys.future_keys + 1
                     tasks.create_task(keep_keys(shell.envelope, keys, shell.keys, count=count))
                     await shell.wait_for_own_key()
+                if isinstance(driver, RememberingDriver):
+                    driver.remember_in(state_dir)
                 await driver.start(shell.inlet)
                 await transport.start(shell.receive)
                 shell.begin()

@@ -1,6 +1,7 @@
 """The processes of the benchmark `actions`.
 
-    python -m benchmarks._actions echo RESPONSE_BYTES      prints its port; answers each datagram with so many bytes
+    python -m benchmarks._actions echo RESPONSE_BYTES      prints its port; answers each datagram with so many bytes,
+                                                           or with the same where it is 0
     python -m benchmarks._actions bridge FLEET JOURNAL     our bridge; JOURNAL is `disk` or `memory`
     python -m benchmarks._actions client FLEET JOURNAL     our requestor, and the one that asks the echo
 
@@ -84,10 +85,10 @@ async def echo(size: int) -> None:
     def drain() -> None:
         while True:
             try:
-                _, sender = receiver.recvfrom(65_536)
+                datagram, sender = receiver.recvfrom(65_536)
             except BlockingIOError:
                 return
-            receiver.sendto(answer, sender)
+            receiver.sendto(answer or datagram, sender)
 
     asyncio.get_running_loop().add_reader(receiver.fileno(), drain)
     print("ready", receiver.getsockname()[1], flush=True)
@@ -195,12 +196,17 @@ async def client(config: FleetConfig, folder: Path, journal: str) -> None:
             print(json.dumps([round(one * 1e6, 1) for one in times]), flush=True)
 
 
-def main() -> None:
+def quiet_logs() -> None:
+    """Only what is wrong is said, on the standard error."""
     logging.basicConfig(stream=sys.stderr, level=logging.WARNING)
     structlog.configure(
         logger_factory=structlog.PrintLoggerFactory(sys.stderr),
         wrapper_class=structlog.make_filtering_bound_logger(logging.WARNING),
     )
+
+
+def main() -> None:
+    quiet_logs()
     role, *rest = sys.argv[1:]
     if role == "echo":
         asyncio.run(echo(int(rest[0])))

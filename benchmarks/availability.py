@@ -1,0 +1,199 @@
+"""Requests of strings on an open-loop schedule, and their response time: the tests of Tamashiro et al., section 3.
+
+A requestor asks a robot to print a string of 10 to 20,000 characters every 1 to 100 ms, whatever became of the strings
+before; and to give it back, one string after the other. Alone, and beside five nodes that each send 1,000 characters
+again and again with pauses of 1 to 20 ms. All are processes of their own, PubSub is signed and encrypted, and every
+request is journaled on the disk at both sides.
+
+A request that could not even be made within 0.1 s after its slot counts as requested, and as refused. At the end what
+the robot was told is compared with what each requestor knows: executed + refused = requested, for every one, and
+nothing twice; where that does not hold, the group fails. The floor is an echo between two event loops on the same
+schedule.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import statistics
+import sys
+import tempfile
+import time
+from collections import Counter
+from collections.abc import Generator, Iterable, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+from benchmarks._availability import SPACE, Asked
+from benchmarks._ros import Node, median_and_p99
+from benchmarks.harness import FEWEST_ROUNDS, Figure, shown
+from tests import system
+from ua_fleet.config.schema import FleetConfig
+from ua_fleet.config.security import all_groups
+from ua_fleet.storage.key_files import KeyFile, KeyFolder
+from ua_fleet.wire.security import SecurityPolicy
+
+REFERENCE = "bare UDP echo"
+CHARACTERS = (10, 1000, 10_000, 20_000)
+REQUESTS = {1: 1000, 5: 200, 10: 100, 20: 100, 50: 25, 100: 15}
+"""Requests of each length, over all rounds, by the period in milliseconds."""
+HELD_FROM_MS = 20
+"""Periods from here on have to reach an availability of 1."""
+RESPONSES = 20
+"""In a round, of each length."""
+OVERHEAD_BYTES = 180
+"""About what a signed and encrypted request has beside its string."""
+NODE_SPACES = (301, 302, 303, 304, 305)
+
+
+def accounted(told: Sequence[str], parties: Iterable[Asked]) -> None:
+    """AssertionError where the robot and a requestor disagree about a single request.
+
+    Args:
+        told: ids of the executions that the robot was told.
+        parties: what was requested, and what the requestor knows of it.
+    """
+    times, known = Counter(told), set[str]()
+    assert not [one for one, count in times.items() if count > 1], "the robot was told something twice"
+    for asked in parties:
+        executed = times.keys() & set(asked.ids)
+        known |= executed
+        assert executed == set(asked.accepted), "what was executed is not what the requestor knows as accepted"
+        assert len(executed) + asked.refused == asked.slots, f"{asked.outcomes} of {asked.slots}"
+    assert times.keys() == known, "the robot was told what nobody had asked for"
+
+
+class Network:
+    """The robot, who asks it, and an echo."""
+
+    def __init__(self, stack: contextlib.ExitStack) -> None:
+        folder = Path(stack.enter_context(tempfile.TemporaryDirectory(dir=system.ROOT)))
+        raw = {
+            "version": 1,
+            "pubsub": {
+                "security": "sign_and_encrypt",
+                "url": system.free_multicast_url(),
+                "keys": {"source": "files"},
+            },
+            "bridges": {
+                "cell": {"kind": "virtual", "space": SPACE, "requestors": [0, *NODE_SPACES]},
+                **{f"node-{space}": {"kind": "virtual", "space": space} for space in NODE_SPACES},
+            },
+        }
+        fleet = folder / "fleet.json"
+        fleet.write_text(json.dumps(raw))
+        keys = KeyFolder(folder / "keys")
+        for group_id in all_groups(FleetConfig.model_validate(raw)):
+            keys.write(KeyFile.new(group_id, SecurityPolicy.AES256_CTR, 3600.0, time.time()))
+
+        def start(module: str, *arguments: object) -> Node:
+            command = [sys.executable, "-m", f"benchmarks.{module}", *map(str, arguments)]
+            node = Node(*command, env=os.environ | {"PYTHONPATH": ".:bridges"})
+            stack.callback(node.end)
+            return node
+
+        self._robot = start("_availability", "passive", fleet)
+        self._main = start("_availability", "main", fleet)
+        self._nodes = [start("_availability", "node", fleet, space) for space in NODE_SPACES]
+        self._port = int(start("_actions", "echo", 0).ready.removeprefix("ready"))
+        self._told()
+        self._asked: list[Asked] = []
+
+    def _told(self) -> list[str]:
+        self._robot.tell("executed")
+        told: list[str] = json.loads(self._robot.read())
+        return told
+
+    def ask(self, way: str, characters: int, *numbers: int) -> Asked:
+        """Have the main node ask our robot (`open`, `respond`) or the echo (`echo-open`, `echo-respond`)."""
+        is_echo = way.startswith("echo")
+        size, port = (characters + OVERHEAD_BYTES, (self._port,)) if is_echo else (characters, ())
+        self._main.tell(" ".join(map(str, (way, size, *numbers, *port))))
+        asked = Asked.read(self._main.read())
+        if not is_echo:
+            self._asked.append(asked)
+        return asked
+
+    @contextlib.contextmanager
+    def held_to_account(self, *, others: bool) -> Generator[None]:
+        """While the context lasts, with the five nodes or without; then everything is accounted for."""
+        nodes = self._nodes if others else []
+        for node in nodes:
+            node.tell("go")
+        yield
+        for node in nodes:
+            node.tell("rest")
+        accounted(self._told(), [*self._asked, *[Asked.read(node.read()) for node in nodes]])
+        self._asked.clear()
+
+
+class Run(NamedTuple):
+    """What was measured in one of the two distributions of nodes."""
+
+    shares: dict[int, list[float]]
+    """Availability by the period in milliseconds, for each length."""
+    floor_shares: dict[int, float]
+    """Of the echo, the worst length."""
+    responses: list[tuple[float, ...]]
+    """For each length: the echo's median and 99th percentile, and ours."""
+
+
+def measured(network: Network, rounds: int) -> Run:
+    """Everything once in each round; the floor's schedules in the last one alone."""
+    slots, executed = Counter[tuple[int, int]](), Counter[tuple[int, int]]()
+    floor: dict[int, float] = {}
+    responses: list[list[tuple[float, ...]]] = [[] for _ in CHARACTERS]
+    for turn in range(rounds):
+        for place, characters in enumerate(CHARACTERS):
+            echo = median_and_p99(network.ask("echo-respond", characters, RESPONSES).ages_us)
+            ours = median_and_p99(network.ask("respond", characters, RESPONSES).ages_us)
+            responses[place].append((*echo, *ours))
+            for period_ms, count in REQUESTS.items():
+                asked = network.ask("open", characters, period_ms, count // rounds)
+                slots[period_ms, characters] += asked.slots
+                executed[period_ms, characters] += len(asked.accepted)
+                if turn == rounds - 1:
+                    echoed = network.ask("echo-open", characters, period_ms, count // rounds)
+                    share = echoed.outcomes["accepted"] / echoed.slots
+                    floor[period_ms] = min(floor.get(period_ms, 1.0), share)
+    shares = {ms: [executed[ms, length] / slots[ms, length] for length in CHARACTERS] for ms in REQUESTS}
+    medians = [tuple(map(statistics.median, zip(*of_length, strict=True))) for of_length in responses]
+    return Run(shares, floor, medians)
+
+
+def rows(name: str, run: Run) -> list[Figure]:
+    """The figures of one distribution of nodes."""
+    figures: list[Figure] = []
+    for characters, (echo_p50, echo_p99, p50, p99) in zip(CHARACTERS, run.responses, strict=True):
+        what = f"response time, {name}, {characters:,} characters"
+        figures.append(shown(f"{what}, p50", p50, "us", reference=REFERENCE, reference_value=echo_p50))
+        figures.append(shown(f"{what}, p99", p99, "us", reference=REFERENCE, reference_value=echo_p99))
+    for period_ms, shares in run.shares.items():
+        for what, share in (("up to 10,000 characters", min(shares[:-1])), ("20,000 characters", shares[-1])):
+            is_held = period_ms >= HELD_FROM_MS
+            figures.append(
+                Figure(
+                    f"availability every {period_ms} ms, {name}, {what}",
+                    share,
+                    "of 1",
+                    REFERENCE,
+                    run.floor_shares[period_ms],
+                    share,
+                    1.0 if is_held else None,
+                    not is_held or share == 1.0,
+                )
+            )
+    return figures
+
+
+def figures(rounds: int) -> list[Figure]:
+    rounds = max(rounds, FEWEST_ROUNDS)
+    found: list[Figure] = []
+    with contextlib.ExitStack() as stack:
+        network = Network(stack)
+        for name, others in (("alone", False), ("with five nodes", True)):
+            with network.held_to_account(others=others):
+                run = measured(network, rounds)
+            found += rows(name, run)
+    return found

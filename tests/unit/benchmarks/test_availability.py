@@ -1,0 +1,67 @@
+"""The benchmark `availability`: it fails where robot and requestors disagree, and no slot is lost in silence."""
+
+from __future__ import annotations
+
+import asyncio
+from collections import Counter
+from dataclasses import replace
+
+import pytest
+
+from benchmarks import _availability as processes
+from benchmarks._availability import Asked, open_loop
+from benchmarks.availability import CHARACTERS, REQUESTS, Run, accounted, rows
+
+KNOWN = Asked(
+    5, missed=1, outcomes=Counter(accepted=2, refused=1, timed_out=1), accepted=["a", "b"], ids=["a", "b", "c", "d"]
+)
+OTHER = Asked(1, outcomes=Counter(accepted=1), accepted=["x"], ids=["x"])
+
+
+def test_every_request_is_executed_or_refused() -> None:
+    accounted(["a", "x", "b"], [KNOWN, OTHER])
+    assert Asked.read(KNOWN.line()) == KNOWN
+
+
+@pytest.mark.parametrize(
+    ("told", "asked", "complaint"),
+    [
+        (["a", "b", "b"], KNOWN, "twice"),
+        (["a"], KNOWN, "not what the requestor knows"),
+        (["a", "b", "c"], KNOWN, "not what the requestor knows"),
+        (["a", "b", "z"], KNOWN, "nobody had asked"),
+        (["a", "b"], replace(KNOWN, slots=6), "of 6"),
+        (["a", "b"], replace(KNOWN, outcomes=Counter(accepted=2, refused=1, unknown=1)), "of 5"),
+    ],
+)
+def test_what_does_not_add_up_fails(told: list[str], asked: Asked, complaint: str) -> None:
+    with pytest.raises(AssertionError, match=complaint):
+        accounted(told, [asked])
+
+
+async def test_a_late_slot_is_asked_for_and_a_too_late_one_is_missed(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(processes, "MOST_LATE_S", 0.05)
+    period_s, slots = 0.01, 20
+    asked: list[float] = []
+
+    async def ask(due: float) -> None:
+        if not asked:
+            loop = asyncio.get_running_loop()
+            while loop.time() < due + 0.105:  # nothing else gets a turn
+                pass
+        asked.append(due)
+
+    missed = await open_loop(period_s, slots, ask)
+    assert len(asked) + missed == slots
+    assert 4 <= missed <= 8, "those between 0.05 and 0.1 s ago"
+    assert asked == sorted(asked)
+
+
+def test_only_long_periods_are_held_to_the_goal() -> None:
+    shares = {period: [0.5, 1.0, 1.0, 0.25] for period in REQUESTS}
+    run = Run(shares, dict.fromkeys(REQUESTS, 1.0), [(1.0, 2.0, 3.0, 4.0)] * len(CHARACTERS))
+    found = {figure.name: figure for figure in rows("alone", run) if figure.name.startswith("availability")}
+    assert len(found) == 2 * len(REQUESTS)
+    assert found["availability every 10 ms, alone, 20,000 characters"].holds
+    held = found["availability every 20 ms, alone, up to 10,000 characters"]
+    assert (held.value, held.goal, held.holds) == (0.5, 1.0, False)

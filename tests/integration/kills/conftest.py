@@ -13,7 +13,7 @@ from typing import Final
 
 import pytest
 
-from tests.integration.scenarios.conftest import ROBOTS, Plant
+from tests.integration.scenarios.conftest import ROBOTS, Plant, says
 from tests.system import Child, Processes
 
 SECURED: Final = {"security": "sign_and_encrypt", "keys": {"lifetime_s": 3.0, "future_keys": 30}}
@@ -41,11 +41,7 @@ class Crew:
             start, _ = self._start[name]
             self._children[name] = start()
         for name in names:
-            child, (_, said) = self._children[name], self._start[name]
-            async with asyncio.timeout(60):
-                while not any(said in line for line in child.lines):
-                    assert child.process.poll() is None, "\n".join(child.lines)
-                    await asyncio.sleep(0.02)
+            await says(self._children[name], self._start[name][1])
 
     async def kill(self, names: tuple[str, ...], count: int, least_s: float, most_s: float) -> None:
         """Kill one of them so often, each time at a random moment of its work, and start it again at once."""

@@ -142,6 +142,14 @@ class Plant:
         return [(robot, work) for _, robot, work in sorted(jobs)]
 
 
+async def says(child: Child, text: str, timeout_s: float = 60) -> None:
+    """Wait until a process says something, while the test's own loop runs."""
+    async with asyncio.timeout(timeout_s):
+        while not any(text in line for line in child.lines):
+            assert child.process.poll() is None, "\n".join(child.lines)
+            await asyncio.sleep(0.02)
+
+
 def texts(values: Sequence[str] = ()) -> Any:
     return ua.Variant(list(values), ua.VariantType.String, None, True)
 

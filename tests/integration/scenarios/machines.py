@@ -57,7 +57,7 @@ class RobotDriver(SkilledDriver):
                 self._to.put(ExecutionEnded(job.execution_id, _BROKEN, (), "not this time"))
                 return
         elif job.work == ANSWERS_FOR_ANOTHER:
-            for execution_id in (told[told.index(job) - 1].execution_id, bytes(16)):
+            for execution_id in (*[one.execution_id for one in told[: told.index(job)][-1:]], bytes(16)):
                 self._to.put(ExecutionEnded(execution_id, _BROKEN, (), "told of another"))
             return
         super()._end(job)

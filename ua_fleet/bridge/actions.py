@@ -12,8 +12,9 @@ requestor asks again or gives up; a driver's fact waits here and is tried again.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
+from types import MappingProxyType
 from typing import Any, Final
 
 from ua_fleet.bridge.core import BridgeCore, Rule
@@ -92,6 +93,7 @@ class Actions:
         wall_ticks: Callable[[], int],
         failed: Callable[[str, BaseException | None], None],
         rule: Rule = loop_verdict,
+        definitions: Mapping[Topic, str] = MappingProxyType({}),
         skills_period_s: float = SKILLS_PERIOD_S,
     ) -> None:
         """Connect the parts.
@@ -110,6 +112,7 @@ class Actions:
             wall_ticks: the time of the wall clock.
             failed: told what an operator has to know, with the exception where a mistake of the driver was the cause.
             rule: the loop rule.
+            definitions: what robots are, by the topics of their SkillStatus; announced with these.
             skills_period_s: how often the driver is asked what skills there are.
         """
         self._space, self._publisher, self._counters, self._driver = space, publisher, counters, driver
@@ -124,7 +127,7 @@ class Actions:
             space, journal, counters, allowed_spaces=requestors, must_be_verified=must_be_verified
         )
         self._halting = None if driver is None else halts_of(driver)
-        self._board = StatusBoard(core)
+        self._board = StatusBoard(core, definitions)
         self._changed: list[skill_journal.Execution] = []
         """What SkillStatus has not said yet: a requestor that waits is answered first."""
         self._skills: dict[Topic, Skill] = {}

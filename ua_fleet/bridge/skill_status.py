@@ -2,32 +2,34 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from typing import Any, Final
+from collections.abc import Iterable, Mapping
+from typing import Any
 
 from ua_fleet.bridge.core import NODE_ONLY, BridgeCore
 from ua_fleet.bridge.driver import ExecutionProgressed, Skill, SourceFound, SourceLost
-from ua_fleet.pubsub.metadata import make_field
+from ua_fleet.pubsub.metadata import PropertyValue, make_field
 from ua_fleet.skill.executions import ExecutionState, Target, unpack
 from ua_fleet.skill.journal import Execution
-from ua_fleet.skill.status import SKILL_STATUS_FIELDS, ExecutionStatus, SkillStatus, result_text
+from ua_fleet.skill.status import ROBOT_PROPERTY, SKILL_STATUS_FIELDS, ExecutionStatus, SkillStatus, result_text
 from ua_fleet.topics import Topic
+from ua_fleet.wire.messages import FieldMetaData
 
 __all__ = ["StatusBoard"]
 
 _FIRST, *_OTHERS = SKILL_STATUS_FIELDS
-_FIELDS: Final = (
-    _FIRST._replace(properties=make_field(_FIRST.name, _FIRST.builtin_type, properties={NODE_ONLY: True}).properties),
-    *_OTHERS,
-)
-"""SkillStatus is for the server's nodes, and has no form in another robot's space."""
 
 
 class StatusBoard:
     """The SkillStatus of all robots of a bridge."""
 
-    def __init__(self, core: BridgeCore) -> None:
-        self._core = core
+    def __init__(self, core: BridgeCore, definitions: Mapping[Topic, str]) -> None:
+        """Begin with no robots.
+
+        Args:
+            core: publishes.
+            definitions: what robots are, as JSON in the form of `fleet.yaml`, by the topics of their SkillStatus.
+        """
+        self._core, self._definitions = core, definitions
         self._robots: dict[Topic, tuple[str, SkillStatus]] = {}
         """Name of the robot and what is shown of it, by the topic of its SkillStatus."""
         self._targets: dict[Target, tuple[Skill, Topic]] = {}
@@ -47,9 +49,17 @@ class StatusBoard:
             known = self._robots.get(topic)
             if known is None or known[0] != name:
                 self._robots[topic] = name, known[1] if known is not None else SkillStatus()
-                source = SourceFound(topic, f"{name} skill status", _FIELDS)
+                source = SourceFound(topic, f"{name} skill status", self._fields(topic))
                 self._core.from_space(source, now=now, wall_ticks=wall_ticks)
                 self._publish(topic, now, wall_ticks)
+
+    def _fields(self, topic: Topic) -> tuple[FieldMetaData, ...]:
+        """They are for the server's nodes, not for another robot's space; the first one says what the robot is."""
+        properties: dict[str, PropertyValue] = {NODE_ONLY: True}
+        if (definition := self._definitions.get(topic)) is not None:
+            properties[ROBOT_PROPERTY] = definition
+        made = make_field(_FIRST.name, _FIRST.builtin_type, properties=properties)
+        return _FIRST._replace(properties=made.properties), *_OTHERS
 
     def show(self, execution: Execution, now: float, wall_ticks: int) -> None:
         """An execution is new or has a new state."""

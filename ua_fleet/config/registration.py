@@ -25,7 +25,7 @@ from ua_fleet.fleet.model import RobotModel
 from ua_fleet.names import closest, listed
 from ua_fleet.topics import SERVER_SPACE, Topic, check_space
 
-__all__ = ["CLIENTS", "MOST_BYTES", "Definition", "RobotText", "definition_text", "read_robot"]
+__all__ = ["CLIENTS", "MOST_BYTES", "Definition", "RobotText", "announced_robots", "definition_text", "read_robot"]
 
 MOST_BYTES: Final = 64 * 1024
 """Longest text about one robot."""
@@ -74,6 +74,16 @@ def definition_text(name: str, config: RobotConfig) -> str:
     own: dict[str, Any] = {"skills": {"__all__": {"via"}}, "data": {"__all__": {"source"}}, "bridge": True}
     said: dict[str, Any] = config.model_dump(mode="json", exclude_defaults=True, exclude=own)
     return json.dumps({"robots": {name: said}}, ensure_ascii=False, separators=(",", ":"))
+
+
+def announced_robots(fleet: FleetConfig, bridge: str) -> dict[Topic, str]:
+    """What the robots of a bridge are, by the topics of their SkillStatus, for the bridge to announce."""
+    space, ns = fleet.bridges[bridge].space, fleet.fleet.namespace_index
+    return {
+        Topic(space, ns, robot.skill_status_id): definition_text(name, robot)
+        for name, robot in fleet.robots.items()
+        if robot.bridge == bridge and robot.skill_status_id is not None
+    }
 
 
 def read_robot(said: RobotText, fleet: FleetConfig, owner_of: Callable[[int], Topic | str | None]) -> Definition:

@@ -25,6 +25,7 @@ __all__ = [
     "FieldModel",
     "FleetModel",
     "RobotModel",
+    "RobotOrigin",
     "RobotState",
     "UnknownSources",
     "drop_field",
@@ -61,6 +62,16 @@ class RobotState(IntEnum):
     IDLE = 1
     BUSY = 2
     FAULTED = 3
+
+
+class RobotOrigin(StrEnum):
+    """How a robot came to the fleet."""
+
+    FILE = "fleet.yaml"
+    REGISTERED = "registered"
+    """By a client: RegisterRobot."""
+    ANNOUNCED = "announced"
+    """By its bridge, on PubSub."""
 
 
 def drop_field(cause: str) -> str:
@@ -130,6 +141,7 @@ class RobotModel:
     skill_status_fields: tuple[FieldModel, ...] = ()
     fault: DataSetModel | None = None
     """What the robot says of its own fault, a text that is empty while it has none; None where it says nothing."""
+    origin: RobotOrigin = RobotOrigin.FILE
 
     @property
     def key(self) -> NodeId:

@@ -117,6 +117,11 @@ class FleetState:
         """The source that has this id."""
         return self._claims.get((ns, identifier))
 
+    def is_alive(self, topic: Topic) -> bool:
+        """Whether a source is heard."""
+        source = self._sources.get(topic)
+        return source is not None and source.alive
+
     def knows(self, topic: Topic) -> bool:
         """Whether a source belongs to a robot or a bridge, so that no policy decides on it."""
         return topic in self._sources and topic not in self._discovered

@@ -54,7 +54,7 @@ class FleetNodes:
     def __init__(self, space: AddressSpace, model: FleetModel) -> None:
         """Prepare to build a model's nodes; the types have to be loaded."""
         self._model = model
-        self._ns = model.ns
+        self.ns = model.ns
         self._parts = NodeParts(space, model.ns)
         self.values = self._parts.values
         """What holds the value of a node."""
@@ -69,7 +69,7 @@ class FleetNodes:
             fleet = self._parts.id("Fleet")
             self._parts.builder.add_object(
                 fleet,
-                QualifiedName(self._ns, "Fleet"),
+                QualifiedName(self.ns, "Fleet"),
                 _OBJECTS,
                 self._parts.types[TypeId.FLEET],
                 reference=ORGANIZES,
@@ -148,6 +148,7 @@ class FleetNodes:
         self._parts.variable(robot.part("State"), "State", node, self._parts.types[TypeId.ROBOT_STATE], offline)
         self._parts.variable(robot.part("LastUpdate"), "LastUpdate", node, STANDARD["UtcTime"], self._parts.waiting)
         self._parts.property(f"{prefix}.Description", "Description", node, BuiltinType.STRING, robot.description)
+        self._parts.property(f"{prefix}.Origin", "Origin", node, BuiltinType.STRING, robot.origin.value)
         capacities = BuiltinType.STRING | ARRAY
         self._parts.property(f"{prefix}.Capacities", "Capacities", node, capacities, robot.capacities)
         for folder in ("Sensors", "Skills"):
@@ -184,7 +185,7 @@ class FleetNodes:
         node = node_id(bridge.key)
         self._parts.builder.add_object(
             node,
-            QualifiedName(self._ns, bridge.name),
+            QualifiedName(self.ns, bridge.name),
             self._parts.id("Fleet.Bridges"),
             self._parts.types[TypeId.BRIDGE],
             description=bridge.description,
@@ -207,10 +208,10 @@ class FleetNodes:
     def _add_traffic(self, prefix: str, node: ua.NodeId) -> None:
         data_type = raw_id(_UINT64)
         for name in TRAFFIC_FIELDS:
-            self._parts.variable(NodeId(self._ns, f"{prefix}.{name}"), name, node, data_type, self._parts.waiting)
+            self._parts.variable(NodeId(self.ns, f"{prefix}.{name}"), name, node, data_type, self._parts.waiting)
         drops = self._parts.folder(f"{prefix}.Drops", "Drops", node)
         for drop in Drop:
-            key = NodeId(self._ns, f"{prefix}.{drop_field(drop.value)}")
+            key = NodeId(self.ns, f"{prefix}.{drop_field(drop.value)}")
             self._parts.variable(key, drop.value, drops, data_type, self._parts.waiting, own_name=True)
 
     def _add_data_set(self, data_set: DataSetModel, parent: ua.NodeId, browse_name: str) -> None:
@@ -222,7 +223,7 @@ class FleetNodes:
         node = node_id(data_set.key)
         self._parts.builder.add_object(
             node,
-            QualifiedName(self._ns, browse_name),
+            QualifiedName(self.ns, browse_name),
             parent,
             self._parts.types[TypeId.DATA_SET],
             description=data_set.description,

@@ -5,13 +5,13 @@
 from __future__ import annotations
 
 import asyncio
+import time
 from collections.abc import Callable
 from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
 from typing import Final
 
-from ua_fleet.config.nodes import fleet_model
 from ua_fleet.config.schema import FleetConfig, PubSubConfig, PubSubSecurity
 from ua_fleet.config.security import file_keys_of
 from ua_fleet.keys.source import KeySource
@@ -27,11 +27,14 @@ from ua_fleet.server.key_service.nodes import KeyServiceNodes
 from ua_fleet.server.key_service.service import KeyService
 from ua_fleet.server.nodeset import load_types
 from ua_fleet.server.projection import Projection
+from ua_fleet.server.robots.roster import Roster
+from ua_fleet.server.robots.setup import add_roster
 from ua_fleet.server.scenarios.setup import add_scenarios
 from ua_fleet.server.skills.events import tell_transition
 from ua_fleet.server.skills.methods import SkillMethods
 from ua_fleet.server.writes import ClientWrites
 from ua_fleet.storage.journal import SqliteJournal
+from ua_fleet.storage.registry import Registry
 from ua_fleet.storage.run_journal import RunJournal
 from ua_fleet.topics import SERVER_SPACE, loop_verdict
 from ua_fleet.transport.base import Transport
@@ -41,6 +44,8 @@ __all__ = ["application_uri", "run_server"]
 
 JOURNAL: Final = "commands.db"
 """In the server's `state_dir`: what it asked robots to do."""
+REGISTRY: Final = "robots.db"
+"""In the server's `state_dir`: robots that were registered or announced."""
 RUN_JOURNAL: Final = "runs.db"
 """In the server's `state_dir`: runs of scenarios, and faults."""
 
@@ -72,10 +77,9 @@ async def run_server(
     Raises:
         ConfigError: a data source has no id, or the key files cannot be used.
         ServerStartError: the port is in use, or something that the server needs is missing.
-        StorageUnavailable: the journal of commands cannot be used.
+        StorageUnavailable: a file in which the server records something cannot be used.
         TransportError: PubSub has no route, no permission or no such interface.
     """
-    model = fleet_model(config)
     state_dir = config_dir / config.server.state_dir
     has_key_service = _has_key_service(config.pubsub)
     server = await create_server(
@@ -86,6 +90,8 @@ async def run_server(
     )
     stack = ExitStack()
     try:
+        roster = Roster(config, stack.enter_context(Registry(state_dir / REGISTRY)), time.time)
+        model = roster.restore()
         await load_types(server, config.fleet.namespace_uri, config.fleet.namespace_index)
         nodes = FleetNodes(server.iserver.aspace, model)
         nodes.build()
@@ -120,7 +126,9 @@ async def run_server(
         for robot in model.robots:
             methods.add(robot)
         runs = stack.enter_context(RunJournal(state_dir / RUN_JOURNAL))
-        add_scenarios(config, model, server, hub, nodes, runs, projection, config_dir / config.scenarios.folder)
+        folder = config_dir / config.scenarios.folder
+        scenarios = add_scenarios(config, model, server, hub, nodes, runs, projection, folder)
+        add_roster(roster, server, hub, nodes, projection, methods, scenarios)
         server.gate = ClientWrites(hub.commands, nodes, hub.publish, hub.flush_soon, wall_ticks)
         try:
             await hub.start()

@@ -11,6 +11,7 @@ import asyncio
 import time
 from collections.abc import Callable, Iterable
 from pathlib import Path
+from typing import Protocol
 
 import structlog
 
@@ -30,6 +31,7 @@ from ua_fleet.pubsub.events import (
     ActionReceived,
     AnnouncementReceived,
     DataReceived,
+    MetaDataReceived,
     ProbeDue,
     ProbeReceived,
     SourceRefused,
@@ -38,6 +40,7 @@ from ua_fleet.pubsub.events import (
     SourceUnknown,
     SubscriberEvent,
 )
+from ua_fleet.pubsub.metadata import first_property
 from ua_fleet.pubsub.publisher import Publisher
 from ua_fleet.pubsub.security.groups import telemetry_group
 from ua_fleet.pubsub.subscriber import LoopRule, Subscriber
@@ -49,6 +52,7 @@ from ua_fleet.server.scenarios.view import ScenarioView
 from ua_fleet.server.skills.tracker import SkillChange, SkillTracker
 from ua_fleet.skill.executions import Outcome
 from ua_fleet.skill.journal import RequestorJournal
+from ua_fleet.skill.status import ROBOT_PROPERTY
 from ua_fleet.topics import SERVER_SPACE, Topic, loop_verdict
 from ua_fleet.transport.base import Address, Transport
 from ua_fleet.values import ticks_from_unix_ns
@@ -72,6 +76,18 @@ _log = structlog.get_logger("ua_fleet.server")
 def wall_ticks() -> int:
     """The time of the wall clock."""
     return ticks_from_unix_ns(time.time_ns())
+
+
+class Announced(Protocol):
+    """Who is told of robots that bridges announce; see `server.robots.roster.Roster`."""
+
+    def announced(self, topic: Topic, text: str) -> None:
+        """A bridge says in the metadata of a robot's SkillStatus what the robot is."""
+        ...
+
+    def tick(self) -> None:
+        """A second has passed."""
+        ...
 
 
 class Hub:
@@ -146,6 +162,7 @@ class Hub:
         self.tracker = SkillTracker(model)
         """What is known of executions."""
         self._scenarios: tuple[ScenarioService, ScenarioView] | None = None
+        self._roster: Announced | None = None
         self._sooner = asyncio.Event()
         self._wake_at = 0.0
         self._next_tick = 0.0
@@ -158,6 +175,10 @@ class Hub:
     def add_scenarios(self, service: ScenarioService, view: ScenarioView) -> None:
         """Run scenarios too; before `start`."""
         self._scenarios = service, view
+
+    def add_roster(self, roster: Announced) -> None:
+        """Tell of robots that bridges announce; before `start`."""
+        self._roster = roster
 
     async def start(self) -> None:
         """Open the transport; data reaches the nodes once `run` runs.
@@ -216,9 +237,14 @@ class Hub:
                 self._publisher.retire(data_set.topic)
         self._take(self._state.remove_robot(robot.name), asyncio.get_running_loop().time())
 
-    def owner_of(self, ns: int, identifier: int) -> Topic | None:
-        """The source that has an id."""
-        return self._state.owner(ns, identifier)
+    def stranger(self, ns: int, identifier: int) -> Topic | None:
+        """The source that has an id and belongs to no robot or bridge."""
+        owner = self._state.owner(ns, identifier)
+        return None if owner is None or self._state.knows(owner) else owner
+
+    def is_alive(self, topic: Topic) -> bool:
+        """Whether a source is heard."""
+        return self._state.is_alive(topic)
 
     def set_faulted(self, robot: str, faulted: bool) -> None:
         """A robot has a fault that is more than its silence, or none."""
@@ -296,10 +322,18 @@ class Hub:
                 if isinstance(event.announcement, ActionMetaDataAnnouncement):
                     self.skills.announced(event.announcement)
             else:
+                if isinstance(event, MetaDataReceived):
+                    self._look_for_robot(event)
                 self._take(self._state.apply(event, wall), now)
                 self._follow_skills(event, wall)
                 if self._scenarios is not None and isinstance(event, DataReceived):
                     self._scenarios[0].heard(event)
+
+    def _look_for_robot(self, event: MetaDataReceived) -> None:
+        """A robot's SkillStatus may say what the robot is."""
+        text = first_property(event.metadata, ROBOT_PROPERTY)
+        if self._roster is not None and isinstance(text, str):
+            self._roster.announced(event.topic, text)
 
     def _concluded(self, execution_id: bytes, outcome: Outcome) -> None:
         self.show_skills(self.tracker.concluded(execution_id, outcome, wall_ticks()))
@@ -382,6 +416,8 @@ class Hub:
         self.counters.drops[Drop.KERNEL] = stats.kernel_drops
         self.counters.drops[Drop.SEND_FAILED] = stats.send_failed + self._refused
         self._take(self._state.tick(wall_ticks()), now)
+        if self._roster is not None:
+            self._roster.tick()
         for complaint in self._subscriber.complaints(now):
             _log.warning(complaint.what, cause=complaint.cause, count=complaint.count, detail=complaint.detail)
 

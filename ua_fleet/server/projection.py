@@ -8,7 +8,7 @@ import asyncio
 from collections import deque
 from collections.abc import Awaitable, Callable
 from datetime import UTC, datetime
-from typing import Final
+from typing import Final, NamedTuple
 
 from ua_fleet.fleet.changes import (
     Change,
@@ -31,6 +31,10 @@ BATCH: Final = 250
 """Writes after which clients get their turn: about 3 ms of work."""
 
 
+class _Then(NamedTuple):
+    action: Callable[[], Awaitable[None]]
+
+
 class Projection:
     """Writes changes to nodes in the order in which they were told.
 
@@ -49,7 +53,7 @@ class Projection:
         self._nodes = nodes
         self._now = now
         self._tell = tell
-        self._waiting: deque[Change | SkillTransitioned | asyncio.Future[None]] = deque()
+        self._waiting: deque[Change | SkillTransitioned | _Then] = deque()
         self._wake = asyncio.Event()
 
     def put(self, change: Change | SkillTransitioned) -> None:
@@ -57,12 +61,20 @@ class Projection:
         self._waiting.append(change)
         self._wake.set()
 
+    def then(self, action: Callable[[], Awaitable[None]]) -> None:
+        """Do something once all that was put before is written."""
+        self._waiting.append(_Then(action))
+        self._wake.set()
+
     async def settled(self) -> None:
         """Wait until all that was put before is written, which `run` does."""
-        written: asyncio.Future[None] = asyncio.get_running_loop().create_future()
-        self._waiting.append(written)
-        self._wake.set()
-        await written
+        written = asyncio.Event()
+
+        async def done() -> None:
+            written.set()
+
+        self.then(done)
+        await written.wait()
 
     async def run(self) -> None:
         """Write what is put, until cancelled."""
@@ -102,7 +114,7 @@ class Projection:
                 for handle, tell in tuple(watchers.items()):
                     await tell(handle, value)
 
-    async def _apply(self, change: Change | SkillTransitioned | asyncio.Future[None]) -> None:
+    async def _apply(self, change: Change | SkillTransitioned | _Then) -> None:
         match change:
             case SkillTransitioned():
                 if self._tell is not None:
@@ -119,8 +131,7 @@ class Projection:
                 self._nodes.add_robot(change.robot)
             case RobotRemoved():
                 await self._nodes.remove_robot(change.robot)
-            case asyncio.Future():
-                if not change.done():
-                    change.set_result(None)
+            case _Then():
+                await change.action()
             case _:
                 pass

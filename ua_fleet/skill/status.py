@@ -16,6 +16,7 @@ from ua_fleet.wire.messages import FieldMetaData
 
 __all__ = [
     "MOST_SHOWN",
+    "ROBOT_PROPERTY",
     "SKILL_STATUS_FIELDS",
     "ExecutionStatus",
     "SkillStatus",
@@ -34,6 +35,8 @@ _FIELDS: Final = (
     ("Result", BuiltinType.STRING),
     ("Message", BuiltinType.STRING),
 )
+ROBOT_PROPERTY: Final = "UaFleetRobot"
+"""Property of the first field of a robot's SkillStatus: what the robot is, as JSON in the form of `fleet.yaml`."""
 SKILL_STATUS_FIELDS: Final = tuple([FieldMetaData(name, kind, value_rank=1) for name, kind in _FIELDS])
 """State is an ExecutionState; Result a JSON object with the results by their names, empty before the end."""
 _STATES: Final = frozenset(ExecutionState)

@@ -1,4 +1,4 @@
-"""Robots that were registered with a server, in one SQLite file, so that they are there again after a restart."""
+"""Robots that were registered with a server or announced to it, in one SQLite file."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ __all__ = ["Registry", "StoredRobot"]
 _VERSION: Final = 1
 _SCHEMA: Final = (
     """CREATE TABLE robots (
-    name TEXT PRIMARY KEY, bridge TEXT NOT NULL, definition TEXT NOT NULL, registered_by TEXT NOT NULL,
-    registered_s REAL NOT NULL) STRICT""",
+    name TEXT PRIMARY KEY, origin TEXT NOT NULL, bridge TEXT NOT NULL, definition TEXT NOT NULL,
+    registered_by TEXT NOT NULL, registered_s REAL NOT NULL) STRICT""",
 )
 
 
@@ -21,18 +21,20 @@ class StoredRobot(NamedTuple):
     """A robot as it was registered."""
 
     name: str
+    origin: str
+    """How it came here: `registered` or `announced`."""
     bridge: str
     """Name of a bridge, number of a space, or empty for a robot of clients."""
     definition: str
     """Its text."""
     registered_by: str
-    """The user."""
+    """The user, or the topic that announced it."""
     registered_s: float
     """When, by the wall clock."""
 
 
 class Registry:
-    """The registered robots. Every method raises StorageUnavailable where it cannot do its part."""
+    """These robots. Every method raises StorageUnavailable where it cannot do its part."""
 
     def __init__(self, path: Path) -> None:
         """Open a file, or begin one; no other process can use it until `close`."""
@@ -50,7 +52,7 @@ class Registry:
 
     def put(self, robot: StoredRobot) -> None:
         """Keep a robot, in place of one of the same name."""
-        self._database.commit(("INSERT OR REPLACE INTO robots VALUES (?, ?, ?, ?, ?)", robot))
+        self._database.commit(("INSERT OR REPLACE INTO robots VALUES (?, ?, ?, ?, ?, ?)", robot))
 
     def remove(self, name: str) -> None:
         """Keep a robot no longer."""

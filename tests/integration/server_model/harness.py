@@ -31,6 +31,7 @@ POSE: Final = Topic(SPACE, 2, 1004)
 STATUS: Final = Topic(SPACE, 2, 1900)
 OPERATOR: Final = ("oscar", "operate-1")
 OBSERVER: Final = ("olga", "observe-1")
+ENGINEER: Final = ("erna", "engineer-1")
 CLIENT_URI: Final = "urn:test:client"
 _BASIC: Final[Any] = security_policies.SecurityPolicyBasic256Sha256
 
@@ -104,6 +105,7 @@ async def serving(folder: Path, config: FleetConfig, *, rule: LoopRule = loop_ve
     users.path.parent.mkdir(parents=True, exist_ok=True)
     users.add(*OPERATOR, Role.OPERATOR, replace_existing=True)
     users.add(*OBSERVER, Role.OBSERVER, replace_existing=True)
+    users.add(*ENGINEER, Role.ENGINEER, replace_existing=True)
     ready: asyncio.Future[str] = asyncio.get_running_loop().create_future()
     async with Peer.at(config.pubsub.url, SPACE) as peer:
         task = asyncio.ensure_future(run_server(config, folder, ready=ready.set_result, rule=rule))

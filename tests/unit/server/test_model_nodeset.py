@@ -67,6 +67,8 @@ def test_ids_that_were_given_stay() -> None:
         "RunEventType": 1026,
         "StepEventType": 1027,
         "DecisionEventType": 1028,
+        "OffersType": 1029,
+        "SkillRequestEventType": 1030,
         "RobotStateEnumeration": 3001,
         "ProvidesCapability": 4001,
     }.items() <= names.items()

@@ -34,7 +34,7 @@ def add_scenarios(
     journal: RunJournal,
     projection: Projection,
     folder: Path,
-) -> None:
+) -> ScenarioService:
     """Let a server run scenarios; it is not started yet.
 
     Args:
@@ -80,3 +80,4 @@ def add_scenarios(
     view.show_settings(service.settings)
     ScenarioMethods(server, parts, nodes, view, service).build()
     hub.add_scenarios(service, view)
+    return service

@@ -1,0 +1,130 @@
+"""A server that knows no robots, and a bridge to a machine with skills as a process, over real UDP."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import AsyncGenerator, Mapping
+from contextlib import asynccontextmanager
+from pathlib import Path
+from typing import Any, Final, NamedTuple
+
+import pytest
+from asyncua.client.client import Client
+
+from tests.contract.skilled import QUICK, STATUS, WORK, Machine
+from tests.integration.server_model.harness import Running, serving, ua
+from tests.system import Child, Processes, clean_environment
+from ua_fleet.config.schema import FleetConfig
+
+PROGRAM: Final = Path(__file__).parents[1] / "actions" / "skilled_bridge.py"
+SPACE: Final = 300
+_ARGUMENTS: Final = {
+    "work": {"type": "String", "default": "weld", "description": "What to do."},
+    "seconds": {"type": "Double", "unit": "s", "range": [0, 10], "description": "How long it takes."},
+}
+_RESULTS: Final = {"done": {"type": "String"}, "seconds": {"type": "Double", "unit": "s"}}
+MACHINE: Final[Mapping[str, Any]] = {
+    "description": "Works",
+    "capacities": ["weld"],
+    "skill_status_id": STATUS,
+    "skills": {
+        "work": {
+            "id": WORK,
+            "description": "Works for some time.",
+            "needs": ["weld"],
+            "arguments": _ARGUMENTS,
+            "results": _RESULTS,
+            "timeout_s": 20,
+            "limits": {"requests_at_once": 2},
+        },
+        "quick": {"id": QUICK, "arguments": _ARGUMENTS, "results": _RESULTS, "timeout_s": 5, "immediate": True},
+    },
+}
+
+
+class Called(NamedTuple):
+    """What a Method returned."""
+
+    outputs: list[Any]
+    status: int
+    message: str
+
+
+async def call(client: Client, owner: str, name: str, *arguments: Any) -> Called:
+    """Call a Method with plain arguments; lists are arrays of texts."""
+    given = [
+        ua.Variant(value, ua.VariantType.String, is_array=True) if isinstance(value, list) else ua.Variant(value)
+        for value in arguments
+    ]
+    request = ua.CallMethodRequest(
+        ua.NodeId.from_string(f"ns=2;s={owner}"), ua.NodeId.from_string(f"ns=2;s={owner}.{name}"), given
+    )
+    (result,) = await client.uaclient.call([request])
+    result.StatusCode.check()
+    *outputs, status, message = [variant.Value for variant in result.OutputArguments]
+    return Called(outputs, int(status), str(message))
+
+
+async def register(client: Client, name: str, bridge: str, definition: Mapping[str, Any] | str) -> Called:
+    text = definition if isinstance(definition, str) else json.dumps(definition)
+    return await call(client, "Fleet", "RegisterRobot", name, bridge, [], "", text)
+
+
+async def unregister(client: Client, name: str) -> Called:
+    return await call(client, "Fleet", "UnregisterRobot", name)
+
+
+class Yard:
+    """The folder of a server without robots, and of a bridge that has one."""
+
+    def __init__(self, folder: Path, url: str, port: int, processes: Processes) -> None:
+        self.folder, self._processes, self._url, self._port = folder, processes, url, port
+        self.machine = Machine(folder / "machine")
+        self.theirs = folder / "theirs"
+        self.theirs.mkdir()
+        self.write(MACHINE)
+        (folder / "scenarios").mkdir()
+
+    def _raw(self, robots: Mapping[str, Any], bridges: Mapping[str, Any], **server: Any) -> dict[str, Any]:
+        return {
+            "version": 1,
+            "server": {"port": self._port, "trust_all_clients": True, **server},
+            "pubsub": {"security": "none", "url": self._url, "keep_alive_s": 0.2, "receive_timeout_s": 0.8},
+            "bridges": bridges,
+            "robots": robots,
+        }
+
+    def write(self, machine: Mapping[str, Any], name: str = "machine") -> None:
+        """The bridge's own file."""
+        bridges = {"cell": {"kind": "virtual", "space": SPACE, "status_id": 900}}
+        robots = {name: {"bridge": "cell", **machine}}
+        (self.theirs / "fleet.json").write_text(json.dumps(self._raw(robots, bridges)))
+
+    def bridge(self) -> Child:
+        """Start the bridge, and wait until it works."""
+        child = self._processes.start(
+            sys.executable,
+            PROGRAM,
+            self.theirs / "fleet.json",
+            "cell",
+            self.folder / "machine",
+            env=clean_environment(PYTHONUNBUFFERED="1", PYTHONPATH=".:bridges"),
+        )
+        child.wait_for("ready")
+        return child
+
+    @asynccontextmanager
+    async def server(
+        self, policy: str = "quarantine", robots: Mapping[str, Any] | None = None, knows_bridge: bool = True
+    ) -> AsyncGenerator[Running]:
+        """The server, while the context lasts."""
+        bridges = {"cell": {"kind": "virtual", "space": SPACE, "status_id": 900}} if knows_bridge else {}
+        config = FleetConfig.model_validate(self._raw(robots or {}, bridges, unknown_sources=policy))
+        async with serving(self.folder, config) as running:
+            yield running
+
+
+@pytest.fixture
+def yard(tmp_path: Path, udp_url: str, tcp_port: int, processes: Processes) -> Yard:
+    return Yard(tmp_path, udp_url, tcp_port, processes)

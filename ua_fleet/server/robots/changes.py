@@ -1,0 +1,48 @@
+"""What has come and gone in the address space, as GeneralModelChangeEvents (OPC 10000-3 9.32)."""
+
+# pyright: reportUnknownMemberType=false, reportUnknownVariableType=false, reportUnknownArgumentType=false
+
+from __future__ import annotations
+
+from enum import IntFlag
+from typing import Any, Final
+
+from asyncua import ua
+from asyncua.ua.ua_binary import struct_to_binary
+
+from ua_fleet.fleet.model import RobotModel
+from ua_fleet.server.convert import node_id, raw_id
+from ua_fleet.server.endpoint.stack import ObjectIds, ns0
+from ua_fleet.server.events import ServerEvents
+from ua_fleet.server.nodeset import TYPES_INDEX, TypeId
+from ua_fleet.values import ARRAY, BuiltinType, ExtensionObject, NodeId, Variant
+
+__all__ = ["Verb", "tell_model_change"]
+
+_TYPE: Final = ns0(ObjectIds.GeneralModelChangeEventType)
+_ENCODING: Final = NodeId(0, int(ObjectIds.ModelChangeStructureDataType_Encoding_DefaultBinary))
+
+
+class Verb(IntFlag):
+    """What has happened to a node (OPC 10000-5 12.16)."""
+
+    NODE_ADDED = 1
+    NODE_DELETED = 2
+
+
+async def tell_model_change(events: ServerEvents, robot: RobotModel, verb: Verb, ticks: int) -> None:
+    """Emit the event of a robot that has come or gone."""
+    change: Any = ua.ModelChangeStructureDataType(
+        node_id(robot.key), raw_id(TypeId.ROBOT.value, TYPES_INDEX), ua.Byte(verb.value)
+    )
+    changes = (ExtensionObject(_ENCODING, struct_to_binary(change)),)
+    what = "is one of the fleet now" if verb is Verb.NODE_ADDED else "is gone"
+    await events.emit(
+        _TYPE,
+        source=NodeId(0, int(ObjectIds.Server)),
+        source_name="Server",
+        message=f"robot {robot.name} {what}",
+        severity=100,
+        ticks=ticks,
+        fields={"Changes": Variant(int(BuiltinType.EXTENSION_OBJECT | ARRAY), changes)},
+    )

@@ -4,6 +4,9 @@ Figures 11 and 12 need further simulations, of smaller fleets with fewer tasks. 
 only where something is drawn.
 """
 
+# matplotlib's types are partly unknown.
+# pyright: reportUnknownMemberType=false, reportUnknownVariableType=false
+
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
@@ -74,8 +77,7 @@ def draw(result: Result, points: Points, folder: Path) -> list[Path]:
     from matplotlib import rc_context
 
     files: list[Path] = []
-    style: dict[str, Any] = {"svg.hashsalt": "ua-fleet", "font.size": 9, "axes.grid": True, "grid.alpha": 0.3}
-    with rc_context(style):
+    with rc_context({"svg.hashsalt": "ua-fleet", "font.size": 9, "axes.grid": True, "grid.alpha": 0.3}):
         for name, figure in zip(FIGURES, (_messages(points), _bytes(points), _over_time(result, points)), strict=True):
             for ending, metadata in (("png", {"Software": None}), ("svg", {"Date": None})):
                 files.append(folder / f"{name}.{ending}")
@@ -144,20 +146,29 @@ def _over_time(result: Result, points: Points) -> Figure:
     fleets.legend()
     settings, traffic = result.settings, result.traffic
     shown = sorted((kind for kind in Kind if traffic.messages[kind]), key=lambda kind: -traffic.messages[kind])
-    for kind, colour in zip(shown, (*_COLOURS, *_MORE_COLOURS), strict=False):
+    for number, (kind, colour) in enumerate(zip(shown, (*_COLOURS, *_MORE_COLOURS), strict=False)):
         style = "-" if kind in EQUATION_12_KINDS else ":"
-        _steps(kinds, result, (kind,), f"{kind.value} ({traffic.messages[kind]:,})", colour, style)
+        width = 3.2 - 0.2 * number  # as many requests as responses: the one behind is seen too
+        _steps(kinds, result, (kind,), f"{kind.value} ({traffic.messages[kind]:,})", colour, style, width)
     kinds.set_yscale("log")
     kinds.set_title(f"Messages so far by kind, {settings.robots:,} robots, {settings.tasks:,} tasks")
     kinds.legend(title="dotted: not in Eq. 12", loc="center left", bbox_to_anchor=(1.0, 0.5))
     return figure
 
 
-def _steps(axis: Axes, result: Result, kinds: Sequence[Kind], label: str, colour: str, style: str = "-") -> None:
+def _steps(
+    axis: Axes,
+    result: Result,
+    kinds: Sequence[Kind],
+    label: str,
+    colour: str,
+    style: str = "-",
+    width: float = 1.6,
+) -> None:
     """What was sent up to the end of each second."""
-    at = result.traffic.messages_at
-    counted = accumulate(sum(at[second, kind] for kind in kinds) for second in range(int(result.ended_s) + 1))
-    axis.step([*range(int(result.ended_s) + 1)], [*counted], where="post", color=colour, linestyle=style, label=label)
+    at, seconds = result.traffic.messages_at, range(int(result.ended_s) + 1)
+    counted = accumulate(sum(at[second, kind] for kind in kinds) for second in seconds)
+    axis.step([*seconds], [*counted], where="post", color=colour, linestyle=style, linewidth=width, label=label)
     axis.set_xlim(left=0)
     axis.set_xlabel("s")
     axis.set_ylabel("messages")

@@ -18,6 +18,7 @@ COMMANDS = [
     "read",
     "write",
     "watch",
+    "simulate",
     "config init",
     "config check",
     "config assign-ids",

@@ -17,6 +17,7 @@ from ua_fleet.bridge.core import BridgeCore
 from ua_fleet.bridge.driver import DriverStatus, SourceFound
 from ua_fleet.bridge.status import STATUS_FIELDS, STATUS_INTERVAL_S, status_topic, status_values
 from ua_fleet.config.applications import bridge_application, server_application
+from ua_fleet.config.registration import announced_robots
 from ua_fleet.config.schema import FleetConfig
 from ua_fleet.counters import Counters
 from ua_fleet.errors import ScenarioError
@@ -142,6 +143,7 @@ class VirtualBridge:
             send_to=place.send,
             wall_ticks=place.wall_ticks,
             failed=_raise,
+            definitions=announced_robots(config, name),
             skills_period_s=math.inf,  # a virtual robot's never change
         )
         topic = status_topic(config, bridge)

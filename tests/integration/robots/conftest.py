@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
+import time
 from collections.abc import AsyncGenerator, Mapping
 from contextlib import asynccontextmanager
 from pathlib import Path
@@ -16,6 +17,9 @@ from tests.contract.skilled import QUICK, STATUS, WORK, Machine
 from tests.integration.server_model.harness import Running, serving, ua
 from tests.system import Child, Processes, clean_environment
 from ua_fleet.config.schema import FleetConfig
+from ua_fleet.config.security import all_groups
+from ua_fleet.storage.key_files import KeyFile, KeyFolder
+from ua_fleet.wire.security import SecurityPolicy
 
 PROGRAM: Final = Path(__file__).parents[1] / "actions" / "skilled_bridge.py"
 SPACE: Final = 300
@@ -86,20 +90,33 @@ class Yard:
         self.write(MACHINE)
         (folder / "scenarios").mkdir()
 
-    def _raw(self, robots: Mapping[str, Any], bridges: Mapping[str, Any], **server: Any) -> dict[str, Any]:
+    def make_keys(self) -> None:
+        """Key files for a server and a bridge that are secured."""
+        bridges = {"cell": {"kind": "virtual", "space": SPACE, "status_id": 900}}
+        config = FleetConfig.model_validate(self._raw({}, bridges, is_secured=True))
+        for group_id in all_groups(config):
+            key_file = KeyFile.new(group_id, SecurityPolicy.named(config.pubsub.keys.policy), 3600.0, time.time())
+            KeyFolder(self.folder / "keys").write(key_file)
+
+    def _raw(
+        self, robots: Mapping[str, Any], bridges: Mapping[str, Any], *, is_secured: bool = False, **server: Any
+    ) -> dict[str, Any]:
+        security: dict[str, Any] = {"security": "none"}
+        if is_secured:
+            security = {"security": "sign", "keys": {"source": "files", "folder": str(self.folder / "keys")}}
         return {
             "version": 1,
             "server": {"port": self._port, "trust_all_clients": True, **server},
-            "pubsub": {"security": "none", "url": self._url, "keep_alive_s": 0.2, "receive_timeout_s": 0.8},
+            "pubsub": {**security, "url": self._url, "keep_alive_s": 0.2, "receive_timeout_s": 0.8},
             "bridges": bridges,
             "robots": robots,
         }
 
-    def write(self, machine: Mapping[str, Any], name: str = "machine") -> None:
+    def write(self, machine: Mapping[str, Any], *, is_secured: bool = False) -> None:
         """The bridge's own file."""
         bridges = {"cell": {"kind": "virtual", "space": SPACE, "status_id": 900}}
-        robots = {name: {"bridge": "cell", **machine}}
-        (self.theirs / "fleet.json").write_text(json.dumps(self._raw(robots, bridges)))
+        robots = {"machine": {"bridge": "cell", **machine}}
+        (self.theirs / "fleet.json").write_text(json.dumps(self._raw(robots, bridges, is_secured=is_secured)))
 
     def bridge(self) -> Child:
         """Start the bridge, and wait until it works."""
@@ -116,11 +133,17 @@ class Yard:
 
     @asynccontextmanager
     async def server(
-        self, policy: str = "quarantine", robots: Mapping[str, Any] | None = None, knows_bridge: bool = True
+        self,
+        policy: str = "quarantine",
+        robots: Mapping[str, Any] | None = None,
+        *,
+        knows_bridge: bool = True,
+        is_secured: bool = False,
     ) -> AsyncGenerator[Running]:
         """The server, while the context lasts."""
         bridges = {"cell": {"kind": "virtual", "space": SPACE, "status_id": 900}} if knows_bridge else {}
-        config = FleetConfig.model_validate(self._raw(robots or {}, bridges, unknown_sources=policy))
+        raw = self._raw(robots or {}, bridges, is_secured=is_secured, unknown_sources=policy)
+        config = FleetConfig.model_validate(raw)
         async with serving(self.folder, config) as running:
             yield running
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import logging
 import socket
 import time
 from pathlib import Path
@@ -153,6 +154,27 @@ async def test_a_robot_that_does_not_read_is_left() -> None:
                         await asyncio.sleep(0)
                     assert sent < 1_000_000
                 assert one.facts(SourceLost)
+
+
+async def test_each_change_of_the_connection_is_logged_once(
+    start_robot: StartRobot, caplog: pytest.LogCaptureFixture
+) -> None:
+    caplog.set_level(logging.INFO, "ua_bridges.tcp.link")
+    port = free_tcp_port()
+    async with running(interpreter_fleet(f'connect: "127.0.0.1:{port}"')) as one:
+        await asyncio.sleep(1.5)  # it tries several times
+        robot = start_robot("--listen", f"127.0.0.1:{port}")
+        await until(lambda: one.driver.status().connected, "the connection")
+        robot.end()
+        await until(lambda: "no connection" in one.driver.status().detail, "the loss")
+    lines = [record.getMessage() for record in caplog.records]
+    assert [line.removeprefix("cell (interpreter): ").split(" ")[0] for line in lines] == [
+        "no",
+        "connected",
+        "the",
+        "no",
+    ], lines
+    assert all("\n" not in line for line in lines)
 
 
 async def test_stop_leaves_nothing_behind(start_robot: StartRobot) -> None:

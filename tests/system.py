@@ -42,6 +42,10 @@ def _ros2() -> str | None:
     return _imports(sys.executable, "rclpy, std_msgs.msg")
 
 
+def _ur() -> str | None:
+    return _imports(sys.executable, "rtde_control, rtde_receive, rtde_io, dashboard_client")
+
+
 def _node() -> str | None:
     if shutil.which("node") is None:
         return "node is not installed (Debian package nodejs)"
@@ -56,7 +60,13 @@ def _compiler() -> str | None:
     return None if headers.exists() else f"{headers} does not exist (Debian package python3-dev)"
 
 
-_PARTS: dict[str, Callable[[], str | None]] = {"ros1": _ros1, "ros2": _ros2, "node": _node, "compiler": _compiler}
+_PARTS: dict[str, Callable[[], str | None]] = {
+    "ros1": _ros1,
+    "ros2": _ros2,
+    "node": _node,
+    "compiler": _compiler,
+    "ur": _ur,
+}
 
 
 @functools.cache

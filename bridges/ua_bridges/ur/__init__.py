@@ -1,0 +1,1 @@
+"""The bridge to Universal Robots controllers, through ur-rtde."""

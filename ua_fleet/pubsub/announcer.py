@@ -53,7 +53,6 @@ _UINT16: Final = PublisherIdType.UINT16.value
 _NOT_FOUND: Final = int(StatusCode.BAD_NOT_FOUND)
 _NOT_SUPPORTED: Final = int(StatusCode.BAD_NOT_SUPPORTED)
 _NO_METADATA: Final = DataSetMetaData("", (), ConfigurationVersion(0, 0))
-_ALL: Final = (True, True)
 
 _Make = Callable[[int, int, int, tuple[PubSubConnection, ...]], AnyAnnouncement]
 """Makes an announcement of connections."""
@@ -153,7 +152,6 @@ class Announcer:
         if size > self.application.max_message_bytes:
             raise LocalWireError(f"the Action {action.request.name}: {size} bytes of metadata are too many")
         self._actions[action.data_set_writer_id] = ns, action
-        self._want_parts(_RESPONDER, now + ANSWER_INTERVAL_S, _ALL)
         self._want(_Key("action", action.data_set_writer_id), now)
         return self.poll(now)
 

@@ -34,7 +34,7 @@ def test_nothing_is_dropped_but_repeats(fifty: Result) -> None:
 
 def test_each_kind_is_there_as_often_as_it_has_to_be(fifty: Result) -> None:
     counted = fifty.traffic.messages
-    assert counted[Kind.REGISTRATION] == 50 * 4 + 2  # who it is, that it works, its writers, its skills; the server
+    assert counted[Kind.REGISTRATION] == 50 * 3 + 2  # who it is, that it works, its writers; the server
     assert counted[Kind.METADATA] == 50 * 3  # the bridge's status, SkillStatus, the skill
     assert counted[Kind.REQUEST] == counted[Kind.RESPONSE] == 100 * 2  # do it, done with it
     assert counted[Kind.STATUS] == 50 + 100 * 2  # nothing yet, begun, ended
@@ -48,4 +48,4 @@ def test_tasks_take_three_seconds(fifty: Result) -> None:
 def test_1000_robots_do_1000_tasks() -> None:
     result = simulate(Settings(1000, 1000, keep_alive_s=600))
     assert result.is_right, result.reason
-    assert result.traffic.equation_12_messages == 1000 * (4 + 1) + 2 + 1000 * (4 + 2)
+    assert result.traffic.equation_12_messages == 1000 * (3 + 1) + 2 + 1000 * (4 + 2)

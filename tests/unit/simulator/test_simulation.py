@@ -67,7 +67,7 @@ def test_one_robot_does_all_by_itself() -> None:
 def test_robots_without_a_task_are_there_all_the_same() -> None:
     result = simulate(Settings(4, 2, faults=2))
     assert result.is_right, result.reason
-    assert result.traffic.messages[Kind.REGISTRATION] == 4 * 4 + 2
+    assert result.traffic.messages[Kind.REGISTRATION] == 4 * 3 + 2
 
 
 def test_the_usual_period_stretches_with_the_fleet() -> None:

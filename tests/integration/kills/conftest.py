@@ -12,8 +12,10 @@ from random import Random
 from typing import Final
 
 import pytest
+from asyncua.client.client import Client
 
 from tests.integration.scenarios.conftest import ROBOTS, Plant, says
+from tests.integration.server_model.harness import ua
 from tests.system import Child, Processes
 
 SECURED: Final = {"security": "sign_and_encrypt", "keys": {"lifetime_s": 3.0, "future_keys": 30}}
@@ -68,6 +70,12 @@ def crew_of(plant: Plant, seed: int) -> Crew:
     for robot in ROBOTS:
         start[robot] = partial(plant.start_bridge, robot), "ready"
     return Crew(start, Random(seed))
+
+
+async def stop(client: Client) -> None:
+    """Let the repetitions end."""
+    number = ua.Variant(0, ua.VariantType.Int32)
+    await client.get_node("ns=2;i=1300").write_value(ua.DataValue(number))
 
 
 @pytest.fixture

@@ -6,13 +6,11 @@ import asyncio
 from collections import Counter
 
 import pytest
-from asyncua.client.client import Client
 
-from tests.integration.kills.conftest import SECURED, SERVER, crew_of
+from tests.integration.kills.conftest import SECURED, SERVER, crew_of, stop
 from tests.integration.kills.ledger import facts_of, keep
 from tests.integration.scenarios.conftest import ROBOTS, Plant, all_heard, run, run_is, value
 from tests.integration.scenarios.machines import FAILS_EVERY_OTHER_TIME
-from tests.integration.server_model.harness import ua
 from ua_fleet.scenario.facts import RunEnded, TaskAssigned, TaskOutcome, TaskOver
 from ua_fleet.server.app import RUN_JOURNAL
 
@@ -34,12 +32,6 @@ STEPS = """
 """
 HEAD = f"parameters: {{odd: {{default: {FAILS_EVERY_OTHER_TIME}}}}}\n"
 RUNS = ("a", "b")
-
-
-async def stop(client: Client) -> None:
-    """Let the repetitions end."""
-    number = ua.Variant(0, ua.VariantType.Int32)
-    await client.get_node("ns=2;i=1300").write_value(ua.DataValue(number))
 
 
 @pytest.mark.timeout(300)

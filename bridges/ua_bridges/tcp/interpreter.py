@@ -7,7 +7,8 @@ its number; only one that says `never` is told again. So nothing is done twice, 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, Final, NamedTuple
+from dataclasses import dataclass
+from typing import Any, Final
 
 from ua_bridges.tcp.config import FAULT, InterpreterLink, TcpSkillMapping
 from ua_bridges.tcp.data import Put, RobotData, Sources
@@ -24,7 +25,7 @@ from ua_bridges.tcp.messages import (
     number_of,
     value_of,
 )
-from ua_bridges.tcp.outbox import Outbox
+from ua_bridges.tcp.outbox import Encoded, Outbox
 from ua_fleet.bridge.configured import ConfiguredSkill
 from ua_fleet.bridge.driver import Execution
 from ua_fleet.bridge.executing import Ended, Executing, Open, ended_text
@@ -40,12 +41,13 @@ ASK_AGAIN_S: Final = 5.0
 _NO_PROGRAM: Final = "the program on the robot is not connected; start it"
 
 
-class _Told(NamedTuple):
+@dataclass(slots=True)
+class _Told:
     """A number that the robot was told, or is asked about."""
 
     skill: TcpSkill
     execution_id: bytes
-    command: Message | None
+    command: Encoded | None
     """None where a bridge before us has sent it."""
     is_sent: bool
     """Whether the robot may have heard of it."""
@@ -156,7 +158,12 @@ class InterpreterSession:
             reason = f"the program asks for `{message.subtype[:40]}`, which `answers` of the bridge does not name"
             self._sources.dropped(Drop.UNKNOWN_SOURCE, reason)
         values = self._asked_for.get(message.subtype) or ()
-        self._send(Message(Type.INFORMATION, message.subtype, message.number, fields_of(values)), now)
+        answer = Message(Type.INFORMATION, message.subtype, message.number, fields_of(values))
+        try:
+            self._post(self._outbox.encode(answer), now)
+        except SkillRejected as error:
+            self._sources.dropped(Drop.CONVERSION, f"{message.subtype}: {error}")
+            self._send(answer._replace(data=()), now)
 
     def _status(self, message: Message, now: float) -> None:
         told = self._told.get(message.number)
@@ -207,17 +214,16 @@ class InterpreterSession:
             raise RobotOffline(_NO_PROGRAM)
         number = self._number(execution.execution_id)
         kind = Type.REQUEST if skill.config.immediate else Type.COMMAND
-        message = Message(kind, _subtype(skill), number, fields_of(execution.values))
-        self._outbox.check(message)
+        command = self._outbox.encode(Message(kind, _subtype(skill), number, fields_of(execution.values)))
         self._executing.begin(skill, execution, now)
-        self._told[number] = _Told(skill, execution.execution_id, message, False)
+        self._told[number] = _Told(skill, execution.execution_id, command, False)
         if self._is_connected:
-            self._tell(number, message, now)
+            self._tell(number, command, now)
 
-    def _tell(self, number: int, command: Message, now: float) -> None:
-        self._told[number] = self._told[number]._replace(is_sent=True)
+    def _tell(self, number: int, command: Encoded, now: float) -> None:
+        self._told[number].is_sent = True
         self._ask_at[number] = now + self._link.answer_timeout_s
-        self._send(command, now)
+        self._post(command, now)
 
     def query(self, skill: TcpSkill, execution: Execution, now: float) -> None:
         """Ask what became of a number that a bridge before us may have sent."""
@@ -245,14 +251,14 @@ class InterpreterSession:
         """Hand the robot a value; False, after a drop was counted, where that is not possible."""
         message = Message(Type.INFORMATION, data.subtype, 0, fields_of(values))
         try:
-            self._outbox.check(message)
+            encoded = self._outbox.encode(message)
         except SkillRejected as error:
             self._sources.dropped(Drop.CONVERSION, f"{data.label}: {error}")
             return False
         if not self._is_connected:
             self._sources.dropped(Drop.NOT_CONNECTED, f"{data.label}: {_NO_PROGRAM}")
             return False
-        self._send(message, now)
+        self._post(encoded, now)
         return True
 
     def _number(self, execution_id: bytes) -> int:
@@ -263,7 +269,10 @@ class InterpreterSession:
         return number
 
     def _send(self, message: Message, now: float) -> None:
-        self._outbox.send(message, now)
+        self._post(self._outbox.encode(message), now)
+
+    def _post(self, encoded: Encoded, now: float) -> None:
+        self._outbox.send(encoded, now)
         if self._outbox.is_full:
             self._reset("it does not take what it is sent")
 

@@ -309,7 +309,11 @@ class Link:
         """Something was begun: see when the session is due."""
         assert self._session is not None
         due = self._session.turn(now)
-        if due is not None:
+        if due is None or self._is_stopped:
+            return
+        timer = self._timers.get(self._turn)
+        # One that comes earlier is left as it is: to look once too often costs less than to set it for each byte.
+        if timer is None or timer.when() > due or timer.when() <= self._loop.time():
             self._in(due - now, self._turn)
 
 

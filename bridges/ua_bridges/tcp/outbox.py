@@ -4,16 +4,23 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable
-from typing import Final
+from typing import Final, NamedTuple
 
 from ua_bridges.tcp.config import Framing, InterpreterLink
 from ua_bridges.tcp.framing import FieldWriter
 from ua_bridges.tcp.messages import Message, Type
 
-__all__ = ["Outbox"]
+__all__ = ["Encoded", "Outbox"]
 
 MOST_WAITING: Final = 100
 """Messages that may wait for acknowledgements."""
+
+
+class Encoded(NamedTuple):
+    """A message that can be sent."""
+
+    message: Message
+    fields: tuple[bytes, ...]
 
 
 class Outbox:
@@ -22,7 +29,7 @@ class Outbox:
     def __init__(self, link: InterpreterLink, write: Callable[[bytes], None]) -> None:
         self._writer, self._write = FieldWriter(link), write
         self._one_by_one = link.framing is Framing.ACKNOWLEDGED
-        self._waiting: deque[Message] = deque()
+        self._waiting: deque[Encoded] = deque()
         self._fields: deque[bytes] = deque()
         self.waits_since: float | None = None
         """When the field was sent that has not been acknowledged."""
@@ -32,22 +39,22 @@ class Outbox:
         """Whether more waits than a program that works lets wait."""
         return len(self._waiting) > MOST_WAITING
 
-    def check(self, message: Message) -> None:
-        """Raise SkillRejected for what cannot be sent."""
-        for field in message.fields():
-            self._writer.encode(field)
+    def encode(self, message: Message) -> Encoded:
+        """The bytes of a message; raises SkillRejected for what cannot be sent."""
+        return Encoded(message, self._writer.encode_all(message.fields()))
 
-    def send(self, message: Message, now: float) -> None:
+    def send(self, encoded: Encoded, now: float) -> None:
         """Send it, or have it wait. Of information that waits, the latest of its subtype counts."""
         if not self._one_by_one:
-            self._write(b"".join([self._writer.encode(field) for field in message.fields()]))
+            self._write(b"".join(encoded.fields))
             return
+        message = encoded.message
         if message.type is Type.INFORMATION and message.number == 0:
-            for index, waiting in enumerate(self._waiting):
+            for index, (waiting, _) in enumerate(self._waiting):
                 if (waiting.type, waiting.subtype, waiting.number) == (message.type, message.subtype, 0):
-                    self._waiting[index] = message
+                    self._waiting[index] = encoded
                     return
-        self._waiting.append(message)
+        self._waiting.append(encoded)
         if self.waits_since is None:
             self._next(now)
 
@@ -67,7 +74,7 @@ class Outbox:
 
     def _next(self, now: float) -> None:
         if not self._fields and self._waiting:
-            self._fields.extend([self._writer.encode(field) for field in self._waiting.popleft().fields()])
+            self._fields.extend(self._waiting.popleft().fields)
         if self._fields:
             self.waits_since = now
             self._write(self._fields.popleft())

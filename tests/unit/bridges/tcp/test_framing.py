@@ -23,6 +23,8 @@ FIELDS = st.lists(st.text(st.characters(min_codepoint=33, max_codepoint=126), ma
 def test_fields_arrive_as_they_were_sent(framing: Framing, fields: list[str], cuts: list[int]) -> None:
     writer, reader = FieldWriter(link(framing)), FieldReader(link(framing))
     data = b"".join(writer.encode(field) for field in fields)
+    if fields:
+        assert b"".join(writer.encode_all(fields)) == data
     read: list[str] = []
     for cut in cuts:
         read += reader.feed(data[:cut])
@@ -51,8 +53,10 @@ def test_bytes_of_each_framing() -> None:
     ],
 )
 def test_a_field_that_cannot_be_sent_is_refused(framing: Framing, field: str, reason: str) -> None:
-    with pytest.raises(SkillRejected, match=reason):
-        FieldWriter(link(framing, terminator=";")).encode(field)
+    writer = FieldWriter(link(framing, terminator=";"))
+    for encode in (writer.encode, lambda text: writer.encode_all(["a", text])):
+        with pytest.raises(SkillRejected, match=reason):
+            encode(field)
 
 
 @pytest.mark.parametrize(

@@ -258,12 +258,15 @@ def test_a_robot_asks_for_anothers_data() -> None:
     known["other.temperature"] = (21.5,)
     robot.says("request", "other.temperature", "8", "0")
     robot.says("request", "other.secret", "9", "0")
+    known["other.temperature"] = ("a\nb",)
+    robot.says("request", "other.temperature", "10", "0")
     assert robot.reads() == [
         ["information", "other.temperature", "7", "0"],
         ["information", "other.temperature", "8", "1", "21.5"],
         ["information", "other.secret", "9", "0"],
+        ["information", "other.temperature", "10", "0"],
     ]
-    assert robot.drops(Drop.UNKNOWN_SOURCE) == 1
+    assert (robot.drops(Drop.UNKNOWN_SOURCE), robot.drops(Drop.CONVERSION)) == (1, 1)
 
 
 def test_the_server_informs_the_robot() -> None:

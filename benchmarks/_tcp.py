@@ -21,7 +21,8 @@ def line_robot(connection: socket.socket) -> None:
 
 def field_robot(connection: socket.socket, *, acknowledges: bool) -> None:
     """Interpreter mode: five fields are one command."""
-    left, fields = b"", []
+    left = b""
+    fields: list[bytes] = []
     while data := connection.recv(4096):
         left += data
         if acknowledges:

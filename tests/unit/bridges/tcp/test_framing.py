@@ -54,9 +54,10 @@ def test_bytes_of_each_framing() -> None:
 )
 def test_a_field_that_cannot_be_sent_is_refused(framing: Framing, field: str, reason: str) -> None:
     writer = FieldWriter(link(framing, terminator=";"))
-    for encode in (writer.encode, lambda text: writer.encode_all(["a", text])):
-        with pytest.raises(SkillRejected, match=reason):
-            encode(field)
+    with pytest.raises(SkillRejected, match=reason):
+        writer.encode(field)
+    with pytest.raises(SkillRejected, match=reason):
+        writer.encode_all(["a", field])
 
 
 @pytest.mark.parametrize(

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from ua_fleet.errors import ScenarioError
@@ -342,8 +343,9 @@ class Orchestrator:
     def _least_busy(self, todo: TaskToDo) -> str | None:
         """Who can do a task though it cannot be ranked: a criterion that nobody knows must not stop the work."""
         able = [robot.name for robot in self._fleet.able(todo.skill, todo.capacities)]
-        fit = [robot for robot in able if robot not in self._unfit()]
-        return min(fit, key=lambda robot: (self._count_ahead(robot), robot), default=None)
+        unfit, ahead = self._unfit(), self._count_ahead()
+        fit = [robot for robot in able if robot not in unfit]
+        return min(fit, key=lambda robot: (ahead[robot], robot), default=None)
 
     def _grant(self, grants: list[Grant[tuple[str, str]]], now: float) -> None:
         for (run_id, step), robot in grants:
@@ -419,7 +421,7 @@ class Orchestrator:
             self._fleet,
             self.settings,
             unfit=self._unfit(),
-            tasks_ahead=self._count_ahead,
+            tasks_ahead=self._count_ahead().__getitem__,
             lookup=self._lookup,
         )
 
@@ -430,17 +432,19 @@ class Orchestrator:
                 unfit.setdefault(fault.robot, f"has a fault: {fault.reason}")
         return unfit
 
-    def _count_ahead(self, robot: str) -> int:
-        return sum(len(self._tasks_ahead(run_id, robot)) for run_id in self.runs)
+    def _count_ahead(self) -> Counter[str | None]:
+        """How many tasks of all runs each robot has ahead."""
+        return Counter(robot for run_id in self.runs for robot, _ in self._ahead(run_id))
 
     def _tasks_ahead(self, run_id: str, robot: str) -> list[Task]:
         """Tasks of a run that name a robot, or that it stands in for, and are not over."""
+        return [task for wanted, task in self._ahead(run_id) if wanted == robot]
+
+    def _ahead(self, run_id: str) -> Iterator[tuple[str | None, Task]]:
+        """The tasks of a run that are not over, with their robots; None where any will do."""
         state = self.runs[run_id].state
         over = {task_run.name for step, task_run in state.tasks.items() if step in state.ended}
         doing = {task_run.name: task_run.robot for task_run in state.tasks.values() if task_run.robot}
-        ahead: list[Task] = []
         for task in self._scenarios[run_id].tasks():
-            wanted = doing.get(task.name) or state.stand_ins.get(task.robot or "", task.robot)
-            if wanted == robot and task.name not in over:
-                ahead.append(task)
-        return ahead
+            if task.name not in over:
+                yield doing.get(task.name) or state.stand_ins.get(task.robot or "", task.robot), task

@@ -76,6 +76,7 @@ def _build() -> typer.Typer:
         config,
         decision,
         demo_pal,
+        demo_talkrobots,
         keys,
         pubsub,
         pubsub_decode,
@@ -130,16 +131,11 @@ def _build() -> typer.Typer:
     _add(groups["skill"], "list", skill.show, skill.LIST_EXAMPLES)
     _add(groups["skill"], "call", skill.call, skill.CALL_EXAMPLES)
     _add(groups["demo"], "pal", demo_pal.pal, demo_pal.EXAMPLES)
-    # A group of one command needs a callback, or typer takes the command for the group.
-    groups["demo"].callback()(_no_options)
+    _add(groups["demo"], "talkrobots", demo_talkrobots.talkrobots, demo_talkrobots.EXAMPLES)
     for name, group in groups.items():
         whole.add_typer(group, name=name)
     whole.callback()(_common)
     return whole
-
-
-def _no_options() -> None:
-    """Nothing that the commands of a group share."""
 
 
 def _print_version(wanted: bool) -> None:

@@ -70,6 +70,8 @@ class RunTold:
     scenario: str
     state: str
     message: str
+    at: float
+    """Seconds since 1970."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,7 +86,9 @@ class StepTold:
     skill: str
     outcome: str
     detail: Mapping[str, Any]
-    """The fact itself; `at` is when it happened, in seconds since 1970."""
+    """The fact itself."""
+    at: float
+    """Seconds since 1970."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,17 +136,26 @@ class Feed(Protocol):
 
 
 class _EventFeed:
-    """The subscription's handler."""
+    """The subscription's handler, and what it hands on. A wait for the next event may be cancelled."""
 
-    def __init__(self, types: Mapping[ua.NodeId, int]) -> None:
-        self._types = types
-        self.queue: asyncio.Queue[Told | None] = asyncio.Queue()
+    def __init__(self, types: Mapping[ua.NodeId, int], endpoint: str) -> None:
+        self._types, self._endpoint = types, endpoint
+        self._queue: asyncio.Queue[Told | None] = asyncio.Queue()
+
+    def __aiter__(self) -> AsyncIterator[Told]:
+        return self
+
+    async def __anext__(self) -> Told:
+        told = await self._queue.get()
+        if told is None:
+            raise NotConnected(f"the connection to {self._endpoint} was lost")
+        return told
 
     def event_notification(self, event: Any) -> None:
         """Called by asyncua with each event."""
         kind = self._types.get(event.EventType)
         if kind is not None:
-            self.queue.put_nowait(_told(kind, event))
+            self._queue.put_nowait(_told(kind, event))
 
     def status_change_notification(self, status: ua.StatusChangeNotification) -> None:
         """Called by asyncua when the server ends the subscription."""
@@ -150,7 +163,7 @@ class _EventFeed:
 
     def lose(self) -> None:
         """No more events will come."""
-        self.queue.put_nowait(None)
+        self._queue.put_nowait(None)
 
 
 @asynccontextmanager
@@ -165,22 +178,16 @@ async def told_by(client: Client, endpoint: str, feeds: set[Feed]) -> AsyncGener
     with translated(endpoint):
         index = await client.get_namespace_index(_TYPES_URI)
         types = {ua.NodeId(ua.Int32(kind), ua.Int16(index)): kind for kind in (_FAULT, _RUN, _STEP, _DECISION)}
-        feed = _EventFeed(types)
+        feed = _EventFeed(types, endpoint)
         subscription = await client.create_subscription(50, feed, queue_maxsize=_QUEUE)
         feeds.add(feed)
         wanted = _filter(list(types), index)
         await subscription.subscribe_events(ua.ObjectIds.Server, evfilter=wanted, queuesize=_QUEUE)
     try:
-        yield _until_lost(feed, endpoint)
+        yield feed
     finally:
         feeds.discard(feed)
         await quietly(subscription.delete())
-
-
-async def _until_lost(feed: _EventFeed, endpoint: str) -> AsyncGenerator[Told]:
-    while (told := await feed.queue.get()) is not None:
-        yield told
-    raise NotConnected(f"the connection to {endpoint} was lost")
 
 
 def _filter(types: Sequence[ua.NodeId], index: int) -> ua.EventFilter:
@@ -208,12 +215,14 @@ def _operand(path: list[ua.QualifiedName]) -> ua.SimpleAttributeOperand:
 
 def _told(kind: int, event: Any) -> Told:
     if kind == _RUN:
-        return RunTold(event.RunId, event.Scenario, event.State, event.Message.Text or "")
+        return RunTold(event.RunId, event.Scenario, event.State, event.Message.Text or "", _seconds(event))
     if kind == _STEP:
         detail: dict[str, Any] = (
             json.loads(event.Detail) if event.Detail.startswith("{") else {"question": event.Detail}
         )
-        return StepTold(event.RunId, event.Fact, event.Task, event.Robot, event.Skill, event.Outcome, detail)
+        return StepTold(
+            event.RunId, event.Fact, event.Task, event.Robot, event.Skill, event.Outcome, detail, _seconds(event)
+        )
     if kind == _DECISION:
         return DecisionTold(
             event.RunId,

@@ -8,14 +8,16 @@ from __future__ import annotations
 import fcntl
 import os
 import tempfile
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Generator, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 from ua_fleet.errors import ConfigError
 from ua_fleet.topics import LAST_ROS2_SPACE, check_ros2_space
 
-__all__ = ["claim_domain", "run_folder"]
+__all__ = ["claim_domain", "claim_domains", "run_folder"]
+
+FIRST_DOMAIN = 2
 
 
 @contextmanager
@@ -55,6 +57,21 @@ def claim_domain(wanted: int, say: Callable[[str], None]) -> Generator[int]:
                 yield domain
                 return
     raise ConfigError("every ROS 2 domain is in use by a demonstration")
+
+
+@contextmanager
+def claim_domains(wanted: Sequence[int], count: int, say: Callable[[str], None]) -> Generator[list[int]]:
+    """So many ROS 2 domains, each this run's alone: those that are wanted, then the next ones that are free."""
+    with ExitStack() as held:
+        taken = [held.enter_context(claim_domain(domain, say)) for domain in wanted[:count]]
+        while len(taken) < count:
+            after = taken[-1] + 1 if taken else FIRST_DOMAIN
+            taken.append(held.enter_context(claim_domain(after, _say_nothing)))
+        yield taken
+
+
+def _say_nothing(_text: str) -> None:
+    """Nobody has asked for a certain domain."""
 
 
 def _lock(path: Path, held: ExitStack) -> bool:

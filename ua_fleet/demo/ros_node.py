@@ -1,4 +1,4 @@
-# pyright: basic, reportMissingImports=false
+# pyright: basic, reportMissingImports=false, reportAttributeAccessIssue=false
 """One ROS node with the same few calls for ROS 1 and ROS 2, so that a robot's program can run on either."""
 
 from __future__ import annotations
@@ -53,6 +53,14 @@ class RosNode:
         """An empty message of a type such as `sensor_msgs/JointState`, stamped with the time now if it has a header."""
         raise TypeError("use connect()")
 
+    def serve(self, name: str, do: Callable[[], str]) -> None:
+        """Offer a service of the type std_srvs/Trigger; `do` works, and returns what to say at its end."""
+        raise TypeError("use connect()")
+
+    def robot(self, space: int, *, fault_id: int | None = None) -> Any:
+        """What skills and faults are told by, see `ua_bridges.robot`."""
+        raise TypeError("use connect()")
+
     def close(self) -> None:
         """Leave the graph."""
 
@@ -87,6 +95,16 @@ class Ros1Node(RosNode):
         if hasattr(message, "header"):
             message.header.stamp = self._rospy.Time.from_sec(time.time())
         return message
+
+    def serve(self, name: str, do: Callable[[], str]) -> None:
+        from std_srvs.srv import Trigger, TriggerResponse
+
+        self._rospy.Service(name, Trigger, lambda _: TriggerResponse(success=True, message=do()))
+
+    def robot(self, space: int, *, fault_id: int | None = None) -> Any:
+        from ua_bridges.robot.ros1 import Robot
+
+        return Robot(fault_id=fault_id)
 
     def close(self) -> None:
         self._rospy.signal_shutdown("end of the program")
@@ -133,6 +151,20 @@ class Ros2Node(RosNode):
         if hasattr(message, "header"):
             message.header.stamp = self._node.get_clock().now().to_msg()
         return message
+
+    def serve(self, name: str, do: Callable[[], str]) -> None:
+        from std_srvs.srv import Trigger
+
+        def answer(_request: Any, response: Any) -> Any:
+            response.success, response.message = True, do()
+            return response
+
+        self._node.create_service(Trigger, name, answer)
+
+    def robot(self, space: int, *, fault_id: int | None = None) -> Any:
+        from ua_bridges.robot.ros2 import Robot
+
+        return Robot(self._node, space=space, fault_id=fault_id)
 
     def close(self) -> None:
         self._closing = True

@@ -50,7 +50,7 @@ async def test_the_client_is_told_of_runs_steps_faults_and_rankings(plant: Plant
     assert {one.run_id for one in seen if not isinstance(one, FaultTold)} == {run_id}
     begun = [(one.task, one.robot) for one in seen if isinstance(one, StepTold) and one.fact == "TaskAssigned"]
     assert begun == [("first", "left"), ("long", "left"), ("long", "middle")]
-    times = [one.detail["at"] for one in seen if isinstance(one, StepTold)]
+    times = [one.at for one in seen if isinstance(one, StepTold)]
     assert times == sorted(times)
     (fault,) = [one for one in seen if isinstance(one, FaultTold)]
     assert (fault.robot, fault.source, fault.reason, fault.active) == ("left", "robot", "stuck", True)

@@ -44,6 +44,7 @@ COMMANDS = [
     "pubsub decode",
     "pubsub probe",
     "demo pal",
+    "demo talkrobots",
 ]
 
 

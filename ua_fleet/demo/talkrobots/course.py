@@ -1,0 +1,203 @@
+"""The course of one run, from what the server tells: pure, fed with events, asked for lines and for the report."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from typing import Any, Final
+
+from ua_fleet.client import DecisionTold, FaultTold, RankingInfo, RunTold, StepTold, Told
+
+__all__ = ["TASKS", "Course", "TaskRow", "ranking_lines"]
+
+TASKS: Final = 9
+_NO_RANKING: Final = RankingInfo((), (), 0.0, (), ())
+_ENDS: Final = ("done", "failed", "aborted")
+
+
+@dataclass(slots=True)
+class TaskRow:
+    """One task. Times are the demonstration's seconds from the start of the run: wall time times speed."""
+
+    task: str
+    robot: str
+    skill: str
+    state: str
+    started_s: float
+    """When the robot that has it now was asked."""
+    ended_s: float | None = None
+
+
+@dataclass(slots=True)
+class _Fault:
+    robot: str
+    detected_s: float
+    task: str | None = None
+    replacement: str | None = None
+    decided_s: float | None = None
+    ranking: RankingInfo | None = None
+
+
+class Course:
+    """Takes in what is told of one run, and of faults meanwhile."""
+
+    def __init__(self, run_id: str, speed: float, units: Mapping[str, str]) -> None:
+        """Begin a run.
+
+        Args:
+            run_id: of the server.
+            speed: how many times faster than in the paper.
+            units: of the criteria of rankings.
+        """
+        self.run_id = run_id
+        self.speed = speed
+        self.outcome: str | None = None
+        """`done`, `failed` or `aborted`, once it has ended."""
+        self.reason = ""
+        self.rows: dict[str, TaskRow] = {}
+        """By task, in the order in which they began."""
+        self.ended_at: float | None = None
+        """Seconds since 1970."""
+        self._units = units
+        self._started: float | None = None
+        self._fault: _Fault | None = None
+        self._times_done: dict[str, int] = {}
+
+    def take(self, told: Told) -> list[str]:
+        """Take in what was told; what people should read of it."""
+        if not isinstance(told, FaultTold) and told.run_id != self.run_id:
+            return []
+        match told:
+            case RunTold():
+                lines = self._run(told)
+            case StepTold():
+                lines = self._step(told)
+            case FaultTold():
+                lines = self._of_fault(told)
+            case DecisionTold():
+                lines = self._decision(told)
+        return lines
+
+    @property
+    def problems(self) -> list[str]:
+        """Why this was not nine tasks, each done once; empty where it was."""
+        if self.outcome != "done":
+            return [f"the run has not succeeded: {self.outcome}" + (f": {self.reason}" if self.reason else "")]
+        found = [f"{task} was done {count} times" for task, count in self._times_done.items() if count != 1]
+        if len(self._times_done) != TASKS:
+            found.append(f"{len(self._times_done)} of {TASKS} tasks were done")
+        return found
+
+    def report(self) -> dict[str, Any]:
+        """Tasks and fault as they are written to a file."""
+        return {
+            "tasks": [asdict(row) for row in self.rows.values()],
+            "fault": None if self._fault is None else _fault_report(self._fault),
+        }
+
+    @property
+    def elapsed_s(self) -> float:
+        """How long the run took; 0 while it goes on."""
+        return 0.0 if self.ended_at is None else self._time(self.ended_at)
+
+    def _time(self, at: float) -> float:
+        return 0.0 if self._started is None else round(max(at - self._started, 0.0) * self.speed, 3)
+
+    def _line(self, at: float, who: str, what: str) -> str:
+        return f"{self._time(at):7.2f} s  {who:<18} {what}"
+
+    def _run(self, told: RunTold) -> list[str]:
+        if self._started is None:
+            self._started = told.at
+        if told.state not in _ENDS:
+            return []
+        self.outcome, self.ended_at = told.state, told.at
+        self.reason = told.message.partition(f": {told.state}: ")[2]
+        return [self._line(told.at, "scenario", f"{told.state}{f': {self.reason}' if self.reason else ''}")]
+
+    def _step(self, told: StepTold) -> list[str]:
+        at = told.at
+        match told.fact:
+            case "TaskAssigned":
+                self.rows[told.task] = TaskRow(told.task, told.robot, told.skill, "running", self._time(at))
+                arguments = ", ".join(f"{name} {value}" for name, value in told.detail["arguments"].items())
+                return [self._line(at, told.robot, f"begins {told.task}" + (f" ({arguments})" if arguments else ""))]
+            case "TaskOver":
+                return self._over(told, at)
+            case "RobotReturned":
+                return [self._line(at, told.robot, "takes its later tasks back")]
+            case _:
+                return []
+
+    def _over(self, told: StepTold, at: float) -> list[str]:
+        row = self.rows[told.task]
+        row.state, row.ended_s = told.outcome, self._time(at)
+        if told.outcome == "done":
+            self._times_done[told.task] = self._times_done.get(told.task, 0) + 1
+            results = ", ".join(f"{name} {_short(value)}" for name, value in told.detail["results"].items())
+            return [self._line(at, told.robot, f"has done {told.task}" + (f" ({results})" if results else ""))]
+        reason = told.detail.get("message", "")
+        return [
+            self._line(at, told.robot, f"has not done {told.task}: {told.outcome}{f', {reason}' if reason else ''}")
+        ]
+
+    def _of_fault(self, told: FaultTold) -> list[str]:
+        if told.acknowledged and told.active:
+            return [self._line(told.at, told.robot, "its fault was seen by somebody")]
+        if not told.active:
+            return [self._line(told.at, told.robot, f"is repaired (it was: {told.reason})")]
+        if self._fault is None:
+            self._fault = _Fault(told.robot, self._time(told.at))
+        return [self._line(told.at, told.robot, f"FAULT: {told.reason}")]
+
+    def _decision(self, told: DecisionTold) -> list[str]:
+        if told.state == "open":
+            asked = f"who takes over {told.task} from {told.failed or 'nobody'}?"
+            return [self._line(told.at, "resilience", asked), *ranking_lines(told.ranking, self._units)]
+        if told.state == "aborted":
+            return [self._line(told.at, "resilience", f"nobody takes over {told.task}: {told.reason}")]
+        fault = self._fault
+        if fault is not None and fault.replacement is None and fault.robot == told.failed:
+            fault.task, fault.replacement, fault.ranking = told.task, told.chosen, told.ranking
+            fault.decided_s = self._time(told.at)
+        chosen = f"{told.chosen} takes over {told.task}, chosen by {told.chosen_by}"
+        return [self._line(told.at, "resilience", chosen)]
+
+
+def ranking_lines(ranking: RankingInfo, units: Mapping[str, str]) -> list[str]:
+    """A ranking with its reasons, for people: weights, and of each candidate the raw values and what they are worth."""
+    names = [f"{name} [{units[name]}]" if units.get(name) else name for name in ranking.criteria]
+    rows = [["", *names, "score"]]
+    rows.append(["weight", *(f"{weight:.3f}" for weight in ranking.weights), ""])
+    for place in ranking.ranked:
+        worth = [f"{_short(raw)} -> {score:.3f}" for raw, score in zip(place.raw, place.scores, strict=True)]
+        rows.append([place.robot, *worth, f"{place.score:.3f}"])
+    widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]))]
+    lines = ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows]
+    lines.append(f"consistency ratio of the judgements: {ranking.consistency_ratio:.3f} (at most 0.1)")
+    lines += [f"no candidate: {robot} {reason}" for robot, reason in ranking.excluded]
+    return [f"{'':11}{line}" for line in lines]
+
+
+def _fault_report(fault: _Fault) -> dict[str, Any]:
+    ranking = fault.ranking or _NO_RANKING
+    return {
+        "robot": fault.robot,
+        "task": fault.task,
+        "detected_s": fault.detected_s,
+        "replacement": fault.replacement,
+        "decided_s": fault.decided_s,
+        "ranking": [
+            {
+                "robot": place.robot,
+                "score": place.score,
+                "per_criterion": dict(zip(ranking.criteria, place.scores, strict=True)),
+            }
+            for place in ranking.ranked
+        ],
+        "consistency_ratio": ranking.consistency_ratio,
+    }
+
+
+def _short(value: object) -> str:
+    return f"{value:.3g}" if isinstance(value, float) else str(value)

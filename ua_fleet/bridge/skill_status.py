@@ -74,7 +74,13 @@ class StatusBoard:
             for field, result in zip(skill.response, unpack(report.result), strict=False)
         }
         status = ExecutionStatus(
-            execution.execution_id, skill.name, report.state, progress, result_text(results), report.message
+            execution.execution_id,
+            skill.name,
+            report.state,
+            progress,
+            result_text(results),
+            report.message,
+            report.status,
         )
         self._show(topic, status, now, wall_ticks)
 

@@ -34,11 +34,13 @@ _FIELDS: Final = (
     ("Progress", BuiltinType.FLOAT),
     ("Result", BuiltinType.STRING),
     ("Message", BuiltinType.STRING),
+    ("Status", BuiltinType.STATUS_CODE),
 )
 ROBOT_PROPERTY: Final = "UaFleetRobot"
 """Property of the first field of a robot's SkillStatus: what the robot is, as JSON in the form of `fleet.yaml`."""
 SKILL_STATUS_FIELDS: Final = tuple([FieldMetaData(name, kind, value_rank=1) for name, kind in _FIELDS])
-"""State is an ExecutionState; Result a JSON object with the results by their names, empty before the end."""
+"""State is an ExecutionState; Result a JSON object with the results by their names, empty before the end; Status the
+StatusCode of the end, an array that leaves out the Good ones at its end and so is mostly empty."""
 _STATES: Final = frozenset(ExecutionState)
 _TYPES: Final = tuple([kind | ARRAY for _, kind in _FIELDS])
 
@@ -53,6 +55,8 @@ class ExecutionStatus(NamedTuple):
     """0 to 1."""
     result: str = ""
     message: str = ""
+    status: int = 0
+    """StatusCode of its end."""
 
 
 class SkillStatus:
@@ -77,7 +81,9 @@ class SkillStatus:
     def fields(self) -> tuple[tuple[int, ...], tuple[tuple[Any, ...], ...]]:
         """Types and values of the DataSet."""
         columns = tuple(zip(*self._shown.values(), strict=True)) or ((),) * len(_FIELDS)
-        return _TYPES, tuple([tuple([_plain(value) for value in column]) for column in columns])
+        *others, statuses = [tuple([_plain(value) for value in column]) for column in columns]
+        last_bad = max((number for number, status in enumerate(statuses, 1) if status), default=0)
+        return _TYPES, (*others, statuses[:last_bad])
 
 
 def _plain(value: Any) -> Any:
@@ -94,14 +100,18 @@ def read_status(fields: Sequence[FieldMetaData], values: Sequence[Any]) -> Itera
     columns: dict[str, Sequence[Any]] = {
         field.name: value for field, value in zip(fields, values, strict=False) if isinstance(value, tuple | list)
     }
-    for row in zip(*[columns.get(name, ()) for name, _ in _FIELDS], strict=False):
+    *names, last = [name for name, _ in _FIELDS]
+    statuses = columns.get(last, ())
+    for number, row in enumerate(zip(*[columns.get(name, ()) for name in names], strict=False)):
         execution_id, skill, state, progress, result, message = row
+        status = statuses[number] if number < len(statuses) else 0
         texts = (skill, result or "", message or "")
         if not isinstance(execution_id, bytes) or not all(isinstance(text, str) for text in texts):
             continue
         if not (isinstance(progress, int | float | None) and isinstance(state, int) and state in _STATES):
             continue
-        yield ExecutionStatus(execution_id, skill, ExecutionState(state), float(progress or 0.0), *texts[1:])
+        known = status if isinstance(status, int) else 0
+        yield ExecutionStatus(execution_id, skill, ExecutionState(state), float(progress or 0.0), *texts[1:], known)
 
 
 def result_text(results: Mapping[str, Any]) -> str:

@@ -71,7 +71,7 @@ async def test_skill_status_says_how_far_each_execution_is_through_a_restart(cel
         message = requestor.status.get(status)
         if message is None:
             return []
-        _, skills, states, progress, results, messages = message.values
+        _, skills, states, progress, results, messages, _ = message.values
         return list(zip(skills, states, progress, map(read_result, results), messages, strict=True))
 
     done: tuple[Any, ...] = ("work", ExecutionState.DONE, 1.0, {"done": "weld", "seconds": 0.0}, "")

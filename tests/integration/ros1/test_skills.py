@@ -58,7 +58,7 @@ class Robot:
         message = self._requestor.status.get(self._status)
         if message is None or not message.values:
             return None
-        ids, _skills, states, _progress, results, messages = message.values
+        ids, _skills, states, _progress, results, messages, _ = message.values
         for number, one in enumerate(ids):
             if one == execution_id:
                 return ExecutionState(states[number]), read_result(results[number]), messages[number]

@@ -278,7 +278,7 @@ async def test_an_abort_halts_a_robot_that_can_be_halted(plant: Plant) -> None:
         await run_is(client, run_id, "aborted")
         assert await value(client, f"Scenarios.Runs.{run_id}.Reason") == "door open", "nobody had to be waited for"
         messages = await value(client, f"Scenarios.Runs.{run_id}.Messages")
-        assert messages == ["halted"]
+        assert messages == ["halted (BadRequestCancelledByClient)"]
 
 
 async def test_alarms_are_told_again_to_who_asks(plant: Plant) -> None:

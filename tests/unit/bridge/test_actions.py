@@ -188,7 +188,7 @@ def test_a_skill_is_announced_accepted_and_shown() -> None:
     bench.tell(ExecutionProgressed(ID, 0.25, "on my way"))
     assert bench.status()[:4] == ((ID,), ("pick",), (ExecutionState.RUNNING,), (0.25,))
     bench.tell(ExecutionEnded(ID, 0, (12.5,)))
-    _, _, states, progress, results, _ = bench.status()
+    _, _, states, progress, results, *_ = bench.status()
     assert (states, progress, read_result(results[0])) == ((ExecutionState.DONE,), (1.0,), {"grams": 12.5})
     bench.ask()
     assert len(bench.robot.begun) == 1
@@ -202,6 +202,7 @@ def test_what_the_driver_refuses_is_refused() -> None:
     report = bench.reports()[-1]
     assert (report.state, report.message) == (ExecutionState.REFUSED, "the gripper is open")
     assert report.status == StatusCode.BAD_REQUEST_NOT_ALLOWED
+    assert bench.status()[-1] == (StatusCode.BAD_REQUEST_NOT_ALLOWED,)
 
 
 def test_a_driver_that_breaks_leaves_the_execution_unknown() -> None:

@@ -15,13 +15,13 @@ from ua_fleet.skill.status import (
     read_status,
     result_text,
 )
-from ua_fleet.values import ARRAY, BuiltinType, Variant
+from ua_fleet.values import ARRAY, BuiltinType, StatusCode, Variant
 from ua_fleet.wire.variant import encode_typed
 
 
 def test_an_end_is_not_overwritten_by_the_next_start() -> None:
     status = SkillStatus()
-    assert status.fields()[1] == ((),) * 6
+    assert status.fields()[1] == ((),) * 7
     for number in range(MOST_SHOWN + 2):
         assert status.show(ExecutionStatus(bytes([number]), "move", ExecutionState.RUNNING))
     done = ExecutionStatus(bytes([3]), "move", ExecutionState.DONE, 1.0, result_text({"x": 1.5}), "there")
@@ -30,11 +30,12 @@ def test_an_end_is_not_overwritten_by_the_next_start() -> None:
     assert status.get(bytes([3])) == done
     assert status.get(bytes([1])) is None
     types, values = status.fields()
-    ids, skills, states, progress, results, messages = values
+    ids, skills, states, progress, results, messages, statuses = values
     assert ids == tuple([bytes([number]) for number in range(2, MOST_SHOWN + 2)])
     assert set(skills) == {"move"}
     assert states[:3] == (2, 3, 2)
     assert (progress[1], results[1], messages[1]) == (1.0, '{"x":1.5}', "there")
+    assert statuses == (), "what is Good at the end is left out"
     assert types == tuple([field.builtin_type | ARRAY for field in SKILL_STATUS_FIELDS])
     for code, value in zip(types, values, strict=True):
         encode_typed(bytearray(), code, value)
@@ -60,11 +61,16 @@ def test_what_was_shown_is_read() -> None:
     status = SkillStatus()
     shown = [
         ExecutionStatus(b"a", "move", ExecutionState.DONE, 1.0, result_text({"x": 1.5}), "there"),
-        ExecutionStatus(b"b", "turn", ExecutionState.RUNNING, 0.5),
+        ExecutionStatus(b"b", "turn", ExecutionState.FAILED, 0.5, "", "slipped", int(StatusCode.BAD_TIMEOUT)),
+        ExecutionStatus(b"c", "turn", ExecutionState.RUNNING, 0.5),
     ]
     for one in shown:
         status.show(one)
-    assert list(read_status(SKILL_STATUS_FIELDS, status.fields()[1])) == shown
+    values = status.fields()[1]
+    assert list(read_status(SKILL_STATUS_FIELDS, values)) == shown
+    assert values[-1] == (0, StatusCode.BAD_TIMEOUT)
+    before = [one._replace(status=0) for one in shown]
+    assert list(read_status(SKILL_STATUS_FIELDS[:-1], values[:-1])) == before, "of a bridge that does not tell it"
 
 
 @pytest.mark.parametrize(

@@ -24,7 +24,7 @@ from ua_fleet.scenario.facts import TaskOutcome
 from ua_fleet.skill.executions import OPEN, ExecutionState, Outcome, OutcomeKind, unpack
 from ua_fleet.skill.status import read_result, read_status
 from ua_fleet.topics import Topic
-from ua_fleet.values import BuiltinType, NodeId
+from ua_fleet.values import BuiltinType, NodeId, StatusCode, status_name
 
 __all__ = ["START_WITHIN_S", "Requests", "TaskRequests"]
 
@@ -102,7 +102,7 @@ class TaskRequests:
         self._told_by: dict[str, Topic] = {}
         """The SkillStatus of its robot, which alone may tell of it."""
         self._waiting: dict[str, _Waiting] = {}
-        self._shown: dict[Topic, dict[str, tuple[ExecutionState, str, dict[str, Value]]]] = {}
+        self._shown: dict[Topic, dict[str, tuple[TaskOutcome | None, str, dict[str, Value]]]] = {}
         """The executions of each robot's last SkillStatus."""
 
     def add(self, robot: RobotModel) -> None:
@@ -193,18 +193,19 @@ class TaskRequests:
         if skill is None:
             return
         report = outcome.report
+        message = _with_status(report.message, report.status)
         if outcome.kind is OutcomeKind.ACCEPTED:
             if report.state in OPEN or report.state is ExecutionState.DONE:
                 self._accepted(hex_id)
             if report.state is ExecutionState.DONE:
                 values = [variant.value for variant in unpack(report.result)]
                 names = [result.name for result in skill.results]
-                self._ended(hex_id, TaskOutcome.DONE, report.message, dict(zip(names, values, strict=False)))
-            elif report.state not in OPEN:
-                self._ended(hex_id, _ENDED[report.state], report.message, {})
+                self._ended(hex_id, TaskOutcome.DONE, message, dict(zip(names, values, strict=False)))
+            elif (end := _outcome_of(report.state, report.status)) is not None:
+                self._ended(hex_id, end, message, {})
         else:
             ended = {OutcomeKind.REFUSED: TaskOutcome.REFUSED, OutcomeKind.TIMED_OUT: TaskOutcome.TIMED_OUT}
-            self._ended(hex_id, ended.get(outcome.kind, TaskOutcome.UNKNOWN), report.message, {})
+            self._ended(hex_id, ended.get(outcome.kind, TaskOutcome.UNKNOWN), message, {})
 
     def poll(self) -> None:
         """Ask those who could not be asked before."""
@@ -217,11 +218,13 @@ class TaskRequests:
         """When `poll` is to be called next, by the monotonic clock, or None."""
         return min((waiting.next_at for waiting in self._waiting.values()), default=None)
 
-    def _take_state(self, execution_id: str, state: ExecutionState, message: str, results: dict[str, Value]) -> None:
-        if state in OPEN:
+    def _take_state(
+        self, execution_id: str, outcome: TaskOutcome | None, message: str, results: dict[str, Value]
+    ) -> None:
+        if outcome is None:
             self._accepted(execution_id)
         else:
-            self._ended(execution_id, _ENDED[state], message, results)
+            self._ended(execution_id, outcome, message, results)
 
     def _ended(self, execution_id: str, outcome: TaskOutcome, message: str, results: Mapping[str, Value]) -> None:
         if outcome is not TaskOutcome.UNKNOWN:  # what nobody can tell may be told later
@@ -240,7 +243,19 @@ def _typed(kind: int, value: Value) -> Value:
     return int(value)
 
 
-def _shown_in(event: DataReceived) -> Iterable[tuple[str, tuple[ExecutionState, str, dict[str, Value]]]]:
+def _outcome_of(state: ExecutionState, status: int) -> TaskOutcome | None:
+    """What an execution has come to; None while it is under way."""
+    if state is ExecutionState.FAILED and status == StatusCode.BAD_TIMEOUT:
+        return TaskOutcome.TIMED_OUT
+    return _ENDED.get(state)
+
+
+def _with_status(message: str, status: int) -> str:
+    """What people read of an end: also its StatusCode, where that says something."""
+    return f"{message} ({status_name(status)})".strip() if status else message
+
+
+def _shown_in(event: DataReceived) -> Iterable[tuple[str, tuple[TaskOutcome | None, str, dict[str, Value]]]]:
     """The executions of a SkillStatus by their ids."""
     for said in read_status(event.metadata.fields, event.message.values):
         results = {
@@ -248,4 +263,5 @@ def _shown_in(event: DataReceived) -> Iterable[tuple[str, tuple[ExecutionState, 
             for name, value in read_result(said.result).items()
             if isinstance(value, bool | int | float | str)
         }
-        yield said.execution_id.hex(), (said.state, said.message, results)
+        outcome = _outcome_of(said.state, said.status)
+        yield said.execution_id.hex(), (outcome, _with_status(said.message, said.status), results)

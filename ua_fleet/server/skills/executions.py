@@ -9,7 +9,7 @@ from typing import Any, Final, NamedTuple
 from ua_fleet.fleet.skills import SkillModel, argument_problem
 from ua_fleet.skill.executions import OPEN, ExecutionState, unpack
 from ua_fleet.skill.status import ExecutionStatus, read_result
-from ua_fleet.values import BuiltinType, NodeId, StatusCode
+from ua_fleet.values import BuiltinType, NodeId, Quality, StatusCode, quality_of
 
 __all__ = ["STATUS_OF", "Execution", "SkillKeys", "answered", "heard"]
 
@@ -81,13 +81,21 @@ def heard(model: SkillModel, said: ExecutionStatus, known: Execution | None, tic
     return Execution(
         said.execution_id,
         state,
-        STATUS_OF.get(state, 0),
+        _end_status(state, said.status),
         said.message,
         1.0 if state is _S.DONE else said.progress,
         _declared(model, read_result(said.result)) if state is _S.DONE else {},
         known.began if known is not None else ticks,
         ticks if is_over else None,
     )
+
+
+def _end_status(state: ExecutionState, said: int) -> int:
+    """The StatusCode of an execution: what was said, where it is of the quality that the state has."""
+    usual = STATUS_OF.get(state, 0)
+    if state is _S.DONE:
+        return 0 if quality_of(said) is Quality.BAD else said
+    return said if usual and quality_of(said) is quality_of(usual) else usual
 
 
 def answered(model: SkillModel, packed: bytes) -> dict[str, Any]:

@@ -15,7 +15,7 @@ from ua_fleet.fleet.changes import ValueChanged
 from ua_fleet.fleet.model import RobotState
 from ua_fleet.orchestrator import DecisionChanged, FaultChanged, Output, RunChanged
 from ua_fleet.pubsub.events import DataReceived
-from ua_fleet.scenario.facts import RunEnded, TaskOver
+from ua_fleet.scenario.facts import RunEnded, TaskOutcome, TaskOver
 from ua_fleet.server.scenarios.requests import START_WITHIN_S
 from ua_fleet.server.scenarios.service import COALESCE_S, ScenarioService
 from ua_fleet.skill.executions import ExecutionState, Outcome, OutcomeKind, Report
@@ -119,6 +119,16 @@ class World:
     def value(self, key: int | str, value: object, kind: BuiltinType = BuiltinType.DOUBLE, status: int = 0) -> None:
         self.service.value_changed(ValueChanged(NodeId(2, key), int(kind), value, status, 1, False))
 
+    def hear(self, status_id: int, *executions: ExecutionStatus) -> None:
+        """A robot's SkillStatus."""
+        shown = SkillStatus()
+        for execution in executions:
+            shown.show(execution)
+        types, values = shown.fields()
+        message = DataSetMessage(status_id, types=types, values=values)
+        metadata = DataSetMetaData("skill status", SKILL_STATUS_FIELDS, ConfigurationVersion(1, 1))
+        self.service.heard(DataReceived(Topic(2, 2, status_id), message, metadata))
+
     def start(self, text: str = ONE, names: Sequence[str] = (), values: Sequence[str] = ()) -> str:
         return self.service.start(self.service.valid(text), names, values, "anna")
 
@@ -170,14 +180,26 @@ def test_a_robot_tells_of_its_own_executions_alone(tmp_path: Path) -> None:
     world.start()
     ((_, _, execution_id),) = world.robots.asked
     world.service.concluded(execution_id, ACCEPTED)
-    shown = SkillStatus()
-    shown.show(ExecutionStatus(execution_id, "grab", ExecutionState.DONE))
     for status_id, ended in ((1201, []), (1200, ["done"])):
-        types, values = shown.fields()
-        message = DataSetMessage(status_id, types=types, values=values)
-        metadata = DataSetMetaData("skill status", SKILL_STATUS_FIELDS, ConfigurationVersion(1, 1))
-        world.service.heard(DataReceived(Topic(2, 2, status_id), message, metadata))
+        world.hear(status_id, ExecutionStatus(execution_id, "grab", ExecutionState.DONE))
         assert world.ended() == ended
+
+
+def test_why_an_execution_failed_is_told_with_its_status_code(tmp_path: Path) -> None:
+    world = World(tmp_path)
+    world.start()
+    for status_id, status, outcome, said in (
+        (1200, StatusCode.BAD_TIMEOUT, TaskOutcome.TIMED_OUT, "stuck (BadTimeout)"),
+        (1201, StatusCode.BAD_OUT_OF_SERVICE, TaskOutcome.FAILED, "stuck (BadOutOfService)"),
+    ):
+        *_, execution_id = world.robots.asked[-1]
+        world.service.concluded(execution_id, ACCEPTED)
+        world.hear(
+            status_id, ExecutionStatus(execution_id, "grab", ExecutionState.FAILED, 0.5, "", "stuck", int(status))
+        )
+        over = [out.fact for out in world.said if isinstance(out, RunChanged) and isinstance(out.fact, TaskOver)][-1]
+        assert (over.outcome, over.message) == (outcome, said)
+    assert [fault.reason for fault in world.service.faults] == ["grab took too long", "grab failed"]
 
 
 def test_an_action_that_nobody_announces_is_refused_in_the_end(tmp_path: Path) -> None:

@@ -107,6 +107,27 @@ def test_other_outcomes_end_an_execution(kind: OutcomeKind, report: Report, move
     assert shown(ended)["CurrentState"] == (state, 0)
 
 
+@pytest.mark.parametrize(
+    ("state", "told_status", "expected"),
+    [
+        (S.FAILED, StatusCode.BAD_TIMEOUT, StatusCode.BAD_TIMEOUT),
+        (S.FAILED, StatusCode.GOOD, StatusCode.BAD_UNEXPECTED_ERROR),
+        (S.FAILED, StatusCode.UNCERTAIN, StatusCode.BAD_UNEXPECTED_ERROR),
+        (S.REFUSED, StatusCode.BAD_OUT_OF_RANGE, StatusCode.BAD_OUT_OF_RANGE),
+        (S.UNKNOWN, StatusCode.BAD_TIMEOUT, StatusCode.UNCERTAIN),
+        (S.DONE, StatusCode.UNCERTAIN, StatusCode.UNCERTAIN),
+        (S.DONE, StatusCode.BAD_TIMEOUT, StatusCode.GOOD),
+    ],
+)
+def test_the_status_of_an_end_is_what_the_bridge_says_where_that_fits_its_state(
+    state: ExecutionState, told_status: StatusCode, expected: StatusCode
+) -> None:
+    tracker = SkillTracker(model())
+    tracker.requested(TURN, FIRST, 10)
+    ended = tracker.apply(said(status(FIRST, state, status=int(told_status))), 11)
+    assert shown(ended)["LastStatus"] == (int(expected), 0)
+
+
 def test_a_failed_skill_is_halted_until_it_is_reset_or_begins_again() -> None:
     tracker = SkillTracker(model())
     tracker.requested(TURN, FIRST, 10)

@@ -5,10 +5,11 @@
 
 A driver takes part through a module here that is named in `conftest.DRIVERS` and has
 
-    NEEDS: tuple[str, ...]            parts of the system without which it is skipped (see tests/system.py)
-    WARNINGS: tuple[str, ...]         warnings of foreign packages that are no errors, as for pytest's filterwarnings
-    open_space(folder, processes)     an asynchronous context manager that gives a `harness.Space`
-    open_skilled_space(folder, processes)   the same for `harness.SkilledSpace`, where the driver's robots have skills
+    NEEDS: tuple[str, ...]                  parts of the system without which it is skipped (see tests/system.py)
+    WARNINGS: tuple[str, ...]               warnings of foreign packages that are no errors (pytest's filterwarnings)
+    open_space(folder, processes)           an asynchronous context manager for a `harness.Space`: robots with topics
+    open_mapped_space(folder, processes)    the same for a `harness.MappedSpace`: robots without topics
+    open_skilled_space(folder, processes)   the same for a `harness.SkilledSpace`: the driver's robots have skills
 
 The Space makes drivers, brings the robots' side up, and has a Robot. The robot is another process (or in memory, for
 the virtual driver) and speaks the line protocol of `harness.RobotProcess`. `virtual.py` is the shortest example.

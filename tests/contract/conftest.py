@@ -7,20 +7,23 @@ from pathlib import Path
 
 import pytest
 
-from tests.contract.harness import SkilledSpace, Space
+from tests.contract.harness import MappedSpace, SkilledSpace, Space
 from tests.system import Processes
 
 DRIVERS = {
     "virtual": "tests.contract.virtual",
     "skilled": "tests.contract.skilled",
+    "modbus": "tests.contract.modbus",
     "ros1": "tests.contract.ros1",
     "ros2": "tests.contract.ros2",
     "tcp": "tests.contract.tcp",
 }
 """Modules as the package's docstring describes them."""
+OPENS = ("open_space", "open_mapped_space", "open_skilled_space")
 OpenSpace = Callable[[Path, Processes], AbstractAsyncContextManager[Space]]
+OpenMappedSpace = Callable[[Path, Processes], AbstractAsyncContextManager[MappedSpace]]
 OpenSkilledSpace = Callable[[Path, Processes], AbstractAsyncContextManager[SkilledSpace]]
-DEFAULT = "virtual,skilled,ros2,tcp"
+DEFAULT = "virtual,skilled,modbus,ros2,tcp"
 """What can run in the main environment: rospy and rclpy cannot share one interpreter."""
 
 
@@ -29,7 +32,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
-    opens = next((name for name in ("open_space", "open_skilled_space") if name in metafunc.fixturenames), None)
+    opens = next((name for name in OPENS if name in metafunc.fixturenames), None)
     if opens is None:
         return
     chosen = str(metafunc.config.getoption("--drivers", default=DEFAULT))  # unknown when tests/ is run as a whole
@@ -58,6 +61,22 @@ async def space(absent_space: Space) -> Space:
     """The space of one driver, with a robot in it."""
     absent_space.appear()
     return absent_space
+
+
+@pytest.fixture
+async def absent_mapped_space(
+    open_mapped_space: OpenMappedSpace, tmp_path: Path, processes: Processes
+) -> AsyncIterator[MappedSpace]:
+    """The space of a driver whose robots have no topics, with its robot not up yet."""
+    async with open_mapped_space(tmp_path, processes) as opened:
+        yield opened
+
+
+@pytest.fixture
+async def mapped_space(absent_mapped_space: MappedSpace) -> MappedSpace:
+    """The same, with a robot in it."""
+    absent_mapped_space.appear()
+    return absent_mapped_space
 
 
 @pytest.fixture

@@ -27,6 +27,8 @@ __all__ = [
     "WORK",
     "WORK_ID",
     "Kind",
+    "MappedRobot",
+    "MappedSpace",
     "Recorder",
     "Robot",
     "RobotProcess",
@@ -130,6 +132,52 @@ class Space(Protocol):
 
     def appear(self) -> None:
         """Bring the robots' side up."""
+        ...
+
+
+class MappedRobot(Protocol):
+    """A robot without topics: it has values, and takes values, that `fleet.yaml` names."""
+
+    def show(self, topic: Topic, values: Sequence[Any]) -> None:
+        """Have other values, in the order of the source's fields.
+
+        Returns once the driver can have seen them: what a driver has to ask for is there until it has asked.
+        """
+        ...
+
+    def taken(self, topic: Topic) -> list[tuple[Any, ...]]:
+        """What came in for a sink, in the order of its fields and of its coming."""
+        ...
+
+    def leave(self) -> None:
+        """Be gone, with all its sources."""
+        ...
+
+    def come_back(self) -> None:
+        """Be there again."""
+        ...
+
+
+class MappedSpace(Protocol):
+    """A space without UA topics: what is read and written stands in the driver's configuration."""
+
+    number: int
+    sources: Mapping[Topic, Kind]
+    """What is read from the robot: at least one NUMBER, TEXT and TWIST; the first is a NUMBER."""
+    sinks: Mapping[Topic, Kind]
+    """What other spaces' data is written to the robot: at least one NUMBER and one TWIST."""
+
+    @property
+    def robot(self) -> MappedRobot:
+        """The robot; there once the space has appeared."""
+        ...
+
+    def make_driver(self) -> Driver:
+        """A new driver for this space, not started."""
+        ...
+
+    def appear(self) -> None:
+        """Bring the robot up."""
         ...
 
 

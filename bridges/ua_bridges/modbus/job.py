@@ -1,0 +1,285 @@
+"""The executions that go through one handshake of a device, one at a time."""
+
+from __future__ import annotations
+
+import contextlib
+import time
+from collections import deque
+from collections.abc import Callable, Mapping, Sequence
+from typing import Final, Protocol
+
+from ua_bridges.modbus.handshake import Phase, SkillRegisters, StatusWords, next_number, phase_of
+from ua_bridges.modbus.link import NoAnswer, RequestFailed
+from ua_bridges.modbus.memory import Given, HandshakeMemory
+from ua_bridges.modbus.sinks import BitWrite, Writing
+from ua_bridges.modbus.sources import ReadPlan
+from ua_fleet.bridge.driver import DriverEvent, Execution, ExecutionEnded, ExecutionForgotten, ExecutionNotBegun
+from ua_fleet.bridge.executing import Ended, Executing, ended_text
+from ua_fleet.errors import LocalWireError, SkillRejected, StorageUnavailable
+from ua_fleet.registers import Cell, RegisterUnfit, Span
+from ua_fleet.skill.executions import pack, unpack
+from ua_fleet.values import StatusCode
+
+__all__ = ["DeviceRequests", "Handshake", "check_can_halt"]
+
+_HALTED_S: Final = 5.0
+"""So long a program that was told to stop has to end what it does."""
+
+
+class DeviceRequests(Protocol):
+    """What a handshake needs of its device; each raises RequestFailed."""
+
+    async def read_plan(self, plan: ReadPlan) -> Mapping[Span, Sequence[Cell]]:
+        """All cells of a plan."""
+        ...
+
+    async def write(self, write: Writing | BitWrite) -> None:
+        """Write; after NoAnswer the device may have it or not."""
+        ...
+
+
+class _Job:
+    def __init__(self, registers: SkillRegisters, execution: Execution, writes: Sequence[Writing | BitWrite]) -> None:
+        self.registers, self.execution, self.writes = registers, execution, writes
+        self.number = self.before = 0
+        self.is_begun = False
+        """Whether the request may be in the device."""
+        self.accept_by: float | None = None
+        self.is_withdrawn = False
+        self.is_halting = False
+        self.halt_written = False
+
+    @property
+    def id(self) -> bytes:
+        """The execution's."""
+        return self.execution.execution_id
+
+
+class Handshake:
+    """One request register, and the skills that use it. All but `reserve` in the thread of the device."""
+
+    def __init__(
+        self,
+        name: str,
+        memory: HandshakeMemory,
+        executing: Executing,
+        put: Callable[[DriverEvent], None],
+        free: Callable[[bytes], None],
+    ) -> None:
+        """Make one that is idle.
+
+        Args:
+            name: the device and its request register; what is remembered is kept under it.
+            memory: of executions that were given to devices.
+            executing: those under way.
+            put: takes the facts about them.
+            free: told when an execution needs the handshake no longer.
+        """
+        self._name, self._memory, self._executing, self._put, self._free = name, memory, executing, put, free
+        self._job: _Job | None = None
+        self._asked: deque[_Job] = deque()
+        self.due = 0.0
+
+    @property
+    def is_idle(self) -> bool:
+        """Whether there is nothing to do."""
+        return self._job is None
+
+    def begin(self, registers: SkillRegisters, execution: Execution, writes: Sequence[Writing | BitWrite]) -> None:
+        """Give an execution to the device at the next turn."""
+        self._executing.begin(registers.skill, execution, time.monotonic())
+        self._start(_Job(registers, execution, writes))
+
+    def ask(self, registers: SkillRegisters, execution: Execution) -> None:
+        """Find out what became of an execution of a run before."""
+        given = self._memory.find(execution.execution_id)
+        if given is None:
+            if self._memory.is_new:
+                self._put(ExecutionForgotten(execution.execution_id, "the bridge's record of it is gone"))
+            else:
+                self._put(ExecutionNotBegun(execution.execution_id))
+            self._free(execution.execution_id)
+            return
+        if given.status is not None:
+            values = tuple([variant.value for variant in unpack(given.result)])
+            self._put(ExecutionEnded(given.execution_id, given.status, values, given.message))
+            self._free(execution.execution_id)
+            return
+        last = self._memory.last(self._name)
+        if last is None or last.execution_id != given.execution_id:
+            self._put(ExecutionForgotten(given.execution_id, "the device was given another one after it"))
+            self._free(execution.execution_id)
+            return
+        self._executing.begin(registers.skill, execution, time.monotonic())
+        job = _Job(registers, execution, ())
+        job.number, job.before, job.is_begun = given.number, given.before, True
+        self._start(job)
+
+    def halt(self, execution_id: bytes) -> None:
+        """Stop an execution at the next turn."""
+        if self._job is not None and self._job.id == execution_id:
+            self._job.is_halting = True
+            self.due = 0.0
+
+    async def turn(self, device: DeviceRequests, now: float) -> None:
+        """Do the next step. Raises NoAnswer where the device is silent; then the turn is to be repeated."""
+        job = self._job
+        if job is None:
+            return
+        self.due = now + job.registers.via.poll_s
+        try:
+            words = await self._words(device, job)
+            if not job.is_begun:
+                await self._give(device, job, words, now)
+            else:
+                await self._follow(device, job, words, now)
+        except NoAnswer:
+            self._check_time(job, now)
+            raise
+        except RequestFailed as failed:
+            self._refused(job, failed)
+
+    def check_time(self, now: float) -> None:
+        """End what takes too long while the device cannot be asked."""
+        if self._job is not None:
+            self._check_time(self._job, now)
+
+    async def _words(self, device: DeviceRequests, job: _Job) -> StatusWords:
+        registers = job.registers
+        cells = dict(await device.read_plan(registers.first))
+        if registers.then is not None:
+            cells.update(await device.read_plan(registers.then))
+        return registers.status(cells)
+
+    async def _give(self, device: DeviceRequests, job: _Job, words: StatusWords, now: float) -> None:
+        if words.busy:
+            self._end(job, Ended(StatusCode.BAD_INVALID_STATE, (), "the device is busy with something else"))
+            return
+        if job.is_halting:
+            self._end(job, Ended(StatusCode.BAD_REQUEST_CANCELLED_BY_CLIENT, (), "stopped before it began"))
+            return
+        for write in job.writes:
+            await device.write(write)
+        number, job.before = next_number(words), words.request
+        try:
+            self._memory.give(Given(job.id, self._name, number, job.before))
+        except StorageUnavailable as error:
+            self._end(job, Ended(error.ua_status, (), str(error)))
+            return
+        job.number = number
+        job.is_begun, job.accept_by = True, now + job.registers.via.accept_s
+        await device.write(Writing(job.registers.request.span, (job.number,)))
+        self.due = now  # a quick program has begun already
+
+    async def _follow(self, device: DeviceRequests, job: _Job, words: StatusWords, now: float) -> None:
+        phase = phase_of(words, job.number, job.before)
+        if phase is Phase.RUNNING:
+            if job.is_halting and not job.halt_written:
+                await self._write_halt(device, job)
+            progress = job.registers.progress(await device.read_plan(job.registers.while_running))
+            self._executing.progress(job.id, progress)
+            self._check_time(job, now)
+        elif phase is Phase.DONE:
+            await self._done(device, job)
+        elif phase is Phase.FAILED:
+            text = job.registers.error(await device.read_plan(job.registers.after_error))
+            status = StatusCode.BAD_REQUEST_CANCELLED_BY_CLIENT if job.halt_written else StatusCode.BAD_UNEXPECTED_ERROR
+            self._end(job, Ended(status, (), ended_text(text)))
+        elif phase is Phase.WAITING:
+            await self._wait(device, job, now)
+        elif job.is_withdrawn:
+            self._not_taken(job)
+        elif phase is Phase.NEVER_WRITTEN:
+            self._never_written(job)
+        else:
+            self._forget(job, "the device's words are about something else; see what it did")
+
+    async def _wait(self, device: DeviceRequests, job: _Job, now: float) -> None:
+        """The request is there and the program has not taken it."""
+        if job.accept_by is None:
+            job.accept_by = now + job.registers.via.accept_s
+        if now < job.accept_by and not job.is_halting:
+            return
+        await device.write(Writing(job.registers.request.span, (job.before,)))
+        job.is_withdrawn = True
+        # A program that had read the request in this very moment says so within its next cycle.
+        self.due = now + max(2 * job.registers.via.poll_s, 0.2)
+
+    def _never_written(self, job: _Job) -> None:
+        if job.accept_by is None:  # asked about: a bridge before us recorded it, and got no farther
+            self._executing.never(job.id)
+            self._finish(job)
+        else:
+            self._end(job, Ended(StatusCode.BAD_TIMEOUT, (), "the request did not arrive in the device"))
+
+    def _not_taken(self, job: _Job) -> None:
+        if job.is_halting:
+            self._end(job, Ended(StatusCode.BAD_REQUEST_CANCELLED_BY_CLIENT, (), "stopped before it began"))
+        else:
+            text = f"the device did not begin within {job.registers.via.accept_s:g} s; is its program running?"
+            self._end(job, Ended(StatusCode.BAD_TIMEOUT, (), text))
+
+    async def _done(self, device: DeviceRequests, job: _Job) -> None:
+        try:
+            values = job.registers.results(await device.read_plan(job.registers.after_done))
+        except RegisterUnfit as unfit:
+            self._end(job, Ended(StatusCode.UNCERTAIN, (), f"it is done; {unfit.reason}"))
+            return
+        self._end(job, Ended(StatusCode.GOOD, values))
+
+    async def _write_halt(self, device: DeviceRequests, job: _Job) -> None:
+        halt = job.registers.halt
+        assert halt is not None, "checked before"
+        await device.write(Writing(halt.span, (job.number,)))
+        job.halt_written = True
+
+    def _check_time(self, job: _Job, now: float) -> None:
+        opened = self._executing.get(job.id)
+        if opened is None or now < opened.deadline:
+            return
+        if job.registers.halt is not None and not job.is_halting:
+            job.is_halting = True
+            opened.deadline = now + _HALTED_S
+            return
+        text = f"it takes longer than {job.registers.skill.config.timeout_s:g} s; see what the device does"
+        self._end(job, Ended(StatusCode.BAD_TIMEOUT, (), text))
+
+    def _refused(self, job: _Job, failed: RequestFailed) -> None:
+        """The device refuses a request that has to do with the execution."""
+        if job.is_begun:
+            self._forget(job, f"what became of it cannot be read: {failed.reason}")
+        else:
+            self._end(job, Ended(failed.status, (), failed.reason))
+
+    def _end(self, job: _Job, ended: Ended) -> None:
+        if job.number:
+            types = tuple([result.type.builtin for result in job.registers.skill.config.results.values()])
+            try:
+                result = pack(types, ended.values) if ended.values else b""
+            except (LocalWireError, ValueError):
+                ended, result = Ended(StatusCode.UNCERTAIN, (), "it is done; the results do not fit"), b""
+            with contextlib.suppress(StorageUnavailable):  # the device still shows it, and the bridge records it too
+                self._memory.end(job.id, ended.status, ended.message, result)
+        self._executing.end(job.id, ended)
+        self._finish(job)
+
+    def _forget(self, job: _Job, why: str) -> None:
+        self._executing.forget(job.id, why)
+        self._finish(job)
+
+    def _start(self, job: _Job) -> None:
+        if self._job is None:
+            self._job, self.due = job, 0.0
+        else:
+            self._asked.append(job)
+
+    def _finish(self, job: _Job) -> None:
+        self._free(job.id)
+        self._job = self._asked.popleft() if self._asked else None
+        self.due = 0.0
+
+
+def check_can_halt(registers: SkillRegisters) -> None:
+    """Raises SkillRejected for a skill that cannot be stopped."""
+    if registers.halt is None:
+        raise SkillRejected(f"{registers.skill.label} cannot be stopped: fleet.yaml names no `halt` for it")

@@ -1,0 +1,111 @@
+"""The server of a simulated PLC: pymodbus over TCP, TLS or a serial line, on the memory of `memory.py`."""
+
+from __future__ import annotations
+
+import ssl
+from collections.abc import Mapping
+from typing import Final, Protocol
+
+from pymodbus import FramerType
+from pymodbus.constants import ExcCodes
+from pymodbus.server import ModbusSerialServer, ModbusTcpServer, ModbusTlsServer
+from pymodbus.simulator import DataType, SimData, SimDevice
+
+from ua_bridges.modbus.simulator.memory import Memory
+from ua_fleet.registers import Cell, Span, Table
+
+__all__ = ["PlcServer", "make_server"]
+
+_TABLES: Final = {
+    1: Table.COIL,
+    2: Table.DISCRETE,
+    3: Table.HOLDING,
+    4: Table.INPUT,
+    5: Table.COIL,
+    6: Table.HOLDING,
+    15: Table.COIL,
+    16: Table.HOLDING,
+    22: Table.HOLDING,
+    23: Table.HOLDING,
+}
+"""Which table each function is about (MODBUS Application Protocol 1.1b3, 6)."""
+
+
+class PlcServer(Protocol):
+    """What is used of a server."""
+
+    async def serve_forever(self, *, background: bool = False) -> None:
+        """Listen."""
+        ...
+
+    async def shutdown(self) -> None:
+        """Hang up on all."""
+        ...
+
+
+class _Memories:
+    """What pymodbus asks for data: see its SimCore."""
+
+    def __init__(self, units: Mapping[int, Memory]) -> None:
+        self._units = units
+
+    def device_ids(self) -> list[int]:
+        """The units that there are."""
+        return list(self._units)
+
+    async def async_getValues(  # noqa: N802 - the name is pymodbus's
+        self, device_id: int, func_code: int, address: int, count: int = 1
+    ) -> list[Cell] | ExcCodes:
+        """What lies at the addresses."""
+        memory, span = self._units.get(device_id), Span(_TABLES[func_code], address, count)
+        if memory is None:
+            return ExcCodes.GATEWAY_NO_RESPONSE
+        if not memory.has(span):
+            return ExcCodes.ILLEGAL_ADDRESS
+        cells = memory.cells(span)
+        memory.on_read(span)
+        return cells
+
+    async def async_setValues(  # noqa: N802 - the name is pymodbus's
+        self, device_id: int, func_code: int, address: int, values: list[int] | list[bool]
+    ) -> ExcCodes | None:
+        """Lay values at the addresses."""
+        memory, span = self._units.get(device_id), Span(_TABLES[func_code], address, len(values))
+        if memory is None:
+            return ExcCodes.GATEWAY_NO_RESPONSE
+        if not memory.has(span):
+            return ExcCodes.ILLEGAL_ADDRESS
+        memory.put_cells(span, values)
+        memory.on_write(span)
+        return None
+
+
+def make_server(
+    units: Mapping[int, Memory],
+    *,
+    host: str = "127.0.0.1",
+    port: int = 0,
+    tls: ssl.SSLContext | None = None,
+    tty: str | None = None,
+) -> PlcServer:
+    """A server that does not listen yet. In a running event loop.
+
+    Args:
+        units: the memory of each unit.
+        host: address to listen on.
+        port: TCP port.
+        tls: for Modbus/TCP Security.
+        tty: a serial line instead, with RTU.
+    """
+    nothing = SimDevice(0, [SimData(0, values=0, datatype=DataType.REGISTERS)])
+    server: ModbusTcpServer | ModbusSerialServer
+    if tty is not None:
+        server = ModbusSerialServer(
+            nothing, port=tty, framer=FramerType.RTU, parity="E", baudrate=19_200, ignore_missing_devices=True
+        )
+    elif tls is not None:
+        server = ModbusTlsServer(nothing, framer=FramerType.SOCKET, address=(host, port), sslctx=tls)
+    else:
+        server = ModbusTcpServer(nothing, address=(host, port))
+    server.context = _Memories(units)  # type: ignore[assignment]  # it uses these three methods alone
+    return server

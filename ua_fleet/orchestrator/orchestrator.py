@@ -305,7 +305,18 @@ class Orchestrator:
                 case OpenDecision():
                     self._decide(run_id, effect, now)
                 case AskOperator():
-                    self._outputs.append(OperatorAsked(run_id, effect.step, effect.task, effect.robot, effect.question))
+                    self._executions[effect.execution_id] = run_id  # its robot may tell later
+                    self._outputs.append(
+                        OperatorAsked(
+                            run_id,
+                            effect.step,
+                            effect.task,
+                            effect.robot,
+                            effect.question,
+                            effect.skill,
+                            effect.execution_id,
+                        )
+                    )
 
     def _happened(self, run_id: str, fact: Fact, now: float) -> None:
         self._outputs.append(RunChanged(run_id, fact))

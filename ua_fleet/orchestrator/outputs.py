@@ -57,13 +57,15 @@ class DecisionChanged:
 
 @dataclass(frozen=True, slots=True)
 class OperatorAsked:
-    """A person has to say what became of a task."""
+    """A person has to say what became of a task, unless its robot can tell after all."""
 
     run_id: str
     step: str
     task: str
     robot: str
     question: str
+    skill: str
+    execution_id: str
 
 
 @dataclass(frozen=True, slots=True)

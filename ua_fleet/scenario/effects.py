@@ -72,12 +72,14 @@ class OpenDecision:
 
 @dataclass(frozen=True, slots=True)
 class AskOperator:
-    """Only a person can tell. Answer: `answered`."""
+    """Only a person can tell. Answer: `answered`; or `ended`, where the robot can tell after all."""
 
     step: str
     task: str
     robot: str
     question: str
+    skill: str
+    execution_id: str
 
 
 Effect = Happened | WantRobot | ReleaseRobot | StartTask | CancelTask | OpenDecision | AskOperator

@@ -71,6 +71,7 @@ CLOSING_GRACE_S: Final = 10.0
 
 _NAMESPACE: Final = uuid.UUID("6f2c4f0e-4f6c-5d0e-9a57-0b8c5d3f7a11")
 _ACTIVE: Final = (TaskPhase.ASSIGNED, TaskPhase.ACCEPTED)
+_ANSWERABLE: Final = (*_ACTIVE, TaskPhase.ASKED)
 _AFTER_UNKNOWN: Final = {OnUnknown.ASK: Then.ASK, OnUnknown.RETRY: Then.RETRY, OnUnknown.FAIL: Then.REPLACE}
 
 
@@ -181,12 +182,16 @@ class Run:
         message: str = "",
         results: Mapping[str, Value] | None = None,
     ) -> list[Effect]:
-        """A robot's execution has ended. What does not belong to a task in hand is ignored: too late, or twice."""
+        """A robot's execution has ended; an open question about it is answered. Too late, or twice: it is ignored."""
 
         def take(moment: Moment) -> None:
-            step, task_run = self._active(execution_id)
-            if task_run is not None:
-                self._over(step, task_run, outcome, message, results or {}, moment)
+            step, task_run = self._active(execution_id, _ACTIVE if outcome is TaskOutcome.UNKNOWN else _ANSWERABLE)
+            if task_run is None:
+                return
+            said = message
+            if task_run.phase is TaskPhase.ASKED:
+                said = f"{task_run.robot} has told after all: {message or outcome.value}; nobody need answer"
+            self._over(step, task_run, outcome, said, results or {}, moment)
 
         return self._after(now, take)
 
@@ -418,7 +423,9 @@ class Run:
             )
         elif task_run.phase is TaskPhase.ASKED:
             question = f"was {task_run.name} ({task_run.skill} on {task_run.robot}) done? {task_run.reason}"
-            moment.effects.append(AskOperator(step, task_run.name, task_run.robot, question))
+            moment.effects.append(
+                AskOperator(step, task_run.name, task_run.robot, question, task_run.skill, task_run.execution_id)
+            )
 
     def _replace(self, step: str, robot: str, reason: str, moment: Moment) -> None:
         """Look for another robot for a task that waits."""
@@ -434,10 +441,10 @@ class Run:
                 moment.effects.append(CancelTask(task_run.execution_id, task_run.robot))
                 self._over(step, task_run, TaskOutcome.TIMED_OUT, f"not done in {timeout_s:g} s", {}, moment)
 
-    def _active(self, execution_id: str) -> tuple[str, TaskRun | None]:
+    def _active(self, execution_id: str, phases: tuple[TaskPhase, ...] = _ACTIVE) -> tuple[str, TaskRun | None]:
         step = self.state.executions.get(execution_id, "")
         task_run = self.state.tasks.get(step)
-        if task_run is None or task_run.execution_id != execution_id or task_run.phase not in _ACTIVE:
+        if task_run is None or task_run.execution_id != execution_id or task_run.phase not in phases:
             return step, None
         return step, task_run
 

@@ -340,3 +340,35 @@ def test_a_task_whose_argument_has_no_value_fails_with_the_reason() -> None:
     world = owner("  - {task: a, robot: ned, skill: pick, arguments: {x: =nowhere.there + 1}}\n")
     world.go()
     assert world.log == ["0 failed task a: nowhere.there is not known"]
+
+
+@pytest.mark.parametrize(
+    ("outcome", "log"),
+    [
+        (TaskOutcome.DONE, ["0 ned pick", "10 done"]),
+        (TaskOutcome.FAILED, ["0 ned pick", "10 ur3 pick", "11 done"]),
+        (TaskOutcome.REFUSED, ["0 ned pick", "10 ur3 pick", "11 done"]),
+    ],
+)
+@pytest.mark.parametrize("killed", [False, True])
+def test_a_robot_that_can_tell_later_answers_the_question(
+    outcome: TaskOutcome, log: list[str], *, killed: bool
+) -> None:
+    world = owner("  - {task: a, robot: ned, skill: pick}\n  - {if: a.weight > 1, then: [{wait: 0.1}]}\n")
+    world.skills["ned", "pick"] = Skill(outcome=TaskOutcome.UNKNOWN)
+    world.skills["ur3", "pick"] = Skill(results={"weight": 0.5})
+    world.stand_in = lambda decision: "ur3"
+    world.go(5)
+    if killed:
+        world.restart()
+    question = world.questions[-1]
+    assert (question.skill, len(question.execution_id)) == ("pick", 32)
+    world.now = 10
+    assert not world.run.ended(question.execution_id, TaskOutcome.UNKNOWN, 10)
+    world.tell(world.run.ended(question.execution_id, outcome, 10, results={"weight": 0.5}))
+    over = [fact for fact in world.facts(TaskOver) if isinstance(fact, TaskOver)]
+    assert over[1].message == f"ned has told after all: {outcome.value}; nobody need answer"
+    with pytest.raises(ScenarioError, match="nobody is asked"):
+        world.run.answered(question.step, "retry", "anna", 10)
+    world.go()
+    assert world.log == log

@@ -85,7 +85,7 @@ def question_event(record: RunRecord, asked: OperatorAsked) -> Told:
         "Step": asked.step,
         "Task": asked.task,
         "Robot": asked.robot,
-        "Skill": "",
+        "Skill": asked.skill,
         "Outcome": "",
         "Detail": asked.question,
     }

@@ -17,7 +17,7 @@ import structlog
 from ua_fleet.errors import RobotOffline, SkillError, StorageUnavailable
 from ua_fleet.fleet.model import RobotModel
 from ua_fleet.fleet.skills import SkillModel
-from ua_fleet.orchestrator import TaskCancelled, TaskStarted
+from ua_fleet.orchestrator import OperatorAsked, TaskCancelled, TaskStarted
 from ua_fleet.pubsub.events import DataReceived
 from ua_fleet.scenario import Value
 from ua_fleet.scenario.facts import TaskOutcome
@@ -116,17 +116,31 @@ class TaskRequests:
             self._status_topics.discard(robot.skill_status)
             self._shown.pop(robot.skill_status, None)
 
-    def begin(self, task: TaskStarted) -> None:
-        """Ask a robot, once: after a restart the same execution id is the same request."""
-        robot = self._robots.get(task.robot)
-        skill = next((skill for skill in robot.skills if skill.name == task.skill), None) if robot is not None else None
+    def _know(self, execution_id: str, robot_name: str, skill_name: str) -> Topic | None:
+        """Listen for an execution; the SkillStatus of its robot, None where there is no such skill any more."""
+        robot = self._robots.get(robot_name)
+        skill = next((skill for skill in robot.skills if skill.name == skill_name), None) if robot is not None else None
         if robot is None or skill is None or robot.skill_status is None:
-            self._ended(task.execution_id, TaskOutcome.REFUSED, f"{task.robot} has no skill {task.skill}", {})
-            return
-        self._skills[task.execution_id], self._told_by[task.execution_id] = skill, robot.skill_status
+            return None
+        self._skills[execution_id], self._told_by[execution_id] = skill, robot.skill_status
         if len(self._skills) > MOST_EXECUTIONS:
             oldest, _ = self._skills.popitem(last=False)
             del self._told_by[oldest]
+        return robot.skill_status
+
+    def follow(self, asked: OperatorAsked) -> None:
+        """Nobody could tell what became of an execution; listen whether its robot can after all. Asks for nothing."""
+        status = self._know(asked.execution_id, asked.robot, asked.skill)
+        shown = self._shown.get(status, {}).get(asked.execution_id) if status is not None else None
+        if shown is not None:
+            self._take_state(asked.execution_id, *shown)
+
+    def begin(self, task: TaskStarted) -> None:
+        """Ask a robot, once: after a restart the same execution id is the same request."""
+        status = self._know(task.execution_id, task.robot, task.skill)
+        if status is None:
+            self._ended(task.execution_id, TaskOutcome.REFUSED, f"{task.robot} has no skill {task.skill}", {})
+            return
         execution_id = bytes.fromhex(task.execution_id)
         try:
             outcome = self._requests.known_outcome(execution_id)
@@ -137,7 +151,7 @@ class TaskRequests:
         else:
             if outcome is not None:
                 self.concluded(execution_id, outcome)
-        shown = self._shown.get(robot.skill_status, {}).get(task.execution_id)
+        shown = self._shown.get(status, {}).get(task.execution_id)
         if shown is not None:
             self._take_state(task.execution_id, *shown)
 

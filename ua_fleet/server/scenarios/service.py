@@ -26,6 +26,7 @@ from ua_fleet.orchestrator import (
     FaultChanged,
     FaultFound,
     Forecast,
+    OperatorAsked,
     Orchestrator,
     Output,
     ResilienceSettings,
@@ -141,7 +142,7 @@ class ScenarioService:
 
     @property
     def run_ids(self) -> list[str]:
-        """Runs that are under way."""
+        """Those that are under way."""
         return list(self._orchestrator.runs)
 
     def bridge_of(self, robot: str) -> str:
@@ -158,8 +159,7 @@ class ScenarioService:
         """
         now = self._wall_s()
         self._heard_by = self._clock() + max(5.0, 2 * self._config.pubsub.receive_timeout_s)
-        for run_id in self._journal.prune(self._config.scenarios.kept_runs):
-            _log.debug("run forgotten", run=run_id)
+        self._journal.prune(self._config.scenarios.kept_runs)
         records: list[RunRecord] = []
         stored: list[tuple[str, Scenario, list[Fact]]] = []
         for run_id, ended in self._journal.runs():
@@ -312,10 +312,8 @@ class ScenarioService:
     def raise_fault(self, robot: str, reason: str) -> None:
         """A robot, or somebody for it, says that it cannot work."""
         reason = reason.strip()[:MOST_NAME] or "it says that it cannot work"
-        self._do(
-            self._orchestrator.fault_raised(self._robot(robot).name, "robot", reason, self._wall_s()),
-            must_be_written=True,
-        )
+        outputs = self._orchestrator.fault_raised(self._robot(robot).name, "robot", reason, self._wall_s())
+        self._do(outputs, must_be_written=True)
 
     def clear_fault(self, robot: str) -> None:
         """A robot, or somebody for it, says that it can work again.
@@ -391,8 +389,8 @@ class ScenarioService:
         self._do(self._orchestrator.accepted(execution_id, self._wall_s()))
 
     def _ended(self, execution_id: str, outcome: TaskOutcome, message: str, results: Mapping[str, Value]) -> None:
-        now = self._wall_s()
-        self._do(self._orchestrator.ended(execution_id, outcome, now, message=message, results=results))
+        outputs = self._orchestrator.ended(execution_id, outcome, self._wall_s(), message=message, results=results)
+        self._do(outputs)
 
     def _found(self, found: Iterable[FaultFound]) -> None:
         for one in found:
@@ -475,6 +473,8 @@ class ScenarioService:
             self._tasks.begin(output)
         elif isinstance(output, TaskCancelled):
             self._tasks.cancel(output)
+        elif isinstance(output, OperatorAsked):
+            self._tasks.follow(output)
         self._show(output)
         if isinstance(output, RunChanged) and isinstance(output.fact, RunEnded):
             _log.info("run ended", run=output.run_id, outcome=output.fact.outcome.value, reason=output.fact.reason)

@@ -13,7 +13,7 @@ from ua_fleet.config.schema import FleetConfig
 from ua_fleet.errors import RobotOffline, ScenarioError, SkillRejected, StorageUnavailable
 from ua_fleet.fleet.changes import ValueChanged
 from ua_fleet.fleet.model import RobotState
-from ua_fleet.orchestrator import DecisionChanged, FaultChanged, Output, RunChanged
+from ua_fleet.orchestrator import DecisionChanged, FaultChanged, OperatorAsked, Output, RunChanged
 from ua_fleet.pubsub.events import DataReceived
 from ua_fleet.scenario.facts import RunEnded, TaskOutcome, TaskOver
 from ua_fleet.server.scenarios.requests import START_WITHIN_S
@@ -328,3 +328,24 @@ def test_what_is_no_text_is_no_fault(tmp_path: Path) -> None:
     world.value(1300, "x" * 1000, BuiltinType.STRING)
     (fault,) = world.service.faults
     assert len(fault.reason) == 200
+
+
+@pytest.mark.parametrize("is_restarted", [False, True])
+def test_a_robot_that_can_tell_later_answers_what_operators_were_asked(tmp_path: Path, *, is_restarted: bool) -> None:
+    world = World(tmp_path)
+    world.start()
+    *_, execution_id = world.robots.asked[0]
+    world.service.concluded(execution_id, ACCEPTED)
+    world.hear(1200, ExecutionStatus(execution_id, "grab", ExecutionState.UNKNOWN))
+    (asked,) = [output for output in world.said if isinstance(output, OperatorAsked)]
+    assert (asked.robot, asked.skill, asked.execution_id) == ("left", "grab", execution_id.hex())
+    if is_restarted:
+        world.journal.close()
+        world = World(tmp_path, world.robots)
+    world.hear(1201, ExecutionStatus(execution_id, "grab", ExecutionState.DONE))
+    assert not world.ended(), "another robot cannot know"
+    world.hear(1200, ExecutionStatus(execution_id, "grab", ExecutionState.DONE))
+    assert world.ended() == ["done"]
+    over = [out.fact for out in world.said if isinstance(out, RunChanged) and isinstance(out.fact, TaskOver)][-1]
+    assert over.message == "left has told after all: done; nobody need answer"
+    assert len(world.robots.asked) == 1

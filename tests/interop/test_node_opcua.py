@@ -18,7 +18,7 @@ CLIENT = Path(__file__).parent / "client.cjs"
 
 
 async def run_client(
-    url: str, user: str, password: str, folder: Path, *, script: Path = CLIENT
+    url: str, user: str, password: str, folder: Path, *, script: Path = CLIENT, timeout_s: float = 60
 ) -> tuple[int, str, str]:
     """Run the foreign client to its end."""
     process = await asyncio.create_subprocess_exec(
@@ -34,7 +34,7 @@ async def run_client(
         env=system.clean_environment(),
     )
     try:
-        output, errors = await asyncio.wait_for(process.communicate(), 60)
+        output, errors = await asyncio.wait_for(process.communicate(), timeout_s)
     except BaseException:
         process.kill()
         await process.wait()

@@ -32,7 +32,7 @@ class _Process:
 
 
 class Processes:
-    """Starts processes by name and ends all of them, last started first, when the context is left."""
+    """Starts processes by name and ends all of them when the context is left."""
 
     def __init__(self, log_folder: Path) -> None:
         self._log_folder = log_folder
@@ -45,8 +45,7 @@ class Processes:
     async def __aexit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        for process in reversed(self._processes.values()):
-            await self._end(process)
+        await asyncio.gather(*(self._end(process) for process in reversed(self._processes.values())))
 
     async def start(
         self,

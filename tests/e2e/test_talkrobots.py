@@ -1,0 +1,77 @@
+"""The nine tasks as a user runs them: one command, real ROS nodes, twenty times faster."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.e2e.talkrobots import demonstration
+from tests.system import Processes
+
+TASKS = ["fetch", "transport", "grasp", "approach", "take_off", "pick_left", "bring", "land", "load"]
+KINDS = {
+    *("registration", "metadata", "request", "response", "status", "token", "fault", "keep_alive", "repeat"),
+    *("telemetry", "sensor"),
+}
+COUNTED = ("registration", "request", "response", "status", "token", "fault")
+
+
+def _check_course(report: dict[str, Any]) -> None:
+    rows = report["tasks"]
+    assert sorted(row["task"] for row in rows) == sorted(TASKS)
+    assert {row["state"] for row in rows} == {"done"}
+    assert all(0 <= row["started_s"] < row["ended_s"] for row in rows)
+    by_task = {row["task"]: row for row in rows}
+    in_order = ["fetch", "transport", "grasp", "approach", "pick_left", "bring", "land", "load"]
+    for before, after in pairwise(in_order):
+        assert by_task[before]["ended_s"] <= by_task[after]["started_s"]
+    assert by_task["take_off"]["started_s"] < by_task["pick_left"]["ended_s"], "side by side"
+
+
+@pytest.mark.needs("ros1", "ros2")
+def test_the_best_robot_takes_over_by_itself(processes: Processes, tmp_path: Path) -> None:
+    with demonstration(processes, tmp_path, "--speed", "20", "--resilience", "automatic") as started:
+        report = started.finish(150)
+    _check_course(report)
+    robots = {row["task"]: row["robot"] for row in report["tasks"]}
+    assert robots == {
+        "fetch": "ridgeback",
+        "transport": "conveyor",
+        "grasp": "ur3",
+        "approach": "pioneer_1",
+        "take_off": "drone",
+        "pick_left": "ur3",
+        "bring": "pioneer_1",
+        "land": "drone",
+        "load": "ridgeback",
+    }
+    fault = report["fault"]
+    assert (fault["robot"], fault["task"], fault["replacement"]) == ("ridgeback", "approach", "pioneer_1")
+    assert 0 < fault["detected_s"] <= fault["decided_s"]
+    assert [place["robot"] for place in fault["ranking"]] == ["pioneer_1", "pioneer_2"]
+    assert sum(place["score"] for place in fault["ranking"]) == pytest.approx(1)
+    for place in fault["ranking"]:
+        assert place["per_criterion"].keys() == {"battery", "distance", "availability"}
+    assert 0 < fault["consistency_ratio"] <= 0.1
+    messages, size = report["messages"], report["bytes"]
+    assert messages.keys() == size.keys() == KINDS
+    assert sum(messages[kind] for kind in COUNTED) < 104, messages
+    assert sum(size[kind] for kind in COUNTED) < 15_100, size
+    assert messages["request"] >= 20, "each of ten executions is asked for, and its answer acknowledged"
+    assert messages["response"] >= 20
+    assert messages["sensor"] > 0
+    assert report["paper"] == {"measured": 284, "best": 251, "worst": 299}
+    printed = "\n".join(started.child.lines)
+    assert "no candidate: ridgeback has a fault: the drive does not turn" in printed
+    assert "what Eq. 12 counts" in printed
+
+
+def test_a_process_that_does_not_start_is_named_with_its_log(processes: Processes, tmp_path: Path) -> None:
+    (tmp_path / "run" / "state" / "commands.db").mkdir(parents=True)
+    with demonstration(processes, tmp_path, "--speed", "20", "--without-ros1") as started:
+        line = started.child.wait_for("ua-fleet: server ended with code", timeout_s=60)
+        assert started.child.process.wait(60) == 1
+    assert line.endswith(f"see {tmp_path / 'run' / 'log' / 'server.log'}")

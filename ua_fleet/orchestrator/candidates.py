@@ -96,7 +96,7 @@ def rank_robots(
         tasks_ahead: how many tasks a robot has ahead.
         lookup: values of robots.
     """
-    criteria = [(criterion, source) for criterion, source in settings.criteria if _applies(source, task)]
+    criteria = [(criterion, source) for criterion, source in settings.criteria if _applies(source, task, lookup)]
     criteria = criteria or list(settings.criteria)
     names = [criterion.name for criterion, _ in criteria]
     weights = weigh(names, {pair: value for pair, value in settings.judgements.items() if set(pair).issubset(names)})
@@ -131,8 +131,13 @@ def rank_robots(
     )
 
 
-def _applies(source: CriterionSource, task: TaskToDo) -> bool:
-    return not isinstance(source, DistanceFrom) or bool(task.failed) or _named_place(source, task) is not None
+def _applies(source: CriterionSource, task: TaskToDo, lookup: Lookup) -> bool:
+    if isinstance(source, DistanceFrom):
+        try:
+            _place(source, task, lookup)
+        except ValueUnknown:
+            return False  # the failed robot may be silent, and nobody is nearer to nowhere
+    return True
 
 
 def _raw_value(

@@ -30,9 +30,9 @@ from ua_fleet.scenario.effects import (
     StartTask,
     WantRobot,
 )
-from ua_fleet.scenario.expression import Expression
 from ua_fleet.scenario.facts import Fact, RunEnded, TaskOutcome, TaskOver, Then
 from ua_fleet.scenario.model import Task
+from ua_fleet.scenario.parameters import known_arguments
 from ua_fleet.scenario.state import TaskPhase
 
 __all__ = ["Forecast", "Orchestrator"]
@@ -225,7 +225,7 @@ class Orchestrator:
         forecasts: list[Forecast] = []
         for run_id, run in self.runs.items():
             for task in self._tasks_ahead(run_id, robot):
-                arguments = {name: value for name, value in task.arguments.items() if not isinstance(value, Expression)}
+                arguments = known_arguments(task, run.look_up)
                 todo = TaskToDo(task.skill, self._needs(task.skill, robot, task.capacities), arguments, robot)
                 forecasts.append(Forecast(run.state.run_id, task.name, self._ranked(todo)))
         return forecasts
@@ -341,7 +341,7 @@ class Orchestrator:
     def _want(self, run_id: str, wanted: WantRobot, now: float) -> None:
         robot = wanted.robot
         if robot is None:
-            todo = TaskToDo(wanted.skill, wanted.capacities, {}, "")
+            todo = TaskToDo(wanted.skill, wanted.capacities, self._arguments(run_id, wanted.step), "")
             ranking = self._ranked(todo)
             robot = ranking.best or self._least_busy(todo)
             if robot is None:
@@ -417,8 +417,12 @@ class Orchestrator:
 
     def _todo(self, run_id: str, asked: OpenDecision) -> TaskToDo:
         needs = self._needs(asked.skill, asked.robot, asked.capacities)
-        arguments = self.runs[run_id].state.tasks[asked.step].arguments
-        return TaskToDo(asked.skill, needs, arguments, asked.robot)
+        return TaskToDo(asked.skill, needs, self._arguments(run_id, asked.step), asked.robot)
+
+    def _arguments(self, run_id: str, step: str) -> Mapping[str, Value]:
+        """Those that a task was begun with, or would be now."""
+        run = self.runs[run_id]
+        return run.state.tasks[step].arguments or known_arguments(run.task(step), run.look_up)
 
     def _needs(self, skill: str, robot: str, capacities: tuple[str, ...]) -> tuple[str, ...]:
         """The capacities that a task needs: those that it names, and those that the skill needs on its robot."""

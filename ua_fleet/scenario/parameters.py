@@ -1,14 +1,25 @@
-"""The parameters that a run is started with."""
+"""The parameters that a run is started with, and arguments that follow from them."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 
 from ua_fleet.errors import ScenarioError
-from ua_fleet.scenario.expression import Value
-from ua_fleet.scenario.model import Scenario
+from ua_fleet.scenario.expression import Expression, Lookup, Value, ValueUnknown
+from ua_fleet.scenario.model import Scenario, Task
 
-__all__ = ["checked_parameters"]
+__all__ = ["checked_parameters", "known_arguments"]
+
+
+def known_arguments(task: Task, lookup: Lookup) -> dict[str, Value]:
+    """The arguments of a task as far as they are known before its turn comes."""
+    known: dict[str, Value] = {}
+    for name, value in task.arguments.items():
+        try:
+            known[name] = value.value(lookup) if isinstance(value, Expression) else value
+        except ValueUnknown:
+            continue
+    return known
 
 
 def checked_parameters(scenario: Scenario, given: Mapping[str, Value]) -> dict[str, Value]:

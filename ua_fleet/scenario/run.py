@@ -127,7 +127,7 @@ class Run:
 
     def again(self, now: float) -> list[Effect]:
         """After a restart: everything that was asked for and has no answer yet. Call it once, before anything else."""
-        moment = Moment(now, self._look_up)
+        moment = Moment(now, self.look_up)
         if self.state.outcome is not None:
             return []
         for step, task_run in self.state.tasks.items():
@@ -299,7 +299,7 @@ class Run:
 
     def _after(self, now: float, take: Callable[[Moment], None]) -> list[Effect]:
         """Take something in and go on from there."""
-        moment = Moment(now, self._look_up)
+        moment = Moment(now, self.look_up)
         if self.state.outcome is None:
             take(moment)
             self._advance(moment)
@@ -359,7 +359,7 @@ class Run:
 
     def _robot_for(self, step: str) -> str | None:
         """The robot that a task has been given or names, or who stands in for that one."""
-        task_run, task = self.state.tasks[step], self._task(step)
+        task_run, task = self.state.tasks[step], self.task(step)
         robot = task_run.robot if task_run.robot and task.robot is None else task.robot
         seen: set[str] = set()
         while robot is not None and robot in self.state.stand_ins and robot not in seen:
@@ -368,7 +368,7 @@ class Run:
         return robot
 
     def _assign(self, step: str, task_run: TaskRun, robot: str, moment: Moment) -> None:
-        task = self._task(step)
+        task = self.task(step)
         try:
             arguments = {
                 name: value.value(moment.lookup) if isinstance(value, Expression) else value
@@ -401,7 +401,7 @@ class Run:
         self._ask_once_more(step, task_run, moment)
 
     def _then(self, step: str, task_run: TaskRun, outcome: TaskOutcome) -> Then:
-        task = self._task(step)
+        task = self.task(step)
         if outcome is TaskOutcome.DONE:
             return Then.DONE
         if self.state.closing is not None:
@@ -417,7 +417,7 @@ class Run:
         if task_run.phase is TaskPhase.WANTED:
             self._want(step, moment)
         elif task_run.phase is TaskPhase.REPLACING:
-            task = self._task(step)
+            task = self.task(step)
             moment.effects.append(
                 OpenDecision(step, task.name, task.skill, task.capacities, task_run.robot, task_run.reason)
             )
@@ -435,7 +435,7 @@ class Run:
 
     def _end_overdue_tasks(self, moment: Moment) -> None:
         for step, task_run in list(self.state.tasks.items()):
-            timeout_s = self._task(step).timeout_s
+            timeout_s = self.task(step).timeout_s
             overdue = timeout_s is not None and moment.now >= task_run.assigned_at + timeout_s
             if overdue and task_run.phase is TaskPhase.ACCEPTED:
                 moment.effects.append(CancelTask(task_run.execution_id, task_run.robot))
@@ -450,7 +450,7 @@ class Run:
 
     def _want(self, step: str, moment: Moment) -> None:
         if not self.state.paused:
-            task = self._task(step)
+            task = self.task(step)
             robot = self._robot_for(step)
             moment.effects.append(WantRobot(step, task.name, task.skill, robot, task.capacities))
 
@@ -462,10 +462,10 @@ class Run:
             task_run.robot,
             task_run.skill,
             task_run.arguments,
-            self._task(step).timeout_s,
+            self.task(step).timeout_s,
         )
 
-    def _task(self, step: str) -> Task:
+    def task(self, step: str) -> Task:
         """The task of a step's key, without the numbers of its repetitions."""
         return self._tasks[step.partition("@")[0]]
 
@@ -478,7 +478,8 @@ class Run:
 
     # Values and facts.
 
-    def _look_up(self, name: str) -> Value:
+    def look_up(self, name: str) -> Value:
+        """A parameter, a task's result or a robot's value now; raises ValueUnknown."""
         state = self.state
         if name in state.parameters:
             return state.parameters[name]

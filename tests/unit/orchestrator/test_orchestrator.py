@@ -391,3 +391,36 @@ def test_after_a_restart_a_robot_stays_with_what_it_is_at() -> None:
     again.take(again.make.restore_all(stored, 0.0))
     again.go()
     assert again.log == ["0 b ur3 grab", "1 a ur3 grab", "1 b done", "2 a done"]
+
+
+def test_the_distance_is_to_the_place_that_the_task_names() -> None:
+    """Its own place, given as it stands or computed, and at each further replacement; not where a robot failed."""
+    world = World(Mode.OPERATOR)
+    world.values |= {"pioneer_1.x": 40.0, "pioneer_2.x": 1.0, "ridgeback.x": 45.0}
+    text = "version: 1\nname: s\nparameters: {place: {default: dock}}\nsteps:\n"
+    text += "  - {task: t, robot: ridgeback, skill: go, arguments: {to: =place}}\n"
+    world.take(world.make.start("a", scenario_of(text), {}, by="anna", now=0))
+    assert [place.robot for place in world.make.what_if("ridgeback")[0].ranking.ranked] == ["pioneer_2", "pioneer_1"]
+    world.take(world.make.fault_raised("ridgeback", "robot", "stuck", 0.5))
+
+    def ranked() -> dict[str, float]:
+        (decision,) = world.make.decisions.values()
+        column = decision.ranking.weights.names.index("distance")
+        return {place.robot: place.raw[column] for place in decision.ranking.ranked}
+
+    assert ranked() == {"pioneer_2": 1.0, "pioneer_1": 40.0}
+    world.take(world.make.confirm("a.0", "pioneer_2", "anna", 0.6)[1])
+    world.take(world.make.fault_raised("pioneer_2", "robot", "stuck", 0.7))
+    assert ranked() == {"pioneer_1": 40.0}
+
+
+def test_where_nobody_knows_where_the_task_is_the_distance_does_not_count() -> None:
+    """A robot that is silent does not say where it is; that must not leave nobody to take over."""
+    world = World()
+    world.start("a", "  - {task: t, robot: ridgeback, skill: go}\n")
+    del world.values["ridgeback.x"]
+    world.take(world.make.fault_raised("ridgeback", "silent", "it is silent", 0.5))
+    world.go()
+    assert world.log[-1] == "1 a done"
+    chosen = [change.event for change in world.decisions() if isinstance(change.event, ReplacementChosen)]
+    assert "distance" not in chosen[0].ranking.weights.names

@@ -62,6 +62,8 @@ class Course:
         self._started: float | None = None
         self._fault: _Fault | None = None
         self._times_done: dict[str, int] = {}
+        self._printed: tuple[str, ...] = ()
+        """The decision and the order of the candidates that was printed last."""
 
     def take(self, told: Told) -> list[str]:
         """Take in what was told; what people should read of it."""
@@ -152,6 +154,10 @@ class Course:
 
     def _decision(self, told: DecisionTold) -> list[str]:
         if told.state == "open":
+            order = (told.decision_id, *(place.robot for place in told.ranking.ranked))
+            if order == self._printed:
+                return []
+            self._printed = order
             asked = f"who takes over {told.task} from {told.failed or 'nobody'}?"
             return [self._line(told.at, "resilience", asked), *ranking_lines(told.ranking, self._units)]
         if told.state == "aborted":

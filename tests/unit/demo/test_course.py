@@ -1,0 +1,133 @@
+"""The course of the nine tasks, fed with what a server tells at chosen times."""
+
+from __future__ import annotations
+
+import pytest
+
+from ua_fleet.client import DecisionTold, FaultTold, RankedRobot, RankingInfo, RunTold, StepTold
+from ua_fleet.demo.talkrobots.course import TASKS, Course, ranking_lines
+
+START = 1000.0
+SPEED = 10.0
+RANKING = RankingInfo(
+    criteria=("battery", "distance"),
+    weights=(0.25, 0.75),
+    consistency_ratio=0.01,
+    ranked=(
+        RankedRobot("near", 0.6, (70.0, 1.0), (0.4, 0.667)),
+        RankedRobot("far", 0.4, (90.0, 2.0), (0.6, 0.333)),
+    ),
+    excluded=(("arm", "has not the capacity mobile"),),
+)
+
+
+def at(seconds: float) -> float:
+    return START + seconds / SPEED
+
+
+def begun(task: str, robot: str, seconds: float) -> StepTold:
+    return StepTold("run", "TaskAssigned", task, robot, "go", "", {"arguments": {"to": "dock"}}, at(seconds))
+
+
+def over(task: str, robot: str, seconds: float, outcome: str = "done") -> StepTold:
+    detail = {"results": {"way": 1.23456}, "message": ""}
+    return StepTold("run", "TaskOver", task, robot, "go", outcome, detail, at(seconds))
+
+
+def decision(state: str, seconds: float, chosen: str = "", ranking: RankingInfo = RANKING) -> DecisionTold:
+    return DecisionTold("run", "run.3", state, "go", "rover", "stuck", chosen, "anna", ranking, at(seconds))
+
+
+def run(state: str, seconds: float, message: str = "") -> RunTold:
+    return RunTold("run", "nine_tasks", state, message, at(seconds))
+
+
+@pytest.fixture
+def course() -> Course:
+    made = Course("run", SPEED, {"distance": "m"})
+    made.take(run("running", 0))
+    return made
+
+
+def test_nine_tasks_each_done_once_are_a_success(course: Course) -> None:
+    for number in range(TASKS):
+        course.take(begun(f"t{number}", "rover", number))
+        course.take(over(f"t{number}", "rover", number + 0.5))
+    assert course.problems == ["the run has not succeeded: None"], "it goes on"
+    course.take(run("done", 10))
+    assert course.problems == []
+    assert course.elapsed_s == pytest.approx(10, abs=0.01)
+    rows = course.report()["tasks"]
+    assert len(rows) == TASKS
+    row = {"task": "t1", "robot": "rover", "skill": "go", "state": "done", "started_s": 1.0, "ended_s": 1.5}
+    assert rows[1] == pytest.approx(row)
+    assert course.report()["fault"] is None
+
+
+def test_a_task_that_is_missing_or_done_twice_is_a_problem(course: Course) -> None:
+    for seconds in (1, 2):
+        course.take(begun("t0", "rover", seconds))
+        course.take(over("t0", "rover", seconds + 0.5))
+    course.take(run("done", 10))
+    assert course.problems == ["t0 was done 2 times", "1 of 9 tasks were done"]
+
+
+def test_a_run_that_fails_says_why(course: Course) -> None:
+    lines = course.take(run("failed", 10, "nine_tasks run: failed: no robot can do go"))
+    assert lines == ["  10.00 s  scenario           failed: no robot can do go"]
+    assert course.problems == ["the run has not succeeded: failed: no robot can do go"]
+
+
+def test_other_runs_are_left_alone(course: Course) -> None:
+    assert course.take(RunTold("other", "nine_tasks", "failed", "", at(3))) == []
+    assert course.outcome is None
+
+
+def test_a_fault_its_ranking_and_the_choice(course: Course) -> None:
+    course.take(begun("go", "rover", 1))
+    fault = FaultTold("rover.announced", "rover", "announced", "stuck", True, False, at(2))
+    assert course.take(fault) == ["   2.00 s  rover              FAULT: stuck"]
+    course.take(over("go", "rover", 2, "fault"))
+    asked = course.take(decision("open", 2.5))
+    assert asked[0] == "   2.50 s  resilience         who takes over go from rover?"
+    assert asked[1:] == ranking_lines(RANKING, {"distance": "m"})
+    course.take(decision("chosen", 3, "near"))
+    course.take(begun("go", "near", 3.5))
+    course.take(over("go", "near", 4))
+    report = course.report()
+    assert report["tasks"][0]["robot"] == "near"
+    assert report["tasks"][0]["state"] == "done"
+    assert report["fault"] == {
+        "robot": "rover",
+        "task": "go",
+        "detected_s": pytest.approx(2),
+        "replacement": "near",
+        "decided_s": pytest.approx(3),
+        "ranking": [
+            {"robot": "near", "score": 0.6, "per_criterion": {"battery": 0.4, "distance": 0.667}},
+            {"robot": "far", "score": 0.4, "per_criterion": {"battery": 0.6, "distance": 0.333}},
+        ],
+        "consistency_ratio": 0.01,
+    }
+    ended = FaultTold("rover.announced", "rover", "announced", "stuck", False, False, at(5))
+    assert course.take(ended) == ["   5.00 s  rover              is repaired (it was: stuck)"]
+
+
+def test_a_ranking_is_printed_again_only_when_its_order_changes(course: Course) -> None:
+    assert course.take(decision("open", 1))
+    nearer = RankingInfo(
+        RANKING.criteria, RANKING.weights, RANKING.consistency_ratio, RANKING.ranked[::-1], RANKING.excluded
+    )
+    assert course.take(decision("open", 2)) == []
+    assert course.take(decision("open", 3, ranking=nearer))
+
+
+def test_a_ranking_explains_itself() -> None:
+    assert [line.strip() for line in ranking_lines(RANKING, {"distance": "m"})] == [
+        "battery      distance [m]  score",
+        "weight  0.250        0.750",
+        "near    70 -> 0.400  1 -> 0.667    0.600",
+        "far     90 -> 0.600  2 -> 0.333    0.400",
+        "consistency ratio of the judgements: 0.010 (at most 0.1)",
+        "no candidate: arm has not the capacity mobile",
+    ]

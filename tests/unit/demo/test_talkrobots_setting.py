@@ -1,0 +1,51 @@
+"""What the nine tasks are set up from fits together."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from ua_fleet.config.load import load
+from ua_fleet.config.schema import FleetConfig
+from ua_fleet.demo.site import Site
+from ua_fleet.demo.talkrobots.robots.mobile import PLACES
+from ua_fleet.demo.talkrobots.setting import ACTORS, SCENARIO, Setting, make_setting
+
+
+def site(folder: Path, *, ros1: bool, secure: bool = False) -> Site:
+    python = Path("/usr/bin/python3") if ros1 else None
+    return Site(folder, 4840, "opc.udp://224.0.2.14:4840", "secret", 11311, python, "as asked", secure)
+
+
+def made(folder: Path, *, ros1: bool, secure: bool = False, speed: float = 1.0) -> tuple[Setting, FleetConfig]:
+    said: list[str] = []
+    chosen = site(folder, ros1=ros1, secure=secure)
+    setting = make_setting(chosen, domains=range(21, 28), speed=speed, mode="operator", say=said.append)
+    assert said == ([] if ros1 else ["without ROS 1, as asked: Ridgeback runs in ROS 2 domain 21"])
+    return setting, load(chosen.config_file)
+
+
+@pytest.mark.parametrize("ros1", [True, False])
+@pytest.mark.parametrize("secure", [True, False])
+def test_the_configuration_is_valid_and_has_a_bridge_for_each_robot(tmp_path: Path, ros1: bool, secure: bool) -> None:
+    setting, config = made(tmp_path, ros1=ros1, secure=secure)
+    assert [robot.bridge for robot in config.robots.values()] == [actor.bridge for actor in ACTORS]
+    assert len({bridge.space for bridge in config.bridges.values()}) == len(ACTORS)
+    assert {actor.name: config.bridges[actor.bridge].space for actor in ACTORS} == setting.spaces
+    assert config.bridges["ridgeback_bridge"].kind == ("ros1" if ros1 else "ros2")
+    assert config.pubsub.security.value == ("sign_and_encrypt" if secure else "none")
+    assert (tmp_path / "scenarios" / f"{SCENARIO}.yaml").exists()
+
+
+def test_robots_are_ranked_by_the_places_that_they_drive_to(tmp_path: Path) -> None:
+    _, config = made(tmp_path, ros1=False)
+    distance = config.resilience.criteria["distance"].distance
+    assert distance is not None
+    assert distance.places == PLACES
+
+
+@pytest.mark.parametrize(("speed", "timeout_s"), [(0.1, 1200), (1, 120), (20, 120)])
+def test_skills_have_time_enough_at_any_speed(tmp_path: Path, speed: float, timeout_s: float) -> None:
+    _, config = made(tmp_path, ros1=False, speed=speed)
+    assert {skill.timeout_s for robot in config.robots.values() for skill in robot.skills.values()} == {timeout_s}

@@ -51,6 +51,10 @@ class RobotText:
     text: str = ""
     file: str = _FILE
     """Names the text in problems."""
+    skill: str = ""
+    """The text is about this skill alone, and ..."""
+    base: str = ""
+    """... the rest of the robot is what this `definition_text` says."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -135,15 +139,29 @@ def _document(said: RobotText) -> Document:
         document.problem((), f"the text is longer than {MOST_BYTES // 1024} KiB", "say less of one robot")
         return document
     document = read_document(text.encode(), said.file)
-    if "robots" in document.data:
+    if "robots" in document.data and not said.skill:
         robots = as_mapping(document.data["robots"]) or {}
         if said.name not in robots:
             document.problem(("robots",), f"there is no robot `{said.name}`", closest(said.name, list(robots)))
         document.data = {"robots": robots}
         return document
     above: KeyPath = ("robots", said.name)
+    data = document.data
+    if said.skill:
+        above = (*above, "skills", said.skill)
+        data = _with_skill(said, data)
     places = {(): document.places[()], **{(*above, *path): place for path, place in document.places.items()}}
-    return Document({"robots": {said.name: document.data}}, places, {}, document.problems)
+    return Document({"robots": {said.name: data}}, places, {}, document.problems)
+
+
+def _with_skill(said: RobotText, skill: dict[str, Any]) -> dict[str, Any]:
+    """A robot with one more skill, or another one: it has what the skill needs, and keeps its id."""
+    robot: dict[str, Any] = dict(json.loads(said.base)["robots"][said.name]) if said.base else {}
+    skills: dict[str, Any] = dict(robot.get("skills", {}))
+    before: dict[str, Any] = skills.get(said.skill, {})
+    skills[said.skill] = {**({"id": before["id"]} if "id" in before else {}), **skill}
+    needs: list[Any] = list(skill["needs"]) if isinstance(skill.get("needs"), list) else []
+    return {**robot, "skills": skills, "capacities": list(dict.fromkeys([*robot.get("capacities", []), *needs]))}
 
 
 def _check_name(document: Document, name: str, path: KeyPath) -> None:

@@ -28,7 +28,8 @@ from ua_fleet.server.key_service.service import KeyService
 from ua_fleet.server.nodeset import load_types
 from ua_fleet.server.projection import Projection
 from ua_fleet.server.robots.roster import Roster
-from ua_fleet.server.robots.setup import add_roster
+from ua_fleet.server.robots.router import SkillRouter
+from ua_fleet.server.robots.setup import add_roster, make_offers
 from ua_fleet.server.scenarios.setup import add_scenarios
 from ua_fleet.server.skills.events import tell_transition
 from ua_fleet.server.skills.methods import SkillMethods
@@ -44,6 +45,8 @@ __all__ = ["application_uri", "run_server"]
 
 JOURNAL: Final = "commands.db"
 """In the server's `state_dir`: what it asked robots to do."""
+OFFERS_JOURNAL: Final = "offers.db"
+"""In the server's `state_dir`: what clients were asked to do."""
 REGISTRY: Final = "robots.db"
 """In the server's `state_dir`: robots that were registered or announced."""
 RUN_JOURNAL: Final = "runs.db"
@@ -115,9 +118,11 @@ async def run_server(
             rule=rule,
             sent=sent,
         )
+        offers = make_offers(hub, stack.enter_context(SqliteJournal(state_dir / OFFERS_JOURNAL)))
+        requests = SkillRouter(hub.skills, offers)
         methods = SkillMethods(
             server,
-            hub.skills,
+            requests,
             hub.tracker,
             put=hub.show_skills,
             clock=asyncio.get_running_loop().time,
@@ -127,8 +132,8 @@ async def run_server(
             methods.add(robot)
         runs = stack.enter_context(RunJournal(state_dir / RUN_JOURNAL))
         folder = config_dir / config.scenarios.folder
-        scenarios = add_scenarios(config, model, server, hub, nodes, runs, projection, folder)
-        add_roster(roster, server, hub, nodes, projection, methods, scenarios)
+        scenarios = add_scenarios(config, model, server, hub, nodes, runs, projection, folder, requests)
+        add_roster(roster, offers, server, hub, nodes, projection, methods, scenarios)
         server.gate = ClientWrites(hub.commands, nodes, hub.publish, hub.flush_soon, wall_ticks)
         try:
             await hub.start()
@@ -138,6 +143,7 @@ async def run_server(
                 ready(server.endpoint.geturl())
             await hub.run()
         finally:
+            server.context.departed.clear()  # that clients are gone now says nothing of them
             await hub.close()
     finally:
         stack.close()

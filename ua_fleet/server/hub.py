@@ -90,6 +90,18 @@ class Announced(Protocol):
         ...
 
 
+class Clock(Protocol):
+    """What has to be called in time."""
+
+    def poll(self) -> None:
+        """Do what is due."""
+        ...
+
+    def due_in_s(self) -> float | None:
+        """After how many seconds `poll` is to be called next, or None."""
+        ...
+
+
 class Hub:
     """Carries data between a transport and the nodes until it is cancelled."""
 
@@ -157,12 +169,13 @@ class Hub:
             sooner=self.check_deadline,
             wall_ticks=wall_ticks,
             must_be_verified=self._envelope.mode is not SecurityMode.NONE,
-            told=self._concluded,
+            told=self.concluded,
         )
         self.tracker = SkillTracker(model)
         """What is known of executions."""
         self._scenarios: tuple[ScenarioService, ScenarioView] | None = None
         self._roster: Announced | None = None
+        self._clocks: list[Clock] = []
         self._sooner = asyncio.Event()
         self._wake_at = 0.0
         self._next_tick = 0.0
@@ -175,6 +188,10 @@ class Hub:
     def add_scenarios(self, service: ScenarioService, view: ScenarioView) -> None:
         """Run scenarios too; before `start`."""
         self._scenarios = service, view
+
+    def add_clock(self, clock: Clock) -> None:
+        """Call something in time; before `start`."""
+        self._clocks.append(clock)
 
     def add_roster(self, roster: Announced) -> None:
         """Tell of robots that bridges announce; before `start`."""
@@ -201,7 +218,7 @@ class Hub:
                 await self._keys_kept.wait_for([telemetry_group(SERVER_SPACE)])
             self.skills.resume(asyncio.get_running_loop().time())
             for action in self.tracker.actions():
-                self.skills.want(action)
+                self._want(action)
             if self._scenarios is not None:
                 self._scenarios[0].go_on()
             await self._announce()
@@ -223,7 +240,7 @@ class Hub:
         for data_set in robot.all_data_sets():
             self._handle(self._subscriber.known(data_set.topic), now)
         for action in robot.actions():
-            self.skills.want(action)
+            self._want(action)
         self.check_deadline()
 
     def remove_robot(self, robot: RobotModel) -> None:
@@ -329,13 +346,24 @@ class Hub:
                 if self._scenarios is not None and isinstance(event, DataReceived):
                     self._scenarios[0].heard(event)
 
+    def _want(self, action: Topic) -> None:
+        """See to it that a bridge announces an Action; nobody announces what clients do."""
+        if action.space != SERVER_SPACE:
+            self.skills.want(action)
+
     def _look_for_robot(self, event: MetaDataReceived) -> None:
         """A robot's SkillStatus may say what the robot is."""
         text = first_property(event.metadata, ROBOT_PROPERTY)
         if self._roster is not None and isinstance(text, str):
             self._roster.announced(event.topic, text)
 
-    def _concluded(self, execution_id: bytes, outcome: Outcome) -> None:
+    def hear(self, event: SubscriberEvent) -> None:
+        """Take what would have come by PubSub from a robot whose skills clients do."""
+        self._handle([event], asyncio.get_running_loop().time())
+        self.check_deadline()
+
+    def concluded(self, execution_id: bytes, outcome: Outcome) -> None:
+        """The outcome of a request is known, or known better."""
         self.show_skills(self.tracker.concluded(execution_id, outcome, wall_ticks()))
         if self._scenarios is not None:
             self._scenarios[0].concluded(execution_id, outcome)
@@ -384,7 +412,10 @@ class Hub:
             self._poll(loop.time())
 
     def _deadline(self) -> float:
+        now = asyncio.get_running_loop().time()
+        due = [due_in_s for clock in self._clocks if (due_in_s := clock.due_in_s()) is not None]
         deadlines = (
+            min(now + due_in_s for due_in_s in due) if due else None,
             self._subscriber.next_deadline(),
             self._publisher.next_deadline(),
             self._coalescer.next_deadline(),
@@ -405,6 +436,8 @@ class Hub:
         self.skills.poll(now)
         if self._scenarios is not None:
             self._scenarios[0].poll()
+        for clock in self._clocks:
+            clock.poll()
         for change in self._coalescer.poll(now):
             self._projection.put(change)
         if now >= self._next_tick:

@@ -181,6 +181,7 @@ class NodeParts:
         value: ua.DataValue,
         *,
         own_name: bool = False,
+        is_array: bool = False,
     ) -> None:
         """A Variable that is a member of a type, or (`own_name`) is named in the fleet."""
         self.values[key] = self.builder.add_variable(
@@ -190,6 +191,7 @@ class NodeParts:
             STANDARD["BaseDataVariableType"],
             data_type=data_type,
             value=value,
+            value_rank=1 if is_array else -1,
         )
 
     def standard(

@@ -55,6 +55,18 @@ class Called(NamedTuple):
     message: str
 
 
+async def invoke(client: Client, request: Any) -> Any:
+    """Call one Method; the CallMethodResult."""
+    results: Any = await client.uaclient.call([request])
+    return results[0]
+
+
+async def below(client: Client, node_id: str) -> list[Any]:
+    """What is below a node."""
+    node: Any = client.get_node(node_id)
+    return list(await node.get_children_descriptions())
+
+
 async def call(client: Client, owner: str, name: str, *arguments: Any) -> Called:
     """Call a Method with plain arguments; lists are arrays of texts."""
     given = [
@@ -64,7 +76,7 @@ async def call(client: Client, owner: str, name: str, *arguments: Any) -> Called
     request = ua.CallMethodRequest(
         ua.NodeId.from_string(f"ns=2;s={owner}"), ua.NodeId.from_string(f"ns=2;s={owner}.{name}"), given
     )
-    (result,) = await client.uaclient.call([request])
+    result: Any = await invoke(client, request)
     result.StatusCode.check()
     *outputs, status, message = [variant.Value for variant in result.OutputArguments]
     return Called(outputs, int(status), str(message))

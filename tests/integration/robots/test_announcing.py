@@ -10,7 +10,7 @@ import pytest
 from asyncua.client.client import Client
 
 from tests.contract.skilled import WORK
-from tests.integration.robots.conftest import MACHINE, SPACE, Yard, register, unregister
+from tests.integration.robots.conftest import MACHINE, SPACE, Yard, below, invoke, register, unregister
 from tests.integration.server_model.harness import ENGINEER, reader, ua, until
 from ua_fleet.values import StatusCode
 
@@ -26,7 +26,7 @@ MOVING = ("Id", "Number", "TransitionTime", "ExecutionId", "EndTime")
 async def tree(client: Client, node_id: str) -> dict[str, Any]:
     """Everything below a node: ids, names, classes, types, and the values that stay, but for how the robot came."""
     found: dict[str, Any] = {}
-    for child in await client.get_node(node_id).get_children_descriptions():
+    for child in await below(client, node_id):
         key = child.NodeId.to_string()
         if child.BrowseName.Name == "Origin":
             continue
@@ -45,7 +45,7 @@ async def tree(client: Client, node_id: str) -> dict[str, Any]:
 
 
 async def is_there(client: Client, node_id: str = "ns=2;s=Robots.machine.Origin") -> bool:
-    value = await client.get_node(node_id).read_data_value(raise_on_bad_status=False)
+    value: Any = await client.get_node(node_id).read_data_value(raise_on_bad_status=False)
     return bool(value.StatusCode.is_good())
 
 
@@ -59,8 +59,7 @@ async def work(client: Client) -> Any:
     request = ua.CallMethodRequest(
         ua.NodeId(WORK, 2), ua.NodeId(f"{WORK}.Start", 2), [ua.Variant("weld"), ua.Variant(0.0)]
     )
-    (result,) = await client.uaclient.call([request])
-    return result
+    return await invoke(client, request)
 
 
 @pytest.mark.parametrize("knows_bridge", [True, False])

@@ -10,12 +10,12 @@ from asyncua.client.client import Client
 from asyncua.ua.uaerrors import UaStatusCodeError
 
 from tests.contract.skilled import ENDLESS_WORK, WORK
-from tests.integration.robots.conftest import MACHINE, Yard, call, register, unregister
+from tests.integration.robots.conftest import MACHINE, Yard, below, call, invoke, register, unregister
 from tests.integration.server_model.harness import ENGINEER, OPERATOR, reader, ua, until
 
 
 async def names(client: Client, node_id: str) -> list[str]:
-    children = await client.get_node(node_id).get_children_descriptions()
+    children = await below(client, node_id)
     return sorted(child.BrowseName.Name for child in children)
 
 
@@ -23,8 +23,7 @@ async def start(client: Client, *arguments: Any) -> Any:
     request = ua.CallMethodRequest(
         ua.NodeId(WORK, 2), ua.NodeId(f"{WORK}.Start", 2), [ua.Variant(argument) for argument in arguments]
     )
-    (result,) = await client.uaclient.call([request])
-    return result
+    return await invoke(client, request)
 
 
 class Changes:

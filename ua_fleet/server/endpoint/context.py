@@ -75,6 +75,8 @@ class Context:
         default_factory=dict[ua.NodeId, Callable[[User], bool]]
     )
     """Who may call a method, where that is not an operator."""
+    departed: list[Callable[[str], None]] = field(default_factory=list[Callable[[str], None]])
+    """Called with the key of a session when it ends, and when its connection is lost."""
     encrypted_methods: set[ua.NodeId] = field(default_factory=set[ua.NodeId])
     """Methods that may be called over an encrypted channel alone."""
 

@@ -19,6 +19,7 @@ from asyncua.server.address_space import NodeData
 from ua_fleet.server.audit import summary
 from ua_fleet.server.endpoint.context import Context
 from ua_fleet.server.endpoint.request import Request, operations
+from ua_fleet.server.endpoint.sessions import current_session
 from ua_fleet.server.endpoint.stack import (
     GOOD,
     AttributeIds,
@@ -200,7 +201,7 @@ class MethodServices:
 
     async def _run(self, request: Request, implementation: Callable[..., Any], wanted: ua.CallMethodRequest) -> Any:
         arguments = [wanted.ObjectId, *(wanted.InputArguments or [])]
-        token = current_user.set(request.user)
+        token, session = current_user.set(request.user), current_session.set(request.session)
         try:
             async with asyncio.timeout(self._limits.method_s):
                 if inspect.iscoroutinefunction(implementation):
@@ -211,6 +212,7 @@ class MethodServices:
                 return await asyncio.get_running_loop().run_in_executor(pool, run)
         finally:
             current_user.reset(token)
+            current_session.reset(session)
 
 
 def _is_method(node: NodeData) -> bool:

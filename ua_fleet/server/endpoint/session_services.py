@@ -150,6 +150,7 @@ class SessionServices:
         """End a session. Subscriptions that are left wait for a transfer, as many as one session may have."""
         session.closed = True
         self._sessions.remove(session)
+        self._depart(session)
         user = session.user
         for subscription in list(session.subscriptions.values()):
             kept = user is not None and self._subscriptions.orphans(user) < self._limits.subscriptions_per_session
@@ -166,8 +167,13 @@ class SessionServices:
         for session in self._sessions.on(link):
             if session.active and session.client_certificate and session.subscriptions:
                 session.unbind()
+                self._depart(session)
             else:
                 await self.end(session, delete_subscriptions=True)
+
+    def _depart(self, session: Session) -> None:
+        for tell in self._context.departed:
+            tell(session.key)
 
     async def end_overdue(self) -> None:
         """End the sessions whose clients have been silent for too long, and those of removed users."""

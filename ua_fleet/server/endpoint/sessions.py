@@ -16,6 +16,7 @@ import time
 import uuid
 from collections import OrderedDict, deque
 from collections.abc import Iterator
+from contextvars import ContextVar
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Final, Protocol
 
@@ -28,7 +29,10 @@ from ua_fleet.server.users import User
 if TYPE_CHECKING:
     from ua_fleet.server.endpoint.subscriptions import ClientSubscription
 
-__all__ = ["Link", "PublishRequest", "Session", "Sessions"]
+__all__ = ["Link", "PublishRequest", "Session", "Sessions", "current_session"]
+
+current_session: ContextVar[Session | None] = ContextVar("current_session", default=None)
+"""The caller's session, while the implementation of a method runs."""
 
 TOKEN_BYTES: Final = 32
 NONCE_BYTES: Final = 32
@@ -92,6 +96,11 @@ class Session:
     def auth_token(self) -> ua.NodeId:
         """The AuthenticationToken, known to this client alone."""
         return opaque_id(self.token)
+
+    @property
+    def key(self) -> str:
+        """The session for other parts of the server; nobody can use it with this."""
+        return str(self.session_id.Identifier)
 
     @property
     def label(self) -> str:

@@ -16,13 +16,14 @@ from typing import Any, Final, Protocol
 import structlog
 
 from ua_fleet.config.nodes import fleet_model
-from ua_fleet.config.registration import MOST_BYTES, Definition, RobotText, read_robot
+from ua_fleet.config.registration import CLIENTS, MOST_BYTES, Definition, RobotText, read_robot
 from ua_fleet.config.schema import FleetConfig
 from ua_fleet.document import as_mapping
 from ua_fleet.errors import ConfigInvalid, StorageUnavailable, UaFleetError
 from ua_fleet.fleet.model import FleetModel, RobotModel, RobotOrigin, UnknownSources
+from ua_fleet.server.endpoint.stack import Refusal
 from ua_fleet.storage.registry import Registry, StoredRobot
-from ua_fleet.topics import Topic
+from ua_fleet.topics import SERVER_SPACE, Topic
 from ua_fleet.values import StatusCode
 
 __all__ = ["RobotFixed", "RobotInUse", "RobotUnknown", "Roster", "Taking"]
@@ -89,6 +90,8 @@ class Roster:
         self._config, self._registry, self._wall_s = config, registry, wall_s
         self._model = fleet_model(config)
         self._robots: dict[str, RobotModel] = {robot.name: robot for robot in self._model.robots}
+        self._definitions: dict[str, Definition] = {}
+        """Of those that are in no file."""
         self._ids: dict[int, str] = {
             bridge.status.topic.id: f"bridges.{bridge.name}"
             for bridge in self._model.bridges
@@ -134,6 +137,7 @@ class Roster:
             except ConfigInvalid as error:
                 _log.error("robot does not fit fleet.yaml any more", robot=stored.name, reason=str(error.problems[0]))
                 continue
+            self._definitions[stored.name] = definition
             self._keep(replace(definition.model, origin=RobotOrigin(stored.origin)))
         return replace(self._model, robots=tuple(self._robots.values()))
 
@@ -162,7 +166,7 @@ class Roster:
         definition = read_robot(said, self._config, self._owner_but(known))
         model = replace(definition.model, origin=RobotOrigin.REGISTERED)
         if known == model:
-            return known
+            return model
         if known is not None and known.origin is RobotOrigin.REGISTERED:
             raise RobotFixed(f"there is another robot {said.name}, registered before; unregister that first")
         if known is not None:
@@ -170,6 +174,52 @@ class Roster:
         self._put(definition, model, by)
         _log.info("robot registered", robot=said.name, by=by, bridge=definition.bridge or "clients")
         return model
+
+    def offer(self, name: str, skill: str, text: str, by: str, may_change: bool) -> RobotModel:
+        """The robot of clients that has a skill; one that is made, or gets the skill, where a text says what it is.
+
+        Args:
+            name: of the robot.
+            skill: name of the skill.
+            text: the keys of `robots.<robot>.skills.<skill>`; empty where it is known.
+            by: the user.
+            may_change: whether the user may change the fleet.
+
+        Raises:
+            ConfigInvalid: all that is wrong with the text.
+            RobotUnknown: without a text there is no such skill.
+            RobotFixed: it is no robot of clients.
+            RobotInUse: the skill would change, and the robot is at work.
+            Refusal: the fleet would change, and the user may not change it.
+            StorageUnavailable: it cannot be written down.
+        """
+        if not text.strip():
+            return self.of_clients(name, skill)
+        known = self._robots.get(name)
+        before = self._definitions.get(name)
+        if known is not None and (before is None or before.bridge != CLIENTS):
+            raise RobotFixed(f"robot {name} is one of a bridge, and no client does its skills")
+        said = RobotText(name, CLIENTS, text=text, skill=skill, base=before.text.text if before is not None else "")
+        definition = read_robot(said, self._config, self._owner_but(known))
+        model = replace(definition.model, origin=RobotOrigin.REGISTERED)
+        if model == known:
+            return model
+        if not may_change:
+            reason = f"{name}.{skill} is not what it was registered as, and only an engineer may change it"
+            raise Refusal(int(StatusCode.BAD_USER_ACCESS_DENIED), reason)
+        if known is not None:
+            self._check_idle(known)
+        self._put(definition, model, by)
+        _log.info("skill of clients registered", robot=name, skill=skill, by=by)
+        return model
+
+    def of_clients(self, name: str, skill: str) -> RobotModel:
+        """A robot of clients that has a skill; raises RobotUnknown."""
+        robot = self.find(name)
+        is_theirs = robot.skill_status is not None and robot.skill_status.space == SERVER_SPACE
+        if not is_theirs or skill not in [one.name for one in robot.skills]:
+            raise RobotUnknown(f"robot {name} has no skill {skill[:80]!r} that clients do; say what it is")
+        return robot
 
     def unregister(self, name: str, by: str) -> None:
         """Take a robot out of the fleet.
@@ -258,11 +308,12 @@ class Roster:
         before = self._robots.get(said.name)
         if before is not None:
             self._drop(before)
+        self._definitions[model.name] = definition
         self._keep(model)
         self._connected.take_in(model)
 
     def _drop(self, robot: RobotModel) -> None:
-        del self._robots[robot.name]
+        del self._robots[robot.name], self._definitions[robot.name]
         for number in [number for number, owner in self._ids.items() if owner == f"robots.{robot.name}"]:
             del self._ids[number]
         if robot.skill_status is not None:

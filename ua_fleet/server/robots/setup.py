@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import asyncio
+
 from ua_fleet.server.address_space import FleetNodes
 from ua_fleet.server.events import ServerEvents
 from ua_fleet.server.hardened import HardenedServer
@@ -9,16 +11,31 @@ from ua_fleet.server.hub import Hub, wall_ticks
 from ua_fleet.server.parts import NodeParts
 from ua_fleet.server.projection import Projection
 from ua_fleet.server.robots.methods import RosterMethods
+from ua_fleet.server.robots.offer_nodes import OfferNodes
+from ua_fleet.server.robots.offers import Offers
 from ua_fleet.server.robots.roster import Roster
 from ua_fleet.server.robots.taking import ServerParts
 from ua_fleet.server.scenarios.service import ScenarioService
 from ua_fleet.server.skills.methods import SkillMethods
+from ua_fleet.skill.executions import Outcome
+from ua_fleet.skill.journal import ResponderJournal
 
-__all__ = ["add_roster"]
+__all__ = ["add_roster", "make_offers"]
+
+
+def make_offers(hub: Hub, journal: ResponderJournal) -> Offers:
+    """What clients do; requests for it go through `SkillRouter`. Raises StorageUnavailable."""
+    loop = asyncio.get_running_loop()
+
+    def told(execution_id: bytes, outcome: Outcome) -> None:
+        loop.call_soon(hub.concluded, execution_id, outcome)
+
+    return Offers(journal, show=hub.hear, told=told, wall_ticks=wall_ticks)
 
 
 def add_roster(
     roster: Roster,
+    offers: Offers,
     server: HardenedServer,
     hub: Hub,
     nodes: FleetNodes,
@@ -30,6 +47,7 @@ def add_roster(
 
     Args:
         roster: of the robots that are there.
+        offers: skills that clients do.
         server: gets the Methods.
         hub: carries data.
         nodes: that are there.
@@ -38,7 +56,15 @@ def add_roster(
         scenarios: runs that may need a robot.
     """
     parts = NodeParts(server.iserver.aspace, nodes.ns)
+    parts.values = nodes.values
     events = ServerEvents(server.iserver)
-    roster.connect(ServerParts(hub, skills, projection, events, scenarios.users_of, wall_ticks))
+    roster.connect(ServerParts(hub, skills, projection, events, offers, scenarios.users_of, wall_ticks))
     RosterMethods(server, parts, roster, projection.settled).build()
+    offer_nodes = OfferNodes(server, parts, projection, roster, offers, wall_ticks)
+    offer_nodes.build()
+    offers.changed = offer_nodes.show
+    server.context.departed.append(offers.departed)
+    for robot in roster:
+        offers.follow(robot)
     hub.add_roster(roster)
+    hub.add_clock(offers)

@@ -10,6 +10,7 @@ from ua_fleet.server.events import ServerEvents
 from ua_fleet.server.hub import Hub
 from ua_fleet.server.projection import Projection
 from ua_fleet.server.robots.changes import Verb, tell_model_change
+from ua_fleet.server.robots.offers import Offers
 from ua_fleet.server.skills.executions import SkillKeys
 from ua_fleet.server.skills.methods import SkillMethods
 from ua_fleet.topics import Topic
@@ -26,6 +27,7 @@ class ServerParts:
         skills: SkillMethods,
         projection: Projection,
         events: ServerEvents,
+        offers: Offers,
         runs_of: Callable[[str], list[str]],
         wall_ticks: Callable[[], int],
     ) -> None:
@@ -36,20 +38,23 @@ class ServerParts:
             skills: answers the Methods of skills.
             projection: makes the nodes, in order with all values.
             events: tells clients.
+            offers: skills that clients do.
             runs_of: the runs that need a robot.
             wall_ticks: the wall clock.
         """
         self._hub, self._skills, self._projection, self._events = hub, skills, projection, events
-        self._runs_of, self._wall_ticks = runs_of, wall_ticks
+        self._offers, self._runs_of, self._wall_ticks = offers, runs_of, wall_ticks
 
     def take_in(self, robot: RobotModel) -> None:
         """A robot has come; its nodes follow in order with all else."""
         self._hub.add_robot(robot)
+        self._offers.follow(robot)
         self._projection.then(partial(self._shown, robot))
 
     def let_go(self, robot: RobotModel) -> None:
         """A robot that does nothing is gone."""
         self._skills.remove(robot)
+        self._offers.unfollow(robot)
         self._hub.remove_robot(robot)
         self._projection.then(partial(tell_model_change, self._events, robot, Verb.NODE_DELETED, self._wall_ticks()))
 

@@ -18,6 +18,7 @@ from ua_fleet.server.projection import Projection
 from ua_fleet.server.scenarios.finding import SILENT
 from ua_fleet.server.scenarios.methods import ScenarioMethods
 from ua_fleet.server.scenarios.nodes import ScenarioNodes
+from ua_fleet.server.scenarios.requests import Requests
 from ua_fleet.server.scenarios.service import ScenarioService
 from ua_fleet.server.scenarios.view import ScenarioView
 from ua_fleet.storage.run_journal import RunJournal
@@ -34,6 +35,7 @@ def add_scenarios(
     journal: RunJournal,
     projection: Projection,
     folder: Path,
+    requests: Requests,
 ) -> ScenarioService:
     """Let a server run scenarios; it is not started yet.
 
@@ -46,6 +48,7 @@ def add_scenarios(
         journal: of runs and faults.
         projection: writes values to nodes.
         folder: of the scenarios' files.
+        requests: asks robots.
 
     Raises:
         StorageUnavailable: the journal cannot be read.
@@ -67,7 +70,7 @@ def add_scenarios(
         config,
         model,
         journal,
-        hub.skills,
+        requests,
         folder=folder,
         show=show,
         forgotten=view.forget_run,

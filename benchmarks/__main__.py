@@ -1,6 +1,7 @@
 """Run the benchmarks: `python -m benchmarks [--only GROUP] [--rounds N]`.
 
-Writes `results.json`, prints the same as a table, and ends with exit code 1 where a figure does not hold.
+Writes `results.json`, prints the same as a table, and ends with exit code 1 where a figure does not hold or a group
+failed.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
-from benchmarks.harness import FEWEST_ROUNDS, Figure, Unavailable, merge_results
+from benchmarks.harness import FEWEST_ROUNDS, Failed, Figure, Unavailable, merge_results
 
 HERE = Path(__file__).parent
 RESULTS = HERE / "results.json"
@@ -56,14 +57,18 @@ def main() -> int:
     parser.add_argument("--rounds", type=int, default=FEWEST_ROUNDS, help=f"at least {FEWEST_ROUNDS}")
     arguments = parser.parse_args()
     results: dict[str, list[Figure]] = {}
+    failed: list[str] = []
     for group in [arguments.only] if arguments.only else groups():
         print(f"{group} ...", file=sys.stderr, flush=True)
         try:
             results[group] = run(group, arguments.rounds)
         except Unavailable as reason:
             print(f"{group}: skipped, {reason}", file=sys.stderr)
+        except Failed as reason:
+            print(f"{group}: failed, {reason}", file=sys.stderr)
+            failed.append(group)
     print_table(results)
-    return 0 if all(figure.holds for figures in results.values() for figure in figures) else 1
+    return 0 if not failed and all(figure.holds for figures in results.values() for figure in figures) else 1
 
 
 if __name__ == "__main__":

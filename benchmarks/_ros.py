@@ -5,11 +5,12 @@ from __future__ import annotations
 import contextlib
 import json
 import subprocess
+import tempfile
 import time
 from collections.abc import Generator, Mapping
 from pathlib import Path
 
-from benchmarks.harness import Unavailable
+from benchmarks.harness import Failed
 from tests import system
 
 __all__ = ["NODES", "RUNNER", "Node", "median_and_p99", "ros1_environment", "running_master", "running_node"]
@@ -22,12 +23,13 @@ class Node:
     """A process that is told what to do by lines."""
 
     def __init__(self, *args: str | Path, env: Mapping[str, str]) -> None:
+        self._complaints = tempfile.TemporaryFile("w+")  # noqa: SIM115 - as long as the process
         self._process = subprocess.Popen(
             [str(arg) for arg in args],
             env=dict(env),
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
-            stderr=subprocess.DEVNULL,
+            stderr=self._complaints,
             text=True,
             start_new_session=True,
             cwd=system.ROOT,
@@ -39,8 +41,12 @@ class Node:
         assert self._process.stdout is not None
         line = self._process.stdout.readline()
         if not line:
-            raise Unavailable(f"{self._name} ended with code {self._process.wait()}")
+            raise Failed(f"{self._name} ended with code {self._process.wait()}: {self._last_complaint()}")
         return line.strip()
+
+    def _last_complaint(self) -> str:
+        self._complaints.seek(0)
+        return (self._complaints.read().strip().splitlines() or ["it did not say why"])[-1]
 
     def expect(self, text: str) -> str:
         while not (line := self.read()).startswith(text):
@@ -69,6 +75,7 @@ class Node:
             self._process.kill()
             self._process.wait()
         self._process.stdout.close()
+        self._complaints.close()
 
 
 @contextlib.contextmanager
@@ -109,6 +116,6 @@ def running_master(env: Mapping[str, str]) -> Generator[None]:
 def median_and_p99(ages: list[float]) -> tuple[float, float]:
     """Of one round's ages."""
     if not ages:
-        raise Unavailable("nothing arrived")
+        raise Failed("nothing arrived")
     ordered = sorted(ages)
     return ordered[len(ordered) // 2], ordered[len(ordered) * 99 // 100]

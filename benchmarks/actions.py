@@ -14,17 +14,14 @@ import os
 import statistics
 import sys
 import tempfile
-import time
 from collections.abc import Generator
 from pathlib import Path
 
+from benchmarks._keys import write_keys
 from benchmarks._ros import Node, median_and_p99
 from benchmarks.harness import FEWEST_ROUNDS, Figure, shown
 from tests import system
 from ua_fleet.config.schema import FleetConfig
-from ua_fleet.config.security import all_groups
-from ua_fleet.storage.key_files import KeyFile, KeyFolder
-from ua_fleet.wire.security import SecurityPolicy
 
 REFERENCE = "bare UDP echo"
 WARM_UP, MEASURED = 50, 300
@@ -48,9 +45,7 @@ class Way:
         }
         fleet = folder / "fleet.json"
         fleet.write_text(json.dumps(raw))
-        keys = KeyFolder(folder / "keys")
-        for group_id in all_groups(FleetConfig.model_validate(raw)):
-            keys.write(KeyFile.new(group_id, SecurityPolicy.AES256_CTR, 3600.0, time.time()))
+        write_keys(folder, FleetConfig.model_validate(raw))
 
         def start(*arguments: object) -> Node:
             command = [sys.executable, "-m", "benchmarks._actions", *map(str, arguments)]

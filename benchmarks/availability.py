@@ -16,27 +16,23 @@ from __future__ import annotations
 import contextlib
 import json
 import os
-import statistics
 import sys
 import tempfile
-import time
 from collections import Counter
 from collections.abc import Generator, Iterable, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
 from benchmarks._availability import SPACE, Asked
+from benchmarks._keys import write_keys
 from benchmarks._ros import Node, median_and_p99
-from benchmarks.harness import FEWEST_ROUNDS, Figure, shown
+from benchmarks.harness import FEWEST_ROUNDS, Failed, Figure, shown
 from tests import system
 from ua_fleet.config.schema import FleetConfig
-from ua_fleet.config.security import all_groups
-from ua_fleet.storage.key_files import KeyFile, KeyFolder
-from ua_fleet.wire.security import SecurityPolicy
 
 REFERENCE = "bare UDP echo"
 CHARACTERS = (10, 1000, 10_000, 20_000)
-REQUESTS = {1: 1000, 5: 200, 10: 100, 20: 100, 50: 25, 100: 15}
+REQUESTS = {1: 1000, 5: 200, 10: 100, 20: 100, 50: 20, 100: 10}
 """Requests of each length, over all rounds, by the period in milliseconds."""
 HELD_FROM_MS = 20
 """Periods from here on have to reach an availability of 1."""
@@ -48,20 +44,27 @@ NODE_SPACES = (301, 302, 303, 304, 305)
 
 
 def accounted(told: Sequence[str], parties: Iterable[Asked]) -> None:
-    """AssertionError where the robot and a requestor disagree about a single request.
+    """Compare what the robot was told with what each requestor knows, id by id.
 
     Args:
         told: ids of the executions that the robot was told.
         parties: what was requested, and what the requestor knows of it.
+
+    Raises:
+        Failed: they disagree about a single request.
     """
     times, known = Counter(told), set[str]()
-    assert not [one for one, count in times.items() if count > 1], "the robot was told something twice"
+    if doubled := [one for one, count in times.items() if count > 1]:
+        raise Failed(f"the robot was told {len(doubled)} executions twice")
     for asked in parties:
         executed = times.keys() & set(asked.ids)
         known |= executed
-        assert executed == set(asked.accepted), "what was executed is not what the requestor knows as accepted"
-        assert len(executed) + asked.refused == asked.slots, f"{asked.outcomes} of {asked.slots}"
-    assert times.keys() == known, "the robot was told what nobody had asked for"
+        if differing := executed ^ set(asked.accepted):
+            raise Failed(f"of {len(differing)} executions the requestor knows something else than the robot")
+        if len(executed) + asked.refused != asked.slots:
+            raise Failed(f"{len(executed)} executed + {asked.refused} refused of {asked.slots}: {dict(asked.outcomes)}")
+    if unasked := times.keys() - known:
+        raise Failed(f"the robot was told {len(unasked)} executions that nobody asked for")
 
 
 class Network:
@@ -83,9 +86,7 @@ class Network:
         }
         fleet = folder / "fleet.json"
         fleet.write_text(json.dumps(raw))
-        keys = KeyFolder(folder / "keys")
-        for group_id in all_groups(FleetConfig.model_validate(raw)):
-            keys.write(KeyFile.new(group_id, SecurityPolicy.AES256_CTR, 3600.0, time.time()))
+        write_keys(folder, FleetConfig.model_validate(raw))
 
         def start(module: str, *arguments: object) -> Node:
             command = [sys.executable, "-m", f"benchmarks.{module}", *map(str, arguments)]
@@ -135,7 +136,7 @@ class Run(NamedTuple):
     """Availability by the period in milliseconds, for each length."""
     floor_shares: dict[int, float]
     """Of the echo, the worst length."""
-    responses: list[tuple[float, ...]]
+    responses: list[tuple[float, float, float, float]]
     """For each length: the echo's median and 99th percentile, and ours."""
 
 
@@ -143,23 +144,23 @@ def measured(network: Network, rounds: int) -> Run:
     """Everything once in each round; the floor's schedules in the last one alone."""
     slots, executed = Counter[tuple[int, int]](), Counter[tuple[int, int]]()
     floor: dict[int, float] = {}
-    responses: list[list[tuple[float, ...]]] = [[] for _ in CHARACTERS]
+    echoed: list[list[float]] = [[] for _ in CHARACTERS]
+    responded: list[list[float]] = [[] for _ in CHARACTERS]
     for turn in range(rounds):
         for place, characters in enumerate(CHARACTERS):
-            echo = median_and_p99(network.ask("echo-respond", characters, RESPONSES).ages_us)
-            ours = median_and_p99(network.ask("respond", characters, RESPONSES).ages_us)
-            responses[place].append((*echo, *ours))
+            echoed[place] += network.ask("echo-respond", characters, RESPONSES).ages_us
+            responded[place] += network.ask("respond", characters, RESPONSES).ages_us
             for period_ms, count in REQUESTS.items():
                 asked = network.ask("open", characters, period_ms, count // rounds)
                 slots[period_ms, characters] += asked.slots
                 executed[period_ms, characters] += len(asked.accepted)
                 if turn == rounds - 1:
-                    echoed = network.ask("echo-open", characters, period_ms, count // rounds)
-                    share = echoed.outcomes["accepted"] / echoed.slots
+                    asked = network.ask("echo-open", characters, period_ms, count // rounds)
+                    share = asked.outcomes["accepted"] / asked.slots
                     floor[period_ms] = min(floor.get(period_ms, 1.0), share)
     shares = {ms: [executed[ms, length] / slots[ms, length] for length in CHARACTERS] for ms in REQUESTS}
-    medians = [tuple(map(statistics.median, zip(*of_length, strict=True))) for of_length in responses]
-    return Run(shares, floor, medians)
+    responses = [(*median_and_p99(echo), *median_and_p99(ours)) for echo, ours in zip(echoed, responded, strict=True)]
+    return Run(shares, floor, responses)
 
 
 def rows(name: str, run: Run) -> list[Figure]:

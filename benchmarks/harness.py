@@ -1,7 +1,8 @@
 """What every benchmark shares: figures beside a peer or a floor, measured in turn in the same run.
 
 A group is a module `benchmarks/<group>.py` with `figures(rounds) -> list[Figure]`. It measures with `interleaved`, and
-makes its rows with `at_least`, `at_most` or `shown`. A group that cannot run here raises Unavailable with the reason.
+makes its rows with `at_least`, `at_most` or `shown`. A group that cannot run here raises Unavailable with the reason;
+one in which something went wrong raises Failed.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from typing import Any, NamedTuple
 
 __all__ = [
     "FEWEST_ROUNDS",
+    "Failed",
     "Figure",
     "Unavailable",
     "at_least",
@@ -45,6 +47,10 @@ class Figure(NamedTuple):
 
 class Unavailable(Exception):
     """A group that cannot run on this machine, and why."""
+
+
+class Failed(Exception):
+    """A group in which something went wrong, and what: it has no figures, and the run ends with exit code 1."""
 
 
 def at_least(name: str, value: float, unit: str, *, reference: str, reference_value: float, goal: float) -> Figure:

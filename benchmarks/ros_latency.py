@@ -19,7 +19,7 @@ from collections.abc import Generator
 from pathlib import Path
 
 from benchmarks._ros import NODES, RUNNER, Node, median_and_p99, ros1_environment, running_master, running_node
-from benchmarks.harness import FEWEST_ROUNDS, Figure, Unavailable, at_most
+from benchmarks.harness import FEWEST_ROUNDS, Failed, Figure, Unavailable, at_most
 from tests import system
 
 OURS, FLOOR = "ua_1_2_7", "floor"
@@ -52,7 +52,7 @@ class Line:
             deadline = time.monotonic() + 20
             while len(self.ages(topic, 100.0, 20)) < 20:
                 if time.monotonic() > deadline:
-                    raise Unavailable(f"nothing arrives on {topic}")
+                    raise Failed(f"nothing arrives on {topic}")
 
     def measure(self, topic: str) -> tuple[float, float]:
         """Median and 99th percentile at 500 Hz."""

@@ -18,7 +18,7 @@ from collections.abc import Generator
 from pathlib import Path
 
 from benchmarks._ros import NODES, RUNNER, Node, median_and_p99, ros1_environment, running_master, running_node
-from benchmarks.harness import FEWEST_ROUNDS, Figure, Unavailable, shown
+from benchmarks.harness import FEWEST_ROUNDS, Failed, Figure, Unavailable, shown
 from tests import system
 
 OURS, FLOOR = "ua_1_2_7", "floor"
@@ -46,7 +46,7 @@ class Way:
         deadline = time.monotonic() + 20
         while not all(self._ages(20)):
             if time.monotonic() > deadline:
-                raise Unavailable(f"nothing arrives on {self._topic}")
+                raise Failed(f"nothing arrives on {self._topic}")
 
     def measure(self) -> tuple[float, ...]:
         """Median and 99th percentile at the node, and at the client."""

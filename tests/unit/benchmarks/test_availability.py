@@ -11,6 +11,7 @@ import pytest
 from benchmarks import _availability as processes
 from benchmarks._availability import Asked, open_loop
 from benchmarks.availability import CHARACTERS, REQUESTS, Run, accounted, rows
+from benchmarks.harness import Failed
 
 KNOWN = Asked(
     5, missed=1, outcomes=Counter(accepted=2, refused=1, timed_out=1), accepted=["a", "b"], ids=["a", "b", "c", "d"]
@@ -27,15 +28,15 @@ def test_every_request_is_executed_or_refused() -> None:
     ("told", "asked", "complaint"),
     [
         (["a", "b", "b"], KNOWN, "twice"),
-        (["a"], KNOWN, "not what the requestor knows"),
-        (["a", "b", "c"], KNOWN, "not what the requestor knows"),
-        (["a", "b", "z"], KNOWN, "nobody had asked"),
+        (["a"], KNOWN, "knows something else"),
+        (["a", "b", "c"], KNOWN, "knows something else"),
+        (["a", "b", "z"], KNOWN, "nobody asked"),
         (["a", "b"], replace(KNOWN, slots=6), "of 6"),
         (["a", "b"], replace(KNOWN, outcomes=Counter(accepted=2, refused=1, unknown=1)), "of 5"),
     ],
 )
 def test_what_does_not_add_up_fails(told: list[str], asked: Asked, complaint: str) -> None:
-    with pytest.raises(AssertionError, match=complaint):
+    with pytest.raises(Failed, match=complaint):
         accounted(told, [asked])
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from benchmarks import __main__ as command
-from benchmarks.harness import Figure, at_least, at_most, interleaved, merge_results, shown
+from benchmarks.harness import Failed, Figure, Unavailable, at_least, at_most, interleaved, merge_results, shown
 
 
 def test_at_least() -> None:
@@ -63,3 +63,16 @@ def test_exit_code(holds: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     monkeypatch.setattr("benchmarks.codec.figures", figures)
     monkeypatch.setattr("sys.argv", ["benchmarks", "--only", "codec"])
     assert command.main() == (0 if holds else 1)
+
+
+@pytest.mark.parametrize(("error", "code"), [(Unavailable("no rospy"), 0), (Failed("the bridge ended"), 1)])
+def test_a_group_that_fails_is_not_one_that_cannot_run(
+    error: Exception, code: int, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def figures(_rounds: int) -> list[Figure]:
+        raise error
+
+    monkeypatch.setattr("benchmarks.codec.figures", figures)
+    monkeypatch.setattr("sys.argv", ["benchmarks", "--only", "codec"])
+    assert command.main() == code
+    assert str(error) in capsys.readouterr().err

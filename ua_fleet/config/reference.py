@@ -120,17 +120,53 @@ def _table(model: type[BaseModel], left_out: Sequence[str] = ()) -> str:
     return "\n".join(rows)
 
 
+def _inner(model: type[BaseModel], path: str) -> Iterator[tuple[str, type[BaseModel]]]:
+    """The models of a model's values, with the paths of their keys."""
+    for name, field in model.model_fields.items():
+        for inner, below in _models_in(field.annotation):
+            at = f"{path}.{name}{below}".removeprefix(".")
+            yield at, inner
+            yield from _inner(inner, at)
+
+
+def _models_in(annotation: Any) -> Iterator[tuple[type[BaseModel], str]]:
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        yield annotation, ""
+        return
+    origin, arguments = typing.get_origin(annotation), typing.get_args(annotation)
+    below = ".<name>" if origin is dict else "[]" if origin in (tuple, list) else ""
+    for argument in arguments:
+        for model, further in _models_in(argument):
+            yield model, below + further
+
+
+def _of_kind(kind: str, shared: Sequence[str], told: set[type[BaseModel]]) -> Iterator[str]:
+    """What the configuration of a kind of bridge has besides; each model that was not told of, where it comes first."""
+    model = model_of_kind(kind)
+    yield f"### `bridges.<name>` of kind `{kind}`, besides\n\n{_table(model, shared)}"
+    tables: list[tuple[str, type[BaseModel]]] = []
+    mappings = (("source", model.source_mapping), ("sink", model.sink_mapping), ("via", model.skill_mapping))
+    for key, mapping in mappings:
+        if mapping is not None:
+            tables.append((f"`{key}` on a bridge of kind `{kind}`", mapping))
+            tables += [(f"`{path}` on a bridge of kind `{kind}`", inner) for path, inner in _inner(mapping, key)]
+    tables += [(f"`{path}` of kind `{kind}`", inner) for path, inner in _inner(model, "")]
+    for title, inner in tables:
+        if inner not in told:
+            told.add(inner)
+            yield f"### {title}\n\n{_table(inner)}"
+
+
 def reference() -> str:
     """All keys, section by section; those of the installed kinds of bridges too."""
     parts: list[str] = []
+    told = {model for _, model in _SECTIONS}
     for title, model in _SECTIONS:
         parts.append(f"### {title}\n\n{_table(model)}")
         if model is BridgeConfig:
             shared = [name for name in BridgeConfig.model_fields if name != "space"]
-            parts += [
-                f"### `bridges.<name>` of kind `{kind}`, besides\n\n{_table(model_of_kind(kind), shared)}"
-                for kind in known_kinds()
-            ]
+            for kind in known_kinds():
+                parts += _of_kind(kind, shared, told)
     return "\n\n".join(parts)
 
 

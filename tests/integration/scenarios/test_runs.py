@@ -7,6 +7,7 @@ import json
 import signal
 from functools import partial
 from operator import le
+from typing import Any
 
 import pytest
 from asyncua.client.client import Client
@@ -305,3 +306,62 @@ async def test_mode_and_judgements_are_kept_over_a_restart(plant: Plant) -> None
     async with plant.server() as server, server.client(OBSERVER) as client:
         for name, expected in (("Mode", "abort"), ("Limit", 12_500.0), ("OnLimit", "abort")):
             assert await value(client, f"Resilience.{name}") == expected
+
+
+async def test_an_alarm_view_finds_all_that_it_shows(plant: Plant) -> None:
+    """What UaExpert selects, by the types that declare it, from what is a ConditionType (OPC 10000-9 5.5 to 5.8)."""
+    condition, acknowledgeable, alarm = 2782, 2881, 2915
+    selected = {
+        (2041, ("Severity",)): 800,
+        (2041, ("SourceName",)): "left",
+        (condition, ("ConditionName",)): "left.robot",
+        (condition, ("ConditionClassName",)): ua.LocalizedText("SystemConditionClass"),
+        (condition, ("BranchId",)): ua.NodeId(),
+        (condition, ("Retain",)): True,
+        (condition, ("EnabledState", "Id")): True,
+        (condition, ("EnabledState",)): ua.LocalizedText("Enabled"),
+        (condition, ("Quality",)): ua.StatusCode(0),
+        (condition, ("LastSeverity",)): 800,
+        (condition, ("Comment",)): ua.LocalizedText(""),
+        (acknowledgeable, ("AckedState", "Id")): False,
+        (acknowledgeable, ("AckedState",)): ua.LocalizedText("Unacknowledged"),
+        (alarm, ("ActiveState", "Id")): True,
+        (alarm, ("ActiveState",)): ua.LocalizedText("Active"),
+        (alarm, ("SuppressedOrShelved",)): False,
+    }
+    wanted = ua.EventFilter()
+    for kind, path in selected:
+        clause = ua.SimpleAttributeOperand()
+        clause.TypeDefinitionId, clause.AttributeId = ua.NodeId(kind, 0), ua.AttributeIds.Value
+        clause.BrowsePath = [ua.QualifiedName(name, 0) for name in path]
+        wanted.SelectClauses.append(clause)
+    clause = ua.SimpleAttributeOperand()  # ConditionId
+    clause.TypeDefinitionId, clause.AttributeId = ua.NodeId(condition, 0), ua.AttributeIds.NodeId
+    wanted.SelectClauses.append(clause)
+    of_type = ua.ContentFilterElement()
+    of_type.FilterOperator = ua.FilterOperator.OfType
+    of_type.FilterOperands = [ua.LiteralOperand(Value=ua.Variant(ua.NodeId(condition, 0)))]
+    wanted.WhereClause.Elements = [of_type]
+    async with plant.server() as server, server.client() as client:
+        found: asyncio.Queue[Any] = asyncio.Queue()
+
+        class Handler:
+            def event_notification(self, event: Any) -> None:
+                found.put_nowait(event)
+
+        subscription = await client.create_subscription(50, Handler())
+        await subscription.subscribe_events(client.nodes.server, evfilter=wanted)
+        await call(client, "Faults", "RaiseFault", "left", "gripper stuck")
+        event = await asyncio.wait_for(found.get(), 10)
+        assert {key: getattr(event, "/".join(key[1])) for key in selected} == selected
+        assert event.NodeId.to_string() == "ns=2;s=Fleet.Faults.left.robot"
+        node = client.get_node(event.NodeId)
+        assert {f"{child.Name}" for child in [await one.read_browse_name() for one in await node.get_children()]} >= {
+            *(path[0] for kind, path in selected if kind != 2041),
+            *("Acknowledge", "AddComment", "Enable", "Disable"),
+        }
+        with pytest.raises(ua.UaStatusCodeError, match="BadConditionAlreadyEnabled"):
+            await node.call_method(ua.NodeId(9027, 0))
+        with pytest.raises(ua.UaStatusCodeError, match="BadNotSupported"):
+            await node.call_method(ua.NodeId(9028, 0))
+        await subscription.delete()

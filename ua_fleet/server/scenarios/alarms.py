@@ -13,11 +13,23 @@ from ua_fleet.server.endpoint.stack import ns0
 from ua_fleet.server.nodeset import TYPES_INDEX, TypeId
 from ua_fleet.values import BuiltinType, LocalizedText, NodeId, Variant
 
-__all__ = ["ACKNOWLEDGE", "ADD_COMMENT", "SHARED_METHODS", "Comment", "alarm_fields", "alarm_message", "severity_of"]
+__all__ = [
+    "ACKNOWLEDGE",
+    "ADD_COMMENT",
+    "DISABLE",
+    "ENABLE",
+    "SHARED_METHODS",
+    "Comment",
+    "alarm_fields",
+    "alarm_message",
+    "severity_of",
+]
 
 ACKNOWLEDGE: Final = ns0(ObjectIds.AcknowledgeableConditionType_Acknowledge)
 ADD_COMMENT: Final = ns0(ObjectIds.ConditionType_AddComment)
-SHARED_METHODS: Final = {"Acknowledge": ACKNOWLEDGE, "AddComment": ADD_COMMENT}
+ENABLE: Final = ns0(ObjectIds.ConditionType_Enable)
+DISABLE: Final = ns0(ObjectIds.ConditionType_Disable)
+SHARED_METHODS: Final = (ACKNOWLEDGE, ADD_COMMENT, ENABLE, DISABLE)
 """Methods of the type, which all alarms share (OPC 10000-3 6.4.4.2)."""
 
 _SEVERITY: Final = {"announced": 800, "robot": 800, "silent": 700, "skill": 700}

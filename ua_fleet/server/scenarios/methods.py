@@ -19,7 +19,7 @@ from ua_fleet.server.endpoint.stack import ObjectIds, Refusal, StatusCodes, ns0
 from ua_fleet.server.hardened import HardenedServer
 from ua_fleet.server.parts import NodeParts
 from ua_fleet.server.plain import NOT_FOUND, NOT_POSSIBLE, NOT_VALID, Argument, PlainMethods, caller
-from ua_fleet.server.scenarios.alarms import ACKNOWLEDGE, ADD_COMMENT
+from ua_fleet.server.scenarios.alarms import ACKNOWLEDGE, ADD_COMMENT, DISABLE, ENABLE
 from ua_fleet.server.scenarios.library import MOST_BYTES, ScenarioUnknown
 from ua_fleet.server.scenarios.nodes import FAULTS, RESILIENCE, SCENARIOS, ScenarioNodes
 from ua_fleet.server.scenarios.service import ScenarioService
@@ -142,6 +142,8 @@ class ScenarioMethods:
         for method, call in (
             (ACKNOWLEDGE, self._acknowledge),
             (ADD_COMMENT, self._add_comment),
+            (ENABLE, self._enable),
+            (DISABLE, self._disable),
             (_REFRESH, self._refresh),
         ):
             self._server.link_method(self._server.get_node(method), call)
@@ -282,6 +284,14 @@ class ScenarioMethods:
         """AddComment (OPC 10000-9 5.5.6)."""
         self._view.comment(self._alarm(parent, event_id), _text_of(comment), caller().name, tell=True)
         return []
+
+    async def _enable(self, _parent: ua.NodeId) -> list[ua.Variant]:
+        """Enable (OPC 10000-9 5.5.4)."""
+        raise Refusal(StatusCodes.BadConditionAlreadyEnabled)
+
+    async def _disable(self, _parent: ua.NodeId) -> list[ua.Variant]:
+        """Disable (OPC 10000-9 5.5.5). A robot that gets no tasks must say so."""
+        raise Refusal(StatusCodes.BadNotSupported, "alarms of faults are always enabled")
 
     async def _refresh(self, _parent: ua.NodeId, subscription_id: ua.Variant) -> list[ua.Variant]:
         """ConditionRefresh (OPC 10000-9 5.5.7): to the caller's own subscription alone."""

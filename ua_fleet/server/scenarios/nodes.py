@@ -177,7 +177,7 @@ class ScenarioNodes:
             self._known[path] = tuple(fields)
             for name, field in sorted(fields.items(), key=lambda item: item[0].count("/")):
                 self._add_field(path, node, name, field)
-            for method in SHARED_METHODS.values():
+            for method in SHARED_METHODS:
                 self._parts.builder.add_reference(node, HAS_COMPONENT, method)
         self._write(path, {name.replace("/", "."): field for name, field in fields.items()})
 

@@ -376,6 +376,7 @@ class Actions:
                     least_interval_s=limits.least_interval_s,
                     largest_message_bytes=limits.largest_message_bytes,
                     most_requestors=limits.most_requestors,
+                    problem=skill.problem,
                 )
             )
 

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final, Generic, TypeVar
+from functools import partial
+from typing import Any, Final, Generic, TypeVar
 
 from ua_fleet.bridge.driver import Skill, SkillTarget
 from ua_fleet.config.base import Model
 from ua_fleet.config.schema import FleetConfig, SkillConfig
-from ua_fleet.fleet.skills import SkillLimits
+from ua_fleet.fleet.skills import ArgumentModel, SkillLimits, argument_problem
 from ua_fleet.pubsub.metadata import make_field
 from ua_fleet.topics import Topic
 
@@ -60,7 +61,14 @@ class ConfiguredSkill(Generic[Via]):
             tuple([make_field(name, result.type.builtin) for name, result in response.items()]),
             is_immediate=self.config.immediate,
             limits=self.limits,
+            problem=partial(_problem, tuple([argument.model(name) for name, argument in request.items()])),
         )
+
+
+def _problem(arguments: tuple[ArgumentModel, ...], values: tuple[Any, ...]) -> str | None:
+    """Everything that is wrong with the values of a call."""
+    problems = [argument_problem(argument, value) for argument, value in zip(arguments, values, strict=True)]
+    return "; ".join([problem for problem in problems if problem is not None]) or None
 
 
 def configured_skills(config: FleetConfig, bridge_name: str, mapping: type[Via]) -> tuple[ConfiguredSkill[Via], ...]:

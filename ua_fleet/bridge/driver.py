@@ -7,7 +7,7 @@ robots can be commanded keeps the `SkillDriver` protocol too.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol, runtime_checkable
@@ -210,6 +210,8 @@ class Skill:
     """Whether the ActionResponse waits for the end, which comes within the request's TimeoutHint."""
     limits: SkillLimits = field(default_factory=SkillLimits)
     """What each target takes at most; more is refused."""
+    problem: Callable[[tuple[Any, ...]], str | None] | None = field(default=None, compare=False)
+    """Why arguments of the right types are not legal, or None; what is not legal is refused."""
 
 
 class Execution(NamedTuple):

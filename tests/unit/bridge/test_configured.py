@@ -1,0 +1,79 @@
+"""What a bridge takes of the skills in `fleet.yaml`: their limits, and the ranges of their arguments."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import pytest
+
+from tests.unit.bridge.test_actions import SPACE, Bench, Robot
+from ua_fleet.bridge.configured import configured_skills
+from ua_fleet.config.base import Model
+from ua_fleet.config.schema import FleetConfig
+from ua_fleet.counters import Drop
+from ua_fleet.fleet.skills import SkillLimits
+from ua_fleet.values import BuiltinType, StatusCode
+
+CONFIG = FleetConfig.model_validate(
+    {
+        "version": 1,
+        "pubsub": {"security": "none"},
+        "bridges": {"cell": {"kind": "virtual", "space": SPACE}},
+        "robots": {
+            "arm": {
+                "bridge": "cell",
+                "skill_status_id": 1500,
+                "skills": {
+                    "pick": {
+                        "id": 1501,
+                        "arguments": {
+                            "speed": {"type": "Double", "unit": "m/s", "range": [0.1, 0.5]},
+                            "times": {"type": "Int32", "range": [1, 3]},
+                        },
+                        "limits": {
+                            "least_interval_s": 0.5,
+                            "largest_message_bytes": 100,
+                            "requests_at_once": 2,
+                            "most_requestors": 3,
+                            "visible_to": [0, 7],
+                        },
+                    }
+                },
+            }
+        },
+    }
+)
+
+
+class Unmapped(Model, frozen=True):
+    """No bridge's."""
+
+
+def test_the_limits_are_those_of_fleet_yaml() -> None:
+    (skill,) = configured_skills(CONFIG, "cell", Unmapped)
+    assert skill.offer().limits == SkillLimits(0.5, 100, 2, 3, (0, 7))
+    assert skill.offer() == skill.offer(), "else it would be announced again each second"
+
+
+@pytest.mark.parametrize(
+    ("values", "said"),
+    [
+        ((0.1, 3), None),
+        ((0.5, 1), None),
+        ((0.51, 1), "speed is 0.51 m/s; legal is 0.1 to 0.5 m/s"),
+        ((math.nan, 1), "speed is nan; it has to be a number"),
+        ((0.0, 4), "speed is 0 m/s; legal is 0.1 to 0.5 m/s; times is 4; legal is 1 to 3"),
+    ],
+)
+def test_a_robot_hears_of_nothing_outside_a_range(values: tuple[Any, ...], said: str | None) -> None:
+    robot = Robot()
+    robot.offered = [skill.offer() for skill in configured_skills(CONFIG, "cell", Unmapped)]
+    bench = Bench(robot=robot)
+    bench.ask(values=values, types=(int(BuiltinType.DOUBLE), int(BuiltinType.INT32)))
+    if said is None:
+        assert [execution.values for execution in robot.begun] == [values]
+        return
+    assert robot.begun == []
+    assert (bench.reports()[-1].status, bench.reports()[-1].message) == (StatusCode.BAD_OUT_OF_RANGE, said)
+    assert bench.counters.drops == {Drop.REFUSED: 1}

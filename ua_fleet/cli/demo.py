@@ -2,14 +2,37 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+import json
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from ua_fleet.cli.output import message
+from ua_fleet.errors import ConfigError
 
 if TYPE_CHECKING:
     from ua_fleet.demo.site import Site
 
-__all__ = ["tell_how_to_connect"]
+__all__ = ["report_writer", "tell_how_to_connect"]
+
+
+def report_writer(path: Path | None) -> Callable[[Mapping[str, Any]], None]:
+    """What writes a report to a file, which is made at once: after the run would be late to learn that it cannot be.
+
+    Raises:
+        ConfigError: it cannot be written.
+    """
+    if path is None:
+        return lambda _report: None
+    try:
+        path.touch()
+    except OSError as error:
+        raise ConfigError(f"cannot write the result: {error.strerror}", file=str(path)) from error
+
+    def write(report: Mapping[str, Any]) -> None:
+        path.write_text(json.dumps(report, indent=2) + "\n", encoding="utf-8")
+
+    return write
 
 
 def tell_how_to_connect(site: Site) -> None:

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ua_fleet.cli.demo import tell_how_to_connect
+from ua_fleet.cli.demo import report_writer, tell_how_to_connect
 from ua_fleet.cli.options import WithoutLoopRule
 from ua_fleet.cli.output import message, print_line
 from ua_fleet.cli.process import run
@@ -52,10 +51,10 @@ def pal(
         raise BridgeUnavailable(f"the demonstration cannot run: {error}", extra="server") from error
 
     problems: list[str] = []
+    write_report = report_writer(json_file)
 
     def finished(result: PalResult) -> None:
-        if json_file is not None:
-            json_file.write_text(json.dumps(result.report, indent=2) + "\n", encoding="utf-8")
+        write_report(result.report)
         print_line("")
         print_line(f"{'delay':<56} {'in the paper':>13}   here")
         for what, paper, here in result.delays:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import json
 import sys
 from enum import StrEnum
 from functools import partial
@@ -12,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from ua_fleet.cli.demo import tell_how_to_connect
+from ua_fleet.cli.demo import report_writer, tell_how_to_connect
 from ua_fleet.cli.output import message, print_line
 from ua_fleet.cli.process import run
 from ua_fleet.errors import BridgeUnavailable
@@ -78,10 +77,10 @@ def talkrobots(
         raise BridgeUnavailable(f"the demonstration cannot run: {error}", extra="server") from error
     chooser: Literal["automatic", "operator"] = "automatic" if resilience is Resilience.AUTOMATIC else "operator"
     problems: list[str] = []
+    write_report = report_writer(json_file)
 
     def finished(result: TalkRobotsResult) -> None:
-        if json_file is not None:
-            json_file.write_text(json.dumps(result.report, indent=2) + "\n", encoding="utf-8")
+        write_report(result.report)
         print_line("")
         for line in result.lines:
             print_line(line)

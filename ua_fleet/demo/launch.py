@@ -46,9 +46,11 @@ class Launch:
                 await introduce_bridge(config, site.folder, bridge)
 
     async def master(self) -> None:
-        """Start the ROS master."""
-        command = ["/usr/bin/env", "rosmaster", "--core", "-p", str(self._site.master_port), "-w", "3"]
+        """Start the ROS master, and wait until it listens: rospy nodes do not wait for it."""
+        port = self._site.master_port
+        command = ["/usr/bin/env", "rosmaster", "--core", "-p", str(port), "-w", "3"]
         await self._processes.start("rosmaster", command, self._site.environment(None))
+        await self._processes.listening("rosmaster", port, START_TIMEOUT_S)
 
     async def server(self, *options: str) -> None:
         """Start the server."""

@@ -116,6 +116,23 @@ class Processes:
         self.check()
         raise DemoFailed(f"{name} is not ready after {timeout_s:.0f} s; see {process.log}")
 
+    async def listening(self, name: str, port: int, timeout_s: float) -> None:
+        """Wait until a process listens on a TCP port of loopback; raises DemoFailed when it does not."""
+        deadline = time.monotonic() + timeout_s
+        while True:
+            try:
+                _, writer = await asyncio.open_connection("127.0.0.1", port)
+            except OSError:
+                self.check()
+            else:
+                writer.close()
+                with contextlib.suppress(OSError):
+                    await writer.wait_closed()
+                return
+            if time.monotonic() > deadline:
+                raise DemoFailed(f"{name} does not listen after {timeout_s:.0f} s; see {self._processes[name].log}")
+            await asyncio.sleep(0.05)
+
     async def until(self, condition: Callable[[], bool], changed: asyncio.Event, timeout_s: float, what: str) -> None:
         """Wait until a condition holds; raises DemoFailed when it does not in time, or a process ends.
 

@@ -56,10 +56,11 @@ class Course:
         self.reason = ""
         self.rows: dict[str, TaskRow] = {}
         """By task, in the order in which they began."""
-        self.ended_at: float | None = None
-        """Seconds since 1970."""
         self._units = units
-        self._started: float | None = None
+        self.started_at = 0.0
+        """Seconds since 1970; 0 before it has begun."""
+        self.elapsed_s = 0.0
+        """How long it took; 0 while it goes on."""
         self._fault: _Fault | None = None
         self._times_done: dict[str, int] = {}
         self._printed: tuple[str, ...] = ()
@@ -97,23 +98,17 @@ class Course:
             "fault": None if self._fault is None else _fault_report(self._fault),
         }
 
-    @property
-    def elapsed_s(self) -> float:
-        """How long the run took; 0 while it goes on."""
-        return 0.0 if self.ended_at is None else self._time(self.ended_at)
-
     def _time(self, at: float) -> float:
-        return 0.0 if self._started is None else round(max(at - self._started, 0.0) * self.speed, 3)
+        return round(max(at - self.started_at, 0.0) * self.speed, 3)
 
     def _line(self, at: float, who: str, what: str) -> str:
         return f"{self._time(at):7.2f} s  {who:<18} {what}"
 
     def _run(self, told: RunTold) -> list[str]:
-        if self._started is None:
-            self._started = told.at
+        self.started_at = self.started_at or told.at
         if told.state not in _ENDS:
             return []
-        self.outcome, self.ended_at = told.state, told.at
+        self.outcome, self.elapsed_s = told.state, self._time(told.at)
         self.reason = told.message.partition(f": {told.state}: ")[2]
         return [self._line(told.at, "scenario", f"{told.state}{f': {self.reason}' if self.reason else ''}")]
 
@@ -126,6 +121,9 @@ class Course:
                 return [self._line(at, told.robot, f"begins {told.task}" + (f" ({arguments})" if arguments else ""))]
             case "TaskOver":
                 return self._over(told, at)
+            case "BranchTaken":
+                warm = "it is warmer than the limit" if told.detail["then"] else "it is not warmer than the limit"
+                return [self._line(at, "scenario", f"{warm} at UR3")]
             case "RobotReturned":
                 return [self._line(at, told.robot, "takes its later tasks back")]
             case _:

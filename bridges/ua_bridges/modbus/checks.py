@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 
+from pydantic import ValidationError
+
 from ua_bridges.modbus.config import (
     DeviceConfig,
     HandshakeSkill,
@@ -152,7 +154,10 @@ def _skill(config: ModbusBridgeConfig, path: KeyPath, skill: SkillConfig, found:
     if not skill.via:
         found.append((path, "`via` is missing", "say how the device does it; see docs/plc.md"))
         return []
-    via = HandshakeSkill.model_validate(skill.via)
+    try:
+        via = HandshakeSkill.model_validate(skill.via)
+    except ValidationError:
+        return []  # which has been said
     path = (*path, "via")
     uses: list[_Use] = []
     device = _device(config, path, via.device, found)
@@ -181,7 +186,9 @@ def _skill(config: ModbusBridgeConfig, path: KeyPath, skill: SkillConfig, found:
         ("results", via.results, skill.results),
     ):
         missing = [name for name in known if name not in named]
-        found += [(path, f"the {key[:-1]} `{name}` has no register", f"add it under `{key}`") for name in missing]
+        found += [
+            ((*path, key), f"the {key[:-1]} `{name}` has no register", f"add it under `{key}`") for name in missing
+        ]
         for name, register in named.items():
             at: KeyPath = (*path, key, name)
             if name not in known:
@@ -222,10 +229,15 @@ def _overlaps(uses: list[_Use]) -> Iterator[Problem]:
 def _clash(other: _Use, use: _Use) -> str:
     """Why two values cannot share addresses; empty where they can, or share none."""
     span, others = use.register.span, other.register.span
-    if not span.overlaps(others) or (use.handshake and use.handshake == other.handshake and use.path != other.path):
+    if not span.overlaps(others) or _share_handshake(other, use):
         return ""
     if span != others:
         return f"{span.text} overlaps {others.text} of {key_text(other.path)}"
     if use.writes and other.writes and (use.register.bit is None or use.register.bit == other.register.bit):
         return f"{span.text} is written by {key_text(other.path)} already"
     return ""
+
+
+def _share_handshake(other: _Use, use: _Use) -> bool:
+    """Whether two skills are done one at a time, so that each has the registers to itself meanwhile."""
+    return use.handshake is not None and use.handshake == other.handshake and use.path[:4] != other.path[:4]

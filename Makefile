@@ -10,13 +10,16 @@ REQUIRE ?=
 JOBS ?= 2
 # One group of benchmarks: make bench ONLY=codec
 ONLY ?=
+# Which demonstration: make demo DEMO=talkrobots
+DEMO ?= pal
 # More options for pytest or the demonstration: make test ARGS="-k topics"
 ARGS ?=
 
 .PHONY: help setup setup-test demo test bench lint format lock clean
 
 help:
-	@echo "make demo    the fault-tolerant assembly line: OPC UA server, ROS 1 arm, ROS 2 mobile robot"
+	@echo "make demo    the fault-tolerant assembly line: OPC UA server, ROS 1 arm, ROS 2 mobile robot;"
+	@echo "             DEMO=talkrobots: nine tasks on seven robots and machines, one of which fails"
 	@echo "make test    all tests; what this machine lacks is skipped with the reason"
 	@echo "make lint    ruff, mypy, pyright, import rules"
 	@echo "make bench   measure against peers and floors; ONLY=codec for one group"
@@ -29,7 +32,7 @@ setup-test:
 	@scripts/setup --test
 
 demo: setup
-	@.venv/bin/ua-fleet demo pal $(ARGS)
+	@.venv/bin/ua-fleet demo $(DEMO) $(ARGS)
 
 test: setup-test
 	$(PYTHON) -m pytest -n $(JOBS) --dist loadfile --require="$(REQUIRE)" $(ARGS)

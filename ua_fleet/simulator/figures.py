@@ -147,28 +147,20 @@ def _over_time(result: Result, points: Points) -> Figure:
     settings, traffic = result.settings, result.traffic
     shown = sorted((kind for kind in Kind if traffic.messages[kind]), key=lambda kind: -traffic.messages[kind])
     for number, (kind, colour) in enumerate(zip(shown, (*_COLOURS, *_MORE_COLOURS), strict=False)):
-        style = "-" if kind in EQUATION_12_KINDS else ":"
-        width = 3.2 - 0.2 * number  # as many requests as responses: the one behind is seen too
-        _steps(kinds, result, (kind,), f"{kind.value} ({traffic.messages[kind]:,})", colour, style, width)
+        # There are as many requests as responses: through a dashed line the one behind is seen.
+        style = ("-", "--")[number % 2] if kind in EQUATION_12_KINDS else ":"
+        _steps(kinds, result, (kind,), f"{kind.value} ({traffic.messages[kind]:,})", colour, style)
     kinds.set_yscale("log")
     kinds.set_title(f"Messages so far by kind, {settings.robots:,} robots, {settings.tasks:,} tasks")
     kinds.legend(title="dotted: not in Eq. 12", loc="center left", bbox_to_anchor=(1.0, 0.5))
     return figure
 
 
-def _steps(
-    axis: Axes,
-    result: Result,
-    kinds: Sequence[Kind],
-    label: str,
-    colour: str,
-    style: str = "-",
-    width: float = 1.6,
-) -> None:
+def _steps(axis: Axes, result: Result, kinds: Sequence[Kind], label: str, colour: str, style: str = "-") -> None:
     """What was sent up to the end of each second."""
     at, seconds = result.traffic.messages_at, range(int(result.ended_s) + 1)
     counted = accumulate(sum(at[second, kind] for kind in kinds) for second in seconds)
-    axis.step([*seconds], [*counted], where="post", color=colour, linestyle=style, linewidth=width, label=label)
+    axis.step([*seconds], [*counted], where="post", color=colour, linestyle=style, label=label)
     axis.set_xlim(left=0)
     axis.set_xlabel("s")
     axis.set_ylabel("messages")

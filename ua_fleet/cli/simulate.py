@@ -36,7 +36,7 @@ def simulate(
         float | None,
         typer.Option(
             help="Seconds between keep-alives; all else that is sent with a period slows down with it. Without it, "
-            "1 s for 100 robots, and more with more of them."
+            "1 s for up to 100 robots, and longer with more of them."
         ),
     ] = None,
     csv: Annotated[Path | None, typer.Option(help="Write messages and bytes of each second to this file.")] = None,

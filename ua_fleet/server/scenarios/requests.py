@@ -2,6 +2,8 @@
 
     begin -> request, again until the Action is announced -> outcome, SkillStatus -> accepted, ended
 
+A skill is asked for no sooner than its least interval after it was last accepted: its bridge would refuse that.
+
 A request that was made before, also by a run of the server before, is not made again: its outcome is what it was.
 """
 
@@ -64,7 +66,7 @@ class Requests(Protocol):
 
 @dataclass(slots=True)
 class _Waiting:
-    """A task whose robot could not be asked yet."""
+    """A task whose robot could not, or must not, be asked yet."""
 
     task: TaskStarted
     give_up_at: float
@@ -102,6 +104,10 @@ class TaskRequests:
         self._told_by: dict[str, Topic] = {}
         """The SkillStatus of its robot, which alone may tell of it."""
         self._waiting: dict[str, _Waiting] = {}
+        self._free_at: dict[NodeId, float] = {}
+        """When a skill with a least interval may be asked for again."""
+        self._without_interval: set[str] = set()
+        """Executions that were asked for, and of which nothing was heard yet."""
         self._shown: dict[Topic, dict[str, tuple[TaskOutcome | None, str, dict[str, Value]]]] = {}
         """The executions of each robot's last SkillStatus."""
 
@@ -146,8 +152,10 @@ class TaskRequests:
             outcome = self._requests.known_outcome(execution_id)
         except KeyError:
             now = self._clock()
-            waiting = self._waiting[task.execution_id] = _Waiting(task, now + START_WITHIN_S, now)
-            self._ask(waiting)
+            begin_at = max(now, self._free_at.get(self._node_of(task.execution_id), now))
+            waiting = self._waiting[task.execution_id] = _Waiting(task, begin_at + START_WITHIN_S, begin_at)
+            if begin_at <= now:
+                self._ask(waiting)
         else:
             if outcome is not None:
                 self.concluded(execution_id, outcome)
@@ -175,7 +183,19 @@ class TaskRequests:
             self._ended(task.execution_id, TaskOutcome.REFUSED, reason, {})
         else:
             self._waiting.pop(task.execution_id, None)
+            if skill.limits.least_interval_s > 0:
+                self._without_interval.add(task.execution_id)
             self._requested(NodeId(robot.ns, skill.id), bytes.fromhex(task.execution_id))
+
+    def _node_of(self, execution_id: str) -> NodeId:
+        return NodeId(self._told_by[execution_id].ns, self._skills[execution_id].id)
+
+    def _begin_interval(self, execution_id: str) -> None:
+        """From the first word of an execution, and not from its request, which may have been on its way for long."""
+        if execution_id in self._without_interval:
+            self._without_interval.discard(execution_id)
+            interval_s = self._skills[execution_id].limits.least_interval_s
+            self._free_at[self._node_of(execution_id)] = self._clock() + interval_s
 
     def cancel(self, cancelled: TaskCancelled) -> None:
         """What was not asked for yet never is; what was is halted, where the robot has a way to."""
@@ -209,6 +229,7 @@ class TaskRequests:
         report = outcome.report
         message = _with_status(report.message, report.status)
         if outcome.kind is OutcomeKind.ACCEPTED:
+            self._begin_interval(hex_id)
             if report.state in OPEN or report.state is ExecutionState.DONE:
                 self._accepted(hex_id)
             if report.state is ExecutionState.DONE:
@@ -235,6 +256,7 @@ class TaskRequests:
     def _take_state(
         self, execution_id: str, outcome: TaskOutcome | None, message: str, results: dict[str, Value]
     ) -> None:
+        self._begin_interval(execution_id)
         if outcome is None:
             self._accepted(execution_id)
         else:
@@ -245,6 +267,7 @@ class TaskRequests:
             self._skills.pop(execution_id, None)
             self._told_by.pop(execution_id, None)
         self._waiting.pop(execution_id, None)
+        self._without_interval.discard(execution_id)
         self._tell_end(execution_id, outcome, message, results)
 
 

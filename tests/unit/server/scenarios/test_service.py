@@ -10,6 +10,7 @@ import pytest
 
 from ua_fleet.config.nodes import fleet_model
 from ua_fleet.config.schema import FleetConfig
+from ua_fleet.config.skill_schema import SkillLimitsConfig
 from ua_fleet.errors import RobotOffline, ScenarioError, SkillRejected, StorageUnavailable
 from ua_fleet.fleet.changes import ValueChanged
 from ua_fleet.fleet.model import RobotState
@@ -90,14 +91,21 @@ class FailingJournal(RunJournal):
 
 
 class World:
-    def __init__(self, folder: Path, robots: Robots | None = None, *, heard: Sequence[str] = ("left", "right")) -> None:
+    def __init__(
+        self,
+        folder: Path,
+        robots: Robots | None = None,
+        *,
+        heard: Sequence[str] = ("left", "right"),
+        config: FleetConfig = CONFIG,
+    ) -> None:
         self.robots = robots or Robots()
         self.journal = FailingJournal(folder / "runs.db")
         self.said: list[Output] = []
         self.now = 100.0
         self.service = ScenarioService(
-            CONFIG,
-            fleet_model(CONFIG),
+            config,
+            fleet_model(config),
             self.journal,
             self.robots,
             folder=folder,
@@ -212,6 +220,29 @@ def test_an_action_that_nobody_announces_is_refused_in_the_end(tmp_path: Path) -
     (over, *_) = [o.fact for o in world.said if isinstance(o, RunChanged) and isinstance(o.fact, TaskOver)]
     assert over.message == "nobody announces it"
     assert any(isinstance(output, DecisionChanged) for output in world.said)
+
+
+TWICE = ONE + "  - {task: b, after: [a], skill: grab, robot: left, arguments: {angle: 6}}\n"
+
+
+@pytest.mark.parametrize("is_status_first", [False, True])
+def test_a_skill_is_asked_for_again_after_its_interval(tmp_path: Path, *, is_status_first: bool) -> None:
+    skill = CONFIG.robots["left"].skills["grab"]
+    limited = skill.model_copy(update={"limits": SkillLimitsConfig(least_interval_s=2.0)})
+    left = CONFIG.robots["left"].model_copy(update={"skills": {"grab": limited}})
+    world = World(tmp_path, config=CONFIG.model_copy(update={"robots": {**CONFIG.robots, "left": left}}))
+    world.start(TWICE)
+    world.pass_time(0.5)  # the request is on its way
+    ((_, _, first),) = world.robots.asked
+    if not is_status_first:
+        world.service.concluded(first, ACCEPTED)
+        world.pass_time(0.5)
+    world.hear(1200, ExecutionStatus(first, "grab", ExecutionState.DONE))
+    waits_s = 2.0 if is_status_first else 1.5
+    world.pass_time(waits_s - 0.01)
+    assert len(world.robots.asked) == 1
+    world.pass_time(0.01)
+    assert [values for _, values, _ in world.robots.asked] == [(5.0,), (6.0,)]
 
 
 def test_what_cannot_be_written_is_not_carried_out_until_it_is(tmp_path: Path) -> None:

@@ -14,12 +14,14 @@ from typing import Final
 import pytest
 from asyncua.client.client import Client
 
-from tests.integration.scenarios.conftest import ROBOTS, Plant, says
+from tests.integration.scenarios.conftest import ROBOTS, Plant, call, says
 from tests.integration.server_model.harness import ua
 from tests.system import Child, Processes
 
 SECURED: Final = {"security": "sign_and_encrypt", "keys": {"lifetime_s": 3.0, "future_keys": 30}}
 SERVER: Final = "server"
+TELLS_WITHIN_S: Final = 6.0
+"""A bridge that works has told by then what became of executions: its SkillStatus is repeated every 5 s."""
 
 
 class Crew:
@@ -34,23 +36,35 @@ class Crew:
         """
         self._start, self._random = start, random
         self._children: dict[str, Child] = {}
+        self._starting: set[str] = set()
         self.kills: list[tuple[float, str]] = []
         """When, by the wall clock, and whom."""
 
     async def begin(self, *names: str) -> None:
         """Start processes, and wait until they work."""
+        self._starting.update(names)
         for name in names:
             start, _ = self._start[name]
             self._children[name] = start()
         for name in names:
             await says(self._children[name], self._start[name][1])
+            self._starting.discard(name)
 
-    async def kill(self, names: tuple[str, ...], count: int, least_s: float, most_s: float) -> None:
-        """Kill one of them so often, each time at a random moment of its work, and start it again at once."""
+    async def kill(self, names: tuple[str, ...], count: int, most_s: float, *, after_all: bool = False) -> None:
+        """Kill one of them so often, each time at a random moment of its work, and start it again at once.
+
+        Args:
+            names: of whom.
+            count: how often.
+            most_s: how long it works at most until it is killed.
+            after_all: it is left alone until all others work: who is started meanwhile needs its keys.
+        """
+        random = Random(self._random.random())
         for _ in range(count):
-            name = self._random.choice(names)
-            await asyncio.sleep(self._random.uniform(least_s, most_s))
-            await self.kill_now(name)
+            while after_all and self._starting:
+                await asyncio.sleep(0.02)
+            await asyncio.sleep(random.uniform(0.0, most_s))
+            await self.kill_now(random.choice(names))
 
     async def kill_now(self, name: str) -> None:
         """Kill a process, and start it again at once."""
@@ -70,6 +84,28 @@ def crew_of(plant: Plant, seed: int) -> Crew:
     for robot in ROBOTS:
         start[robot] = partial(plant.start_bridge, robot), "ready"
     return Crew(start, Random(seed))
+
+
+async def ended(client: Client, run_id: str, patience_s: float = 90) -> str:
+    """Wait until a run has ended; how it did.
+
+    While a bridge is away for long, its robot cannot be asked. What still nobody can tell when all work again was never
+    begun, and people let it be tried again.
+    """
+    path = f"Fleet.Scenarios.Runs.{run_id}"
+    nodes = [client.get_node(f"ns=2;s={path}.{name}") for name in ("State", "Steps", "States")]
+    since: dict[str, float] = {}
+    async with asyncio.timeout(patience_s):
+        while True:
+            state, steps, states = await client.read_values(nodes)
+            if state in ("done", "failed", "aborted"):
+                return str(state)
+            asked = {step for step, shown in zip(steps, states, strict=True) if shown == "asked"}
+            since = {step: since.get(step, time.monotonic()) for step in asked}
+            for step, seen in since.items():
+                if time.monotonic() - seen > TELLS_WITHIN_S:
+                    await call(client, "Scenarios", "Answer", run_id, step, "retry")
+            await asyncio.sleep(0.1)
 
 
 async def stop(client: Client) -> None:

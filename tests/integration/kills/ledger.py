@@ -24,7 +24,8 @@ class Ledger:
     done: int = 0
     failed: int = 0
     never_begun: int = 0
-    unknown: int = 0
+    unknown: list[str] = field(default_factory=list[str])
+    """Nobody can tell whether they were done."""
     doubled: list[str] = field(default_factory=list[str])
     """Told more than once, or to another machine than the one that was meant."""
     lost: list[str] = field(default_factory=list[str])
@@ -33,7 +34,7 @@ class Ledger:
     """Told though nobody has asked, or though it is held that it never was."""
 
     def __str__(self) -> str:
-        counts = f"{self.done} done, {self.failed} failed, {self.never_begun} never begun, {self.unknown} unknown"
+        counts = f"{self.done} done, {self.failed} failed, {self.never_begun} never begun, {len(self.unknown)} unknown"
         wrong = f"{len(self.doubled)} doubled, {len(self.lost)} lost, {len(self.invented)} invented"
         return f"{self.assigned} executions: {counts}; {wrong}"
 
@@ -57,20 +58,27 @@ def keep(facts: Iterable[Fact], told: Iterable[tuple[str, str]]) -> Ledger:
     for (_, execution_id), count in by_robot.items():
         times[execution_id] += count
     ledger.doubled += [execution_id for execution_id, count in times.items() if count > 1]
-    open_: dict[str, TaskAssigned] = {}
-    """The execution of each step that is under way."""
+    last: dict[str, str] = {}
+    """The last execution of each step."""
+    open_: set[str] = set()
+    """Executions that are under way."""
     known: set[str] = set()
     for fact in facts:
         if isinstance(fact, TaskAssigned):
             ledger.assigned += 1
             known.add(fact.execution_id)
-            open_[fact.step] = fact
+            open_.add(fact.execution_id)
+            last[fact.step] = fact.execution_id
             if any(id_ == fact.execution_id and robot != fact.robot for robot, id_ in by_robot):
                 ledger.doubled.append(fact.execution_id)
         elif isinstance(fact, TaskOver):
-            _close(ledger, open_.pop(fact.step).execution_id, fact.outcome, times)
+            execution_id = last[fact.step]
+            open_.discard(execution_id)
+            if execution_id in ledger.unknown:  # the robot could tell after all
+                ledger.unknown.remove(execution_id)
+            _close(ledger, execution_id, fact.outcome, times)
         elif isinstance(fact, RunEnded):
-            ledger.lost += [assigned.execution_id for assigned in open_.values()]
+            ledger.lost += open_
             open_.clear()
     ledger.invented += times.keys() - known
     return ledger
@@ -79,7 +87,7 @@ def keep(facts: Iterable[Fact], told: Iterable[tuple[str, str]]) -> Ledger:
 def _close(ledger: Ledger, execution_id: str, outcome: TaskOutcome, times: Counter[str]) -> None:
     was_told = times[execution_id] > 0
     if outcome is TaskOutcome.UNKNOWN:
-        ledger.unknown += 1
+        ledger.unknown.append(execution_id)
     elif outcome in NEVER_BEGUN:
         ledger.never_begun += 1
         if was_told:

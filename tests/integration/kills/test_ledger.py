@@ -31,7 +31,13 @@ def test_what_is_right() -> None:
 @pytest.mark.parametrize("times", [0, 1])
 def test_unknown_may_have_been_done_or_not(times: int) -> None:
     ledger = keep([*attempt("a", TaskOutcome.UNKNOWN), END], [("left", "a")] * times)
-    assert (ledger.unknown, ledger.doubled, ledger.lost, ledger.invented) == (1, [], [], [])
+    assert (ledger.unknown, ledger.doubled, ledger.lost, ledger.invented) == (["a"], [], [], [])
+
+
+def test_what_is_told_after_all_is_not_unknown() -> None:
+    unknown = attempt("a", TaskOutcome.UNKNOWN)
+    ledger = keep([*unknown, TaskOver(1.5, "0", 1, TaskOutcome.DONE, Then.DONE), END], [("left", "a")])
+    assert (ledger.unknown, ledger.done, ledger.lost, ledger.invented) == ([], 1, [], [])
 
 
 @pytest.mark.parametrize(

@@ -60,10 +60,22 @@ def _compiler() -> str | None:
     return None if headers.exists() else f"{headers} does not exist (Debian package python3-dev)"
 
 
+def _libmodbus() -> str | None:
+    if shutil.which("gcc") is None or not Path("/usr/include/modbus/modbus.h").exists():
+        return "gcc and libmodbus are not installed (Debian packages gcc and libmodbus-dev)"
+    return None
+
+
+def _mbpoll() -> str | None:
+    return None if shutil.which("mbpoll") else "mbpoll is not installed (Debian package mbpoll)"
+
+
 _PARTS: dict[str, Callable[[], str | None]] = {
     "ros1": _ros1,
     "ros2": _ros2,
     "node": _node,
+    "libmodbus": _libmodbus,
+    "mbpoll": _mbpoll,
     "compiler": _compiler,
     "ur": _ur,
 }

@@ -9,16 +9,17 @@ however fast the request is repeated. Limits are of one offer, so of one skill o
     most_requestors          RequestorIds with an execution under way, or that had     Bad_MaxConnectionsReached
                              one accepted within REMEMBERED_S
     requests_at_once         executions under way                                      Bad_TooManyOperations
-    least_interval_s         time since the last one was accepted here; exactly the    Bad_ServerTooBusy
-                             interval is enough
+    least_interval_s         time since the last one came that was accepted; exactly   Bad_ServerTooBusy
+                             the interval is enough
 
-Time is that of arrival, since it is the robot that is spared: who asks at the very pace of the interval over a network
-that delays some requests more than others is refused now and then. After a restart the issue times of the journal tell
-how long ago something was accepted.
+Of two requests of one requestor the time between their issues is enough too: it has kept the interval, and the network
+has delayed the first one more than the second. After a restart the issue times of the journal tell how long ago
+something was accepted.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Collection, Iterable
 from dataclasses import dataclass, field
 from typing import Any, Final, NamedTuple
@@ -66,7 +67,9 @@ class Decision(NamedTuple):
 class _Use:
     """What was accepted of one offer; times are monotonic."""
 
-    last_at: float | None = None
+    last_at: float = -math.inf
+    last: Execution | None = None
+    """What was accepted last, then."""
     requestors: dict[str, float] = field(default_factory=dict[str, float])
     """When each was accepted last."""
 
@@ -129,24 +132,24 @@ class Offers:
         if problem is not None:
             return _refused(StatusCode.BAD_OUT_OF_RANGE, problem, Drop.REFUSED)
         same = [other for other in under_way if other.target == offer.target]
-        return self._within_limits(offer, execution.requestor_id, same, now, utc)
+        return self._within_limits(offer, execution, same, now, utc)
 
     def _within_limits(
-        self, offer: Offer, requestor_id: str, under_way: Collection[Execution], now: float, utc: int
+        self, offer: Offer, execution: Execution, under_way: Collection[Execution], now: float, utc: int
     ) -> Decision:
         self._recall(now, utc)
         use = self._uses.get(offer.target) or _Use()
         if offer.most_requestors is not None:
             others = {other.requestor_id for other in under_way}
             others |= {one for one, last_at in use.requestors.items() if now < last_at + REMEMBERED_S}
-            others.discard(requestor_id)
+            others.discard(execution.requestor_id)
             if len(others) >= offer.most_requestors:
                 said = f"{len(others)} others ask for this; it takes {offer.most_requestors} requestors"
                 return _refused(StatusCode.BAD_MAX_CONNECTIONS_REACHED, said, Drop.TOO_MANY_REQUESTORS)
         if len(under_way) >= offer.requests_at_once:
             said = f"{len(under_way)} such executions are under way"
             return _refused(StatusCode.BAD_TOO_MANY_OPERATIONS, said, Drop.TOO_MANY)
-        if use.last_at is not None and now < use.last_at + offer.least_interval_s:
+        if now < use.last_at + offer.least_interval_s and not _has_waited(execution, use.last, offer.least_interval_s):
             said = f"asked for again within {offer.least_interval_s:g} s"
             return _refused(StatusCode.BAD_SERVER_TOO_BUSY, said, Drop.TOO_SOON)
         return Decision(Report(ExecutionState.RUNNING))
@@ -154,7 +157,7 @@ class Offers:
     def accepted(self, execution: Execution, now: float) -> None:
         """A new execution was recorded, and is told to the robot."""
         use = self._uses.setdefault(execution.target, _Use())
-        use.last_at = now
+        use.last_at, use.last = now, execution
         use.requestors[execution.requestor_id] = now
         for requestor_id in [one for one, last_at in use.requestors.items() if now >= last_at + REMEMBERED_S]:
             del use.requestors[requestor_id]
@@ -164,9 +167,17 @@ class Offers:
         for execution in self._before:
             at = now - max(0, utc - execution.issued) / TICKS_PER_SECOND
             use = self._uses.setdefault(execution.target, _Use())
-            use.last_at = at if use.last_at is None else max(at, use.last_at)
+            if at >= use.last_at:
+                use.last_at, use.last = at, execution
             use.requestors[execution.requestor_id] = max(at, use.requestors.get(execution.requestor_id, at))
         self._before.clear()
+
+
+def _has_waited(execution: Execution, last: Execution | None, interval_s: float) -> bool:
+    """Whether a requestor has waited so long since its last request."""
+    if last is None or last.requestor_id != execution.requestor_id:
+        return False
+    return execution.issued - last.issued >= round(interval_s * TICKS_PER_SECOND)
 
 
 def _refused(status: StatusCode, said: str, drop: Drop) -> Decision:

@@ -35,9 +35,11 @@ class Side:
         text: str = "",
         target: Target = WORK,
         booted_at: float = 0.0,
+        delayed_s: float = 0.0,
     ) -> Report:
-        """What a request is answered with, once the robot was told where it is to be. Issued as it comes."""
+        """What a request is answered with, once the robot was told where it is to be."""
         utc = UTC + round((booted_at + now) * TICKS_PER_SECOND)
+        issued = utc - round(delayed_s * TICKS_PER_SECOND)
         execution_id = number.to_bytes(16, "big")
         known = {one.execution_id: one for one in self.journal.executions()}
         request = ActionMessage(
@@ -50,7 +52,7 @@ class Side:
             timeout_hint_ms=5000.0,
             types=(BuiltinType.STRING,),
             values=(text,),
-            timestamp=known[execution_id].issued if execution_id in known else utc,
+            timestamp=issued if execution_id not in known else known[execution_id].issued,
         )  # fmt: skip
         effects = self.responder.receive(request, "there", now, utc)
         if any(isinstance(effect, Execute) for effect in effects):
@@ -76,6 +78,15 @@ def test_exactly_the_interval_is_enough() -> None:
     assert side.ask(3, 10.5) == ACCEPTED, "what was refused does not count"
     assert refusal(side.ask(4, 10.75, "0.another")) == StatusCode.BAD_SERVER_TOO_BUSY, "whoever asks"
     assert side.counters.drops == {Drop.TOO_SOON: 2}
+
+
+def test_who_keeps_the_interval_is_not_refused_because_the_network_did_not() -> None:
+    side = Side(Offer(WORK, requests_at_once=9, least_interval_s=0.5))
+    assert side.ask(1, 10.1, delayed_s=0.1) == ACCEPTED
+    assert refusal(side.ask(2, 10.4999)) == StatusCode.BAD_SERVER_TOO_BUSY, "issued too soon"
+    assert side.ask(3, 10.5) == ACCEPTED, "issued after the interval"
+    assert refusal(side.ask(4, 10.99, "0.another")) == StatusCode.BAD_SERVER_TOO_BUSY, "its clock may be another"
+    assert side.ask(5, 11.0, "0.another") == ACCEPTED
 
 
 def test_the_interval_is_of_each_target() -> None:

@@ -8,6 +8,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from itertools import count
 
+from ua_fleet.errors import ScenarioError
 from ua_fleet.scenario.effects import (
     AskOperator,
     CancelTask,
@@ -47,6 +48,10 @@ class Owner:
         self.skills: dict[tuple[str, str], Skill] = {}
         self.stand_in: Callable[[OpenDecision], str | None] | None = None
         """Decides at once; None lets decisions wait in `decisions`."""
+        self.answer: Callable[[AskOperator], str] | None = None
+        """Answers after two seconds; None lets questions wait in `questions`."""
+        self.unknowable: list[str] = []
+        """Executions of which nobody could tell any more."""
         self.any_robot: dict[str, str] = {}
         """Which robot has a capacity."""
         self.log: list[str] = []
@@ -64,6 +69,8 @@ class Owner:
         self._order = count()
         self._known: dict[str, tuple[TaskOutcome, Mapping[str, Value]] | None] = {}
         """What robots remember of executions: None while they are at it."""
+        self._begun_by: dict[str, str] = {}
+        """The robot of each execution that was begun."""
         self.run = Run.create(run_id, self.scenario, parameters or {}, self._write, by="test", now=0.0)
 
     # The process.
@@ -132,6 +139,7 @@ class Owner:
                     self._decide(effect)
                 case AskOperator():
                     self.questions.append(effect)
+                    self._answer(effect)
                 case CancelTask():
                     self.log.append(f"{self.now:g} {effect.robot} halted")
                     self._cancel(effect.execution_id)
@@ -160,18 +168,45 @@ class Owner:
             self._report(execution_id, skill.outcome, {}, after_s=0.0)
             return
         self.begun[f"{task.task}"] += 1
+        self._begun_by[execution_id] = task.robot
         self._known[execution_id] = None
         self.log.append(f"{self.now:g} {task.robot} {task.skill}{_shown(task.arguments)}")
         self.at(self.now, lambda: self.run.accepted(execution_id, self.now))
 
         def finish() -> list[Effect]:
+            is_unknowable = execution_id in self.unknowable
+            is_at_it = is_unknowable or self._known[execution_id] is None
+            if is_at_it and skill.outcome is TaskOutcome.DONE:
+                self.done_by.append((task.task, task.robot))
+            if is_unknowable:
+                return []
             if self._known[execution_id] is None:
                 self._known[execution_id] = (skill.outcome, skill.results)
-                if skill.outcome is TaskOutcome.DONE:
-                    self.done_by.append((task.task, task.robot))
             return self._ended(execution_id)
 
         self.at(self.now + skill.takes_s, finish)
+
+    def kill_bridge(self, robot: str) -> list[Effect]:
+        """A robot goes on, but nobody can ask it any more what became of what it is at."""
+        for execution_id, begun_by in self._begun_by.items():
+            if begun_by == robot and self._known[execution_id] is None:
+                self.unknowable.append(execution_id)
+                self._known[execution_id] = (TaskOutcome.UNKNOWN, {})
+                self._report(execution_id, TaskOutcome.UNKNOWN, {}, after_s=0.5)
+        return []
+
+    def _answer(self, question: AskOperator) -> None:
+        answer = self.answer
+        if answer is None:
+            return
+
+        def tell() -> list[Effect]:
+            try:
+                return self.run.answered(question.step, answer(question), "anna", self.now)
+            except ScenarioError:  # asked again after a restart, and answered before
+                return []
+
+        self.at(self.now + 2, tell)
 
     def _cancel(self, execution_id: str) -> None:
         if self._known.get(execution_id, ()) is None:

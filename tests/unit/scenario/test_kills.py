@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections import Counter
+from functools import partial
 from random import Random
 
 import pytest
 
 from tests.unit.scenario.owner import Killed, Owner, Skill
-from ua_fleet.scenario.facts import TaskOutcome
+from ua_fleet.scenario.facts import TaskAnswered, TaskOutcome, TaskOver, Then
 
 SCENARIO = """\
 version: 1
@@ -86,6 +87,65 @@ def test_a_thousand_runs_with_kills_at_random_moments(block: int) -> None:
         run_with_kills(made, [random.randrange(12) for _ in range(random.randrange(1, 12))])
         assert made.ended, seed
         assert Counter(made.done_by) == EXPECTED, seed
+
+
+FORGETFUL = """\
+version: 1
+name: forgetful
+steps:
+  - {task: box, robot: ridgeback, skill: bring, on_unknown: fail}
+  - parallel:
+      - - {task: belt, robot: conveyor, skill: run, on_unknown: retry}
+        - {task: grasp, robot: ur3, skill: grasp, on_unknown: retry}
+      - {task: look, capacity: fly, skill: look, after: [belt], on_unknown: ask}
+  - repeat:
+      - {task: blink, robot: lamp, skill: blink, on_unknown: ask}
+    times: 3
+  - {task: home, robot: ridgeback, skill: go, on_unknown: fail}
+"""
+TASKS = Counter({"box": 1, "belt": 1, "grasp": 1, "look": 1, "blink": 3, "home": 1})
+ROBOTS = ("ridgeback", "conveyor", "ur3", "drone", "lamp", "pioneer")
+
+
+def facts_of(made: Owner, outcome: TaskOutcome) -> list[TaskOver]:
+    return [fact for fact in made.facts(TaskOver) if isinstance(fact, TaskOver) and fact.outcome is outcome]
+
+
+def forgetful_run(seed: int) -> Counter[str]:
+    """A run whose server and bridges are killed; what was told, and what became of it."""
+    random = Random(seed)
+    made = Owner(FORGETFUL)
+    made.any_robot["fly"] = "drone"
+    made.stand_in = lambda decision: "pioneer"
+    made.answer = lambda question: random.choice(("done", "retry", "fail"))
+    for _ in range(random.randrange(1, 6)):
+        robot = random.choice(ROBOTS)
+        made.at(random.uniform(0.0, 8.0), partial(made.kill_bridge, robot))
+    run_with_kills(made, [random.randrange(12) for _ in range(random.randrange(1, 8))])
+    assert made.ended, seed
+    assert made.log[-1].endswith("done"), seed
+
+    unknown, done = facts_of(made, TaskOutcome.UNKNOWN), facts_of(made, TaskOutcome.DONE)
+    assert len(unknown) == len(made.unknowable), seed
+    told = sum(made.begun.values())
+    assert told == len(done) + len(unknown), seed
+    answers = Counter(fact.then for fact in made.facts(TaskAnswered) if isinstance(fact, TaskAnswered))
+    assert len(done) + answers[Then.DONE] == TASKS.total(), seed
+    # The machine did each unknown one all the same, so that nothing is lost; done again is what was not taken for done.
+    really = Counter(task for task, _ in made.done_by)
+    assert not TASKS - really, seed
+    assert really.total() - TASKS.total() == len(unknown) - answers[Then.DONE], seed
+    return Counter(told=told, done=len(done), unknown=len(unknown)) + Counter(fact.then.value for fact in unknown)
+
+
+@pytest.mark.parametrize("block", range(10))
+def test_a_thousand_runs_with_robots_that_cannot_be_asked(block: int) -> None:
+    counts: Counter[str] = Counter()
+    for seed in range(block * 100, block * 100 + 100):
+        counts += forgetful_run(seed)
+    assert counts["told"] == counts["done"] + counts["unknown"]
+    assert counts["unknown"] == counts["retry"] + counts["ask"] + counts["replace"]
+    assert min(counts["retry"], counts["ask"], counts["replace"]) > 3, "what does not occur is not tested"
 
 
 def test_these_tests_notice_what_is_done_twice() -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import json
 import os
 import shutil
 import signal
@@ -158,9 +159,9 @@ class Processes:
         for process in self._processes.values():
             code = process.process.returncode
             if code is not None:
-                lines = process.log.read_text(encoding="utf-8", errors="replace").strip().splitlines()
-                said = f": {lines[-1]}" if lines else ""
-                raise DemoFailed(f"{process.name} ended with code {code}{said}; see {process.log}")
+                how = f"ended with code {code}" if code >= 0 else f"was ended by {signal.Signals(-code).name}"
+                said = _last_words(process.log.read_text(encoding="utf-8", errors="replace"))
+                raise DemoFailed(f"{process.name} {how}{f': {said}' if said else ''}; see {process.log}")
 
     async def _end(self, process: _Process) -> None:
         for number in (signal.SIGTERM, signal.SIGKILL):
@@ -173,6 +174,18 @@ class Processes:
                     await process.process.wait()
         if process.reader is not None:
             await process.reader
+
+
+def _last_words(log: str) -> str:
+    """The last line of a log; of one that is a JSON object its `event`."""
+    last = log.strip().rpartition("\n")[2]
+    if not last.startswith("{"):
+        return last
+    try:
+        found: dict[str, object] = json.loads(last)
+    except ValueError:
+        return last
+    return str(found.get("event", ""))
 
 
 def free_tcp_port(preferred: int) -> int:

@@ -1,0 +1,65 @@
+"""Processes of a demonstration: what is said of one that ends, and that none is left."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import sys
+from pathlib import Path
+
+import pytest
+
+from ua_fleet.demo.processes import DemoFailed, Processes, free_tcp_port
+
+ENDLESS = "import time; print('ready', flush=True); time.sleep(600)"
+
+
+async def ended(folder: Path, program: str) -> str:
+    """What is said of a process that does this."""
+    async with Processes(folder) as processes:
+        await processes.start("robot", [sys.executable, "-c", program], os.environ)
+        with pytest.raises(DemoFailed) as failed:
+            await processes.line_with("robot", "ready", 20)
+    return str(failed.value)
+
+
+@pytest.mark.parametrize(
+    ("program", "said"),
+    [
+        ("raise SystemExit('no port')", "robot ended with code 1: no port"),
+        ("import json; print(json.dumps({'event': 'no key', 'level': 'error'}))", "robot ended with code 0: no key"),
+        ("print('{broken')", "robot ended with code 0: {broken"),
+        ("import os; os.kill(os.getpid(), 9)", "robot was ended by SIGKILL"),
+    ],
+)
+async def test_who_ended_and_where_its_log_is(tmp_path: Path, program: str, said: str) -> None:
+    assert await ended(tmp_path, program) == f"{said}; see {tmp_path / 'robot.log'}"
+
+
+async def test_all_are_ended_side_by_side(tmp_path: Path) -> None:
+    async with Processes(tmp_path) as processes:
+        pids: list[int] = []
+        for name in ("one", "two"):
+            program = f"import os; print(os.getpid(), flush=True)\n{ENDLESS}"
+            await processes.start(name, [sys.executable, "-c", program], os.environ)
+            await processes.line_with(name, "ready", 20)
+            pids.append(int((tmp_path / f"{name}.log").read_text().split()[0]))
+    for pid in pids:
+        with pytest.raises(ProcessLookupError):
+            os.kill(pid, 0)
+
+
+async def test_a_port_that_nobody_listens_on_is_waited_for_and_named(tmp_path: Path) -> None:
+    port = free_tcp_port(0)
+    serve = f"import socket, time; s = socket.create_server(('127.0.0.1', {port})); time.sleep(600)"
+    async with Processes(tmp_path) as processes:
+        await processes.start("master", [sys.executable, "-c", serve], os.environ)
+        await processes.listening("master", port, 20)
+        with pytest.raises(DemoFailed, match=r"^master does not listen after 0 s; see .*master\.log$"):
+            await processes.listening("master", free_tcp_port(0), 0.1)
+
+
+async def test_what_does_not_come_in_time_is_named(tmp_path: Path) -> None:
+    async with Processes(tmp_path) as processes:
+        with pytest.raises(DemoFailed, match=r"^waited 0 s for the robots; see the logs in "):
+            await processes.until(lambda: False, asyncio.Event(), 0.1, "the robots")

@@ -44,6 +44,7 @@ _GROUPS: Final = {
     "scenario": "Scenarios and their runs.",
     "fault": "Robots that cannot work.",
     "decision": "Who takes over when a robot fails.",
+    "robot": "The robots of a fleet: list, register and unregister them.",
     "skill": "What robots can do, and having them do it.",
     "pubsub": "OPC UA PubSub between the server and the bridges.",
     "demo": "Demonstrations with real robots' programs.",
@@ -78,10 +79,12 @@ def _build() -> typer.Typer:
         demo_pal,
         demo_talkrobots,
         keys,
+        offer,
         pubsub,
         pubsub_decode,
         pubsub_probe,
         read,
+        robot,
         scenario,
         serve,
         simulate,
@@ -130,6 +133,10 @@ def _build() -> typer.Typer:
     _add(groups["decision"], "whatif", decision.whatif, decision.WHATIF_EXAMPLES)
     _add(groups["skill"], "list", skill.show, skill.LIST_EXAMPLES)
     _add(groups["skill"], "call", skill.call, skill.CALL_EXAMPLES)
+    _add(groups["skill"], "offer", offer.offer, offer.OFFER_EXAMPLES)
+    _add(groups["robot"], "list", robot.show, robot.LIST_EXAMPLES)
+    _add(groups["robot"], "register", robot.register, robot.REGISTER_EXAMPLES)
+    _add(groups["robot"], "unregister", robot.unregister, robot.UNREGISTER_EXAMPLES)
     _add(groups["demo"], "pal", demo_pal.pal, demo_pal.EXAMPLES)
     _add(groups["demo"], "talkrobots", demo_talkrobots.talkrobots, demo_talkrobots.EXAMPLES)
     for name, group in groups.items():

@@ -8,11 +8,13 @@ print(change.value, change.status_text)
 from ua_fleet.client.events import DecisionTold, FaultTold, RankedRobot, RankingInfo, RunTold, StepTold, Told
 from ua_fleet.client.fleet_client import POLICIES, Change, FleetClient, NodeInfo, Reading
 from ua_fleet.client.identity import ClientIdentity, default_identity_folder
+from ua_fleet.client.methods import NotDone
+from ua_fleet.client.offers import OfferedSkill, SkillRequest
+from ua_fleet.client.robots import RobotClient, RobotInfo, RobotInvalid
 from ua_fleet.client.scenarios import (
     DecisionInfo,
     FaultInfo,
     Forecast,
-    NotDone,
     Problem,
     RunInfo,
     ScenarioClient,
@@ -34,10 +36,14 @@ __all__ = [
     "NodeInfo",
     "NodeNotFound",
     "NotDone",
+    "OfferedSkill",
     "Problem",
     "RankedRobot",
     "RankingInfo",
     "Reading",
+    "RobotClient",
+    "RobotInfo",
+    "RobotInvalid",
     "RunInfo",
     "RunTold",
     "ScenarioClient",
@@ -46,6 +52,7 @@ __all__ = [
     "SkillEvent",
     "SkillExecution",
     "SkillInfo",
+    "SkillRequest",
     "StepTold",
     "Told",
     "default_identity_folder",

@@ -8,7 +8,7 @@ from __future__ import annotations
 import asyncio
 import logging
 import re
-from collections.abc import AsyncGenerator, AsyncIterator, Callable, Sequence
+from collections.abc import AsyncGenerator, AsyncIterator, Callable, Mapping, Sequence
 from contextlib import AbstractAsyncContextManager, asynccontextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -26,6 +26,7 @@ from ua_fleet.client.addresses import parse_address
 from ua_fleet.client.convert import parse_value, plain_value
 from ua_fleet.client.events import Feed, Told, told_by
 from ua_fleet.client.identity import ClientIdentity, default_identity_folder
+from ua_fleet.client.offers import OfferedSkill, offering
 from ua_fleet.client.skills import SkillCalls, SkillExecution, SkillInfo
 from ua_fleet.client.translated import NodeNotFound, quietly, translated
 from ua_fleet.errors import AccessRefused, NotConnected
@@ -363,6 +364,24 @@ class FleetClient:
         """
         execution = await self.start_skill(robot, skill, **arguments)
         return await execution.result(timeout_s=timeout_s or execution.timeout_s)
+
+    def offer_skill(
+        self, robot: str, skill: str, definition: str | Mapping[str, Any] = ""
+    ) -> AbstractAsyncContextManager[OfferedSkill]:
+        """Do a skill from now on, as long as the context lasts; what is asked for is iterated, or served.
+
+        Args:
+            robot: the robot that this client stands for; it is made where there is none.
+            skill: name of the skill.
+            definition: the skill as in `fleet.yaml`, which needs an engineer where it is new; empty: as it is known.
+
+        Raises:
+            RobotInvalid: all mistakes of the definition, with their lines.
+            NotDone: there is no such skill, or it is one of a robot behind a bridge.
+            AccessRefused: this user may not offer it.
+            NotConnected: the connection was lost.
+        """
+        return offering(self, self._client, self._feeds, robot, skill, definition)
 
     async def notify(self, address: str, heard: Callable[[Any], None], *, period_ms: float = 250.0) -> None:
         """Call a function with a node's value now, and whenever it changes, as long as the connection lasts.

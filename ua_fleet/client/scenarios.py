@@ -12,32 +12,15 @@ from typing import TYPE_CHECKING, Any, Final
 
 from asyncua import ua
 
-from ua_fleet.errors import UaFleetError
-from ua_fleet.values import StatusCode
+from ua_fleet.client.methods import NotDone, call_method, text, texts
 
 if TYPE_CHECKING:
     from ua_fleet.client.fleet_client import FleetClient
 
 __all__ = ["DecisionInfo", "FaultInfo", "Forecast", "NotDone", "Problem", "RunInfo", "ScenarioClient", "ScenarioInfo"]
 
-_STATUS: Final = {
-    1: StatusCode.BAD_NODE_ID_UNKNOWN,
-    2: StatusCode.BAD_CONFIGURATION_ERROR,
-    3: StatusCode.BAD_INVALID_STATE,
-    4: StatusCode.BAD_RESOURCE_UNAVAILABLE,
-}
-"""ReturnStatus of the server's Methods."""
 _OVER: Final = ("done", "failed", "aborted")
 _ACKNOWLEDGE: Final = f"i={ua.ObjectIds.AcknowledgeableConditionType_Acknowledge}"
-
-
-class NotDone(UaFleetError):
-    """The server has not done what was asked for; the text says why."""
-
-    def __init__(self, return_status: int, message: str) -> None:
-        self.return_status = return_status
-        self.ua_status = int(_STATUS.get(return_status, StatusCode.BAD_UNEXPECTED_ERROR))
-        super().__init__(message)
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,31 +115,31 @@ class ScenarioClient:
 
     async def validate(self, scenario: str) -> list[Problem]:
         """What is wrong with a scenario, given by its name or as a text."""
-        _, texts, lines = await self._call("Scenarios", "Validate", _text(scenario))
+        _, texts, lines = await self._call("Scenarios", "Validate", text(scenario))
         return [Problem(line, text) for line, text in zip(lines, texts, strict=True)]
 
     async def run(self, scenario: str, parameters: Mapping[str, str] | None = None) -> str:
         """Start a run; its id."""
         given = parameters or {}
-        names, values = _texts(list(given)), _texts(list(given.values()))
-        (run_id,) = await self._call("Scenarios", "Run", _text(scenario), names, values)
+        names, values = texts(list(given)), texts(list(given.values()))
+        (run_id,) = await self._call("Scenarios", "Run", text(scenario), names, values)
         return str(run_id)
 
     async def pause(self, run_id: str) -> None:
         """Let a run start no further task."""
-        await self._call("Scenarios", "Pause", _text(run_id))
+        await self._call("Scenarios", "Pause", text(run_id))
 
     async def resume(self, run_id: str) -> None:
         """Let a run go on."""
-        await self._call("Scenarios", "Resume", _text(run_id))
+        await self._call("Scenarios", "Resume", text(run_id))
 
     async def abort(self, run_id: str, reason: str) -> None:
         """End a run."""
-        await self._call("Scenarios", "Abort", _text(run_id), _text(reason))
+        await self._call("Scenarios", "Abort", text(run_id), text(reason))
 
     async def answer(self, run_id: str, step: str, answer: str) -> None:
         """Say what became of a task: done, retry or fail."""
-        await self._call("Scenarios", "Answer", _text(run_id), _text(step), _text(answer))
+        await self._call("Scenarios", "Answer", text(run_id), text(step), text(answer))
 
     async def run_info(self, run_id: str) -> RunInfo:
         """A run as it is now; NodeNotFound where there is none."""
@@ -226,21 +209,16 @@ class ScenarioClient:
 
     async def confirm(self, decision_id: str, robot: str) -> str:
         """Choose who takes over: `taken`, or `repeated` where it was this robot before."""
-        (outcome,) = await self._call("Resilience", "Confirm", _text(decision_id), _text(robot))
+        (outcome,) = await self._call("Resilience", "Confirm", text(decision_id), text(robot))
         return str(outcome)
 
     async def what_if(self, robot: str) -> list[Forecast]:
         """Who would take over each task that a robot has ahead."""
-        columns = await self._call("Resilience", "WhatIf", _text(robot))
+        columns = await self._call("Resilience", "WhatIf", text(robot))
         return [Forecast(*row) for row in zip(*columns, strict=True)]
 
     async def _call(self, owner: str, name: str, *arguments: ua.Variant) -> list[Any]:
-        *outputs, status, message = await self._client.call(
-            f"ns=2;s=Fleet.{owner}", f"ns=2;s=Fleet.{owner}.{name}", *arguments
-        )
-        if status:
-            raise NotDone(int(status), str(message))
-        return outputs
+        return (await call_method(self._client, f"Fleet.{owner}", name, *arguments)).check()
 
     async def _read(self, path: str, names: Sequence[str]) -> list[Any]:
         readings = await self._client.read([f"ns=2;s=Fleet.{path}.{name}" for name in names])
@@ -249,11 +227,3 @@ class ScenarioClient:
     async def _below(self, folder: str) -> list[str]:
         nodes = await self._client.browse(f"ns=2;s=Fleet.{folder}")
         return [node.browse_name for node in nodes if node.node_class == "Object"]
-
-
-def _text(value: str) -> ua.Variant:
-    return ua.Variant(value, ua.VariantType.String)
-
-
-def _texts(values: Sequence[str]) -> ua.Variant:
-    return ua.Variant(list(values), ua.VariantType.String, None, True)

@@ -57,6 +57,10 @@ async def test_a_registered_robot_is_one_of_the_fleet_until_it_is_unregistered(y
         done_by = reader(client, f"ns=2;s={WORK}.LastResult.ExecutionId")
         await until(done_by, lambda value: value.Value is not None and value.Value.Value == execution)
         assert [job.work for job in yard.machine.told()] == ["weld"]
+        assert (await call(client, "Fleet.Faults", "RaiseFault", "machine", "it smokes")).status == 0
+        await until(state, lambda value: value.Value.Value == 3)
+        assert (await call(client, "Fleet.Faults", "ClearFault", "machine")).status == 0
+        await until(state, lambda value: value.Value.Value == 1)
         assert (await register(client, "machine", "cell", MACHINE)).status == 0
         gone = await unregister(client, "machine")
         assert (gone.status, gone.message) == (0, "")

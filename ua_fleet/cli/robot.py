@@ -1,0 +1,157 @@
+"""`ua-fleet robot ...`: the robots of a fleet, and those that stand in no `fleet.yaml` of the server."""
+
+from __future__ import annotations
+
+from collections.abc import Awaitable, Callable
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from ua_fleet.cli.connect import connected
+from ua_fleet.cli.endings import UsageError
+from ua_fleet.cli.options import (
+    DEFAULT_ENDPOINT,
+    Connection,
+    Endpoint,
+    Insecure,
+    Json,
+    PasswordFile,
+    Policy,
+    SecurityPolicy,
+    Timeout,
+    User,
+)
+from ua_fleet.cli.output import message, print_json, print_line, print_table
+from ua_fleet.cli.process import run
+from ua_fleet.document import as_mapping, read_document
+from ua_fleet.errors import ConfigInvalid
+
+if TYPE_CHECKING:
+    from ua_fleet.client import RobotClient
+
+__all__ = ["LIST_EXAMPLES", "REGISTER_EXAMPLES", "UNREGISTER_EXAMPLES", "definition", "register", "show", "unregister"]
+
+LIST_EXAMPLES = ("ua-fleet robot list -u anna", "ua-fleet robot list -u anna --json")
+REGISTER_EXAMPLES = (
+    "ua-fleet robot register cart.yaml -u eva",
+    "ua-fleet robot register cart.yaml --name cart --bridge yard -u eva",
+    "ua-fleet robot register yard/fleet.yaml --bridge 301 -u eva",
+)
+UNREGISTER_EXAMPLES = ("ua-fleet robot unregister cart -u eva",)
+
+
+def show(
+    endpoint: Endpoint = DEFAULT_ENDPOINT,
+    user: User = None,
+    password_file: PasswordFile = None,
+    policy: SecurityPolicy = Policy.BASIC256SHA256,
+    insecure: Insecure = False,
+    timeout: Timeout = 10.0,
+    as_json: Json = False,
+) -> None:
+    """List the robots: how each is, and how it came to the fleet."""
+
+    async def work(robots: RobotClient) -> None:
+        found = await robots.robots()
+        if as_json:
+            for robot in found:
+                print_json(asdict(robot))
+            return
+        rows = [
+            (robot.name, robot.state, robot.origin, " ".join(robot.capacities), " ".join(robot.skills))
+            for robot in found
+        ]
+        print_table([("robot", "state", "from", "capacities", "skills"), *rows])
+
+    _with_robots(Connection.of(endpoint, user, password_file, policy, insecure, timeout), work)
+
+
+def register(
+    file: Annotated[Path, typer.Argument(help="Robots as in fleet.yaml: `robots:`, or the keys of one with --name.")],
+    name: Annotated[str | None, typer.Option(help="The robot; without it all that stand below `robots`.")] = None,
+    bridge: Annotated[
+        str, typer.Option(help="Its bridge, or the number of its space, in place of what the file says.")
+    ] = "",
+    endpoint: Endpoint = DEFAULT_ENDPOINT,
+    user: User = None,
+    password_file: PasswordFile = None,
+    policy: SecurityPolicy = Policy.BASIC256SHA256,
+    insecure: Insecure = False,
+    timeout: Timeout = 10.0,
+    as_json: Json = False,
+) -> None:
+    """Make robots of a file part of a running fleet; they stay until they are unregistered.
+
+    All mistakes are told with their lines, and the robot is not registered then. Said again, it changes nothing.
+    """
+    text, names = definition(file, name)
+    connection = Connection.of(endpoint, user, password_file, policy, insecure, timeout)
+
+    async def work(robots: RobotClient) -> None:
+        from ua_fleet.client import RobotInvalid
+
+        for one in names:
+            try:
+                node_id = await robots.register(one, text, bridge=bridge)
+            except RobotInvalid as error:
+                # The server does not know the file's name.
+                lines = [problem.text.replace("definition", str(file), 1) for problem in error.problems]
+                raise UsageError("\n".join(lines)) from None
+            if as_json:
+                print_json({"robot": one, "node_id": node_id})
+            else:
+                print_line(f"{one} is registered: {node_id}")
+
+    _with_robots(connection, work)
+
+
+def definition(file: Path, name: str | None) -> tuple[str, list[str]]:
+    """The text of a file, and the robots in it that are meant; raises UsageError or ConfigInvalid."""
+    try:
+        content = file.read_bytes()
+    except OSError as error:
+        raise UsageError(f"{file} cannot be read: {error.strerror}") from None
+    document = read_document(content, str(file))
+    if document.problems:
+        raise ConfigInvalid(document.problems)
+    robots = as_mapping(document.data.get("robots"))
+    if name is not None:
+        return content.decode(), [name]
+    if not robots:
+        raise UsageError(f"{file} has no `robots`; with the keys of one robot alone, give its --name")
+    return content.decode(), list(robots)
+
+
+def unregister(
+    robot: Annotated[str, typer.Argument(help="Name of the robot.")],
+    endpoint: Endpoint = DEFAULT_ENDPOINT,
+    user: User = None,
+    password_file: PasswordFile = None,
+    policy: SecurityPolicy = Policy.BASIC256SHA256,
+    insecure: Insecure = False,
+    timeout: Timeout = 10.0,
+    as_json: Json = False,
+) -> None:
+    """Take a robot that was registered, or announced by a bridge that is gone, out of the fleet."""
+    connection = Connection.of(endpoint, user, password_file, policy, insecure, timeout)
+
+    async def work(robots: RobotClient) -> None:
+        await robots.unregister(robot)
+        if as_json:
+            print_json({"robot": robot, "done": True})
+        else:
+            message(f"{robot} is unregistered")
+
+    _with_robots(connection, work)
+
+
+def _with_robots(connection: Connection, work: Callable[[RobotClient], Awaitable[None]]) -> None:
+    async def main() -> None:
+        async with connected(connection) as client:
+            from ua_fleet.client import RobotClient
+
+            await work(RobotClient(client))
+
+    run(main())

@@ -1,0 +1,120 @@
+# asyncua is typed in part only.
+# pyright: reportUnknownMemberType=false, reportUnknownVariableType=false, reportUnknownArgumentType=false
+# pyright: reportPrivateImportUsage=false
+"""The robots of a fleet: which there are, and those that come and go while the server runs."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Final
+
+from asyncua import ua
+
+from ua_fleet.client.methods import NotDone, call_method, text, texts
+from ua_fleet.client.scenarios import Problem
+
+if TYPE_CHECKING:
+    from ua_fleet.client.fleet_client import FleetClient
+
+__all__ = ["RobotClient", "RobotInfo", "RobotInvalid"]
+
+_STATES: Final = ("offline", "idle", "busy", "faulted")
+"""RobotStateEnumeration of the UaFleet nodeset."""
+
+
+class RobotInvalid(NotDone):
+    """The definition of a robot has mistakes."""
+
+    def __init__(self, problems: Sequence[Problem]) -> None:
+        self.problems = tuple(problems)
+        super().__init__(2, "\n".join(problem.text for problem in self.problems))
+
+
+@dataclass(frozen=True, slots=True)
+class RobotInfo:
+    """A robot as it is now."""
+
+    name: str
+    state: str
+    """`offline`, `idle`, `busy` or `faulted`."""
+    origin: str
+    """How it came to the fleet: `fleet.yaml`, `registered` or `announced`."""
+    capacities: tuple[str, ...]
+    skills: tuple[str, ...]
+    description: str
+
+
+class RobotClient:
+    """What engineers do with robots. Methods raise NotDone with the server's reason."""
+
+    def __init__(self, client: FleetClient) -> None:
+        self._client = client
+
+    async def robots(self) -> list[RobotInfo]:
+        """All robots, by their names."""
+        found: list[RobotInfo] = []
+        for node in await self._client.browse("Fleet/Robots", depth=2):
+            if node.depth != 1 or node.node_class != "Object":
+                continue
+            names = ("State", "Origin", "Capacities", "Description")
+            readings = await self._client.read([f"{node.node_id}.{name}" for name in names])
+            state, origin, capacities, description = [reading.value for reading in readings]
+            below = await self._client.browse(f"{node.node_id}.Skills", depth=2)
+            skills = [one.browse_name for one in below if one.node_id.startswith("ns=2;i=")]
+            found.append(
+                RobotInfo(
+                    node.browse_name,
+                    _STATES[state] if state in range(len(_STATES)) else str(state),
+                    str(origin),
+                    tuple(capacities or ()),
+                    tuple(skills),
+                    str(description or ""),
+                )
+            )
+        return sorted(found, key=lambda robot: robot.name)
+
+    async def register(
+        self,
+        name: str,
+        definition: str | Mapping[str, Any] = "",
+        *,
+        bridge: str = "",
+        capacities: Sequence[str] = (),
+        description: str = "",
+    ) -> str:
+        """Make a robot one of the fleet, and return its NodeId. Said again, it changes nothing.
+
+        Args:
+            name: of the robot.
+            definition: skills and data as below `robots.<robot>` in `fleet.yaml`, or a file that has this robot.
+            bridge: name of its bridge, or the number of its space; without it clients do its skills.
+            capacities: in place of those of the definition.
+            description: in place of that of the definition.
+
+        Raises:
+            RobotInvalid: all mistakes, with their lines in the definition.
+            NotDone: there is another robot of that name.
+        """
+        said = definition if isinstance(definition, str) else json.dumps(definition)
+        done = await call_method(
+            self._client,
+            "Fleet",
+            "RegisterRobot",
+            text(name),
+            text(bridge),
+            texts(list(capacities)),
+            text(description),
+            text(said),
+        )
+        node, problems, lines = done.outputs
+        if problems:
+            raise RobotInvalid([Problem(line, problem) for line, problem in zip(lines, problems, strict=True)])
+        done.check()
+        assert isinstance(node, ua.NodeId)
+        return node.to_string()
+
+    async def unregister(self, name: str) -> None:
+        """Take a robot out of the fleet; NotDone where it is in use, or in the server's `fleet.yaml`."""
+        (await call_method(self._client, "Fleet", "UnregisterRobot", text(name))).check()

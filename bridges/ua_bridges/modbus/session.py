@@ -34,6 +34,7 @@ MEMORY: Final = "handshakes.db"
 """In the bridge's state folder: which number each execution has."""
 _FIRST_S: Final = 1.0
 """At the start, devices that are there are waited for so long: then they can be commanded at once."""
+_CLOSING_S: Final = 0.02
 _LISTED: Final = 3
 """Devices that are away and are named in the status."""
 
@@ -230,6 +231,7 @@ class ModbusDriver:
                     for task in running:
                         task.cancel()
                     _, running = await asyncio.wait(running, timeout=0.1)
+        await asyncio.sleep(_CLOSING_S)  # asyncio closes a connection in its next turns
 
     def _on_broken_answer(self, loop: asyncio.AbstractEventLoop, context: Mapping[str, Any]) -> None:
         """An answer that the library cannot decode; it has hung up, and the request ends as not answered."""

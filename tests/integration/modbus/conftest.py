@@ -56,7 +56,10 @@ async def start(tmp_path: Path) -> AsyncIterator[Start]:
             },
             "robots": {"machine": {"bridge": "plc", "data": data}},
         }
-        driver, recorder = create_driver(load_content(yaml.safe_dump(fleet, sort_keys=False).encode(), "F", {}), "plc"), Recorder()
+        driver, recorder = (
+            create_driver(load_content(yaml.safe_dump(fleet, sort_keys=False).encode(), "F", {}), "plc"),
+            Recorder(),
+        )
         driver.remember_in(tmp_path)
         await driver.start(recorder)
         benches.append(Bench(driver, recorder))

@@ -1,7 +1,7 @@
 """A simulated PLC as a process.
 
     python -m ua_bridges.modbus.simulator --port 5020 --program conveyor
-    python -m ua_bridges.modbus.simulator --tty /dev/pts/3 --unit 1 --unit 2
+    python -m ua_bridges.modbus.simulator --tty /dev/pts/3 --parity none --unit 1 --unit 2
 
 It prints `ready` when it listens, and `told: ...` for each work that its program begins. Each line on its input is a
 command as JSON, and is answered with `{"done": true}`:
@@ -82,7 +82,9 @@ class Plc:
             tls = ssl.create_default_context(ssl.Purpose.CLIENT_AUTH)
             tls.load_cert_chain(self._options.certificate, self._options.key)
         options = self._options
-        self._server = make_server(self._units, host=options.host, port=options.port, tls=tls, tty=options.tty)
+        self._server = make_server(
+            self._units, host=options.host, port=options.port, tls=tls, tty=options.tty, parity=options.parity
+        )
         await self._server.serve_forever(background=True)
 
     async def hang_up(self) -> None:
@@ -173,6 +175,7 @@ def main() -> None:
     parser.add_argument("--host", default="127.0.0.1", help="address to listen on")
     parser.add_argument("--port", type=int, default=502, help="TCP port")
     parser.add_argument("--tty", help="a serial line instead of TCP")
+    parser.add_argument("--parity", choices=("none", "even", "odd"), default="even", help="of the serial line")
     parser.add_argument("--unit", type=int, action="append", help="a unit identifier; may be repeated")
     parser.add_argument("--size", type=int, default=10_000, help="addresses of each table")
     parser.add_argument("--certificate", help="file for TLS")

@@ -8,6 +8,7 @@ from typing import Final, Protocol
 
 from pymodbus import FramerType
 from pymodbus.constants import ExcCodes
+from pymodbus.exceptions import NoSuchIdException
 from pymodbus.server import ModbusSerialServer, ModbusTcpServer, ModbusTlsServer
 from pymodbus.simulator import DataType, SimData, SimDevice
 
@@ -59,7 +60,7 @@ class _Memories:
         """What lies at the addresses."""
         memory, span = self._units.get(device_id), Span(_TABLES[func_code], address, count)
         if memory is None:
-            return ExcCodes.GATEWAY_NO_RESPONSE
+            raise NoSuchIdException
         if not memory.has(span):
             return ExcCodes.ILLEGAL_ADDRESS
         cells = memory.cells(span)
@@ -72,7 +73,7 @@ class _Memories:
         """Lay values at the addresses."""
         memory, span = self._units.get(device_id), Span(_TABLES[func_code], address, len(values))
         if memory is None:
-            return ExcCodes.GATEWAY_NO_RESPONSE
+            raise NoSuchIdException
         if not memory.has(span):
             return ExcCodes.ILLEGAL_ADDRESS
         memory.put_cells(span, values)
@@ -87,6 +88,7 @@ def make_server(
     port: int = 0,
     tls: ssl.SSLContext | None = None,
     tty: str | None = None,
+    parity: str = "even",
 ) -> PlcServer:
     """A server that does not listen yet. In a running event loop.
 
@@ -96,12 +98,18 @@ def make_server(
         port: TCP port.
         tls: for Modbus/TCP Security.
         tty: a serial line instead, with RTU.
+        parity: of the serial line: even, odd or none; a pseudo terminal has none.
     """
     nothing = SimDevice(0, [SimData(0, values=0, datatype=DataType.REGISTERS)])
     server: ModbusTcpServer | ModbusSerialServer
     if tty is not None:
         server = ModbusSerialServer(
-            nothing, port=tty, framer=FramerType.RTU, parity="E", baudrate=19_200, ignore_missing_devices=True
+            nothing,
+            port=tty,
+            framer=FramerType.RTU,
+            parity=parity[0].upper(),
+            baudrate=19_200,
+            ignore_missing_devices=True,
         )
     elif tls is not None:
         server = ModbusTlsServer(nothing, framer=FramerType.SOCKET, address=(host, port), sslctx=tls)

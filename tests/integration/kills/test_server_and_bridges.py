@@ -56,6 +56,9 @@ async def test_nothing_is_done_twice_and_nothing_is_lost(
         await stop(client)
         for run_id in run_ids:
             assert await ended(client, run_id) == "done", await value(client, f"Scenarios.Runs.{run_id}.Reason")
+        replayed = [f"ns=2;s={900 + number}.Drops.replayed" for number in range(len(ROBOTS))]
+        nodes = [client.get_node(node_id) for node_id in ("ns=2;s=Fleet.Traffic.Drops.replayed", *replayed)]
+        assert await client.read_values(nodes) == [0] * 4, "nonces go on where they were, whoever was killed"
     crew.end()
 
     facts = facts_of(works.folder / works.config.server.state_dir / RUN_JOURNAL)

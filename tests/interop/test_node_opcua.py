@@ -18,7 +18,7 @@ CLIENT = Path(__file__).parent / "client.cjs"
 
 
 async def run_client(
-    url: str, user: str, password: str, folder: Path, *, script: Path = CLIENT, timeout_s: float = 60
+    url: str, user: str, password: str, folder: Path, *more: str, script: Path = CLIENT, timeout_s: float = 60
 ) -> tuple[int, str, str]:
     """Run the foreign client to its end."""
     process = await asyncio.create_subprocess_exec(
@@ -28,6 +28,7 @@ async def run_client(
         user,
         password,
         str(folder),
+        *more,
         stdin=asyncio.subprocess.DEVNULL,
         stdout=asyncio.subprocess.PIPE,
         stderr=asyncio.subprocess.PIPE,

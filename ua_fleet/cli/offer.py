@@ -30,7 +30,6 @@ from ua_fleet.cli.options import (
 from ua_fleet.cli.output import message, print_json, print_line
 from ua_fleet.cli.process import run
 from ua_fleet.cli.skill import argument
-from ua_fleet.document import as_mapping
 from ua_fleet.errors import SkillFailed, UaFleetError
 
 if TYPE_CHECKING:
@@ -194,6 +193,8 @@ async def _by_program(command: str, request: SkillRequest) -> Mapping[str, Any]:
     if process.returncode:
         said = errors.decode(errors="replace").strip().splitlines()
         raise SkillFailed(said[-1] if said else f"{command} ended with {process.returncode}")
+    from ua_fleet.document import as_mapping
+
     try:
         results = as_mapping(json.loads(output or b"{}"))
     except ValueError:

@@ -25,7 +25,6 @@ from ua_fleet.cli.options import (
 )
 from ua_fleet.cli.output import message, print_json, print_line, print_table
 from ua_fleet.cli.process import run
-from ua_fleet.document import as_mapping, read_document
 from ua_fleet.errors import ConfigInvalid
 
 if TYPE_CHECKING:
@@ -109,6 +108,8 @@ def register(
 
 def definition(file: Path, name: str | None) -> tuple[str, list[str]]:
     """The text of a file, and the robots in it that are meant; raises UsageError or ConfigInvalid."""
+    from ua_fleet.document import as_mapping, read_document
+
     try:
         content = file.read_bytes()
     except OSError as error:

@@ -9,10 +9,12 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
+from typing import Final
 
 from ua_fleet.scenario.expression import Expression, Value
 
 __all__ = [
+    "LEAST_PAUSE_S",
     "Argument",
     "Condition",
     "End",
@@ -29,6 +31,9 @@ __all__ = [
     "Wait",
     "takes_time",
 ]
+
+LEAST_PAUSE_S: Final = 0.05
+"""A repetition takes at least so long: each time is written down."""
 
 Argument = Value | Expression
 """A value as it is written, or an expression over parameters, results and robots' values (`=angle / 2`)."""
@@ -208,6 +213,6 @@ def takes_time(step: Step) -> bool:
         case Repeat(body=body):
             return takes_time(body)
         case Wait(for_s=for_s):
-            return for_s is not None
+            return for_s is not None and for_s >= LEAST_PAUSE_S
         case Task() | End():
             return True

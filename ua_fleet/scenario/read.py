@@ -16,6 +16,7 @@ from ua_fleet.errors import ConfigError, ScenarioInvalid
 from ua_fleet.names import closest, listed
 from ua_fleet.scenario.expression import Expression, ExpressionInvalid, parse_expression
 from ua_fleet.scenario.model import (
+    LEAST_PAUSE_S,
     Argument,
     Condition,
     End,
@@ -37,7 +38,10 @@ __all__ = ["MOST_STEPS", "Reading", "read_scenario", "scenario_of"]
 
 MOST_STEPS: Final = 10_000
 MOST_REPEATS: Final = 1_000_000
+"""Of all repetitions within each other together."""
 MOST_RETRIES: Final = 100
+MOST_SECONDS: Final = 1e8
+"""Three years."""
 
 _NAME: Final = re.compile(r"[A-Za-z_][A-Za-z0-9_]{0,63}")
 _QUANTITY: Final = re.compile(r"([-+]?[0-9.]+(?:[eE][-+]?[0-9]+)?)\s+([^\s0-9].*)")
@@ -96,6 +100,8 @@ class _Reader:
         self._names: dict[str, int] = {}
         """Tasks and the lines where they stand."""
         self._steps = 0
+        self._times = 1
+        """How often a step is repeated by all that is around it."""
 
     def scenario(self, text: str) -> Scenario:
         data = self._document.data
@@ -218,11 +224,17 @@ class _Reader:
         while_ = self._expression(data["while"], (*path, "while")) if "while" in data else None
         if times is None and "while" not in data:
             self._problem(path, "would repeat for ever", "give `times`, `while`, or both")
+        around, self._times = self._times, self._times * (times or 1)
+        if around <= MOST_REPEATS < self._times:
+            self._problem((*path, "times"), f"would repeat {self._times} times in all; at most {MOST_REPEATS} are done")
         body = self._sequence(data["repeat"], (*path, "repeat"), f"{key}.repeat")
+        self._times = around
         if not body.steps:
             self._problem((*path, "repeat"), "nothing is repeated")
         elif not takes_time(body):
-            self._problem((*path, "repeat"), "would turn without a pause", "put a task or `wait: SECONDS` on each way")
+            self._problem(
+                (*path, "repeat"), "would turn without a pause", f"put a task or `wait: {LEAST_PAUSE_S}` on each way"
+            )
         timeout_s = self._seconds(path, data, "timeout_s")
         return Repeat(key, self._line(path), body, times, while_, 10.0 if timeout_s is None else timeout_s)
 
@@ -339,8 +351,8 @@ class _Reader:
         value = data.get(key)
         if value is None:
             return None
-        if isinstance(value, bool) or not isinstance(value, int | float) or not 0 < value < math.inf:
-            self._problem((*path, key), f"`{key}` must be a number of seconds above 0")
+        if isinstance(value, bool) or not isinstance(value, int | float) or not 0 < value <= MOST_SECONDS:
+            self._problem((*path, key), f"`{key}` must be a number of seconds above 0, at most {MOST_SECONDS:g}")
             return None
         return float(value)
 

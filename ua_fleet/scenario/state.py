@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from enum import Enum, auto
+from typing import Final
 
 from ua_fleet.scenario.expression import Value
 from ua_fleet.scenario.facts import (
@@ -32,6 +33,9 @@ from ua_fleet.scenario.facts import (
 )
 
 __all__ = ["RunState", "TaskPhase", "TaskRun"]
+
+MOST_TASKS: Final = 500
+"""Tasks of iterations that are over and still known; of twice as many the older half is forgotten."""
 
 
 class TaskPhase(Enum):
@@ -90,6 +94,8 @@ class RunState:
     outcome: RunOutcome | None = None
     reason: str = ""
 
+    gone_tasks: dict[str, None] = field(default_factory=dict[str, None])
+    """Tasks of iterations that are over, the oldest first."""
     undecided: dict[str, float] = field(default_factory=dict[str, float])
     """Since when a condition waits for its values; begins anew after a restart."""
     waiting_for_events: dict[str, str] = field(default_factory=dict[str, str])
@@ -105,6 +111,7 @@ class RunState:
                 self.branches[fact.step] = fact.then
             case IterationStarted():
                 self.iterations[fact.step] = fact.number
+                self._forget_iteration(fact.step, fact.number - 1)
             case EventSeen():
                 self.events_seen.add(fact.step)
                 self.waiting_for_events.pop(fact.step, None)
@@ -122,6 +129,32 @@ class RunState:
                 self.outcome, self.reason = fact.outcome, fact.reason
             case _:
                 self._task_changed(fact)
+
+    def _forget_iteration(self, repeat: str, number: int) -> None:
+        """What was within an iteration is never looked at again, but for the last tasks, which people see."""
+        base, at, scope = repeat.partition("@")
+        body, within = f"{base}.repeat", f"{at}{scope}@{number}"
+
+        def is_gone(key: str) -> bool:
+            step, sign, rest = key.partition("@")
+            return step.startswith(body) and f"{sign}{rest}@".startswith(f"{within}@")
+
+        def forget(keys: Iterable[str]) -> None:
+            for key in keys:
+                for known in (self.started, self.ended, self.branches, self.iterations, self.undecided):
+                    known.pop(key, None)
+                self.waiting_for_events.pop(key, None)
+                self.events_seen.discard(key)
+
+        gone = [key for key in self.started if is_gone(key)]
+        forget([key for key in gone if key not in self.tasks])
+        self.gone_tasks.update(dict.fromkeys([key for key in gone if key in self.tasks]))
+        if len(self.gone_tasks) >= 2 * MOST_TASKS:
+            forgotten = list(self.gone_tasks)[:-MOST_TASKS]
+            for key in forgotten:
+                del self.tasks[key], self.gone_tasks[key]
+            self.executions = {known: step for known, step in self.executions.items() if step in self.tasks}
+            forget(forgotten)
 
     def _step_ended(self, fact: StepEnded) -> None:
         self.waiting_for_events.pop(fact.step, None)

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from graphlib import CycleError, TopologicalSorter
 from itertools import pairwise
+from typing import Final
 
 from ua_fleet.errors import ConfigError
 from ua_fleet.fleet.quantities import UnitsDiffer
@@ -17,6 +18,9 @@ from ua_fleet.scenario.model import Sequence as Steps
 from ua_fleet.values import BuiltinType
 
 __all__ = ["FleetView", "RobotView", "Validation", "validate"]
+
+MOST_HINTS: Final = 20
+"""Problems that say which known name may have been meant."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,6 +75,7 @@ class _Checker:
         self._scenario, self._fleet, self._file = scenario, fleet, file
         self._parameters = {parameter.name for parameter in scenario.parameters}
         self._tasks = {task.name: task for task in scenario.tasks()}
+        self._declared: dict[tuple[str, tuple[str, ...]], list[SkillModel]] = {}
         self.problems: list[ConfigError] = []
 
     def checked(self, step: Step) -> Step:
@@ -109,7 +114,7 @@ class _Checker:
             self._expression(step.until, step.line)
         events = self._fleet.events
         if step.event is not None and events is not None and step.event not in events:
-            hint = closest(step.event, events) or f"known events: {listed(sorted(events))}"
+            hint = self._closest(step.event, events) or f"known events: {listed(sorted(events))}"
             self._problem(step.line, f"there is no event {step.event!r}", hint)
 
     def _constant(self, when: Expression, step: Condition) -> None:
@@ -151,24 +156,32 @@ class _Checker:
         """The declarations that a task's skill may have; none after noting why."""
         fleet = self._fleet
         if task.robot is None:
-            able = fleet.able(task.skill, task.capacities)
+            able = self._able(task)
             if not able:
                 known = {skill for robot in fleet.robots.values() for skill in robot.skills}
-                hint = "" if task.skill in known else closest(task.skill, known)
+                hint = "" if task.skill in known else self._closest(task.skill, known)
                 what = " and ".join(task.capacities)
                 self._problem(task.line, f"task {task.name!r}: no robot with {what} has the skill {task.skill!r}", hint)
-            return [robot.skills[task.skill] for robot in able]
+            return able
         robot = fleet.robots.get(task.robot)
         if robot is None:
-            hint = closest(task.robot, fleet.robots) or f"known robots: {listed(fleet.robots) or 'none'}"
+            hint = self._closest(task.robot, fleet.robots) or f"known robots: {listed(fleet.robots) or 'none'}"
             self._problem(task.line, f"task {task.name!r}: there is no robot {task.robot!r}", hint)
             return []
         skill = robot.skills.get(task.skill)
         if skill is None:
-            hint = closest(task.skill, robot.skills) or f"its skills: {listed(robot.skills) or 'none'}"
+            hint = self._closest(task.skill, robot.skills) or f"its skills: {listed(robot.skills) or 'none'}"
             self._problem(task.line, f"task {task.name!r}: {task.robot} has no skill {task.skill!r}", hint)
             return []
         return [skill]
+
+    def _able(self, task: Task) -> list[SkillModel]:
+        """The declarations of a skill on the robots that are able, each once: thousands may have the same."""
+        key = task.skill, task.capacities
+        if key not in self._declared:
+            robots = self._fleet.able(*key)
+            self._declared[key] = list(dict.fromkeys([replace(robot.skills[task.skill], id=0) for robot in robots]))
+        return self._declared[key]
 
     # Names.
 
@@ -195,7 +208,9 @@ class _Checker:
             results = self._results(task)
             if results is None or rest in results:
                 return None
-            return f"{task.skill} has no result {rest!r}", closest(rest, results) or f"its results: {listed(results)}"
+            return f"{task.skill} has no result {rest!r}", self._closest(
+                rest, results
+            ) or f"its results: {listed(results)}"
         meanings = self._fleet.values.get(name, 0)
         if meanings == 1:
             return None
@@ -203,11 +218,14 @@ class _Checker:
             candidates = [full for full in self._fleet.values if full.endswith(f".{name}")]
             return f"{name!r} may be {meanings} values", f"write one of {listed(candidates)}"
         known = [*self._parameters, *self._fleet.values, *(f"{task}." for task in self._tasks)]
-        return f"{name!r} is no parameter, no result and no robot's value", closest(name, known)
+        return f"{name!r} is no parameter, no result and no robot's value", self._closest(name, known)
 
     def _results(self, task: Task) -> set[str] | None:
-        robots = [self._fleet.robots.get(task.robot)] if task.robot else self._fleet.able(task.skill, task.capacities)
-        skills = [robot.skills[task.skill] for robot in robots if robot is not None and task.skill in robot.skills]
+        if task.robot is None:
+            skills = self._able(task)
+        else:
+            robot = self._fleet.robots.get(task.robot)
+            skills = [robot.skills[task.skill]] if robot is not None and task.skill in robot.skills else []
         return {result.name for skill in skills for result in skill.results} if skills else None
 
     # Order.
@@ -220,7 +238,7 @@ class _Checker:
         for task in self._tasks.values():
             for name in task.after:
                 if name not in self._tasks:
-                    hint = closest(name, self._tasks)
+                    hint = self._closest(name, self._tasks)
                     self._problem(task.line, f"task {task.name!r} comes after {name!r}, which is not there", hint)
                     continue
                 graph[task.name].add(name)
@@ -237,6 +255,10 @@ class _Checker:
             circle: list[str] = error.args[1]
             line = max(self._tasks[name].line for name in circle)
             self._problem(line, f"tasks wait for each other: {' after '.join(circle)}")
+
+    def _closest(self, word: str, known: Iterable[str]) -> str:
+        """A hint for the first problems; to look for one among many names takes its time."""
+        return closest(word, known) if len(self.problems) < MOST_HINTS else ""
 
     def _problem(self, line: int, message: str, suggestion: str = "") -> None:
         self.problems.append(ConfigError(message, file=self._file, line=line, suggestion=suggestion))

@@ -165,6 +165,12 @@ TASK = "{task: a, robot: r, skill: k}"
         (HEAD + "  - repeat: " + TASK + "\n", ["would repeat for ever"]),
         (HEAD + "  - {repeat: [], times: 2}\n", ["nothing is repeated"]),
         (HEAD + "  - {repeat: " + TASK + ", times: 0}\n", ["whole number from 1 to", "would repeat for ever"]),
+        (HEAD + "  - {repeat: {wait: 0.01}, times: 2}\n", ["would turn without a pause; put a task or `wait: 0.05`"]),
+        (
+            HEAD + "  - {repeat: {repeat: " + TASK + ", times: 2000}, times: 2000}\n",
+            ["would repeat 4000000 times in all; at most 1000000 are done"],
+        ),
+        (HEAD + "  - {wait: 1e9}\n", ["a number of seconds above 0, at most 1e+08"]),
         (HEAD + "  - wait:\n", ["F:4:steps[0]: waits for no one thing"]),
         (HEAD + "  - {wait: 2, event: E}\n", ["waits for no one thing"]),
         (HEAD + "  - {wait: soon}\n", ["`wait` must be a number of seconds above 0"]),

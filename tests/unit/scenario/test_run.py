@@ -372,3 +372,33 @@ def test_a_robot_that_can_tell_later_answers_the_question(
         world.run.answered(question.step, "retry", "anna", 10)
     world.go()
     assert world.log == log
+
+
+def test_a_run_that_repeats_for_long_stays_small() -> None:
+    """What is within a past iteration is forgotten, but for the last tasks; a restart goes on where it was."""
+    world = owner(
+        "  - {repeat: [{task: a, robot: ned, skill: pick}, {wait: 1}, {if: 1 > 0, then: [{wait: 1}]}], times: 1100}\n"
+    )
+    world.go(2500)
+    state = world.run.state
+    assert len(state.started) < 1100
+    assert len(state.tasks) <= 1001
+    before = state.iterations
+    world.restart()
+    assert world.run.state.iterations == before
+    assert len(world.run.state.started) < 1100
+    world.go(9000)
+    assert world.log[-1].endswith(" done")
+    assert len(world.done_by) == 1100
+
+
+def test_what_is_over_in_one_repetition_stays_while_another_turns() -> None:
+    steps = """
+  - parallel:
+      - [{repeat: [{task: a, robot: ned, skill: pick}], times: 1200}]
+      - [{repeat: [{task: b, robot: ur3, skill: pick}, {wait: 2000}], times: 2}]
+"""
+    world = owner(steps)
+    world.go(9000)
+    assert world.begun["b"] == 2
+    assert world.begun["a"] == 1200

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Final, NamedTuple
 
 from ua_fleet.document import resolve_scalar
-from ua_fleet.errors import ConfigError, ScenarioError
+from ua_fleet.errors import ConfigError, ScenarioError, ScenarioInvalid
 from ua_fleet.scenario import FleetView, Scenario, Value, read_scenario, validate
 from ua_fleet.values import StatusCode
 
@@ -17,6 +17,12 @@ __all__ = ["Checked", "Library", "Listed", "ScenarioUnknown", "read_values"]
 MOST_BYTES: Final = 256 * 1024
 """Of one scenario."""
 MOST_LISTED: Final = 1000
+MOST_PROBLEMS: Final = 500
+"""Of one scenario that are told."""
+MOST_SAID: Final = 20
+"""Of these, in place of a run."""
+MOST_TOLD: Final = 300
+"""Characters of one problem."""
 _ENDINGS: Final = (".yaml", ".yml", ".json")
 _NAME: Final = re.compile(r"[A-Za-z][A-Za-z0-9_-]{0,63}")
 
@@ -108,13 +114,27 @@ class Library:
         text = self.text(name_or_text)
         return self._held(text, "" if text == name_or_text else f"{name_or_text.strip()}.yaml", fleet)
 
+    def valid(self, name_or_text: str, fleet: FleetView) -> Scenario:
+        """A scenario without problems.
+
+        Raises:
+            ScenarioInvalid: it has problems, the first of which are said.
+            ScenarioError: as `text` does.
+        """
+        checked = self.checked(name_or_text, fleet)
+        if checked.problems:
+            first = [str(problem) for problem in checked.problems[:MOST_SAID]]
+            more = len(checked.problems) - len(first)
+            raise ScenarioInvalid([*first, *([f"and {more} more, which Validate tells"] if more else [])])
+        return checked.scenario
+
     def _held(self, text: str, file: str, fleet: FleetView) -> Checked:
         reading = read_scenario(text.encode(), file)
         if not reading.scenario.body.steps:
-            return Checked(*reading)
+            return Checked(reading.scenario, _told(reading.problems, file))
         validation = validate(reading.scenario, fleet, file)
         problems = sorted((*reading.problems, *validation.problems), key=lambda problem: problem.line)
-        return Checked(validation.scenario, tuple(problems))
+        return Checked(validation.scenario, _told(problems, file))
 
     def _files(self) -> Sequence[Path]:
         try:
@@ -136,6 +156,27 @@ class Library:
                 reason = error.strerror or "it cannot be opened"
                 raise ScenarioError(f"{path.name}: {reason}; look at the folder of scenarios") from error
         raise ScenarioUnknown(f"there is no scenario {name!r} in the folder of scenarios")
+
+
+def _told(problems: Sequence[ConfigError], file: str) -> tuple[ConfigError, ...]:
+    """Problems for people: none is longer than a few lines, and there is an end to them."""
+    told = [
+        ConfigError(
+            _short(problem.message),
+            file=problem.file,
+            line=problem.line,
+            key=_short(problem.key),
+            suggestion=_short(problem.suggestion),
+        )
+        for problem in problems[:MOST_PROBLEMS]
+    ]
+    if len(problems) > MOST_PROBLEMS:
+        told.append(ConfigError(f"and {len(problems) - MOST_PROBLEMS} problems more", file=file))
+    return tuple(told)
+
+
+def _short(text: str) -> str:
+    return text if len(text) <= MOST_TOLD else f"{text[:MOST_TOLD]}..."
 
 
 def read_values(

@@ -18,7 +18,7 @@ from typing import Any, Final
 import structlog
 
 from ua_fleet.config.schema import FleetConfig
-from ua_fleet.errors import ScenarioError, ScenarioInvalid, StorageUnavailable
+from ua_fleet.errors import ScenarioError, StorageUnavailable
 from ua_fleet.fleet.changes import ValueChanged
 from ua_fleet.fleet.model import FleetModel, RobotModel
 from ua_fleet.orchestrator import (
@@ -221,13 +221,10 @@ class ScenarioService:
         """A scenario that can be run. May wait for the disk, and be called from any thread.
 
         Raises:
-            ScenarioInvalid: it has problems, all of which are said.
+            ScenarioInvalid: it has problems, the first of which are said.
             ScenarioError: it is not there, or too long.
         """
-        checked = self.check(name_or_text)
-        if checked.problems:
-            raise ScenarioInvalid([str(problem) for problem in checked.problems])
-        return checked.scenario
+        return self.library.valid(name_or_text, self.fleet)
 
     def start(self, scenario: Scenario, names: Sequence[str], values: Sequence[str], by: str) -> str:
         """Start a run of a valid scenario; its id.

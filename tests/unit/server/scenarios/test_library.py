@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import time
 from pathlib import Path
 
 import pytest
 
-from ua_fleet.errors import ScenarioError
-from ua_fleet.scenario import FleetView
+from ua_fleet.errors import ScenarioError, ScenarioInvalid
+from ua_fleet.scenario import FleetView, RobotView
 from ua_fleet.server.scenarios.library import MOST_BYTES, Library, Listed, ScenarioUnknown, read_values
 
 GOOD = "version: 1\nname: good\ndescription: waits\nsteps:\n  - {wait: 1}\n"
@@ -73,3 +74,26 @@ def test_all_files_of_the_folder_are_held_against_the_fleet(tmp_path: Path) -> N
         "lost.json:2:steps[0].skill: `skill` is missing",
         "lost.json:2: task 'a': there is no robot 'x'; known robots: none",
     ]
+
+
+def test_problems_have_an_end_and_are_found_in_time(tmp_path: Path) -> None:
+    """Thousands of mistakes against a thousand robots, whose names are all alike."""
+    robots = {f"robot{number}": RobotView(f"robot{number}") for number in range(1000)}
+    fleet = FleetView(robots, {f"{robot}.battery": 1 for robot in robots})
+    head, library = "version: 1\nname: a\nsteps:\n", Library(tmp_path)
+    for step in (
+        "  - {if: robot1.batery > 1, then: [{wait: 1}]}\n",
+        "  - {task: t, skill: go, robt: robot1}\n",
+        "  - {task: t, skill: go, capacity: mobile}\n",
+        f"  - {{task: '{'x' * 1000}', skill: go, robot: robot}}\n",
+    ):
+        began = time.monotonic()
+        problems = library.checked(head + step * (200_000 // len(step)), fleet).problems
+        assert time.monotonic() - began < 20
+        assert all(len(str(problem)) < 1000 for problem in problems)
+        if len(problems) > 500:
+            assert len(problems) == 501
+            assert str(problems[-1]).startswith("and ")
+    with pytest.raises(ScenarioInvalid) as caught:
+        library.valid(head + "  - a\n" * 100, fleet)
+    assert (len(caught.value.problems), caught.value.problems[-1]) == (21, "and 80 more, which Validate tells")

@@ -10,7 +10,6 @@ import pytest
 from asyncua.client.client import Client
 
 from tests.contract.skilled import ENDLESS_WORK, FAILING_WORK
-from tests.integration.peer import Peer
 from tests.integration.scenarios.conftest import (
     ENGINEER,
     ROBOTS,
@@ -26,9 +25,6 @@ from tests.integration.scenarios.conftest import (
 from tests.integration.scenarios.machines import ANSWERS_FOR_ANOTHER, ANSWERS_TWICE
 from tests.integration.server_model.harness import until
 from ua_fleet.server.nodeset import TypeId
-from ua_fleet.skill.executions import ExecutionState
-from ua_fleet.skill.status import SKILL_STATUS_FIELDS, ExecutionStatus, SkillStatus
-from ua_fleet.topics import Topic
 
 
 def task(name: str, work: str, robot: str = "left", **keys: Any) -> str:
@@ -79,35 +75,6 @@ async def test_answers_that_come_twice_or_late_or_for_another_execution_change_n
         assert await tasks(client, twice, "States") == {"a": "done", "b": "done"}
         assert await value(client, f"Scenarios.Runs.{late}.State") == "failed"
     assert [work for _, work in plant.told()] == [ANSWERS_TWICE, "weld", "weld", "weld", ANSWERS_FOR_ANOTHER]
-
-
-async def test_a_bridge_cannot_answer_for_another_ones_robot(plant: Plant) -> None:
-    plant.scenario("endless", task("a", ENDLESS_WORK, robot="right"))
-    plant.bridge("right")
-    status = Topic(300, 2, 1200)
-    async with plant.server() as server, server.client() as client, Peer.at(plant.config.pubsub.url, 300) as left:
-        run_id = await run(client, "endless")
-
-        async def states() -> Any:
-            return await tasks(client, run_id, "States")
-
-        await until(states, lambda shown: shown == {"a": "accepted"})
-        (job,) = plant.machines["right"].told()
-        left.announce(status, SKILL_STATUS_FIELDS)
-        for state in (ExecutionState.DONE, ExecutionState.FAILED):
-            lie = SkillStatus()
-            lie.show(ExecutionStatus(job.execution_id, "work", state))
-            left.publish(status, *lie.fields()[1])
-        told = client.get_node("ns=2;s=1200.State")
-
-        async def heard() -> Any:
-            return await told.read_value()
-
-        await until(heard, lambda shown: shown is not None and list(shown) == [ExecutionState.FAILED])
-        assert await states() == {"a": "accepted"}
-        assert await run_is(client, run_id, "running") == "running"
-        await call(client, "Scenarios", "Abort", run_id, "seen enough")
-        await run_is(client, run_id, "aborted")
 
 
 NEVER = {"timeout_s": 0.5}

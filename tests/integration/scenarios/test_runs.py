@@ -88,7 +88,7 @@ steps:
         fine = "version: 1\nname: fine\nsteps:\n  - {task: a, skill: work, robot: left}\n"
         assert (await call(client, "Scenarios", "Validate", fine)).outputs == [True, [], []]
         wrong = await call(client, "Scenarios", "Run", fine, texts(["speed"]), texts(["1"]))
-        assert (wrong.status, wrong.message) == (3, "there is no parameter 'speed'")
+        assert (wrong.status, wrong.message) == (2, "there is no parameter 'speed'")
         rehearsed = await call(client, "Scenarios", "DryRun", fine, texts(), texts(), texts(), texts())
         assert rehearsed.outputs[0] == "done"
         assert rehearsed.outputs[4][0] == "a: left work(work=weld, seconds=0)"

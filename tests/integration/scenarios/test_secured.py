@@ -12,13 +12,18 @@ from typing import Any, Final
 import pytest
 from asyncua.client.client import Client
 
+from tests.contract.skilled import ENDLESS_WORK
 from tests.integration.peer import Peer
-from tests.integration.scenarios.conftest import ROBOTS, Plant, all_heard, run, run_is, says, value, watching
+from tests.integration.scenarios.conftest import ROBOTS, Plant, all_heard, call, run, run_is, says, value, watching
 from tests.integration.server_model.harness import reader, ua, until
 from tests.system import Processes
 from ua_fleet.counters import Drop
+from ua_fleet.keys.files import FileKeySource
 from ua_fleet.server.nodeset import TypeId
+from ua_fleet.skill.executions import ExecutionState
+from ua_fleet.skill.status import SKILL_STATUS_FIELDS, ExecutionStatus, SkillStatus
 from ua_fleet.storage.key_files import KeyFile, KeyFolder
+from ua_fleet.topics import Topic
 from ua_fleet.wire.security import SecurityMode, SecurityPolicy, read_security
 
 SERVICE: Final = {"security": "sign_and_encrypt", "keys": {"lifetime_s": 2.0, "future_keys": 8}}
@@ -142,3 +147,37 @@ async def test_a_bridge_with_a_wrong_key_is_shown_and_replaced_until_it_has_the_
             await until(reader(client, node_id), lambda data: data.StatusCode.is_good())
         assert await run_is(client, await run(client, "two"), "done", "failed") == "done"
     assert plant.told()[2:] == [("left", "weld")] * 2
+
+
+@pytest.mark.parametrize("plant", [FILES], indirect=True)
+async def test_a_bridge_with_its_own_keys_cannot_answer_for_the_robot_of_another(plant: Plant) -> None:
+    await plant.prepare()
+    plant.scenario("endless", f"  - {{task: a, skill: work, robot: right, arguments: {{work: {ENDLESS_WORK}}}}}\n")
+    plant.bridge("right")
+    status, keys = Topic(300, 2, 1200), FileKeySource(plant.folder / "keys", SecurityPolicy.AES256_CTR)
+    async with (
+        plant.server() as server,
+        server.client() as client,
+        Peer.secured(plant.config, 300, plant.folder, keys) as left,
+    ):
+        run_id = await run(client, "endless")
+
+        async def states() -> Any:
+            return await value(client, f"Scenarios.Runs.{run_id}.States")
+
+        await until(states, lambda shown: shown == ["accepted"])
+        (job,) = plant.machines["right"].told()
+        left.announce(status, SKILL_STATUS_FIELDS)
+        for state in (ExecutionState.DONE, ExecutionState.FAILED):
+            lie = SkillStatus()
+            lie.show(ExecutionStatus(job.execution_id, "work", state))
+            left.publish(status, *lie.fields()[1])
+
+        async def heard() -> Any:
+            return (await reader(client, "ns=2;s=1200.State")()).Value.Value
+
+        await until(heard, lambda shown: list(shown or ()) == [ExecutionState.FAILED])
+        assert await states() == ["accepted"]
+        assert await value(client, f"Scenarios.Runs.{run_id}.State") == "running"
+        await call(client, "Scenarios", "Abort", run_id, "seen enough")
+        await run_is(client, run_id, "aborted")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -17,17 +18,15 @@ __all__ = ["report_writer", "tell_how_to_connect"]
 
 
 def report_writer(path: Path | None) -> Callable[[Mapping[str, Any]], None]:
-    """What writes a report to a file, which is made at once: after the run would be late to learn that it cannot be.
+    """What writes a report to a file. After the run would be late to learn that it cannot be written.
 
     Raises:
         ConfigError: it cannot be written.
     """
     if path is None:
         return lambda _report: None
-    try:
-        path.touch()
-    except OSError as error:
-        raise ConfigError(f"cannot write the result: {error.strerror}", file=str(path)) from error
+    if path.is_dir() or not os.access(path if path.exists() else path.resolve().parent, os.W_OK):
+        raise ConfigError("the result cannot be written there; choose another --json", file=str(path))
 
     def write(report: Mapping[str, Any]) -> None:
         path.write_text(json.dumps(report, indent=2) + "\n", encoding="utf-8")

@@ -57,7 +57,7 @@ def talkrobots(
     pubsub_url: Annotated[str | None, typer.Option(help="PubSub address, e.g. opc.udp://239.1.2.3:4840.")] = None,
     domain: Annotated[
         list[int] | None,
-        typer.Option(help="ROS 2 domain of a robot; give seven, or the next free ones are taken.", min=2, max=232),
+        typer.Option(help="ROS 2 domain of a robot; give five, or the next free ones are taken.", min=2, max=232),
     ] = None,
     folder: Annotated[Path | None, typer.Option(help="Keep configuration, state and logs here.")] = None,
     without_ros1: Annotated[bool, typer.Option("--without-ros1", help="Run Ridgeback in ROS 2.")] = False,
@@ -72,7 +72,7 @@ def talkrobots(
         from ua_fleet.demo.folder import claim_domains, run_folder
         from ua_fleet.demo.site import choose_site
         from ua_fleet.demo.talkrobots.run import run_talkrobots
-        from ua_fleet.demo.talkrobots.setting import ACTORS, SCENARIO, make_setting
+        from ua_fleet.demo.talkrobots.setting import DOMAINS, SCENARIO, make_setting
     except ImportError as error:
         raise BridgeUnavailable(f"the demonstration cannot run: {error}", extra="server") from error
     chooser: Literal["automatic", "operator"] = "automatic" if resilience is Resilience.AUTOMATIC else "operator"
@@ -92,7 +92,7 @@ def talkrobots(
 
     with (
         run_folder(folder, "talkrobots", keep=not once) as place,
-        claim_domains(domain or [], len(ACTORS), message) as domains,
+        claim_domains(domain or [], DOMAINS, message) as domains,
     ):
         site = choose_site(
             place,

@@ -7,7 +7,7 @@ import time
 from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import AbstractAsyncContextManager
 from dataclasses import dataclass, field
-from pathlib import Path
+from functools import partial
 from typing import Any, Final
 
 from ua_fleet.client import DecisionTold, FleetClient, NotDone, RunTold, ScenarioClient, StepTold, Told
@@ -23,7 +23,6 @@ from ua_fleet.storage.traffic_log import read_traffic
 
 __all__ = ["Ask", "TalkRobotsResult", "run_talkrobots"]
 
-ROBOTS: Final = Path(__file__).resolve().parent / "robots"
 BROKEN: Final = "ridgeback"
 REPAIRED_DURING: Final = "bring"
 REPAIR_S: Final = 4.0
@@ -69,22 +68,15 @@ class _Demonstration:
         setting, launch = self._setting, self._launch
         self._traffic.mkdir(exist_ok=True)
         await launch.prepare()
-        if any(setting.ros_of(actor) == 1 for actor in ACTORS):
+        if setting.has_ros1:
             await launch.master()
         await launch.server(*self._log("server"))
         for actor in ACTORS:
-            await launch.bridge(actor.bridge, setting.ros_of(actor), *self._log(actor.bridge))
+            await launch.bridge(actor.bridge, setting.bridge_ros(actor), *self._log(actor.bridge))
         for actor in ACTORS:
-            space = setting.spaces[actor.name]
-            options = ("--speed", str(setting.speed), *(("--space", str(space)) if actor.takes_space else ()))
-            await launch.robot(
-                actor.name,
-                ROBOTS / actor.program,
-                None if setting.ros_of(actor) == 1 else space,
-                *(*actor.options, *options),
-                on_line=self._robot_says,
-                stdin=actor.stdin,
-            )
+            heard = partial(self._robot_says, actor.name)
+            environment = setting.environment(actor)
+            await self._processes.start(actor.name, setting.command(actor), environment, heard, stdin=actor.stdin)
         await launch.ready("server", *(actor.bridge for actor in ACTORS))
         names = {actor.name for actor in ACTORS}
         await self._processes.until(lambda: names <= self._ready, self._changed, START_TIMEOUT_S, "the robots")
@@ -92,10 +84,10 @@ class _Demonstration:
     def _log(self, name: str) -> tuple[str, ...]:
         return ("--traffic-log", str(self._traffic / f"{name}.jsonl"))
 
-    def _robot_says(self, line: str) -> None:
+    def _robot_says(self, name: str, line: str) -> None:
         event = read_line(line)
-        if event is not None and event.what == "is ready":
-            self._ready.add(event.who)
+        if line == "ready" or (event is not None and event.what == "is ready"):
+            self._ready.add(name)
             self._changed.set()
 
     def connect(self) -> AbstractAsyncContextManager[FleetClient]:

@@ -4,20 +4,26 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from enum import StrEnum
 from importlib.resources import files
+from itertools import count
+from pathlib import Path
 from string import Template
 from typing import Final, Literal
 
+from ua_fleet.demo.processes import free_tcp_port
 from ua_fleet.demo.site import Site
 
-__all__ = ["ACTORS", "SCENARIO", "SENSOR", "Actor", "Mode", "Setting", "make_setting"]
+__all__ = ["ACTORS", "DOMAINS", "SCENARIO", "Actor", "Kind", "Mode", "Setting", "make_setting"]
 
 Mode = Literal["automatic", "operator"]
 
 SCENARIO: Final = "nine_tasks"
-SENSOR: Final = "temperature_sensor"
+ROBOTS: Final = Path(__file__).resolve().parent / "robots"
 _TIMEOUT_S: Final = 120.0
 """Of each skill, in the demonstration's seconds; the longest takes about 30."""
+_BELT_MM_S: Final = 40
+_FIRST_VENDOR_SPACE: Final = 300
 _MOVE_BASE: Final = """\
         via:
           action:
@@ -28,16 +34,33 @@ _MOVE_BASE: Final = """\
 _OWN_PROGRAM: Final = "        # Without ROS 1 the robot's own program offers it."
 
 
+class Kind(StrEnum):
+    """What a robot or machine speaks, and so what simulates it."""
+
+    ROS1 = "ros1"
+    """A node in ROS 1, or in a ROS 2 domain where there is no ROS 1."""
+    ROS2 = "ros2"
+    """A node in a ROS 2 domain of its own."""
+    PLC = "plc"
+    """A PLC with Modbus."""
+    TCP = "tcp"
+    """A robot whose program reads fields from a socket (interpreter mode)."""
+
+    @property
+    def is_ros(self) -> bool:
+        """Whether it lives in a ROS graph."""
+        return self in (Kind.ROS1, Kind.ROS2)
+
+
 @dataclass(frozen=True, slots=True)
 class Actor:
-    """One robot or machine, and the program that simulates it. Its bridge is `<name>_bridge` of `fleet.yaml`."""
+    """One robot or machine. Its bridge is `<name>_bridge` of `fleet.yaml`."""
 
     name: str
+    kind: Kind
     program: str
-    """File in the folder `robots`."""
+    """File in the folder `robots`, or a program of the PLC's simulator."""
     options: tuple[str, ...] = ()
-    ros: int = 2
-    """1: in ROS 1 where there is one; 2: in a ROS 2 domain of its own."""
     takes_space: bool = False
     """Whether the program needs the id of its space: it offers skills by itself."""
     stdin: bool = False
@@ -52,18 +75,20 @@ class Actor:
 def _pioneer(number: int, go_id: int, x_m: float, y_m: float, battery: float) -> Actor:
     name = f"pioneer_{number}"
     place = ("--at", str(x_m), str(y_m), "--battery", str(battery))
-    return Actor(name, "pioneer.py", ("--name", name, "--go-id", str(go_id), *place), takes_space=True)
+    return Actor(name, Kind.ROS2, "pioneer.py", ("--name", name, "--go-id", str(go_id), *place), takes_space=True)
 
 
 ACTORS: Final = (
-    Actor("ridgeback", "ridgeback.py", ros=1, takes_space=True, stdin=True),
-    Actor("ur3", "ur3.py"),
+    Actor("ridgeback", Kind.ROS1, "ridgeback.py", takes_space=True, stdin=True),
+    Actor("ur3", Kind.ROS2, "ur3.py"),
     _pioneer(1, 1210, 7.0, 3.0, 71.0),
     _pioneer(2, 1310, 2.0, 4.0, 88.0),
-    Actor("drone", "drone.py"),
-    Actor("conveyor", "conveyor.py"),
-    Actor(SENSOR, "sensor.py"),
+    Actor("drone", Kind.TCP, "drone.py"),
+    Actor("conveyor", Kind.PLC, "conveyor", stdin=True),
+    Actor("temperature_sensor", Kind.ROS2, "sensor.py"),
 )
+DOMAINS: Final = sum(actor.kind.is_ros for actor in ACTORS)
+"""ROS 2 domains that are needed where there is no ROS 1."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,10 +100,34 @@ class Setting:
     mode: Mode
     spaces: dict[str, int]
     """Of each actor."""
+    ports: dict[str, int]
+    """Where each actor listens that does not speak ROS."""
 
-    def ros_of(self, actor: Actor) -> int:
-        """Which ROS an actor runs: 1 or 2."""
+    @property
+    def has_ros1(self) -> bool:
+        """Whether a robot runs in ROS 1."""
+        return 1 in self.spaces.values()
+
+    def bridge_ros(self, actor: Actor) -> int:
+        """In the interpreter for which ROS an actor's bridge runs: 1 or 2; for one that needs none it is 2."""
         return 1 if self.spaces[actor.name] == 1 else 2
+
+    def command(self, actor: Actor) -> list[str | Path]:
+        """What simulates an actor."""
+        python = self.site.python(self.bridge_ros(actor))
+        where: tuple[str, ...] = ()
+        if actor.name in self.ports:
+            where = ("--port", str(self.ports[actor.name]))
+        elif actor.takes_space:
+            where = ("--space", str(self.spaces[actor.name]))
+        if actor.kind is Kind.PLC:
+            return [python, "-m", "ua_bridges.modbus.simulator", *where, "--program", actor.program, *actor.options]
+        return [python, ROBOTS / actor.program, *where, "--speed", str(self.speed), *actor.options]
+
+    def environment(self, actor: Actor) -> dict[str, str]:
+        """The environment of what simulates an actor."""
+        space = self.spaces[actor.name]
+        return self.site.environment(space if space != 1 and actor.kind.is_ros else None)
 
 
 def make_setting(
@@ -88,28 +137,33 @@ def make_setting(
 
     Args:
         site: where the run takes place.
-        domains: ROS 2 domains, one for each actor.
+        domains: DOMAINS ROS 2 domains.
         speed: how many times faster than in the paper.
         mode: who chooses a replacement.
         say: prints a line for people.
     """
-    spaces = dict(zip((actor.name for actor in ACTORS), domains, strict=True))
+    free, vendor = iter(domains), count(_FIRST_VENDOR_SPACE)
+    spaces = {actor.name: next(free if actor.kind.is_ros else vendor) for actor in ACTORS}
+    ports = {actor.name: free_tcp_port(0) for actor in ACTORS if not actor.kind.is_ros}
     if site.ros1_python is not None:
-        spaces |= {actor.name: 1 for actor in ACTORS if actor.ros == 1}
+        spaces |= {actor.name: 1 for actor in ACTORS if actor.kind is Kind.ROS1}
     else:
         say(f"without ROS 1, {site.why_without_ros1}: Ridgeback runs in ROS 2 domain {spaces['ridgeback']}")
-    is_ros1 = spaces["ridgeback"] == 1
+    setting = Setting(site, speed, mode, spaces, ports)
+    is_ros1 = setting.has_ros1
     master = f'kind: ros1, space: 1, master_uri: "http://127.0.0.1:{site.master_port}"'
     package = files("ua_fleet.demo.talkrobots")
     template = Template(package.joinpath("fleet.template.yaml").read_text(encoding="utf-8"))
     site.config_file.write_text(
         template.substitute(
             {f"{name}_space": space for name, space in spaces.items()},
+            **{f"{name}_port": port for name, port in ports.items()},
             server_port=site.server_port,
             pubsub_url=site.pubsub_url,
             pubsub_security=site.pubsub_security,
             ridgeback_bridge=master if is_ros1 else f"kind: ros2, space: {spaces['ridgeback']}",
             ridgeback_go=_MOVE_BASE if is_ros1 else _OWN_PROGRAM,
+            belt_mm_s=round(_BELT_MM_S * speed),
             timeout_s=_TIMEOUT_S / min(speed, 1.0),
             mode=mode,
         ),
@@ -119,4 +173,4 @@ def make_setting(
     scenarios.mkdir(exist_ok=True)
     text = package.joinpath(f"{SCENARIO}.yaml").read_text(encoding="utf-8")
     (scenarios / f"{SCENARIO}.yaml").write_text(text, encoding="utf-8")
-    return Setting(site, speed, mode, spaces)
+    return setting

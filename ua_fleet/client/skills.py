@@ -360,7 +360,7 @@ def _check(known: _Known, result: ua.CallMethodResult) -> None:
     if code == StatusCode.BAD_USER_ACCESS_DENIED:
         raise AccessRefused(code, f"{name}: {text}: this user may not command robots; see: ua-fleet user list")
     if code == StatusCode.BAD_NO_COMMUNICATION:
-        raise RobotOffline(f"{name}: the robot is not heard; see whether its bridge runs")
+        raise RobotOffline(f"{name}: the robot is not heard; see whether its bridge runs, or its client")
     wrong = [
         f"{argument.name}: {outcome.name} ({argument.description})"
         for argument, outcome in zip(known.info.arguments, result.InputArgumentResults or (), strict=False)

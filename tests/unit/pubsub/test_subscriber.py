@@ -70,6 +70,18 @@ def test_metadata_then_data_is_handed_on() -> None:
     assert reading.counters.messages_in == 2
 
 
+def test_what_was_heard_last_is_told_again_to_who_asks() -> None:
+    writing, reading = Writing(), Reading()
+    assert reading.subscriber.known(TOPIC) == []
+    [met] = reading.receive(writing.announce(), 100.0)
+    assert reading.subscriber.known(TOPIC) == [met]
+    [data] = reading.receive(writing.publish(2.0), 100.0)
+    assert reading.subscriber.known(TOPIC) == [met, data]
+    silent = reading.subscriber.poll(200.0)
+    assert reading.subscriber.known(TOPIC) == [met, data, *silent]
+    assert len(silent) == 1
+
+
 def test_a_repeat_is_counted_and_attests_the_source() -> None:
     writing, reading = Writing(), Reading()
     reading.receive(writing.announce(), 100.0)

@@ -154,7 +154,7 @@ class SkillMethods:
         if size > limits.largest_message_bytes:
             raise Refusal(StatusCodes.BadRequestTooLarge, f"{size} bytes of {limits.largest_message_bytes}")
         if self._tracker.is_silent(offered.key):
-            raise RobotOffline(f"robot {offered.robot.name} is silent; see whether its bridge runs")
+            raise RobotOffline(f"robot {offered.robot.name} is silent; see whether its bridge, or its client, runs")
         self._put(self._tracker.expire(offered.key, self._wall_ticks()))
         if self._tracker.under_way(offered.key) >= limits.requests_at_once:
             raise Refusal(StatusCodes.BadTooManyOperations, f"{limits.requests_at_once} executions are under way")

@@ -113,3 +113,19 @@ def test_conditions_name_elements_of_arrays_alone(condition: str, said: list[str
     scenario = read_scenario(text.encode(), "").scenario
     problems = validate(scenario, fleet_view(model.robots, FleetValues(model).meanings)).problems
     assert [str(problem).partition(":")[2].strip() for problem in problems] == said
+
+
+def test_robots_come_and_go(values: FleetValues) -> None:
+    rover, before = fleet_model(CONFIG).robots[1], dict(values.meanings)
+    values.remove(rover)
+    assert values.meanings["battery"] == 1
+    assert "rover.battery" not in values.meanings
+    values.take(NodeId(2, 1001), 80.0, 0)
+    assert values.look_up("battery") == 80.0
+    assert not values.take(NodeId(2, 1004), 10.0, 0)
+    values.add(rover)
+    assert dict(values.meanings) == before
+    values.take(NodeId(2, 1004), 10.0, 0)
+    assert values.look_up("rover.battery") == 10.0
+    with pytest.raises(ValueUnknown):
+        values.look_up("battery")

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from importlib.metadata import entry_points
 from pathlib import Path
 
 import pytest
@@ -35,6 +36,7 @@ def accepted(folder: Path, text: str, environment: Mapping[str, str] | None = No
     return load(write(folder, text), environment or {})
 
 
+KINDS = ", ".join([f"`{name}`" for name in sorted(entry_points(group="ua_fleet.bridges").names)])
 SECURITIES = "`none`, `sign`, `sign_and_encrypt`"
 NO_SECURITY = f"`security` is missing; add `security: sign_and_encrypt`; allowed: {SECURITIES}"
 SECURED = "version: 1\npubsub:\n  security: sign_and_encrypt\n"
@@ -192,17 +194,17 @@ BAD: list[tuple[str, str, list[str]]] = [
     (
         "no kind",
         HEAD + "bridges:\n  a: {status_id: 1}\n",
-        ["F:4:bridges.a.kind: `kind` is missing; there are: `ros1`, `ros2`"],
+        [f"F:4:bridges.a.kind: `kind` is missing; there are: {KINDS}"],
     ),
     (
         "unknown kind",
         HEAD + "bridges:\n  a:\n    status_id: 1\n    kind: rso2\n",
-        ["F:6:bridges.a.kind: no bridge of kind `rso2` is installed; did you mean `ros2`? there are: `ros1`, `ros2`"],
+        [f"F:6:bridges.a.kind: no bridge of kind `rso2` is installed; did you mean `ros2`? there are: {KINDS}"],
     ),
     (
         "a kind that is a number",
         HEAD + "bridges:\n  a: {status_id: 1, kind: 7}\n",
-        ["F:4:bridges.a.kind: no bridge of kind `7` is installed; there are: `ros1`, `ros2`"],
+        [f"F:4:bridges.a.kind: no bridge of kind `7` is installed; there are: {KINDS}"],
     ),
     (
         "a key of another kind",

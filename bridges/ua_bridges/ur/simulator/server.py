@@ -21,6 +21,8 @@ __all__ = ["Ports", "UrSimulator"]
 _READ_BYTES: Final = 65_536
 _MOST_UNREAD: Final = 262_144
 """Bytes that wait for a client; what does not fit is left out, as a controller does with a client that reads slowly."""
+_LEAST_GAP_S: Final = 0.0005
+"""A cycle that is late is made up for, but no closer to the one before: a real controller sends at an even pace."""
 _MOST_LATE_S: Final = 0.1
 """So late the clock goes on from now: the machine was away."""
 _STATE_EVERY: Final = 50
@@ -97,12 +99,9 @@ class UrSimulator:
         while True:
             due += PERIOD_S
             late = loop.time() - due
-            if late < 0:
-                await asyncio.sleep(-late)
-            elif late > _MOST_LATE_S:
+            if late > _MOST_LATE_S:
                 due = loop.time()
-            else:
-                await asyncio.sleep(0)
+            await asyncio.sleep(max(-late, _LEAST_GAP_S))
             self.controller.jitter_s = max(loop.time() - due, 0.0)
             self._step()
 

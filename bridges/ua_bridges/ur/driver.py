@@ -1,0 +1,307 @@
+"""The driver for a Universal Robots controller."""
+
+from __future__ import annotations
+
+import asyncio
+import queue
+import threading
+import time
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from importlib.util import find_spec
+from typing import Any, Final
+
+import structlog
+
+from ua_bridges.ur.config import RegisterResult, ScriptSkill, UrBridgeConfig, UrSkillMapping
+from ua_bridges.ur.link import CommandLink
+from ua_bridges.ur.outputs import Output
+from ua_bridges.ur.sinks import sinks_of
+from ua_bridges.ur.state import State
+from ua_bridges.ur.tasks import Forgotten, Progress, RobotTask, make_task, refusal_of
+from ua_bridges.ur.telemetry import Telemetry, faults_of, frequency_of, sources_of, variables_of
+from ua_bridges.ur.watching import Faults, Watcher
+from ua_fleet.bridge.configured import configured_skills
+from ua_fleet.bridge.driver import Driver, DriverStatus, Dropped, Execution, Inlet, Skill
+from ua_fleet.bridge.executing import Ended, Executing, ended_text
+from ua_fleet.config.schema import FleetConfig
+from ua_fleet.counters import Drop
+from ua_fleet.errors import BridgeUnavailable, RobotOffline, SkillError, SkillRejected, SkillTimeout
+from ua_fleet.topics import Topic
+from ua_fleet.values import StatusCode
+from ua_fleet.wire.messages import DataSetMessage, DataSetMetaData
+
+__all__ = ["UrDriver", "create_driver"]
+
+_FOLLOW_S: Final = 0.02
+"""Period at which executions under way are looked at."""
+_IDLE_S: Final = 0.25
+_REMOTE_CONTROL_S: Final = 1.0
+"""Period at which the dashboard server is asked for remote control."""
+_OVERDUE: Final = int(StatusCode.BAD_TIMEOUT)
+
+_log = structlog.get_logger(__name__)
+
+
+class UrDriver:
+    """See HaltingDriver in `ua_fleet.bridge.driver`.
+
+    Two threads: the watcher reads the state (see `watching`), the commander does one thing after the other, and follows
+    the executions that are under way. Both use ur-rtde in children, with limits.
+    """
+
+    def __init__(self, config: FleetConfig, bridge_name: str) -> None:
+        bridge = config.bridges[bridge_name]
+        assert isinstance(bridge, UrBridgeConfig)
+        self._config = bridge
+        self._skills = {skill.topic: skill for skill in configured_skills(config, bridge_name, UrSkillMapping)}
+        self._offers = tuple([skill.offer() for skill in self._skills.values()])
+        self._sinks = sinks_of(config, bridge_name)
+        self._sources = sources_of(config, bridge_name)
+        self._fault_topics = faults_of(config, bridge_name)
+        self._label = bridge_name
+        self._link = CommandLink(bridge.address, bridge.answer_timeout_s)
+        self._jobs: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
+        self._claims: dict[bytes, RobotTask] = {}
+        """All that was begun or asked about and has not ended, from the event loop's view."""
+        self._tasks: dict[bytes, RobotTask] = {}
+        """Those that the commander follows."""
+        self._asked: list[tuple[Execution, RobotTask]] = []
+        """Those that wait for a connection to be asked about."""
+        self._thread: threading.Thread | None = None
+        self._stopping = threading.Event()
+        self._watcher: Watcher | None = None
+        self._inlet: Inlet | None = None
+        self._remote_control: bool | None = None
+        self._ask_at = 0.0
+        self._was_connected = False
+
+    # The event loop's side
+
+    async def start(self, inlet: Inlet) -> None:
+        """See Driver."""
+        self._inlet = inlet
+        self._executing = Executing(inlet.put)
+        self._faults = Faults(self._fault_topics, f"{self._label}.fault", inlet.put)
+        frequency = frequency_of(self._sources)
+        self._watcher = Watcher(
+            self._config,
+            frequency,
+            variables_of(self._sources, self._registers()),
+            Telemetry(self._sources, frequency, inlet.put),
+            self._faults,
+        )
+        self._stopping.clear()
+        self._watcher.start()
+        self._thread = threading.Thread(target=self._run, name=f"ur commands {self._config.address}", daemon=True)
+        self._thread.start()
+
+    def _registers(self) -> frozenset[tuple[str, int]]:
+        """The registers that scripts tell by."""
+        ways = [skill.via.way for skill in self._skills.values() if skill.via is not None]
+        scripts = [way for way in ways if isinstance(way, ScriptSkill)]
+        own = [RegisterResult(register_type="int", place=self._config.first_register + more) for more in (0, 1)]
+        results = [result for script in scripts for result in script.results.values()]
+        return frozenset((each.register_type, each.place) for each in (*(own if scripts else ()), *results))
+
+    @property
+    def _state(self) -> State | None:
+        return self._watcher.state if self._watcher is not None else None
+
+    def publish(self, topic: Topic, metadata: DataSetMetaData, message: DataSetMessage) -> bool:
+        """See Driver."""
+        assert self._inlet is not None
+        output = self._sinks.get(topic)
+        if output is None:
+            self._inlet.put(Dropped(Drop.UNMAPPED))
+            return False
+        if self._state is None:
+            self._inlet.put(Dropped(Drop.NOT_CONNECTED, detail=self.status().detail))
+            return False
+        try:
+            method, arguments = output.call(message.values[0] if message.values else None)
+        except ValueError as error:
+            self._inlet.put(Dropped(Drop.CONVERSION, detail=f"{output.name}: {error}"))
+            return False
+        self._jobs.put(lambda: self._write(output, method, arguments))
+        return True
+
+    def status(self) -> DriverStatus:
+        """See Driver."""
+        if self._watcher is None:
+            return DriverStatus(False, "not running")
+        return self._watcher.status()
+
+    async def stop(self) -> None:
+        """See Driver."""
+        watcher, self._watcher = self._watcher, None
+        thread, self._thread = self._thread, None
+        self._stopping.set()
+        if watcher is not None:
+            watcher.stop()
+            await asyncio.to_thread(watcher.join)
+        if thread is not None:
+            self._jobs.put(lambda: None)
+            await asyncio.to_thread(thread.join)
+
+    def skills(self) -> Sequence[Skill]:
+        """See SkillDriver."""
+        return self._offers
+
+    def _task_of(self, execution: Execution) -> RobotTask:
+        skill = self._skills[execution.topic]
+        mark = int.from_bytes(execution.execution_id[:4], "big") & 0x3FFF_FFFF | 0x4000_0000
+        return make_task(skill, execution.values, self._config.first_register, mark)
+
+    def execute(self, execution: Execution) -> None:
+        """See SkillDriver."""
+        task, state = self._task_of(execution), self._state
+        if state is None:
+            raise RobotOffline(self.status().detail)
+        refusal = refusal_of(task, state, self._remote_control)
+        if refusal:
+            raise SkillRejected(refusal)
+        if task.moves_arm and any(other.moves_arm for other in list(self._claims.values())):
+            raise SkillRejected("the robot is at another move or program")
+        self._claims[execution.execution_id] = task
+        self._jobs.put(lambda: self._begin(execution, task))
+
+    def query(self, execution: Execution) -> None:
+        """See SkillDriver."""
+        task = self._task_of(execution)
+        self._claims[execution.execution_id] = task
+        self._jobs.put(lambda: self._ask(execution, task))
+
+    def halt(self, execution: Execution) -> None:
+        """See HaltingDriver."""
+        task, state = self._claims.get(execution.execution_id), self._state
+        if state is None:
+            raise RobotOffline(self.status().detail)
+        if task is None:
+            raise SkillRejected("the robot is not at it")
+        self._jobs.put(lambda: self._halt(execution, task))
+
+    # The commander's thread
+
+    def _run(self) -> None:
+        try:
+            while not self._stopping.is_set():
+                with suppress(queue.Empty):
+                    self._jobs.get(timeout=_FOLLOW_S if self._tasks else _IDLE_S)()
+                self._turn(time.monotonic())
+        finally:
+            self._link.close()
+
+    def _turn(self, now: float) -> None:
+        state = self._state
+        if state is None:
+            if self._was_connected:
+                self._was_connected = False
+                self._link.close()  # what it holds is dead, and ur-rtde would wait for it
+        else:
+            self._was_connected = True
+            for execution, task in self._asked:
+                task.resume(state, now)
+                self._tasks[execution.execution_id] = task
+            self._asked.clear()
+            self._ask_for_remote_control(now)
+            for execution_id, task in list(self._tasks.items()):
+                self._follow(execution_id, task, state, now)
+        for overdue in self._executing.overdue(now):
+            self._give_up(overdue.execution_id, state)
+
+    def _ask_for_remote_control(self, now: float) -> None:
+        if now < self._ask_at or not (self._skills or self._sinks or self._fault_topics):
+            return
+        self._ask_at = now + _REMOTE_CONTROL_S
+        try:
+            self._remote_control = bool(self._link.call("dashboard", "isInRemoteControl"))
+        except SkillError as error:
+            _log.debug("the dashboard server does not answer", controller=self._config.address, why=str(error))
+            return
+        self._faults.remote_control(self._remote_control if self._config.needs_remote_control else None)
+
+    def _begin(self, execution: Execution, task: RobotTask) -> None:
+        now, state = time.monotonic(), self._state
+        self._executing.begin(self._skills[execution.topic], execution, now)
+        self._tasks[execution.execution_id] = task
+        try:
+            if state is None:
+                raise RobotOffline(self.status().detail)
+            task.begin(self._link, state, now)
+        except SkillError as error:
+            if isinstance(error, SkillTimeout) and task.moves_arm:
+                return  # it may have begun: what the controller shows has to tell
+            self._end(execution.execution_id, Ended(int(error.ua_status), (), ended_text(str(error))))
+
+    def _ask(self, execution: Execution, task: RobotTask) -> None:
+        self._executing.begin(self._skills[execution.topic], execution, time.monotonic())
+        self._asked.append((execution, task))
+
+    def _end(self, execution_id: bytes, ended: Ended) -> None:
+        self._tasks.pop(execution_id, None)
+        self._claims.pop(execution_id, None)
+        self._executing.end(execution_id, ended)
+
+    def _follow(self, execution_id: bytes, task: RobotTask, state: State, now: float) -> None:
+        try:
+            told = task.look(self._link, state, now)
+        except SkillError as error:
+            _log.debug("what the controller does is followed by its state alone", why=str(error))
+            self._link.close()
+            return
+        if isinstance(told, Progress):
+            self._executing.progress(execution_id, told.fraction, told.message)
+        elif isinstance(told, Ended):
+            if task.moves_arm and told.status == StatusCode.BAD_OUT_OF_SERVICE:
+                self._abandon()
+            self._end(execution_id, told)
+        elif isinstance(told, Forgotten):
+            self._tasks.pop(execution_id, None)
+            self._claims.pop(execution_id, None)
+            self._executing.forget(execution_id, told.message)
+
+    def _abandon(self) -> None:
+        """A safety stop pauses the program. It is stopped, so that nobody lets a move go on that has failed."""
+        with suppress(SkillError):
+            self._link.call("dashboard", "stop")
+
+    def _halt(self, execution: Execution, task: RobotTask) -> None:
+        state = self._state
+        if state is None or execution.execution_id not in self._tasks:
+            return
+        try:
+            task.halt(self._link, state)
+        except SkillError as error:
+            _log.warning("the robot was not halted", controller=self._config.address, why=str(error))
+
+    def _give_up(self, execution_id: bytes, state: State | None) -> None:
+        task = self._tasks.get(execution_id)
+        if task is not None and task.moves_arm and state is not None:
+            with suppress(SkillError):
+                task.halt(self._link, state)
+        self._asked = [asked for asked in self._asked if asked[0].execution_id != execution_id]
+        self._end(execution_id, Ended(_OVERDUE, (), "it took too long, and was given up"))
+
+    def _write(self, output: Output, method: str, arguments: list[Any]) -> None:
+        assert self._inlet is not None
+        try:
+            taken = self._link.call("io", method, *arguments)
+        except SkillTimeout as error:
+            self._inlet.put(Dropped(Drop.NO_ANSWER, detail=f"{output.name}: {error}"))
+        except SkillError as error:
+            self._inlet.put(Dropped(Drop.REJECTED, detail=f"{output.name}: {error}"))
+        else:
+            if not taken:
+                self._inlet.put(Dropped(Drop.REJECTED, detail=f"{output.name}: the controller did not take it"))
+
+
+def create_driver(config: FleetConfig, bridge_name: str) -> Driver:
+    """The driver of the Universal Robots bridge with this name in `fleet.yaml`.
+
+    Raises:
+        BridgeUnavailable: ur-rtde is not installed.
+    """
+    if find_spec("rtde_receive") is None:
+        raise BridgeUnavailable("ur-rtde is missing (it exists for x86-64 alone)", extra="ur")
+    return UrDriver(config, bridge_name)

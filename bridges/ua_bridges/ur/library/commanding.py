@@ -1,0 +1,87 @@
+"""The child that commands the robot: `python -m ua_bridges.ur.library.commanding HOST`.
+
+    {"on": "dashboard", "call": "powerOn", "args": []}      a method of ur-rtde's DashboardClient
+    {"on": "io", "call": "setSpeedSlider", "args": [0.5]}   of its RTDEIOInterface
+    {"on": "control", "call": "moveJ", "args": [..]}        of its RTDEControlInterface, which is opened before:
+    {"on": "control", "call": "open", "args": [false]}      true: use the control program that runs, and send none
+    {"on": "control", "call": "operation", "args": []}      whether an asynchronous move runs, and its number
+
+The answer to each line is `{"result": ..}` or `{"error": ".."}`. Connections are made when they are needed, and anew
+after an error.
+"""
+
+from __future__ import annotations
+
+import importlib
+import json
+import sys
+from typing import Any, Final
+
+from ua_bridges.ur.library.lines import end_with_parent, open_output
+
+_DASHBOARD_TIMEOUT_MS: Final = 2000
+
+
+def _library(module: str) -> Any:
+    """A module of ur-rtde, which has no types."""
+    return importlib.import_module(module)
+
+
+class _Interfaces:
+    def __init__(self, host: str) -> None:
+        self._host = host
+        self._open: dict[str, Any] = {}
+
+    def do(self, on: str, call: str, arguments: list[Any]) -> Any:
+        if (on, call) == ("control", "open"):
+            return self._open_control(uses_running=bool(arguments[0]))
+        try:
+            interface = self._of(on)
+            if (on, call) == ("control", "operation"):
+                status = interface.getAsyncOperationProgressEx()
+                return [bool(status.isAsyncOperationRunning()), int(status.operationId())]
+            return getattr(interface, call)(*arguments)
+        except RuntimeError:
+            if on == "io":  # a dashboard client raises for a refusal too, and control is opened with intent
+                del self._open[on]
+            raise
+
+    def _of(self, on: str) -> Any:
+        interface = self._open.get(on)
+        if interface is None and on == "io":
+            interface = _library("rtde_io").RTDEIOInterface(self._host)
+        elif on == "dashboard" and (interface is None or not interface.isConnected()):
+            interface = _library("dashboard_client").DashboardClient(self._host)
+            interface.connect(_DASHBOARD_TIMEOUT_MS)
+        if interface is None:
+            raise RuntimeError(f"{on} is not open")
+        self._open[on] = interface
+        return interface
+
+    def _open_control(self, *, uses_running: bool) -> bool:
+        before = self._open.pop("control", None)
+        if before is not None:
+            before.disconnect()  # its registers are its own until then
+        Control = _library("rtde_control").RTDEControlInterface  # noqa: N806 - it is a class
+        flags = Control.FLAG_CUSTOM_SCRIPT if uses_running else Control.FLAG_UPLOAD_SCRIPT
+        self._open["control"] = Control(self._host, -1.0, flags)
+        return True
+
+
+def main(arguments: list[str]) -> int:
+    """Serve until the bridge ends; the exit code."""
+    output = open_output()
+    end_with_parent()
+    interfaces = _Interfaces(arguments[0])
+    for line in sys.stdin:
+        asked = json.loads(line)
+        try:
+            answer = {"result": interfaces.do(asked["on"], asked["call"], asked["args"])}
+        except (RuntimeError, ImportError, ValueError, TypeError, IndexError, KeyError) as error:
+            answer = {"error": str(error).strip() or type(error).__name__}
+        output.say(answer)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

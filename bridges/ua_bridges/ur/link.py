@@ -1,0 +1,136 @@
+"""The way to a controller for commands: ur-rtde in its child, and a socket for URScript. For one thread."""
+
+from __future__ import annotations
+
+import socket
+import time
+from typing import Any, Final
+
+from ua_bridges.ur.library.child import ChildFailed, LibraryChild, NoAnswer
+from ua_fleet.errors import RobotOffline, SkillFailed, SkillTimeout
+
+__all__ = ["CommandLink"]
+
+_SCRIPT_PORT: Final = 30002
+_OPEN_S: Final = 12.0
+"""Python starts, and ur-rtde waits up to 5 s for its program."""
+_STOP_S: Final = 10.0
+_TAKEN_S: Final = 0.1
+"""So long the socket stays open after a program: what the controller sends is read, so that closing loses nothing."""
+_READ_BYTES: Final = 65_536
+
+
+class CommandLink:
+    """See the module."""
+
+    def __init__(self, host: str, timeout_s: float) -> None:
+        self._host, self._timeout_s = host, timeout_s
+        self._child: LibraryChild | None = None
+        self.has_control = False
+        """Whether ur-rtde's control program was taken into use over this child."""
+
+    def call(self, on: str, method: str, *arguments: Any, timeout_s: float | None = None) -> Any:
+        """Call a method of one of the library's interfaces; see `library.commanding`.
+
+        Raises:
+            SkillFailed: the library refuses it; the text says why.
+            SkillTimeout: nothing came back in time. The child was ended.
+            RobotOffline: the child has ended.
+        """
+        limit = self._timeout_s if timeout_s is None else timeout_s
+        if self._child is not None and self._child.has_ended:
+            self.close()
+        try:
+            if self._child is None:
+                self._child = LibraryChild("commanding", self._host)
+                limit += _OPEN_S
+            self._child.say({"on": on, "call": method, "args": list(arguments)})
+            answer: dict[str, Any] = self._child.line(limit)
+        except NoAnswer as error:
+            self.close()
+            raise SkillTimeout(f"{method}: the controller does not answer ({error})") from error
+        except ChildFailed as error:
+            self.close()
+            raise RobotOffline(f"{method}: {error}") from error
+        if "error" in answer:
+            raise SkillFailed(" ".join(str(answer["error"]).split()))
+        return answer["result"]
+
+    # ur-rtde's control program
+
+    def take_control(self, *, is_playing: bool) -> None:
+        """Have ur-rtde's control program run.
+
+        Raises:
+            SkillError: it does not run, or another program does.
+        """
+        if self.has_control:
+            if not is_playing:
+                self._send_control_program()
+            return
+        self.call("control", "open", is_playing, timeout_s=_OPEN_S)
+        if is_playing:
+            self._check_own_program()
+        self.has_control = True
+
+    def _send_control_program(self) -> None:
+        self.call("control", "reuploadScript", timeout_s=_OPEN_S)
+        deadline = time.monotonic() + self._timeout_s
+        while not self.call("control", "isProgramRunning"):
+            if time.monotonic() > deadline:
+                raise SkillFailed("the control program does not run; see the robot's log")
+            time.sleep(0.01)
+
+    def _check_own_program(self) -> None:
+        """The program that runs is ur-rtde's where it answers: a bridge before us has left it."""
+        try:
+            offset = self.call("control", "getTCPOffset", timeout_s=_OPEN_S)
+        except (SkillFailed, SkillTimeout):
+            offset = None
+        if not offset or len(offset) != 6:
+            self.close()
+            raise SkillFailed("another program runs on the controller; stop it first")
+
+    def operation(self) -> tuple[bool, int]:
+        """Whether an asynchronous move runs, and the number of the last.
+
+        Raises:
+            SkillError: as `call`.
+        """
+        is_running, number = self.call("control", "operation")
+        return bool(is_running), int(number)
+
+    def stop_move(self, deceleration: float) -> None:
+        """Slow down a move of the control program.
+
+        Raises:
+            SkillError: as `call`.
+        """
+        self.call("control", "stopJ", deceleration, timeout_s=_STOP_S)
+
+    # URScript
+
+    def send_script(self, program: str) -> None:
+        """Send a program to port 30002.
+
+        Raises:
+            RobotOffline: the controller does not take the connection, or the program.
+        """
+        try:
+            with socket.create_connection((self._host, _SCRIPT_PORT), self._timeout_s) as connection:
+                connection.sendall(program.encode())
+                deadline = time.monotonic() + _TAKEN_S
+                while (left := deadline - time.monotonic()) > 0:
+                    connection.settimeout(left)
+                    if not connection.recv(_READ_BYTES):
+                        return
+        except TimeoutError:
+            return
+        except OSError as error:
+            raise RobotOffline(f"port {_SCRIPT_PORT}: {error.strerror or error}") from error
+
+    def close(self) -> None:
+        """End the child; what a move does on the controller goes on."""
+        child, self._child, self.has_control = self._child, None, False
+        if child is not None:
+            child.end()

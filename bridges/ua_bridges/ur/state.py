@@ -1,0 +1,113 @@
+"""What the controller said last, and what is wrong with the robot. Pure."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+from ua_bridges.ur.modes import RobotMode, RuntimeState, SafetyMode, mode_of
+
+__all__ = ["ControllerClock", "State", "fault_of"]
+
+_STANDS_RAD_S: Final = 1e-3
+_LEAK_S_S: Final = 2e-4
+"""So fast the clock follows a controller's that is slower than ours."""
+
+
+@dataclass(frozen=True, slots=True)
+class State:
+    """One sample."""
+
+    time: float
+    """The controller's own clock, s since it was switched on."""
+    source_time_ns: int
+    """The same time, ns since 1970."""
+    values: Mapping[str, Any]
+    """By names of RTDE."""
+
+    @property
+    def robot_mode(self) -> RobotMode:
+        """Whether the arm has power."""
+        return mode_of(RobotMode, self.values["robot_mode"], RobotMode.NO_CONTROLLER)
+
+    @property
+    def safety_mode(self) -> SafetyMode:
+        """Whether it may move."""
+        return mode_of(SafetyMode, self.values["safety_mode"], SafetyMode.UNDEFINED)
+
+    @property
+    def runtime(self) -> RuntimeState:
+        """The program on the controller."""
+        return mode_of(RuntimeState, self.values["runtime_state"], RuntimeState.STOPPED)
+
+    @property
+    def joints(self) -> Sequence[float]:
+        """Positions in rad."""
+        joints: Sequence[float] = self.values["actual_q"]
+        return joints
+
+    @property
+    def pose(self) -> Sequence[float]:
+        """Of the tool's centre."""
+        pose: Sequence[float] = self.values["actual_TCP_pose"]
+        return pose
+
+    @property
+    def stands(self) -> bool:
+        """Whether no joint moves."""
+        speeds: Sequence[float] = self.values["actual_qd"]
+        return all(abs(speed) < _STANDS_RAD_S for speed in speeds)
+
+
+class ControllerClock:
+    """The controller's time since it was switched on, in ours.
+
+    The offset is the least that was seen between the two: a sample that waited on its way does not make it later.
+    """
+
+    def __init__(self) -> None:
+        self._offset_s = math.inf
+        self._last = -math.inf
+
+    def unix_ns(self, stamp: float, received_ns: int) -> int:
+        """The time of a sample, ns since 1970."""
+        offset = received_ns / 1e9 - stamp
+        if stamp < self._last:  # the controller was switched off in between
+            self._offset_s = offset
+        elif self._offset_s < math.inf:
+            self._offset_s = min(offset, self._offset_s + (stamp - self._last) * _LEAK_S_S)
+        else:
+            self._offset_s = offset
+        self._last = stamp
+        return round((self._offset_s + stamp) * 1e9)
+
+
+_SAFETY: Final[Mapping[SafetyMode, str]] = {
+    SafetyMode.PROTECTIVE_STOP: "protective stop: see why, then unlock it",
+    SafetyMode.RECOVERY: "recovery: the arm is outside of its safety limits; drive it back by hand",
+    SafetyMode.SAFEGUARD_STOP: "safeguard stop: close the gate, then reset it",
+    SafetyMode.SYSTEM_EMERGENCY_STOP: "emergency stop of the cell: release it, then power on",
+    SafetyMode.ROBOT_EMERGENCY_STOP: "emergency stop at the robot: release it, then power on",
+    SafetyMode.VIOLATION: "safety violation: see the robot's log, then restart its safety system",
+    SafetyMode.FAULT: "safety fault: see the robot's log, then restart its safety system",
+    SafetyMode.VALIDATE_JOINT_ID: "a joint was exchanged: confirm it on the teach pendant",
+    SafetyMode.UNDEFINED: "the safety system says nothing",
+}
+
+
+def fault_of(state: State | None, lost: str, remote_control: bool | None) -> str:
+    """What is wrong with the robot, in one line; the empty text while it can work.
+
+    Args:
+        state: the last sample; None while there is no connection.
+        lost: why there is none.
+        remote_control: False in local control, None where it is not known or does not matter.
+    """
+    if state is None:
+        return f"connection lost: {lost}"
+    wrong = _SAFETY.get(state.safety_mode)
+    if wrong is not None:
+        return wrong
+    return "remote control is off: switch it on at the teach pendant" if remote_control is False else ""

@@ -1,0 +1,456 @@
+"""One execution on the controller: begun over the link, followed by what the controller says.
+
+begin     tell the controller; raises a SkillError where it takes nothing
+resume    a bridge before us may have begun it; what is to be seen has to tell
+look      with each state: how far it is, or how it ended
+halt      have it stop; `look` tells of the end
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any, Final, NamedTuple, Protocol
+
+from ua_bridges.ur.config import Dashboard, DashboardSkill, MoveJ, MoveL, ScriptSkill, SetSkill, StopSkill
+from ua_bridges.ur.link import CommandLink
+from ua_bridges.ur.modes import RobotMode, RuntimeState, SafetyMode
+from ua_bridges.ur.outputs import Output, find_output
+from ua_bridges.ur.state import State, fault_of
+from ua_bridges.ur.variables import register_names
+from ua_fleet.bridge.configured import ConfiguredSkill
+from ua_fleet.bridge.executing import Ended
+from ua_fleet.bridge.templates import CommandTemplate, Language
+from ua_fleet.config.base import Model
+from ua_fleet.errors import SkillFailed, SkillRejected
+from ua_fleet.values import StatusCode
+
+__all__ = ["Forgotten", "Progress", "RobotTask", "Told", "make_task"]
+
+_ARRIVED_RAD: Final = 0.005
+_ARRIVED_M: Final = 0.001
+_TURNED_RAD: Final = 0.01
+_SETTLED_S: Final = 0.3
+"""So long the arm has to stand before its place counts."""
+_BEGIN_S: Final = 3.0
+"""A program that is sent says within this that it runs."""
+_SHOWN_S: Final = 1.0
+"""What the dashboard server has agreed to shows within this."""
+_PROGRAM: Final = "ua_fleet"
+
+_FAILED: Final = int(StatusCode.BAD_UNEXPECTED_ERROR)
+_OUT: Final = int(StatusCode.BAD_OUT_OF_SERVICE)
+_CANCELLED: Final = int(StatusCode.BAD_REQUEST_CANCELLED_BY_CLIENT)
+
+
+class Progress(NamedTuple):
+    """It goes on."""
+
+    fraction: float
+    message: str = ""
+
+
+class Forgotten(NamedTuple):
+    """Nobody can tell what became of it."""
+
+    message: str
+
+
+Told = Progress | Ended | Forgotten | None
+
+
+class RobotTask(Protocol):
+    """See the module. `moves_arm`: only one such task is under way at a time."""
+
+    moves_arm: bool
+
+    def begin(self, link: CommandLink, state: State, now: float) -> None:
+        """Tell the controller."""
+        ...
+
+    def resume(self, state: State, now: float) -> None:
+        """Follow what may have been begun."""
+        ...
+
+    def look(self, link: CommandLink, state: State, now: float) -> Told:
+        """What the controller shows; None where there is nothing new."""
+        ...
+
+    def halt(self, link: CommandLink, state: State) -> None:
+        """Have it stop."""
+        ...
+
+
+def _turn_between(first: Sequence[float], second: Sequence[float]) -> float:
+    """The angle between two attitudes that are given as rotation vectors."""
+    quaternions: list[list[float]] = []
+    for vector in (first, second):
+        angle = math.hypot(*vector)
+        scale = math.sin(angle / 2) / angle if angle > 1e-12 else 0.5
+        quaternions.append([math.cos(angle / 2), *[part * scale for part in vector]])
+    one, other = quaternions
+    return 2 * math.acos(min(abs(sum(a * b for a, b in zip(one, other, strict=True))), 1.0))
+
+
+class MoveTask:
+    """A moveJ or moveL of ur-rtde's control program, asynchronous."""
+
+    moves_arm = True
+
+    def __init__(self, way: MoveJ | MoveL, arguments: Mapping[str, Any]) -> None:
+        """Take the numbers.
+
+        Raises:
+            SkillRejected: one of them is no number.
+        """
+
+        def number(given: float | str) -> float:
+            value = float(arguments[given] if isinstance(given, str) else given)
+            if not math.isfinite(value):
+                raise SkillRejected(f"{given}: {value} is no number for a robot")
+            return value
+
+        self._is_linear = isinstance(way, MoveL)
+        places = way.pose if isinstance(way, MoveL) else way.joints
+        self._target = [number(given) for given in places]
+        self._speed, self._acceleration = number(way.speed), number(way.acceleration)
+        if self._speed <= 0 or self._acceleration <= 0:
+            raise SkillRejected("speed and acceleration have to be more than 0")
+        self._way = 0.0
+        self._before: int | None = None
+        """Number of the operation before this one; None where it is followed by its place alone."""
+        self._began = 0.0
+        self._stands_since: float | None = None
+        self._is_halted = False
+
+    def _left(self, state: State) -> float:
+        if self._is_linear:
+            return math.dist(self._target[:3], state.pose[:3]) + _turn_between(self._target[3:], state.pose[3:]) / 10
+        return max(abs(end - now) for end, now in zip(self._target, state.joints, strict=True))
+
+    def _is_there(self, state: State) -> bool:
+        if self._is_linear:
+            far = math.dist(self._target[:3], state.pose[:3])
+            return far <= _ARRIVED_M and _turn_between(self._target[3:], state.pose[3:]) <= _TURNED_RAD
+        return self._left(state) <= _ARRIVED_RAD
+
+    def begin(self, link: CommandLink, state: State, now: float) -> None:
+        """See RobotTask."""
+        link.take_control(is_playing=state.runtime is RuntimeState.PLAYING)
+        _, self._before = link.operation()
+        self._way, self._began = self._left(state), now
+        method = "moveL" if self._is_linear else "moveJ"
+        if not link.call("control", method, self._target, self._speed, self._acceleration, True):
+            raise SkillFailed("the control program did not take the move; see the robot's log")
+
+    def resume(self, state: State, now: float) -> None:
+        """See RobotTask."""
+        self._way, self._began, self._before = self._left(state), now, None
+
+    def look(self, link: CommandLink, state: State, now: float) -> Told:
+        """See RobotTask."""
+        wrong = fault_of(state, "", None)
+        if wrong:
+            return Ended(_OUT, (), wrong)
+        if self._before is not None and link.has_control:
+            is_running, number = link.operation()
+            if is_running or (number == self._before and now - self._began < _BEGIN_S):
+                return self._progress(state)
+            if number == self._before:
+                return Ended(_FAILED, (), "the control program did not begin the move; see the robot's log")
+        else:
+            self._before = None
+        if not state.stands:
+            self._stands_since = None
+            return self._progress(state)
+        if self._stands_since is None:
+            self._stands_since = now
+        if self._is_there(state):
+            return Ended(0)
+        if now - self._stands_since < _SETTLED_S:
+            return None
+        if self._is_halted:
+            return Ended(_CANCELLED, (), "halted")
+        if self._before is None:
+            return Forgotten("the arm stands, and not where the move leads; see what the robot did")
+        return Ended(_FAILED, (), "the move was stopped before its end; see the robot's log")
+
+    def _progress(self, state: State) -> Progress:
+        done = 1 - self._left(state) / self._way if self._way > 0 else 0.0
+        return Progress(min(max(done, 0.0), 0.99))
+
+    def halt(self, link: CommandLink, state: State) -> None:
+        """See RobotTask."""
+        self._is_halted = True
+        if link.has_control:
+            link.stop_move(_HALT_RAD_S2)
+        else:
+            link.call("dashboard", "stop")
+
+
+_HALT_RAD_S2: Final = 2.0
+
+
+class ScriptTask:
+    """URScript of `fleet.yaml`, in a program that says in two registers that it has begun and that it is done."""
+
+    moves_arm = True
+
+    def __init__(
+        self, skill: ConfiguredSkill[Any], way: ScriptSkill, arguments: Mapping[str, Any], register: int, mark: int
+    ) -> None:
+        """Write the program.
+
+        Raises:
+            SkillRejected: an argument that cannot be written in URScript.
+        """
+        types = {name: argument.type for name, argument in skill.config.arguments.items()}
+        body = CommandTemplate(way.body, types, Language.URSCRIPT).render(arguments)
+        self._results = [way.results[name] for name in skill.config.results]
+        self._begun, self._done = register_names("int", register), register_names("int", register + 1)
+        self._mark = mark
+        lines = [
+            f"def {_PROGRAM}_{mark}():",
+            f"  write_output_integer_register({register}, {mark})",
+            *[f"  {line}" for line in body.splitlines()],
+            f"  write_output_integer_register({register + 1}, {mark})",
+            "end",
+        ]
+        self._program = "\n".join(lines) + "\n"
+        self._began = 0.0
+        self._was_begun = False
+        self._is_halted = False
+        self._is_resumed = False
+
+    def begin(self, link: CommandLink, state: State, now: float) -> None:
+        """See RobotTask."""
+        if state.runtime is RuntimeState.PLAYING:
+            link.take_control(is_playing=True)  # refused where the program that runs is somebody else's
+        link.send_script(self._program)
+        self._began = now
+
+    def resume(self, state: State, now: float) -> None:
+        """See RobotTask."""
+        self._began, self._is_resumed = now, True
+
+    def look(self, link: CommandLink, state: State, now: float) -> Told:
+        """See RobotTask."""
+        self._was_begun = self._was_begun or state.values[self._begun] == self._mark
+        if state.values[self._done] == self._mark:
+            values = [state.values[register_names(each.register_type, each.place)] for each in self._results]
+            return Ended(0, tuple(values))
+        wrong = fault_of(state, "", None)
+        if wrong and self._was_begun:
+            return Ended(_OUT, (), wrong)
+        if not self._was_begun:
+            if self._is_resumed:
+                return Forgotten("the controller's registers tell nothing of it; see what the robot did")
+            if now - self._began < _BEGIN_S:
+                return None
+            return Ended(_FAILED, (), "the controller did not begin the program; see its log")
+        if state.values[self._begun] != self._mark:
+            return Ended(_FAILED, (), "another program took its place")
+        if state.runtime in (RuntimeState.PLAYING, RuntimeState.PAUSED):
+            return Progress(0.0, "paused" if state.runtime is RuntimeState.PAUSED else "")
+        if self._is_halted:
+            return Ended(_CANCELLED, (), "halted")
+        return Ended(_FAILED, (), "the program ended before its last line; see the robot's log")
+
+    def halt(self, link: CommandLink, state: State) -> None:
+        """See RobotTask."""
+        self._is_halted = True
+        link.call("dashboard", "stop")
+
+
+class DashboardTask:
+    """A command to the dashboard server, done when the controller shows what it is for."""
+
+    moves_arm = False
+
+    def __init__(self, way: DashboardSkill, arguments: Mapping[str, Any]) -> None:
+        """Take the text.
+
+        Raises:
+            SkillRejected: it has a line break, and would be two commands.
+        """
+        self._way, self._text = way, []
+        if way.text is not None:
+            text = str(arguments[way.text] or "")
+            if not text or not text.isprintable():
+                raise SkillRejected(f"{way.text}: give printable text in one line, and not {text[:40]!r}")
+            self._text = [text]
+        self._is_resumed = False
+        self._has_played = False
+        self._began = 0.0
+
+    def begin(self, link: CommandLink, state: State, now: float) -> None:
+        """See RobotTask."""
+        link.call("dashboard", _METHODS[self._way.command], *self._text)
+        self._began = now
+        if self._way.command is Dashboard.PLAY:
+            link.has_control = False
+
+    def resume(self, state: State, now: float) -> None:
+        """See RobotTask."""
+        self._is_resumed = True
+
+    def look(self, link: CommandLink, state: State, now: float) -> Told:
+        """See RobotTask."""
+        if self._is_resumed and self._way.command in _UNSEEN:
+            return Forgotten("the controller does not show whether it was done")
+        # A program may be over before a state shows that it runs.
+        self._has_played = self._has_played or state.runtime is RuntimeState.PLAYING or now - self._began > _SHOWN_S
+        if not self._is_reached(state):
+            return Progress(0.0, f"robot mode {state.robot_mode.name}, safety mode {state.safety_mode.name}")
+        return Ended(0)
+
+    def _is_reached(self, state: State) -> bool:
+        command, runtime = self._way.command, state.runtime
+        if command is Dashboard.POWER_ON:
+            return state.robot_mode in (RobotMode.IDLE, RobotMode.RUNNING)
+        if command is Dashboard.BRAKE_RELEASE:
+            return state.robot_mode is RobotMode.RUNNING
+        if command is Dashboard.POWER_OFF:
+            return state.robot_mode is RobotMode.POWER_OFF
+        if command in (Dashboard.UNLOCK_PROTECTIVE_STOP, Dashboard.RESTART_SAFETY):
+            return state.safety_mode.may_move
+        if command is Dashboard.PLAY:
+            return self._has_played and (runtime is RuntimeState.STOPPED or not self._way.wait_for_end)
+        if command is Dashboard.PAUSE:
+            return runtime is RuntimeState.PAUSED
+        return command is not Dashboard.STOP or runtime is RuntimeState.STOPPED
+
+    def halt(self, link: CommandLink, state: State) -> None:
+        """See RobotTask."""
+        if not (self._way.command is Dashboard.PLAY and self._way.wait_for_end):
+            raise SkillRejected("a command to the dashboard server cannot be taken back")
+        link.call("dashboard", "stop")
+
+
+_UNSEEN: Final = (
+    *(Dashboard.LOAD, Dashboard.POPUP, Dashboard.CLOSE_POPUP, Dashboard.CLOSE_SAFETY_POPUP, Dashboard.PLAY),
+)
+_METHODS: Final[Mapping[Dashboard, str]] = {
+    Dashboard.POWER_ON: "powerOn",
+    Dashboard.POWER_OFF: "powerOff",
+    Dashboard.BRAKE_RELEASE: "brakeRelease",
+    Dashboard.LOAD: "loadURP",
+    Dashboard.PLAY: "play",
+    Dashboard.PAUSE: "pause",
+    Dashboard.STOP: "stop",
+    Dashboard.POPUP: "popup",
+    Dashboard.CLOSE_POPUP: "closePopup",
+    Dashboard.CLOSE_SAFETY_POPUP: "closeSafetyPopup",
+    Dashboard.UNLOCK_PROTECTIVE_STOP: "unlockProtectiveStop",
+    Dashboard.RESTART_SAFETY: "restartSafety",
+}
+
+
+class SetTask:
+    """An output, done when the controller shows it."""
+
+    moves_arm = False
+
+    def __init__(self, way: SetSkill, arguments: Mapping[str, Any]) -> None:
+        """Take the value.
+
+        Raises:
+            SkillRejected: the output does not take it.
+        """
+        output = find_output(way.output)
+        assert output is not None
+        self._output: Output = output
+        self._value = arguments[way.value] if isinstance(way.value, str) else way.value
+        try:
+            self._call = output.call(self._value)
+        except ValueError as error:
+            raise SkillRejected(f"{way.output}: {error}") from error
+        self._began = 0.0
+        self._is_resumed = False
+
+    def begin(self, link: CommandLink, state: State, now: float) -> None:
+        """See RobotTask."""
+        method, arguments = self._call
+        if not link.call("io", method, *arguments):
+            raise SkillFailed(f"the controller did not take {method}")
+        self._began = now
+
+    def resume(self, state: State, now: float) -> None:
+        """See RobotTask."""
+        self._began, self._is_resumed = now, True
+
+    def look(self, link: CommandLink, state: State, now: float) -> Told:
+        """See RobotTask."""
+        if self._output.is_seen(self._value, state.values):
+            return Ended(0)
+        if self._is_resumed:
+            return Forgotten(f"{self._output.name} has another value; see whether it was set in between")
+        if now - self._began < _BEGIN_S:
+            return None
+        return Ended(_FAILED, (), f"{self._output.name} did not change")
+
+    def halt(self, link: CommandLink, state: State) -> None:
+        """See RobotTask."""
+        raise SkillRejected("an output that is set cannot be halted")
+
+
+class StopTask:
+    """Stop what the robot does."""
+
+    moves_arm = False
+
+    def __init__(self, way: StopSkill) -> None:
+        self._way = way
+
+    def begin(self, link: CommandLink, state: State, now: float) -> None:
+        """See RobotTask."""
+        if link.has_control and state.runtime is RuntimeState.PLAYING:
+            link.stop_move(self._way.deceleration)
+        elif state.runtime in (RuntimeState.PLAYING, RuntimeState.PAUSED):
+            link.call("dashboard", "stop")
+
+    def resume(self, state: State, now: float) -> None:
+        """See RobotTask."""
+
+    def look(self, link: CommandLink, state: State, now: float) -> Told:
+        """See RobotTask."""
+        return Ended(0) if state.stands else Progress(0.0)
+
+    def halt(self, link: CommandLink, state: State) -> None:
+        """See RobotTask."""
+        raise SkillRejected("a stop cannot be stopped")
+
+
+def refusal_of(task: RobotTask, state: State, remote_control: bool | None) -> str:
+    """Why a task cannot be begun now; the empty text where it can."""
+    if remote_control is False:
+        return "the robot is in local control: switch remote control on at the teach pendant"
+    if not task.moves_arm:
+        return ""
+    wrong = fault_of(state, "", None)
+    if wrong:
+        return wrong
+    if state.safety_mode is SafetyMode.UNDEFINED or state.robot_mode is not RobotMode.RUNNING:
+        return f"robot mode {state.robot_mode.name}: switch the power on and release the brakes first"
+    return ""
+
+
+def make_task(skill: ConfiguredSkill[Any], values: Sequence[Any], register: int, mark: int) -> RobotTask:
+    """The task of an execution.
+
+    Raises:
+        SkillRejected: an argument that the robot cannot be given.
+    """
+    arguments = dict(zip(skill.arguments, values, strict=True))
+    via: Any = skill.via
+    way: Model = via.way
+    if isinstance(way, MoveJ | MoveL):
+        return MoveTask(way, arguments)
+    if isinstance(way, ScriptSkill):
+        return ScriptTask(skill, way, arguments, register, mark)
+    if isinstance(way, DashboardSkill):
+        return DashboardTask(way, arguments)
+    if isinstance(way, SetSkill):
+        return SetTask(way, arguments)
+    assert isinstance(way, StopSkill)
+    return StopTask(way)

@@ -1,0 +1,132 @@
+"""Samples of the controller to the sources of `fleet.yaml`. Pure."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Final
+
+from ua_bridges.ur.config import UrSource, field_path
+from ua_bridges.ur.state import State
+from ua_bridges.ur.variables import ALWAYS_READ, VARIABLES, Reading, read_path, register_names
+from ua_fleet.bridge.driver import DriverEvent, Dropped, SampleRead, SourceFound, SourceLost
+from ua_fleet.config.schema import FleetConfig
+from ua_fleet.counters import Drop
+from ua_fleet.pubsub.metadata import make_field
+from ua_fleet.topics import Topic
+from ua_fleet.wire.messages import FieldMetaData
+
+__all__ = ["Source", "Telemetry", "faults_of", "frequency_of", "sources_of", "variables_of"]
+
+FASTEST_HZ: Final = 500.0
+_LOST: Final = "samples came faster than they were read; this machine is too busy for the rate that is asked for"
+LEAST_HZ: Final = 50.0
+"""What skills and faults need."""
+
+
+@dataclass(frozen=True)
+class Source:
+    """One DataSet that is read from the controller."""
+
+    topic: Topic
+    label: str
+    fields: tuple[FieldMetaData, ...]
+    readings: tuple[Reading, ...]
+    max_rate_hz: float
+    only_changes: bool
+
+
+def sources_of(config: FleetConfig, bridge_name: str) -> tuple[Source, ...]:
+    """The sources of the robot behind a bridge. What has no id yet, or no variable, is left out."""
+    space, namespace = config.bridges[bridge_name].space, config.fleet.namespace_index
+    found: list[Source] = []
+    for robot_name, robot in config.robots.items():
+        if robot.bridge != bridge_name:
+            continue
+        for name, data in robot.data.items():
+            if data.id is None or not isinstance(data.source, UrSource):
+                continue
+            readings = [read_path(field_path(field, each)) for field, each in data.all_fields().items()]
+            fields = [
+                make_field(field or name, each.type.builtin, array=each.array)
+                for field, each in data.all_fields().items()
+            ]
+            known = tuple([reading for reading in readings if reading is not None])
+            if len(known) == len(fields):
+                topic = Topic(space, namespace, data.id)
+                source = data.source
+                label = f"{robot_name}.{name}"
+                found.append(Source(topic, label, tuple(fields), known, source.max_rate_hz, source.only_changes))
+    return tuple(found)
+
+
+def faults_of(config: FleetConfig, bridge_name: str) -> tuple[Topic, ...]:
+    """Where the robots behind a bridge say what is wrong with them."""
+    space, namespace = config.bridges[bridge_name].space, config.fleet.namespace_index
+    return tuple(
+        [
+            Topic(space, namespace, robot.fault_id)
+            for robot in config.robots.values()
+            if robot.bridge == bridge_name and robot.fault_id is not None
+        ]
+    )
+
+
+def variables_of(sources: tuple[Source, ...], registers: frozenset[tuple[str, int]]) -> dict[str, list[Any]]:
+    """What has to be read: names in RTDE, each with the library's method and its arguments."""
+    names = [*ALWAYS_READ, *[reading.name for source in sources for reading in source.readings]]
+    names += [register_names(kind, place) for kind, place in sorted(registers)]
+    read = [VARIABLES[name] for name in names]
+    return {variable.rtde: [variable.getter, *variable.arguments] for variable in read}
+
+
+def frequency_of(sources: tuple[Source, ...]) -> float:
+    """How often the controller is asked to send: as often as the fastest source needs."""
+    return min(max([LEAST_HZ, *[source.max_rate_hz for source in sources]]), FASTEST_HZ)
+
+
+class Telemetry:
+    """The sources while the connection comes and goes."""
+
+    def __init__(self, sources: tuple[Source, ...], frequency_hz: float, put: Callable[[DriverEvent], None]) -> None:
+        self._sources, self._put = sources, put
+        self._half_cycle = 0.5 / frequency_hz
+        self._due: dict[Topic, float] = {}
+        self._last: dict[Topic, tuple[Any, ...]] = {}
+        self._is_there = False
+        self._told_lost = False
+
+    def sampled(self, state: State, lost: int) -> None:
+        """One sample, and how many were lost before it."""
+        if lost:
+            self._put(Dropped(Drop.INLET_FULL, lost, "" if self._told_lost else _LOST))
+            self._told_lost = True
+        if not self._is_there:
+            self._is_there = True
+            for source in self._sources:
+                self._put(SourceFound(source.topic, source.label, source.fields))
+        for source in self._sources:
+            self._hand_on(source, state)
+
+    def _hand_on(self, source: Source, state: State) -> None:
+        due = self._due.get(source.topic)
+        if due is not None and due - 1 / source.max_rate_hz <= state.time < due - self._half_cycle:
+            return
+        values = tuple([reading.of(state.values) for reading in source.readings])
+        if source.only_changes and self._last.get(source.topic) == values:
+            return
+        self._last[source.topic] = values
+        # From the time that was due, not from now: 10 Hz out of 125 Hz would be less than 10 otherwise.
+        period = 1 / source.max_rate_hz
+        began = due if due is not None and 0 <= state.time - due < period else state.time
+        self._due[source.topic] = began + period
+        self._put(SampleRead(source.topic, values, state.source_time_ns))
+
+    def lost(self) -> None:
+        """The connection is gone."""
+        if self._is_there:
+            self._is_there = self._told_lost = False
+            self._due.clear()
+            self._last.clear()
+            for source in self._sources:
+                self._put(SourceLost(source.topic))

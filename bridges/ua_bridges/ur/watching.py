@@ -1,0 +1,192 @@
+"""Reads the controller's state in a thread, for as long as the driver runs; connects again with back-off."""
+
+from __future__ import annotations
+
+import json
+import threading
+import time
+from collections.abc import Callable, Mapping
+from typing import Any, Final, NamedTuple
+
+import structlog
+
+from ua_bridges.ur.config import UrBridgeConfig
+from ua_bridges.ur.library.child import ChildFailed, LibraryChild, NoAnswer
+from ua_bridges.ur.state import ControllerClock, State, fault_of
+from ua_bridges.ur.telemetry import Telemetry
+from ua_fleet.bridge.driver import DriverEvent, DriverStatus, SampleRead, SourceFound
+from ua_fleet.pubsub.metadata import make_field
+from ua_fleet.topics import Topic
+from ua_fleet.values import BuiltinType
+
+__all__ = ["Faults", "Watcher"]
+
+_START_S: Final = 5.0
+"""Python and the library are there within this."""
+_WAKE_S: Final = 0.2
+"""A stop is noticed within this."""
+FAULT_FIELDS: Final = (make_field("fault", BuiltinType.STRING),)
+
+_log = structlog.get_logger(__name__)
+
+
+class SaidSample(NamedTuple):
+    """A sample of the child; see `library.receiving`."""
+
+    received_ns: int
+    lost: int
+    stamp: float
+    values: dict[str, Any]
+
+
+class SaidNote(NamedTuple):
+    """What the child says of itself."""
+
+    error: str
+    note: str
+
+
+class Faults:
+    """What the bridge says of the robot's faults: one line, which is empty while it has none."""
+
+    def __init__(self, topics: tuple[Topic, ...], label: str, put: Callable[[DriverEvent], None]) -> None:
+        self._topics, self._label, self._put = topics, label, put
+        self._lock = threading.Lock()
+        self._said: str | None = None
+        self._state: State | None = None
+        self._lost = ""
+        self._remote_control: bool | None = None
+
+    def seen(self, state: State | None, lost: str = "") -> None:
+        """A sample, or that there is no connection."""
+        with self._lock:
+            self._state, self._lost = state, lost
+            self._say()
+
+    def remote_control(self, is_on: bool | None) -> None:
+        """What the dashboard server said; None where it does not matter."""
+        with self._lock:
+            self._remote_control = is_on
+            self._say()
+
+    def _say(self) -> None:
+        text = fault_of(self._state, self._lost, self._remote_control)
+        if text == self._said:
+            return
+        for topic in self._topics:
+            if self._said is None:
+                self._put(SourceFound(topic, self._label, FAULT_FIELDS))
+            time_ns = self._state.source_time_ns if self._state is not None else time.time_ns()
+            self._put(SampleRead(topic, (text,), time_ns))
+        self._said = text
+
+
+class Watcher:
+    """See the module."""
+
+    def __init__(
+        self,
+        config: UrBridgeConfig,
+        frequency_hz: float,
+        variables: Mapping[str, list[Any]],
+        telemetry: Telemetry,
+        faults: Faults,
+    ) -> None:
+        self._config, self._telemetry, self._faults = config, telemetry, faults
+        priority = config.real_time_priority or 0
+        self._arguments = (config.address, f"{frequency_hz:g}", str(priority), json.dumps(variables))
+        self._clock = ControllerClock()
+        self._stopping = threading.Event()
+        self._has_noted = False
+        self._detail = f"connecting to {config.address}"
+        self.state: State | None = None
+        """The last sample; None while there is no connection."""
+        self._thread = threading.Thread(target=self._run, name=f"ur state {config.address}", daemon=True)
+
+    def start(self) -> None:
+        """Begin."""
+        self._thread.start()
+
+    def stop(self) -> None:
+        """End soon."""
+        self._stopping.set()
+
+    def join(self) -> None:
+        """Wait for the end."""
+        self._thread.join()
+
+    def status(self) -> DriverStatus:
+        """See Driver."""
+        return DriverStatus(self.state is not None and not self._stopping.is_set(), self._detail)
+
+    def _run(self) -> None:
+        least, most = self._config.retry_s
+        wait, told = least, ""
+        while not self._stopping.is_set():
+            try:
+                self._watch()
+                continue
+            except ChildFailed as error:
+                reason = f"{self._config.address}: {_remedy(str(error))}"
+            if self.state is not None:
+                wait, told = least, ""
+            self.state, self._detail = None, reason
+            self._telemetry.lost()
+            self._faults.seen(None, reason)
+            if reason != told:
+                told = reason
+                _log.warning("no connection to the controller", why=reason)
+            self._stopping.wait(wait)
+            wait = min(wait * 2, most)
+
+    def _watch(self) -> None:
+        """Read until it ends; returns when the driver stops.
+
+        Raises:
+            ChildFailed: there is no connection any more.
+        """
+        child = LibraryChild("receiving", *self._arguments)
+        try:
+            limit = _START_S
+            while (said := self._line(child, limit)) is not None:
+                limit = self._config.answer_timeout_s
+                if isinstance(said, SaidSample):
+                    self._take(said)
+                elif said.error:
+                    raise ChildFailed(said.error)
+                elif said.note and not self._has_noted:
+                    self._has_noted = True
+                    _log.warning("the state is read without its priority", why=said.note)
+        finally:
+            child.end()
+
+    def _line(self, child: LibraryChild, limit: float) -> SaidSample | SaidNote | None:
+        deadline = time.monotonic() + limit
+        while not self._stopping.is_set():
+            left = deadline - time.monotonic()
+            try:
+                said: Any = child.line(min(max(left, 0.0), _WAKE_S))
+            except NoAnswer:
+                if left <= _WAKE_S:
+                    raise NoAnswer(f"the controller sends nothing for {limit:g} s") from None
+            else:
+                is_sample = isinstance(said, list)
+                return SaidSample(*said) if is_sample else SaidNote(said.get("error", ""), said.get("note", ""))
+        return None
+
+    def _take(self, said: SaidSample) -> None:
+        state = State(said.stamp, self._clock.unix_ns(said.stamp, said.received_ns), said.values)
+        if self.state is None:
+            self._detail = f"connected to {self._config.address}"
+            _log.info("connected to the controller", controller=self._config.address)
+        self.state = state
+        self._telemetry.sampled(state, said.lost)
+        self._faults.seen(state)
+
+
+def _remedy(text: str) -> str:
+    """The library's words with what to do about them."""
+    line = " ".join(text.split())
+    if "Could not connect" in line:
+        return "nothing answers at port 30004; check the address, and that the controller is on"
+    return line

@@ -1,0 +1,123 @@
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+import yaml
+
+from ua_fleet.config.load import load_content
+from ua_fleet.config.schema import FleetConfig
+from ua_fleet.errors import ConfigInvalid
+
+FLEET = """
+version: 1
+pubsub: {security: none}
+bridges:
+  arm: {kind: ur, space: 300, status_id: 1, address: 192.168.0.10}
+robots:
+  ur5:
+    bridge: arm
+    skill_status_id: 2
+    fault_id: 3
+    data:
+      joints: {id: 11, type: Double, array: true, path: actual_q, source: {max_rate_hz: 125}}
+      shoulder: {id: 12, type: Double, path: 'actual_q[1]', source: {}}
+      state:
+        id: 13
+        fields: {robot_mode: {type: Int32}, mode: {type: String, path: robot_mode_text}}
+        source: {only_changes: true}
+      input: {id: 14, type: Boolean, path: 'actual_digital_input_bits[3]', source: {}}
+      slider: {id: 15, type: Double, origin: server, sink: {output: speed_slider}}
+    skills:
+      turn:
+        id: 21
+        arguments: {base: {type: Double}, speed: {type: Float, default: 1.0}}
+        via: {move_j: {joints: [base, -1.57, 0, -1.57, 0, 0], speed: speed}}
+      lower:
+        id: 22
+        arguments: {z: {type: Double}}
+        via: {move_l: {pose: [0.4, 0.1, z, 3.14, 0, 0]}}
+      measure:
+        id: 23
+        arguments: {text: {type: String}}
+        results: {force: {type: Double}, count: {type: Int32}}
+        via:
+          script:
+            body: 'textmsg({text})'
+            results: {force: {place: 12}, count: {register_type: int, place: 13}}
+      load: {id: 24, arguments: {program: {type: String}}, via: {dashboard: {command: load, text: program}}}
+      play: {id: 25, via: {dashboard: {command: play, wait_for_end: true}}}
+      grip: {id: 26, arguments: {close: {type: Boolean}}, via: {set: {output: 'tool_digital_out[0]', value: close}}}
+      slow: {id: 27, via: {set: {output: speed_slider, value: 0.2}}}
+      stop: {id: 28, via: {stop: {deceleration: 4}}}
+"""
+
+
+def changed(path: str, value: Any) -> str:
+    document = yaml.safe_load(FLEET)
+    at = document
+    *steps, last = path.split("/")
+    for step in steps:
+        at = at[step]
+    if value is None:
+        del at[last]
+    else:
+        at[last] = value
+    return yaml.safe_dump(document)
+
+
+def load(text: str) -> FleetConfig:
+    return load_content(text.encode(), "fleet.yaml", {})
+
+
+def test_example_is_valid() -> None:
+    load(FLEET)
+
+
+@pytest.mark.parametrize(
+    ("path", "value", "said"),
+    [
+        ("bridges/arm/space", 3, "256 to 65535"),
+        ("bridges/arm/address", "192.168.0.10:30004", "address"),
+        ("bridges/arm/retry_s", [2, 1], "retry_s"),
+        ("robots/ur5/data/joints/path", "actual_w", "no variable `actual_w`"),
+        ("robots/ur5/data/joints/path", "actual_q[6]", "no variable `actual_q[6]`"),
+        ("robots/ur5/data/joints/path", None, "no variable `(none)`"),
+        ("robots/ur5/data/joints/array", False, "has several values"),
+        ("robots/ur5/data/shoulder/array", True, "has one value"),
+        ("robots/ur5/data/joints/type", "Int32", "is no Int32"),
+        ("robots/ur5/data/input/type", "UInt32", "is no UInt32"),
+        ("robots/ur5/data/joints/source", None, "no `source`"),
+        ("robots/ur5/data/joints/source/max_rate_hz", 501, "max_rate_hz"),
+        ("robots/ur5/data/slider/sink", None, "no `sink`"),
+        ("robots/ur5/data/slider/sink/output", "standard_digital_out[8]", "no output"),
+        ("robots/ur5/data/slider/sink/output", "speed_slider[0]", "no output"),
+        ("robots/ur5/data/slider/type", "Boolean", "takes no Boolean"),
+        ("robots/ur5/skills/turn/via", None, "no `via`"),
+        ("robots/ur5/skills/turn/via/stop", {}, "exactly one"),
+        ("robots/ur5/skills/turn/via/move_j/joints", ["base", 0, 0, 0, 0], "joints"),
+        ("robots/ur5/skills/turn/via/move_j/speed", "sped", "no argument `sped`"),
+        ("robots/ur5/skills/turn/via/move_j/speed", 1.0, "goes nowhere"),
+        ("robots/ur5/skills/turn/arguments/base/type", "String", "is a String"),
+        ("robots/ur5/skills/turn/results", {"x": {"type": "Double"}}, "nothing brings this result"),
+        ("robots/ur5/skills/measure/via/script/body", "textmsg({txt})", "no argument"),
+        ("robots/ur5/skills/measure/via/script/body", "textmsg(1)", "stands nowhere"),
+        ("robots/ur5/skills/measure/via/script/body", "textmsg({text})}", "Single '}'"),
+        ("robots/ur5/skills/measure/via/script/results/count/place", 18, "the bridge's own"),
+        ("robots/ur5/skills/measure/via/script/results/count/place", 11, "place"),
+        ("robots/ur5/skills/measure/results/force/type", "String", "holds no String"),
+        ("robots/ur5/skills/load/via/dashboard/text", None, "needs a text"),
+        ("robots/ur5/skills/play/via/dashboard/text", "program", "takes no text"),
+        ("robots/ur5/skills/play/via/dashboard/command", "stop", "has no end"),
+        ("robots/ur5/skills/play/via/dashboard/command", "fly", "command"),
+        ("robots/ur5/skills/slow/via/set/value", 2.0, "not within 0 to 1"),
+        ("robots/ur5/skills/grip/arguments/close/type", "Double", "is a Double"),
+        ("robots/other", {"bridge": "arm"}, "has a robot already"),
+    ],
+)
+def test_mistake_is_told_with_its_line(path: str, value: Any, said: str) -> None:
+    with pytest.raises(ConfigInvalid) as caught:
+        load(changed(path, value))
+    lines = [str(problem) for problem in caught.value.problems]
+    assert any(said in line for line in lines), lines
+    assert all(problem.line > 0 for problem in caught.value.problems)

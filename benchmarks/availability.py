@@ -8,7 +8,7 @@ request is journaled on the disk at both sides.
 A request that could not even be made within 0.1 s after its slot counts as requested, and as refused. At the end what
 the robot was told is compared with what each requestor knows: executed + refused = requested, for every one, and
 nothing twice; where that does not hold, the group fails. The floor is an echo between two event loops on the same
-schedule.
+schedule; the peer for the response time alone is a service of ROS 2 (rclpy), which records and encrypts nothing.
 """
 
 from __future__ import annotations
@@ -23,14 +23,15 @@ from collections.abc import Generator, Iterable, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from benchmarks._availability import SPACE, Asked
+from benchmarks._availability import LEAST_PAUSE_S, SPACE, Asked
 from benchmarks._keys import write_keys
-from benchmarks._ros import Node, median_and_p99
+from benchmarks._ros import NODES, Node, median_and_p99, running_node
 from benchmarks.harness import FEWEST_ROUNDS, Failed, Figure, shown
 from tests import system
 from ua_fleet.config.schema import FleetConfig
 
 REFERENCE = "bare UDP echo"
+PEER = "service of ROS 2"
 CHARACTERS = (10, 1000, 10_000, 20_000)
 REQUESTS = {1: 1000, 5: 200, 10: 100, 20: 100, 50: 20, 100: 10}
 """Requests of each length, over all rounds, by the period in milliseconds."""
@@ -59,8 +60,12 @@ def accounted(told: Sequence[str], parties: Iterable[Asked]) -> None:
     for asked in parties:
         executed = times.keys() & set(asked.ids)
         known |= executed
-        if differing := executed ^ set(asked.accepted):
-            raise Failed(f"of {len(differing)} executions the requestor knows something else than the robot")
+        unknown, untold = executed - set(asked.accepted), set(asked.accepted) - executed
+        if unknown or untold:
+            raise Failed(
+                f"a requestor does not know that {len(unknown)} were executed, and takes {len(untold)} for executed"
+                f" that were not: {dict(asked.outcomes)}"
+            )
         if len(executed) + asked.refused != asked.slots:
             raise Failed(f"{len(executed)} executed + {asked.refused} refused of {asked.slots}: {dict(asked.outcomes)}")
     if unasked := times.keys() - known:
@@ -68,7 +73,7 @@ def accounted(told: Sequence[str], parties: Iterable[Asked]) -> None:
 
 
 class Network:
-    """The robot, who asks it, and an echo."""
+    """The robot, who asks it, an echo, and a service of ROS 2 where there is ROS 2."""
 
     def __init__(self, stack: contextlib.ExitStack) -> None:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory(dir=system.ROOT)))
@@ -100,6 +105,7 @@ class Network:
         self._port = int(start("_actions", "echo", 0).ready.removeprefix("ready"))
         self._told()
         self._asked: list[Asked] = []
+        self._peer = None if system.missing("ros2") else _ros2_service(stack)
 
     def _told(self) -> list[str]:
         self._robot.tell("executed")
@@ -116,6 +122,13 @@ class Network:
             self._asked.append(asked)
         return asked
 
+    def ask_peer(self, characters: int) -> list[float]:
+        """Round trips (microseconds) of the service of ROS 2; none without it."""
+        if self._peer is None:
+            return []
+        self._peer.tell(f"{characters} {RESPONSES} {LEAST_PAUSE_S}")
+        return self._peer.ages()
+
     @contextlib.contextmanager
     def held_to_account(self, *, others: bool) -> Generator[None]:
         """While the context lasts, with the five nodes or without; then everything is accounted for."""
@@ -125,8 +138,17 @@ class Network:
         yield
         for node in nodes:
             node.tell("rest")
-        accounted(self._told(), [*self._asked, *[Asked.read(node.read()) for node in nodes]])
+        parties = [*self._asked, *[Asked.read(node.read()) for node in nodes]]
+        accounted(self._told(), parties)  # only now has everybody heard of the last request
         self._asked.clear()
+
+
+def _ros2_service(stack: contextlib.ExitStack) -> Node:
+    """Who calls a service that gives strings back, in a domain of their own."""
+    domain = stack.enter_context(system.ros_domain())
+    env = os.environ | {"ROS_DOMAIN_ID": str(domain), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
+    stack.enter_context(running_node(sys.executable, NODES / "echo_ros2.py", "serve", env=env))
+    return stack.enter_context(running_node(sys.executable, NODES / "echo_ros2.py", "call", env=env))
 
 
 class Run(NamedTuple):
@@ -138,18 +160,23 @@ class Run(NamedTuple):
     """Of the echo, the worst length."""
     responses: list[tuple[float, float, float, float]]
     """For each length: the echo's median and 99th percentile, and ours."""
+    peers: list[float]
+    """For each length: the median of the service of ROS 2; empty where it was not asked."""
 
 
-def measured(network: Network, rounds: int) -> Run:
+def measured(network: Network, rounds: int, *, with_peer: bool) -> Run:
     """Everything once in each round; the floor's schedules in the last one alone."""
     slots, executed = Counter[tuple[int, int]](), Counter[tuple[int, int]]()
     floor: dict[int, float] = {}
     echoed: list[list[float]] = [[] for _ in CHARACTERS]
     responded: list[list[float]] = [[] for _ in CHARACTERS]
+    served: list[list[float]] = [[] for _ in CHARACTERS]
     for turn in range(rounds):
         for place, characters in enumerate(CHARACTERS):
             echoed[place] += network.ask("echo-respond", characters, RESPONSES).ages_us
             responded[place] += network.ask("respond", characters, RESPONSES).ages_us
+            if with_peer:
+                served[place] += network.ask_peer(characters)
             for period_ms, count in REQUESTS.items():
                 asked = network.ask("open", characters, period_ms, count // rounds)
                 slots[period_ms, characters] += asked.slots
@@ -160,7 +187,7 @@ def measured(network: Network, rounds: int) -> Run:
                     floor[period_ms] = min(floor.get(period_ms, 1.0), share)
     shares = {ms: [executed[ms, length] / slots[ms, length] for length in CHARACTERS] for ms in REQUESTS}
     responses = [(*median_and_p99(echo), *median_and_p99(ours)) for echo, ours in zip(echoed, responded, strict=True)]
-    return Run(shares, floor, responses)
+    return Run(shares, floor, responses, [median_and_p99(of_length)[0] for of_length in served if of_length])
 
 
 def rows(name: str, run: Run) -> list[Figure]:
@@ -170,6 +197,9 @@ def rows(name: str, run: Run) -> list[Figure]:
         what = f"response time, {name}, {characters:,} characters"
         figures.append(shown(f"{what}, p50", p50, "us", reference=REFERENCE, reference_value=echo_p50))
         figures.append(shown(f"{what}, p99", p99, "us", reference=REFERENCE, reference_value=echo_p99))
+    for characters, peer, (_, _, p50, _) in zip(CHARACTERS, run.peers, run.responses, strict=False):
+        name_of_row = f"response time, {name}, {characters:,} characters, p50, beside a service"
+        figures.append(shown(name_of_row, p50, "us", reference=PEER, reference_value=peer))
     for period_ms, shares in run.shares.items():
         for what, share in (("up to 10,000 characters", min(shares[:-1])), ("20,000 characters", shares[-1])):
             is_held = period_ms >= HELD_FROM_MS
@@ -195,6 +225,6 @@ def figures(rounds: int) -> list[Figure]:
         network = Network(stack)
         for name, others in (("alone", False), ("with five nodes", True)):
             with network.held_to_account(others=others):
-                run = measured(network, rounds)
+                run = measured(network, rounds, with_peer=not others)
             found += rows(name, run)
     return found

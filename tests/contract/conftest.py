@@ -17,13 +17,14 @@ DRIVERS = {
     "ros1": "tests.contract.ros1",
     "ros2": "tests.contract.ros2",
     "tcp": "tests.contract.tcp",
+    "ur": "tests.contract.ur",
 }
 """Modules as the package's docstring describes them."""
 OPENS = ("open_space", "open_mapped_space", "open_skilled_space")
 OpenSpace = Callable[[Path, Processes], AbstractAsyncContextManager[Space]]
 OpenMappedSpace = Callable[[Path, Processes], AbstractAsyncContextManager[MappedSpace]]
 OpenSkilledSpace = Callable[[Path, Processes], AbstractAsyncContextManager[SkilledSpace]]
-DEFAULT = "virtual,skilled,modbus,ros2,tcp"
+DEFAULT = "virtual,skilled,modbus,ros2,tcp,ur"
 """What can run in the main environment: rospy and rclpy cannot share one interpreter."""
 
 

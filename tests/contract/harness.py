@@ -163,9 +163,9 @@ class MappedSpace(Protocol):
 
     number: int
     sources: Mapping[Topic, Kind]
-    """What is read from the robot: at least one NUMBER, TEXT and TWIST; the first is a NUMBER."""
+    """What is read from the robot: first a NUMBER; a TEXT and a TWIST where it has such a thing."""
     sinks: Mapping[Topic, Kind]
-    """What other spaces' data is written to the robot: at least one NUMBER and one TWIST."""
+    """What other spaces' data is written to the robot: a NUMBER, and a TWIST where it can take one."""
 
     @property
     def robot(self) -> MappedRobot:

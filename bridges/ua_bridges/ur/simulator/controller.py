@@ -29,6 +29,7 @@ _STOPPING_RAD_S2: Final = 20.0
 _ENDING_RAD_S2: Final = 4.0
 """How the arm brakes where a program ends in the middle of a move."""
 _LOG_LINES: Final = 1000
+_MOST_RECORDED: Final = 100_000
 
 
 class Refused(Exception):
@@ -109,6 +110,8 @@ class Controller:
         self._beside: list[Machine] = []
         self._due: tuple[float, RobotMode] | None = None
         self._stopped_at = 0.0
+        self.recorded: dict[str, list[Any]] = {}
+        """All that was written to the inputs that are recorded."""
         self.jitter_s = 0.0
         """How late the last cycle was, `actual_execution_time`."""
 
@@ -317,8 +320,10 @@ class Controller:
 
     # Inputs from RTDE
 
-    def touched(self, variable: str) -> None:
+    def touched(self, variable: str, value: Any = None) -> None:
         """An RTDE client wrote an input."""
+        if variable in self.recorded and len(self.recorded[variable]) < _MOST_RECORDED:
+            self.recorded[variable].append(value)
         if self.watchdog is not None and self.watchdog.variable == variable:
             self.watchdog.last = self.time
 

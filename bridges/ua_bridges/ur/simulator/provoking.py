@@ -5,6 +5,8 @@
     {"do": "remote_control", "on": false}       the switch on the teach pendant
     {"do": "power_off"}   {"do": "start_up"}
     {"do": "digital_input", "bit": 0, "on": true}   {"do": "analog_input", "place": 0, "value": 2.5}
+    {"do": "output_registers", "first": 12, "values": [1.5]}   what a program writes to output double registers
+    {"do": "record", "input": "input_double_register_18"}      keep what clients write; {"do": "recorded", ..} tells it
     {"do": "drop"}                              all connections of all other ports end, as when the cable is pulled
     {"do": "silence", "on": true}               accept connections and answer nothing, as a controller that hangs
     {"do": "state"}   {"do": "log"}
@@ -19,7 +21,7 @@ from collections.abc import Callable
 from typing import Any
 
 from ua_bridges.ur.modes import SafetyMode
-from ua_bridges.ur.simulator.controller import Controller
+from ua_bridges.ur.simulator.controller import REGISTERS, Controller
 
 __all__ = ["Provoking"]
 
@@ -42,6 +44,9 @@ class Provoking:
             "start_up": lambda _: controller.start_up(),
             "digital_input": self._digital_input,
             "analog_input": self._analog_input,
+            "output_registers": self._output_registers,
+            "record": self._record,
+            "recorded": lambda asked: {"recorded": self._controller.recorded[str(asked["input"])]},
             "drop": lambda _: drop(),
             "silence": lambda asked: silence(bool(asked.get("on", True))),
             "state": lambda _: self._state(),
@@ -74,6 +79,15 @@ class Provoking:
 
     def _analog_input(self, asked: dict[str, Any]) -> None:
         self._controller.analog_inputs[int(asked["place"])] = float(asked["value"])
+
+    def _output_registers(self, asked: dict[str, Any]) -> None:
+        first, values = int(asked["first"]), [float(value) for value in asked["values"]]
+        if not 0 <= first <= REGISTERS - len(values):
+            raise ValueError(f"registers are 0 to {REGISTERS - 1}")
+        self._controller.outputs.doubles[first : first + len(values)] = values
+
+    def _record(self, asked: dict[str, Any]) -> None:
+        self._controller.recorded.setdefault(str(asked["input"]), [])
 
     def _state(self) -> dict[str, Any]:
         controller = self._controller

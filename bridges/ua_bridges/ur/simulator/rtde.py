@@ -192,7 +192,7 @@ class RtdeSession:
             write = INPUTS[name].write
             if write is not None:
                 write(self.controller, values)
-            self.controller.touched(name)
+            self.controller.touched(name, values[name])
         return b""
 
 

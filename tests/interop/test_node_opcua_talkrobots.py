@@ -14,7 +14,7 @@ from tests.system import Processes
 from ua_fleet.server.nodeset import TypeId
 
 CLIENT = Path(__file__).parent / "talkrobots.cjs"
-OPTIONS = ("--wait", "--speed", "20", "--resilience", "operator", "--without-ros1", "--secure")
+OPTIONS = ("--wait", "--speed", "15", "--resilience", "operator", "--without-ros1", "--secure")
 
 
 @pytest.mark.needs("node", "ros2")

@@ -50,3 +50,15 @@ def test_robots_are_ranked_by_the_places_that_they_drive_to(tmp_path: Path) -> N
 def test_skills_have_time_enough_at_any_speed(tmp_path: Path, speed: float, timeout_s: float) -> None:
     _, config = made(tmp_path, ros1=False, speed=speed)
     assert {skill.timeout_s for robot in config.robots.values() for skill in robot.skills.values()} == {timeout_s}
+
+
+def test_a_run_that_an_earlier_demonstration_left_is_not_gone_on_with(tmp_path: Path) -> None:
+    bridge = tmp_path / "state" / "bridges" / "ur3_bridge"
+    bridge.mkdir(parents=True)
+    left = [tmp_path / "state" / "runs.db", bridge / "executions.db-wal"]
+    kept = [bridge / "nonces.json", bridge / "bridge.der"]
+    for path in (*left, *kept):
+        path.touch()
+    made(tmp_path, ros1=False)
+    assert [path.exists() for path in left] == [False, False]
+    assert [path.exists() for path in kept] == [True, True]

@@ -25,7 +25,7 @@ __all__ = ["Ask", "TalkRobotsResult", "run_talkrobots"]
 
 BROKEN: Final = "ridgeback"
 REPAIRED_DURING: Final = "bring"
-REPAIR_S: Final = 4.0
+REPAIR_S: Final = 1.0
 """The demonstration's seconds from the start of that task, which another robot does, until Ridgeback is repaired."""
 RUN_TIMEOUT_S: Final = 600.0
 """The demonstration's seconds after which a run is given up that nobody has to decide about; one takes about 120."""

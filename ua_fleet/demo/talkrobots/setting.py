@@ -135,6 +135,9 @@ def make_setting(
 ) -> Setting:
     """Write `fleet.yaml` and the scenario, and say what differs from what a reader expects.
 
+    The server would go on with a run that was ended in the middle: what an earlier demonstration has left of runs and
+    commands in this folder is removed. Certificates and used nonces stay.
+
     Args:
         site: where the run takes place.
         domains: DOMAINS ROS 2 domains.
@@ -169,8 +172,15 @@ def make_setting(
         ),
         encoding="utf-8",
     )
+    _forget_runs(site.folder / "state")
     scenarios = site.folder / "scenarios"
     scenarios.mkdir(exist_ok=True)
     text = package.joinpath(f"{SCENARIO}.yaml").read_text(encoding="utf-8")
     (scenarios / f"{SCENARIO}.yaml").write_text(text, encoding="utf-8")
     return setting
+
+
+def _forget_runs(state: Path) -> None:
+    for journal in state.rglob("*.db*"):
+        if journal.is_file():
+            journal.unlink()

@@ -46,6 +46,7 @@ _GROUPS: Final = {
     "decision": "Who takes over when a robot fails.",
     "robot": "The robots of a fleet: list, register and unregister them.",
     "skill": "What robots can do, and having them do it.",
+    "modbus": "The fleet as a Modbus device, for PLCs.",
     "pubsub": "OPC UA PubSub between the server and the bridges.",
     "demo": "Demonstrations with real robots' programs.",
 }
@@ -79,6 +80,7 @@ def _build() -> typer.Typer:
         demo_pal,
         demo_talkrobots,
         keys,
+        modbus,
         offer,
         pubsub,
         pubsub_decode,
@@ -118,6 +120,8 @@ def _build() -> typer.Typer:
     _add(groups["pubsub"], "listen", pubsub.listen, pubsub.EXAMPLES)
     _add(groups["pubsub"], "probe", pubsub_probe.probe, pubsub_probe.EXAMPLES)
     _add(groups["pubsub"], "decode", pubsub_decode.decode, pubsub_decode.EXAMPLES)
+    _add(groups["modbus"], "serve", modbus.serve, modbus.SERVE_EXAMPLES)
+    _add(groups["modbus"], "map", modbus.show_map, modbus.MAP_EXAMPLES)
     _add(groups["scenario"], "list", scenario.show, scenario.LIST_EXAMPLES)
     _add(groups["scenario"], "validate", scenario.validate, scenario.VALIDATE_EXAMPLES)
     _add(groups["scenario"], "run", scenario.run, scenario.RUN_EXAMPLES)

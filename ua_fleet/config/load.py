@@ -17,6 +17,7 @@ from ua_fleet.config.base import Name
 from ua_fleet.config.checks import Parts, check_all, check_ids_given
 from ua_fleet.config.kinds import known_kinds, model_of_kind
 from ua_fleet.config.layers import apply_environment, apply_options
+from ua_fleet.config.modbus_checks import modbus_problems
 from ua_fleet.config.resilience_schema import CriterionConfig, FaultConditionConfig
 from ua_fleet.config.schema import (
     BridgeConfig,
@@ -202,6 +203,9 @@ def _read(document: Document, file: str, allow_missing_ids: bool) -> FleetConfig
     bridge_of = {name: robot.bridge for name, robot in robots.items()}
     parts = Parts(document, file, shell.pubsub if shell else None, bridges, bridge_of, data, robots, resilience)
     check_all(parts)
+    if shell is not None and shell.modbus is not None:
+        for where, text, suggestion in modbus_problems(shell.modbus, robots, data):
+            document.problem(where, text, suggestion)
     check_ids_given(parts, allow_missing=allow_missing_ids)
     if shell is None or document.problems:
         return None

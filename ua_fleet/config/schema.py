@@ -13,6 +13,7 @@ from typing import Annotated, ClassVar, Literal
 from pydantic import BaseModel, Field, SerializeAsAny, field_validator, model_validator
 
 from ua_fleet.config.base import DataSetId, FieldPath, Model, Name, ScalarType
+from ua_fleet.config.modbus_schema import ModbusServerConfig
 from ua_fleet.config.resilience_schema import ResilienceConfig
 from ua_fleet.config.skill_schema import SkillConfig
 from ua_fleet.document import KeyPath
@@ -381,6 +382,8 @@ class FleetConfig(Model, frozen=True):
     """Who takes over when a robot fails."""
     scenarios: ScenariosConfig = ScenariosConfig()
     """Scenarios that operators run."""
+    modbus: ModbusServerConfig | None = None
+    """The fleet as a Modbus device, for PLCs; left out: it is none."""
 
     def space_of(self, robot_name: str) -> int:
         """The space in which a robot lives."""

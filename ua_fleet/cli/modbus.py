@@ -1,0 +1,124 @@
+"""`ua-fleet modbus ...`: the fleet as a Modbus device."""
+
+from __future__ import annotations
+
+from contextlib import AbstractAsyncContextManager
+from typing import TYPE_CHECKING
+
+from ua_fleet.cli.connect import connected
+from ua_fleet.cli.endings import NotFound, extra_needed
+from ua_fleet.cli.logs import set_up_logging
+from ua_fleet.cli.options import (
+    DEFAULT_CONFIG,
+    DEFAULT_ENDPOINT,
+    Config,
+    Connection,
+    Endpoint,
+    Insecure,
+    Json,
+    PasswordFile,
+    Policy,
+    SecurityPolicy,
+    User,
+    load_config,
+)
+from ua_fleet.cli.output import message, print_json, print_line
+from ua_fleet.cli.process import run
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from ua_fleet.client import FleetClient
+    from ua_fleet.config.modbus_schema import ModbusServerConfig
+    from ua_fleet.config.schema import FleetConfig
+
+__all__ = ["MAP_EXAMPLES", "SERVE_EXAMPLES", "serve", "show_map"]
+
+SERVE_EXAMPLES = (
+    "ua-fleet modbus serve -u plc1",
+    "ua-fleet modbus serve -c hall2.yaml -u plc1 --password-file plc1.pw",
+)
+MAP_EXAMPLES = ("ua-fleet modbus map", "ua-fleet modbus map --json")
+TIMEOUT_S = 10.0
+MEMORY = "commands.db"
+
+
+def _modbus_of(path: Path) -> tuple[FleetConfig, ModbusServerConfig]:
+    fleet = load_config(path)
+    if fleet.modbus is None:
+        raise NotFound(f"{path} has no section `modbus`; docs/plc.md tells what stands in it")
+    return fleet, fleet.modbus
+
+
+def serve(
+    config: Config = DEFAULT_CONFIG,
+    endpoint: Endpoint = DEFAULT_ENDPOINT,
+    user: User = None,
+    password_file: PasswordFile = None,
+    policy: SecurityPolicy = Policy.BASIC256SHA256,
+    insecure: Insecure = False,
+    as_json: Json = False,
+) -> None:
+    """Be a Modbus/TCP device that PLCs read, and by which they command the fleet, until Ctrl-C.
+
+    The section `modbus` of the configuration says what lies at which address. What PLCs do is done by the user that is
+    given here: give them one of their own, with the role that they need.
+    """
+    fleet, modbus = _modbus_of(config)
+    connection = Connection.of(endpoint, user, password_file, policy, insecure, TIMEOUT_S)
+    set_up_logging()
+    with extra_needed("this command", "modbus"):
+        from ua_fleet.modbus.listener import Listener
+    from ua_fleet.modbus.gateway import Gateway
+    from ua_fleet.modbus.memory import CommandMemory
+
+    folder = config.resolve().parent / modbus.state_dir
+
+    def connect() -> AbstractAsyncContextManager[FleetClient]:
+        return connected(connection)
+
+    async def served() -> None:
+        memory = CommandMemory(folder / MEMORY)
+        try:
+            gateway = Gateway(fleet, memory)
+            async with Listener(gateway.image, modbus, gateway.written):
+                place = f"{modbus.host}:{modbus.port}"
+                if as_json:
+                    print_json({"ready": True, "modbus": place})
+                else:
+                    print_line(f"ready: Modbus at {place}, unit {modbus.unit}")
+                await gateway.run(connect)
+        finally:
+            memory.close()
+
+    if not modbus.writers:
+        message("modbus.writers is empty: nobody may write or command")
+    run(served())
+
+
+def show_map(config: Config = DEFAULT_CONFIG, as_json: Json = False) -> None:
+    """Print what lies at which address, as a table in Markdown."""
+    from ua_fleet.modbus.table import map_rows, markdown
+
+    fleet, _ = _modbus_of(config)
+    if not as_json:
+        print_line(markdown(fleet))
+        return
+    for row in map_rows(fleet):
+        register = row.register
+        print_json(
+            {
+                "table": register.table.value,
+                "address": register.address,
+                "count": register.span.count,
+                "type": register.type.value,
+                "bit": register.bit,
+                "scale": register.scale,
+                "offset": register.offset,
+                "order": register.order.value,
+                "name": row.name,
+                "unit": row.unit,
+                "plc_writes": row.is_written,
+                "meaning": row.text,
+            }
+        )

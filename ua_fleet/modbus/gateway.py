@@ -1,0 +1,261 @@
+"""Between the registers and the OPC UA server: values in, writes and commands out, decisions both ways.
+
+While the server is away PLCs read what was last, with `connected` 0 and every value marked as not Good. A command that
+comes meanwhile is refused, and one that runs is followed again afterwards.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+from contextlib import AbstractAsyncContextManager, aclosing
+from typing import Any, Final
+
+import structlog
+
+from ua_fleet.client import DecisionInfo, FaultInfo, FleetClient, NodeNotFound, NotDone, ScenarioClient
+from ua_fleet.config.schema import FleetConfig
+from ua_fleet.errors import AccessRefused, NotConnected, SendTimeout, SkillError, UaFleetError
+from ua_fleet.modbus.commands import Asked, CommandDesk
+from ua_fleet.modbus.decisions import DecisionDesk
+from ua_fleet.modbus.following import Followed, follow_run, follow_skill
+from ua_fleet.modbus.image import Image
+from ua_fleet.modbus.memory import CommandMemory
+from ua_fleet.modbus.table import MappedValue, map_rows, modbus_commands, modbus_values
+from ua_fleet.modbus.words import CommandState, status
+from ua_fleet.registers import RegisterUnfit, Span, cast
+from ua_fleet.values import Quality, StatusCode, quality_of
+
+__all__ = ["Gateway"]
+
+HEARTBEAT_S: Final = 0.5
+POLL_S: Final = 0.2
+"""How often executions, decisions and faults are looked at."""
+RETRY_S: Final = (0.5, 10.0)
+_AWAY: Final = (NotConnected, SendTimeout, AccessRefused)
+
+Connect = Callable[[], AbstractAsyncContextManager[FleetClient]]
+
+
+class Gateway:
+    """One fleet as a Modbus device. `written` is called by the listener, all else runs in `run`."""
+
+    def __init__(self, config: FleetConfig, memory: CommandMemory) -> None:
+        """Make the tables, with what is remembered."""
+        assert config.modbus is not None
+        self._config, self._modbus = config, config.modbus
+        self._values = modbus_values(config)
+        rows = map_rows(config)
+        self.image = Image(
+            [row.register for row in rows if not row.is_written], [row.register for row in rows if row.is_written]
+        )
+        self._desk = CommandDesk(self.image, memory, modbus_commands(config), self._modbus.control, self._modbus.status)
+        self._decisions = DecisionDesk(self.image, memory, self._modbus)
+        self._sets = {value.path: value for value in self._values if value.is_written}
+        self._to_set: dict[str, MappedValue] = {}
+        self._work = asyncio.Event()
+        self._told: set[str] = set()
+        self._log: Any = structlog.get_logger(part="modbus")
+
+    def written(self, span: Span) -> None:
+        """A PLC has written something."""
+        self._desk.written(span)
+        self._decisions.written(span)
+        for value in self._sets.values():
+            if value.register.span.overlaps(span):
+                self._to_set[value.path] = value
+        self._work.set()
+
+    async def run(self, connect: Connect) -> None:
+        """Work until cancelled; `connect` makes a connected client."""
+        works = (self._beat(), self._refuse_while_away(), self._stay_connected(connect))
+        running = {asyncio.create_task(work) for work in works}
+        try:
+            ended, _ = await asyncio.wait(running, return_when=asyncio.FIRST_COMPLETED)
+            for task in ended:
+                task.result()  # none ends but by an error
+        finally:
+            while running:  # Python 3.11's wait_for, which asyncua uses, loses some cancellations
+                for task in running:
+                    task.cancel()
+                _, running = await asyncio.wait(running, timeout=0.2)
+
+    # Away
+
+    async def _stay_connected(self, connect: Connect) -> None:
+        wait_s = RETRY_S[0]
+        while True:
+            try:
+                async with connect() as client:
+                    wait_s = RETRY_S[0]
+                    self._log.info("connected", endpoint=client.endpoint)
+                    await self._serve(client)
+            except ExceptionGroup as failed:
+                away = [error for error in failed.exceptions if isinstance(error, _AWAY)]
+                if len(away) != len(failed.exceptions):
+                    raise
+                self._go_away(str(away[0]))
+            except _AWAY as error:
+                self._go_away(str(error))
+            await asyncio.sleep(wait_s)
+            wait_s = min(2 * wait_s, RETRY_S[1])
+
+    def _go_away(self, reason: str) -> None:
+        if bool(self.image.get(self._status("connected"))) or not self._told:
+            self._log.warning("not connected", reason=reason)
+            self._told.add(reason)
+        self.image.put(self._status("connected"), 0)
+        for value in self._values:
+            if value.quality is not None:
+                self.image.put(value.quality, False)
+
+    async def _beat(self) -> None:
+        count = 0
+        while True:
+            count = (count + 1) & 0xFFFF
+            self.image.put(self._status("heartbeat"), count)
+            await asyncio.sleep(HEARTBEAT_S)
+
+    async def _refuse_while_away(self) -> None:
+        """What is asked for while nobody can be asked is not done later, when nobody expects it."""
+        while True:
+            await self._work.wait()
+            if not self.image.get(self._status("connected")):
+                if self._desk.take() is not None:
+                    text = "the OPC UA server is away"
+                    self._desk.end(CommandState.REFUSED, StatusCode.BAD_NOT_CONNECTED, text)
+                self._decisions.refuse()
+                self._to_set.clear()
+                self._work.clear()
+            await asyncio.sleep(POLL_S)
+
+    # There
+
+    async def _serve(self, client: FleetClient) -> None:
+        async with asyncio.TaskGroup() as tasks:
+            tasks.create_task(self._read(client))
+            tasks.create_task(self._command(client))
+            tasks.create_task(self._decide(ScenarioClient(client)))
+            self.image.put(self._status("connected"), 1)
+
+    async def _read(self, client: FleetClient) -> None:
+        by_node = {value.node_id: value for value in self._values}
+        if not by_node:
+            return
+        async with aclosing(client.watch(list(by_node))) as changes:
+            async for change in changes:
+                value = by_node[change.node_id]
+                if value.path not in self._to_set:
+                    self._show(value, change.value, change.status)
+
+    def _show(self, value: MappedValue, shown: Any, code: int) -> None:
+        is_good = quality_of(code) is Quality.GOOD and shown is not None
+        if is_good:
+            try:
+                self.image.put(value.register, shown)
+            except RegisterUnfit as unfit:
+                is_good = False
+                self._tell(f"{value.path} cannot be shown: {unfit.reason}")
+        if value.quality is not None:
+            self.image.put(value.quality, is_good)
+
+    async def _command(self, client: FleetClient) -> None:
+        scenarios = ScenarioClient(client)
+        while True:
+            await self._set_all(client)
+            if (asked := self._desk.take()) is not None:
+                await self._begin(client, scenarios, asked)
+            if self._desk.last.state is CommandState.RUNNING:
+                await self._follow(client, scenarios)
+                await asyncio.sleep(POLL_S)
+                continue
+            try:
+                async with asyncio.timeout(1.0):
+                    await self._work.wait()
+            except TimeoutError:
+                pass
+            self._work.clear()
+
+    async def _begin(self, client: FleetClient, scenarios: ScenarioClient, asked: Asked) -> None:
+        config = asked.command.config
+        try:
+            if config.scenario is not None:
+                given = {name: _text(value) for name, value in asked.arguments.items()}
+                self._desk.began(await scenarios.run(config.scenario, given))
+            else:
+                assert config.robot is not None
+                assert config.skill is not None
+                execution = await client.start_skill(config.robot, config.skill, **asked.arguments)
+                self._desk.began(execution.id)
+        except (NotConnected, SendTimeout):
+            text = "the answer was lost; see whether it was begun"
+            self._desk.end(CommandState.UNKNOWN, StatusCode.UNCERTAIN, text)
+            raise
+        except (SkillError, NotDone, NodeNotFound, AccessRefused) as error:
+            self._desk.end(CommandState.REFUSED, error.ua_status, _short(error))
+
+    async def _follow(self, client: FleetClient, scenarios: ScenarioClient) -> None:
+        last = self._desk.last
+        command = modbus_commands(self._config).get(last.code)
+        if command is None:
+            self._desk.end(CommandState.UNKNOWN, StatusCode.UNCERTAIN, "fleet.yaml has no such command any more")
+            return
+        if command.config.scenario is not None:
+            followed = await follow_run(scenarios, last.begun)
+        else:
+            assert command.config.robot is not None
+            robot = self._config.robots[command.config.robot]
+            assert robot.skill_status_id is not None
+            followed = await follow_skill(client, self._config.fleet.namespace_index, robot.skill_status_id, last.begun)
+        self._tell_end(followed)
+
+    def _tell_end(self, followed: Followed) -> None:
+        if followed.state is CommandState.RUNNING:
+            self._desk.progress(followed.progress)
+        else:
+            self._desk.end(followed.state, followed.status, followed.message, followed.results)
+
+    async def _set_all(self, client: FleetClient) -> None:
+        while self._to_set:
+            path, value = next(iter(self._to_set.items()))
+            try:
+                wanted = cast(self.image.get(value.register), value.type.builtin)
+                await client.write(value.node_id, _text(wanted))
+            except (RegisterUnfit, AccessRefused, NodeNotFound) as error:
+                self._tell(f"{path} cannot be set: {error}")
+            self._to_set.pop(path, None)
+
+    async def _decide(self, scenarios: ScenarioClient) -> None:
+        while True:
+            if (answer := self._decisions.take()) is not None:
+                try:
+                    await scenarios.confirm(answer.decision_id, answer.robot)
+                except (NotDone, AccessRefused, NodeNotFound) as error:
+                    self._tell(f"{answer.robot} was not chosen: {error}")
+                    self._decisions.answered(answer, is_taken=False)
+                else:
+                    self._decisions.answered(answer, is_taken=True)
+            decisions: list[DecisionInfo] = await scenarios.decisions()
+            faults: list[FaultInfo] = await scenarios.faults()
+            self._decisions.show(decisions, faults)
+            await asyncio.sleep(POLL_S)
+
+    def _tell(self, text: str) -> None:
+        """Log a problem once."""
+        if text not in self._told and len(self._told) < 256:
+            self._told.add(text)
+            self._log.warning(text)
+
+    def _status(self, name: str) -> Any:
+        return status(name, self._modbus.status)
+
+
+def _text(value: Any) -> str:
+    """A value as text: as YAML, and clients' texts, have it."""
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    return f"{value:g}" if isinstance(value, float) and value == int(value) else str(value)
+
+
+def _short(error: UaFleetError) -> str:
+    return " ".join(str(error).split())

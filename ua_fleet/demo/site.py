@@ -13,6 +13,7 @@ from typing import Final
 
 from ua_fleet.bridge.launch import child_environment, find_ros1_python
 from ua_fleet.demo.processes import free_tcp_port, udp_port_in_use
+from ua_fleet.errors import ConfigError
 
 __all__ = ["KEY_LIFETIME_S", "OPC_UA_PORT", "ROS_MASTER_PORT", "USER", "Site", "choose_site"]
 
@@ -62,6 +63,16 @@ class Site:
     def python(self, ros: int) -> str:
         """The interpreter for programs of ROS 1 or 2; the server's is that of ROS 2."""
         return str(self.ros1_python) if ros == 1 else sys.executable
+
+    def write_config(self, text: str) -> None:
+        """Write `fleet.yaml`; raises ConfigError where the folder holds one that is no earlier run's of the same kind.
+
+        Its first line is the same in all runs of a demonstration.
+        """
+        first = text.partition("\n")[0]
+        if self.config_file.exists() and self.config_file.read_text(encoding="utf-8").partition("\n")[0] != first:
+            raise ConfigError("this is another fleet's; choose another --folder", file=str(self.config_file))
+        self.config_file.write_text(text, encoding="utf-8")
 
     def environment(self, domain: int | None) -> dict[str, str]:
         """The environment of a program: in the ROS 2 domain `domain`, or with the ROS 1 master for None."""

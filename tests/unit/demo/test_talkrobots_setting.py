@@ -11,6 +11,7 @@ from ua_fleet.config.schema import FleetConfig
 from ua_fleet.demo.site import Site
 from ua_fleet.demo.talkrobots.robots.mobile import PLACES
 from ua_fleet.demo.talkrobots.setting import ACTORS, SCENARIO, Setting, make_setting
+from ua_fleet.errors import ConfigError
 
 
 def site(folder: Path, *, ros1: bool, secure: bool = False) -> Site:
@@ -62,3 +63,19 @@ def test_a_run_that_an_earlier_demonstration_left_is_not_gone_on_with(tmp_path: 
     made(tmp_path, ros1=False)
     assert [path.exists() for path in left] == [False, False]
     assert [path.exists() for path in kept] == [True, True]
+
+
+def test_the_folder_of_another_fleet_is_left_alone(tmp_path: Path) -> None:
+    (tmp_path / "state").mkdir()
+    (tmp_path / "state" / "runs.db").touch()
+    (tmp_path / "fleet.yaml").write_text("version: 1\n")
+    with pytest.raises(ConfigError, match=r"fleet\.yaml.*this is another fleet's; choose another --folder"):
+        made(tmp_path, ros1=True)
+    assert (tmp_path / "state" / "runs.db").exists()
+    assert (tmp_path / "fleet.yaml").read_text() == "version: 1\n"
+
+
+def test_an_earlier_run_in_the_same_folder_is_replaced(tmp_path: Path) -> None:
+    made(tmp_path, ros1=True)
+    _, config = made(tmp_path, ros1=True, secure=True)
+    assert config.pubsub.security.value == "sign_and_encrypt"

@@ -53,14 +53,13 @@ def make_setting(
         say(f"without ROS 1, {site.why_without_ros1}: the arm runs in ROS 2 domain {arm_space}")
         arm_bridge = f"    kind: ros2\n    space: {arm_space}"
     template = Template(files("ua_fleet.demo.pal").joinpath("fleet.template.yaml").read_text(encoding="utf-8"))
-    site.config_file.write_text(
+    site.write_config(
         template.substitute(
             server_port=site.server_port,
             pubsub_url=site.pubsub_url,
             pubsub_security=site.pubsub_security,
             arm_bridge=arm_bridge,
             mobile_space=domain,
-        ),
-        encoding="utf-8",
+        )
     )
     return Setting(site, arm_space, domain, speed, loop_rule)

@@ -157,7 +157,7 @@ def make_setting(
     master = f'kind: ros1, space: 1, master_uri: "http://127.0.0.1:{site.master_port}"'
     package = files("ua_fleet.demo.talkrobots")
     template = Template(package.joinpath("fleet.template.yaml").read_text(encoding="utf-8"))
-    site.config_file.write_text(
+    site.write_config(
         template.substitute(
             {f"{name}_space": space for name, space in spaces.items()},
             **{f"{name}_port": port for name, port in ports.items()},
@@ -169,8 +169,7 @@ def make_setting(
             belt_mm_s=round(_BELT_MM_S * speed),
             timeout_s=_TIMEOUT_S / min(speed, 1.0),
             mode=mode,
-        ),
-        encoding="utf-8",
+        )
     )
     _forget_runs(site.folder / "state")
     scenarios = site.folder / "scenarios"

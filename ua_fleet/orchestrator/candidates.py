@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from ua_fleet.resilience import (
@@ -75,6 +75,8 @@ class TaskToDo:
     arguments: Mapping[str, Value]
     failed: str
     """The robot that cannot do it; empty where there was none."""
+    refused_by: Collection[str] = ()
+    """Robots that would not begin it."""
 
 
 def rank_robots(
@@ -111,6 +113,8 @@ def rank_robots(
             excluded.append(Excluded(robot.name, f"has no skill {task.skill}"))
         elif reason is not None:
             excluded.append(Excluded(robot.name, reason))
+        elif robot.name in task.refused_by:
+            excluded.append(Excluded(robot.name, "has refused it"))
         elif robot.name == task.failed:
             excluded.append(Excluded(robot.name, "is to be replaced"))
         else:

@@ -341,7 +341,8 @@ class Orchestrator:
     def _want(self, run_id: str, wanted: WantRobot, now: float) -> None:
         robot = wanted.robot
         if robot is None:
-            todo = TaskToDo(wanted.skill, wanted.capacities, self._arguments(run_id, wanted.step), "")
+            refused_by = self.runs[run_id].state.tasks[wanted.step].refused_by
+            todo = TaskToDo(wanted.skill, wanted.capacities, self._arguments(run_id, wanted.step), "", refused_by)
             ranking = self._ranked(todo)
             robot = ranking.best or self._least_busy(todo)
             if robot is None:
@@ -354,7 +355,7 @@ class Orchestrator:
     def _least_busy(self, todo: TaskToDo) -> str | None:
         """Who can do a task though it cannot be ranked: a criterion that nobody knows must not stop the work."""
         able = [robot.name for robot in self._fleet.able(todo.skill, todo.capacities)]
-        unfit, ahead = self._unfit(), self._count_ahead()
+        unfit, ahead = {*self._unfit(), *todo.refused_by}, self._count_ahead()
         fit = [robot for robot in able if robot not in unfit]
         return min(fit, key=lambda robot: (ahead[robot], robot), default=None)
 
@@ -417,7 +418,8 @@ class Orchestrator:
 
     def _todo(self, run_id: str, asked: OpenDecision) -> TaskToDo:
         needs = self._needs(asked.skill, asked.robot, asked.capacities)
-        return TaskToDo(asked.skill, needs, self._arguments(run_id, asked.step), asked.robot)
+        refused_by = self.runs[run_id].state.tasks[asked.step].refused_by
+        return TaskToDo(asked.skill, needs, self._arguments(run_id, asked.step), asked.robot, refused_by)
 
     def _arguments(self, run_id: str, step: str) -> Mapping[str, Value]:
         """Those that a task was begun with, or would be now."""

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 
-from ua_fleet.errors import ScenarioError
+from ua_fleet.errors import ScenarioInvalid
 from ua_fleet.scenario.expression import Expression, Lookup, Value, ValueUnknown
 from ua_fleet.scenario.model import Scenario, Task
 
@@ -26,7 +27,7 @@ def checked_parameters(scenario: Scenario, given: Mapping[str, Value]) -> dict[s
     """All parameters of a scenario with the values given, or their defaults.
 
     Raises:
-        ScenarioError: with every parameter that is missing, unknown, of another kind or out of its range.
+        ScenarioInvalid: with every parameter that is missing, unknown, of another kind or out of its range.
     """
     known = {parameter.name: parameter for parameter in scenario.parameters}
     problems = [f"there is no parameter {name!r}" for name in given if name not in known]
@@ -37,11 +38,13 @@ def checked_parameters(scenario: Scenario, given: Mapping[str, Value]) -> dict[s
             problems.append(f"the parameter {name!r} is missing")
             continue
         default, limits = parameter.default, parameter.range
+        if isinstance(value, float) and not math.isfinite(value):
+            problems.append(f"the parameter {name!r} is {value}, and no number")
         if default is not None and isinstance(value, str) != isinstance(default, str):
             problems.append(f"the parameter {name!r} is {value!r}, and its default {default!r} is of another kind")
         elif limits is not None and not (isinstance(value, int | float) and limits[0] <= value <= limits[1]):
             problems.append(f"the parameter {name!r} is {value!r}; legal is {limits[0]:g} to {limits[1]:g}")
         values[name] = value
     if problems:
-        raise ScenarioError("; ".join(problems))
+        raise ScenarioInvalid(problems)
     return values

@@ -28,6 +28,7 @@ from ua_fleet.scenario.facts import (
     TaskAccepted,
     TaskAnswered,
     TaskAssigned,
+    TaskOutcome,
     TaskOver,
     Then,
 )
@@ -68,6 +69,8 @@ class TaskRun:
     assigned_at: float = 0.0
     reason: str = ""
     """Why a replacement is wanted, or what is known where an operator is asked."""
+    refused_by: tuple[str, ...] = ()
+    """Robots that would not even begin it; nobody asks them again."""
 
 
 @dataclass(slots=True)
@@ -190,6 +193,8 @@ class RunState:
                 task.phase = TaskPhase.ACCEPTED
             case TaskOver():
                 task.reason = fact.message
+                if fact.outcome is TaskOutcome.REFUSED:
+                    task.refused_by = (*task.refused_by, task.robot)
                 if fact.then is Then.DONE:
                     self.results[task.name] = fact.results
                 self._follow(fact.step, task, fact.then)

@@ -44,6 +44,9 @@ NOT_RECORDED: Final = 4
 
 MOST_ITEMS: Final = 1000
 """Of one array."""
+MOST_MESSAGE: Final = 8000
+MOST_LOGGED: Final = 500
+"""Characters of why something was not done."""
 _TEXT: Final = int(BuiltinType.STRING)
 _FLAG: Final = int(BuiltinType.BOOLEAN)
 _NODE: Final = int(BuiltinType.NODE_ID)
@@ -119,9 +122,11 @@ class PlainMethods:
             try:
                 values = await work(*[_plain(argument) for argument in arguments])
             except UaFleetError as error:
-                code, message = self._status_of(error), str(error)
+                code, message = self._status_of(error), str(error)[:MOST_MESSAGE]
                 values = (error.outputs if isinstance(error, NotValid) else None) or values
-                _log.warning("not done", method=name, by=caller().name, reason=message)
+                _log.warning(
+                    "not done", method=name, by=caller().name, reason="; ".join(message.splitlines())[:MOST_LOGGED]
+                )
             return [
                 to_variant(output.type, value)
                 for output, value in zip((*outputs, *_RETURNED), (*values, code, message), strict=True)

@@ -424,3 +424,21 @@ def test_where_nobody_knows_where_the_task_is_the_distance_does_not_count() -> N
     assert world.log[-1] == "1 a done"
     chosen = [change.event for change in world.decisions() if isinstance(change.event, ReplacementChosen)]
     assert "distance" not in chosen[0].ranking.weights.names
+
+
+def test_robots_that_refuse_a_task_are_not_asked_again_and_there_is_an_end() -> None:
+    world = World()
+    world.outcome = {(robot, "go"): TaskOutcome.REFUSED for robot in FLEET.robots}
+    world.start("a", "  - {task: t, robot: ridgeback, skill: go}\n")
+    world.start("b", "  - {task: t, capacity: mobile, skill: go}\n")
+    world.go()
+    asked = [line.split()[1:3] for line in world.log if line.endswith(" go")]
+    mobile = ["pioneer_1", "pioneer_2", "ridgeback"]
+    assert sorted(asked) == [["a", robot] for robot in mobile] + [["b", robot] for robot in mobile]
+    assert [line for line in world.log if "failed" in line] == [
+        f"3 {run} failed no robot is left that can take over" for run in "ab"
+    ]
+    last = [change.event for change in world.decisions() if isinstance(change.event, RankingChanged)][-1]
+    reasons = {left.robot: left.reason for left in last.ranking.excluded}
+    assert [reasons[robot] for robot in mobile] == ["has refused it"] * 3
+    assert not world.make.faults.active("ridgeback"), "who refuses is not broken"

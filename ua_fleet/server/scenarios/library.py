@@ -190,12 +190,12 @@ def read_values(
         known: values whose kind counts: where there is a text, the given one stays a text.
 
     Raises:
-        ScenarioError: there are not as many of one as of the other, or a name is there twice.
+        ScenarioInvalid: there are not as many of one as of the other, or a name is there twice.
     """
     if len(names) != len(values):
-        raise ScenarioError(f"{len(names)} names were given with {len(values)} values")
+        raise ScenarioInvalid([f"{len(names)} names were given with {len(values)} values"])
     if len(set(names)) != len(names):
-        raise ScenarioError("a name was given twice")
+        raise ScenarioInvalid(["a name was given twice"])
     read: dict[str, Value] = {}
     for name, text in zip(names, values, strict=True):
         value = None if isinstance((known or {}).get(name), str) else resolve_scalar(text)

@@ -32,6 +32,7 @@ __all__ = ["ScenarioMethods"]
 _log: Any = structlog.get_logger("ua_fleet.scenarios")
 
 MOST_COMMENT: Final = 1000
+MOST_PAIR: Final = 100
 
 _TEXT: Final = int(BuiltinType.STRING)
 _TEXTS: Final = int(BuiltinType.STRING | ARRAY)
@@ -226,8 +227,10 @@ class ScenarioMethods:
         judgements: dict[tuple[str, str], float] = {}
         for pair, value in zip(pairs, values, strict=True):
             one, _, other = [part.strip() for part in pair.partition("/")]
+            if not one or not other:
+                raise JudgementsInvalid([f"{pair[:MOST_PAIR]!r} is no pair of criteria; write them as one/other"])
             if (one, other) in judgements:
-                raise JudgementsInvalid([f"{pair} was given twice"])
+                raise JudgementsInvalid([f"{pair[:MOST_PAIR]} was given twice"])
             judgements[one, other] = value
         settings = replace(self._service.settings, judgements=judgements)
         self._service.set_settings(settings, caller().name)

@@ -18,7 +18,7 @@ import structlog
 
 from ua_fleet.errors import RobotOffline, SkillError, StorageUnavailable
 from ua_fleet.fleet.model import RobotModel
-from ua_fleet.fleet.skills import SkillModel
+from ua_fleet.fleet.skills import SkillModel, call_problems
 from ua_fleet.orchestrator import OperatorAsked, TaskCancelled, TaskStarted
 from ua_fleet.pubsub.events import DataReceived
 from ua_fleet.scenario import Value
@@ -170,6 +170,10 @@ class TaskRequests:
         topic = Topic(robot.skill_status.space, robot.ns, skill.id)
         timeout_s = skill.timeout_s if skill.immediate else min(START_WITHIN_S, skill.timeout_s)
         now = self._clock()
+        problems = call_problems(skill, task.arguments)  # what a scenario computes is known now only
+        if problems:
+            self._ended(task.execution_id, TaskOutcome.REFUSED, "; ".join(problems), {})
+            return
         try:
             values = tuple([_typed(argument.type, task.arguments[argument.name]) for argument in skill.arguments])
             self._requests.request(topic, robot.name, values, timeout_s, bytes.fromhex(task.execution_id))
@@ -178,9 +182,8 @@ class TaskRequests:
                 waiting.next_at = now + ASK_AGAIN_S
                 return
             self._ended(task.execution_id, TaskOutcome.REFUSED, str(error), {})
-        except (SkillError, KeyError, ValueError) as error:
-            reason = f"no argument {error}" if isinstance(error, KeyError) else str(error)
-            self._ended(task.execution_id, TaskOutcome.REFUSED, reason, {})
+        except SkillError as error:
+            self._ended(task.execution_id, TaskOutcome.REFUSED, str(error), {})
         else:
             self._waiting.pop(task.execution_id, None)
             if skill.limits.least_interval_s > 0:
@@ -272,12 +275,10 @@ class TaskRequests:
 
 
 def _typed(kind: int, value: Value) -> Value:
-    """A value of a scenario in the type of an argument: YAML writes 0 where a Double is meant."""
-    if kind in _FLOATS and not isinstance(value, bool | str):
-        return float(value)
-    if kind in (BuiltinType.STRING, BuiltinType.BOOLEAN) or isinstance(value, bool | str):
+    """A legal value in the type of its argument: YAML writes 0 where a Double is meant."""
+    if isinstance(value, bool | str):
         return value
-    return int(value)
+    return float(value) if kind in _FLOATS else int(value)
 
 
 def _outcome_of(state: ExecutionState, status: int) -> TaskOutcome | None:

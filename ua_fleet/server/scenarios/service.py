@@ -268,7 +268,7 @@ class ScenarioService:
 
     def abort(self, run_id: str, reason: str, by: str) -> None:
         """End a run."""
-        reason = reason.strip()[:MOST_NAME] or f"aborted by {by}"
+        reason = " ".join(reason.split())[:MOST_NAME] or f"aborted by {by}"
         self._do(self._orchestrator.abort(self._known(run_id), reason, by, self._wall_s()), must_be_written=True)
 
     def answer(self, run_id: str, step: str, answer: str, by: str) -> None:
@@ -308,7 +308,7 @@ class ScenarioService:
 
     def raise_fault(self, robot: str, reason: str) -> None:
         """A robot, or somebody for it, says that it cannot work."""
-        reason = reason.strip()[:MOST_NAME] or "it says that it cannot work"
+        reason = " ".join(reason.split())[:MOST_NAME] or "it says that it cannot work"
         outputs = self._orchestrator.fault_raised(self._robot(robot).name, "robot", reason, self._wall_s())
         self._do(outputs, must_be_written=True)
 
@@ -391,11 +391,11 @@ class ScenarioService:
 
     def _found(self, found: Iterable[FaultFound]) -> None:
         for one in found:
-            now = self._wall_s()
+            make, now = self._orchestrator, self._wall_s()
             if one.active:
-                self._do(self._orchestrator.fault_raised(one.robot, one.source, one.reason, now))
+                self._do(make.fault_raised(one.robot, one.source, one.reason, now))
             else:
-                self._do(self._orchestrator.fault_cleared(one.robot, one.source, now))
+                self._do(make.fault_cleared(one.robot, one.source, now))
 
     # Time.
 

@@ -11,7 +11,7 @@ import pytest
 from ua_fleet.config.nodes import fleet_model
 from ua_fleet.config.schema import FleetConfig
 from ua_fleet.config.skill_schema import SkillLimitsConfig
-from ua_fleet.errors import RobotOffline, ScenarioError, SkillRejected, StorageUnavailable
+from ua_fleet.errors import RobotOffline, ScenarioError, ScenarioInvalid, SkillRejected, StorageUnavailable
 from ua_fleet.fleet.changes import ValueChanged
 from ua_fleet.fleet.model import RobotState
 from ua_fleet.orchestrator import DecisionChanged, FaultChanged, OperatorAsked, Output, RunChanged
@@ -26,7 +26,7 @@ from ua_fleet.topics import Topic
 from ua_fleet.values import BuiltinType, NodeId, StatusCode
 from ua_fleet.wire.messages import ConfigurationVersion, DataSetMessage, DataSetMetaData
 
-SKILL = {"arguments": {"angle": {"type": "Double", "default": 0}}, "timeout_s": 5}
+SKILL = {"arguments": {"angle": {"type": "Double", "default": 0, "range": [-90, 90]}}, "timeout_s": 5}
 CONFIG = FleetConfig.model_validate(
     {
         "version": 1,
@@ -380,3 +380,20 @@ def test_a_robot_that_can_tell_later_answers_what_operators_were_asked(tmp_path:
     over = [out.fact for out in world.said if isinstance(out, RunChanged) and isinstance(out.fact, TaskOver)][-1]
     assert over.message == "left has told after all: done; nobody need answer"
     assert len(world.robots.asked) == 1
+
+
+@pytest.mark.parametrize(
+    ("angle", "said"), [("91", "angle is 91; legal is -90 to 90"), ("left", "angle is 'left'; it has to be a number")]
+)
+def test_what_a_scenario_computes_is_held_against_the_skill_before_a_robot_hears_of_it(
+    tmp_path: Path, angle: str, said: str
+) -> None:
+    world = World(tmp_path)
+    text = ONE.replace("angle: 5", 'angle: "=angle"').replace("steps:", "parameters: {angle: {}}\nsteps:")
+    with pytest.raises(ScenarioInvalid, match="the parameter 'angle' is inf, and no number"):
+        world.start(text, ["angle"], ["1e999"])
+    world.start(text, ["angle"], [angle])
+    over = [out.fact for out in world.said if isinstance(out, RunChanged) and isinstance(out.fact, TaskOver)]
+    assert {(fact.outcome, fact.message) for fact in over} == {(TaskOutcome.REFUSED, said)}
+    assert not world.robots.asked
+    assert [fault.robot for fault in world.service.faults] == [], "no robot is to blame"

@@ -139,14 +139,16 @@ class Gateway:
             self.image.put(self._status("connected"), 1)
 
     async def _read(self, client: FleetClient) -> None:
-        by_node = {value.node_id: value for value in self._values}
+        by_node: dict[str, list[MappedValue]] = {}
+        for value in self._values:
+            by_node.setdefault(value.node_id, []).append(value)
         if not by_node:
             return
         async with aclosing(client.watch(list(by_node))) as changes:
             async for change in changes:
-                value = by_node[change.node_id]
-                if value.path not in self._to_set:
-                    self._show(value, change.value, change.status)
+                for value in by_node[change.node_id]:
+                    if not (value.is_written and value.path in self._to_set):
+                        self._show(value, change.value, change.status)
 
     def _show(self, value: MappedValue, shown: Any, code: int) -> None:
         is_good = quality_of(code) is Quality.GOOD and shown is not None

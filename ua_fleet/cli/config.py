@@ -86,7 +86,7 @@ def check(file: File = DEFAULT_CONFIG, scenarios: Scenarios = True, as_json: Jso
     """
     try:
         config = load_config(file)
-        problems = _problems_of_scenarios(config, file.parent) if scenarios else []
+        problems = _problems_of_scenarios(config, file.parent) if scenarios else ()
     except ConfigInvalid as error:
         config, problems = None, error.problems
     if config is None or problems:

@@ -14,6 +14,7 @@ DRIVERS = {
     "virtual": "tests.contract.virtual",
     "skilled": "tests.contract.skilled",
     "modbus": "tests.contract.modbus",
+    "plugged": "tests.contract.plugged",
     "ros1": "tests.contract.ros1",
     "ros2": "tests.contract.ros2",
     "tcp": "tests.contract.tcp",
@@ -24,7 +25,7 @@ OPENS = ("open_space", "open_mapped_space", "open_skilled_space")
 OpenSpace = Callable[[Path, Processes], AbstractAsyncContextManager[Space]]
 OpenMappedSpace = Callable[[Path, Processes], AbstractAsyncContextManager[MappedSpace]]
 OpenSkilledSpace = Callable[[Path, Processes], AbstractAsyncContextManager[SkilledSpace]]
-DEFAULT = "virtual,skilled,modbus,ros2,tcp,ur"
+DEFAULT = "virtual,skilled,modbus,plugged,ros2,tcp,ur"
 """What can run in the main environment: rospy and rclpy cannot share one interpreter."""
 
 

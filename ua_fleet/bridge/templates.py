@@ -227,7 +227,7 @@ class AnswerPattern:
                 pattern = f"{words.true}|{words.false}"
             else:
                 pattern = _NUMBER if kind in _FLOATS else _INTEGER
-            whole += f"{re.escape(place.before)}(?P<{place.name}>{pattern})"
+            whole += f"{re.escape(place.before)}({pattern})"
         self._pattern = re.compile(whole + re.escape(after))
 
     @property
@@ -242,7 +242,8 @@ class AnswerPattern:
         found = self._pattern.fullmatch(line)
         if found is None:
             return None
-        values = {name: self._read(kind, found[name]) for name, kind in self._types.items()}
+        told = zip(self._types.items(), found.groups(), strict=True)
+        values = {name: self._read(kind, text) for (name, kind), text in told}
         return None if any(isinstance(value, float) and math.isinf(value) for value in values.values()) else values
 
     def _read(self, kind: ScalarType, text: str) -> Any:

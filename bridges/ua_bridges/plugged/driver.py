@@ -1,0 +1,466 @@
+"""The driver for plugged-in sensors and actuators: which device a value or a skill belongs to, and when it is due."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from collections.abc import Sequence
+from functools import partial
+from typing import Any, Final
+
+from ua_bridges.plugged.bus import Bus, Signal
+from ua_bridges.plugged.calls import ended_of, method_of
+from ua_bridges.plugged.config import Device, PluggedBridgeConfig, PluggedSink, PluggedSkill
+from ua_bridges.plugged.data import PluggedData, as_type, data_of
+from ua_bridges.plugged.devices import DeviceFacts, Plugged, Unplugged
+from ua_bridges.plugged.files import AttributeFiles
+from ua_bridges.plugged.lines import Lines, PluggedSkillSpec
+from ua_bridges.plugged.port import Port
+from ua_bridges.plugged.sensor import Sensor
+from ua_bridges.plugged.udev import PathWatch, UdevWatch
+from ua_fleet.bridge.configured import configured_skills
+from ua_fleet.bridge.driver import Driver, DriverStatus, Dropped, Execution, Inlet, Skill
+from ua_fleet.bridge.executing import Ended, Executing
+from ua_fleet.config.schema import FleetConfig
+from ua_fleet.counters import Drop
+from ua_fleet.errors import RobotOffline, SkillError, SkillRejected
+from ua_fleet.topics import SERVER_SPACE, Topic
+from ua_fleet.values import StatusCode
+from ua_fleet.wire.messages import DataSetMessage, DataSetMetaData
+
+__all__ = ["PluggedDriver", "create_driver"]
+
+APPEARS_S: Final = 3.0
+"""So long after the start a device that is plugged in has been found and opened."""
+CALL_S: Final = 5.0
+"""A method that a value is handed to has to return within this."""
+
+
+class _Device:
+    """One rule of the configuration, with what is read and driven on the device."""
+
+    def __init__(self, name: str, config: Device) -> None:
+        self.name, self.config = name, config
+        self.facts: DeviceFacts | None = None
+        self.lines: Lines | None = None
+        self.port: Port | None = None
+        self.files: AttributeFiles | None = None
+        self.constants: list[Sensor] = []
+        """Those whose value is that the device is there, or where."""
+
+    @property
+    def is_ready(self) -> bool:
+        """Whether it can be read and driven."""
+        return self.facts is not None and (self.lines is None or self.lines.is_open)
+
+    def detail(self) -> str:
+        """One line for people."""
+        if self.facts is None:
+            rule = self.config.match
+            what = self.config.path if rule is None else rule.model_dump_json(exclude_defaults=True)
+            return f"{self.name}: waiting for {what} to be plugged in"
+        said = self.port.detail if self.port is not None else ""
+        return f"{self.name}: {said or f'plugged in at {self.facts.place}'}"
+
+
+class PluggedDriver:
+    """See HaltingDriver and StreamingDriver in `ua_fleet.bridge.driver`."""
+
+    def __init__(self, config: FleetConfig, bridge_name: str) -> None:
+        bridge = config.bridges[bridge_name]
+        assert isinstance(bridge, PluggedBridgeConfig)
+        self._config = bridge
+        self._skills = {skill.topic: skill for skill in configured_skills(config, bridge_name, PluggedSkill)}
+        self._offers = tuple([skill.offer() for skill in self._skills.values() if skill.via is not None])
+        data = data_of(config, bridge_name)
+        self._sources = [each for each in data if each.topic.space != SERVER_SPACE]
+        self._sinks = {each.topic: each for each in data if isinstance(each.mapping, PluggedSink)}
+        self._sensors: dict[Topic, Sensor] = {}
+        self._signals: dict[Signal, list[Sensor]] = {}
+        self._followed: set[Signal] = set()
+        self._devices: dict[str, _Device] = {}
+        self._owned: set[str] = set()
+        self._bus: Bus | None = None
+        self._udev: UdevWatch | None = None
+        self._paths: PathWatch | None = None
+        self._inlet: Inlet | None = None
+        self._executing: Executing | None = None
+        self._timer: asyncio.TimerHandle | None = None
+        self._early: list[Execution] = []
+        """What was asked before its device can have been found."""
+        self._appears_by = 0.0
+        self._turn_is_due = False
+        self._is_stopped = False
+
+    # Life
+
+    async def start(self, inlet: Inlet) -> None:
+        """See Driver."""
+        self._inlet, self._loop = inlet, asyncio.get_running_loop()
+        self._appears_by = time.monotonic() + APPEARS_S
+        self._executing = executing = Executing(inlet.put)
+        self._sensors = {data.topic: Sensor(data, inlet.put, executing) for data in self._sources}
+        self._devices = {name: _Device(name, device) for name, device in self._config.devices.items()}
+        for device in self._devices.values():
+            self._equip(device, inlet, executing)
+        self._start_bus()
+        rules = {name: device.match for name, device in self._config.devices.items() if device.match is not None}
+        paths = {name: device.path for name, device in self._config.devices.items() if device.path is not None}
+        self._udev, self._paths = UdevWatch(rules, self._changed), PathWatch(paths, self._changed)
+        self._udev.start()
+        self._paths.start()
+
+    def _equip(self, device: _Device, inlet: Inlet, executing: Executing) -> None:
+        sensors = [sensor for sensor in self._sensors.values() if sensor.source.device == device.name]
+        skills = [skill for skill in self._skills.values() if skill.via is not None and skill.via.device == device.name]
+        sinks = [
+            data
+            for data in self._sinks.values()
+            if isinstance(data.mapping, PluggedSink) and data.mapping.device == device.name
+        ]
+        on_line = [sensor for sensor in sensors if sensor.source.line is not None]
+        if on_line or skills or sinks:
+            settings = device.config.port
+            device.port = port = Port(device.name, settings, self._soon)
+            device.lines = Lines(
+                device.name, settings, on_line, skills, sinks, inlet.put, executing, port.write, port.reset, port.listen
+            )
+            port.attach(device.lines)
+        in_files = [sensor for sensor in sensors if sensor.source.attribute is not None]
+        if in_files:
+            device.files = AttributeFiles(in_files, self._soon)
+        device.constants = [
+            sensor for sensor in sensors if sensor.source.url is not None or sensor.source.plugged is not None
+        ]
+
+    def _start_bus(self) -> None:
+        for sensor in self._sensors.values():
+            source = sensor.source
+            if source.signal is not None:
+                signal = Signal(source.sender or source.signal, source.signal, source.member)
+                self._signals.setdefault(signal, []).append(sensor)
+        names = [signal.sender for signal in self._signals]
+        calls = [skill.via.call for skill in self._skills.values() if skill.via is not None]
+        calls += [data.mapping.call for data in self._sinks.values() if isinstance(data.mapping, PluggedSink)]
+        names += [call.name for call in calls if call is not None]
+        if names:
+            self._bus = Bus(
+                self._config.bus, names, owned=self._name_owned, heard=self._signal_heard, dropped=self._signals_lost
+            )
+            self._bus.start()
+
+    async def stop(self) -> None:
+        """See Driver."""
+        self._is_stopped = True
+        if self._timer is not None:
+            self._timer.cancel()
+        for watch in (self._udev, self._paths):
+            if watch is not None:
+                watch.stop()
+        for device in self._devices.values():
+            if device.port is not None:
+                await device.port.stop()
+            device.facts = None
+        if self._bus is not None:
+            self._bus.stop()
+
+    def status(self) -> DriverStatus:
+        """See Driver."""
+        details = [device.detail() for device in self._devices.values()]
+        is_connected = any(device.is_ready for device in self._devices.values())
+        if self._bus is not None:
+            details.append(self._bus.detail)
+            is_connected = is_connected or self._bus.is_connected
+        return DriverStatus(is_connected and not self._is_stopped, "; ".join(details) or "there is nothing to watch")
+
+    # Devices
+
+    def _changed(self, changes: Sequence[Plugged | Unplugged]) -> None:
+        for change in changes:
+            device = self._devices[change.rule]
+            if isinstance(change, Plugged):
+                self._plugged(device, change.device)
+            else:
+                self._unplugged(device)
+        self._turn()
+
+    def _plugged(self, device: _Device, facts: DeviceFacts) -> None:
+        device.facts = facts
+        now = time.monotonic()
+        if device.port is not None and facts.node is not None:
+            device.port.plugged(facts.node)
+        if device.files is not None:
+            device.files.plugged(facts.id)
+        for sensor in device.constants:
+            sensor.plugged(now)
+            self._tell_constant(sensor)
+
+    def _unplugged(self, device: _Device) -> None:
+        device.facts = None
+        why = f"{device.name} was unplugged"
+        if device.port is not None:
+            device.port.unplugged(why)
+        if device.files is not None:
+            device.files.unplugged(why)
+        for sensor in device.constants:
+            sensor.unplugged(why, time.monotonic())
+
+    def _tell_constant(self, sensor: Sensor) -> None:
+        ((name, _),) = sensor.data.types.items()
+        value: Any = sensor.source.url if sensor.source.url is not None else True
+        sensor.show({name: value}, time.monotonic(), time.time_ns())
+
+    # D-Bus
+
+    def _name_owned(self, name: str, is_owned: bool) -> None:
+        if self._is_stopped:
+            return
+        (self._owned.add if is_owned else self._owned.discard)(name)
+        for signal, sensors in self._signals.items():
+            if signal.sender != name:
+                continue
+            for sensor in sensors:
+                if is_owned:
+                    sensor.plugged(time.monotonic())
+                else:
+                    sensor.unplugged(f"{name} has left the D-Bus", time.monotonic())
+        self._turn()
+
+    def _signal_heard(self, signal: Signal, body: Sequence[Any], time_ns: int) -> None:
+        for sensor in self._signals[signal]:
+            names = tuple(sensor.data.types)
+            if len(body) != len(names):
+                said = f"{sensor.data.label}: the signal has {len(body)} arguments, and the data {len(names)} fields"
+                sensor.dropped(Drop.MALFORMED, said)
+                continue
+            sensor.take(dict(zip(names, body, strict=True)), time.monotonic(), time_ns)
+        self._turn()
+
+    def _signals_lost(self, signal: Signal, count: int) -> None:
+        assert self._inlet is not None
+        self._inlet.put(Dropped(Drop.RATE_LIMITED, count, f"{signal.interface}: more signals than can be looked at"))
+
+    # What is wanted and asked
+
+    def want(self, wanted: frozenset[Topic]) -> None:
+        """See StreamingDriver."""
+        now = time.monotonic()
+        for topic, sensor in self._sensors.items():
+            sensor.want(topic in wanted, now)
+        self._turn()
+
+    def publish(self, topic: Topic, metadata: DataSetMetaData, message: DataSetMessage) -> bool:
+        """See Driver."""
+        assert self._inlet is not None
+        data = self._sinks.get(topic)
+        if data is None:
+            self._inlet.put(Dropped(Drop.UNMAPPED))
+            return False
+        for device in self._devices.values():
+            if device.lines is not None and device.lines.writes(topic):
+                return device.lines.inform(topic, message.values)
+        return self._inform_by_call(data, message.values, self._inlet)
+
+    def _inform_by_call(self, data: PluggedData, values: Sequence[Any], inlet: Inlet) -> bool:
+        assert isinstance(data.mapping, PluggedSink)
+        call, bus = data.mapping.call, self._bus
+        assert call is not None
+        assert bus is not None
+        fitting = [as_type(name, kind, value) for (name, kind), value in zip(data.types.items(), values, strict=True)]
+        for value in fitting:
+            if isinstance(value, ValueError):
+                inlet.put(Dropped(Drop.CONVERSION, detail=f"{data.label}: {value}"))
+                return False
+        if call.name not in self._owned:
+            inlet.put(Dropped(Drop.NOT_CONNECTED, detail=f"{data.label}: nobody on the D-Bus is {call.name}"))
+            return False
+
+        def done(answer: Any) -> None:
+            if answer.problem:
+                inlet.put(Dropped(Drop.REJECTED, detail=f"{data.label}: {answer.problem}"))
+
+        bus.call(method_of(call, tuple(data.types.values()), fitting, CALL_S), done)
+        return True
+
+    # Skills
+
+    def skills(self) -> Sequence[Skill]:
+        """See SkillDriver."""
+        return self._offers
+
+    def execute(self, execution: Execution) -> None:
+        """See SkillDriver. What is asked before the devices can have been found waits for its device a little."""
+        assert self._executing is not None
+        skill, now = self._skills[execution.topic], time.monotonic()
+        if now < self._appears_by and not self._is_ready(skill):
+            self._executing.begin(skill, execution, now)
+            self._early.append(execution)
+        else:
+            self._do(skill, execution, now)
+        self._turn()
+
+    def _is_ready(self, skill: PluggedSkillSpec) -> bool:
+        via = skill.via
+        assert via is not None, "the configuration was checked"
+        if via.read is not None:
+            sensor = self._sensor(skill.robot, via.read)
+            return sensor is not None and sensor.is_plugged
+        return via.call.name in self._owned if via.call is not None else self._lines_of(skill).is_open
+
+    def _do(self, skill: PluggedSkillSpec, execution: Execution, now: float) -> None:
+        via = skill.via
+        assert via is not None, "the configuration was checked"
+        if via.read is not None:
+            self._read(skill, via.read, execution, now)
+        elif via.call is not None:
+            self._call(skill, execution, now)
+        else:
+            self._lines_of(skill).execute(skill, execution, now)
+
+    def _do_early(self, now: float) -> None:
+        """Begin what has waited for its device, or say that the device is not there."""
+        assert self._executing is not None
+        waiting, self._early = self._early, []
+        for execution in waiting:
+            skill = self._skills[execution.topic]
+            if now < self._appears_by and not self._is_ready(skill):
+                self._early.append(execution)
+                continue
+            try:
+                self._do(skill, execution, now)
+            except SkillError as error:
+                self._executing.end(execution.execution_id, Ended(error.ua_status, (), str(error)))
+
+    def _lines_of(self, skill: PluggedSkillSpec) -> Lines:
+        assert skill.via is not None
+        lines = self._devices[skill.via.device or ""].lines
+        assert lines is not None
+        return lines
+
+    def _sensor(self, robot: str, name: str) -> Sensor | None:
+        return next(
+            (each for each in self._sensors.values() if (each.data.robot, each.data.name) == (robot, name)), None
+        )
+
+    def _read(self, skill: PluggedSkillSpec, name: str, execution: Execution, now: float) -> None:
+        sensor = self._sensor(skill.robot, name)
+        if sensor is None or not sensor.is_plugged:
+            raise RobotOffline(f"{skill.robot}.{name} is not plugged in; plug it in, and see the bridge's status")
+        sensor.read(skill, execution, now)
+        if sensor.source.url is not None or sensor.source.plugged is not None:
+            self._tell_constant(sensor)
+            return
+        device = self._devices.get(sensor.source.device or "")
+        if device is None:
+            return
+        if device.lines is not None:
+            device.lines.read(sensor, now)
+        if device.files is not None:
+            device.files.read(sensor, now)
+
+    def _call(self, skill: PluggedSkillSpec, execution: Execution, now: float) -> None:
+        assert skill.via is not None
+        assert self._executing is not None
+        call, bus, executing = skill.via.call, self._bus, self._executing
+        assert call is not None
+        assert bus is not None
+        if call.name not in self._owned:
+            raise RobotOffline(f"nobody on the D-Bus is {call.name}; start its program, and see the bridge's status")
+        types = [argument.type for argument in skill.config.arguments.values()]
+        results = {name: result.type for name, result in skill.config.results.items()}
+        executing.begin(skill, execution, now)
+        executing.progress(execution.execution_id, 0.0)
+
+        def done(answer: Any) -> None:
+            if not self._is_stopped and executing.get(execution.execution_id) is not None:
+                executing.end(execution.execution_id, ended_of(answer, results))
+
+        bus.call(method_of(call, types, execution.values, skill.config.timeout_s), done)
+
+    def query(self, execution: Execution) -> None:
+        """See SkillDriver: devices remember nothing that could be asked for, but a reading may be begun anew."""
+        assert self._executing is not None
+        skill = self._skills[execution.topic]
+        self._executing.begin(skill, execution, time.monotonic())
+        if skill.via is not None and skill.via.read is not None:
+            self._executing.never(execution.execution_id)
+        else:
+            self._executing.forget(execution.execution_id, "the device cannot be asked; see what it did")
+
+    def halt(self, execution: Execution) -> None:
+        """See HaltingDriver."""
+        assert self._executing is not None
+        via = self._skills[execution.topic].via
+        assert via is not None
+        ended = Ended(StatusCode.BAD_REQUEST_CANCELLED_BY_CLIENT, (), "it was halted")
+        if execution in self._early or via.read is not None:
+            if self._leave(execution.execution_id):
+                self._executing.end(execution.execution_id, ended)
+        elif via.call is not None:
+            raise SkillRejected("a D-Bus method cannot be stopped; give the skill that stops it a method of its own")
+        else:
+            self._lines_of(self._skills[execution.topic]).halt(execution)
+        self._turn()
+
+    def _leave(self, execution_id: bytes) -> bool:
+        early = [execution for execution in self._early if execution.execution_id == execution_id]
+        self._early = [execution for execution in self._early if execution.execution_id != execution_id]
+        return bool(early) or any(sensor.leave(execution_id, time.monotonic()) for sensor in self._sensors.values())
+
+    # Time
+
+    def _soon(self) -> None:
+        """Something was heard: look, once for all that comes together."""
+        if not self._turn_is_due and not self._is_stopped:
+            self._turn_is_due = True
+            self._loop.call_soon(self._turn)
+
+    def _turn(self) -> None:
+        """Do what is due, see who is needed, and set the timer."""
+        self._turn_is_due = False
+        if self._is_stopped:
+            return
+        now = time.monotonic()
+        self._give_up(now)
+        self._do_early(now)
+        times: list[float | None] = [self._appears_by if self._early else None]
+        for device in self._devices.values():
+            if device.port is not None:
+                device.port.listen()
+            if device.lines is not None:
+                times.append(device.lines.turn(now))
+            if device.files is not None:
+                times.append(device.files.turn(now))
+            times += [sensor.turn(now) for sensor in device.constants]
+        for signal, sensors in self._signals.items():
+            times += [sensor.turn(now) for sensor in sensors]
+            self._follow(signal, any(sensor.is_needed for sensor in sensors))
+        assert self._executing is not None
+        times.append(self._executing.due())
+        if self._timer is not None:
+            self._timer.cancel()
+        due = min((at for at in times if at is not None), default=None)
+        self._timer = None if due is None else self._loop.call_later(max(due - now, 0.0), self._turn)
+
+    def _follow(self, signal: Signal, is_followed: bool) -> None:
+        if is_followed != (signal in self._followed) and self._bus is not None:
+            (self._followed.add if is_followed else self._followed.discard)(signal)
+            self._bus.follow(signal, is_followed)
+
+    def _give_up(self, now: float) -> None:
+        """End what has taken longer than its skill's timeout."""
+        assert self._executing is not None
+        for opened in self._executing.overdue(now):
+            ended = Ended(
+                StatusCode.BAD_TIMEOUT, (), "it took longer than the skill's timeout; see what the device does"
+            )
+            overdue = partial(Lines.overdue, execution_id=opened.execution_id, ended=ended)
+            if any(overdue(device.lines) for device in self._devices.values() if device.lines is not None):
+                continue
+            self._leave(opened.execution_id)
+            self._executing.end(opened.execution_id, ended)
+
+
+def create_driver(config: FleetConfig, bridge_name: str) -> Driver:
+    """The driver of the bridge to plugged-in devices with this name in `fleet.yaml`."""
+    return PluggedDriver(config, bridge_name)

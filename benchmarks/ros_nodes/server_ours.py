@@ -8,23 +8,15 @@ stdout: `ready URL`; stdin: a line, answered with a JSON list of the ages in mic
 from __future__ import annotations
 
 import asyncio
-import json
 import sys
 from pathlib import Path
 from typing import Any
 
 import structlog
-from ua_bridges.ros1.config import Ros1BridgeConfig
 
 from benchmarks.ros_nodes.ages import Ages, watch_node
-from ua_fleet.config.schema import FleetConfig
+from ua_fleet.config.load import load
 from ua_fleet.server import app, hardened
-
-
-def load(path: Path) -> FleetConfig:
-    raw: dict[str, Any] = json.loads(path.read_text())
-    raw["bridges"] = {"ros1": Ros1BridgeConfig.model_validate(raw["bridges"]["ros1"])}
-    return FleetConfig.model_validate(raw)
 
 
 async def main(path: Path, node_id: str) -> None:
@@ -40,7 +32,7 @@ async def main(path: Path, node_id: str) -> None:
         print(f"ready {url}", flush=True)
 
     setattr(app, "create_server", remember)  # noqa: B010 - the only way to the server's address space
-    running = asyncio.ensure_future(app.run_server(load(path), path.parent, ready=ready))
+    running = asyncio.ensure_future(app.run_server(load(path, {}), path.parent, ready=ready))
     await ages.serve()
     running.cancel()
     await asyncio.wait([running])

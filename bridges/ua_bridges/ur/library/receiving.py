@@ -21,8 +21,8 @@ from typing import Any, Final
 from ua_bridges.ur.library.lines import Output, end_with_parent, open_output
 
 _LOOK_S: Final = 0.0002
-_EARLY_S: Final = 0.0004
-"""The next sample is looked for from so long before it is due."""
+_EARLY_S: Final = 0.0015
+"""The next sample is looked for from so long before it is due: one that was late is followed sooner by the next."""
 _MOST_READS: Final = 5
 
 
@@ -46,7 +46,7 @@ def _run(output: Output, host: str, frequency: float, variables: dict[str, list[
             time.sleep(_LOOK_S)
             continue
         received_ns = time.time_ns()
-        due = time.monotonic() + period - _EARLY_S
+        due = time.monotonic() + max(period - _EARLY_S, period / 4)
         values: dict[str, Any] = {}
         for _ in range(_MOST_READS):  # again where the next sample came in between
             values = {name: read(*arguments) for name, read, arguments in readers}

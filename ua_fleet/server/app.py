@@ -12,6 +12,7 @@ from functools import partial
 from pathlib import Path
 from typing import Final
 
+from ua_fleet.config.nodes import fleet_model
 from ua_fleet.config.schema import FleetConfig, PubSubConfig, PubSubSecurity
 from ua_fleet.config.security import file_keys_of
 from ua_fleet.keys.source import KeySource
@@ -83,6 +84,7 @@ async def run_server(
         StorageUnavailable: a file in which the server records something cannot be used.
         TransportError: PubSub has no route, no permission or no such interface.
     """
+    configured = fleet_model(config)
     state_dir = config_dir / config.server.state_dir
     has_key_service = _has_key_service(config.pubsub)
     server = await create_server(
@@ -93,7 +95,7 @@ async def run_server(
     )
     stack = ExitStack()
     try:
-        roster = Roster(config, stack.enter_context(Registry(state_dir / REGISTRY)), time.time)
+        roster = Roster(config, configured, stack.enter_context(Registry(state_dir / REGISTRY)), time.time)
         model = roster.restore()
         await load_types(server, config.fleet.namespace_uri, config.fleet.namespace_index)
         nodes = FleetNodes(server.iserver.aspace, model)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import importlib
+import json
 from collections.abc import AsyncGenerator, Callable, Mapping
 from contextlib import AbstractAsyncContextManager, asynccontextmanager
 from pathlib import Path
@@ -13,6 +14,7 @@ from asyncua.client.client import Client
 from asyncua.crypto import security_policies
 
 from tests.integration.peer import Peer
+from ua_fleet.config.load import load_content
 from ua_fleet.config.schema import FleetConfig
 from ua_fleet.pubsub.subscriber import LoopRule
 from ua_fleet.server.app import run_server
@@ -57,15 +59,14 @@ ROBOTS: Final[Mapping[str, Any]] = {
 
 def fleet_config(url: str, port: int, *, robots: Mapping[str, Any] = ROBOTS, **server: Any) -> FleetConfig:
     """A fleet with one robot that has a source of each kind, and short times."""
-    return FleetConfig.model_validate(
-        {
-            "version": 1,
-            "server": {"port": port, "trust_all_clients": True, **server},
-            "pubsub": {"security": "none", "url": url, "keep_alive_s": 0.2, "receive_timeout_s": 0.8},
-            "bridges": {"mobile_side": {"kind": "ros2", "space": SPACE, "status_id": STATUS.id}},
-            "robots": robots,
-        }
-    )
+    raw = {
+        "version": 1,
+        "server": {"port": port, "trust_all_clients": True, **server},
+        "pubsub": {"security": "none", "url": url, "keep_alive_s": 0.2, "receive_timeout_s": 0.8},
+        "bridges": {"mobile_side": {"kind": "ros2", "space": SPACE, "status_id": STATUS.id}},
+        "robots": robots,
+    }
+    return load_content(json.dumps(raw).encode(), "fleet.json", {}, allow_missing_ids=True)
 
 
 class Running:

@@ -15,7 +15,6 @@ from typing import Any, Final, Protocol
 
 import structlog
 
-from ua_fleet.config.nodes import fleet_model
 from ua_fleet.config.registration import CLIENTS, MOST_BYTES, Definition, RobotText, read_robot
 from ua_fleet.config.schema import FleetConfig
 from ua_fleet.document import as_mapping
@@ -79,16 +78,17 @@ class Taking(Protocol):
 class Roster:
     """The robots of one server. `restore` before all else, `connect` before robots come and go."""
 
-    def __init__(self, config: FleetConfig, registry: Registry, wall_s: Callable[[], float]) -> None:
+    def __init__(self, config: FleetConfig, model: FleetModel, registry: Registry, wall_s: Callable[[], float]) -> None:
         """Begin with the robots of a configuration.
 
         Args:
             config: the checked `fleet.yaml`.
+            model: of it.
             registry: keeps the others.
             wall_s: the wall clock in seconds.
         """
         self._config, self._registry, self._wall_s = config, registry, wall_s
-        self._model = fleet_model(config)
+        self._model = model
         self._robots: dict[str, RobotModel] = {robot.name: robot for robot in self._model.robots}
         self._definitions: dict[str, Definition] = {}
         """Of those that are in no file."""

@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 
 from tests.unit.fleet.fleet_of import fleet_config
+from ua_fleet.config.nodes import fleet_model
 from ua_fleet.config.registration import RobotText, announced_robots, definition_text
 from ua_fleet.config.schema import FleetConfig
 from ua_fleet.errors import ConfigInvalid
@@ -64,7 +65,7 @@ class Server:
         self.config = FleetConfig.model_validate(raw)
         self.registry = Registry(folder / "robots.db")
         self.parts = Parts()
-        self.roster = Roster(self.config, self.registry, lambda: 5.0)
+        self.roster = Roster(self.config, fleet_model(self.config), self.registry, lambda: 5.0)
         self.restored = [robot.name for robot in self.roster.restore().robots]
         self.roster.connect(self.parts)
 

@@ -186,9 +186,12 @@ class UrDriver:
     def _run(self) -> None:
         try:
             while not self._stopping.is_set():
-                with suppress(queue.Empty):
-                    self._jobs.get(timeout=_FOLLOW_S if self._tasks else _IDLE_S)()
-                self._turn(time.monotonic())
+                try:
+                    with suppress(queue.Empty):
+                        self._jobs.get(timeout=_FOLLOW_S if self._tasks else _IDLE_S)()
+                    self._turn(time.monotonic())
+                except Exception:  # noqa: BLE001 - one command that we got wrong is not the end of all others
+                    _log.exception("a mistake of the bridge; report this log", controller=self._config.address)
         finally:
             self._link.close()
 

@@ -74,6 +74,7 @@ async def test_the_pages_fleet_runs_secured(
         assert "part 7" in controller.log()
         controller.do("protective_stop")
         await until_read(client, "ns=2;s=1912.safety_mode", lambda value: value == "PROTECTIVE_STOP")
+        await until_read(client, "ns=2;i=1902", lambda value: str(value).startswith("protective stop"))
         await asyncio.sleep(0.3)
         assert await client.call_skill("ur5", "unlock") == {}
         assert await client.call_skill("ur5", "lower", z=0.45) == {}

@@ -18,6 +18,7 @@ from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
 from ua_fleet.config.kinds import known_kinds, model_of_kind
+from ua_fleet.config.modbus_schema import CommandConfig, ModbusServerConfig
 from ua_fleet.config.resilience_schema import CriterionConfig, DistanceConfig, FaultConditionConfig
 from ua_fleet.config.schema import (
     BridgeConfig,
@@ -63,6 +64,8 @@ _SECTIONS: Final[tuple[tuple[str, type[BaseModel]], ...]] = (
     ("`resilience.faults.<name>`", FaultConditionConfig),
     ("`distance` of a criterion", DistanceConfig),
     ("`scenarios`", ScenariosConfig),
+    ("`modbus`", ModbusServerConfig),
+    ("`modbus.commands.<name>`", CommandConfig),
 )
 _WORDS: Final = {bool: "true or false", int: "whole number", float: "number", str: "text", type(None): ""}
 _BOUNDS: Final = (("ge", "at least {:g}"), ("gt", "above {:g}"), ("le", "at most {:g}"), ("lt", "below {:g}"))

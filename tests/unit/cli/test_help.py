@@ -44,6 +44,8 @@ COMMANDS = [
     "robot list",
     "robot register",
     "robot unregister",
+    "modbus map",
+    "modbus serve",
     "pubsub listen",
     "pubsub decode",
     "pubsub probe",

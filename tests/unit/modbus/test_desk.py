@@ -1,0 +1,251 @@
+"""A PLC's commands: each number once, whatever is repeated or restarted."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from ua_fleet.client import DecisionInfo, FaultInfo
+from ua_fleet.config import modbus_checks
+from ua_fleet.config.base import ScalarType
+from ua_fleet.config.modbus_schema import CommandConfig, ModbusServerConfig
+from ua_fleet.errors import StorageUnavailable
+from ua_fleet.modbus.commands import CommandDesk
+from ua_fleet.modbus.decisions import DecisionDesk
+from ua_fleet.modbus.image import Image
+from ua_fleet.modbus.memory import CommandMemory, LastCommand
+from ua_fleet.modbus.table import Argument, Command
+from ua_fleet.modbus.words import CONTROL, STATUS, CommandState, Outcome, control, status
+from ua_fleet.registers import Register, RegisterType, Span, Table
+from ua_fleet.values import StatusCode
+
+ANGLE = Register(Table.HOLDING, 20, RegisterType.INT16, scale=0.1)
+REACHED = Register(Table.INPUT, 60, RegisterType.INT16, scale=0.1)
+TURN = Command(
+    "turn",
+    CommandConfig(code=7, robot="arm", skill="turn"),
+    (Argument("angle", ANGLE, ScalarType.DOUBLE),),
+    (Argument("reached", REACHED, ScalarType.DOUBLE),),
+)
+
+
+class Device:
+    """The command words over one or several lives of the process."""
+
+    def __init__(self, folder: Path) -> None:
+        self._path = folder / "commands.db"
+        self.start()
+
+    def start(self) -> None:
+        self.memory = CommandMemory(self._path)
+        words = [control(word.name, 0) for word in CONTROL]
+        self.image = Image([*(status(word.name, 0) for word in STATUS), REACHED], [*words, ANGLE])
+        self.desk = CommandDesk(self.image, self.memory, {7: TURN}, 0, 0)
+
+    def restart(self) -> None:
+        self.memory.close()
+        self.start()
+
+    def write(self, register: Register, value: Any) -> None:
+        self.image.put(register, value)
+        self.desk.written(register.span)
+
+    def command(self, number: int, code: int = 7, angle: float = 1.5) -> None:
+        self.write(ANGLE, angle)
+        self.write(control("code", 0), code)
+        self.write(control("command", 0), number)
+
+    def answer(self) -> tuple[int, CommandState]:
+        number, state = (int(self.image.get(status(name, 0))) for name in ("answer", "state"))
+        return number, CommandState(state)
+
+    def message(self) -> str:
+        return str(self.image.get(status("message", 0)))
+
+
+@pytest.fixture
+def device(tmp_path: Path) -> Device:
+    return Device(tmp_path)
+
+
+def test_a_command_is_taken_once_with_its_arguments(device: Device) -> None:
+    assert device.answer() == (0, CommandState.NONE)
+    device.command(5)
+    assert device.answer() == (5, CommandState.ASKING)
+    asked = device.desk.take()
+    assert asked is not None
+    assert (asked.command.name, asked.arguments) == ("turn", {"angle": 1.5})
+    device.write(control("command", 0), 5)
+    assert device.desk.take() is None
+    device.desk.began("abc")
+    assert device.answer() == (5, CommandState.RUNNING)
+    device.desk.progress(0.5)
+    assert device.image.get(status("progress", 0)) == 50
+    device.desk.end(CommandState.DONE, 0, "", {"reached": 1.4})
+    assert device.answer() == (5, CommandState.DONE)
+    assert device.image.get(REACHED) == 1.4
+    device.write(control("command", 0), 5)
+    assert device.desk.take() is None
+
+
+def test_the_next_one_waits_until_the_last_is_over(device: Device) -> None:
+    device.command(1)
+    device.desk.take()
+    device.desk.began("abc")
+    device.command(2, angle=2.5)
+    assert device.desk.take() is None
+    assert device.answer() == (1, CommandState.RUNNING)
+    device.desk.end(CommandState.FAILED, StatusCode.BAD_UNEXPECTED_ERROR, "it broke")
+    asked = device.desk.take()
+    assert asked is not None
+    assert asked.arguments == {"angle": 2.5}
+    assert device.answer() == (2, CommandState.ASKING)
+
+
+def test_what_runs_is_followed_after_a_restart(device: Device) -> None:
+    device.command(1)
+    device.desk.take()
+    device.desk.began("abc")
+    device.restart()
+    assert device.desk.take() is None
+    assert device.desk.last == LastCommand(1, 7, CommandState.RUNNING, "abc")
+    assert device.answer() == (1, CommandState.RUNNING)
+    device.command(1)
+    assert device.desk.take() is None
+
+
+def test_what_may_have_been_begun_is_unknown_after_a_restart_and_not_begun_again(device: Device) -> None:
+    device.command(1)
+    device.restart()
+    assert device.answer() == (1, CommandState.UNKNOWN)
+    device.command(1)
+    assert device.desk.take() is None
+    device.command(2)
+    assert device.desk.take() is not None
+
+
+def test_results_are_there_after_a_restart(device: Device) -> None:
+    device.command(1)
+    device.desk.take()
+    device.desk.began("abc")
+    device.desk.end(CommandState.DONE, 0, "", {"reached": -0.5})
+    device.restart()
+    assert device.answer() == (1, CommandState.DONE)
+    assert device.image.get(REACHED) == -0.5
+
+
+def test_unknown_code_is_refused_and_the_next_number_is_taken(device: Device) -> None:
+    device.command(1, code=99)
+    assert device.answer() == (1, CommandState.REFUSED)
+    assert device.image.get(status("status", 0)) == StatusCode.BAD_NOT_FOUND
+    assert device.message() == "there is no command 99"
+    device.command(2)
+    assert device.desk.take() is not None
+
+
+def test_result_that_does_not_fit_is_said(device: Device) -> None:
+    device.command(1)
+    device.desk.take()
+    device.desk.began("abc")
+    device.desk.end(CommandState.DONE, 0, "", {"reached": 1e9})
+    assert device.answer() == (1, CommandState.DONE)
+    assert device.image.get(status("status", 0)) == StatusCode.BAD_OUT_OF_RANGE
+    assert device.message().startswith("reached: 1000000000")
+
+
+def test_nothing_is_begun_that_cannot_be_remembered(device: Device, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(*_: object) -> None:
+        raise StorageUnavailable("the disk is full; free some space")
+
+    monkeypatch.setattr(device.memory, "record", full)
+    device.command(1)
+    assert device.desk.take() is None
+    assert device.answer() == (1, CommandState.REFUSED)
+    assert device.message() == "the disk is full; free some space"
+
+
+def test_lengths_of_the_blocks_are_those_that_the_check_knows() -> None:
+    for words, length in ((CONTROL, modbus_checks.CONTROL_WORDS), (STATUS, modbus_checks.STATUS_WORDS)):
+        registers = [word.at(Table.INPUT, 0) for word in words]
+        assert max(register.span.end for register in registers) == length
+        addresses = [address for r in registers for address in range(r.address, r.span.end)]
+        assert len(addresses) == len(set(addresses)), "no two words overlap"
+
+
+OPEN = DecisionInfo(
+    "d1", "open", "step", "arm", "silent", "", "", ("cart", "drone"), (0.6, 0.4), ("arm",), ("it failed",), 0.0
+)
+
+
+class Decisions:
+    def __init__(self, folder: Path) -> None:
+        self.memory = CommandMemory(folder / "commands.db")
+        self.image = Image([status(word.name, 0) for word in STATUS], [control(word.name, 0) for word in CONTROL])
+        config = ModbusServerConfig(robots=("arm", "cart", "drone"))
+        self.desk = DecisionDesk(self.image, self.memory, config)
+
+    def choose(self, number: int, robot: int) -> None:
+        self.image.put(control("chosen", 0), robot)
+        self.image.put(control("decision", 0), number)
+        self.desk.written(Span(Table.HOLDING, 2, 1))
+
+    def words(self, *names: str) -> tuple[Any, ...]:
+        return tuple(self.image.get(status(name, 0)) for name in names)
+
+
+@pytest.fixture
+def decisions(tmp_path: Path) -> Decisions:
+    return Decisions(tmp_path)
+
+
+def test_ranking_is_shown_with_the_numbers_of_the_robots(decisions: Decisions) -> None:
+    fault = FaultInfo("f", "arm", "silent", "not heard", active=True, acknowledged=False)
+    old = dataclasses.replace(fault, robot="drone", active=False)
+    decisions.desk.show([dataclasses.replace(OPEN, decision_id="d0", state="made"), OPEN], [fault, old])
+    assert decisions.words("decision", "failed", "candidates") == (1, 1, 2)
+    assert decisions.words("candidate_1", "candidate_2", "candidate_3") == (2, 3, 0)
+    assert decisions.words("score_1", "score_2") == (0.6, 0.4)
+    assert decisions.words("faults_1", "faults_17") == (0b001, 0)
+    decisions.desk.show([], [])
+    assert decisions.words("decision", "failed", "candidates", "candidate_1", "faults_1") == (0, 0, 0, 0, 0)
+
+
+def test_choice_is_told_once_and_repeated_ones_are_not(decisions: Decisions) -> None:
+    decisions.desk.show([OPEN], [])
+    decisions.choose(1, 3)
+    choice = decisions.desk.take()
+    assert choice is not None
+    assert (choice.decision_id, choice.robot) == ("d1", "drone")
+    assert decisions.desk.take() is None
+    decisions.desk.answered(choice, is_taken=True)
+    assert decisions.words("decided", "outcome") == (1, Outcome.TAKEN)
+    decisions.choose(1, 3)
+    assert decisions.desk.take() is None
+
+
+@pytest.mark.parametrize(("number", "robot"), [(2, 3), (1, 0), (1, 9)])
+def test_choice_of_nothing_is_refused(decisions: Decisions, number: int, robot: int) -> None:
+    decisions.desk.show([OPEN], [])
+    decisions.choose(number, robot)
+    assert decisions.desk.take() is None
+    assert decisions.words("decided", "outcome") == (number, Outcome.REFUSED)
+
+
+def test_refused_choice_may_be_made_again(decisions: Decisions) -> None:
+    decisions.desk.show([OPEN], [])
+    decisions.choose(1, 2)
+    choice = decisions.desk.take()
+    assert choice is not None
+    decisions.desk.answered(choice, is_taken=False)
+    decisions.choose(1, 3)
+    again = decisions.desk.take()
+    assert again is not None
+    assert again.robot == "drone"
+
+
+def test_decisions_keep_their_numbers(decisions: Decisions) -> None:
+    numbers = [decisions.memory.decision_number(name) for name in ("a", "b", "a", "c")]
+    assert numbers == [1, 2, 1, 3]

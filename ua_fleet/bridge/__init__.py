@@ -29,6 +29,7 @@ from ua_fleet.bridge.driver import (
     SkillTarget,
     SourceFound,
     SourceLost,
+    StreamingDriver,
 )
 from ua_fleet.bridge.inlet import BoundedInlet
 from ua_fleet.bridge.registry import load_driver
@@ -60,6 +61,7 @@ __all__ = [
     "SkillTarget",
     "SourceFound",
     "SourceLost",
+    "StreamingDriver",
     "load_driver",
     "run_bridge",
     "status_topic",

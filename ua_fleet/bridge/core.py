@@ -15,6 +15,7 @@ from collections.abc import Callable
 from typing import Any, Final, Protocol
 
 from ua_fleet.bridge.driver import DriverEvent, Dropped, ExecutionFact, SampleRead, SourceFound, SourceLost
+from ua_fleet.bridge.wanted import Wants
 from ua_fleet.counters import Counters, Drop
 from ua_fleet.errors import LocalWireError
 from ua_fleet.pubsub.events import (
@@ -23,6 +24,8 @@ from ua_fleet.pubsub.events import (
     MetaDataReceived,
     ProbeDue,
     ProbeReceived,
+    SourceReturned,
+    SourceSilent,
     SourceUnknown,
     SubscriberEvent,
 )
@@ -50,6 +53,7 @@ _DROPS: Final = {
 }
 _REMEMBERED: Final = 16
 """Deliveries of each source that are remembered. Their Timestamps increase but where a source's clock is set back."""
+_OF_SOURCES: Final = (DataReceived, SourceReturned, SourceSilent)
 _STATUS_CODE: Final = int(BuiltinType.STATUS_CODE)
 _BAD: Final = int(StatusCode.BAD)
 
@@ -111,6 +115,8 @@ class BridgeCore:
         self._node_only: set[Topic] = set()
         self.actions: ActionSide | None = None
         """The commands of this bridge; without, Actions are left alone."""
+        self.wants: Wants | None = None
+        """What the server wants of this bridge, where that reads on demand."""
 
     def from_space(self, event: DriverEvent, *, now: float, wall_ticks: int) -> None:
         """Take in what the driver tells."""
@@ -206,7 +212,10 @@ class BridgeCore:
             self._send(datagram)
 
     def _heard(self, event: SubscriberEvent, now: float) -> None:
-        if isinstance(event, DataReceived):
+        wants = self.wants
+        if wants is not None and isinstance(event, _OF_SOURCES) and event.topic == wants.topic:
+            wants.hear(event)
+        elif isinstance(event, DataReceived):
             self._data(event)
         elif isinstance(event, SourceUnknown | ProbeDue):
             if event.datagram:

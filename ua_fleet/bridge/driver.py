@@ -37,6 +37,7 @@ __all__ = [
     "SkillTarget",
     "SourceFound",
     "SourceLost",
+    "StreamingDriver",
     "halts_of",
     "skills_of",
 ]
@@ -171,6 +172,18 @@ class Driver(Protocol):
 
     async def stop(self) -> None:
         """Leave the space and release everything. Safe to call twice."""
+        ...
+
+
+@runtime_checkable
+class StreamingDriver(Protocol):
+    """What a driver has beside `Driver` where it reads some of its data only while somebody follows it."""
+
+    def want(self, wanted: frozenset[Topic]) -> None:
+        """The sources that somebody follows from now on; the others are to rest. Runs in the bridge's event loop.
+
+        Called after `start`, when it changes; with none when the server is not heard any more.
+        """
         ...
 
 

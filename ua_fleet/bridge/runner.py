@@ -19,14 +19,25 @@ import structlog
 
 from ua_fleet.bridge.actions import Actions
 from ua_fleet.bridge.core import BridgeCore, Rule
-from ua_fleet.bridge.driver import Driver, DriverEvent, Dropped, RememberingDriver, SampleRead, SourceFound, skills_of
+from ua_fleet.bridge.driver import (
+    Driver,
+    DriverEvent,
+    Dropped,
+    RememberingDriver,
+    SampleRead,
+    SourceFound,
+    StreamingDriver,
+    skills_of,
+)
 from ua_fleet.bridge.inlet import BoundedInlet
 from ua_fleet.bridge.status import STATUS_FIELDS, STATUS_INTERVAL_S, status_topic, status_values
+from ua_fleet.bridge.wanted import Wants
 from ua_fleet.config.applications import bridge_application
 from ua_fleet.config.registration import announced_robots
 from ua_fleet.config.schema import FleetConfig, PubSubConfig
 from ua_fleet.config.security import envelope_of, keys_needed, weaknesses
 from ua_fleet.counters import Counters, Drop
+from ua_fleet.fleet.wanted import wanted_topic
 from ua_fleet.keys.keeper import KeysKept, keep_keys
 from ua_fleet.keys.source import KeySource
 from ua_fleet.pubsub.publisher import Publisher
@@ -104,6 +115,8 @@ class _Shell:
             publish=driver.publish,
             rule=rule,
         )
+        if isinstance(driver, StreamingDriver) and self._status_topic is not None:
+            self._core.wants = Wants(wanted_topic(self._status_topic), space, driver.want)
         self._actions = self._core.actions = Actions(
             space,
             publisher,

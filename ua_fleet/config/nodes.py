@@ -39,7 +39,7 @@ def _bridge(ns: int, name: str, config: BridgeConfig) -> BridgeModel:
         names = [*BRIDGE_FIELDS, *((drop_field(drop.value), BuiltinType.UINT64) for drop in Drop)]
         fields = tuple(FieldModel(NodeId(ns, f"{topic.id}.{field}"), field, int(kind)) for field, kind in names)
         status = DataSetModel(topic, name, fields, config.description, is_single=False)
-    return BridgeModel(name, config.kind, config.space, config.description, status, ns)
+    return BridgeModel(name, config.kind, config.space, config.description, status, ns, config.reads_on_demand)
 
 
 def robot_model(ns: int, name: str, config: RobotConfig, space: int) -> RobotModel:

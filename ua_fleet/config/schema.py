@@ -204,6 +204,8 @@ class BridgeConfig(Model, frozen=True):
     requestors: tuple[Annotated[int, Field(ge=0, le=65535)], ...] = (SERVER_SPACE,)
     """Spaces that may command this one by Actions; 0 is the server."""
 
+    reads_on_demand: ClassVar[bool] = False
+    """Whether bridges of this kind read some data only while somebody follows it, which the server then tells them."""
     skill_mapping: ClassVar[type[BaseModel] | None] = None
     """Model of `via` in a skill of a robot on such a bridge; None where bridges of this kind run no skills."""
     source_mapping: ClassVar[type[DataMapping] | None] = None

@@ -187,6 +187,8 @@ class BridgeModel:
     status: DataSetModel | None
     """None where `fleet.yaml` gives the bridge no `status_id`."""
     ns: int
+    reads_on_demand: bool = False
+    """Whether it has to be told which of its data somebody follows."""
 
     @property
     def key(self) -> NodeId:

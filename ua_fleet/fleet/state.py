@@ -87,6 +87,11 @@ class FleetState:
         """Number of sources that have nodes."""
         return len(self._sources)
 
+    @property
+    def robots(self) -> list[RobotModel]:
+        """All robots that are there."""
+        return [status.model for status in self._robots.values()]
+
     def apply(self, event: SubscriberEvent, wall_ticks: int) -> list[Change]:
         """What an event changes. Events that do not concern nodes change nothing."""
         if isinstance(event, DataReceived):

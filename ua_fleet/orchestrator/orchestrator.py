@@ -230,6 +230,10 @@ class Orchestrator:
                 forecasts.append(Forecast(run.state.run_id, task.name, self._ranked(todo)))
         return forecasts
 
+    def needed_names(self) -> set[str]:
+        """The names that conditions and arguments of all runs mention."""
+        return {name for scenario in self._scenarios.values() for name in scenario.names()}
+
     @property
     def decisions(self) -> dict[str, Decision]:
         """The open decisions by id."""

@@ -186,6 +186,21 @@ class Scenario:
         """Every task, in the order in which it is written."""
         return (step for step in self.steps() if isinstance(step, Task))
 
+    def names(self) -> Iterator[str]:
+        """Every name that a condition or an argument mentions."""
+        for step in self.steps():
+            match step:
+                case Task(arguments=arguments):
+                    expressions = [value for value in arguments.values() if isinstance(value, Expression)]
+                case Condition(when=when):
+                    expressions = [when]
+                case Repeat(while_=condition) | Wait(until=condition):
+                    expressions = [] if condition is None else [condition]
+                case _:
+                    continue
+            for expression in expressions:
+                yield from expression.names
+
 
 def _walk(step: Step) -> Iterator[Step]:
     yield step

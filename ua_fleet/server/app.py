@@ -34,6 +34,7 @@ from ua_fleet.server.robots.setup import add_roster, make_offers
 from ua_fleet.server.scenarios.setup import add_scenarios
 from ua_fleet.server.skills.events import tell_transition
 from ua_fleet.server.skills.methods import SkillMethods
+from ua_fleet.server.wanted import WantedData
 from ua_fleet.server.writes import ClientWrites
 from ua_fleet.storage.journal import SqliteJournal
 from ua_fleet.storage.registry import Registry
@@ -136,6 +137,16 @@ async def run_server(
         folder = config_dir / config.scenarios.folder
         scenarios = add_scenarios(config, model, server, hub, nodes, runs, projection, folder, requests)
         add_roster(roster, offers, server, hub, nodes, projection, methods, scenarios)
+        wanted = WantedData(
+            model.bridges,
+            lambda: hub.robots,
+            nodes.values,
+            scenarios.needed_values,
+            publish=hub.publish,
+            clock=asyncio.get_running_loop().time,
+            wall_ticks=wall_ticks,
+        )
+        hub.add_wanted(wanted)
         server.gate = ClientWrites(hub.commands, nodes, hub.publish, hub.flush_soon, wall_ticks)
         try:
             await hub.start()

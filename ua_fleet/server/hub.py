@@ -50,6 +50,7 @@ from ua_fleet.server.projection import Projection
 from ua_fleet.server.scenarios.service import ScenarioService
 from ua_fleet.server.scenarios.view import ScenarioView
 from ua_fleet.server.skills.tracker import SkillChange, SkillTracker
+from ua_fleet.server.wanted import WantedData
 from ua_fleet.skill.executions import Outcome
 from ua_fleet.skill.journal import RequestorJournal
 from ua_fleet.skill.status import ROBOT_PROPERTY
@@ -176,6 +177,7 @@ class Hub:
         self._scenarios: tuple[ScenarioService, ScenarioView] | None = None
         self._roster: Announced | None = None
         self._clocks: list[Clock] = []
+        self._wanted: WantedData | None = None
         self._sooner = asyncio.Event()
         self._wake_at = 0.0
         self._next_tick = 0.0
@@ -192,6 +194,16 @@ class Hub:
     def add_clock(self, clock: Clock) -> None:
         """Call something in time; before `start`."""
         self._clocks.append(clock)
+
+    def add_wanted(self, wanted: WantedData) -> None:
+        """Tell bridges which data is wanted; before `start`."""
+        self._wanted = wanted
+        self._clocks.append(wanted)
+
+    @property
+    def robots(self) -> list[RobotModel]:
+        """All robots that are there."""
+        return self._state.robots
 
     def add_roster(self, roster: Announced) -> None:
         """Tell of robots that bridges announce; before `start`."""
@@ -312,6 +324,10 @@ class Hub:
             self._send(self._publisher.announce(data_set.topic, name, fields, now=now, wall_ticks=wall_ticks()))
             if number % BURST == 0:
                 await asyncio.sleep(BURST_PAUSE_S)
+        if self._wanted is not None:
+            for name, topic, fields in self._wanted.sources():
+                self._send(self._publisher.announce(topic, name, fields, now=now, wall_ticks=wall_ticks()))
+            self._wanted.begin()
         for number, publication in enumerate(self.commands.initial(wall_ticks()), start=1):
             self.publish(publication)
             if number % BURST == 0:

@@ -239,6 +239,7 @@ class PluggedBridgeConfig(BridgeConfig, frozen=True):
     bus: str = "system"
     """D-Bus for `signal` and `call`: `system`, `session`, or an address such as `unix:path=/run/my/bus`."""
 
+    reads_on_demand: ClassVar[bool] = True
     skill_mapping: ClassVar[type[BaseModel] | None] = PluggedSkill
     source_mapping: ClassVar[type[DataMapping] | None] = PluggedSource
     sink_mapping: ClassVar[type[DataMapping] | None] = PluggedSink

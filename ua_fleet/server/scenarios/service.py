@@ -145,6 +145,10 @@ class ScenarioService:
         """Those that are under way."""
         return list(self._orchestrator.runs)
 
+    def needed_values(self) -> set[NodeId]:
+        """The nodes whose values runs that are under way may ask for."""
+        return self._values.keys_of(self._orchestrator.needed_names())
+
     def bridge_of(self, robot: str) -> str:
         """The bridge that a robot lives behind; raises ScenarioUnknown where there is no such robot."""
         return self._robot(robot).bridge

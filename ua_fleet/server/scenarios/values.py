@@ -49,6 +49,12 @@ class FleetValues:
                     known.pop(full, None)
         self._count()
 
+    def keys_of(self, names: Collection[str]) -> set[NodeId]:
+        """The nodes that names mean, as `look_up` takes them."""
+        owns = [split_index(name)[0] for name in names]
+        fulls = {self._short.get(own, own) for own in owns}
+        return {key for key, full in self._full.items() if full in fulls} if fulls else set()
+
     def _take_in(self, robot: RobotModel) -> None:
         for data_set in robot.data_sets:
             for field in data_set.fields:

@@ -1,0 +1,45 @@
+"""The bridge's side of `ua_fleet.fleet.wanted`: what the server wants, while the server is heard. Pure."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from ua_fleet.pubsub.events import DataReceived, SourceReturned, SourceSilent, SubscriberEvent
+from ua_fleet.topics import Topic
+from ua_fleet.values import Quality, quality_of
+
+__all__ = ["Wants"]
+
+_NOTHING = frozenset[Topic]()
+
+
+class Wants:
+    """The data of one bridge that somebody follows."""
+
+    def __init__(self, topic: Topic, space: int, tell: Callable[[frozenset[Topic]], None]) -> None:
+        """`topic` is that of the DataSet, `space` the bridge's own; `tell` is told of each change."""
+        self.topic = topic
+        self._space, self._tell = space, tell
+        self._last = self._told = _NOTHING
+
+    def hear(self, event: SubscriberEvent) -> None:
+        """Take what PubSub says of the DataSet."""
+        if isinstance(event, DataReceived):
+            self._last = self._read(event)
+            self._say(self._last)
+        elif isinstance(event, SourceSilent):
+            self._say(_NOTHING)
+        elif isinstance(event, SourceReturned):
+            self._say(self._last)
+
+    def _read(self, event: DataReceived) -> frozenset[Topic]:
+        message = event.message
+        ids = message.values[0] if message.values else ()
+        if quality_of(message.status or 0) is Quality.BAD or not isinstance(ids, list | tuple):
+            return _NOTHING
+        return frozenset([Topic(self._space, self.topic.ns, wanted) for wanted in ids if isinstance(wanted, int)])
+
+    def _say(self, wanted: frozenset[Topic]) -> None:
+        if wanted != self._told:
+            self._told = wanted
+            self._tell(wanted)

@@ -1,0 +1,24 @@
+"""Which data somebody follows: what the server tells a bridge that reads some of its data only then.
+
+One DataSet for each such bridge, in space 0 with the id of the bridge's own status: the ids of the DataSets that are
+wanted now. PubSub makes a lease of it: keep-alives attest the server, its last message is repeated for who comes late,
+and a bridge that does not hear it for MessageReceiveTimeout takes it that nobody wants anything.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+from ua_fleet.pubsub.metadata import make_field
+from ua_fleet.topics import SERVER_SPACE, Topic
+from ua_fleet.values import BuiltinType
+
+__all__ = ["WANTED_FIELDS", "wanted_topic"]
+
+WANTED_FIELDS: Final = (make_field("Wanted", BuiltinType.UINT16, array=True, properties={"NodeOnly": True}),)
+"""Fields of the DataSet. It is for bridges alone, and has no form in a robot's space."""
+
+
+def wanted_topic(status: Topic) -> Topic:
+    """The topic by which the bridge with this status is told."""
+    return Topic(SERVER_SPACE, status.ns, status.id)

@@ -133,6 +133,8 @@ class Offers:
         self._sessions: dict[tuple[str, str], dict[str, str]] = {}
         """Users that offer a skill, named by robot and skill, by their sessions."""
         self._asked: dict[bytes, Asked] = {}
+        self._open: dict[bytes, Asked] = {}
+        """Those of them that are not over; looked at after each datagram."""
         self._before: dict[bytes, Execution] = {}
         """Executions of runs before."""
         self._newest = 0
@@ -231,7 +233,7 @@ class Offers:
     @property
     def open(self) -> list[Asked]:
         """What is asked for or under way, the oldest first."""
-        return [asked for asked in self._asked.values() if asked.is_open]
+        return list(self._open.values())
 
     def skill_of(self, execution_id: bytes) -> SkillModel:
         """The skill of an execution; raises OfferRefused where there is none."""
@@ -328,7 +330,9 @@ class Offers:
 
     def due_in_s(self) -> float | None:
         """After how many seconds `poll` is to be called next, or None."""
-        due = [asked.until for asked in self.open if asked.execution_id not in self._unwritten]
+        if not self._open:
+            return None
+        due = [asked.until for asked in self._open.values() if asked.execution_id not in self._unwritten]
         due += [self._retry_at] if self._unwritten else []
         return max(0.0, (min(due) - self._wall_ticks()) / TICKS_PER_SECOND) if due else None
 
@@ -343,6 +347,7 @@ class Offers:
     def _offered(self, session: str, execution_id: bytes) -> Asked:
         self.skill_of(execution_id)
         asked = self._asked[execution_id]
+        self._skill(asked.topic)  # its robot may be gone
         if session not in self._sessions.get((asked.robot, asked.skill.name), {}) and asked.session != session:
             raise OfferRefused(f"this session does not offer {asked.robot}.{asked.skill.name}")
         return asked
@@ -377,6 +382,10 @@ class Offers:
 
     def _put(self, asked: Asked) -> None:
         self._asked[asked.execution_id] = asked
+        if asked.is_open:
+            self._open[asked.execution_id] = asked
+        else:
+            self._open.pop(asked.execution_id, None)
         known, _ = self._skill(asked.topic)
         said = _status_of(asked.skill, asked.execution_id, asked.report)._replace(progress=asked.progress)
         if known.status.show(said):

@@ -273,6 +273,15 @@ def test_offers_stay_when_the_robot_is_changed(hall: Hall) -> None:
     hall.ask()
 
 
+def test_nothing_more_is_said_of_a_robot_that_is_gone(hall: Hall) -> None:
+    hall.taken()
+    hall.later(10)
+    hall.offers.unfollow(ROBOT)
+    with pytest.raises(SkillRejected, match="no skill that clients do"):
+        hall.offers.complete("s1", "anna", ONE, RESULTS, "")
+    assert hall.state() is ExecutionState.UNKNOWN
+
+
 @pytest.mark.parametrize(
     ("names", "texts", "problem"),
     [

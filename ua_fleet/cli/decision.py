@@ -7,18 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ua_fleet.cli.options import (
-    DEFAULT_ENDPOINT,
-    Connection,
-    Endpoint,
-    Insecure,
-    Json,
-    PasswordFile,
-    Policy,
-    SecurityPolicy,
-    Timeout,
-    User,
-)
+from ua_fleet.cli.options import Connection, Json, connecting
 from ua_fleet.cli.output import print_json, print_line, print_table
 from ua_fleet.cli.scenario import with_scenarios
 
@@ -45,13 +34,9 @@ CONFIRM_EXAMPLES = ("ua-fleet decision confirm 20300131-120000-a1b2c3.0 ur3 -u a
 WHATIF_EXAMPLES = ("ua-fleet decision whatif ur3 -u anna",)
 
 
+@connecting
 def faults(
-    endpoint: Endpoint = DEFAULT_ENDPOINT,
-    user: User = None,
-    password_file: PasswordFile = None,
-    policy: SecurityPolicy = Policy.BASIC256SHA256,
-    insecure: Insecure = False,
-    timeout: Timeout = 10.0,
+    connection: Connection,
     as_json: Json = False,
 ) -> None:
     """List the faults that are active, or that nobody has acknowledged."""
@@ -73,22 +58,17 @@ def faults(
         ]
         print_table([("fault", "state", "seen", "reason"), *rows])
 
-    with_scenarios(Connection.of(endpoint, user, password_file, policy, insecure, timeout), work)
+    with_scenarios(connection, work)
 
 
+@connecting
 def ack(
+    connection: Connection,
     fault: Annotated[str, typer.Argument(help="Id of the fault, e.g. ur3.silent.")],
     comment: Annotated[str, typer.Option(help="What others should know.")] = "",
-    endpoint: Endpoint = DEFAULT_ENDPOINT,
-    user: User = None,
-    password_file: PasswordFile = None,
-    policy: SecurityPolicy = Policy.BASIC256SHA256,
-    insecure: Insecure = False,
-    timeout: Timeout = 10.0,
     as_json: Json = False,
 ) -> None:
     """Say that a fault was seen. A failed skill is over with that: nobody else can tell."""
-    connection = Connection.of(endpoint, user, password_file, policy, insecure, timeout)
 
     async def work(scenarios: ScenarioClient) -> None:
         await scenarios.acknowledge(fault, comment)
@@ -98,13 +78,9 @@ def ack(
     with_scenarios(connection, work)
 
 
+@connecting
 def show(
-    endpoint: Endpoint = DEFAULT_ENDPOINT,
-    user: User = None,
-    password_file: PasswordFile = None,
-    policy: SecurityPolicy = Policy.BASIC256SHA256,
-    insecure: Insecure = False,
-    timeout: Timeout = 10.0,
+    connection: Connection,
     as_json: Json = False,
 ) -> None:
     """List the decisions that are open, and the last that were made, with their rankings."""
@@ -122,18 +98,14 @@ def show(
             for robot, reason in zip(decision.excluded, decision.reasons, strict=False):
                 print_line(f"  -     {robot} {reason}")
 
-    with_scenarios(Connection.of(endpoint, user, password_file, policy, insecure, timeout), work)
+    with_scenarios(connection, work)
 
 
+@connecting
 def confirm(
+    connection: Connection,
     decision: Annotated[str, typer.Argument(help="Id of the decision.")],
     robot: Annotated[str, typer.Argument(help="Who takes over.")],
-    endpoint: Endpoint = DEFAULT_ENDPOINT,
-    user: User = None,
-    password_file: PasswordFile = None,
-    policy: SecurityPolicy = Policy.BASIC256SHA256,
-    insecure: Insecure = False,
-    timeout: Timeout = 10.0,
     as_json: Json = False,
 ) -> None:
     """Choose who takes over.
@@ -148,17 +120,13 @@ def confirm(
         else:
             print_line(outcome)
 
-    with_scenarios(Connection.of(endpoint, user, password_file, policy, insecure, timeout), work)
+    with_scenarios(connection, work)
 
 
+@connecting
 def whatif(
+    connection: Connection,
     robot: Annotated[str, typer.Argument(help="The robot that would fail.")],
-    endpoint: Endpoint = DEFAULT_ENDPOINT,
-    user: User = None,
-    password_file: PasswordFile = None,
-    policy: SecurityPolicy = Policy.BASIC256SHA256,
-    insecure: Insecure = False,
-    timeout: Timeout = 10.0,
     as_json: Json = False,
 ) -> None:
     """Print who would take over each task that a robot has ahead. Nothing happens."""
@@ -172,4 +140,4 @@ def whatif(
         rows = [(one.run_id, one.task, one.best or "nobody", one.explanation) for one in forecasts]
         print_table([("run", "task", "robot", "ranking"), *rows])
 
-    with_scenarios(Connection.of(endpoint, user, password_file, policy, insecure, timeout), work)
+    with_scenarios(connection, work)

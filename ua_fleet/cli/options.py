@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import inspect
 import os
 import sys
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
+from functools import wraps
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Final
+from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
 
@@ -31,6 +33,7 @@ __all__ = [
     "Timeout",
     "User",
     "WithoutLoopRule",
+    "connecting",
     "load_config",
     "read_secret",
     "state_folder",
@@ -95,6 +98,36 @@ WithoutLoopRule = Annotated[
     bool,
     typer.Option("--without-loop-rule", help="For tests: forward everything, so that messages go round for ever."),
 ]
+
+
+def _connection_options(
+    endpoint: Endpoint = DEFAULT_ENDPOINT,
+    user: User = None,
+    password_file: PasswordFile = None,
+    policy: SecurityPolicy = Policy.BASIC256SHA256,
+    insecure: Insecure = False,
+    timeout: Timeout = 10.0,
+) -> None:
+    """The options of every command that connects to the server."""
+
+
+def connecting(command: Callable[..., None]) -> Callable[..., None]:
+    """Let a command have the options of a connection, and give it what they say as `connection`."""
+    wanted = inspect.signature(command, eval_str=True)
+    options = inspect.signature(_connection_options, eval_str=True).parameters
+    own = [parameter for name, parameter in wanted.parameters.items() if name != "connection"]
+    needed = [parameter for parameter in own if parameter.default is parameter.empty]
+    others = [parameter for parameter in own if parameter not in needed]
+
+    @wraps(command)
+    def connected(**given: Any) -> None:
+        said = [given.pop(name) for name in options]
+        command(**given, connection=Connection.of(*said))
+
+    parameters = [*needed, *others, *options.values()]
+    connected.__dict__["__signature__"] = wanted.replace(parameters=parameters)
+    connected.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
+    return connected
 
 
 def load_config(

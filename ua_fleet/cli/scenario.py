@@ -12,18 +12,7 @@ import typer
 
 from ua_fleet.cli.connect import connected
 from ua_fleet.cli.endings import UsageError
-from ua_fleet.cli.options import (
-    DEFAULT_ENDPOINT,
-    Connection,
-    Endpoint,
-    Insecure,
-    Json,
-    PasswordFile,
-    Policy,
-    SecurityPolicy,
-    Timeout,
-    User,
-)
+from ua_fleet.cli.options import Connection, Json, connecting
 from ua_fleet.cli.output import message, print_json, print_line, print_table
 from ua_fleet.cli.process import run as run_until_done
 from ua_fleet.errors import ScenarioError, ScenarioInvalid
@@ -76,13 +65,9 @@ def with_scenarios(connection: Connection, work: Callable[[ScenarioClient], Awai
     run_until_done(main())
 
 
+@connecting
 def show(
-    endpoint: Endpoint = DEFAULT_ENDPOINT,
-    user: User = None,
-    password_file: PasswordFile = None,
-    policy: SecurityPolicy = Policy.BASIC256SHA256,
-    insecure: Insecure = False,
-    timeout: Timeout = 10.0,
+    connection: Connection,
     as_json: Json = False,
 ) -> None:
     """List the scenarios that the server has."""
@@ -97,17 +82,13 @@ def show(
                 [("scenario", "problems", "description"), *((s.name, str(s.problems), s.description) for s in found)]
             )
 
-    with_scenarios(Connection.of(endpoint, user, password_file, policy, insecure, timeout), work)
+    with_scenarios(connection, work)
 
 
+@connecting
 def validate(
+    connection: Connection,
     scenario: ScenarioName,
-    endpoint: Endpoint = DEFAULT_ENDPOINT,
-    user: User = None,
-    password_file: PasswordFile = None,
-    policy: SecurityPolicy = Policy.BASIC256SHA256,
-    insecure: Insecure = False,
-    timeout: Timeout = 10.0,
     as_json: Json = False,
 ) -> None:
     """Hold a scenario against the server's fleet, and print all that is wrong with it.
@@ -125,19 +106,15 @@ def validate(
             said = ["it cannot be run; see the problems above"] if as_json else [problem.text for problem in problems]
             raise _Invalid(said)
 
-    with_scenarios(Connection.of(endpoint, user, password_file, policy, insecure, timeout), work)
+    with_scenarios(connection, work)
 
 
+@connecting
 def run(
+    connection: Connection,
     scenario: ScenarioName,
     parameters: Annotated[list[str] | None, typer.Argument(help="Parameters as name=value.")] = None,
     wait: Annotated[bool, typer.Option("--wait", help="Print what happens until the run has ended.")] = False,
-    endpoint: Endpoint = DEFAULT_ENDPOINT,
-    user: User = None,
-    password_file: PasswordFile = None,
-    policy: SecurityPolicy = Policy.BASIC256SHA256,
-    insecure: Insecure = False,
-    timeout: Timeout = 10.0,
     as_json: Json = False,
 ) -> None:
     """Start a run, and print its id.
@@ -155,17 +132,13 @@ def run(
         if wait:
             await _follow(scenarios, run_id, as_json=as_json)
 
-    with_scenarios(Connection.of(endpoint, user, password_file, policy, insecure, timeout), work)
+    with_scenarios(connection, work)
 
 
+@connecting
 def watch(
+    connection: Connection,
     run_id: RunId,
-    endpoint: Endpoint = DEFAULT_ENDPOINT,
-    user: User = None,
-    password_file: PasswordFile = None,
-    policy: SecurityPolicy = Policy.BASIC256SHA256,
-    insecure: Insecure = False,
-    timeout: Timeout = 10.0,
     as_json: Json = False,
 ) -> None:
     """Print a run now and whenever it changes, until it has ended. Exit code 1 if it was not done."""
@@ -173,21 +146,16 @@ def watch(
     async def work(scenarios: ScenarioClient) -> None:
         await _follow(scenarios, run_id, as_json=as_json)
 
-    with_scenarios(Connection.of(endpoint, user, password_file, policy, insecure, timeout), work)
+    with_scenarios(connection, work)
 
 
+@connecting
 def pause(
+    connection: Connection,
     run_id: RunId,
-    endpoint: Endpoint = DEFAULT_ENDPOINT,
-    user: User = None,
-    password_file: PasswordFile = None,
-    policy: SecurityPolicy = Policy.BASIC256SHA256,
-    insecure: Insecure = False,
-    timeout: Timeout = 10.0,
     as_json: Json = False,
 ) -> None:
     """Let a run start no further task; what robots are at goes on."""
-    connection = Connection.of(endpoint, user, password_file, policy, insecure, timeout)
 
     async def work(scenarios: ScenarioClient) -> None:
         await scenarios.pause(run_id)
@@ -197,18 +165,13 @@ def pause(
     with_scenarios(connection, work)
 
 
+@connecting
 def resume(
+    connection: Connection,
     run_id: RunId,
-    endpoint: Endpoint = DEFAULT_ENDPOINT,
-    user: User = None,
-    password_file: PasswordFile = None,
-    policy: SecurityPolicy = Policy.BASIC256SHA256,
-    insecure: Insecure = False,
-    timeout: Timeout = 10.0,
     as_json: Json = False,
 ) -> None:
     """Let a run go on."""
-    connection = Connection.of(endpoint, user, password_file, policy, insecure, timeout)
 
     async def work(scenarios: ScenarioClient) -> None:
         await scenarios.resume(run_id)
@@ -218,19 +181,14 @@ def resume(
     with_scenarios(connection, work)
 
 
+@connecting
 def abort(
+    connection: Connection,
     run_id: RunId,
     reason: Annotated[str, typer.Option(help="Why, for people.")] = "",
-    endpoint: Endpoint = DEFAULT_ENDPOINT,
-    user: User = None,
-    password_file: PasswordFile = None,
-    policy: SecurityPolicy = Policy.BASIC256SHA256,
-    insecure: Insecure = False,
-    timeout: Timeout = 10.0,
     as_json: Json = False,
 ) -> None:
     """End a run; robots that can stop are halted."""
-    connection = Connection.of(endpoint, user, password_file, policy, insecure, timeout)
 
     async def work(scenarios: ScenarioClient) -> None:
         await scenarios.abort(run_id, reason)
@@ -240,20 +198,15 @@ def abort(
     with_scenarios(connection, work)
 
 
+@connecting
 def answer(
+    connection: Connection,
     run_id: RunId,
     step: Annotated[str, typer.Argument(help="Key of the step, or name of its task.")],
     answer: Annotated[str, typer.Argument(help="done, retry, or fail: another robot is looked for.")],
-    endpoint: Endpoint = DEFAULT_ENDPOINT,
-    user: User = None,
-    password_file: PasswordFile = None,
-    policy: SecurityPolicy = Policy.BASIC256SHA256,
-    insecure: Insecure = False,
-    timeout: Timeout = 10.0,
     as_json: Json = False,
 ) -> None:
     """Say what became of a task of which nobody else can tell."""
-    connection = Connection.of(endpoint, user, password_file, policy, insecure, timeout)
 
     async def work(scenarios: ScenarioClient) -> None:
         await scenarios.answer(run_id, step, answer)

@@ -11,18 +11,7 @@ import typer
 
 from ua_fleet.cli.connect import connected
 from ua_fleet.cli.endings import UsageError
-from ua_fleet.cli.options import (
-    DEFAULT_ENDPOINT,
-    Connection,
-    Endpoint,
-    Insecure,
-    Json,
-    PasswordFile,
-    Policy,
-    SecurityPolicy,
-    Timeout,
-    User,
-)
+from ua_fleet.cli.options import Connection, Json, connecting
 from ua_fleet.cli.output import message, print_json, print_line
 from ua_fleet.cli.process import run
 
@@ -39,18 +28,13 @@ CALL_EXAMPLES = (
 )
 
 
+@connecting
 def show(
+    connection: Connection,
     robot: Annotated[str, typer.Argument(help="Name of the robot.")],
-    endpoint: Endpoint = DEFAULT_ENDPOINT,
-    user: User = None,
-    password_file: PasswordFile = None,
-    policy: SecurityPolicy = Policy.BASIC256SHA256,
-    insecure: Insecure = False,
-    timeout: Timeout = 10.0,
     as_json: Json = False,
 ) -> None:
     """List the skills of a robot, with their arguments and their state."""
-    connection = Connection.of(endpoint, user, password_file, policy, insecure, timeout)
 
     async def main() -> None:
         async with connected(connection) as client:
@@ -63,7 +47,9 @@ def show(
     run(main())
 
 
+@connecting
 def call(
+    connection: Connection,
     robot: Annotated[str, typer.Argument(help="Name of the robot.")],
     skill: Annotated[str, typer.Argument(help="Name of the skill.")],
     arguments: Annotated[
@@ -73,12 +59,6 @@ def call(
         float | None, typer.Option("--for", help="Wait so many seconds for the end; else its timeout.", min=0.1)
     ] = None,
     start_only: Annotated[bool, typer.Option("--start", help="Print the execution's id, and do not wait.")] = False,
-    endpoint: Endpoint = DEFAULT_ENDPOINT,
-    user: User = None,
-    password_file: PasswordFile = None,
-    policy: SecurityPolicy = Policy.BASIC256SHA256,
-    insecure: Insecure = False,
-    timeout: Timeout = 10.0,
     as_json: Json = False,
 ) -> None:
     """Have a robot do a skill, and print its results when it is done.
@@ -87,7 +67,6 @@ def call(
     reached, 5 if it did not end in time; it goes on then.
     """
     given = dict(argument(text) for text in arguments or ())
-    connection = Connection.of(endpoint, user, password_file, policy, insecure, timeout)
 
     async def main() -> None:
         async with connected(connection) as client:

@@ -38,7 +38,7 @@ class Demonstration:
 def demonstration(processes: Processes, folder: Path, *options: str) -> Generator[Demonstration]:
     """`ua-fleet demo talkrobots --once`, on ports, a group and domains of its own."""
     with ExitStack() as held:
-        domains = [held.enter_context(ros_domain()) for _ in range(5)]
+        domains = [held.enter_context(ros_domain()) for _ in range(3)]
         command = [
             *(sys.executable, "-m", "ua_fleet.cli", "demo", "talkrobots", "--once"),
             *("--json", str(folder / "report.json"), "--folder", str(folder / "run")),

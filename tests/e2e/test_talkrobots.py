@@ -1,4 +1,4 @@
-"""The nine tasks as a user runs them: one command, real ROS nodes, fifteen times faster."""
+"""The nine tasks as a user runs them: one command, real ROS nodes and controllers, fifteen times faster."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def _check_course(report: dict[str, Any]) -> None:
     assert by_task["take_off"]["started_s"] < by_task["pick_left"]["ended_s"], "side by side"
 
 
-@pytest.mark.needs("ros1", "ros2")
+@pytest.mark.needs("ros1", "ros2", "ur")
 def test_the_best_robot_takes_over_by_itself(processes: Processes, tmp_path: Path) -> None:
     with demonstration(processes, tmp_path, "--speed", "15", "--resilience", "automatic") as started:
         report = started.finish(150)

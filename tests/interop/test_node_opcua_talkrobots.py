@@ -17,7 +17,7 @@ CLIENT = Path(__file__).parent / "talkrobots.cjs"
 OPTIONS = ("--wait", "--speed", "15", "--resilience", "operator", "--without-ros1", "--secure")
 
 
-@pytest.mark.needs("node", "ros2")
+@pytest.mark.needs("node", "ros2", "ur")
 async def test_a_foreign_client_runs_the_nine_tasks_and_chooses_who_takes_over(
     processes: Processes, tmp_path: Path
 ) -> None:

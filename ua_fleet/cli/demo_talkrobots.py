@@ -57,7 +57,7 @@ def talkrobots(
     pubsub_url: Annotated[str | None, typer.Option(help="PubSub address, e.g. opc.udp://239.1.2.3:4840.")] = None,
     domain: Annotated[
         list[int] | None,
-        typer.Option(help="ROS 2 domain of a robot; give five, or the next free ones are taken.", min=2, max=232),
+        typer.Option(help="ROS 2 domain of a robot; give three, or the next free ones are taken.", min=2, max=232),
     ] = None,
     folder: Annotated[Path | None, typer.Option(help="Keep configuration, state and logs here.")] = None,
     without_ros1: Annotated[bool, typer.Option("--without-ros1", help="Run Ridgeback in ROS 2.")] = False,

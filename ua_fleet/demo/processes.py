@@ -17,7 +17,7 @@ from typing import Self
 
 from ua_fleet.errors import UaFleetError
 
-__all__ = ["DemoFailed", "Processes", "free_tcp_port", "udp_port_in_use"]
+__all__ = ["DemoFailed", "Processes", "free_loopback_address", "free_tcp_port", "udp_port_in_use"]
 
 
 class DemoFailed(UaFleetError):
@@ -199,6 +199,29 @@ def free_tcp_port(preferred: int) -> int:
                 continue
             return int(probe.getsockname()[1])
     raise DemoFailed("there is no free TCP port on loopback")
+
+
+def free_loopback_address(ports: Sequence[int]) -> str:
+    """An address of this machine, 127.0.0.2 or another of loopback, on which nobody listens on any of these TCP ports.
+
+    Raises:
+        DemoFailed: someone listens there on all addresses.
+    """
+    for number in range(2, 255):
+        host = f"127.0.0.{number}"
+        if all(_is_free(host, port) for port in ports):
+            return host
+    raise DemoFailed(f"one of the TCP ports {', '.join(map(str, ports))} is in use; end the program that listens there")
+
+
+def _is_free(host: str, port: int) -> bool:
+    with socket.socket() as probe:
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            probe.bind((host, port))
+        except OSError:
+            return False
+    return True
 
 
 def udp_port_in_use(port: int) -> bool:

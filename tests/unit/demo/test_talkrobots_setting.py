@@ -22,7 +22,7 @@ def site(folder: Path, *, ros1: bool, secure: bool = False) -> Site:
 def made(folder: Path, *, ros1: bool, secure: bool = False, speed: float = 1.0) -> tuple[Setting, FleetConfig]:
     said: list[str] = []
     chosen = site(folder, ros1=ros1, secure=secure)
-    setting = make_setting(chosen, domains=range(21, 26), speed=speed, mode="operator", say=said.append)
+    setting = make_setting(chosen, domains=range(21, 24), speed=speed, mode="operator", say=said.append)
     assert said == ([] if ros1 else ["without ROS 1, as asked: Ridgeback runs in ROS 2 domain 21"])
     return setting, load(chosen.config_file)
 
@@ -35,7 +35,8 @@ def test_the_configuration_is_valid_and_has_a_bridge_for_each_robot(tmp_path: Pa
     assert len({bridge.space for bridge in config.bridges.values()}) == len(ACTORS)
     assert {actor.name: config.bridges[actor.bridge].space for actor in ACTORS} == setting.spaces
     assert config.bridges["ridgeback_bridge"].kind == ("ros1" if ros1 else "ros2")
-    assert [config.bridges[name].kind for name in ("drone_bridge", "conveyor_bridge")] == ["tcp", "modbus"]
+    others = ("ur3_bridge", "drone_bridge", "conveyor_bridge", "temperature_sensor_bridge")
+    assert [config.bridges[name].kind for name in others] == ["ur", "tcp", "modbus", "plugged"]
     assert config.pubsub.security.value == ("sign_and_encrypt" if secure else "none")
     assert (tmp_path / "scenarios" / f"{SCENARIO}.yaml").exists()
 

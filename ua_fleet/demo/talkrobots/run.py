@@ -86,7 +86,7 @@ class _Demonstration:
 
     def _robot_says(self, name: str, line: str) -> None:
         event = read_line(line)
-        if line == "ready" or (event is not None and event.what == "is ready"):
+        if line.partition(":")[0] == "ready" or (event is not None and event.what == "is ready"):
             self._ready.add(name)
             self._changed.set()
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
@@ -11,7 +12,7 @@ from pathlib import Path
 from string import Template
 from typing import Final, Literal
 
-from ua_fleet.demo.processes import free_tcp_port
+from ua_fleet.demo.processes import free_loopback_address, free_tcp_port
 from ua_fleet.demo.site import Site
 
 __all__ = ["ACTORS", "DOMAINS", "SCENARIO", "Actor", "Kind", "Mode", "Setting", "make_setting"]
@@ -23,7 +24,12 @@ ROBOTS: Final = Path(__file__).resolve().parent / "robots"
 _TIMEOUT_S: Final = 120.0
 """Of each skill, in the demonstration's seconds; the longest takes about 30."""
 _BELT_MM_S: Final = 40
+_ARM_MOVE_S: Final = 5.0
+"""Of UR3, from one place to the next."""
+_GRIPPER_S: Final = 1.0
 _FIRST_VENDOR_SPACE: Final = 300
+_UR_PORTS: Final = (29999, *range(30001, 30006))
+"""ur-rtde knows no others, so a controller has an address of its own."""
 _MOVE_BASE: Final = """\
         via:
           action:
@@ -45,6 +51,10 @@ class Kind(StrEnum):
     """A PLC with Modbus."""
     TCP = "tcp"
     """A robot whose program reads fields from a socket (interpreter mode)."""
+    UR = "ur"
+    """An arm of Universal Robots, with its controller."""
+    PLUGGED = "plugged"
+    """A device on a serial port."""
 
     @property
     def is_ros(self) -> bool:
@@ -59,7 +69,7 @@ class Actor:
     name: str
     kind: Kind
     program: str
-    """File in the folder `robots`, or a program of the PLC's simulator."""
+    """File in the folder `robots`; for a PLC the program of its simulator, for an arm of Universal Robots its model."""
     options: tuple[str, ...] = ()
     takes_space: bool = False
     """Whether the program needs the id of its space: it offers skills by itself."""
@@ -80,12 +90,12 @@ def _pioneer(number: int, go_id: int, x_m: float, y_m: float, battery: float) ->
 
 ACTORS: Final = (
     Actor("ridgeback", Kind.ROS1, "ridgeback.py", takes_space=True, stdin=True),
-    Actor("ur3", Kind.ROS2, "ur3.py"),
+    Actor("ur3", Kind.UR, "ur3e"),
     _pioneer(1, 1210, 7.0, 3.0, 71.0),
     _pioneer(2, 1310, 2.0, 4.0, 88.0),
     Actor("drone", Kind.TCP, "drone.py"),
     Actor("conveyor", Kind.PLC, "conveyor", stdin=True),
-    Actor("temperature_sensor", Kind.ROS2, "sensor.py"),
+    Actor("temperature_sensor", Kind.PLUGGED, "sensor.py"),
 )
 DOMAINS: Final = sum(actor.kind.is_ros for actor in ACTORS)
 """ROS 2 domains that are needed where there is no ROS 1."""
@@ -100,8 +110,8 @@ class Setting:
     mode: Mode
     spaces: dict[str, int]
     """Of each actor."""
-    ports: dict[str, int]
-    """Where each actor listens that does not speak ROS."""
+    places: dict[str, str]
+    """Where each actor is found that does not speak ROS: a TCP port, an address, or the file of a serial port."""
 
     @property
     def has_ros1(self) -> bool:
@@ -115,14 +125,21 @@ class Setting:
     def command(self, actor: Actor) -> list[str | Path]:
         """What simulates an actor."""
         python = self.site.python(self.bridge_ros(actor))
-        where: tuple[str, ...] = ()
-        if actor.name in self.ports:
-            where = ("--port", str(self.ports[actor.name]))
-        elif actor.takes_space:
-            where = ("--space", str(self.spaces[actor.name]))
-        if actor.kind is Kind.PLC:
-            return [python, "-m", "ua_bridges.modbus.simulator", *where, "--program", actor.program, *actor.options]
-        return [python, ROBOTS / actor.program, *where, "--speed", str(self.speed), *actor.options]
+        speed = ("--speed", str(self.speed))
+        match actor.kind:
+            case Kind.PLC:
+                simulator = [python, "-m", "ua_bridges.modbus.simulator", "--port", self.places[actor.name]]
+                return [*simulator, "--program", actor.program, *actor.options]
+            case Kind.UR:
+                simulator = [python, "-m", "ua_bridges.ur.simulator", "--host", self.places[actor.name]]
+                return [*simulator, "--model", actor.program, *actor.options]
+            case Kind.TCP:
+                where: tuple[str, ...] = ("--port", self.places[actor.name])
+            case Kind.PLUGGED:
+                where = ("--device", self.places[actor.name])
+            case Kind.ROS1 | Kind.ROS2:
+                where = ("--space", str(self.spaces[actor.name])) if actor.takes_space else ()
+        return [python, ROBOTS / actor.program, *where, *speed, *actor.options]
 
     def environment(self, actor: Actor) -> dict[str, str]:
         """The environment of what simulates an actor."""
@@ -147,12 +164,12 @@ def make_setting(
     """
     free, vendor = iter(domains), count(_FIRST_VENDOR_SPACE)
     spaces = {actor.name: next(free if actor.kind.is_ros else vendor) for actor in ACTORS}
-    ports = {actor.name: free_tcp_port(0) for actor in ACTORS if not actor.kind.is_ros}
+    places = {actor.name: _place(actor, site) for actor in ACTORS if not actor.kind.is_ros}
     if site.ros1_python is not None:
         spaces |= {actor.name: 1 for actor in ACTORS if actor.kind is Kind.ROS1}
     else:
         say(f"without ROS 1, {site.why_without_ros1}: Ridgeback runs in ROS 2 domain {spaces['ridgeback']}")
-    setting = Setting(site, speed, mode, spaces, ports)
+    setting = Setting(site, speed, mode, spaces, places)
     is_ros1 = setting.has_ros1
     master = f'kind: ros1, space: 1, master_uri: "http://127.0.0.1:{site.master_port}"'
     package = files("ua_fleet.demo.talkrobots")
@@ -160,13 +177,16 @@ def make_setting(
     site.write_config(
         template.substitute(
             {f"{name}_space": space for name, space in spaces.items()},
-            **{f"{name}_port": port for name, port in ports.items()},
+            # A path may have any characters; a quoted word of JSON is one of YAML too.
+            **{f"{name}_place": json.dumps(place) if "/" in place else place for name, place in places.items()},
             server_port=site.server_port,
             pubsub_url=site.pubsub_url,
             pubsub_security=site.pubsub_security,
             ridgeback_bridge=master if is_ros1 else f"kind: ros2, space: {spaces['ridgeback']}",
             ridgeback_go=_MOVE_BASE if is_ros1 else _OWN_PROGRAM,
             belt_mm_s=round(_BELT_MM_S * speed),
+            arm_move_s=round(_ARM_MOVE_S / speed, 3),
+            gripper_s=round(_GRIPPER_S / speed, 3),
             timeout_s=_TIMEOUT_S / min(speed, 1.0),
             mode=mode,
         )
@@ -177,6 +197,14 @@ def make_setting(
     text = package.joinpath(f"{SCENARIO}.yaml").read_text(encoding="utf-8")
     (scenarios / f"{SCENARIO}.yaml").write_text(text, encoding="utf-8")
     return setting
+
+
+def _place(actor: Actor, site: Site) -> str:
+    if actor.kind is Kind.UR:
+        return free_loopback_address(_UR_PORTS)
+    if actor.kind is Kind.PLUGGED:
+        return str(site.folder.absolute() / actor.name)
+    return str(free_tcp_port(0))
 
 
 def _forget_runs(state: Path) -> None:

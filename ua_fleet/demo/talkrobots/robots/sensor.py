@@ -1,34 +1,66 @@
-"""A temperature sensor, which says once a second how warm it is."""
+"""A thermometer on a serial port, which says once a second how warm it is: `T=22.5`. A pseudo-terminal is its port."""
 
 from __future__ import annotations
 
 import argparse
+import contextlib
+import json
 import math
+import os
+import pty
+import signal
+import threading
+import time
+import tty
+from collections.abc import Generator
+from contextlib import contextmanager
+from pathlib import Path
+from types import FrameType
+from typing import Final
 
-from ua_fleet.demo.ros_node import connect, report
+PERIOD_S: Final = 1.0
+WAVE_S: Final = 60.0
 
-PERIOD_S = 1.0
-WAVE_S = 60.0
+
+@contextmanager
+def serial_port(path: Path) -> Generator[int]:
+    """The device's end of a port that is found at `path` while the context lasts."""
+    ours, theirs = pty.openpty()
+    tty.setraw(theirs)
+    os.set_blocking(ours, False)
+    path.unlink(missing_ok=True)
+    path.symlink_to(os.ttyname(theirs))
+    try:
+        yield ours
+    finally:
+        path.unlink(missing_ok=True)
+        os.close(ours)
+        os.close(theirs)
 
 
 def main() -> None:
     """Run the sensor until SIGTERM. The temperature is always a little above or below the one that is asked for."""
     parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--device", type=Path, required=True, help="file of the serial port")
     parser.add_argument("--speed", type=float, default=1.0)
     parser.add_argument("--temperature", type=float, default=22.5, help="in degrees Celsius")
     options = parser.parse_args()
-    node = connect(2, "temperature_sensor")
-    tell = node.publisher("/temperature", "sensor_msgs/Temperature")
-    report("temperature_sensor", "is ready")
-    count = 0
-    while True:
-        message = node.message("sensor_msgs/Temperature")
-        message.temperature = options.temperature + math.sin(2 * math.pi * count * PERIOD_S / WAVE_S)
-        tell(message)
-        count += 1
-        if node.stopped.wait(PERIOD_S / options.speed):
-            break
-    node.close()
+    stopped = threading.Event()
+
+    def stop(_signal: int, _frame: FrameType | None) -> None:
+        stopped.set()
+
+    signal.signal(signal.SIGTERM, stop)
+    signal.signal(signal.SIGINT, stop)
+    with serial_port(options.device) as port:
+        print(json.dumps({"t": time.time(), "who": "temperature_sensor", "what": "is ready"}), flush=True)
+        count = 0
+        while not stopped.is_set():
+            degrees = options.temperature + math.sin(2 * math.pi * count * PERIOD_S / WAVE_S)
+            with contextlib.suppress(BlockingIOError):  # what nobody reads is lost, as on a real line
+                os.write(port, f"T={degrees:.2f}\n".encode())
+            count += 1
+            stopped.wait(PERIOD_S / options.speed)
 
 
 if __name__ == "__main__":

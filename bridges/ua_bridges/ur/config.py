@@ -241,6 +241,9 @@ class UrBridgeConfig(BridgeConfig, frozen=True):
     busy machine; needs CAP_SYS_NICE."""
     needs_remote_control: bool = True
     """Whether it is a fault when the robot is in local control, where it takes no commands."""
+    mirrors: dict[Annotated[str, Field(pattern=r"^[A-Za-z][\w-]*\.[A-Za-z][\w-]*$")], UrSink] = {}
+    """Data of other bridges' robots, `<robot>.<data>`, that is written to outputs or input registers of this controller,
+    where its programs read it."""
 
     skill_mapping: ClassVar[type[BaseModel] | None] = UrSkillMapping
     """Model of `via` in the skills of its robots."""
@@ -275,6 +278,21 @@ class UrBridgeConfig(BridgeConfig, frozen=True):
                 yield from _data_problems(("robots", robot_name, "data", data_name), data)
             for skill_name, skill in robot.skills.items():
                 yield from self._skill_problems(("robots", robot_name, "skills", skill_name), skill)
+
+    def fleet_problems(self, name: str, robots: Mapping[str, RobotConfig]) -> Iterable[Problem]:
+        """See BridgeConfig: `mirrors` names data of other robots."""
+        yield from super().fleet_problems(name, robots)
+        known = {f"{robot}.{data}": (config, data) for robot, config in robots.items() for data in config.data}
+        for mirrored, sink in self.mirrors.items():
+            path: KeyPath = ("bridges", name, "mirrors", mirrored)
+            if mirrored not in known:
+                yield path, f"there is no data `{mirrored}`", closest(mirrored, known) or "write it as robot.data"
+                continue
+            robot, data = known[mirrored]
+            if robot.bridge == name:
+                yield path, "it is data of this bridge's own robot", "data that clients write has a `sink`"
+            else:
+                yield from _output_problems(path, sink, robot.data[data], "choose another output")
 
     def _skill_problems(self, path: KeyPath, skill: SkillConfig) -> Iterator[Problem]:
         if not skill.via:
@@ -334,16 +352,24 @@ def _data_problems(path: KeyPath, data: DataSetConfig) -> Iterator[Problem]:
 def _sink_problems(path: KeyPath, data: DataSetConfig) -> Iterator[Problem]:
     if not isinstance(data.sink, UrSink):
         yield path, "it has no `sink`", "name the output that it sets"
-        return
-    fields = data.all_fields()
-    output = find_output(data.sink.output)
+    elif len(data.all_fields()) != 1:
+        yield (*path, "fields"), "an output takes one value", "write data for each output"
+    else:
+        output = find_output(data.sink.output)
+        assert output is not None
+        yield from _output_problems((*path, "type"), data.sink, data, f"type: {output.types[0].value}")
+
+
+def _output_problems(path: KeyPath, sink: UrSink, data: DataSetConfig, remedy: str) -> Iterator[Problem]:
+    output, fields = find_output(sink.output), data.all_fields()
     assert output is not None
     if len(fields) != 1:
-        yield (*path, "fields"), "an output takes one value", "write data for each output"
+        yield path, f"an output takes one value, and not {len(fields)}", "use data with one field"
         return
     (field,) = fields.values()
     if field.type not in output.types or field.array:
-        yield (*path, "type"), f"`{data.sink.output}` takes no {field.type.value}", f"type: {output.types[0].value}"
+        kind = f"array of {field.type.value}" if field.array else field.type.value
+        yield path, f"`{sink.output}` takes no {kind}", remedy
 
 
 def _arguments(path: KeyPath, skill: SkillConfig, used: set[str], types: tuple[ScalarType, ...]) -> Iterator[Problem]:

@@ -74,7 +74,7 @@ class UrDriver:
         self._inlet: Inlet | None = None
         self._remote_control: bool | None = None
         self._ask_at = 0.0
-        self._was_connected = False
+        self._losses = 0
 
     # The event loop's side
 
@@ -187,22 +187,31 @@ class UrDriver:
         try:
             while not self._stopping.is_set():
                 try:
-                    with suppress(queue.Empty):
-                        self._jobs.get(timeout=_FOLLOW_S if self._tasks else _IDLE_S)()
+                    job = self._next_job()
+                    self._leave_dead_link()
+                    if job is not None:
+                        job()
                     self._turn(time.monotonic())
                 except Exception:  # noqa: BLE001 - one command that we got wrong is not the end of all others
                     _log.exception("a mistake of the bridge; report this log", controller=self._config.address)
         finally:
             self._link.close()
 
+    def _next_job(self) -> Callable[[], None] | None:
+        with suppress(queue.Empty):
+            return self._jobs.get(timeout=_FOLLOW_S if self._tasks else _IDLE_S)
+        return None
+
+    def _leave_dead_link(self) -> None:
+        """Where the state's connection was lost those for commands are dead too, and ur-rtde would wait for them."""
+        losses = self._watcher.losses if self._watcher is not None else self._losses
+        if losses != self._losses:
+            self._losses = losses
+            self._link.close()
+
     def _turn(self, now: float) -> None:
         state = self._state
-        if state is None:
-            if self._was_connected:
-                self._was_connected = False
-                self._link.close()  # what it holds is dead, and ur-rtde would wait for it
-        else:
-            self._was_connected = True
+        if state is not None:
             for execution, task in self._asked:
                 task.resume(state, now)
                 self._tasks[execution.execution_id] = task

@@ -101,6 +101,8 @@ class Watcher:
         self._detail = f"connecting to {config.address}"
         self.state: State | None = None
         """The last sample; None while there is no connection."""
+        self.losses = 0
+        """How often the connection was lost."""
         self._thread = threading.Thread(target=self._run, name=f"ur state {config.address}", daemon=True)
 
     def start(self) -> None:
@@ -130,6 +132,7 @@ class Watcher:
                 reason = f"{self._config.address}: {_remedy(str(error))}"
             if self.state is not None:
                 wait, told = least, ""
+                self.losses += 1
             self.state, self._detail = None, reason
             self._telemetry.lost()
             self._faults.seen(None, reason)

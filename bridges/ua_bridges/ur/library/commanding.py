@@ -14,12 +14,31 @@ from __future__ import annotations
 
 import importlib
 import json
+import resource
 import sys
+from collections.abc import Generator
+from contextlib import contextmanager
 from typing import Any, Final
 
 from ua_bridges.ur.library.lines import end_with_parent, open_output
 
 _DASHBOARD_TIMEOUT_MS: Final = 2000
+_DESCRIPTORS: Final = resource.getrlimit(resource.RLIMIT_NOFILE)
+
+
+@contextmanager
+def _connecting() -> Generator[None]:
+    """Connections can be made in here alone.
+
+    Where a connection breaks, ur-rtde makes a new one by itself, and stops the program that runs: a move would end with
+    each fault of the network. Without a free file descriptor it cannot; it ends this process, and the bridge asks the
+    controller what became of the move.
+    """
+    resource.setrlimit(resource.RLIMIT_NOFILE, _DESCRIPTORS)
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (0, _DESCRIPTORS[1]))
 
 
 def _library(module: str) -> Any:
@@ -34,9 +53,11 @@ class _Interfaces:
 
     def do(self, on: str, call: str, arguments: list[Any]) -> Any:
         if (on, call) == ("control", "open"):
-            return self._open_control(uses_running=bool(arguments[0]))
+            with _connecting():
+                return self._open_control(uses_running=bool(arguments[0]))
         try:
-            interface = self._of(on)
+            with _connecting():
+                interface = self._of(on)
             if (on, call) == ("control", "operation"):
                 status = interface.getAsyncOperationProgressEx()
                 return [bool(status.isAsyncOperationRunning()), int(status.operationId())]

@@ -266,19 +266,32 @@ def _check_keys(parts: Parts) -> None:
 def _check_skills(parts: Parts) -> None:
     for name, robot in parts.robots.items():
         bridge = parts.bridges.get(robot.bridge)
+        carrier = robot.mounted_on
+        if carrier is not None and (carrier == name or carrier not in parts.robots):
+            problem = "a robot is not mounted on itself" if carrier == name else f"there is no robot `{carrier}`"
+            parts.document.problem(
+                ("robots", name, "mounted_on"), problem, closest(carrier, set(parts.robots) - {name})
+            )
+        able = {*robot.capacities, *_given(parts, name)}
         for skill_name, skill in robot.skills.items():
             path: KeyPath = ("robots", name, "skills", skill_name)
             for position, capacity in enumerate(skill.needs):
-                if capacity not in robot.capacities:
+                if capacity not in able:
                     parts.document.problem(
                         (*path, "needs", position),
                         f"{name} has not the capacity `{capacity}`",
-                        closest(capacity, robot.capacities) or f"add it to robots.{name}.capacities",
+                        closest(capacity, able) or f"add it to robots.{name}.capacities",
                     )
             if skill.via and bridge is not None and bridge.skill_mapping is None:
                 parts.document.problem(
                     (*path, "via"), f"bridges of kind {bridge.kind} run no skills by configuration", "remove `via`"
                 )
+
+
+def _given(parts: Parts, name: str) -> set[str]:
+    """Capacities that data gives to a robot while it is there."""
+    givers = {giver for giver, robot in parts.robots.items() if name in (giver, robot.mounted_on)}
+    return {capacity for (robot, _), data in parts.data.items() if robot in givers for capacity in data.gives}
 
 
 _CHECKS: Final[tuple[Callable[[Parts], None], ...]] = (

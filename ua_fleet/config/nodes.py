@@ -74,6 +74,7 @@ def robot_model(ns: int, name: str, config: RobotConfig, space: int) -> RobotMod
         topic,
         () if topic is None else _skill_status_fields(topic),
         None if config.fault_id is None else _fault(Topic.checked(space, ns, config.fault_id)),
+        mounted_on=config.mounted_on or "",
     )
 
 
@@ -125,7 +126,7 @@ def _data_set(topic: Topic, name: str, config: DataSetConfig) -> DataSetModel:
     )
     sink = config.sink_topic
     message_type = sink.type.replace("/msg/", "/") if sink is not None else None
-    return DataSetModel(topic, name, fields, config.description, is_single, message_type)
+    return DataSetModel(topic, name, fields, config.description, is_single, message_type, gives=config.gives)
 
 
 def _initial(value: Any, wanted: ScalarType) -> Any:

@@ -130,9 +130,14 @@ class DataSetConfig(Model, frozen=True):
     topic `ua_<space>_<ns>_<id>`, where the kind has topics."""
     sink: SerializeAsAny[DataMapping] | None = None
     """What the data is also written to, by the bridge's kind."""
+    gives: tuple[Name, ...] = ()
+    """Capacities that the robot has only while this data source is there, e.g. `temperature` of a thermometer that may
+    be pulled out. The robot that this one is `mounted_on` has them too."""
 
     @model_validator(mode="after")
     def _check(self) -> DataSetConfig:
+        if self.gives and self.origin == "server":
+            raise ValueError("gives: data that clients write gives no capacity; remove it")
         if self.fields and self.type is not None:
             raise ValueError("give either `type` (one field) or `fields` (several), not both")
         if not self.fields and self.type is None:
@@ -172,6 +177,9 @@ class RobotConfig(Model, frozen=True):
     """Text for people, the description of the node."""
     capacities: tuple[Name, ...] = ()
     """What the robot can do in kind, e.g. `mobile`, `grab`."""
+    mounted_on: Name | None = None
+    """The robot that carries this one, e.g. the one whose computer devices are plugged into: it has what the data here
+    gives."""
     data: dict[Name, DataSetConfig] = {}
     """The robot's data sources by browse name."""
     skills: dict[Name, SkillConfig] = {}

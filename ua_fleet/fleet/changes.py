@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 from ua_fleet.fleet.model import DataSetModel, RobotModel
@@ -9,6 +10,7 @@ from ua_fleet.topics import Topic
 from ua_fleet.values import NodeId
 
 __all__ = [
+    "CapacitiesChanged",
     "Change",
     "Noticed",
     "RobotAdded",
@@ -74,6 +76,16 @@ class RobotRemoved(NamedTuple):
     robot: RobotModel
 
 
+class CapacitiesChanged(NamedTuple):
+    """A source that gives capacities has come or gone. Said also where another one gives the same."""
+
+    robot: RobotModel
+    holds: tuple[str, ...]
+    """What the robot can do now."""
+    lacks: Mapping[str, str]
+    """What it could do but for a source that is not there, with the reason."""
+
+
 class Noticed(NamedTuple):
     """Something for the log, said once until it has changed."""
 
@@ -90,5 +102,6 @@ Change = (
     | SourceReleased
     | RobotAdded
     | RobotRemoved
+    | CapacitiesChanged
     | Noticed
 )

@@ -113,6 +113,8 @@ class DataSetModel:
     """Type of the robot's own topic that clients' data is written to, as `pkg/Name`."""
     for_clients: bool = True
     """Whether clients write it where it originates in the server; else the server itself says it."""
+    gives: tuple[str, ...] = ()
+    """Capacities that its robot has only while it is there."""
 
     @property
     def key(self) -> NodeId:
@@ -142,6 +144,8 @@ class RobotModel:
     fault: DataSetModel | None = None
     """What the robot says of its own fault, a text that is empty while it has none; None where it says nothing."""
     origin: RobotOrigin = RobotOrigin.FILE
+    mounted_on: str = ""
+    """The robot that carries this one, and has what the data here gives."""
 
     @property
     def key(self) -> NodeId:

@@ -15,6 +15,7 @@ from __future__ import annotations
 from typing import Final
 
 from ua_fleet.counters import Counters, Drop
+from ua_fleet.fleet.capacities import Capacities
 from ua_fleet.fleet.changes import Change, Noticed, RobotAdded, RobotRemoved, SourceAdded, SourceRemoved
 from ua_fleet.fleet.discovery import Discovery
 from ua_fleet.fleet.members import BridgeStatus, RobotStatus, Traffic
@@ -76,6 +77,8 @@ class FleetState:
         for bridge in self._bridges:
             self._bridges_in.setdefault(bridge.model.space, []).append(bridge)
         self._traffic = Traffic(model)
+        self.capacities = Capacities(model.robots)
+        """What each robot can do now."""
         for bridge_model in model.bridges:
             if bridge_model.status is not None:
                 self._claim(bridge_model.status)
@@ -139,7 +142,7 @@ class FleetState:
             self._discovered.discard(data_set.topic)
             self._silent_strangers.discard(data_set.topic)
         self._add(robot)
-        return [*changes, RobotAdded(robot)]
+        return [*changes, RobotAdded(robot), *self.capacities.add(robot)]
 
     def remove_robot(self, name: str) -> list[Change]:
         """Forget a robot."""
@@ -149,7 +152,7 @@ class FleetState:
             del self._sources[topic], self._claims[topic.ns, topic.id]
             self._robot_of.pop(topic, None)
             self._robot_of_skills.pop(topic, None)
-        return [RobotRemoved(status.model)]
+        return [RobotRemoved(status.model), *self.capacities.remove(status.model)]
 
     def set_faulted(self, robot: str, faulted: bool, wall_ticks: int) -> list[Change]:
         """A robot has a fault that is more than its silence, or none."""
@@ -244,6 +247,8 @@ class FleetState:
         if source.alive and source.is_refused:
             source.is_refused = False
             changes.append(Noticed(False, f"{self._name(source)}: its messages are taken again", topic))
+        if source.model.gives:
+            changes += self.capacities.source_changed(topic, source.alive)
         robot = self._robot_of.get(topic)
         if robot is not None:
             return changes + robot.source_changed(source.model.name, source.alive, wall_ticks)

@@ -108,7 +108,8 @@ def rank_robots(
         missing = [capacity for capacity in task.capacities if capacity not in robot.capacities]
         reason = unfit.get(robot.name)
         if missing:
-            excluded.append(Excluded(robot.name, f"has not the capacity {', '.join(missing)}"))
+            why = "; ".join([f" now: {robot.lacks[name]}" for name in missing if name in robot.lacks][:1])
+            excluded.append(Excluded(robot.name, f"has not the capacity {', '.join(missing)}{why}"))
         elif task.skill not in robot.skills:
             excluded.append(Excluded(robot.name, f"has no skill {task.skill}"))
         elif reason is not None:

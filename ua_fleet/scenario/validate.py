@@ -30,6 +30,8 @@ class RobotView:
     name: str
     capacities: frozenset[str] = frozenset()
     skills: Mapping[str, SkillModel] = field(default_factory=dict[str, SkillModel])
+    lacks: Mapping[str, str] = field(default_factory=dict[str, str])
+    """Capacities that it could have, with why it has not: a device is not plugged in."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,9 +47,17 @@ class FleetView:
     """Those of `values` that mean an array, of which a condition names one element."""
 
     def able(self, skill: str, capacities: Sequence[str]) -> list[RobotView]:
-        """The robots that have a skill and capacities."""
+        """The robots that have a skill and capacities now."""
         return [
             robot for robot in self.robots.values() if skill in robot.skills and robot.capacities.issuperset(capacities)
+        ]
+
+    def could(self, skill: str, capacities: Sequence[str]) -> list[RobotView]:
+        """The robots that have a skill, and capacities now or when all their devices are there."""
+        return [
+            robot
+            for robot in self.robots.values()
+            if skill in robot.skills and (robot.capacities | robot.lacks.keys()).issuperset(capacities)
         ]
 
 
@@ -179,7 +189,7 @@ class _Checker:
         """The declarations of a skill on the robots that are able, each once: thousands may have the same."""
         key = task.skill, task.capacities
         if key not in self._declared:
-            robots = self._fleet.able(*key)
+            robots = self._fleet.could(*key)
             self._declared[key] = list(dict.fromkeys([replace(robot.skills[task.skill], id=0) for robot in robots]))
         return self._declared[key]
 

@@ -61,6 +61,8 @@ class FleetNodes:
         self._parents: dict[NodeId, ua.NodeId] = {}
         self._quarantined: dict[Topic, ua.NodeId] = {}
         self._capabilities: dict[str, ua.NodeId] = {}
+        self._held: dict[str, tuple[str, ...]] = {}
+        """What robots can do now, where that has changed."""
         self._skills = SkillNodes(self._parts)
 
     def build(self) -> None:
@@ -106,11 +108,26 @@ class FleetNodes:
         self._parts.leave(_ROBOTS, self._parents.pop(robot.key))
         for data_set in robot.all_data_sets():
             del self._parents[data_set.key]
-        for capacity in robot.capacities:
+        for capacity in self._held.pop(robot.name, robot.capacities):
             known = self._capabilities[capacity]
             if not self._parts.builder.is_referenced(known, self._parts.types[TypeId.PROVIDES_CAPABILITY]):
                 del self._capabilities[capacity]
                 await self._parts.remove(known)
+
+    def set_capacities(self, robot: RobotModel, capacities: tuple[str, ...]) -> tuple[list[str], list[str]]:
+        """Show what a robot can do now, beside the value of its property; which it has gained and which lost."""
+        node, provides = node_id(robot.key), self._parts.types[TypeId.PROVIDES_CAPABILITY]
+        if robot.key not in self._parents:
+            return [], []
+        before = self._held.get(robot.name, robot.capacities)
+        self._held[robot.name] = capacities
+        gained = [capacity for capacity in capacities if capacity not in before]
+        lost = [capacity for capacity in before if capacity not in capacities]
+        for capacity in gained:
+            self._parts.builder.add_reference(node, provides, self._capability(capacity))
+        for capacity in lost:
+            self._parts.builder.remove_reference(node, provides, self._capability(capacity))
+        return gained, lost
 
     def add_quarantined(self, source: SourceQuarantined) -> None:
         """List a source that gets no nodes."""
@@ -150,7 +167,8 @@ class FleetNodes:
         self._parts.property(f"{prefix}.Description", "Description", node, BuiltinType.STRING, robot.description)
         self._parts.property(f"{prefix}.Origin", "Origin", node, BuiltinType.STRING, robot.origin.value)
         capacities = BuiltinType.STRING | ARRAY
-        self._parts.property(f"{prefix}.Capacities", "Capacities", node, capacities, robot.capacities)
+        held = self._parts.property(f"{prefix}.Capacities", "Capacities", node, capacities, robot.capacities)
+        self._parts.values[robot.part("Capacities")] = held
         for folder in ("Sensors", "Skills"):
             self._parts.folder(f"{prefix}.{folder}", folder, node)
         self._skills.add(robot, f"{prefix}.Skills")

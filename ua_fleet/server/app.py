@@ -28,6 +28,7 @@ from ua_fleet.server.key_service.nodes import KeyServiceNodes
 from ua_fleet.server.key_service.service import KeyService
 from ua_fleet.server.nodeset import load_types
 from ua_fleet.server.projection import Projection
+from ua_fleet.server.robots.changes import tell_capacities
 from ua_fleet.server.robots.roster import Roster
 from ua_fleet.server.robots.router import SkillRouter
 from ua_fleet.server.robots.setup import add_roster, make_offers
@@ -109,7 +110,12 @@ async def run_server(
         elif config.pubsub.security is not PubSubSecurity.NONE:
             keys = file_keys_of(config, SERVER_SPACE, config_dir)
         journal = stack.enter_context(SqliteJournal(state_dir / JOURNAL))
-        projection = Projection(nodes, tell=partial(tell_transition, ServerEvents(server.iserver)))
+        events = ServerEvents(server.iserver)
+        projection = Projection(
+            nodes,
+            tell=partial(tell_transition, events),
+            tell_capacities=lambda change, gained, lost: tell_capacities(events, change, gained, lost, wall_ticks()),
+        )
         hub = Hub(
             config,
             model,

@@ -20,7 +20,8 @@ from ua_fleet.config.schema import FleetConfig
 from ua_fleet.config.security import envelope_of, keys_needed, weaknesses
 from ua_fleet.counters import Counters, Drop
 from ua_fleet.errors import LocalWireError
-from ua_fleet.fleet.changes import Change, Noticed, RobotRemoved, SourceRemoved, ValueChanged
+from ua_fleet.fleet.capacities import Capacities
+from ua_fleet.fleet.changes import CapacitiesChanged, Change, Noticed, RobotRemoved, SourceRemoved, ValueChanged
 from ua_fleet.fleet.coalesce import Coalescer
 from ua_fleet.fleet.commands import Commands, Publication, metadata_of
 from ua_fleet.fleet.model import FleetModel, RobotModel
@@ -199,6 +200,11 @@ class Hub:
         """Tell bridges which data is wanted; before `start`."""
         self._wanted = wanted
         self._clocks.append(wanted)
+
+    @property
+    def capacities(self) -> Capacities:
+        """What each robot can do now."""
+        return self._state.capacities
 
     @property
     def robots(self) -> list[RobotModel]:
@@ -407,6 +413,10 @@ class Hub:
                     self._projection.put(ready)
             elif isinstance(change, Noticed):
                 (_log.warning if change.is_problem else _log.info)(change.text)
+            elif isinstance(change, CapacitiesChanged):
+                self._projection.put(change)
+                if self._scenarios is not None:
+                    self._scenarios[0].fleet_changed()
             else:
                 gone = [change.data_set] if isinstance(change, SourceRemoved) else []
                 if isinstance(change, RobotRemoved):

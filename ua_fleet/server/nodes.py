@@ -140,6 +140,17 @@ class NodeBuilder:
         from_data.references.append(self._describe(reference, to_data, is_forward=True))
         to_data.references.append(self._describe(reference, from_data, is_forward=False))
 
+    def remove_reference(self, source: ua.NodeId, reference: ua.NodeId, target: ua.NodeId) -> None:
+        """Remove the references that `add_reference` has added."""
+        for here, there in ((source, target), (target, source)):
+            references = self._space[here].references
+            is_forward = here is source
+            references[:] = [
+                found
+                for found in references
+                if (found.ReferenceTypeId, found.NodeId, found.IsForward) != (reference, there, is_forward)
+            ]
+
     def is_referenced(self, node_id: ua.NodeId, reference: ua.NodeId) -> bool:
         """Whether any node refers to this one by a reference of this type."""
         references = self._space[node_id].references

@@ -226,9 +226,9 @@ class NodeParts:
         *,
         namespace: int = TYPES_INDEX,
         data_type: ua.NodeId | None = None,
-    ) -> None:
-        """A Property whose value stays."""
-        self.builder.add_variable(
+    ) -> AttributeValue:
+        """A Property, and what holds its value."""
+        return self.builder.add_variable(
             self.id(path),
             QualifiedName(namespace, name),
             parent,

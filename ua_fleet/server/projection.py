@@ -6,11 +6,12 @@ from __future__ import annotations
 
 import asyncio
 from collections import deque
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Sequence
 from datetime import UTC, datetime
 from typing import Final, NamedTuple
 
 from ua_fleet.fleet.changes import (
+    CapacitiesChanged,
     Change,
     RobotAdded,
     RobotRemoved,
@@ -23,10 +24,11 @@ from ua_fleet.fleet.changes import (
 from ua_fleet.server.address_space import FleetNodes
 from ua_fleet.server.convert import data_value
 from ua_fleet.server.skills.tracker import SkillTransitioned
-from ua_fleet.values import datetime_from_ticks
+from ua_fleet.values import ARRAY, BuiltinType, datetime_from_ticks
 
 __all__ = ["Projection"]
 
+_TEXTS: Final = int(BuiltinType.STRING | ARRAY)
 BATCH: Final = 250
 """Writes after which clients get their turn: about 3 ms of work."""
 
@@ -48,8 +50,10 @@ class Projection:
         now: Callable[[], datetime] = lambda: datetime.now(UTC),
         *,
         tell: Callable[[SkillTransitioned], Awaitable[None]] | None = None,
+        tell_capacities: Callable[[CapacitiesChanged, Sequence[str], Sequence[str]], Awaitable[None]] | None = None,
     ) -> None:
-        """Make a projection onto built nodes; `tell` makes events of what is one."""
+        """Make a projection onto built nodes; the others make events: of a skill, and of capacities gained and lost."""
+        self._tell_capacities = tell_capacities
         self._nodes = nodes
         self._now = now
         self._tell = tell
@@ -114,6 +118,17 @@ class Projection:
                 for handle, tell in tuple(watchers.items()):
                     await tell(handle, value)
 
+    async def _set_capacities(self, change: CapacitiesChanged) -> None:
+        gained, lost = self._nodes.set_capacities(change.robot, change.holds)
+        if not gained and not lost:
+            return
+        now, held = self._now(), self._nodes.values[change.robot.part("Capacities")]
+        held.value = value = data_value(_TEXTS, change.holds, 0, now, now)
+        for handle, tell in tuple(held.datachange_callbacks.items()):
+            await tell(handle, value)
+        if self._tell_capacities is not None:
+            await self._tell_capacities(change, gained, lost)
+
     async def _apply(self, change: Change | SkillTransitioned | _Then) -> None:
         match change:
             case SkillTransitioned():
@@ -127,6 +142,8 @@ class Projection:
                 self._nodes.add_quarantined(change)
             case SourceReleased():
                 await self._nodes.remove_quarantined(change.topic)
+            case CapacitiesChanged():
+                await self._set_capacities(change)
             case RobotAdded():
                 self._nodes.add_robot(change.robot)
             case RobotRemoved():

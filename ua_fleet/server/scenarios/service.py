@@ -19,6 +19,7 @@ import structlog
 
 from ua_fleet.config.schema import FleetConfig
 from ua_fleet.errors import ScenarioError, StorageUnavailable
+from ua_fleet.fleet.capacities import Capacities
 from ua_fleet.fleet.changes import ValueChanged
 from ua_fleet.fleet.model import FleetModel, RobotModel
 from ua_fleet.orchestrator import (
@@ -83,6 +84,7 @@ class ScenarioService:
         sooner: Callable[[], None],
         clock: Callable[[], float],
         wall_s: Callable[[], float],
+        capacities: Capacities | None = None,
     ) -> None:
         """Make a service; `restore` before all else.
 
@@ -98,14 +100,15 @@ class ScenarioService:
             sooner: called when `next_deadline` may have come nearer.
             clock: monotonic seconds.
             wall_s: the wall clock in seconds.
+            capacities: of robots, where data gives them some.
         """
         self._config, self._journal = config, journal
         self._show, self._forgotten, self._sooner = show, forgotten, sooner
-        self._clock, self._wall_s = clock, wall_s
+        self._clock, self._wall_s, self._capacities = clock, wall_s, capacities
         self._robots = {robot.name: robot for robot in model.robots}
         self._own = own_fields(model.robots)
         self._values = FleetValues(model)
-        self.fleet = fleet_view(model.robots, self._values.meanings)
+        self.fleet = fleet_view(model.robots, self._values.meanings, capacities)
         self.library = Library(folder)
         self._finder = FaultFinder(model, config.resilience.rules())
         self._unwritten: list[tuple[str, Fact]] = []
@@ -344,7 +347,7 @@ class ScenarioService:
         self._robots[robot.name] = robot
         for part in (self._values, self._finder, self._tasks):
             part.add(robot)
-        self._fleet_changed()
+        self.fleet_changed()
 
     def remove_robot(self, name: str) -> None:
         """A robot that no run uses is gone, with its faults."""
@@ -354,15 +357,16 @@ class ScenarioService:
         del self._robots[name]
         for part in (self._values, self._finder, self._tasks):
             part.remove(robot)
-        self._fleet_changed()
+        self.fleet_changed()
 
     def users_of(self, robot: str) -> list[str]:
         """Runs with tasks that a robot is at, or has ahead."""
         return sorted({forecast.run_id for forecast in self._orchestrator.what_if(robot)})
 
-    def _fleet_changed(self) -> None:
+    def fleet_changed(self) -> None:
+        """Robots, skills or capacities have come or gone."""
         self._own = own_fields(self._robots.values())
-        self.fleet = fleet_view(self._robots.values(), self._values.meanings)
+        self.fleet = fleet_view(self._robots.values(), self._values.meanings, self._capacities)
         self._do(self._orchestrator.fleet_changed(self.fleet, self._wall_s()))
 
     def value_changed(self, change: ValueChanged) -> None:

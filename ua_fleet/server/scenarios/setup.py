@@ -78,6 +78,7 @@ def add_scenarios(
         sooner=hub.check_deadline,
         clock=asyncio.get_running_loop().time,
         wall_s=time.time,
+        capacities=hub.capacities,
     )
     view.restored(service.restore())
     view.show_settings(service.settings)

@@ -8,6 +8,7 @@ from collections import Counter
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from typing import cast
 
+from ua_fleet.fleet.capacities import Capacities
 from ua_fleet.fleet.changes import ValueChanged
 from ua_fleet.fleet.model import DataSetModel, FieldModel, FleetModel, RobotModel
 from ua_fleet.scenario import FleetView, RobotView, Value, ValueUnknown, split_index
@@ -122,10 +123,18 @@ def _own_name(data_set: DataSetModel, field: FieldModel) -> str:
     return data_set.name if data_set.is_single else f"{data_set.name}.{field.name}"
 
 
-def fleet_view(robots: Collection[RobotModel], meanings: Mapping[str, int]) -> FleetView:
-    """What scenarios are held against."""
+def fleet_view(
+    robots: Collection[RobotModel], meanings: Mapping[str, int], capacities: Capacities | None = None
+) -> FleetView:
+    """What scenarios are held against; without `capacities` no device is plugged in."""
+    able = Capacities(robots) if capacities is None else capacities
     views = {
-        robot.name: RobotView(robot.name, frozenset(robot.capacities), {skill.name: skill for skill in robot.skills})
+        robot.name: RobotView(
+            robot.name,
+            frozenset(able.of(robot.name)),
+            {skill.name: skill for skill in robot.skills},
+            able.lacking(robot.name),
+        )
         for robot in robots
     }
     arrays = {

@@ -1,0 +1,160 @@
+"""A plugged-in sensor in a whole fleet: server and bridge as processes, secured, and a client that subscribes."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import signal
+import sys
+import time
+from collections.abc import AsyncGenerator, Callable
+from pathlib import Path
+
+import pytest
+
+from tests.plugged_device import PtyDevice
+from tests.system import Child, Processes, clean_environment
+from ua_fleet.client import ClientIdentity, FleetClient
+from ua_fleet.errors import RobotOffline
+from ua_fleet.server.users import USERS_FILE, Role, ScryptCost, UserStore
+from ua_fleet.values import StatusCode
+
+USER, PASSWORD = "oscar", "operate-1"
+TEMPERATURE = "ns=2;s=Robots.pioneer_pc.Data.temperature"
+
+FLEET = r"""
+version: 1
+server: {port: PORT, trust_all_clients: true}
+pubsub:
+  security: sign_and_encrypt
+  url: URL
+  keep_alive_s: 0.2
+  receive_timeout_s: 0.8
+  repeat_interval_s: 1
+  keys: {source: files}
+bridges:
+  pc: {kind: plugged, space: 300, status_id: 1, devices: {thermometer: {path: PATH}}}
+  cell: {kind: tcp, space: 301, status_id: 2, interpreter: {connect: "127.0.0.1:9"}}
+robots:
+  pioneer: {bridge: cell, capacities: [mobile]}
+  pioneer_pc:
+    bridge: pc
+    mounted_on: pioneer
+    skill_status_id: 1902
+    data:
+      temperature:
+        id: 10
+        type: Double
+        unit: "°C"
+        gives: [temperature]
+        source: {device: thermometer, line: "T={value}", ask: "T?\n", period_s: 0.05}
+    skills:
+      read_temperature:
+        id: 1900
+        needs: [temperature]
+        immediate: true
+        timeout_s: 2
+        results: {value: {type: Double}}
+        via: {read: temperature}
+"""
+
+
+class Fleet:
+    """The fleet's folder, its thermometer and its client."""
+
+    def __init__(self, folder: Path, processes: Processes, port: int) -> None:
+        self.folder, self._processes, self._port = folder, processes, port
+        self.degrees = 21.5
+        self.thermometer = PtyDevice(folder / "thermometer", self._answer)
+        self.bridge = self.server = self.start("keys", "create")
+        assert self.bridge.process.wait(30) == 0
+
+    def _answer(self, device: PtyDevice, line: str) -> None:
+        if line == "T?":
+            device.say(f"T={self.degrees}\n")
+
+    def start(self, *arguments: str) -> Child:
+        environment = clean_environment(PYTHONUNBUFFERED="1", UA_FLEET_CONFIG=str(self.folder / "fleet.yaml"))
+        return self._processes.start(sys.executable, "-m", "ua_fleet.cli", *arguments, env=environment)
+
+    def start_bridge(self) -> None:
+        self.bridge = self.start("bridge", "pc")
+        self.bridge.wait_for("ready")
+
+    def start_server(self) -> None:
+        self.server = self.start("serve")
+        self.server.wait_for("ready")
+
+    @contextlib.asynccontextmanager
+    async def client(self) -> AsyncGenerator[FleetClient]:
+        url, identity = f"opc.tcp://127.0.0.1:{self._port}/ua_fleet", ClientIdentity(self.folder / "identity")
+        async with FleetClient.connect(url, user=USER, password=PASSWORD, identity=identity) as client:
+            yield client
+
+    @property
+    def asked(self) -> int:
+        """How often the thermometer was asked."""
+        return len(self.thermometer.heard)
+
+    async def rests(self, within_s: float) -> None:
+        """Wait until it is asked no more, and see that it stays so."""
+        deadline = time.monotonic() + within_s
+        while True:
+            before = self.asked
+            await asyncio.sleep(0.3)
+            if self.asked == before:
+                break
+            assert time.monotonic() < deadline, "the thermometer is still asked"
+        before = self.asked
+        await asyncio.sleep(0.5)
+        assert self.asked == before
+
+
+@pytest.fixture
+async def fleet(tmp_path: Path, udp_url: str, tcp_port: int, processes: Processes) -> AsyncGenerator[Fleet]:
+    text = FLEET.replace("PORT", str(tcp_port)).replace("URL", udp_url)
+    (tmp_path / "fleet.yaml").write_text(text.replace("PATH", str(tmp_path / "thermometer")))
+    users = UserStore(tmp_path / "state" / USERS_FILE, ScryptCost(2**8, 8, 1))
+    users.path.parent.mkdir(mode=0o700)
+    users.add(USER, PASSWORD, Role.OPERATOR)
+    made = Fleet(tmp_path, processes, tcp_port)
+    made.start_server()
+    made.start_bridge()
+    with made.thermometer:
+        yield made
+
+
+async def until(condition: Callable[[], object], what: str, timeout_s: float = 15) -> None:
+    deadline = time.monotonic() + timeout_s
+    while not condition():
+        assert time.monotonic() < deadline, f"{what} did not come within {timeout_s:g} s"
+        await asyncio.sleep(0.02)
+
+
+async def status_of(client: FleetClient) -> int:
+    (reading,) = await client.read(["ns=2;i=10"])
+    return int(reading.status)
+
+
+async def has_status(client: FleetClient, wanted: int, timeout_s: float = 15) -> None:
+    async with asyncio.timeout(timeout_s):
+        while await status_of(client) != wanted:
+            await asyncio.sleep(0.05)
+
+
+async def test_it_is_read_while_somebody_subscribes_and_not_otherwise(fleet: Fleet) -> None:
+    async with fleet.client() as client:
+        await has_status(client, StatusCode.BAD_WAITING_FOR_INITIAL_DATA)
+        await fleet.rests(5)
+        assert fleet.asked == 0
+        values: list[object] = []
+        async with asyncio.timeout(20):
+            async for change in client.watch(["ns=2;i=10"]):
+                values.append(change.value)
+                if change.value == 21.5:
+                    fleet.degrees = 22.5
+                if change.value == 22.5:
+                    break
+        await has_status(client, StatusCode.UNCERTAIN_LAST_USABLE_VALUE)
+        await fleet.rests(5)
+        assert (await client.read(["ns=2;i=10"]))[0].value == 22.5

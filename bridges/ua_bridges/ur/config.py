@@ -242,8 +242,8 @@ class UrBridgeConfig(BridgeConfig, frozen=True):
     needs_remote_control: bool = True
     """Whether it is a fault when the robot is in local control, where it takes no commands."""
     mirrors: dict[Annotated[str, Field(pattern=r"^[A-Za-z][\w-]*\.[A-Za-z][\w-]*$")], UrSink] = {}
-    """Data of other bridges' robots, `<robot>.<data>`, that is written to outputs or input registers of this controller,
-    where its programs read it."""
+    """Data of other bridges' robots, `<robot>.<data>`, that is written to outputs, or to input registers that
+    its programs read."""
 
     skill_mapping: ClassVar[type[BaseModel] | None] = UrSkillMapping
     """Model of `via` in the skills of its robots."""

@@ -4,6 +4,7 @@ from typing import Any
 
 import pytest
 import yaml
+from ua_bridges.ur.sinks import sinks_of
 
 from ua_fleet.config.load import load_content
 from ua_fleet.config.schema import FleetConfig
@@ -13,8 +14,21 @@ FLEET = """
 version: 1
 pubsub: {security: none}
 bridges:
-  arm: {kind: ur, space: 300, status_id: 1, address: 192.168.0.10}
+  arm:
+    kind: ur
+    space: 300
+    status_id: 1
+    address: 192.168.0.10
+    mirrors: {rover.temperature: {output: 'input_double_register[18]'}}
+  cell: {kind: ur, space: 301, status_id: 90, address: 192.168.0.11, first_register: 12}
 robots:
+  rover:
+    bridge: cell
+    data:
+      temperature: {id: 91, type: Double, path: actual_main_voltage, source: {}}
+      torques: {id: 92, type: Double, array: true, path: target_moment, source: {}}
+      modes: {id: 93, fields: {robot_mode: {type: Int32}, safety_mode: {type: Int32}}, source: {}}
+      wanted: {id: 94, type: Double, origin: server, sink: {output: speed_slider}}
   ur5:
     bridge: arm
     skill_status_id: 2
@@ -113,6 +127,12 @@ def test_example_is_valid() -> None:
         ("robots/ur5/skills/slow/via/set/value", 2.0, "not within 0 to 1"),
         ("robots/ur5/skills/grip/arguments/close/type", "Double", "is a Double"),
         ("robots/other", {"bridge": "arm"}, "has a robot already"),
+        ("bridges/arm/mirrors", {"rover.temperatur": {"output": "speed_slider"}}, "there is no data"),
+        ("bridges/arm/mirrors", {"rover.torques": {"output": "speed_slider"}}, "takes no array of Double"),
+        ("bridges/arm/mirrors", {"rover.modes": {"output": "speed_slider"}}, "takes one value, and not 2"),
+        ("bridges/arm/mirrors", {"rover.temperature": {"output": "tool_digital_out[0]"}}, "takes no Double"),
+        ("bridges/arm/mirrors", {"ur5.slider": {"output": "speed_slider"}}, "own robot"),
+        ("bridges/arm/mirrors", {"rover.temperature": {"output": "speed"}}, "no output"),
     ],
 )
 def test_mistake_is_told_with_its_line(path: str, value: Any, said: str) -> None:
@@ -121,3 +141,13 @@ def test_mistake_is_told_with_its_line(path: str, value: Any, said: str) -> None
     lines = [str(problem) for problem in caught.value.problems]
     assert any(said in line for line in lines), lines
     assert all(problem.line > 0 for problem in caught.value.problems)
+
+
+def test_own_data_and_that_of_other_spaces_have_outputs() -> None:
+    text = changed("bridges/arm/mirrors/rover.wanted", {"output": "input_double_register[19]"})
+    found = {topic.name: (output.name, output.place) for topic, output in sinks_of(load(text), "arm").items()}
+    assert found == {
+        "ua_0_2_15": ("speed_slider", None),
+        "ua_301_2_91": ("input_double_register", 18),
+        "ua_0_2_94": ("input_double_register", 19),
+    }

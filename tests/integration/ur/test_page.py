@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import asyncio
+import os
+import signal
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -33,6 +35,12 @@ async def until_read(client: FleetClient, node: str, check: Callable[[object], b
         raise AssertionError(f"{node} is {value!r}") from None
 
 
+def children_of(pid: int) -> list[int]:
+    """Processes with ur-rtde that a bridge has started."""
+    tasks = Path(f"/proc/{pid}/task").iterdir()
+    return [int(child) for task in tasks for child in (task / "children").read_text().split()]
+
+
 async def test_the_pages_fleet_runs_secured(
     tmp_path: Path, udp_url: str, tcp_port: int, processes: Processes, controller: UrController
 ) -> None:
@@ -55,7 +63,8 @@ async def test_the_pages_fleet_runs_secured(
     users.add(USER, PASSWORD, Role.OPERATOR)
     assert cli("keys", "create").process.wait(30) == 0
     cli("serve").wait_for("ready")
-    cli("bridge", "robot_cell").wait_for("ready")
+    bridge = cli("bridge", "robot_cell")
+    bridge.wait_for("ready")
     url, identity = f"opc.tcp://127.0.0.1:{tcp_port}/ua_fleet", ClientIdentity(tmp_path / "identity")
     async with FleetClient.connect(url, user=USER, password=PASSWORD, identity=identity) as client:
         await until_read(client, "ns=2;s=1912.safety_mode", lambda value: value == "NORMAL")
@@ -80,3 +89,18 @@ async def test_the_pages_fleet_runs_secured(
         assert await client.call_skill("ur5", "lower", z=0.45) == {}
         assert await client.call_skill("ur5", "load", program="pick.urp") == {}
         assert await client.call_skill("ur5", "play") == {}
+        # A bridge that is killed takes ur-rtde with it, and the arm goes on; the next one sees where it ends.
+        await client.call_skill("ur5", "turn", base=0.0)
+        children = children_of(bridge.process.pid)
+        assert len(children) == 2
+        execution = await client.start_skill("ur5", "turn", base=2.0)
+        async with asyncio.timeout(10):
+            while controller.state()["q"][0] < 0.1:
+                await asyncio.sleep(0.01)
+        os.kill(bridge.process.pid, signal.SIGKILL)  # it alone, and not its group
+        async with asyncio.timeout(5):
+            while any(Path(f"/proc/{child}").exists() for child in children):
+                await asyncio.sleep(0.01)
+        cli("bridge", "robot_cell").wait_for("ready")
+        assert await execution.result(timeout_s=20) == {}
+        assert controller.state()["q"][0] == pytest.approx(2.0, abs=0.005)

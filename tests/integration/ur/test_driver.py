@@ -38,6 +38,7 @@ pytestmark = pytest.mark.needs("ur")
 SPACE = 300
 FAULT = Topic(SPACE, 2, 1300)
 JOINTS, MODE, SLIDER, REGISTER = (Topic(SPACE, 2, 11), Topic(SPACE, 2, 12), Topic(0, 2, 13), Topic(0, 2, 14))
+TEMPERATURE = Topic(301, 2, 91)
 NUMBER = {"type": "Double"}
 ROBOT: dict[str, Any] = {
     "bridge": "arm",
@@ -132,9 +133,19 @@ class Started:
 
 
 def fleet(host: str) -> FleetConfig:
-    bridge = UrBridgeConfig(kind="ur", space=SPACE, address=host, answer_timeout_s=1.5, retry_s=(0.1, 0.3))
+    mirrors = {"rover.temperature": UrSink(output="input_double_register[20]")}
+    bridge = UrBridgeConfig(
+        kind="ur", space=SPACE, address=host, answer_timeout_s=1.5, retry_s=(0.1, 0.3), mirrors=mirrors
+    )
+    other = UrBridgeConfig(kind="ur", space=TEMPERATURE.space, address="192.0.2.1")
+    rover = {"bridge": "other", "data": {"temperature": {"id": TEMPERATURE.id, "type": "Double"}}}
     return FleetConfig.model_validate(
-        {"version": 1, "pubsub": {"security": "none"}, "bridges": {"arm": bridge}, "robots": {"ur5": ROBOT}}
+        {
+            "version": 1,
+            "pubsub": {"security": "none"},
+            "bridges": {"arm": bridge, "other": other},
+            "robots": {"ur5": ROBOT, "rover": rover},
+        }
     )
 
 
@@ -257,6 +268,18 @@ async def test_outputs_are_set_and_seen(controller: UrController) -> None:
         assert one.recorder.dropped(Drop.CONVERSION) == 1
         assert not one.driver.publish(JOINTS, metadata, message_of(JOINTS, 1.5))
         assert one.recorder.dropped(Drop.UNMAPPED) == 1
+
+
+async def test_anothers_data_is_written_to_a_register(controller: UrController) -> None:
+    controller.do("record", input="input_double_register_20")
+    async with started(controller.host) as one:
+        metadata = DataSetMetaData("temperature", (), ConfigurationVersion(1, 1))
+        for celsius in (20.5, 21.0):
+            assert one.driver.publish(TEMPERATURE, metadata, message_of(TEMPERATURE, celsius))
+        await until(
+            lambda: controller.do("recorded", input="input_double_register_20")["recorded"] == [20.5, 21.0],
+            "the values",
+        )
 
 
 async def test_dashboard_takes_the_robot_from_off_to_a_programs_end(controller: UrController) -> None:

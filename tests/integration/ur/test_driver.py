@@ -349,7 +349,6 @@ async def test_dropped_link_is_told_and_comes_back(controller: UrController) -> 
         good(await one.do("turn", 0.2, 2.0))
         controller.do("drop")
         await until(lambda: one.recorder.lost(JOINTS) == 1, "the loss")
-        assert "connection lost" in [s.values[0] for s in one.recorder.samples(FAULT)][-1] or one.fault() == ""
         await until(lambda: one.driver.status().connected and one.fault() == "", "the connection")
         good(await one.do("turn", 0.0, 2.0))
         faults = [sample.values[0] for sample in one.recorder.samples(FAULT)]
@@ -455,11 +454,10 @@ async def test_each_loss_is_logged_once(processes: Processes) -> None:
             controller.end()
             await until(lambda: not one.driver.status().connected, "the loss")
             await asyncio.sleep(0.5)
-    said = [entry["event"] for entry in log if entry["log_level"] != "debug"]
-    reasons = [entry["why"] for entry in log if entry["event"] == "no connection to the controller"]
-    assert said.count("connected to the controller") == 1
-    assert len(reasons) == len(set(reasons)) or reasons.count(reasons[0]) == 2  # before and after
-    assert len(reasons) <= 3
+    said = [entry.get("why", entry["event"]) for entry in log if entry["log_level"] != "debug"]
+    absent = f"{controller.host}: nothing answers at port 30004; check the address, and that the controller is on"
+    assert said[:2] == [absent, "connected to the controller"]
+    assert said[2:] in ([f"{controller.host}: the controller closed the connection", absent], [absent])
 
 
 async def test_child_that_is_killed_is_replaced(controller: UrController) -> None:

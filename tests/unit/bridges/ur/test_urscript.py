@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Callable, Generator
 from typing import Any
 
@@ -218,6 +219,38 @@ def test_integers_do_not_grow_without_end() -> None:
 def test_texts_are_as_textmsg_writes_them() -> None:
     assert shown(Pose([0.25, 1, 2, 3, 4, 5])) == "p[0.25, 1, 2, 3, 4, 5]"
     assert [shown(value) for value in (True, 1.0, [1, "a"])] == ["True", "1", "[1, a]"]
+
+
+PIECES = st.sampled_from(
+    [
+        "def a():",
+        "end",
+        "if",
+        "while",
+        "x",
+        "=",
+        "1",
+        "p[",
+        "[",
+        "]",
+        "(",
+        ")",
+        ",",
+        ":",
+        "\n",
+        '"a"',
+        "run",
+        "^",
+        "-",
+        "or",
+    ]
+)
+
+
+@given(st.lists(PIECES, max_size=40).map(" ".join) | st.text(max_size=80))
+def test_whatever_comes_is_a_program_or_a_script_error(source: str) -> None:
+    with contextlib.suppress(ScriptError):
+        read_program(source)
 
 
 PROGRAM = "def a():\n  if True:\n    say(1)  # end\n  end\nend\n"

@@ -11,6 +11,7 @@ from ua_fleet.registers.convert import (
     decode,
     encode,
     fit_problem,
+    make_cast,
     make_decoder,
     make_encoder,
 )
@@ -32,6 +33,7 @@ __all__ = [
     "encode",
     "fit_problem",
     "fits_device",
+    "make_cast",
     "make_decoder",
     "make_encoder",
     "plan_reads",

@@ -109,11 +109,22 @@ def make_decoder(register: Register) -> Callable[[Sequence[Cell]], Value]:
                 raise RegisterUnfit(StatusCode.BAD_DECODING_ERROR, reason) from error
 
         return text
-    unpack = struct.Struct(_FORMATS[register.type]).unpack
+    raw = _raw_decoder(register)
     if not register.is_scaled:
-        return lambda cells: unpack(_bytes_of(cells, order))[0]
+        return raw
     scaled = _scaler(register)
-    return lambda cells: scaled(unpack(_bytes_of(cells, order))[0])
+    return lambda cells: scaled(raw(cells))
+
+
+def _raw_decoder(register: Register) -> Callable[[Sequence[Cell]], int | float]:
+    """What lies in the register. Most values are single words, and have a shorter way."""
+    order = register.order
+    if register.type is RegisterType.UINT16 and not order.swaps_bytes:
+        return lambda cells: int(cells[0])
+    if register.type is RegisterType.INT16 and not order.swaps_bytes:
+        return lambda cells: (int(cells[0]) ^ 0x8000) - 0x8000
+    unpack = struct.Struct(_FORMATS[register.type]).unpack
+    return lambda cells: unpack(_bytes_of(cells, order))[0]
 
 
 def decode(register: Register, cells: Sequence[Cell]) -> Value:
@@ -214,6 +225,13 @@ def cast(value: Value, wanted: int) -> Value:
     if not math.isfinite(value) or not least <= round(value) <= greatest:
         raise RegisterUnfit(StatusCode.BAD_OUT_OF_RANGE, f"{value} does not fit into {type_name(wanted)}")
     return round(value)
+
+
+def make_cast(register: Register, wanted: int) -> Callable[[Value], Value]:
+    """`cast` for what lies in one register."""
+    if wanted == BuiltinType.DOUBLE and register.type not in (RegisterType.BOOL, RegisterType.STRING):
+        return float
+    return lambda value: cast(value, wanted)
 
 
 def fit_problem(register: Register, wanted: int) -> str:

@@ -15,7 +15,7 @@ from ua_fleet.bridge.driver import DriverEvent, Dropped, SampleRead, SourceFound
 from ua_fleet.config.schema import FleetConfig
 from ua_fleet.counters import Drop
 from ua_fleet.pubsub.metadata import make_field
-from ua_fleet.registers import Cell, Limits, Register, RegisterUnfit, Span, cast, make_decoder, plan_reads
+from ua_fleet.registers import Cell, Limits, Register, RegisterUnfit, Span, make_cast, make_decoder, plan_reads
 from ua_fleet.topics import Topic
 from ua_fleet.values import BuiltinType, Variant
 
@@ -116,6 +116,9 @@ def _is_within(span: Span, request: Span) -> bool:
     return span.table is request.table and request.address <= span.address and span.end <= request.end
 
 
+_Reader = tuple[Callable[[Sequence[Cell]], Any], Callable[[Any], Any]]
+
+
 class _Place(NamedTuple):
     request: Span
     begin: int
@@ -127,7 +130,7 @@ class PolledSource:
 
     def __init__(self, spec: SourceSpec) -> None:
         self.spec = spec
-        self._decoders: list[Callable[[Sequence[Cell]], Any]] = [make_decoder(f.register) for f in spec.fields]
+        self._readers = [(make_decoder(field.register), make_cast(field.register, field.type)) for field in spec.fields]
         self._found = False
         self._last: list[Any] | None = None
         self._places: list[_Place] = []
@@ -149,8 +152,8 @@ class PolledSource:
             events.append(SourceFound(self.spec.topic, self.spec.name, fields))
             self._found = True
         values = [
-            self._value(field, decoder, place, answers, events)
-            for field, decoder, place in zip(self.spec.fields, self._decoders, self._places, strict=True)
+            self._value(field, reader, place, answers, events)
+            for field, reader, place in zip(self.spec.fields, self._readers, self._places, strict=True)
         ]
         if self._last is None or self._has_changed(values, self._last):
             self._last = values
@@ -167,7 +170,7 @@ class PolledSource:
     def _value(
         self,
         field: ReadField,
-        decoder: Callable[[Sequence[Cell]], Any],
+        reader: _Reader,
         place: _Place,
         answers: Mapping[Span, Answer],
         events: list[DriverEvent],
@@ -176,7 +179,8 @@ class PolledSource:
         if isinstance(answer, Failed):
             return Variant(BuiltinType.STATUS_CODE, answer.status)
         try:
-            return cast(decoder(answer[place.begin : place.end]), field.type)
+            decode, cast = reader
+            return cast(decode(answer[place.begin : place.end]))
         except RegisterUnfit as unfit:
             where = f"{self.spec.name}.{field.name}" if len(self.spec.fields) > 1 else self.spec.name
             detail = f"{where} is Bad: {field.register.span.text} has no value that fits"

@@ -70,6 +70,14 @@ def _mbpoll() -> str | None:
     return None if shutil.which("mbpoll") else "mbpoll is not installed (Debian package mbpoll)"
 
 
+def _umockdev() -> str | None:
+    return None if shutil.which("umockdev-wrapper") else "umockdev is not installed (Debian package umockdev)"
+
+
+def _dbus() -> str | None:
+    return None if shutil.which("dbus-daemon") else "dbus-daemon is not installed (Debian package dbus-daemon)"
+
+
 _PARTS: dict[str, Callable[[], str | None]] = {
     "ros1": _ros1,
     "ros2": _ros2,
@@ -78,6 +86,8 @@ _PARTS: dict[str, Callable[[], str | None]] = {
     "mbpoll": _mbpoll,
     "compiler": _compiler,
     "ur": _ur,
+    "umockdev": _umockdev,
+    "dbus": _dbus,
 }
 
 

@@ -192,11 +192,11 @@ class PluggedDriver:
         if device.files is not None:
             device.files.plugged(facts.id)
         for sensor in device.constants:
-            sensor.plugged(now)
+            sensor.plugged(now, time.time_ns())
             self._tell_constant(sensor)
 
     def _unplugged(self, device: _Device) -> None:
-        device.facts = None
+        device.facts, self._appears_by = None, 0.0  # what is pulled out had been found
         why = f"{device.name} was unplugged"
         if device.port is not None:
             device.port.unplugged(why)
@@ -221,7 +221,7 @@ class PluggedDriver:
                 continue
             for sensor in sensors:
                 if is_owned:
-                    sensor.plugged(time.monotonic())
+                    sensor.plugged(time.monotonic(), time.time_ns())
                 else:
                     sensor.unplugged(f"{name} has left the D-Bus", time.monotonic())
         self._turn()

@@ -56,7 +56,7 @@ class AttributeFiles:
         self._folder = Path(folder)
         for file in self._files:
             file.read_at = None
-            file.sensor.plugged(time.monotonic())
+            file.sensor.plugged(time.monotonic(), time.time_ns())
 
     def unplugged(self, why: str) -> None:
         """The device is gone."""

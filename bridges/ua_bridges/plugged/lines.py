@@ -120,13 +120,13 @@ class Lines:
 
     # The port
 
-    def opened(self, now: float) -> None:
+    def opened(self, now: float, time_ns: int) -> None:
         """The port is open."""
         self._is_open, self._left, self._asked = True, b"", None
         self._told.clear()
         for source in self._sources:
             source.ask_at = None
-            source.sensor.plugged(now)
+            source.sensor.plugged(now, time_ns)
 
     def closed(self, why: str, now: float) -> None:
         """The port is gone. What was not answered yet, nobody knows."""

@@ -118,7 +118,7 @@ class Port:
         os.set_blocking(port.fd, False)
         self._say(f"plugged in at {self._node}", good=True)
         assert self._lines is not None
-        self._lines.opened(time.monotonic())
+        self._lines.opened(time.monotonic(), time.time_ns())
         self._turned()
 
     def _again(self) -> None:

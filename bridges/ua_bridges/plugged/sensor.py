@@ -1,6 +1,6 @@
 """One thing that is read: found while it is plugged in, read while somebody needs it. Pure.
 
-    unplugged  --plugged-->   there     SourceFound
+    unplugged  --plugged-->   there     SourceFound, and Bad_WaitingForInitialData until it is read
     there      --needed, and nothing heard for `silent_after_s`-->  silent     SourceLost; it goes on being asked
     silent     --heard-->     there     SourceFound
     any        --unplugged--> unplugged SourceLost, and readings that wait have failed
@@ -28,6 +28,7 @@ __all__ = ["Sensor"]
 MISSED_ANSWERS: Final = 3
 LEAST_SILENCE_S: Final = 2.0
 _MOST_TOLD: Final = 100
+_WAITING: Final = Variant(BuiltinType.STATUS_CODE, StatusCode.BAD_WAITING_FOR_INITIAL_DATA)
 _BAD_FIELD: Final = Variant(BuiltinType.STATUS_CODE, StatusCode.BAD_TYPE_MISMATCH)
 
 
@@ -73,11 +74,15 @@ class Sensor:
 
     # What happens to it
 
-    def plugged(self, now: float) -> None:
+    def plugged(self, now: float, time_ns: int) -> None:
         """What it is read from is there."""
         if not self._is_plugged:
             self._is_plugged = True
             self._found()
+            # That it is there counts before its first value: its robot can do something now.
+            waiting = tuple([_WAITING] * len(self.data.fields))
+            status = StatusCode.BAD_WAITING_FOR_INITIAL_DATA
+            self._put(SampleRead(self.data.topic, waiting, time_ns, status))
             self._look(now)
 
     def unplugged(self, why: str, now: float) -> None:

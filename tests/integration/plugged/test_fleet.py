@@ -1,5 +1,7 @@
 """A plugged-in sensor in a whole fleet: server and bridge as processes, secured, and a client that subscribes."""
 
+# pyright: reportPrivateUsage=false
+
 from __future__ import annotations
 
 import asyncio
@@ -9,13 +11,15 @@ import sys
 import time
 from collections.abc import AsyncGenerator, Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
+from asyncua import ua
 
 from tests.plugged_device import PtyDevice
 from tests.system import Child, Processes, clean_environment
 from ua_fleet.client import ClientIdentity, FleetClient
-from ua_fleet.errors import RobotOffline
+from ua_fleet.errors import SkillRejected
 from ua_fleet.server.users import USERS_FILE, Role, ScryptCost, UserStore
 from ua_fleet.values import StatusCode
 
@@ -158,3 +162,80 @@ async def test_it_is_read_while_somebody_subscribes_and_not_otherwise(fleet: Fle
         await has_status(client, StatusCode.UNCERTAIN_LAST_USABLE_VALUE)
         await fleet.rests(5)
         assert (await client.read(["ns=2;i=10"]))[0].value == 22.5
+
+
+async def test_a_reading_on_request_and_the_capacity_of_what_is_plugged_in(fleet: Fleet) -> None:
+    async with fleet.client() as client:
+        told = Messages()
+        subscription: Any = await client._client.create_subscription(50, told)
+        await subscription.subscribe_events(ua.ObjectIds.Server, ua.ObjectIds.GeneralModelChangeEventType)
+
+        async def capacities() -> list[str]:
+            both = await client.read([f"ns=2;s=Robots.{name}.Capacities" for name in ("pioneer", "pioneer_pc")])
+            return [", ".join(reading.value or ()) for reading in both]
+
+        async def become(wanted: list[str]) -> None:
+            async with asyncio.timeout(15):
+                while await capacities() != wanted:
+                    await asyncio.sleep(0.05)
+
+        async def hear(text: str) -> None:
+            await until(lambda: text in told.messages, text)
+
+        await become(["mobile, temperature", "temperature"])
+        assert await client.call_skill("pioneer_pc", "read_temperature") == {"value": 21.5}
+        assert fleet.asked == 1
+        fleet.thermometer.unplug()
+        await become(["mobile", ""])
+        await hear("robot pioneer cannot do any more: temperature (pioneer_pc.temperature is not there)")
+        await has_status(client, StatusCode.BAD_NO_COMMUNICATION)
+        with pytest.raises(SkillRejected, match=r"pioneer_pc\.temperature is not plugged in"):
+            await client.call_skill("pioneer_pc", "read_temperature")
+        fleet.degrees = 23.0
+        fleet.thermometer.plug()
+        await hear("robot pioneer can do now: temperature")
+        await become(["mobile, temperature", "temperature"])
+        assert await client.call_skill("pioneer_pc", "read_temperature") == {"value": 23.0}
+
+
+async def test_a_stream_ends_with_its_server_and_goes_on_with_its_bridge(fleet: Fleet) -> None:
+    async with fleet.client() as client:
+        subscribed = client.watch(["ns=2;i=10"])
+        async with asyncio.timeout(20):
+            async for change in subscribed:
+                if change.value == 21.5:
+                    break
+        watching = asyncio.create_task(follow(client))
+        await until(lambda: fleet.asked > 20, "the stream")
+        fleet.bridge.end(signal.SIGKILL)
+        await fleet.rests(3)
+        asked = fleet.asked
+        fleet.start_bridge()
+        await until(lambda: fleet.asked > asked + 5, "the stream after the bridge's return")
+        watching.cancel()
+        await asyncio.gather(watching, return_exceptions=True)
+        watching = asyncio.create_task(follow(client))
+        await until(lambda: fleet.asked > asked + 20, "the stream")
+        fleet.server.end(signal.SIGKILL)
+        await fleet.rests(4)
+        watching.cancel()
+        await asyncio.gather(watching, return_exceptions=True)
+        asked = fleet.asked
+        fleet.start_server()
+        await asyncio.sleep(1.5)
+        assert fleet.asked == asked, "nobody has subscribed at the new server"
+
+
+class Messages:
+    """What model changes say."""
+
+    def __init__(self) -> None:
+        self.messages: list[str] = []
+
+    def event_notification(self, event: Any) -> None:
+        self.messages.append(str(event.Message.Text))
+
+
+async def follow(client: FleetClient) -> None:
+    async for _ in client.watch(["ns=2;i=10"]):
+        pass

@@ -24,7 +24,6 @@ from ua_fleet.pubsub.events import (
     MetaDataReceived,
     ProbeDue,
     ProbeReceived,
-    SourceReturned,
     SourceSilent,
     SourceUnknown,
     SubscriberEvent,
@@ -53,7 +52,6 @@ _DROPS: Final = {
 }
 _REMEMBERED: Final = 16
 """Deliveries of each source that are remembered. Their Timestamps increase but where a source's clock is set back."""
-_OF_SOURCES: Final = (DataReceived, SourceReturned, SourceSilent)
 _STATUS_CODE: Final = int(BuiltinType.STATUS_CODE)
 _BAD: Final = int(StatusCode.BAD)
 
@@ -213,7 +211,7 @@ class BridgeCore:
 
     def _heard(self, event: SubscriberEvent, now: float) -> None:
         wants = self.wants
-        if wants is not None and isinstance(event, _OF_SOURCES) and event.topic == wants.topic:
+        if wants is not None and isinstance(event, DataReceived | SourceSilent) and event.topic == wants.topic:
             wants.hear(event)
         elif isinstance(event, DataReceived):
             self._data(event)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from ua_fleet.pubsub.events import DataReceived, SourceReturned, SourceSilent, SubscriberEvent
+from ua_fleet.pubsub.events import DataReceived, SourceSilent
 from ua_fleet.topics import Topic
 from ua_fleet.values import Quality, quality_of
 
@@ -20,17 +20,14 @@ class Wants:
         """`topic` is that of the DataSet, `space` the bridge's own; `tell` is told of each change."""
         self.topic = topic
         self._space, self._tell = space, tell
-        self._last = self._told = _NOTHING
+        self._told = _NOTHING
 
-    def hear(self, event: SubscriberEvent) -> None:
+    def hear(self, event: DataReceived | SourceSilent) -> None:
         """Take what PubSub says of the DataSet."""
         if isinstance(event, DataReceived):
-            self._last = self._read(event)
-            self._say(self._last)
-        elif isinstance(event, SourceSilent):
+            self._say(self._read(event))
+        else:  # silent; what it said before may have been another server's, so a return alone says nothing
             self._say(_NOTHING)
-        elif isinstance(event, SourceReturned):
-            self._say(self._last)
 
     def _read(self, event: DataReceived) -> frozenset[Topic]:
         message = event.message

@@ -1,8 +1,8 @@
 """Which data somebody follows: what the server tells a bridge that reads some of its data only then.
 
 One DataSet for each such bridge, in space 0 with the id of the bridge's own status: the ids of the DataSets that are
-wanted now. PubSub makes a lease of it: keep-alives attest the server, its last message is repeated for who comes late,
-and a bridge that does not hear it for MessageReceiveTimeout takes it that nobody wants anything.
+wanted now. It is a lease: what is wanted is told anew each second, and a bridge that does not hear the server for
+MessageReceiveTimeout takes it that nobody wants anything, until it is told anew.
 """
 
 from __future__ import annotations

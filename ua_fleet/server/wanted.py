@@ -20,6 +20,8 @@ __all__ = ["WantedData"]
 
 LOOK_S: Final = 0.2
 """Period in which subscriptions are looked at; they begin and end in too many ways to be told of each."""
+RENEW_S: Final = 1.0
+"""What is wanted is told anew so often: a bridge that did not hear the server for a while forgets it."""
 
 
 class WantedData:
@@ -56,6 +58,7 @@ class WantedData:
         self._publish, self._clock, self._wall_ticks = publish, clock, wall_ticks
         self._told: dict[str, tuple[int, ...]] = {}
         self._look_at: float | None = None
+        self._renew_at = 0.0
 
     def sources(self) -> list[tuple[str, Topic, tuple[FieldMetaData, ...]]]:
         """What is to be announced: name, topic and fields."""
@@ -71,6 +74,9 @@ class WantedData:
         if self._look_at is None or self._clock() < self._look_at:
             return
         self._look_at = self._clock() + LOOK_S
+        is_due = self._clock() >= self._renew_at
+        if is_due:
+            self._renew_at = self._clock() + RENEW_S
         needed = self._needed()
         wanted: dict[str, list[int]] = {name: [] for name in self._topics}
         for robot in self._robots():
@@ -83,7 +89,7 @@ class WantedData:
                     ids.append(data_set.topic.id)
         for name, ids in wanted.items():
             said = tuple(sorted(ids))
-            if self._told.get(name) != said:
+            if self._told.get(name) != said or (said and is_due):
                 self._told[name] = said
                 types = (int(BuiltinType.UINT16 | ARRAY),)
                 self._publish(Publication(self._topics[name], types, (said,), self._wall_ticks()))

@@ -115,7 +115,6 @@ class Port:
             self._open()
             return
         self._serial = port
-        os.set_blocking(port.fd, False)
         self._say(f"plugged in at {self._node}", good=True)
         assert self._lines is not None
         self._lines.opened(time.monotonic(), time.time_ns())

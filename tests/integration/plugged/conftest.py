@@ -130,6 +130,7 @@ class UdevBench:
             text=True,
             env=clean_environment(PYTHONPATH=os.pathsep.join([str(ROOT), str(ROOT / "bridges")])),
         )
+        self._answer: dict[str, Any] = {}
         self._reader = threading.Thread(target=self._read, name="bench-reader", daemon=True)
         self._reader.start()
         self.root = Path(self.answer()["root"])
@@ -140,7 +141,7 @@ class UdevBench:
             if not line.startswith("{"):
                 self._others.append(line)
                 continue
-            said = json.loads(line)
+            said: dict[str, Any] = json.loads(line)
             self._events.append(said)
             if "event" not in said:
                 self._answer = said

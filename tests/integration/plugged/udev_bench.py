@@ -74,7 +74,7 @@ def obey(bed: Any, driver: PluggedDriver, asked: dict[str, Any]) -> dict[str, An
             REMOVE(bed, path)
             return {}
         case "want":
-            driver.want(frozenset([Topic(300, 2, id) for id in asked["ids"]]))
+            driver.want(frozenset([Topic(300, 2, number) for number in asked["ids"]]))
             return {}
         case _:
             return {"detail": driver.status().detail}

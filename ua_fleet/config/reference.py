@@ -163,7 +163,7 @@ def _of_kind(kind: str, shared: Sequence[str], told: set[type[BaseModel]]) -> It
 def reference() -> str:
     """All keys, section by section; those of the installed kinds of bridges too."""
     parts: list[str] = []
-    told = {model for _, model in _SECTIONS}
+    told: set[type[BaseModel]] = {model for _, model in _SECTIONS}
     for title, model in _SECTIONS:
         parts.append(f"### {title}\n\n{_table(model)}")
         if model is BridgeConfig:

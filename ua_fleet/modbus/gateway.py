@@ -151,12 +151,12 @@ class Gateway:
                         self._show(value, change.value, change.status)
 
     def _show(self, value: MappedValue, shown: Any, code: int) -> None:
-        is_good = quality_of(code) is Quality.GOOD and shown is not None
-        if is_good:
+        is_good = False
+        if quality_of(code) is Quality.GOOD and shown is not None:
             try:
                 self.image.put(value.register, shown)
+                is_good = True
             except RegisterUnfit as unfit:
-                is_good = False
                 self._tell(f"{value.path} cannot be shown: {unfit.reason}")
         if value.quality is not None:
             self.image.put(value.quality, is_good)
@@ -256,7 +256,7 @@ def _text(value: Any) -> str:
     """A value as text: as YAML, and clients' texts, have it."""
     if isinstance(value, bool):
         return "true" if value else "false"
-    return f"{value:g}" if isinstance(value, float) and value == int(value) else str(value)
+    return f"{value:.0f}" if isinstance(value, float) and value.is_integer() else str(value)
 
 
 def _short(error: UaFleetError) -> str:

@@ -138,20 +138,19 @@ async def test_exception_makes_its_own_value_bad_with_the_reason(device: Device,
     assert bench.driver.status().connected
 
 
-@pytest.mark.parametrize(
-    ("behave", "cause"),
-    [
-        (lambda pdu, address, count: bytes([3, 2 * count + 2]) + bytes(2 * count + 2), Drop.MALFORMED),
-        (lambda pdu, address, count: bytes([3, 0]), Drop.MALFORMED),
-        (lambda pdu, address, count: bytes([4, 2]) + bytes(2), Drop.MALFORMED),
-        (lambda pdu, address, count: bytes([3, 200, 1]), Drop.NO_ANSWER),
-        (lambda pdu, address, count: bytes([99, 1, 2, 3]), Drop.NO_ANSWER),
-        (lambda pdu, address, count: b"\x03", Drop.NO_ANSWER),
-    ],
-    ids=["too many", "none", "other function", "half", "unknown function", "cut"],
-)
-async def test_rubbish_is_no_value(device: Device, start: Start, behave: Behave, cause: Drop) -> None:
-    device.behave = behave
+RUBBISH: dict[str, tuple[Behave, Drop]] = {
+    "too many": (lambda pdu, address, count: bytes([3, 2 * count + 2]) + bytes(2 * count + 2), Drop.MALFORMED),
+    "none": (lambda pdu, address, count: bytes([3, 0]), Drop.MALFORMED),
+    "other function": (lambda pdu, address, count: bytes([4, 2]) + bytes(2), Drop.MALFORMED),
+    "half": (lambda pdu, address, count: bytes([3, 200, 1]), Drop.NO_ANSWER),
+    "unknown function": (lambda pdu, address, count: bytes([99, 1, 2, 3]), Drop.NO_ANSWER),
+    "cut": (lambda pdu, address, count: b"\x03", Drop.NO_ANSWER),
+}
+
+
+@pytest.mark.parametrize("what", RUBBISH)
+async def test_rubbish_is_no_value(device: Device, start: Start, what: str) -> None:
+    device.behave, cause = RUBBISH[what]
     data = {"one": {"id": 10, "type": "UInt16", "source": {"at": {"table": "holding", "address": 5}}}}
     bench = await start({"plc": of(device)}, data)
     await until(lambda: bench.recorder.dropped(cause) >= 2, "the drops")

@@ -128,12 +128,13 @@ class Plc:
     async def _put(self, command: dict[str, Any]) -> None:
         kind, address = RegisterType(command.get("type", "bool")), int(command["address"])
         memory = self._units[command.get("unit", next(iter(self._units)))]
+        last: Span | None = None
         for value in command["values"]:
             register = Register(Table(command["table"]), address, kind, command.get("bit"), command.get("length", 0))
             memory.put(register, value)
-            address = register.span.end
+            last, address = register.span, register.span.end
         if command.get("until_read_s"):
-            self._awaited = register.span
+            self._awaited = last
             self._read.clear()
             with contextlib.suppress(TimeoutError):
                 await asyncio.wait_for(self._read.wait(), command["until_read_s"])

@@ -198,7 +198,8 @@ class ModbusDriver:
         try:
             asyncio.run(self._serve(begun))
         except BaseException as error:  # noqa: BLE001 - whoever waits for the start, or sees the status, has to hear of it
-            self._failure = f"the driver failed: {error!r}; report it, and start the bridge again"
+            first = error.exceptions[0] if isinstance(error, BaseExceptionGroup) else error
+            self._failure = f"the driver failed: {first!r}; report it, and start the bridge again"
             for device in self._devices.values():
                 device.end(self._failure)
             begun(error)

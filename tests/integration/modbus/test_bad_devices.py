@@ -215,6 +215,22 @@ async def test_slow_device_holds_up_no_other(device: Device, start: Start) -> No
         await quick.hang_up()
 
 
+async def test_mistake_of_ours_is_said_and_leaves_no_value_good(
+    device: Device, start: Start, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bench = await start({"plc": of(device)}, DATA)
+    await until(lambda: bench.values(10) == (5, 500), "the values")
+
+    async def broken(_: object) -> None:
+        raise RuntimeError("a mistake")
+
+    monkeypatch.setattr("ua_bridges.modbus.device.Device._turn", broken)
+    await until(lambda: bench.recorder.lost(Topic(300, 2, 10)) == 1, "the loss")
+    status = bench.driver.status()
+    assert not status.connected
+    assert "the driver failed" in status.detail
+
+
 def write_data(**more: Any) -> dict[str, Any]:
     sink = {"at": {"table": "holding", "address": 7}, **more}
     return {**DATA, "wanted": {"id": 11, "type": "UInt16", "origin": "server", "sink": sink}}

@@ -143,9 +143,9 @@ class Program:
         except Exception as error:  # noqa: BLE001 - whatever the robot's programmer has not foreseen
             _log.exception("%s failed", self.name)
             state, results, message = "failed", None, f"{type(error).__name__}: {error}"
-        self._say(execution.id, state, 1.0 if state == "done" else 0.0, message, results)
         with self._lock:
-            del self._open[execution.id]
+            del self._open[execution.id]  # before its end is said: who hears of that may ask for the next one at once
+        self._say(execution.id, state, 1.0 if state == "done" else 0.0, message, results)
 
     def _say(
         self,

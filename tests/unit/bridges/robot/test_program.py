@@ -83,6 +83,20 @@ def test_what_is_repeated_is_not_done_again() -> None:
     assert done == [ID]
 
 
+def test_who_hears_the_end_may_ask_for_the_next_at_once() -> None:
+    heard, following = Heard(), "11" * 16
+
+    def say(text: str) -> None:
+        heard.say(text)
+        if json.loads(text)["state"] == "done" and not heard.states(following):
+            program.receive(request(following))
+
+    program = Program("go", nothing, say)
+    program.receive(request())
+    heard.wait("done", following)
+    assert heard.states(following) == ["accepted", "done"]
+
+
 def raises(error: Exception) -> Callable[[Execution], None]:
     def go(execution: Execution) -> None:
         raise error

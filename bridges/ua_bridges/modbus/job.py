@@ -56,7 +56,7 @@ class _Job:
 
 
 class Handshake:
-    """One request register, and the skills that use it. All but `reserve` in the thread of the device."""
+    """One request register, and the skills that use it. In the thread of the driver."""
 
     def __init__(
         self,

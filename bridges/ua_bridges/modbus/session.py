@@ -8,7 +8,7 @@ import threading
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, cast
 
 from ua_bridges.modbus.config import HandshakeSkill, ModbusBridgeConfig
 from ua_bridges.modbus.device import Device, SinkWrite, check_fits
@@ -18,7 +18,7 @@ from ua_bridges.modbus.link import Line
 from ua_bridges.modbus.memory import HandshakeMemory
 from ua_bridges.modbus.sinks import sink_specs
 from ua_bridges.modbus.sources import source_specs
-from ua_fleet.bridge.configured import configured_skills
+from ua_fleet.bridge.configured import ConfiguredSkill, configured_skills
 from ua_fleet.bridge.driver import DriverStatus, Dropped, Execution, Inlet, Skill
 from ua_fleet.bridge.executing import Executing
 from ua_fleet.config.schema import FleetConfig
@@ -50,7 +50,7 @@ class ModbusDriver:
         self._sources = source_specs(config, bridge_name)
         self._sinks = {sink.topic: sink for sink in sink_specs(config, bridge_name)}
         skills = configured_skills(config, bridge_name, HandshakeSkill)
-        self._skills = {skill.topic: self._registers(skill.via, skill) for skill in skills if skill.via is not None}
+        self._skills = {skill.topic: self._registers(skill) for skill in skills if skill.via is not None}
         self._offers = tuple([registers.skill.offer() for registers in self._skills.values()])
         self._devices: dict[str, Device] = {}
         self._handshakes: dict[str, Handshake] = {}
@@ -182,8 +182,9 @@ class ModbusDriver:
             raise RobotOffline("the bridge is not running")
         return _handshake_name(device, registers), there
 
-    def _registers(self, via: HandshakeSkill, skill: Any) -> SkillRegisters:
-        device = self._bridge.device_of(via.device)
+    def _registers(self, skill: ConfiguredSkill[HandshakeSkill]) -> SkillRegisters:
+        assert skill.via is not None
+        device = self._bridge.device_of(skill.via.device)
         assert device is not None, "the configuration was checked"
         return SkillRegisters(skill, self._bridge.devices[device])
 
@@ -198,8 +199,7 @@ class ModbusDriver:
         try:
             asyncio.run(self._serve(begun))
         except BaseException as error:  # noqa: BLE001 - whoever waits for the start, or sees the status, has to hear of it
-            first = error.exceptions[0] if isinstance(error, BaseExceptionGroup) else error
-            self._failure = f"the driver failed: {first!r}; report it, and start the bridge again"
+            self._failure = f"the driver failed: {_first_of(error)!r}; report it, and start the bridge again"
             for device in self._devices.values():
                 device.end(self._failure)
             begun(error)
@@ -279,3 +279,10 @@ class ModbusDriver:
 
 def _handshake_name(device: str, registers: SkillRegisters) -> str:
     return f"{device}:{registers.request.address}"
+
+
+def _first_of(error: BaseException) -> BaseException:
+    """What a group of errors began with."""
+    if isinstance(error, BaseExceptionGroup):
+        return cast("BaseExceptionGroup[BaseException]", error).exceptions[0]
+    return error

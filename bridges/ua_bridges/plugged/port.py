@@ -131,7 +131,7 @@ class Port:
             return f"permission denied; put the bridge's user into the group {_group_of(node)} and log in again"
         if code == errno.EBUSY or "exclusively lock" in text:
             return "another program uses it; end that one"
-        if code in (errno.ENOTTY, errno.EINVAL) or isinstance(error, termios.error):
+        if code in (errno.ENOTTY, errno.EINVAL) or "configure port" in text:
             return "it is no serial port, or cannot be set like this; see the device's `match` and `port`"
         return (os.strerror(code) if isinstance(code, int) else text) + "; it is tried again"
 

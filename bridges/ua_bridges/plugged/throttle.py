@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 from ua_fleet.bridge.driver import SampleRead
 
 __all__ = ["Throttle"]
+
+_ROUNDING: Final = 1e-6
 
 
 class Throttle:
@@ -27,7 +31,7 @@ class Throttle:
             return None
         self._left = min(self._most, self._left + (now - self._at) * self._rate_hz)
         self._at = now
-        if self._left < 1.0:
+        if self._left < 1.0 - _ROUNDING:
             return None
         self._left -= 1.0
         return self.flush()

@@ -13,6 +13,7 @@ from dbus_fast.aio import MessageBus
 
 from tests.contract.harness import NUMBER, message_of, until
 from tests.integration.plugged.conftest import BusDaemon, started
+from ua_fleet.bridge.driver import ExecutionEnded
 from ua_fleet.counters import Drop
 from ua_fleet.errors import RobotOffline
 from ua_fleet.topics import Topic
@@ -134,14 +135,14 @@ async def test_a_reading_waits_for_one_signal(bus: BusDaemon) -> None:
         await asyncio.sleep(0.3)
         await gas.emit("trbots.gas", "d", 4.5)
         ended = await bridge.end(reading)
-        assert (ended, bridge.values(10)) == (type(ended)(reading.execution_id, 0, (4.5,)), [4.5])
+        assert ended == ExecutionEnded(reading.execution_id, 0, (4.5,))
+        assert bridge.values(10) == [4.5]
         nothing = await bridge.end(bridge.begin(20))
         assert "longer than the skill's timeout" in nothing.message
 
 
 async def test_methods_are_called_and_their_errors_told(bus: BusDaemon) -> None:
     async with started(FLEET.replace("ADDRESS", bus.address)) as bridge, program(bus, "trbots.lamp") as lamp:
-        assert (await bridge.end(bridge.begin(21, 2, 3))).__class__.__name__ == "ExecutionEnded"
         ended: Any = await bridge.end(bridge.begin(21, 20, 3))
         assert (ended.status, ended.values) == (0, (23,))
         failed: Any = await bridge.end(bridge.begin(21, 0, 3))
@@ -176,6 +177,8 @@ async def test_a_flood_of_signals_is_bounded(bus: BusDaemon) -> None:
         await asyncio.sleep(0.3)
         for number in range(3000):
             await gas.emit("trbots.gas", "d", float(number))
+            if number % 50 == 0:
+                await asyncio.sleep(0.002)  # the sender's own library takes a full socket for a broken one
         await until(lambda: bridge.values(10)[-1:] == [2999.0], "the last one")
         assert len(bridge.values(10)) + bridge.recorder.dropped(Drop.RATE_LIMITED) == 3000
         assert len(bridge.values(10)) < 1500

@@ -34,7 +34,7 @@ from ua_fleet.scenario.model import (
     takes_time,
 )
 
-__all__ = ["MOST_STEPS", "Reading", "read_scenario", "scenario_of"]
+__all__ = ["MOST_STEPS", "STEP_KEYS", "Reading", "read_scenario", "scenario_of"]
 
 MOST_STEPS: Final = 10_000
 MOST_REPEATS: Final = 1_000_000
@@ -48,7 +48,7 @@ _QUANTITY: Final = re.compile(r"([-+]?[0-9.]+(?:[eE][-+]?[0-9]+)?)\s+([^\s0-9].*
 """A number with its unit, `20 deg`."""
 
 _COMMON: Final = ("description",)
-_KEYS: Final[dict[str, tuple[str, ...]]] = {
+STEP_KEYS: Final[dict[str, tuple[str, ...]]] = {
     "task": (
         *("task", "skill", "robot", "capacity", "capacities", "arguments"),
         *("timeout_s", "retries", "on_unknown", "after"),
@@ -144,15 +144,15 @@ class _Reader:
             return None
         data = as_mapping(value)
         if data is None:
-            self._problem(path, "is no step", f"a step begins with one of {listed(_KEYS)}")
+            self._problem(path, "is no step", f"a step begins with one of {listed(STEP_KEYS)}")
             return None
-        kinds = [kind for kind in _KEYS if kind in data]
+        kinds = [kind for kind in STEP_KEYS if kind in data]
         if len(kinds) != 1:
             what = f"is {' and '.join(f'`{kind}`' for kind in kinds)} at once" if kinds else "is of no kind"
-            self._problem(path, f"the step {what}", f"a step has exactly one of {listed(_KEYS)}")
+            self._problem(path, f"the step {what}", f"a step has exactly one of {listed(STEP_KEYS)}")
             return None
         kind = kinds[0]
-        self._known_keys(path, data, (*_KEYS[kind], *_COMMON))
+        self._known_keys(path, data, (*STEP_KEYS[kind], *_COMMON))
         readers: dict[str, Callable[[dict[str, Any], KeyPath, str], Step | None]] = {
             "task": self._task,
             "sequence": lambda step, at, name: self._sequence(step["sequence"], (*at, "sequence"), name),

@@ -13,7 +13,7 @@ written. So after any restart of the bridge the two words tell what became of an
     request, accepted                       it
     accepted = n                            was begun: busy, done and error are about it
     request = n, accepted another           was written and not begun yet
-    request = the number before n           was never written
+    request = the number before n           was never written; not so where that is 0, as it is in a cleared memory
     anything else                           the program lost it, or somebody else writes the request: not known
 """
 
@@ -79,7 +79,7 @@ def phase_of(words: StatusWords, number: int, before: int) -> Phase:
         return Phase.DONE if words.done and not words.busy else Phase.RUNNING
     if words.request == number:
         return Phase.WAITING
-    return Phase.NEVER_WRITTEN if words.request == before else Phase.LOST
+    return Phase.NEVER_WRITTEN if words.request == before != 0 else Phase.LOST
 
 
 class SkillRegisters:

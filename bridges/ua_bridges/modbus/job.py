@@ -44,6 +44,8 @@ class _Job:
         self.number = self.before = 0
         self.is_begun = False
         """Whether the request may be in the device."""
+        self.was_seen = False
+        """Whether the device has shown its number."""
         self.accept_by: float | None = None
         self.is_withdrawn = False
         self.is_halting = False
@@ -173,6 +175,7 @@ class Handshake:
 
     async def _follow(self, device: DeviceRequests, job: _Job, words: StatusWords, now: float) -> None:
         phase = phase_of(words, job.number, job.before)
+        job.was_seen |= phase not in (Phase.NEVER_WRITTEN, Phase.LOST)
         if phase is Phase.RUNNING:
             if job.is_halting and not job.halt_written:
                 await self._write_halt(device, job)
@@ -189,7 +192,7 @@ class Handshake:
             await self._wait(device, job, now)
         elif job.is_withdrawn:
             self._not_taken(job)
-        elif phase is Phase.NEVER_WRITTEN:
+        elif phase is Phase.NEVER_WRITTEN and not job.was_seen:
             self._never_written(job)
         else:
             self._forget(job, "the device's words are about something else; see what it did")

@@ -30,6 +30,7 @@ NUMBERS = st.integers(0, 0xFFFF)
         (StatusWords(7, 7, done=True, error=True), Phase.FAILED),
         (StatusWords(6, 7, busy=True), Phase.RUNNING),
         (StatusWords(0, 0), Phase.LOST),
+        (StatusWords(0, 0, done=True), Phase.LOST),
         (StatusWords(8, 8, done=True), Phase.LOST),
     ],
 )
@@ -49,7 +50,8 @@ def test_nothing_that_the_device_shows_before_is_taken_for_the_new_execution(
     request: int, accepted: int, busy: bool, done: bool, error: bool
 ) -> None:
     words = StatusWords(request, accepted, busy, done, error)
-    assert phase_of(words, next_number(words), request) is Phase.NEVER_WRITTEN
+    # 0 is what a device shows whose memory was cleared: from that nothing follows.
+    assert phase_of(words, next_number(words), request) is (Phase.NEVER_WRITTEN if request else Phase.LOST)
 
 
 class Plc:

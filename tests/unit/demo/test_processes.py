@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import asyncio
 import os
+import socket
 import sys
+from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
 
-from ua_fleet.demo.processes import DemoFailed, Processes, free_tcp_port
+from ua_fleet.demo.processes import DemoFailed, Processes, free_loopback_address, free_tcp_port
 
 ENDLESS = "import time; print('ready', flush=True); time.sleep(600)"
 
@@ -63,3 +65,19 @@ async def test_what_does_not_come_in_time_is_named(tmp_path: Path) -> None:
     async with Processes(tmp_path) as processes:
         with pytest.raises(DemoFailed, match=r"^waited 0 s for the robots; see the logs in "):
             await processes.until(lambda: False, asyncio.Event(), 0.1, "the robots")
+
+
+def test_an_address_with_all_ports_free_is_found() -> None:
+    ports = (free_tcp_port(0), free_tcp_port(0))
+    taken = free_loopback_address(ports)
+    with socket.create_server((taken, ports[1])):
+        assert free_loopback_address(ports) not in ("127.0.0.1", taken)
+
+
+def test_a_port_that_is_taken_on_all_addresses_is_named() -> None:
+    port = free_tcp_port(0)
+    with ExitStack() as held:
+        for number in range(2, 255):
+            held.enter_context(socket.create_server((f"127.0.0.{number}", port)))
+        with pytest.raises(DemoFailed, match=f"{port} is in use; end the program that listens there"):
+            free_loopback_address((port,))

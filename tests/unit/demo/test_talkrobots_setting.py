@@ -5,6 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from ua_bridges.modbus.config import ModbusBridgeConfig
+from ua_bridges.plugged.config import PluggedBridgeConfig
+from ua_bridges.tcp.config import TcpBridgeConfig
+from ua_bridges.ur.config import UrBridgeConfig
 
 from ua_fleet.config.load import load
 from ua_fleet.config.schema import FleetConfig
@@ -39,6 +43,30 @@ def test_the_configuration_is_valid_and_has_a_bridge_for_each_robot(tmp_path: Pa
     assert [config.bridges[name].kind for name in others] == ["ur", "tcp", "modbus", "plugged"]
     assert config.pubsub.security.value == ("sign_and_encrypt" if secure else "none")
     assert (tmp_path / "scenarios" / f"{SCENARIO}.yaml").exists()
+
+
+def test_each_robot_is_found_where_its_bridge_looks(tmp_path: Path) -> None:
+    folder = tmp_path / 'the "new" hall'
+    folder.mkdir()
+    setting, config = made(folder, ros1=False)
+    bridges = {actor.name: config.bridges[actor.bridge] for actor in ACTORS}
+    plc, arm, drone, sensor = (bridges[name] for name in ("conveyor", "ur3", "drone", "temperature_sensor"))
+    assert isinstance(plc, ModbusBridgeConfig)
+    assert isinstance(arm, UrBridgeConfig)
+    assert isinstance(drone, TcpBridgeConfig)
+    assert isinstance(sensor, PluggedBridgeConfig)
+    assert drone.interpreter is not None
+    assert drone.interpreter.connect is not None
+    looked = {
+        "conveyor": str(plc.devices["plc"].port),
+        "ur3": arm.address,
+        "drone": drone.interpreter.connect.rpartition(":")[2],
+        "temperature_sensor": sensor.devices["thermometer"].path,
+    }
+    assert looked == setting.places
+    for actor in ACTORS:
+        if not actor.kind.is_ros:
+            assert setting.places[actor.name] in setting.command(actor)
 
 
 def test_robots_are_ranked_by_the_places_that_they_drive_to(tmp_path: Path) -> None:

@@ -215,6 +215,9 @@ class SkilledSpace(Protocol):
     Double `seconds`. It refuses the work `refuse`, fails at `fail`, and never ends with `never ends`.
     """
 
+    remembers: bool
+    """Whether the robot can tell a later driver what became of an execution."""
+
     def make_driver(self) -> Driver:
         """A new driver for this space, not started."""
         ...

@@ -214,6 +214,8 @@ class PlcRobot:
 class PlcSpace:
     """See MappedSpace and SkilledSpace."""
 
+    remembers = True
+
     number = SPACE
     sources: Final[dict[Topic, Kind]] = dict(zip(PLACES, (NUMBER, TEXT, TWIST), strict=True))
     sinks: Final[dict[Topic, Kind]] = dict(zip(TAKEN, (NUMBER, TWIST), strict=True))

@@ -105,6 +105,8 @@ async def open_space(folder: Path, processes: system.Processes) -> AsyncGenerato
 class SkilledRos1Space:
     """See SkilledSpace."""
 
+    remembers = True
+
     def __init__(self, master: Master, robot: system.Child) -> None:
         self._robot = robot
         self._config = FleetConfig.model_validate(

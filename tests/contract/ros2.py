@@ -77,6 +77,8 @@ async def open_space(folder: Path, processes: system.Processes) -> AsyncGenerato
 class SkilledRos2Space:
     """See SkilledSpace."""
 
+    remembers = True
+
     def __init__(self, domain: int, robot: system.Child) -> None:
         self._robot = robot
         robots = {"machine": {"bridge": "mobile", "skill_status_id": 1902, "skills": {"work": WORK}}}

@@ -216,6 +216,8 @@ async def open_space(folder: Path, processes: Processes) -> AsyncGenerator[Skill
 class SkilledVirtualSpace:
     """See `harness.SkilledSpace`."""
 
+    remembers = True
+
     def __init__(self, folder: Path) -> None:
         self._bus, self._machine = Bus(), Machine(folder)
 

@@ -125,6 +125,8 @@ def _build() -> typer.Typer:
     _add(groups["scenario"], "list", scenario.show, scenario.LIST_EXAMPLES)
     _add(groups["scenario"], "validate", scenario.validate, scenario.VALIDATE_EXAMPLES)
     _add(groups["scenario"], "run", scenario.run, scenario.RUN_EXAMPLES)
+    _add(groups["scenario"], "dryrun", scenario.dryrun, scenario.DRYRUN_EXAMPLES)
+    _add(groups["scenario"], "tell", scenario.tell, scenario.TELL_EXAMPLES)
     _add(groups["scenario"], "watch", scenario.watch, scenario.WATCH_EXAMPLES)
     _add(groups["scenario"], "pause", scenario.pause, scenario.PAUSE_EXAMPLES)
     _add(groups["scenario"], "resume", scenario.resume, scenario.RESUME_EXAMPLES)

@@ -23,18 +23,22 @@ if TYPE_CHECKING:
 __all__ = [
     "ABORT_EXAMPLES",
     "ANSWER_EXAMPLES",
+    "DRYRUN_EXAMPLES",
     "LIST_EXAMPLES",
     "PAUSE_EXAMPLES",
     "RESUME_EXAMPLES",
     "RUN_EXAMPLES",
+    "TELL_EXAMPLES",
     "VALIDATE_EXAMPLES",
     "WATCH_EXAMPLES",
     "abort",
     "answer",
+    "dryrun",
     "pause",
     "resume",
     "run",
     "show",
+    "tell",
     "validate",
     "watch",
     "with_scenarios",
@@ -48,6 +52,12 @@ PAUSE_EXAMPLES = ("ua-fleet scenario pause 20300131-120000-a1b2c3 -u anna",)
 RESUME_EXAMPLES = ("ua-fleet scenario resume 20300131-120000-a1b2c3 -u anna",)
 ABORT_EXAMPLES = ('ua-fleet scenario abort 20300131-120000-a1b2c3 --reason "door open" -u anna',)
 ANSWER_EXAMPLES = ("ua-fleet scenario answer 20300131-120000-a1b2c3 fetch done -u anna",)
+
+DRYRUN_EXAMPLES = (
+    "ua-fleet scenario dryrun nine_tasks -u anna",
+    "ua-fleet scenario dryrun ./new.yaml angle=20 --value temperature=25 --value fetch.weight=2 -u anna",
+)
+TELL_EXAMPLES = ("ua-fleet scenario tell door_open -u anna",)
 
 RunId = Annotated[str, typer.Argument(help="Id of the run.")]
 ScenarioName = Annotated[str, typer.Argument(help="Name of a scenario of the server, or a file: ./new.yaml.")]
@@ -131,6 +141,56 @@ def run(
             print_line(run_id)
         if wait:
             await _follow(scenarios, run_id, as_json=as_json)
+
+    with_scenarios(connection, work)
+
+
+@connecting
+def dryrun(
+    connection: Connection,
+    scenario: ScenarioName,
+    parameters: Annotated[list[str] | None, typer.Argument(help="Parameters as name=value.")] = None,
+    values: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--value", help="A robot's value or a task's result as name=value, for conditions; once for each."
+        ),
+    ] = None,
+    as_json: Json = False,
+) -> None:
+    """Print what a run would come to if every robot did at once what it is asked. No robot hears of it.
+
+    Exit code 1 if it would not be done.
+    """
+    text = _given(scenario)
+    given, known = (dict(_parameter(one) for one in pairs or ()) for pairs in (parameters, values))
+
+    async def work(scenarios: ScenarioClient) -> None:
+        found = await scenarios.dry_run(text, given, known)
+        if as_json:
+            print_json(asdict(found))
+        else:
+            for moment in found.timeline:
+                print_line(f"{moment.at_s:8.2f} s  {moment.text}")
+        if found.outcome != "done":
+            end = {"": "it would not end", "failed": "it would fail"}.get(found.outcome, f"it would be {found.outcome}")
+            raise ScenarioError(f"{end}: {found.reason}")
+
+    with_scenarios(connection, work)
+
+
+@connecting
+def tell(
+    connection: Connection,
+    name: Annotated[str, typer.Argument(help="Name of the event, as in `wait: {event: NAME}`.")],
+    as_json: Json = False,
+) -> None:
+    """Say that an event has happened. Steps that wait for it go on."""
+
+    async def work(scenarios: ScenarioClient) -> None:
+        await scenarios.tell_event(name)
+        if as_json:
+            print_json({"event": name, "done": True})
 
     with_scenarios(connection, work)
 

@@ -13,12 +13,14 @@ from ua_fleet.client.offers import OfferedSkill, SkillRequest
 from ua_fleet.client.robots import RobotClient, RobotInfo, RobotInvalid
 from ua_fleet.client.scenarios import (
     DecisionInfo,
+    DryRunInfo,
     FaultInfo,
     Forecast,
     Problem,
     RunInfo,
     ScenarioClient,
     ScenarioInfo,
+    WouldHappen,
 )
 from ua_fleet.client.skills import SkillArgument, SkillEvent, SkillExecution, SkillInfo
 from ua_fleet.client.translated import NodeNotFound
@@ -29,6 +31,7 @@ __all__ = [
     "ClientIdentity",
     "DecisionInfo",
     "DecisionTold",
+    "DryRunInfo",
     "FaultInfo",
     "FaultTold",
     "FleetClient",
@@ -55,5 +58,6 @@ __all__ = [
     "SkillRequest",
     "StepTold",
     "Told",
+    "WouldHappen",
     "default_identity_folder",
 ]

@@ -17,7 +17,18 @@ from ua_fleet.client.methods import NotDone, call_method, text, texts
 if TYPE_CHECKING:
     from ua_fleet.client.fleet_client import FleetClient
 
-__all__ = ["DecisionInfo", "FaultInfo", "Forecast", "NotDone", "Problem", "RunInfo", "ScenarioClient", "ScenarioInfo"]
+__all__ = [
+    "DecisionInfo",
+    "DryRunInfo",
+    "FaultInfo",
+    "Forecast",
+    "NotDone",
+    "Problem",
+    "RunInfo",
+    "ScenarioClient",
+    "ScenarioInfo",
+    "WouldHappen",
+]
 
 _OVER: Final = ("done", "failed", "aborted")
 _ACKNOWLEDGE: Final = f"i={ua.ObjectIds.AcknowledgeableConditionType_Acknowledge}"
@@ -38,6 +49,26 @@ class Problem:
 
     line: int
     text: str
+
+
+@dataclass(frozen=True, slots=True)
+class WouldHappen:
+    """Something that a run would come to."""
+
+    at_s: float
+    """Since the start of the run."""
+    step: str
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class DryRunInfo:
+    """What a run would come to if every robot did at once what it is asked."""
+
+    outcome: str
+    """done, failed or aborted; empty where it would not end."""
+    reason: str
+    timeline: tuple[WouldHappen, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,6 +155,25 @@ class ScenarioClient:
         names, values = texts(list(given)), texts(list(given.values()))
         (run_id,) = await self._call("Scenarios", "Run", text(scenario), names, values)
         return str(run_id)
+
+    async def dry_run(
+        self, scenario: str, parameters: Mapping[str, str] | None = None, values: Mapping[str, str] | None = None
+    ) -> DryRunInfo:
+        """What a run would come to; no robot hears of it.
+
+        Args:
+            scenario: its name, or a text.
+            parameters: of the run.
+            values: of robots (`ur3.battery`) and results of tasks (`fetch.weight`), for conditions.
+        """
+        given = [texts(list(part)) for pairs in (parameters or {}, values or {}) for part in (pairs, pairs.values())]
+        outcome, reason, times, steps, told = await self._call("Scenarios", "DryRun", text(scenario), *given)
+        timeline = tuple([WouldHappen(*row) for row in zip(times, steps, told, strict=True)])
+        return DryRunInfo(outcome, reason, timeline)
+
+    async def tell_event(self, name: str) -> None:
+        """Say that an event has happened; the steps of all runs that wait for it go on."""
+        await self._call("Scenarios", "TellEvent", text(name))
 
     async def pause(self, run_id: str) -> None:
         """Let a run start no further task."""
@@ -216,6 +266,24 @@ class ScenarioClient:
         """Who would take over each task that a robot has ahead."""
         columns = await self._call("Resilience", "WhatIf", text(robot))
         return [Forecast(*row) for row in zip(*columns, strict=True)]
+
+    async def set_mode(self, mode: str, *, limit_s: float | None = None, on_limit: str = "") -> None:
+        """Say who chooses a replacement from now on.
+
+        Args:
+            mode: operator, automatic or abort.
+            limit_s: how long an operator may think; None leaves it.
+            on_limit: what happens then, best or abort; empty leaves it.
+        """
+        seconds = ua.Variant(float(limit_s or 0.0), ua.VariantType.Double)
+        await self._call("Resilience", "SetMode", text(mode), seconds, text(on_limit))
+
+    async def set_judgements(self, judgements: Mapping[str, float]) -> dict[str, float]:
+        """Compare the criteria in pairs, `{"battery/distance": 2}`; the weight of each that follows."""
+        numbers = ua.Variant([float(value) for value in judgements.values()], ua.VariantType.Double, None, True)
+        outputs = await self._call("Resilience", "SetJudgements", texts(list(judgements)), numbers)
+        _, criteria, weights = outputs
+        return dict(zip(criteria, weights, strict=True))
 
     async def _call(self, owner: str, name: str, *arguments: ua.Variant) -> list[Any]:
         return (await call_method(self._client, f"Fleet.{owner}", name, *arguments)).check()

@@ -41,13 +41,15 @@ async def command(running: Running, *arguments: str) -> Ended:
 
 async def test_scenarios(plant: Plant) -> None:
     plant.scenario("short", "  - {task: a, skill: work, robot: left}\n")
+    plant.scenario("door", "  - {wait: null, event: door_open}\n")
     (plant.folder / "wrong.yaml").write_text("version: 1\nname: w\nsteps:\n  - {task: a, skill: jump, robot: left}\n")
     plant.bridge("left")
     async with plant.server() as running:
         async with running.client() as client:
             await until(lambda: client.get_node("ns=2;s=Robots.left.State").read_value(), lambda state: state != 0)
         listed = await command(running, "scenario", "list")
-        assert listed.objects == [{"name": "short", "description": "for a test", "problems": 0}], listed.errors
+        names = ("door", "short")
+        assert listed.objects == [{"name": one, "description": "for a test", "problems": 0} for one in names]
         wrong = await command(running, "scenario", "validate", str(plant.folder / "wrong.yaml"))
         assert wrong.code == 2
         assert wrong.objects[0]["line"] == 4
@@ -58,6 +60,21 @@ async def test_scenarios(plant: Plant) -> None:
         run_id = ran.objects[0]["run_id"]
         seen = await command(running, "scenario", "watch", run_id)
         assert (seen.code, seen.objects[-1]["states"]) == (0, ["done"])
+        would = await command(running, "scenario", "dryrun", "short")
+        assert (would.code, would.objects[0]["outcome"]) == (0, "done"), would.errors
+        assert any("left" in moment["text"] for moment in would.objects[0]["timeline"])
+        too_hot = plant.folder / "hot.yaml"
+        too_hot.write_text(
+            "version: 1\nname: hot\nparameters: {limit: 20}\nsteps:\n"
+            "  - {if: limit > 30, then: [{end: done}], else: [{end: failed, reason: too hot}]}\n"
+        )
+        assert (await command(running, "scenario", "dryrun", str(too_hot), "limit=31")).code == 0
+        cold = await command(running, "scenario", "dryrun", str(too_hot))
+        assert (cold.code, cold.objects[0]["outcome"]) == (1, "failed")
+        assert "it would fail: too hot" in cold.errors
+        (waits,) = (await command(running, "scenario", "run", "door")).objects
+        assert (await command(running, "scenario", "tell", "door_open")).code == 0
+        assert (await command(running, "scenario", "watch", waits["run_id"])).objects[-1]["state"] == "done"
         late = await command(running, "scenario", "abort", run_id)
         assert late.code == 3
         assert "there is no run" in late.errors

@@ -6,13 +6,14 @@ import asyncio
 
 import pytest
 
-from tests.integration.scenarios.conftest import ROBOTS, Plant, all_heard
+from tests.integration.scenarios.conftest import ENGINEER, ROBOTS, Plant, all_heard, value
 from tests.integration.server_model.harness import OPERATOR
 from ua_fleet.client import (
     ClientIdentity,
     DecisionTold,
     FaultTold,
     FleetClient,
+    NotDone,
     RunTold,
     ScenarioClient,
     StepTold,
@@ -62,3 +63,18 @@ async def test_the_client_is_told_of_runs_steps_faults_and_rankings(plant: Plant
     assert [place.robot for place in ranking.ranked] == ["middle", "right"]
     assert all(place.raw == (100.0,) and place.scores == (0.5,) for place in ranking.ranked)
     assert ranking.excluded == (("left", "has a fault: stuck"),)
+
+
+async def test_an_engineer_says_how_replacements_are_chosen(plant: Plant) -> None:
+    async with plant.server() as server, server.client() as raw:
+        identity = ClientIdentity(server.folder / "identity")
+        user, password = ENGINEER
+        async with FleetClient.connect(server.url, user=user, password=password, identity=identity) as client:
+            scenarios = ScenarioClient(client)
+            await scenarios.set_mode("operator", limit_s=7.5, on_limit="abort")
+            assert await value(raw, "Resilience.Mode") == "operator"
+            assert await value(raw, "Resilience.Limit") == 7500
+            assert await value(raw, "Resilience.OnLimit") == "abort"
+            assert await scenarios.set_judgements({}) == {"availability": 1.0}
+            with pytest.raises(NotDone, match="battery"):
+                await scenarios.set_judgements({"battery/distance": 2})

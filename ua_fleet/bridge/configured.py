@@ -10,8 +10,10 @@ from ua_fleet.bridge.driver import Skill, SkillTarget
 from ua_fleet.config.base import Model
 from ua_fleet.config.schema import FleetConfig, SkillConfig
 from ua_fleet.fleet.skills import ArgumentModel, SkillLimits, argument_problem
-from ua_fleet.pubsub.metadata import make_field
+from ua_fleet.pubsub.metadata import PropertyValue, make_field
 from ua_fleet.topics import Topic
+from ua_fleet.values import QualifiedName
+from ua_fleet.wire.messages import FieldMetaData
 
 __all__ = ["TARGET_ID", "ConfiguredSkill", "configured_skills"]
 
@@ -57,12 +59,26 @@ class ConfiguredSkill(Generic[Via]):
             self.topic,
             self.name,
             (SkillTarget(TARGET_ID, self.robot, self.status),),
-            tuple([make_field(name, argument.type.builtin) for name, argument in request.items()]),
-            tuple([make_field(name, result.type.builtin) for name, result in response.items()]),
+            tuple([_field(argument.model(name)) for name, argument in request.items()]),
+            tuple([_field(result.model(name)) for name, result in response.items()]),
             is_immediate=self.config.immediate,
             limits=self.limits,
             problem=partial(_problem, tuple([argument.model(name) for name, argument in request.items()])),
         )
+
+
+def _field(argument: ArgumentModel) -> FieldMetaData:
+    """A field of the ActionMetaData, with what a requestor has to know of its values."""
+    properties: dict[str, PropertyValue] = {}
+    if argument.unit is not None:
+        properties["Unit"] = argument.unit
+    if argument.range is not None:
+        properties["Range"] = argument.range
+    field = make_field(argument.name, argument.type, properties=properties)
+    if argument.typed_default is None:
+        return field
+    default = QualifiedName(0, "Default"), argument.type, argument.typed_default
+    return field._replace(properties=(*field.properties, default))
 
 
 def _problem(arguments: tuple[ArgumentModel, ...], values: tuple[Any, ...]) -> str | None:

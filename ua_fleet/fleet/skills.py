@@ -48,6 +48,12 @@ class ArgumentModel:
     """None: it has to be given."""
     description: str = ""
 
+    @property
+    def typed_default(self) -> SkillValue | None:
+        """The default as a value of the type: YAML writes 0 where a Double is meant."""
+        is_float = self.type in (BuiltinType.FLOAT, BuiltinType.DOUBLE)
+        return self.default if self.default is None or not is_float else float(self.default)
+
 
 @dataclass(frozen=True, slots=True)
 class SkillLimits:

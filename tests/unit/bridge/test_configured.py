@@ -13,6 +13,7 @@ from ua_fleet.config.base import Model
 from ua_fleet.config.schema import FleetConfig
 from ua_fleet.counters import Drop
 from ua_fleet.fleet.skills import SkillLimits
+from ua_fleet.pubsub.metadata import field_property
 from ua_fleet.values import BuiltinType, StatusCode
 
 CONFIG = FleetConfig.model_validate(
@@ -30,6 +31,9 @@ CONFIG = FleetConfig.model_validate(
                         "arguments": {
                             "speed": {"type": "Double", "unit": "m/s", "range": [0.1, 0.5]},
                             "times": {"type": "Int32", "range": [1, 3]},
+                        },
+                        "results": {
+                            "weight": {"type": "Double", "unit": "kg"},
                         },
                         "limits": {
                             "least_interval_s": 0.5,
@@ -54,6 +58,28 @@ def test_the_limits_are_those_of_fleet_yaml() -> None:
     (skill,) = configured_skills(CONFIG, "cell", Unmapped)
     assert skill.offer().limits == SkillLimits(0.5, 100, 2, 3, (0, 7))
     assert skill.offer() == skill.offer(), "else it would be announced again each second"
+
+
+def test_a_requestor_is_told_what_values_mean() -> None:
+    (skill,) = configured_skills(CONFIG, "cell", Unmapped)
+    speed, times = skill.offer().request
+    assert (field_property(speed, "Unit"), field_property(speed, "Range")) == ("m/s", (0.1, 0.5))
+    assert field_property(speed, "Default") is None, "it has to be given"
+    assert field_property(times, "Range") == (1.0, 3.0)
+    (weight,) = skill.offer().response
+    assert field_property(weight, "Unit") == "kg"
+
+
+@pytest.mark.parametrize(
+    ("type_name", "default"), [("Double", 0), ("UInt64", 2**64 - 1), ("String", "dock"), ("Boolean", False)]
+)
+def test_a_default_is_told_in_its_type(type_name: str, default: Any) -> None:
+    document = CONFIG.model_dump(exclude_unset=True)
+    document["robots"]["arm"]["skills"]["pick"]["arguments"] = {"it": {"type": type_name, "default": default}}
+    (skill,) = configured_skills(FleetConfig.model_validate(document), "cell", Unmapped)
+    offered = skill.offer()
+    ((_, code, value),) = offered.request[0].properties
+    assert (BuiltinType(code).name.lower(), value) == (type_name.lower(), default)
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,7 @@
 
 from __future__ import annotations
 
-from typing import Any, Final
+from typing import Final
 
 from asyncua import ua
 from asyncua.ua.object_ids import ObjectIds
@@ -129,7 +129,7 @@ class SkillNodes:
                 start,
                 description=argument.description,
                 reference=_HAS_ARGUMENT_DESCRIPTION,
-                value=data_value(kind, _typed(argument), 0, now, now),
+                value=data_value(kind, argument.typed_default, 0, now, now),
             )
 
     def _arguments(self, keys: SkillKeys, name: str, start: ua.NodeId, arguments: list[ua.Argument]) -> None:
@@ -187,13 +187,6 @@ class SkillNodes:
 
 def _field(key: NodeId, argument: ArgumentModel) -> FieldModel:
     return FieldModel(key, argument.name, argument.type, argument.unit, argument.range)
-
-
-def _typed(argument: ArgumentModel) -> Any:
-    """The default as a value of the argument's type: YAML writes 0 where a Double is meant."""
-    default = argument.default
-    is_float = argument.type in (BuiltinType.FLOAT, BuiltinType.DOUBLE)
-    return float(default) if is_float and default is not None else default
 
 
 def _argument(argument: ArgumentModel) -> ua.Argument:

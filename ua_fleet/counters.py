@@ -84,8 +84,6 @@ class Drop(StrEnum):
     """A name that begins like a UA topic and is none."""
     RATE_LIMITED = "rate_limited"
     """A newer value came before this one's turn. Normal, where a rate limit is configured."""
-    NOT_MAPPED = "not_mapped"
-    """Data of another space for a robot that has no topics, which `fleet.yaml` hands to it nowhere. Normal."""
     UNMAPPED = "unmapped"
     """Data of another space that `fleet.yaml` gives no place in this one. Normal, where robots have no topics."""
     NO_ANSWER = "no_answer"

@@ -10,6 +10,7 @@ The rest is here: `run_bridge` runs any driver, `load_driver` finds it. Nothing 
 
 from ua_fleet.bridge.core import NODE_ONLY, BridgeCore, Rule
 from ua_fleet.bridge.driver import (
+    AnsweringDriver,
     Driver,
     DriverEvent,
     DriverStatus,
@@ -39,6 +40,7 @@ from ua_fleet.bridge.status import STATUS_FIELDS, status_topic, status_values
 __all__ = [
     "NODE_ONLY",
     "STATUS_FIELDS",
+    "AnsweringDriver",
     "BoundedInlet",
     "BridgeCore",
     "Driver",

@@ -24,6 +24,7 @@ from ua_fleet.pubsub.events import (
     MetaDataReceived,
     ProbeDue,
     ProbeReceived,
+    SourceReturned,
     SourceSilent,
     SourceUnknown,
     SubscriberEvent,
@@ -111,10 +112,14 @@ class BridgeCore:
         self._published: dict[Topic, deque[int]] = {}
         """The latest timestamps of other spaces' sources that were published into the space."""
         self._node_only: set[Topic] = set()
+        self._bad: set[Topic] = set()
+        """Other spaces' sources whose last message could not be published since it was Bad."""
         self.actions: ActionSide | None = None
         """The commands of this bridge; without, Actions are left alone."""
         self.wants: Wants | None = None
         """What the server wants of this bridge, where that reads on demand."""
+        self.stale: Callable[[Topic, bool], None] | None = None
+        """Told of other spaces' sources whose last value is not of now, where the driver answers for them."""
 
     def from_space(self, event: DriverEvent, *, now: float, wall_ticks: int) -> None:
         """Take in what the driver tells."""
@@ -215,6 +220,9 @@ class BridgeCore:
             wants.hear(event)
         elif isinstance(event, DataReceived):
             self._data(event)
+        elif isinstance(event, SourceSilent | SourceReturned):
+            if self.stale is not None:
+                self.stale(event.topic, isinstance(event, SourceSilent) or event.topic in self._bad)
         elif isinstance(event, SourceUnknown | ProbeDue):
             if event.datagram:
                 self._send(event.datagram)
@@ -232,11 +240,17 @@ class BridgeCore:
 
     def _data(self, event: DataReceived) -> None:
         topic, message, metadata = event
-        if (message.status or 0) & _BAD or topic in self._node_only:
+        if topic in self._node_only:
             return
-        if _has_bad_field(message, metadata):
-            self.counters.drop(Drop.CONVERSION)
+        is_bad, has_bad_field = bool((message.status or 0) & _BAD), _has_bad_field(message, metadata)
+        if is_bad or has_bad_field:
+            if not is_bad:
+                self.counters.drop(Drop.CONVERSION)
+            self._bad.add(topic)
+            if self.stale is not None:
+                self.stale(topic, True)
             return
+        self._bad.discard(topic)
         if not self._publish(topic, metadata, message):
             return  # the driver has counted why
         self.counters.to_space += 1

@@ -18,6 +18,7 @@ from ua_fleet.topics import Topic
 from ua_fleet.wire.messages import DataSetMessage, DataSetMetaData, FieldMetaData
 
 __all__ = [
+    "AnsweringDriver",
     "Driver",
     "DriverEvent",
     "DriverStatus",
@@ -183,6 +184,18 @@ class StreamingDriver(Protocol):
         """The sources that somebody follows from now on; the others are to rest. Runs in the bridge's event loop.
 
         Called after `start`, when it changes; with none when the server is not heard any more.
+        """
+        ...
+
+
+@runtime_checkable
+class AnsweringDriver(Protocol):
+    """What a driver has beside `Driver` where its robots ask for values of other spaces, which must be of now then."""
+
+    def stale(self, topic: Topic, is_stale: bool) -> None:
+        """The value that was published last is not of now (its source is Bad, or silent), or is so again.
+
+        Runs in the bridge's event loop. What is published is of now, and is not told here.
         """
         ...
 

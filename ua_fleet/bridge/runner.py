@@ -20,6 +20,7 @@ import structlog
 from ua_fleet.bridge.actions import Actions
 from ua_fleet.bridge.core import BridgeCore, Rule
 from ua_fleet.bridge.driver import (
+    AnsweringDriver,
     Driver,
     DriverEvent,
     Dropped,
@@ -117,6 +118,8 @@ class _Shell:
         )
         if isinstance(driver, StreamingDriver) and self._status_topic is not None:
             self._core.wants = Wants(wanted_topic(self._status_topic), space, driver.want)
+        if isinstance(driver, AnsweringDriver):
+            self._core.stale = driver.stale
         self._actions = self._core.actions = Actions(
             space,
             publisher,

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from typing import Any, cast
 
 from ua_fleet.pubsub.events import DataReceived, SourceSilent
 from ua_fleet.topics import Topic
@@ -31,10 +32,16 @@ class Wants:
 
     def _read(self, event: DataReceived) -> frozenset[Topic]:
         message = event.message
-        ids = message.values[0] if message.values else ()
+        ids: Any = message.values[0] if message.values else ()
         if quality_of(message.status or 0) is Quality.BAD or not isinstance(ids, list | tuple):
             return _NOTHING
-        return frozenset([Topic(self._space, self.topic.ns, wanted) for wanted in ids if isinstance(wanted, int)])
+        return frozenset(
+            [
+                Topic(self._space, self.topic.ns, wanted)
+                for wanted in cast("Sequence[object]", ids)
+                if isinstance(wanted, int)
+            ]
+        )
 
     def _say(self, wanted: frozenset[Topic]) -> None:
         if wanted != self._told:

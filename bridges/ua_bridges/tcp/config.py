@@ -12,7 +12,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from enum import StrEnum
 from typing import Annotated, ClassVar, Final, Literal
 
-from pydantic import BaseModel, Field, field_validator, model_validator
+from pydantic import AfterValidator, BaseModel, Field, field_validator, model_validator
 
 from ua_fleet.bridge.templates import AnswerPattern, CommandTemplate, Language, TemplateInvalid
 from ua_fleet.config.base import Model, ScalarType
@@ -39,10 +39,22 @@ __all__ = [
     "host_and_port",
 ]
 
-Address = Annotated[str, Field(pattern=r"^(\[[0-9a-fA-F:.]+\]|[^\s:/\[\]]+):\d{1,5}$", examples=["10.0.0.7:30002"])]
+
+def _checked_port(address: str) -> str:
+    if not 1 <= host_and_port(address)[1] <= 65535:
+        raise ValueError("a port is 1 to 65535")
+    return address
+
+
+Address = Annotated[
+    str,
+    Field(pattern=r"^(\[[0-9a-fA-F:.]+\]|[^\s:/\[\]]+):\d{1,5}$", examples=["10.0.0.7:30002"]),
+    AfterValidator(_checked_port),
+]
 Terminator = Annotated[str, Field(min_length=1, max_length=4, pattern=r"^[\x00-\x7f]+$")]
 Word = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_.-]{0,63}$")]
 Line = Annotated[str, Field(min_length=1, max_length=4096)]
+_NO_FIELDS: Final = (ScalarType.DATETIME, ScalarType.BYTE_STRING)
 NUMBER: Final = "number"
 """A command may hold `{number}`, and an answer repeat it: the execution's own number, 1 to 2147483647."""
 FAULT: Final = "fault"
@@ -239,11 +251,18 @@ class TcpBridgeConfig(BridgeConfig, frozen=True):
     def fleet_problems(self, name: str, robots: Mapping[str, RobotConfig]) -> Iterable[tuple[KeyPath, str, str]]:
         """See BridgeConfig: `answers` names data of other robots."""
         yield from super().fleet_problems(name, robots)
-        known = [f"{robot}.{data}" for robot, config in robots.items() for data in config.data]
+        known = {f"{robot}.{data}": (config, data) for robot, config in robots.items() for data in config.data}
         for position, asked in enumerate(self.answers):
+            path: KeyPath = ("bridges", name, "answers", position)
             if asked not in known:
-                path: KeyPath = ("bridges", name, "answers", position)
                 yield path, f"there is no data `{asked}`", closest(asked, known) or "write it as robot.data"
+                continue
+            robot, data_name = known[asked]
+            data = robot.data[data_name]
+            if robot.bridge == name and data.origin == "robot":
+                yield path, "it is data of this bridge's own robot", "only data of others can be asked for"
+            if any(field.array or field.type in _NO_FIELDS for field in data.all_fields().values()):
+                yield path, "it has arrays, DateTime or ByteString, which are no fields", "leave it out"
         if self.answers and self.interpreter is None:
             yield ("bridges", name, "answers"), "only a program on the robot can ask", "add `interpreter`, or remove it"
 
@@ -296,7 +315,7 @@ class TcpBridgeConfig(BridgeConfig, frozen=True):
             if field.array:
                 key = (*path, "fields", field_name, "array") if field_name else (*path, "array")
                 yield key, "a TCP robot has no arrays", "write a field for each element"
-            if field.type in (ScalarType.DATETIME, ScalarType.BYTE_STRING):
+            if field.type in _NO_FIELDS:
                 key = (*path, "fields", field_name, "type") if field_name else (*path, "type")
                 yield key, f"a TCP robot has no {field.type.value}", "a String or a number serves"
         direct = mapping.direct if isinstance(mapping, TcpSource | TcpSink) else None

@@ -2,23 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import math
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Final
 
 from ua_bridges.tcp.config import FAULT, TcpBridgeConfig, TcpSink, TcpSource, field_types
 from ua_fleet.bridge.driver import DriverEvent, Dropped, SampleRead, SourceFound, SourceLost
 from ua_fleet.config.base import ScalarType
 from ua_fleet.config.schema import DataSetConfig, FleetConfig
 from ua_fleet.counters import Drop
+from ua_fleet.fleet.skills import ArgumentModel, argument_problem
 from ua_fleet.pubsub.metadata import make_field
 from ua_fleet.topics import SERVER_SPACE, Topic
 from ua_fleet.values import BuiltinType, StatusCode, Variant
 from ua_fleet.wire.messages import FieldMetaData
 
-__all__ = ["Put", "RobotData", "Sources", "data_of", "faults_of"]
+__all__ = ["Put", "RobotData", "Sources", "data_of", "faults_of", "unfit"]
 
 Put = Callable[[DriverEvent], None]
+_FLOATS: Final = (ScalarType.FLOAT, ScalarType.DOUBLE)
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,6 +82,18 @@ def faults_of(config: FleetConfig, bridge_name: str) -> tuple[RobotData, ...]:
             if robot.bridge == bridge_name and robot.fault_id is not None
         ]
     )
+
+
+def unfit(data: RobotData, values: Sequence[Any]) -> str | None:
+    """Why values cannot be those of a DataSet for the robot; None where they can."""
+    if len(values) != len(data.types):
+        return f"{len(values)} values for {len(data.types)} fields"
+    for (name, wanted), value in zip(data.types.items(), values, strict=True):
+        if wanted in _FLOATS and isinstance(value, float) and not math.isfinite(value):
+            continue  # `nan` for a program; a command refuses it
+        if (problem := argument_problem(ArgumentModel(name, int(wanted.builtin)), value)) is not None:
+            return f"{name}: {problem}"
+    return None
 
 
 class Sources:

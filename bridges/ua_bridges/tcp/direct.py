@@ -20,7 +20,7 @@ from ua_bridges.tcp.config import (
     TcpSkillMapping,
     TcpSource,
 )
-from ua_bridges.tcp.data import Put, RobotData, Sources
+from ua_bridges.tcp.data import Put, RobotData, Sources, unfit
 from ua_bridges.tcp.link import APPEARS_S
 from ua_bridges.tcp.messages import number_of
 from ua_fleet.bridge.configured import ConfiguredSkill
@@ -264,6 +264,9 @@ class DirectSession:
     def inform(self, topic: Any, values: Sequence[Any]) -> bool:
         """Hand the robot a value; False, after a drop was counted, where that is not possible."""
         data, template = self._sinks[topic]
+        if (problem := unfit(data, values)) is not None:
+            self._sources.dropped(Drop.CONVERSION, f"{data.label}: {problem}")
+            return False
         try:
             written = self._encoded(template.render(dict(zip(data.types, values, strict=True))))
         except SkillRejected as error:

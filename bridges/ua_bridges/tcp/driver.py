@@ -16,7 +16,6 @@ from ua_fleet.bridge.driver import Driver, DriverStatus, Dropped, Execution, Inl
 from ua_fleet.config.schema import FleetConfig
 from ua_fleet.counters import Drop
 from ua_fleet.topics import SERVER_SPACE, Topic
-from ua_fleet.values import Quality, quality_of
 from ua_fleet.wire.messages import DataSetMessage, DataSetMetaData
 
 __all__ = ["TcpDriver", "create_driver"]
@@ -52,6 +51,8 @@ class TcpDriver:
         self._interpreter: InterpreterSession | None = None
         self._answers = _topics_of(config, bridge.answers)
         self._known: dict[str, tuple[Any, ...] | None] = dict.fromkeys(self._answers.values())
+        """What the program is answered: None for what is not of now."""
+        self._last = dict(self._known)
         self._inlet: Inlet | None = None
 
     async def start(self, inlet: Inlet) -> None:
@@ -74,12 +75,11 @@ class TcpDriver:
         assert self._inlet is not None
         wanted = self._answers.get(topic)
         if wanted is not None:
-            is_good = quality_of(message.status or 0) is not Quality.BAD
-            self._known[wanted] = tuple(message.values) if is_good else None
+            self._known[wanted] = self._last[wanted] = tuple(message.values)
         sink = self._sinks.get(topic)
         if sink is None:
             if wanted is None:
-                self._inlet.put(Dropped(Drop.NOT_MAPPED))
+                self._inlet.put(Dropped(Drop.UNMAPPED))
             return wanted is not None
         if self._direct is not None and self._direct.writes(topic):
             return self._direct.inform(topic, message.values)
@@ -87,6 +87,11 @@ class TcpDriver:
         done = self._interpreter.inform(sink, message.values, time.monotonic())
         self._look()
         return done
+
+    def stale(self, topic: Topic, is_stale: bool) -> None:
+        """See AnsweringDriver."""
+        if (name := self._answers.get(topic)) is not None:
+            self._known[name] = None if is_stale else self._last[name]
 
     def status(self) -> DriverStatus:
         """See Driver."""

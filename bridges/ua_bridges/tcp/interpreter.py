@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from ua_bridges.tcp.config import FAULT, InterpreterLink, TcpSkillMapping
-from ua_bridges.tcp.data import Put, RobotData, Sources
+from ua_bridges.tcp.data import Put, RobotData, Sources, unfit
 from ua_bridges.tcp.framing import FieldReader, FramingBroken
 from ua_bridges.tcp.link import APPEARS_S
 from ua_bridges.tcp.messages import (
@@ -51,6 +51,8 @@ class _Told:
     """None where a bridge before us has sent it."""
     is_sent: bool
     """Whether the robot may have heard of it."""
+    is_asked: bool = False
+    """Whether it was asked about since it was told last."""
 
 
 class InterpreterSession:
@@ -93,6 +95,7 @@ class InterpreterSession:
     def connected(self, now: float) -> None:
         """The robot's program is there. It is told what waited, and asked about all else that is open."""
         self._is_connected = True
+        self._outbox.clear()
         self._fields, self._messages = FieldReader(self._link), MessageReader(self._link.most_fields)
         self._begun_at = None
         for data in self._data.values():
@@ -120,6 +123,8 @@ class InterpreterSession:
                     continue
                 if (message := self._messages.feed(field)) is not None:
                     self._message(message, now, time_ns)
+                    if not self._is_connected:
+                        return  # an answer was too much for it, and the connection is over
         except (FramingBroken, MessageRefused) as error:
             self._sources.dropped(Drop.MALFORMED, f"the program on the robot sent {error}")
             self._reset(f"it sent {error}")
@@ -192,6 +197,8 @@ class InterpreterSession:
         elif state is RobotState.UNKNOWN:
             del self._told[message.number]
             self._executing.forget(execution_id, said or "the program on the robot remembers nothing of it")
+        elif not told.is_asked:  # it answers the command itself, and would be told again and again
+            self._sources.dropped(Drop.MALFORMED, "the program says `never` of a number that it was just told")
         elif told.command is not None:
             self._tell(message.number, told.command, now)
         else:
@@ -221,7 +228,8 @@ class InterpreterSession:
             self._tell(number, command, now)
 
     def _tell(self, number: int, command: Encoded, now: float) -> None:
-        self._told[number].is_sent = True
+        told = self._told[number]
+        told.is_sent, told.is_asked = True, False
         self._ask_at[number] = now + self._link.answer_timeout_s
         self._post(command, now)
 
@@ -249,6 +257,9 @@ class InterpreterSession:
 
     def inform(self, data: RobotData, values: Sequence[Any], now: float) -> bool:
         """Hand the robot a value; False, after a drop was counted, where that is not possible."""
+        if (problem := unfit(data, values)) is not None:
+            self._sources.dropped(Drop.CONVERSION, f"{data.label}: {problem}")
+            return False
         message = Message(Type.INFORMATION, data.subtype, 0, fields_of(values))
         try:
             encoded = self._outbox.encode(message)
@@ -301,6 +312,7 @@ class InterpreterSession:
             for number, ask_at in self._ask_at.items():
                 if now >= ask_at:
                     self._ask_at[number] = now + timeout_s
+                    self._told[number].is_asked = True
                     self._send(Message(Type.QUERY, _subtype(self._told[number].skill), number), now)
         return self._due()
 

@@ -154,7 +154,7 @@ def field_of(value: Any) -> str:
     if isinstance(value, bool):
         return "1" if value else "0"
     if isinstance(value, float):
-        return format(value, ".9g") if math.isfinite(value) else "nan"
+        return format(value, ".15g") if math.isfinite(value) else "nan"
     return str(value) if value is not None else ""
 
 

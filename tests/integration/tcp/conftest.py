@@ -26,7 +26,9 @@ bridges:
     space: 300
     status_id: 1
     {links}
+  side: {{kind: tcp, space: 301, status_id: 2, interpreter: {{connect: "127.0.0.1:9"}}}}
 robots:
+  oven: {{bridge: side, data: {{temperature: {{id: 90, type: Double}}}}}}
   machine:
     bridge: cell
     skill_status_id: 1902
@@ -49,7 +51,12 @@ DIRECT_VIA = """via:
 
 def interpreter_fleet(link: str) -> FleetConfig:
     """A fleet whose machine is reached through a program on it."""
-    whole = FILE.format(links=f"interpreter: {{{link}}}", position=POSITION % "", speed=SPEED % "", via="")
+    whole = FILE.format(
+        links=f"interpreter: {{{link}}}\n    answers: [oven.temperature]",
+        position=POSITION % "",
+        speed=SPEED % "",
+        via="",
+    )
     return load_content(whole.encode(), "fleet.yaml", {})
 
 

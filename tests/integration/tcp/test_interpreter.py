@@ -122,6 +122,28 @@ async def test_a_program_that_sends_rubbish_or_half_messages_is_left_and_met_aga
             assert len(one.facts(SourceFound)) == 5
 
 
+async def test_an_answer_is_of_now_or_empty() -> None:
+    oven, question = Topic(301, 2, 90), b"request\noven.temperature\n5\n0\n"
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        listener.settimeout(10)
+        link = f'connect: "127.0.0.1:{listener.getsockname()[1]}"'
+        async with running(interpreter_fleet(link)) as one:
+            robot, _ = await asyncio.to_thread(listener.accept)
+            with robot:
+
+                async def answer() -> bytes:
+                    robot.sendall(question)
+                    return await asyncio.to_thread(robot.recv, 1000)
+
+                assert await answer() == b"information\noven.temperature\n5\n0\n"
+                assert one.driver.publish(oven, METADATA, message(181.5))
+                assert await answer() == b"information\noven.temperature\n5\n1\n181.5\n"
+                one.driver.stale(oven, True)
+                assert await answer() == b"information\noven.temperature\n5\n0\n"
+                one.driver.stale(oven, False)
+                assert await answer() == b"information\noven.temperature\n5\n1\n181.5\n"
+
+
 async def test_a_robot_that_floods_is_read_and_others_go_on() -> None:
     with socket.create_server(("127.0.0.1", 0)) as listener:
         port = listener.getsockname()[1]

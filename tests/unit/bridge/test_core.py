@@ -279,3 +279,27 @@ def test_clock_of_a_source_that_is_set_back_is_no_loop() -> None:
         two.hear(again.take(), now)
     assert two.values()[-1] == (9.0,)
     assert two.counters.looped == 0
+
+
+def test_whoever_answers_for_others_is_told_when_their_values_are_not_of_now() -> None:
+    robot, other = Bridge(1), Bridge(2)
+    told: list[tuple[Topic, bool]] = []
+    other.core.stale = lambda topic, is_stale: told.append((topic, is_stale))
+    robot.find(TOPIC)
+    robot.read(TOPIC, 1.0, ns=1)
+    other.hear(robot.take())
+    assert other.values() == [(1.0,)]
+    assert told == []
+    silent = TIMING.receive_timeout_s + 1
+    other.core.poll(silent)
+    robot.core.poll(silent)
+    other.hear(robot.take(), now=silent)
+    assert told == [(TOPIC, True), (TOPIC, False)]
+    robot.core.from_space(SourceLost(TOPIC), now=silent, wall_ticks=WALL)
+    other.hear(robot.take(), now=silent)
+    assert told[2:] == [(TOPIC, True)]
+    other.core.poll(2 * silent + 1)
+    robot.core.poll(2 * silent + 1)
+    other.hear(robot.take(), now=2 * silent + 1)
+    assert set(told[2:]) == {(TOPIC, True)}
+    assert other.values() == [(1.0,)]

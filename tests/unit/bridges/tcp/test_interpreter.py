@@ -340,3 +340,29 @@ def test_of_values_that_wait_the_latest_counts() -> None:
     for _ in range(9):
         robot.says("ack")
     assert robot.sent == [b"information", b"text", b"0", b"1", b"0", b"information", b"text", b"0", b"1", b"499"]
+
+
+def test_a_program_that_says_never_to_everything_is_not_told_without_end() -> None:
+    robot = Robot()
+    robot.execute()
+    robot.reads()
+    for _ in range(100):
+        robot.says("status", "never", str(NUMBER), "0")
+    assert robot.reads() == []
+    assert robot.drops(Drop.MALFORMED) == 100
+    robot.after(2.0)
+    assert [message[0] for message in robot.reads()] == ["query"]
+    robot.says("status", "never", str(NUMBER), "0")
+    assert [message[0] for message in robot.reads()] == ["command"]
+
+
+def test_a_program_that_asks_without_end_and_reads_nothing_is_left_and_met_again() -> None:
+    robot = Robot("acknowledged")
+    robot.says(*("request", "other.temperature", "1", "0") * 500)
+    assert len(robot.resets) == 1
+    robot.sent.clear()
+    robot.session.connected(robot.now)
+    robot.execute()
+    assert robot.sent == [b"command"]
+    robot.after(1.9)
+    assert len(robot.resets) == 1

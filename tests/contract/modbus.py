@@ -36,7 +36,7 @@ bridges:
     status_id: 1
     poll_s: 0.01
     devices:
-      plc: {{host: 127.0.0.1, port: {port}, timeout_s: 0.5, retry_s: [0.05, 0.2], holding_registers: [[0, 9999]]}}
+      plc: {{host: 127.0.0.1, port: {port}, timeout_s: 1.5, retry_s: [0.05, 0.2], holding_registers: [[0, 9999]]}}
     mirrors:
       rover.speed: {{at: {{table: holding, address: 500, type: float64}}}}
       rover.pose:

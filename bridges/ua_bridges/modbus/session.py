@@ -32,7 +32,7 @@ __all__ = ["ModbusDriver"]
 
 MEMORY: Final = "handshakes.db"
 """In the bridge's state folder: which number each execution has."""
-_FIRST_S: Final = 1.0
+_FIRST_S: Final = 2.0
 """At the start, devices that are there are waited for so long: then they can be commanded at once."""
 _CLOSING_S: Final = 0.02
 _LISTED: Final = 3

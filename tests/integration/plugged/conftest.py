@@ -162,7 +162,7 @@ class UdevBench:
         self, subsystem: str, name: str, parent: str | None = None, *, attributes: Any = None, properties: Any = None
     ) -> str:
         """Plug a device in; its path below /sys."""
-        given = {"attributes": attributes or {}, "properties": properties or {}}
+        given: dict[str, Any] = {"attributes": attributes or {}, "properties": properties or {}}
         return str(self.do("plug", subsystem=subsystem, name=name, parent=parent, **given)["path"])
 
     def of(self, event: str, id: int) -> list[Any]:

@@ -1,5 +1,7 @@
 """Signals and methods on a real D-Bus."""
 
+# pyright: reportPrivateUsage=false, reportUnknownMemberType=false
+
 from __future__ import annotations
 
 import asyncio

@@ -1,6 +1,6 @@
 """A plugged-in sensor in a whole fleet: server and bridge as processes, secured, and a client that subscribes."""
 
-# pyright: reportPrivateUsage=false
+# pyright: reportPrivateUsage=false, reportPrivateImportUsage=false
 
 from __future__ import annotations
 

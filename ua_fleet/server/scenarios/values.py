@@ -32,6 +32,9 @@ class FleetValues:
         self._short: dict[str, str] = {}
         self.meanings: Counter[str] = Counter()
         """Names with the number of values that each may mean."""
+        self._demanding = {bridge.name for bridge in model.bridges if bridge.reads_on_demand}
+        self._on_demand: set[str] = set()
+        """Values that are read only while somebody needs them."""
         for robot in model.robots:
             self._take_in(robot)
         self._count()
@@ -46,6 +49,7 @@ class FleetValues:
         for data_set in robot.data_sets:
             for field in data_set.fields:
                 full = self._full.pop(field.key)
+                self._on_demand.discard(full)
                 for known in (self._own, self._status, self._values):
                     known.pop(full, None)
         self._count()
@@ -62,6 +66,8 @@ class FleetValues:
                 own = _own_name(data_set, field)
                 full = self._full[field.key] = f"{robot.name}.{own}"
                 self._own[full] = own
+                if robot.bridge in self._demanding:
+                    self._on_demand.add(full)
                 self._status[full] = int(StatusCode.BAD_WAITING_FOR_INITIAL_DATA)
                 if field.initial is not None:
                     self._values[full], self._status[full] = field.initial, 0
@@ -105,6 +111,8 @@ class FleetValues:
             raise ValueUnknown(f"there is no value {name!r}")
         if status & _BAD:
             raise ValueUnknown(f"{name} is not known now ({status_name(status)})")
+        if status == StatusCode.UNCERTAIN_LAST_USABLE_VALUE and full in self._on_demand:
+            raise ValueUnknown(f"{name} is not known now (it was not read since somebody needed it last)")
         value = self._values.get(full)
         if index is not None:
             if not isinstance(value, tuple | list):

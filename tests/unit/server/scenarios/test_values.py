@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
 from ua_fleet.config.nodes import fleet_model
@@ -129,3 +131,28 @@ def test_robots_come_and_go(values: FleetValues) -> None:
     assert values.look_up("rover.battery") == 10.0
     with pytest.raises(ValueUnknown):
         values.look_up("battery")
+
+
+def test_the_last_value_of_what_rests_is_not_known() -> None:
+    model = fleet_model(CONFIG)
+    resting = replace(model, bridges=tuple([replace(bridge, reads_on_demand=True) for bridge in model.bridges]))
+    for there, is_known in ((FleetValues(model), True), (FleetValues(resting), False)):
+        there.take(NodeId(2, 1001), 3.0, int(StatusCode.UNCERTAIN_LAST_USABLE_VALUE))
+        if is_known:
+            assert there.look_up("ur3.battery") == 3.0
+        else:
+            with pytest.raises(ValueUnknown, match="was not read since"):
+                there.look_up("ur3.battery")
+        there.take(NodeId(2, 1001), 4.0, 0)
+        assert there.look_up("ur3.battery") == 4.0
+
+
+def test_the_nodes_that_a_scenario_asks_for(values: FleetValues) -> None:
+    head = "version: 1\nname: a\nsteps:\n"
+    steps = ["{wait: null, until: 'joints[0] > 1 and ur3.battery > 20'}", "{if: 'pose.x > 2', then: [{wait: 1 s}]}"]
+    text = head + "".join([f"  - {step}\n" for step in steps])
+    scenario = read_scenario(text.encode(), "").scenario
+    names = set(scenario.names())
+    assert names == {"joints[0]", "ur3.battery", "pose.x"}
+    assert values.keys_of(names) == {NodeId(2, 1005), NodeId(2, 1001), NodeId(2, "1002.x")}
+    assert values.keys_of([]) == set()

@@ -11,11 +11,11 @@ from ua_bridges.ros.convert import compile_reader
 from ua_bridges.ros.fields import fields_of
 from ua_bridges.ros.latched import mark_latched
 from ua_bridges.ros.mapping import MappedSource
-from ua_bridges.ros.rate import RateGate
 from ua_bridges.ros.schema import MessageSchema, schema_from_definition
 from ua_bridges.ros.stamp import source_time_ns
 from ua_bridges.ros1.classes import MessageType
 from ua_fleet.bridge.driver import Dropped, Inlet, SampleRead, SourceFound, SourceLost
+from ua_fleet.bridge.rate import RateGate
 from ua_fleet.config.schema import DataSetConfig
 from ua_fleet.counters import Drop
 from ua_fleet.pubsub.metadata import make_field

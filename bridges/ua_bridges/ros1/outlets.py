@@ -17,11 +17,11 @@ from ua_bridges.ros.delivered import Delivered
 from ua_bridges.ros.errors import ConversionError
 from ua_bridges.ros.fields import ros_type_of
 from ua_bridges.ros.latched import is_latched
-from ua_bridges.ros.rate import RateGate
 from ua_bridges.ros.schema import ros1_type_name
 from ua_bridges.ros1.classes import MessageType, TypeUnavailable, installed_type, needed_type, type_from_definition
 from ua_bridges.ros1.outlet import Outlet
 from ua_fleet.bridge.driver import Dropped, Inlet
+from ua_fleet.bridge.rate import RateGate
 from ua_fleet.config.schema import DataSetConfig, TopicMapping
 from ua_fleet.counters import Drop
 from ua_fleet.errors import ConfigError, UaFleetError

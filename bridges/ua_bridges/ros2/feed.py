@@ -13,9 +13,9 @@ from ua_bridges.ros.convert import compile_reader
 from ua_bridges.ros.fields import fields_of
 from ua_bridges.ros.latched import mark_latched
 from ua_bridges.ros.mapping import MappedSource
-from ua_bridges.ros.rate import RateLimit
 from ua_bridges.ros2.classes import MessageType
 from ua_fleet.bridge.driver import Dropped, Inlet, SampleRead, SourceFound, SourceLost
+from ua_fleet.bridge.rate import RateLimit
 from ua_fleet.config.schema import DataSetConfig
 from ua_fleet.counters import Drop
 from ua_fleet.pubsub.metadata import make_field

@@ -12,7 +12,6 @@ from ua_bridges.ros.convert import Writer, compile_writer
 from ua_bridges.ros.delivered import Delivered, state_folder
 from ua_bridges.ros.errors import ConversionError, SchemaInvalid
 from ua_bridges.ros.fields import ros_type_of
-from ua_bridges.ros.rate import RateGate
 from ua_bridges.ros.served import Served
 from ua_bridges.ros.sink import compile_sink
 from ua_bridges.ros2.classes import MessageType, load_type, make
@@ -23,6 +22,7 @@ from ua_bridges.ros2.qos import MIRROR, sink_qos
 from ua_bridges.ros2.thread import NodeThread
 from ua_bridges.ros2.watch import Heard, Mapped, Watch, absolute
 from ua_fleet.bridge.driver import DriverStatus, Dropped, Inlet
+from ua_fleet.bridge.rate import RateGate
 from ua_fleet.config.schema import DataSetConfig, FleetConfig, TopicMapping
 from ua_fleet.counters import Drop
 from ua_fleet.errors import UaFleetError

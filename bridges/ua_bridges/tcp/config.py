@@ -174,6 +174,8 @@ class TcpSource(DataMapping, frozen=True):
     """A line that the robot says in direct mode."""
     subtype: Word | None = None
     """What the program on the robot calls it; the name of the data if left out."""
+    max_rate_hz: float | None = Field(default=None, gt=0, le=10_000)
+    """At most so many values a second are handed on; the latest wins, and the last one always arrives."""
 
 
 class DirectSink(Model, frozen=True):

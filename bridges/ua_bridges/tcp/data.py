@@ -9,6 +9,7 @@ from typing import Any, Final
 
 from ua_bridges.tcp.config import FAULT, TcpBridgeConfig, TcpSink, TcpSource, field_types
 from ua_fleet.bridge.driver import DriverEvent, Dropped, SampleRead, SourceFound, SourceLost
+from ua_fleet.bridge.rate import RateLimit
 from ua_fleet.config.base import ScalarType
 from ua_fleet.config.schema import DataSetConfig, FleetConfig
 from ua_fleet.counters import Drop
@@ -102,6 +103,7 @@ class Sources:
     def __init__(self, put: Put) -> None:
         self._put = put
         self._there: set[Topic] = set()
+        self._limits: dict[Topic, RateLimit[SampleRead]] = {}
         self._told: set[str] = set()
         """Mistakes that were told since they were last absent: a log needs each once."""
 
@@ -115,16 +117,29 @@ class Sources:
         """It cannot be heard any more."""
         if data.topic in self._there:
             self._there.remove(data.topic)
-            self._put(SourceLost(data.topic))
+            self._leave(data.topic)
 
     def all_lost(self) -> None:
         """The connection is gone."""
         for topic in sorted(self._there):
-            self._put(SourceLost(topic))
+            self._leave(topic)
         self._there.clear()
         self._told.clear()
 
-    def read(self, data: RobotData, values: Mapping[str, Any], time_ns: int) -> None:
+    def _leave(self, topic: Topic) -> None:
+        limit = self._limits.pop(topic, None)
+        if limit is not None and (last := limit.drain()) is not None:
+            self._put(last)
+        self._put(SourceLost(topic))
+
+    def turn(self, now: float) -> float | None:
+        """Hand on what has waited for its turn; when the next one is due, None where none waits."""
+        for limit in self._limits.values():
+            if (sample := limit.take(now)) is not None:
+                self._put(sample)
+        return min((limit.due for limit in self._limits.values() if limit.due is not None), default=None)
+
+    def read(self, data: RobotData, values: Mapping[str, Any], now: float, time_ns: int) -> None:
         """One value; a field that is missing, or a ValueError in its place, is Bad."""
         read: list[Any] = []
         for name in data.types:
@@ -134,7 +149,17 @@ class Sources:
                 self.dropped(Drop.CONVERSION, f"{data.label}: {name}: {value or 'it is missing'}")
             else:
                 read.append(value)
-        self._put(SampleRead(data.topic, tuple(read), time_ns))
+        sample = SampleRead(data.topic, tuple(read), time_ns)
+        rate_hz = data.mapping.max_rate_hz if isinstance(data.mapping, TcpSource) else None
+        if rate_hz is None:
+            self._put(sample)
+            return
+        limit = self._limits.setdefault(data.topic, RateLimit(rate_hz))
+        passed, is_replaced = limit.offer(sample, now)
+        if is_replaced:
+            self._put(Dropped(Drop.RATE_LIMITED))
+        if passed is not None:
+            self._put(passed)
 
     def dropped(self, cause: Drop, detail: str) -> None:
         """Count what cannot be handed on; the same words are told once for each connection."""

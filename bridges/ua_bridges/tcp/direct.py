@@ -171,7 +171,7 @@ class DirectSession:
             if (values := source.pattern.match(line)) is not None:
                 source.heard_at = now
                 self._sources.found(source.data)
-                self._sources.read(source.data, _checked(source.data, values), time_ns)
+                self._sources.read(source.data, _checked(source.data, values), now, time_ns)
                 return
         if line:
             self._sources.dropped(Drop.UNASKED, "the robot says what no pattern in fleet.yaml expects")
@@ -301,7 +301,7 @@ class DirectSession:
                 self._write(self._encoded(awaiting[0].halt.render(_arguments(awaiting[0].skill, awaiting[1]))))
             said = "it took longer than the skill's timeout; see what the robot does"
             self._ended(opened.execution_id, Ended(StatusCode.BAD_TIMEOUT, (), said))
-        times = [at for at in (self._executing.due(),) if at is not None]
+        times = [at for at in (self._executing.due(), self._sources.turn(now)) if at is not None]
         if self._waiting is not None:
             times.append(self._offline_since + APPEARS_S)
         if self._is_connected:

@@ -138,11 +138,11 @@ class InterpreterSession:
         if message.type is Type.STATUS:
             self._status(message, now)
         elif message.type is Type.INFORMATION:
-            self._information(message, time_ns)
+            self._information(message, now, time_ns)
         else:
             self._request(message, now)
 
-    def _information(self, message: Message, time_ns: int) -> None:
+    def _information(self, message: Message, now: float, time_ns: int) -> None:
         data = self._data.get(message.subtype)
         if data is None:
             known = f"fleet.yaml has {', '.join(self._data) or 'none'}"
@@ -156,7 +156,7 @@ class InterpreterSession:
                 values[name] = value_of(field, wanted)
             except ValueError as error:
                 values[name] = error
-        self._sources.read(data, values, time_ns)
+        self._sources.read(data, values, now, time_ns)
 
     def _request(self, message: Message, now: float) -> None:
         if message.subtype not in self._asked_for:
@@ -314,7 +314,8 @@ class InterpreterSession:
                     self._ask_at[number] = now + timeout_s
                     self._told[number].is_asked = True
                     self._send(Message(Type.QUERY, _subtype(self._told[number].skill), number), now)
-        return self._due()
+        waiting = self._sources.turn(now)
+        return min((at for at in (waiting, self._due()) if at is not None), default=None)
 
     def _due(self) -> float | None:
         overdue = self._executing.due()

@@ -35,12 +35,13 @@ NUMBER = number_of(ID)
 class Robot:
     """A session, and the robot's side of it."""
 
-    def __init__(self, framing: str = "terminator", *, connected: bool = True) -> None:
+    def __init__(self, framing: str = "terminator", *, connected: bool = True, rate: str = "") -> None:
         self.config = fleet(
             (
                 'interpreter: {connect: "127.0.0.1:1025"}',
                 f'interpreter: {{connect: "127.0.0.1:1025", framing: {framing}}}',
-            )
+            ),
+            ("y: {type: Double}}}", f"y: {{type: Double}}}}{rate}}}"),
         )
         bridge = self.config.bridges["cell"]
         assert isinstance(bridge, TcpBridgeConfig)
@@ -49,7 +50,9 @@ class Robot:
         self.sent: list[bytes] = []
         self.resets: list[str] = []
         self.now = 0.0
-        sources = [data for data in data_of(self.config, "cell") if data.topic.space != 0 and data.mapping is None]
+        sources = [
+            data for data in data_of(self.config, "cell") if data.topic.space != 0 and data.subtype == "position"
+        ]
         self.session = InterpreterSession(
             bridge.interpreter,
             [*sources, *faults_of(self.config, "cell")],
@@ -366,3 +369,19 @@ def test_a_program_that_asks_without_end_and_reads_nothing_is_left_and_met_again
     assert robot.sent == [b"command"]
     robot.after(1.9)
     assert len(robot.resets) == 1
+
+
+def test_a_source_has_its_rate() -> None:
+    robot = Robot(rate=", source: {max_rate_hz: 2}")
+    for number in range(10):
+        robot.says("information", "position", "0", "2", str(number), "0")
+    robot.after(0.4)
+    assert [sample.values[0] for sample in robot.facts(SampleRead)] == [0.0]
+    robot.after(0.1)
+    assert [sample.values[0] for sample in robot.facts(SampleRead)] == [0.0, 9.0]
+    assert robot.drops(Drop.RATE_LIMITED) == 8
+    robot.says("information", "position", "0", "2", "10", "0")
+    assert robot.session.turn(robot.now) == pytest.approx(1.0)
+    robot.session.lost(robot.now)
+    assert [sample.values[0] for sample in robot.facts(SampleRead)] == [0.0, 9.0, 10.0]
+    assert isinstance(robot.told[-1], SourceLost)

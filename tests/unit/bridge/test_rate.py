@@ -5,7 +5,8 @@ import itertools
 
 from hypothesis import given
 from hypothesis import strategies as st
-from ua_bridges.ros.rate import RateGate, RateLimit
+
+from ua_fleet.bridge.rate import RateGate, RateLimit
 
 
 def test_first_goes_at_once_and_the_latest_waits_for_its_turn() -> None:

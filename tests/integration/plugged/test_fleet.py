@@ -19,6 +19,7 @@ from asyncua import ua
 from tests.plugged_device import PtyDevice
 from tests.system import Child, Processes, clean_environment
 from ua_fleet.client import ClientIdentity, FleetClient
+from ua_fleet.client.scenarios import RunInfo, ScenarioClient
 from ua_fleet.errors import SkillRejected
 from ua_fleet.server.users import USERS_FILE, Role, ScryptCost, UserStore
 from ua_fleet.values import StatusCode
@@ -239,3 +240,45 @@ class Messages:
 async def follow(client: FleetClient) -> None:
     async for _ in client.watch(["ns=2;i=10"]):
         pass
+
+
+async def test_a_run_has_what_it_needs_read_and_says_why_nobody_can_do_it(fleet: Fleet) -> None:
+    (fleet.folder / "scenarios").mkdir()
+    look = "{task: look, skill: read_temperature, capacity: temperature}"
+    for name, step in (("warm", f"{{if: temperature > 20, then: [{look}]}}"), ("look", look)):
+        (fleet.folder / "scenarios" / f"{name}.yaml").write_text(f"version: 1\nname: {name}\nsteps:\n  - {step}\n")
+    async with fleet.client() as client:
+        await has_status(client, StatusCode.BAD_WAITING_FOR_INITIAL_DATA)
+        assert fleet.asked == 0
+        scenarios = ScenarioClient(client)
+
+        async def ended(run_id: str) -> RunInfo:
+            async with asyncio.timeout(20):
+                while not (info := await scenarios.run_info(run_id)).is_over:
+                    await asyncio.sleep(0.05)
+            return info
+
+        async def decided(text: str) -> None:
+            async with asyncio.timeout(20):
+                while True:
+                    for decision in await scenarios.decisions():
+                        if text in decision.reasons:
+                            return
+                    await asyncio.sleep(0.05)
+
+        done = await ended(await scenarios.run("warm"))
+        assert (done.state, done.robots) == ("done", ("pioneer_pc",)), done
+        assert fleet.asked > 0
+        await fleet.rests(5)
+        fleet.thermometer.unplug()
+        await has_status(client, StatusCode.BAD_NO_COMMUNICATION)
+        assert await scenarios.validate("look") == []
+        run_id = await scenarios.run("look")
+        await decided("has not the capacity temperature now: pioneer_pc.temperature is not there")
+        fleet.thermometer.plug()
+        async with asyncio.timeout(20):
+            while (decision := (await scenarios.decisions())[0]).robots != ("pioneer_pc",):
+                await asyncio.sleep(0.05)
+        await scenarios.confirm(decision.decision_id, "pioneer_pc")
+        done = await ended(run_id)
+        assert (done.state, done.robots) == ("done", ("pioneer_pc",)), done

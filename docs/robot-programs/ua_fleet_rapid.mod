@@ -3,14 +3,14 @@ MODULE UaFleet
     ! Runs as a background task (SEMISTATIC); the motion task reads `job_number` and does the work.
     ! Written from docs/tcp.md; it has not been run on a controller.
 
-    PERS num job_number := 0;          ! what is to be done, or was done last; survives a restart
+    ! What is to be done, or was done last; survives a restart. A text, since a `num` is exact to 8388608 only, and the
+    ! bridge's numbers go to 2147483647.
+    PERS string job_number := "";
     PERS string job_skill := "";
     PERS num job_size := 0;
     PERS string job_data{8} := ["", "", "", "", "", "", "", ""];
     PERS string job_state := "done";   ! running, done, failed, halted; written by the motion task
     PERS bool job_halt := FALSE;       ! the motion task stops when this is set
-    PERS num position_x := 0;
-    PERS num position_y := 0;
 
     VAR socketdev listener;
     VAR socketdev bridge;
@@ -38,7 +38,6 @@ MODULE UaFleet
         ENDWHILE
     ERROR
         ! The bridge has gone; what it wants to know it asks when it is back.
-        IF ERRNO = ERR_SOCK_CLOSED RETURN;
         RETURN;
     ENDPROC
 
@@ -67,12 +66,12 @@ MODULE UaFleet
 
     PROC take(string kind)
         VAR string subtype;
-        VAR num number;
+        VAR string number;
         VAR num size;
         VAR string data{8};
         VAR bool ok;
         subtype := field();
-        ok := StrToVal(field(), number);
+        number := field();
         ok := StrToVal(field(), size);
         FOR i FROM 1 TO size DO
             data{i} := field();
@@ -103,11 +102,11 @@ MODULE UaFleet
         ENDTEST
     ENDPROC
 
-    PROC tell(num number)
+    PROC tell(string number)
         told_state := job_state;
         send "status";
         send job_state;
-        send ValToStr(number);
+        send number;
         IF job_state = "done" AND job_skill = "work" THEN
             send "2";
             send job_data{1};
@@ -117,10 +116,10 @@ MODULE UaFleet
         ENDIF
     ENDPROC
 
-    PROC send_text(string state, num number, string text)
+    PROC send_text(string state, string number, string text)
         send "status";
         send state;
-        send ValToStr(number);
+        send number;
         send "1";
         send text;
     ENDPROC

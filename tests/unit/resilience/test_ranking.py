@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from itertools import pairwise
+from itertools import combinations, pairwise
 
 import pytest
 from hypothesis import given
@@ -71,6 +71,44 @@ def test_distributive_synthesis_by_hand() -> None:
     assert list(first.raw) == [80, 10]
     assert first.scores == pytest.approx((0.8, 1 / 3))
     assert ranking.best == "pioneer_1"
+
+
+def test_the_choice_of_a_leader() -> None:
+    """The whole of the worked example "Analytic hierarchy process, leader example" (Wikipedia): Dick 0.493, Tom 0.358,
+    Harry 0.149. Each criterion compares the candidates in pairs; those priorities are its raw values here."""
+    criteria = ("experience", "education", "charisma", "age")
+    weights = weigh(
+        criteria,
+        {
+            ("experience", "education"): 4,
+            ("experience", "charisma"): 3,
+            ("experience", "age"): 7,
+            ("charisma", "education"): 3,
+            ("education", "age"): 3,
+            ("charisma", "age"): 5,
+        },
+    )
+    people = ("Tom", "Dick", "Harry")
+    compared = {
+        "experience": (1 / 4, 4, 9),
+        "education": (3, 1 / 5, 1 / 7),
+        "charisma": (5, 9, 4),
+        "age": (1 / 3, 5, 9),
+    }
+    priorities = {
+        name: weigh(people, dict(zip(combinations(people, 2), ratios, strict=True)))
+        for name, ratios in compared.items()
+    }
+    ranking = rank(
+        [Criterion(name, CriterionKind.BENEFIT, (0, 1)) for name in criteria],
+        weights,
+        [Candidate(person, {name: priorities[name].of(person) for name in criteria}) for person in people],
+    )
+    assert [(place.robot, round(place.score, 3)) for place in ranking.ranked] == [
+        ("Dick", 0.493),
+        ("Tom", 0.358),
+        ("Harry", 0.149),
+    ]
 
 
 def test_ideal_synthesis_by_hand() -> None:

@@ -23,6 +23,7 @@ def modules() -> list[str]:
     return found
 
 
+@pytest.mark.timeout(300)  # a process for each module: a busy machine needs minutes
 def test_each_module_can_be_imported_alone() -> None:
     program = Path(__file__).with_name("import_alone.py")
     environment = {"PYTHONPATH": ":".join(str(path) for path in ROOTS.values()), "PATH": "/usr/bin:/bin"}

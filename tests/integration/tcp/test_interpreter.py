@@ -14,6 +14,7 @@ from tests.contract.harness import until
 from tests.integration.tcp.conftest import StartRobot, interpreter_fleet, running
 from tests.system import free_tcp_port
 from ua_fleet.bridge.driver import (
+    AnsweringDriver,
     Dropped,
     ExecutionEnded,
     ExecutionForgotten,
@@ -138,6 +139,7 @@ async def test_an_answer_is_of_now_or_empty() -> None:
                 assert await answer() == b"information\noven.temperature\n5\n0\n"
                 assert one.driver.publish(oven, METADATA, message(181.5))
                 assert await answer() == b"information\noven.temperature\n5\n1\n181.5\n"
+                assert isinstance(one.driver, AnsweringDriver)  # by which the bridge finds out whom to tell
                 one.driver.stale(oven, True)
                 assert await answer() == b"information\noven.temperature\n5\n0\n"
                 one.driver.stale(oven, False)

@@ -22,6 +22,9 @@ if TYPE_CHECKING:
 
 __all__ = ["EXAMPLES", "talkrobots"]
 
+UNATTENDED_S = 60.0
+"""With `--once` and no terminal an operator's choice is waited for so long."""
+
 EXAMPLES = (
     "ua-fleet demo talkrobots",
     "ua-fleet demo talkrobots --once --speed 10 --resilience automatic --json result.json",
@@ -72,7 +75,7 @@ def talkrobots(
         from ua_fleet.demo.folder import claim_domains, run_folder
         from ua_fleet.demo.site import choose_site
         from ua_fleet.demo.talkrobots.run import run_talkrobots
-        from ua_fleet.demo.talkrobots.setting import DOMAINS, SCENARIO, make_setting
+        from ua_fleet.demo.talkrobots.setting import DOMAINS, PATIENCE_S, SCENARIO, make_setting
     except ImportError as error:
         raise BridgeUnavailable(f"the demonstration cannot run: {error}", extra="server") from error
     chooser: Literal["automatic", "operator"] = "automatic" if resilience is Resilience.AUTOMATIC else "operator"
@@ -103,7 +106,8 @@ def talkrobots(
             secure=secure,
             say=message,
         )
-        setting = make_setting(site, domains=domains, speed=speed, mode=chooser, say=message)
+        limit_s = UNATTENDED_S if once and not sys.stdin.isatty() else PATIENCE_S
+        setting = make_setting(site, domains=domains, speed=speed, mode=chooser, limit_s=limit_s, say=message)
         message("starting the server, seven bridges and the robots' programs (some seconds)")
 
         def started() -> None:
@@ -111,7 +115,7 @@ def talkrobots(
             if wait:
                 message(f"ready: run {SCENARIO} by the Method Run of Objects/TalkRoBots/Scenarios")
 
-        ask = partial(_ask, endpoint=site.endpoint)
+        ask = partial(_ask, endpoint=site.endpoint, limit_s=limit_s)
         run(
             run_talkrobots(
                 setting, say=print_line, ask=ask, started=started, finished=finished, wait=wait, stay=not once
@@ -121,13 +125,14 @@ def talkrobots(
         raise typer.Exit(1)
 
 
-async def _ask(told: DecisionTold, *, endpoint: str) -> str | None:
+async def _ask(told: DecisionTold, *, endpoint: str, limit_s: float) -> str | None:
     """Ask at the terminal who takes over; where there is none, say how else it is told."""
     robots = [place.robot for place in told.ranking.ranked]
     if not robots:
         return None
     if not sys.stdin.isatty():
         message(f"choose: ua-fleet decision confirm {told.decision_id} {robots[0]} -u operator -e {endpoint}")
+        message(f"otherwise {robots[0]} takes over after {limit_s:g} s")
         return None
     while True:
         sys.stderr.write(f"who takes over? [{robots[0]}] ")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 from ua_fleet.config.schema import BridgeConfig, DataSetConfig, FleetConfig, RobotConfig, ScalarType, SkillConfig
@@ -27,19 +28,22 @@ __all__ = ["fleet_model", "robot_model"]
 def fleet_model(config: FleetConfig) -> FleetModel:
     """The model of a configuration that `load` has checked; raises ConfigError for a data source without an id."""
     ns = config.fleet.namespace_index
-    bridges = tuple(_bridge(ns, name, bridge) for name, bridge in config.bridges.items())
+    bridges = tuple(
+        _bridge(ns, name, bridge, [robot for robot in config.robots.values() if robot.bridge == name])
+        for name, bridge in config.bridges.items()
+    )
     robots = tuple(robot_model(ns, name, robot, config.space_of(name)) for name, robot in config.robots.items())
     return FleetModel(config.fleet.name, ns, robots, bridges)
 
 
-def _bridge(ns: int, name: str, config: BridgeConfig) -> BridgeModel:
+def _bridge(ns: int, name: str, config: BridgeConfig, robots: Sequence[RobotConfig]) -> BridgeModel:
     status = None
     if config.status_id is not None:
         topic = Topic.checked(config.space, ns, config.status_id)
         names = [*BRIDGE_FIELDS, *((drop_field(drop.value), BuiltinType.UINT64) for drop in Drop)]
         fields = tuple(FieldModel(NodeId(ns, f"{topic.id}.{field}"), field, int(kind)) for field, kind in names)
         status = DataSetModel(topic, name, fields, config.description, is_single=False)
-    return BridgeModel(name, config.kind, config.space, config.description, status, ns, config.reads_on_demand)
+    return BridgeModel(name, config.kind, config.space, config.description, status, ns, config.reads_on_demand(robots))
 
 
 def robot_model(ns: int, name: str, config: RobotConfig, space: int) -> RobotModel:

@@ -212,8 +212,6 @@ class BridgeConfig(Model, frozen=True):
     requestors: tuple[Annotated[int, Field(ge=0, le=65535)], ...] = (SERVER_SPACE,)
     """Spaces that may command this one by Actions; 0 is the server."""
 
-    reads_on_demand: ClassVar[bool] = False
-    """Whether bridges of this kind read some data only while somebody follows it, which the server then tells them."""
     skill_mapping: ClassVar[type[BaseModel] | None] = None
     """Model of `via` in a skill of a robot on such a bridge; None where bridges of this kind run no skills."""
     source_mapping: ClassVar[type[DataMapping] | None] = None
@@ -230,6 +228,10 @@ class BridgeConfig(Model, frozen=True):
             return check_space(space)
         except TopicInvalid as error:
             raise ValueError(error.reason) from error
+
+    def reads_on_demand(self, robots: Iterable[RobotConfig]) -> bool:
+        """Whether it reads some data of its `robots` only while somebody follows it, which the server then tells."""
+        return False
 
     def problems(self, name: str, robots: Mapping[str, RobotConfig]) -> Iterable[tuple[KeyPath, str, str]]:
         """What is wrong between this bridge and its robots, beyond what one model alone can see.

@@ -239,7 +239,6 @@ class PluggedBridgeConfig(BridgeConfig, frozen=True):
     bus: str = "system"
     """D-Bus for `signal` and `call`: `system`, `session`, or an address such as `unix:path=/run/my/bus`."""
 
-    reads_on_demand: ClassVar[bool] = True
     skill_mapping: ClassVar[type[BaseModel] | None] = PluggedSkill
     source_mapping: ClassVar[type[DataMapping] | None] = PluggedSource
     sink_mapping: ClassVar[type[DataMapping] | None] = PluggedSink
@@ -257,6 +256,11 @@ class PluggedBridgeConfig(BridgeConfig, frozen=True):
         if bus not in ("system", "session") and not re.match(r"^(unix|tcp):\w+=\S+$", bus):
             raise ValueError("write `system`, `session`, or an address such as `unix:path=/run/my/bus`")
         return bus
+
+    def reads_on_demand(self, robots: Iterable[RobotConfig]) -> bool:
+        """See BridgeConfig."""
+        sources = [data.source for robot in robots for data in robot.data.values()]
+        return any(isinstance(source, PluggedSource) and source.when == "wanted" for source in sources)
 
     def problems(self, name: str, robots: Mapping[str, RobotConfig]) -> Iterable[tuple[KeyPath, str, str]]:
         """See BridgeConfig: devices that are not there, templates, types and results that do not fit."""

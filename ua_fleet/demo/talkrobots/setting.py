@@ -147,8 +147,18 @@ class Setting:
         return self.site.environment(space if space != 1 and actor.kind.is_ros else None)
 
 
+PATIENCE_S: Final = 600.0
+"""How long an operator may think who is there to look at everything."""
+
+
 def make_setting(
-    site: Site, *, domains: Sequence[int], speed: float, mode: Mode, say: Callable[[str], None]
+    site: Site,
+    *,
+    domains: Sequence[int],
+    speed: float,
+    mode: Mode,
+    limit_s: float = PATIENCE_S,
+    say: Callable[[str], None],
 ) -> Setting:
     """Write `fleet.yaml` and the scenario, and say what differs from what a reader expects.
 
@@ -160,6 +170,7 @@ def make_setting(
         domains: DOMAINS ROS 2 domains.
         speed: how many times faster than in the paper.
         mode: who chooses a replacement.
+        limit_s: how long an operator may take for it; then the best candidate takes over.
         say: prints a line for people.
     """
     free, vendor = iter(domains), count(_FIRST_VENDOR_SPACE)
@@ -189,6 +200,7 @@ def make_setting(
             gripper_s=round(_GRIPPER_S / speed, 3),
             timeout_s=_TIMEOUT_S / min(speed, 1.0),
             mode=mode,
+            limit_s=limit_s,
         )
     )
     _forget_runs(site.folder / "state")

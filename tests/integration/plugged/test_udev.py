@@ -82,7 +82,7 @@ async def test_others_are_left_alone_and_the_second_that_fits_waits(bench: UdevB
         assert "plugged in at /dev/ttyACM0" in bench.status()
         bench.do("pull", path=first)
         await until(lambda: "plugged in at /dev/ttyACM1" in bench.status(), "the second")
-        assert len(bench.of("found", 10)) == 2
+        await until(lambda: len(bench.of("found", 10)) == 2, "the source again")
 
 
 async def test_ids_of_the_usb_device_serve_where_udev_has_no_rules(bench: UdevBench) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import json
 import logging
 import signal
 import sys
@@ -11,23 +10,17 @@ from functools import partial
 from pathlib import Path
 
 import structlog
-from ua_bridges.ros1.config import Ros1BridgeConfig
-from ua_bridges.ros2.config import Ros2BridgeConfig
 
 from ua_fleet.bridge.registry import load_driver
 from ua_fleet.bridge.runner import run_bridge
 from ua_fleet.cli.key_source import key_source_of
-from ua_fleet.config.schema import BridgeConfig, FleetConfig
+from ua_fleet.config.load import load
 from ua_fleet.errors import UaFleetError
 from ua_fleet.transport.udp import UdpTransport
 
-MODELS: dict[str, type[BridgeConfig]] = {"ros1": Ros1BridgeConfig, "ros2": Ros2BridgeConfig}
-
 
 async def main(path: str, name: str) -> int:
-    raw = json.loads(Path(path).read_text())
-    raw["bridges"] = {key: MODELS[value["kind"]].model_validate(value) for key, value in raw["bridges"].items()}
-    config = FleetConfig.model_validate(raw)
+    config = load(path, {}, allow_missing_ids=True)
     pubsub = config.pubsub
     transport = UdpTransport(
         pubsub.url, pubsub.interface, ttl=pubsub.ttl, receive_buffer_bytes=pubsub.receive_buffer_bytes

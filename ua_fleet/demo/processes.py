@@ -31,6 +31,11 @@ class _Process:
         self.lines: list[str] = []
         self.changed = asyncio.Event()
 
+    @property
+    def code(self) -> int | None:
+        """With what it ended, once all that it wrote has been read."""
+        return self.process.returncode if self.reader is not None and self.reader.done() else None
+
 
 class Processes:
     """Starts processes by name and ends all of them when the context is left."""
@@ -91,7 +96,8 @@ class Processes:
                 if on_line is not None:
                     on_line(line)
         await process.process.wait()
-        process.changed.set()
+        # The event comes after this task's end, which `code` waits for.
+        asyncio.get_running_loop().call_soon(process.changed.set)
 
     def write_line(self, name: str, line: str) -> None:
         """Write a line to the stdin of a process that was started with one."""
@@ -111,7 +117,7 @@ class Processes:
                         if text in line:
                             return line
                     seen = len(process.lines)
-                    if process.process.returncode is not None:
+                    if process.code is not None:
                         break
                     await process.changed.wait()
         self.check()
@@ -157,8 +163,7 @@ class Processes:
     def check(self) -> None:
         """Raise DemoFailed if a process has ended, with the last line that it wrote."""
         for process in self._processes.values():
-            code = process.process.returncode
-            if code is not None:
+            if (code := process.code) is not None:
                 how = f"ended with code {code}" if code >= 0 else f"was ended by {signal.Signals(-code).name}"
                 said = _last_words(process.log.read_text(encoding="utf-8", errors="replace"))
                 raise DemoFailed(f"{process.name} {how}{f': {said}' if said else ''}; see {process.log}")

@@ -146,3 +146,29 @@ async def test_a_robot_that_fell_silent_is_unreachable(hall: Hall) -> None:
         await until(state, lambda shown: shown is None)
         with pytest.raises(RobotOffline, match="whether its bridge runs"):
             await client.call_skill("machine", "work", seconds=1)
+
+
+async def test_a_robot_stands_goes_on_and_stops_by_command(hall: Hall) -> None:
+    async with at_work(hall) as client:
+        execution = await client.start_skill("machine", "work", work=ENDLESS_WORK, seconds=0)
+
+        async def shows(state: str) -> None:
+            async with asyncio.timeout(10):
+                while next(skill for skill in await client.skills("machine") if skill.name == "work").state != state:
+                    await asyncio.sleep(0.05)
+
+        with pytest.raises(SkillRejected, match="not in a state for that") as caught:
+            await client.resume_skill("machine", "work")
+        assert caught.value.ua_status == StatusCode.BAD_INVALID_STATE
+        await client.suspend_skill("machine", "work")
+        await shows("Suspended")
+        await client.resume_skill("machine", "work")
+        await shows("Running")
+        await client.suspend_skill("machine", "work")
+        await shows("Suspended")
+        await client.halt_skill("machine", "work")
+        with pytest.raises(SkillFailed, match="halted"):
+            await execution.result(timeout_s=10)
+        assert [event.state async for event in execution.events()] == [
+            *("Running", "Suspended", "Running", "Suspended", "Halted")
+        ]

@@ -151,3 +151,15 @@ def test_a_bridge_that_was_started_anew_asks_and_hears_that_the_robot_stands() -
     assert state(later) is S.SUSPENDED
     later.tell(ExecutionNotBegun(ID))
     assert (state(later), later.robot.begun) == (S.SUSPENDED, []), "what stands was begun"
+
+
+def test_the_answer_of_an_immediate_skill_waits_while_its_robot_stands() -> None:
+    robot = PatientRobot()
+    robot.offered = (replace(PICK, is_immediate=True),)
+    bench = Bench(robot=robot)
+    bench.ask()
+    bench.tell(ExecutionSuspended(ID))
+    bench.ask()
+    assert bench.reports() == []
+    bench.tell(ExecutionEnded(ID, 0, (1.5,)))
+    assert [report.state for report in bench.reports()] == [S.DONE]

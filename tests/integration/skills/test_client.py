@@ -122,6 +122,13 @@ async def test_the_command_line_calls_skills(hall: Hall) -> None:
         code, output, _ = await command("list", "machine")
         assert code == 0
         assert 'work(work: String = "weld", seconds: Double)  Ready  ns=2;i=1900' in output
+        code, _, errors = await command("resume", "machine", "work")
+        assert (code, "machine.work: it is not in a state for that" in errors) == (1, True), errors
+        await client.start_skill("machine", "work", work=ENDLESS_WORK, seconds=0)
+        for what in ("suspend", "halt"):
+            code, output, errors = await command(what, "machine", "work", "--json")
+            assert code == 0, errors
+            assert json.loads(output) == {"robot": "machine", "skill": "work", "asked": what}
         ends = {
             ("work", f"work={FAILING_WORK}", "seconds=0"): 1,
             ("work", "seconds=99"): 2,

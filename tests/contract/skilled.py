@@ -23,8 +23,11 @@ from ua_fleet.bridge import (
     Driver,
     Execution,
     ExecutionEnded,
+    ExecutionFact,
     ExecutionForgotten,
     ExecutionProgressed,
+    ExecutionResumed,
+    ExecutionSuspended,
     Inlet,
     Skill,
     SkillTarget,
@@ -93,6 +96,20 @@ class Machine:
             return None
         return next((job for job in self.told() if job.execution_id == execution_id), None)
 
+    def stand(self, execution_id: bytes, *, stands: bool) -> None:
+        """Stand in the middle of a job, or go on."""
+        if stands:
+            self._standing(execution_id).touch()
+        else:
+            self._standing(execution_id).unlink(missing_ok=True)
+
+    def is_standing(self, execution_id: bytes) -> bool:
+        """Whether it stands in the middle of a job."""
+        return self._standing(execution_id).exists()
+
+    def _standing(self, execution_id: bytes) -> Path:
+        return self._log.with_name(f"standing {execution_id.hex()}")
+
     @property
     def is_forgetful(self) -> bool:
         """Whether it remembers nothing of what it was told."""
@@ -148,12 +165,30 @@ class SkilledDriver(VirtualDriver):
 
     def halt(self, execution: Execution) -> None:
         """See HaltingDriver. Only endless work can be stopped."""
-        assert self._to is not None
-        work, _ = execution.values
-        if work != ENDLESS_WORK:
-            raise SkillRejected("the machine finishes what it has begun")
+        self._check_endless(execution)
         status = int(StatusCode.BAD_REQUEST_CANCELLED_BY_CLIENT)
-        self._to.put(ExecutionEnded(execution.execution_id, status, (), "halted"))
+        self._put(ExecutionEnded(execution.execution_id, status, (), "halted"))
+
+    def suspend(self, execution: Execution) -> None:
+        """See SuspendingDriver. Only endless work can be suspended."""
+        self._check_endless(execution)
+        self._machine.stand(execution.execution_id, stands=True)
+        self._put(ExecutionSuspended(execution.execution_id, "it stands"))
+
+    def resume(self, execution: Execution) -> None:
+        """See SuspendingDriver."""
+        self._check_endless(execution)
+        self._machine.stand(execution.execution_id, stands=False)
+        self._put(ExecutionResumed(execution.execution_id))
+
+    @staticmethod
+    def _check_endless(execution: Execution) -> None:
+        if execution.values[0] != ENDLESS_WORK:
+            raise SkillRejected("the machine finishes what it has begun")
+
+    def _put(self, fact: ExecutionFact) -> None:
+        assert self._to is not None
+        self._to.put(fact)
 
     def query(self, execution: Execution) -> None:
         """See SkillDriver."""
@@ -168,7 +203,9 @@ class SkilledDriver(VirtualDriver):
         """Tell how far the machine is, and later how it ended."""
         assert self._to is not None
         left = job.began + job.seconds - time.time()
-        if job.work == ENDLESS_WORK or left > 0:
+        if self._machine.is_standing(job.execution_id):
+            self._to.put(ExecutionSuspended(job.execution_id, "it stands"))
+        elif job.work == ENDLESS_WORK or left > 0:
             self._to.put(ExecutionProgressed(job.execution_id, 0.5, "working"))
         if job.work != ENDLESS_WORK:
             self._timers.append(asyncio.get_running_loop().call_later(max(left, 0.0), self._end, job))

@@ -1,4 +1,4 @@
-"""The contract of `ua_fleet.bridge.driver.SkillDriver`, and of HaltingDriver where a driver is one."""
+"""The contract of `ua_fleet.bridge.driver.SkillDriver`, and of HaltingDriver and SuspendingDriver where it is one."""
 
 from __future__ import annotations
 
@@ -19,12 +19,15 @@ from ua_fleet.bridge import (
     ExecutionForgotten,
     ExecutionNotBegun,
     ExecutionProgressed,
+    ExecutionResumed,
+    ExecutionSuspended,
 )
-from ua_fleet.bridge.driver import SkillDriver, halts_of, skills_of
+from ua_fleet.bridge.driver import SkillDriver, halts_of, skills_of, suspends_of
 from ua_fleet.errors import SkillError
 from ua_fleet.values import Quality, StatusCode, quality_of
 
-FACTS = (ExecutionEnded, ExecutionForgotten, ExecutionNotBegun, ExecutionProgressed)
+ON_THE_WAY = (ExecutionProgressed, ExecutionSuspended, ExecutionResumed)
+FACTS = (ExecutionEnded, ExecutionForgotten, ExecutionNotBegun, *ON_THE_WAY)
 
 
 class Started:
@@ -56,11 +59,20 @@ class Started:
         """Wait until the robot is at it."""
         await until(lambda: self.facts(execution), "the robot's beginning")
 
+    async def says(self, execution: Execution, *facts: ExecutionFact) -> None:
+        """Wait until the robot has told these, among its progress."""
+
+        def told() -> list[ExecutionFact]:
+            said = [fact for fact in self.facts(execution) if not isinstance(fact, ExecutionProgressed)]
+            return [fact._replace(message="") if isinstance(fact, ExecutionSuspended) else fact for fact in said]
+
+        await until(lambda: told() == list(facts), f"{facts}, and not {told()}")
+
     async def end(self, execution: Execution) -> ExecutionFact:
-        """The one fact that is not progress; it is the last."""
+        """The one fact that is of no way station; it is the last."""
 
         def ends() -> list[ExecutionFact]:
-            return [fact for fact in self.facts(execution) if not isinstance(fact, ExecutionProgressed)]
+            return [fact for fact in self.facts(execution) if not isinstance(fact, ON_THE_WAY)]
 
         await until(ends, "the end")
         await asyncio.sleep(0.2)
@@ -167,3 +179,37 @@ async def test_what_is_halted_ends(skilled_space: SkilledSpace) -> None:
         ended = await one.end(execution)
         assert isinstance(ended, ExecutionEnded)
         assert ended.status == StatusCode.BAD_REQUEST_CANCELLED_BY_CLIENT
+
+
+async def test_what_is_suspended_stands_and_goes_on_and_can_be_halted(skilled_space: SkilledSpace) -> None:
+    async with started(skilled_space) as one:
+        suspending, halting = suspends_of(one.driver), halts_of(one.driver)
+        if suspending is None or halting is None:
+            pytest.skip("the driver's robots cannot stand in the middle of what they do")
+        execution = one.begin("never ends", 0.0)
+        await one.at_it(execution)
+        suspended, resumed = ExecutionSuspended(execution.execution_id), ExecutionResumed(execution.execution_id)
+        suspending.suspend(execution)
+        await one.says(execution, suspended)
+        suspending.resume(execution)
+        await one.says(execution, suspended, resumed)
+        suspending.suspend(execution)
+        await one.says(execution, suspended, resumed, suspended)
+        halting.halt(execution)
+        ended = await one.end(execution)
+        assert isinstance(ended, ExecutionEnded)
+        assert ended.status == StatusCode.BAD_REQUEST_CANCELLED_BY_CLIENT
+
+
+async def test_driver_that_comes_later_finds_that_the_robot_stands(skilled_space: SkilledSpace) -> None:
+    async with started(skilled_space) as one:
+        suspending = suspends_of(one.driver)
+        if suspending is None:
+            pytest.skip("the driver's robots cannot stand in the middle of what they do")
+        execution = one.begin("never ends", 0.0)
+        await one.at_it(execution)
+        suspending.suspend(execution)
+        await one.says(execution, ExecutionSuspended(execution.execution_id))
+    async with started(skilled_space) as other:
+        other.driver.query(execution)
+        await other.says(execution, ExecutionSuspended(execution.execution_id))

@@ -115,6 +115,25 @@ async function main() {
     report.done = done.value.value;
     const state = await session.read({ nodeId: "ns=2;s=1900.CurrentState", attributeId: AttributeIds.Value });
     report.state = state.value.value.text;
+
+    const told = async (count) => {
+      for (let attempt = 0; report.events.length < count; attempt++) {
+        if (attempt === 150) throw new Error(`${report.events.length} events and not ${count} in 15 s`);
+        await new Promise((resolve) => setTimeout(resolve, 100));
+      }
+    };
+    const ask = async (method) => {
+      const answer = await session.call({ objectId: SKILL, methodId: `ns=3;i=${method}`, inputArguments: [] });
+      report.asked.push(answer.statusCode.name);
+    };
+    report.asked = [];
+    const endless = { dataType: DataType.String, value: "never ends" };
+    await callStart(session, [endless, { dataType: DataType.Double, value: 0 }]);
+    for (const [method, events] of [[71002, 4], [71003, 5], [71002, 6], [71004, 7]]) {
+      await told(events - 1);
+      await ask(method); // Suspend, Resume, Suspend, Halt
+      await told(events);
+    }
     await subscription.terminate();
   } finally {
     await session.close();

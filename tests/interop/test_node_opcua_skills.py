@@ -27,7 +27,9 @@ async def test_a_foreign_client_calls_a_skill_and_sees_its_events(
     assert code == 0, errors
     report: dict[str, Any] = json.loads(output.splitlines()[-1])
     assert set(report["skills"]) >= {"2:work", "2:quick"}
-    assert {"Start", "Halt", "Reset", "CurrentState", "3:Progress", "3:LastResult"} <= set(report["members"])
+    assert {"Start", "Suspend", "Resume", "Halt", "Reset", "CurrentState", "3:Progress", "3:LastResult"} <= set(
+        report["members"]
+    )
     assert report["input"] == [
         {"name": "work", "dataType": "ns=0;i=12", "description": "What to do; usually weld"},
         {"name": "seconds", "dataType": "ns=0;i=11", "description": "How long it takes; 0 to 10 s"},
@@ -39,7 +41,7 @@ async def test_a_foreign_client_calls_a_skill_and_sees_its_events(
     assert report["missing"]["status"] == "BadArgumentsMissing"
     assert report["started"]["status"] == "Good"
     (execution,) = report["started"]["output"]
-    began, ended = report["events"]
+    began, ended, *others = report["events"]
     assert (began["from"], began["to"], began["isOver"]) == ("Ready", "Running", False)
     assert (ended["from"], ended["to"], ended["isOver"]) == ("Running", "Ready", True)
     assert ended["transition"] == "RunningToReady"
@@ -47,4 +49,8 @@ async def test_a_foreign_client_calls_a_skill_and_sees_its_events(
     assert began["execution"] == ended["execution"] == execution
     assert (ended["status"], ended["names"], ended["results"]) == ("Good", ["done", "seconds"], ["polish", 0.3])
     assert (report["done"], report["state"]) == ("polish", "Ready")
-    assert [job.work for job in hall.machine.told()] == ["polish"]
+    assert report["asked"] == ["Good"] * 4
+    assert [event["transition"] for event in others] == [
+        *("ReadyToRunning", "RunningToSuspended", "SuspendedToRunning", "RunningToSuspended", "SuspendedToHalted")
+    ]
+    assert [job.work for job in hall.machine.told()] == ["polish", "never ends"]

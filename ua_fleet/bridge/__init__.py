@@ -21,6 +21,8 @@ from ua_fleet.bridge.driver import (
     ExecutionForgotten,
     ExecutionNotBegun,
     ExecutionProgressed,
+    ExecutionResumed,
+    ExecutionSuspended,
     HaltingDriver,
     Inlet,
     RememberingDriver,
@@ -31,6 +33,7 @@ from ua_fleet.bridge.driver import (
     SourceFound,
     SourceLost,
     StreamingDriver,
+    SuspendingDriver,
 )
 from ua_fleet.bridge.inlet import BoundedInlet
 from ua_fleet.bridge.registry import load_driver
@@ -53,6 +56,8 @@ __all__ = [
     "ExecutionForgotten",
     "ExecutionNotBegun",
     "ExecutionProgressed",
+    "ExecutionResumed",
+    "ExecutionSuspended",
     "HaltingDriver",
     "Inlet",
     "RememberingDriver",
@@ -64,6 +69,7 @@ __all__ = [
     "SourceFound",
     "SourceLost",
     "StreamingDriver",
+    "SuspendingDriver",
     "load_driver",
     "run_bridge",
     "status_topic",

@@ -25,9 +25,12 @@ from ua_fleet.bridge.driver import (
     ExecutionForgotten,
     ExecutionNotBegun,
     ExecutionProgressed,
+    ExecutionResumed,
+    ExecutionSuspended,
     Skill,
     SkillDriver,
     halts_of,
+    suspends_of,
 )
 from ua_fleet.bridge.skill_status import StatusBoard
 from ua_fleet.counters import Counters, Drop
@@ -37,8 +40,11 @@ from ua_fleet.pubsub.metadata import type_codes
 from ua_fleet.pubsub.publisher import Publisher
 from ua_fleet.skill import journal as skill_journal
 from ua_fleet.skill.executions import (
+    CONTROL_BITS,
     HALT_TARGETS,
     OPEN,
+    RESUME_TARGETS,
+    SUSPEND_TARGETS,
     ExecutionState,
     Report,
     RequestorName,
@@ -57,7 +63,7 @@ from ua_fleet.skill.responder import (
 )
 from ua_fleet.topics import Side, Topic, Verdict, loop_verdict
 from ua_fleet.transport.addresses import answer_address
-from ua_fleet.values import Quality, StatusCode, quality_of
+from ua_fleet.values import BuiltinType, Quality, StatusCode, quality_of
 from ua_fleet.wire.actions import encode_action
 from ua_fleet.wire.discovered import ActionTarget
 
@@ -70,6 +76,8 @@ RETRY_S: Final = 1.0
 """A driver's fact that could not be journaled is tried again after so long."""
 _SHOWN_AFTER_START: Final = 256
 """Executions of a run before that SkillStatus is made of, of all robots together."""
+_DID: Final = {HALT_TARGETS: "halted", SUSPEND_TARGETS: "suspended", RESUME_TARGETS: "resumed"}
+"""What was done at the targets with these bits."""
 SKILLS_PERIOD_S: Final = 1.0
 """How often a driver is asked what skills there are."""
 
@@ -127,6 +135,7 @@ class Actions:
             space, journal, counters, allowed_spaces=requestors, must_be_verified=must_be_verified
         )
         self._halting = None if driver is None else halts_of(driver)
+        self._suspending = None if driver is None else suspends_of(driver)
         self._board = StatusBoard(core, definitions)
         self._changed: list[skill_journal.Execution] = []
         """What SkillStatus has not said yet: a requestor that waits is answered first."""
@@ -204,6 +213,10 @@ class Actions:
             if (execution := self._find(execution_id)) is not None:
                 self._board.progressed(execution.target, fact, now, self._wall_ticks())
             return effects
+        if isinstance(fact, ExecutionSuspended):
+            return responder.suspended(execution_id, fact.message)
+        if isinstance(fact, ExecutionResumed):
+            return responder.resumed(execution_id)
         if isinstance(fact, ExecutionNotBegun):
             return responder.not_begun(execution_id, now, self._wall_ticks())
         if isinstance(fact, ExecutionForgotten):
@@ -280,8 +293,8 @@ class Actions:
     def _execute(self, execution: skill_journal.Execution, now: float) -> None:
         execution_id = execution.execution_id
         assert self._driver is not None, "a responder without offers accepts nothing"
-        if execution.target.action_target_id & HALT_TARGETS:
-            self._halt(execution_id, now)
+        if execution.target.action_target_id & CONTROL_BITS:
+            self._control(execution, now)
             return
         try:
             self._driver.execute(_of_driver(execution))
@@ -295,28 +308,55 @@ class Actions:
         else:
             self._do(self._responder.begun(execution_id, now), now)
 
-    def _halt(self, request_id: bytes, now: float) -> None:
-        """Have a robot stop; how its execution ends is told by the driver as ever."""
-        execution = self._find(halt_id(request_id))
+    def _control(self, request: skill_journal.Execution, now: float) -> None:
+        """Have a robot halt, stand or go on; what becomes of its execution is told by the driver as ever."""
+        request_id, purpose = request.execution_id, request.target.action_target_id & CONTROL_BITS
         report = Report(ExecutionState.DONE)
         try:
-            if self._halting is None or execution is None or execution.report.state not in OPEN:
-                raise SkillRejected("that execution is not under way")
-            self._halting.halt(_of_driver(execution))
+            self._tell_driver(purpose, self._controlled(request))
         except SkillError as error:
             status, said = error.ua_status, str(error)
             self._record(lambda later: self._responder.refused(request_id, status, said, later), now)
             return
         except Exception as error:  # noqa: BLE001 - whatever it was, the robot may have been told
-            self._failed("the driver failed while it halted an execution", error)
-            report = Report(ExecutionState.UNKNOWN, StatusCode.UNCERTAIN, "the driver failed while it halted this")
+            did = _DID[purpose]
+            self._failed(f"the driver failed while it {did} an execution", error)
+            report = Report(ExecutionState.UNKNOWN, StatusCode.UNCERTAIN, f"the driver failed while it {did} this")
         self._record(lambda later: self._responder.ended(request_id, report, later), now)
+
+    def _controlled(self, request: skill_journal.Execution) -> skill_journal.Execution:
+        """The execution that a request to halt, suspend or resume is about; SkillRejected where it is not under way."""
+        if request.target.action_target_id & CONTROL_BITS == HALT_TARGETS:
+            execution = self._find(halt_id(request.execution_id))
+        else:
+            (named,) = unpack(request.content)
+            execution = self._find(named.value)
+        target = request.target._replace(action_target_id=request.target.action_target_id & ~CONTROL_BITS)
+        # Another target may be for others to command.
+        if execution is None or execution.target != target or execution.report.state not in OPEN:
+            raise SkillRejected("that execution is not under way")
+        return execution
+
+    def _tell_driver(self, purpose: int, execution: skill_journal.Execution) -> None:
+        """Tell the driver, where the execution is in a state for that; raises SkillError."""
+        is_suspended = execution.report.state is ExecutionState.SUSPENDED
+        if purpose == HALT_TARGETS and self._halting is not None:
+            self._halting.halt(_of_driver(execution))
+        elif purpose == SUSPEND_TARGETS and self._suspending is not None:
+            if not is_suspended:
+                self._suspending.suspend(_of_driver(execution))
+        elif purpose == RESUME_TARGETS and self._suspending is not None:
+            if not is_suspended:
+                raise SkillRejected("that execution is not suspended")
+            self._suspending.resume(_of_driver(execution))
+        else:
+            raise SkillRejected("the robot has no way to do that")
 
     def _query(self, execution: skill_journal.Execution, now: float) -> None:
         if self._driver is None:
             return  # the journal knows a time when there were skills; they may come back
-        if execution.target.action_target_id & HALT_TARGETS:
-            said = "a restart came while it was halted; see what became of the execution"
+        if purpose := execution.target.action_target_id & CONTROL_BITS:
+            said = f"a restart came while it was {_DID[purpose]}; see what became of the execution"
             self.from_driver(ExecutionForgotten(execution.execution_id, said), now)
             return
         try:
@@ -337,8 +377,8 @@ class Actions:
         wall_ticks = self._wall_ticks()
         for topic, skill in before.items():
             for target in skill.targets:
-                self._responder.withdraw(Target(*topic, target.id))
-                self._responder.withdraw(Target(*topic, target.id | HALT_TARGETS))
+                for purpose in (0, *_DID):
+                    self._responder.withdraw(Target(*topic, target.id | purpose))
             if topic not in skills:
                 self._tell_all(self._publisher.retire_action(topic, now=now, wall_ticks=wall_ticks))
         self._board.offer(skills.values(), now, wall_ticks)
@@ -347,9 +387,9 @@ class Actions:
 
     def _offer(self, skill: Skill, is_new: bool, now: float, wall_ticks: int) -> None:
         targets = tuple([ActionTarget(target.id, target.name) for target in skill.targets])
-        if self._halting is not None:
-            halts = [ActionTarget(target.id | HALT_TARGETS, f"{target.name}, halt") for target in skill.targets]
-            targets += tuple(halts)
+        controls = self._controls(skill)
+        for purpose, name in controls.items():
+            targets += tuple([ActionTarget(one.id | purpose, f"{one.name}, {name}") for one in skill.targets])
         if is_new:
             try:
                 self._tell_all(
@@ -363,9 +403,15 @@ class Actions:
         types, limits = type_codes(skill.request), skill.limits
         spaces = None if limits.visible_to is None else frozenset(limits.visible_to)
         for target in skill.targets:
-            if self._halting is not None:
-                halt = Target(*skill.topic, target.id | HALT_TARGETS)
-                self._responder.offer(Offer(halt, (), requests_at_once=limits.requests_at_once, spaces=spaces))
+            for purpose in controls:
+                self._responder.offer(
+                    Offer(
+                        Target(*skill.topic, target.id | purpose),
+                        () if purpose == HALT_TARGETS else (int(BuiltinType.BYTE_STRING),),
+                        requests_at_once=limits.requests_at_once,
+                        spaces=spaces,
+                    )
+                )
             self._responder.offer(
                 Offer(
                     Target(*skill.topic, target.id),
@@ -379,6 +425,13 @@ class Actions:
                     problem=skill.problem,
                 )
             )
+
+    def _controls(self, skill: Skill) -> dict[int, str]:
+        """What can be asked for while an execution of a skill is under way, named, by their targets' bits."""
+        controls = {} if self._halting is None else {HALT_TARGETS: "halt"}
+        if self._suspending is not None and skill.can_suspend:
+            controls |= {SUSPEND_TARGETS: "suspend", RESUME_TARGETS: "resume"}
+        return controls
 
     def _tell_all(self, datagrams: Iterable[bytes]) -> None:
         for datagram in datagrams:

@@ -29,6 +29,8 @@ __all__ = [
     "ExecutionForgotten",
     "ExecutionNotBegun",
     "ExecutionProgressed",
+    "ExecutionResumed",
+    "ExecutionSuspended",
     "HaltingDriver",
     "Inlet",
     "RememberingDriver",
@@ -39,8 +41,10 @@ __all__ = [
     "SourceFound",
     "SourceLost",
     "StreamingDriver",
+    "SuspendingDriver",
     "halts_of",
     "skills_of",
+    "suspends_of",
 ]
 
 
@@ -87,13 +91,27 @@ class Dropped:
 
 
 class ExecutionProgressed(NamedTuple):
-    """A robot works on an execution. Also the answer to `query` where it still does."""
+    """How far a robot is with an execution. Also the answer to `query` where it works on it."""
 
     execution_id: bytes
     progress: float = 0.0
     """0 to 1."""
     message: str = ""
     """One line for people."""
+
+
+class ExecutionSuspended(NamedTuple):
+    """A robot stands in the middle of an execution. Also the answer to `query` where it does."""
+
+    execution_id: bytes
+    message: str = ""
+    """One line for people."""
+
+
+class ExecutionResumed(NamedTuple):
+    """A robot that stood goes on with an execution."""
+
+    execution_id: bytes
 
 
 class ExecutionEnded(NamedTuple):
@@ -125,7 +143,14 @@ class ExecutionNotBegun(NamedTuple):
     execution_id: bytes
 
 
-ExecutionFact = ExecutionProgressed | ExecutionEnded | ExecutionForgotten | ExecutionNotBegun
+ExecutionFact = (
+    ExecutionProgressed
+    | ExecutionSuspended
+    | ExecutionResumed
+    | ExecutionEnded
+    | ExecutionForgotten
+    | ExecutionNotBegun
+)
 DriverEvent = SourceFound | SourceLost | SampleRead | Dropped | ExecutionFact
 
 
@@ -213,7 +238,7 @@ class SkillTarget(NamedTuple):
     """A robot that has a skill."""
 
     id: int
-    """ActionTargetId, unique within the skill; below 32768, since the others are for halting."""
+    """ActionTargetId, unique within the skill; below 8192, since the others are for what is under way."""
     name: str
     status: Topic
     """The robot's SkillStatus, one data source for all its skills; the bridge publishes it."""
@@ -234,6 +259,8 @@ class Skill:
     """The results."""
     is_immediate: bool = False
     """Whether the ActionResponse waits for the end, which comes within the request's TimeoutHint."""
+    can_suspend: bool = True
+    """Whether robots can stand in the middle of it and go on, where the driver is a SuspendingDriver."""
     limits: SkillLimits = field(default_factory=SkillLimits)
     """What each target takes at most; more is refused."""
     problem: Callable[[tuple[Any, ...]], str | None] | None = field(default=None, compare=False)
@@ -297,6 +324,37 @@ class HaltingDriver(SkillDriver, Protocol):
             SkillError: it cannot be stopped, and goes on; the requestor is told the StatusCode and the text.
         """
         ...
+
+
+@runtime_checkable
+class SuspendingDriver(SkillDriver, Protocol):
+    """A SkillDriver whose robots can stand in the middle of what they do, and go on.
+
+    Both are asked for by people, and may be asked for again before the robot has done them.
+    """
+
+    def suspend(self, execution: Execution) -> None:
+        """Have a robot stand in the middle of an execution that has not ended, as far as the bridge knows.
+
+        ExecutionSuspended follows through the inlet once it stands. It may be halted then, and its time goes on.
+
+        Raises:
+            SkillError: it cannot stand there, and goes on; the requestor is told the StatusCode and the text.
+        """
+        ...
+
+    def resume(self, execution: Execution) -> None:
+        """Have a robot go on; ExecutionResumed follows through the inlet once it does.
+
+        Raises:
+            SkillError: it cannot go on, and stands; the requestor is told the StatusCode and the text.
+        """
+        ...
+
+
+def suspends_of(driver: SkillDriver) -> SuspendingDriver | None:
+    """The driver where its robots can stand and go on."""
+    return driver if isinstance(driver, SuspendingDriver) else None
 
 
 def halts_of(driver: SkillDriver) -> HaltingDriver | None:

@@ -2,6 +2,8 @@
 
     (none)    begin                          open
     open      progress                       ExecutionProgressed, where it is new
+    open      suspended                      ExecutionSuspended; suspended
+    suspended progress                       ExecutionResumed, and as above; open
     open      end, forget                    ExecutionEnded, ExecutionForgotten; ended
     open      never                          ExecutionNotBegun; as if it had not been there
     ended     an answer                      counted: the robot said it twice, or too late
@@ -24,6 +26,8 @@ from ua_fleet.bridge.driver import (
     ExecutionForgotten,
     ExecutionNotBegun,
     ExecutionProgressed,
+    ExecutionResumed,
+    ExecutionSuspended,
 )
 from ua_fleet.counters import Drop
 
@@ -52,7 +56,7 @@ def ended_text(text: str) -> str:
 class Open:
     """One execution under way."""
 
-    __slots__ = ("arguments", "deadline", "execution_id", "said", "skill", "told")
+    __slots__ = ("arguments", "deadline", "execution_id", "is_suspended", "said", "skill", "told")
 
     def __init__(self, spec: ConfiguredSkill[Any], execution: Execution, deadline: float) -> None:
         self.skill = f"{spec.robot}.{spec.name}"
@@ -63,6 +67,8 @@ class Open:
         """The progress that was told last."""
         self.said = ""
         """What the robot said with it."""
+        self.is_suspended = False
+        """Whether the robot stands in the middle of it."""
 
 
 class Executing:
@@ -90,10 +96,27 @@ class Executing:
         if opened is None:
             self.unasked(execution_id)
             return
+        if opened.is_suspended:
+            opened.is_suspended, opened.told = False, None
+            self._put(ExecutionResumed(execution_id))
+        self._tell(opened, fraction, said)
+
+    def suspended(self, execution_id: bytes, fraction: float, said: str = "") -> None:
+        """The robot stands in the middle of it, so far."""
+        opened = self._open.get(execution_id)
+        if opened is None:
+            self.unasked(execution_id)
+            return
+        if not opened.is_suspended:
+            opened.is_suspended, opened.told = True, None
+            self._put(ExecutionSuspended(execution_id, said))
+        self._tell(opened, fraction, said)
+
+    def _tell(self, opened: Open, fraction: float, said: str) -> None:
         if opened.told is not None and abs(opened.told - fraction) < _LEAST_STEP and opened.said == said:
             return
         opened.told, opened.said = fraction, said
-        self._put(ExecutionProgressed(execution_id, fraction, said))
+        self._put(ExecutionProgressed(opened.execution_id, fraction, said))
 
     def end(self, execution_id: bytes, ended: Ended) -> bool:
         """It is over; False, and counted, where it was not under way."""

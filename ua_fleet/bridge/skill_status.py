@@ -17,6 +17,7 @@ from ua_fleet.wire.messages import FieldMetaData
 __all__ = ["StatusBoard"]
 
 _FIRST, *_OTHERS = SKILL_STATUS_FIELDS
+_AT_IT = (ExecutionState.RUNNING, ExecutionState.SUSPENDED)
 
 
 class StatusBoard:
@@ -88,7 +89,7 @@ class StatusBoard:
         """A robot says how far an execution is."""
         found = self._targets.get(target)
         before = None if found is None else self._robots[found[1]][1].get(fact.execution_id)
-        if found is not None and before is not None and before.state is ExecutionState.RUNNING:
+        if found is not None and before is not None and before.state in _AT_IT:
             self._show(found[1], before._replace(progress=fact.progress, message=fact.message), now, wall_ticks)
 
     def _show(self, topic: Topic, status: ExecutionStatus, now: float, wall_ticks: int) -> None:

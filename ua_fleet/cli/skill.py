@@ -1,11 +1,11 @@
-"""`ua-fleet skill list` and `ua-fleet skill call`: what robots can do, and having them do it."""
+"""`ua-fleet skill list`, `call`, `halt`, `suspend` and `resume`: what robots can do, and having them do it."""
 
 from __future__ import annotations
 
 import asyncio
 import json
 from dataclasses import asdict
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
@@ -18,7 +18,19 @@ from ua_fleet.cli.process import run
 if TYPE_CHECKING:
     from ua_fleet.client import SkillInfo
 
-__all__ = ["CALL_EXAMPLES", "LIST_EXAMPLES", "argument", "call", "show"]
+__all__ = [
+    "CALL_EXAMPLES",
+    "HALT_EXAMPLES",
+    "LIST_EXAMPLES",
+    "RESUME_EXAMPLES",
+    "SUSPEND_EXAMPLES",
+    "argument",
+    "call",
+    "halt",
+    "resume",
+    "show",
+    "suspend",
+]
 
 LIST_EXAMPLES = ("ua-fleet skill list ur3 -u anna", "ua-fleet skill list ur3 -u anna --json")
 CALL_EXAMPLES = (
@@ -26,12 +38,18 @@ CALL_EXAMPLES = (
     "ua-fleet skill call ur3 turn angle=-20 --for 60 -u anna --json",
     "ua-fleet skill call ur3 turn angle=20 --start -u anna",
 )
+HALT_EXAMPLES = ("ua-fleet skill halt ur3 turn -u anna",)
+SUSPEND_EXAMPLES = ("ua-fleet skill suspend ur3 turn -u anna",)
+RESUME_EXAMPLES = ("ua-fleet skill resume ur3 turn -u anna",)
+
+_Robot = Annotated[str, typer.Argument(help="Name of the robot.")]
+_Skill = Annotated[str, typer.Argument(help="Name of the skill.")]
 
 
 @connecting
 def show(
     connection: Connection,
-    robot: Annotated[str, typer.Argument(help="Name of the robot.")],
+    robot: _Robot,
     as_json: Json = False,
 ) -> None:
     """List the skills of a robot, with their arguments and their state."""
@@ -50,8 +68,8 @@ def show(
 @connecting
 def call(
     connection: Connection,
-    robot: Annotated[str, typer.Argument(help="Name of the robot.")],
-    skill: Annotated[str, typer.Argument(help="Name of the skill.")],
+    robot: _Robot,
+    skill: _Skill,
     arguments: Annotated[
         list[str] | None, typer.Argument(help="Arguments as name=value; what has a default may be left out.")
     ] = None,
@@ -85,6 +103,39 @@ def call(
             else:
                 for name, value in results.items():
                     print_line(f"{name} = {json.dumps(value, ensure_ascii=False)}")
+
+    run(main())
+
+
+@connecting
+def halt(connection: Connection, robot: _Robot, skill: _Skill, as_json: Json = False) -> None:
+    """Ask a robot to stop all that it does for a skill. Whether it stops is seen in the skill's state."""
+    _ask(connection, "halt", robot, skill, as_json=as_json)
+
+
+@connecting
+def suspend(connection: Connection, robot: _Robot, skill: _Skill, as_json: Json = False) -> None:
+    """Ask a robot to stand in the middle of what it does for a skill. Its timeout goes on meanwhile."""
+    _ask(connection, "suspend", robot, skill, as_json=as_json)
+
+
+@connecting
+def resume(connection: Connection, robot: _Robot, skill: _Skill, as_json: Json = False) -> None:
+    """Ask a robot to go on with the skill in which it stands."""
+    _ask(connection, "resume", robot, skill, as_json=as_json)
+
+
+def _ask(
+    connection: Connection, what: Literal["halt", "suspend", "resume"], robot: str, skill: str, *, as_json: bool
+) -> None:
+    async def main() -> None:
+        async with connected(connection) as client:
+            asks = {"halt": client.halt_skill, "suspend": client.suspend_skill, "resume": client.resume_skill}
+            await asks[what](robot, skill)
+        if as_json:
+            print_json({"robot": robot, "skill": skill, "asked": what})
+        else:
+            message(f"{robot} was asked to {what} {skill}; see: ua-fleet skill list {robot}")
 
     run(main())
 

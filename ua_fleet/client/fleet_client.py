@@ -365,6 +365,26 @@ class FleetClient:
         execution = await self.start_skill(robot, skill, **arguments)
         return await execution.result(timeout_s=timeout_s or execution.timeout_s)
 
+    async def halt_skill(self, robot: str, skill: str) -> None:
+        """Have a robot stop all that it does for a skill. How it ends is told as ever.
+
+        Raises:
+            NodeNotFound: there is no such robot or skill.
+            SkillRejected: it is not under way, or the robot has no way to do that; `ua_status` says which.
+            RobotOffline: the robot is not heard.
+            AccessRefused: this user may not command.
+            NotConnected: the connection was lost.
+        """
+        await self._skills.control(robot, skill, "Halt")
+
+    async def suspend_skill(self, robot: str, skill: str) -> None:
+        """Have a robot stand in the middle of what it does for a skill; its time goes on. Raises as `halt_skill`."""
+        await self._skills.control(robot, skill, "Suspend")
+
+    async def resume_skill(self, robot: str, skill: str) -> None:
+        """Have a robot go on with the skill in which it stands. Raises as `halt_skill`."""
+        await self._skills.control(robot, skill, "Resume")
+
     def offer_skill(
         self, robot: str, skill: str, definition: str | Mapping[str, Any] = ""
     ) -> AbstractAsyncContextManager[OfferedSkill]:

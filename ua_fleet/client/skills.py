@@ -45,6 +45,8 @@ _REASONS: Final = {
     ua.StatusCodes.BadServerTooBusy: "it was asked for a moment ago; try again later",
     ua.StatusCodes.BadRequestTooLarge: "the arguments are too large",
     ua.StatusCodes.BadNotExecutable: "it is not for clients of this server",
+    ua.StatusCodes.BadNotSupported: "its robot has no way to do that",
+    ua.StatusCodes.BadInvalidState: "it is not in a state for that; see: ua-fleet skill list",
     ua.StatusCodes.BadResourceUnavailable: "the server cannot record it; see its log",
 }
 
@@ -224,6 +226,18 @@ class SkillCalls:
         for event in self._early.pop(execution_id, ()):
             self._deliver(execution, event)
         return execution
+
+    async def control(self, robot: str, skill: str, method: str) -> None:
+        """See FleetClient.halt_skill, suspend_skill and resume_skill."""
+        with translated(self._endpoint, f"{robot}.{skill}: "):
+            known = self._known.get((robot, skill))
+            if known is None:
+                known = self._known[robot, skill] = await self._read(robot, skill)
+            object_id = ua.NodeId.from_string(known.info.node_id)
+            members = await self._client.get_node(object_id).get_children_descriptions()
+            (method_id,) = [child.NodeId for child in members if child.BrowseName.Name == method]
+            (result,) = await self._client.uaclient.call([ua.CallMethodRequest(object_id, method_id, [])])
+        _check(known, result)
 
     def event_notification(self, event: Any) -> None:
         """Called by asyncua with each event."""

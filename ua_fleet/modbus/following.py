@@ -21,6 +21,7 @@ _STATES: Final = {
     ExecutionState.FAILED: CommandState.FAILED,
     ExecutionState.UNKNOWN: CommandState.UNKNOWN,
     ExecutionState.ASKING: CommandState.RUNNING,
+    ExecutionState.SUSPENDED: CommandState.RUNNING,
 }
 _FIELDS: Final = ("ExecutionId", "State", "Progress", "Result", "Message", "Status")
 

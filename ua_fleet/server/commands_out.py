@@ -21,8 +21,11 @@ from ua_fleet.pubsub.action_catalog import ActionCatalog
 from ua_fleet.pubsub.events import ActionReceived
 from ua_fleet.pubsub.metadata import type_codes
 from ua_fleet.skill.executions import (
+    CONTROL_BITS,
     EXECUTION_ID_BYTES,
     HALT_TARGETS,
+    RESUME_TARGETS,
+    SUSPEND_TARGETS,
     Outcome,
     OutcomeKind,
     RequestorName,
@@ -32,7 +35,7 @@ from ua_fleet.skill.executions import (
 from ua_fleet.skill.journal import RequestorJournal
 from ua_fleet.skill.requestor import Concluded, OutcomeCorrected, Requestor, RequestorEffect, RequestPace, Send
 from ua_fleet.topics import SERVER_SPACE, Topic
-from ua_fleet.values import StatusCode
+from ua_fleet.values import BuiltinType, StatusCode
 from ua_fleet.wire.actions import encode_action
 from ua_fleet.wire.discovered import ActionMetaDataAnnouncement
 
@@ -40,8 +43,9 @@ __all__ = ["REQUESTOR_INSTANCE", "SkillCommands"]
 
 REQUESTOR_INSTANCE: Final = "server"
 """Second part of the RequestorId. The journal's requests belong to it: it is the same in each run."""
-HALT_TIMEOUT_S: Final = 5.0
-"""A robot is not halted later than that: somebody else may have made it begin something else."""
+CONTROL_TIMEOUT_S: Final = 5.0
+"""A robot is not halted, suspended or resumed later than that: things may have changed since."""
+_CONTROLS: Final = {HALT_TARGETS: "stop", SUSPEND_TARGETS: "suspend", RESUME_TARGETS: "resume"}
 RETRY_S: Final = 1.0
 """After a journal that could not be written, it is tried again after so long."""
 
@@ -96,8 +100,8 @@ class SkillCommands:
         self._send, self._want, self._sooner, self._wall_ticks, self._told = send, want, sooner, wall_ticks, told
         self._clock = clock or _loop_time
         self._waiting: dict[bytes, list[asyncio.Future[Outcome]]] = {}
-        self._halts: dict[bytes, str] = {}
-        """Who is asked to stop, by the id of the request."""
+        self._controls: dict[bytes, tuple[str, str]] = {}
+        """Who is asked to stop, stand or go on, and which of these, by the id of the request."""
         self._announced = asyncio.Event()
         self._retry_at = 0.0
         self._is_failing = False
@@ -171,18 +175,29 @@ class SkillCommands:
             SkillRejected: the robot has no way to stop; `ua_status` is Bad_NotSupported then.
             StorageUnavailable: the request could not be recorded, and was not sent.
         """
+        self._control(HALT_TARGETS, topic, robot, halt_id(execution_id), None)
+
+    def suspend_execution(self, topic: Topic, robot: str, execution_id: bytes) -> None:
+        """Have a robot stand in the middle of an execution; that it does is told as ever. Raises as `halt` does."""
+        self._control(SUSPEND_TARGETS, topic, robot, secrets.token_bytes(EXECUTION_ID_BYTES), execution_id)
+
+    def resume_execution(self, topic: Topic, robot: str, execution_id: bytes) -> None:
+        """Have a robot go on with an execution in which it stands. Raises as `halt` does."""
+        self._control(RESUME_TARGETS, topic, robot, secrets.token_bytes(EXECUTION_ID_BYTES), execution_id)
+
+    def _control(self, purpose: int, topic: Topic, robot: str, request_id: bytes, named: bytes | None) -> None:
         action = self._catalog.find(topic.space, topic.id)
         if action is None:
             raise _not_announced(topic)
-        target_id = _target_of(action, robot) | HALT_TARGETS
+        target_id = _target_of(action, robot) | purpose
         if target_id not in [target.action_target_id for target in action.targets]:
-            error = SkillRejected(f"{robot} has no way to stop {action.request.name}")
+            error = SkillRejected(f"{robot} has no way to {_CONTROLS[purpose]} {action.request.name}")
             error.ua_status = StatusCode.BAD_NOT_SUPPORTED
             raise error
-        now, target = self._clock(), Target(*topic, target_id)
-        wall = self._wall_ticks()
-        self._halts[halt_id(execution_id)] = f"{robot}: {action.request.name}"
-        self._do(self._requestor.start(halt_id(execution_id), target, (), (), HALT_TIMEOUT_S, now, wall))
+        types, values = ((), ()) if named is None else ((int(BuiltinType.BYTE_STRING),), (named,))
+        now, wall, target = self._clock(), self._wall_ticks(), Target(*topic, target_id)
+        self._controls[request_id] = f"{robot}: {action.request.name}", _CONTROLS[purpose]
+        self._do(self._requestor.start(request_id, target, types, values, CONTROL_TIMEOUT_S, now, wall))
         self._sooner()
 
     def want(self, topic: Topic) -> None:
@@ -291,9 +306,10 @@ class SkillCommands:
                 self._tell(effect.execution_id, effect.outcome)
 
     def _tell(self, execution_id: bytes, outcome: Outcome) -> None:
-        halted = self._halts.pop(execution_id, None)
-        if halted is not None and outcome.kind is not OutcomeKind.ACCEPTED:
-            _log.warning("not halted", what=halted, outcome=outcome.kind.value, reason=outcome.report.message)
+        what, asked = self._controls.pop(execution_id, ("", ""))
+        if asked and outcome.kind is not OutcomeKind.ACCEPTED:
+            reason = outcome.report.message
+            _log.warning("a robot did not do it", what=what, asked=asked, outcome=outcome.kind.value, reason=reason)
         for waiting in self._waiting.pop(execution_id, ()):
             if not waiting.done():
                 waiting.set_result(outcome)
@@ -307,7 +323,7 @@ def _loop_time() -> float:
 
 def _target_of(action: ActionMetaDataAnnouncement, robot: str) -> int:
     """The target of that name; an Action with one target is that robot's whatever the name."""
-    targets = [target for target in action.targets if not target.action_target_id & HALT_TARGETS]
+    targets = [target for target in action.targets if not target.action_target_id & CONTROL_BITS]
     named = [target.action_target_id for target in targets if target.name == robot or not targets[1:]]
     if not named:
         raise SkillRejected(f"{action.request.name} has no target {robot!r}")

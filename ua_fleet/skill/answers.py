@@ -16,7 +16,8 @@ from ua_fleet.wire.actions import ActionMessage
 __all__ = ["answer_fields", "outcome_of", "read_answer"]
 
 LEADING_TYPES: Final = (BuiltinType.BYTE.value, BuiltinType.STRING.value)
-_SAID: Final = frozenset(ExecutionState) - {ExecutionState.ASKING}
+_NEVER_SAID: Final = frozenset({ExecutionState.ASKING, ExecutionState.SUSPENDED})
+_SAID: Final = frozenset(ExecutionState) - _NEVER_SAID
 _UPPER_BITS: Final = 0xFFFF_0000
 
 _KINDS: Final = {
@@ -27,15 +28,18 @@ _KINDS: Final = {
     ExecutionState.FAILED: OutcomeKind.ACCEPTED,
     ExecutionState.UNKNOWN: OutcomeKind.UNKNOWN,
     ExecutionState.ASKING: OutcomeKind.UNKNOWN,
+    ExecutionState.SUSPENDED: OutcomeKind.ACCEPTED,
 }
 
 
 def answer_fields(report: Report) -> tuple[tuple[int, ...], tuple[Any, ...]]:
-    """Types and values of a response that says this."""
+    """Types and values of a response that says this. Of what is suspended it says Running: it was accepted."""
     results = unpack(report.result)
+    # A requestor that does not know the state would take the Good status for the end.
+    state = ExecutionState.RUNNING if report.state is ExecutionState.SUSPENDED else report.state
     return (
         (*LEADING_TYPES, *[result.type for result in results]),
-        (report.state.value, report.message, *[result.value for result in results]),
+        (state.value, report.message, *[result.value for result in results]),
     )
 
 

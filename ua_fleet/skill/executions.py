@@ -18,10 +18,13 @@ from ua_fleet.wire.cursor import Cursor
 from ua_fleet.wire.variant import decode_variant, encode_typed
 
 __all__ = [
+    "CONTROL_BITS",
     "EXECUTION_ID_BYTES",
     "HALT_TARGETS",
     "NEVER_BEGUN",
     "OPEN",
+    "RESUME_TARGETS",
+    "SUSPEND_TARGETS",
     "ExecutionState",
     "Outcome",
     "OutcomeKind",
@@ -38,6 +41,12 @@ EXECUTION_ID_BYTES: Final = 16
 
 HALT_TARGETS: Final = 0x8000
 """Bit of an ActionTargetId: the target at which executions of the target without it are halted."""
+SUSPEND_TARGETS: Final = 0xC000
+"""The same to suspend them. It has the bit of halting too: all targets with that bit are for what is under way."""
+RESUME_TARGETS: Final = 0xA000
+"""The same to have them go on."""
+CONTROL_BITS: Final = HALT_TARGETS | SUSPEND_TARGETS | RESUME_TARGETS
+"""What of an ActionTargetId says which of these it is; none of them: a target that executes."""
 
 
 def halt_id(execution_id: bytes) -> bytes:
@@ -64,9 +73,11 @@ class ExecutionState(IntEnum):
     """It may have been begun, and nobody can tell what became of it."""
     ASKING = 6
     """The responder was started anew and asks the robot what became of it."""
+    SUSPENDED = 7
+    """The robot stands in the middle of it until it is told to go on, or to stop."""
 
 
-OPEN: Final = frozenset({ExecutionState.RUNNING, ExecutionState.ASKING})
+OPEN: Final = frozenset({ExecutionState.RUNNING, ExecutionState.ASKING, ExecutionState.SUSPENDED})
 """States from which another follows."""
 NEVER_BEGUN: Final = frozenset({ExecutionState.REFUSED, ExecutionState.TIMED_OUT})
 

@@ -9,7 +9,11 @@ States of an execution; every arrow is journaled before anybody hears of it, and
     RUNNING   `refused`: the robot's side could not begin it          REFUSED; nobody was told that it was accepted yet
     RUNNING   `ended`                                                 DONE, FAILED or UNKNOWN
     RUNNING   restart                                                 ASKING, Query (not journaled: it follows)
+    RUNNING   `suspended`: the robot stands in the middle of it       SUSPENDED (not journaled: it is asked again)
+    SUSPENDED `resumed`                                               RUNNING
+    SUSPENDED `ended`                                                 DONE, FAILED or UNKNOWN
     ASKING    `running`: the robot is still at it                     RUNNING
+    ASKING    `suspended`                                             SUSPENDED
     ASKING    `ended`                                                 DONE, FAILED or UNKNOWN (the robot cannot tell)
     ASKING    `not_begun`: the robot says for sure that it is not     RUNNING, Execute; TIMED_OUT where it is late
     UNKNOWN   `ended`: it can be told after all                       DONE or FAILED
@@ -68,6 +72,7 @@ _S: Final = ExecutionState
 TRANSITIONS: Final = {
     None: frozenset({_S.RUNNING, _S.REFUSED, _S.TIMED_OUT}),
     _S.RUNNING: frozenset({_S.DONE, _S.FAILED, _S.UNKNOWN, _S.REFUSED}),
+    _S.SUSPENDED: frozenset({_S.DONE, _S.FAILED, _S.UNKNOWN}),
     _S.ASKING: frozenset({_S.RUNNING, _S.DONE, _S.FAILED, _S.UNKNOWN, _S.TIMED_OUT}),
     _S.UNKNOWN: frozenset({_S.DONE, _S.FAILED}),
     _S.DONE: frozenset[ExecutionState](),
@@ -75,7 +80,7 @@ TRANSITIONS: Final = {
     _S.REFUSED: frozenset[ExecutionState](),
     _S.TIMED_OUT: frozenset[ExecutionState](),
 }
-"""The table above: from each state, None for an execution that is not known."""
+"""What of the table above is journaled: from each state, None for an execution that is not known."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -230,12 +235,15 @@ class Responder:
 
     def running(self, execution_id: bytes) -> list[ResponderEffect]:
         """The answer to Query: the robot is still at it."""
-        execution = self._executions.get(execution_id)
-        if execution is None or execution.report.state is not _S.ASKING:
-            return []
-        execution = execution._replace(report=execution.report._replace(state=_S.RUNNING))
-        self._executions[execution_id] = execution  # what the journal says of it all the time
-        return [ExecutionChanged(execution)]
+        return self._go_over(execution_id, frozenset({_S.ASKING}), _S.RUNNING)
+
+    def suspended(self, execution_id: bytes, message: str = "") -> list[ResponderEffect]:
+        """The robot stands in the middle of it; also an answer to Query."""
+        return self._go_over(execution_id, frozenset({_S.RUNNING, _S.ASKING}), _S.SUSPENDED, message)
+
+    def resumed(self, execution_id: bytes) -> list[ResponderEffect]:
+        """The robot that stood goes on."""
+        return self._go_over(execution_id, frozenset({_S.SUSPENDED}), _S.RUNNING)
 
     def not_begun(self, execution_id: bytes, now: float, utc: int) -> list[ResponderEffect]:
         """The answer to Query: the robot knows for sure that it was never told."""
@@ -359,6 +367,17 @@ class Responder:
             return Decision(Report(_S.REFUSED, StatusCode.BAD_TOO_MANY_OPERATIONS, said), Drop.TOO_MANY)
         return decision
 
+    def _go_over(
+        self, execution_id: bytes, before: frozenset[ExecutionState], state: ExecutionState, message: str = ""
+    ) -> list[ResponderEffect]:
+        """Between states of what is under way: the journal says RUNNING all the time, and the robot knows better."""
+        execution = self._executions.get(execution_id)
+        if execution is None or execution.report.state not in before:
+            return []
+        execution = execution._replace(report=execution.report._replace(state=state, message=message))
+        self._executions[execution_id] = execution
+        return [ExecutionChanged(execution)]
+
     def _become(self, execution_id: bytes, report: Report, now: float) -> list[ResponderEffect]:
         """Journal a new state and say it; nothing where the table has no such transition."""
         execution = self._executions.get(execution_id)
@@ -381,7 +400,8 @@ class Responder:
             self._exchanges.close(execution_id)
             return []
         report = execution.report
-        waits = report.state is _S.RUNNING and (execution_id in self._to_begin or now < exchange.wait_until)
+        is_at_it = report.state in (_S.RUNNING, _S.SUSPENDED)
+        waits = is_at_it and (execution_id in self._to_begin or now < exchange.wait_until)
         if report.state is _S.ASKING or waits:
             self._exchanges.said(execution_id, now, is_done=False)
             return [answer(exchange.request, ActionState.EXECUTING, None, exchange.reply_to)]

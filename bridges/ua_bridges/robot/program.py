@@ -15,6 +15,8 @@ __all__ = ["Announcer", "Canceled", "Execution", "Program", "Refused"]
 
 _MOST_REMEMBERED: Final = 1000
 """Ended executions; the oldest are forgotten, and a query for them is answered with `unknown`."""
+_LOOK_S: Final = 0.05
+"""How often a function that stands looks whether it may go on."""
 _ENDS: Final = ("refused", "done", "failed", "halted")
 
 _log = logging.getLogger(__name__)
@@ -38,17 +40,40 @@ class Execution:
         """After so long it is given up."""
         self.canceled = threading.Event()
         """Set when it has to stop; `wait` on it in place of sleeping."""
+        self.suspended = threading.Event()
+        """Set while it has to stand: bring the robot to rest, then call `wait_if_suspended`."""
+        self.stands = False
+        """Whether a thread of it waits there."""
         self._report = report
+        self._said = 0.0, ""
 
     def progress(self, fraction: float, message: str = "") -> None:
         """Tell how far it is, 0 to 1; raises Canceled as `check` does."""
         self.check()
-        self._report(min(max(float(fraction), 0.0), 1.0), message)
+        self._said = min(max(float(fraction), 0.0), 1.0), message
+        self._report(*self._said)
 
     def check(self) -> None:
         """Raise Canceled if it has to stop."""
         if self.canceled.is_set():
             raise Canceled
+
+    def wait_if_suspended(self) -> bool:
+        """Wait here while it has to stand, and say that it does; whether it had to. Raises Canceled as `check` does.
+
+        Call it where the robot is at rest, and could go on from: nothing is stopped by it.
+        """
+        self.check()
+        if not self.suspended.is_set():
+            return False
+        self.stands = True
+        self._report(*self._said)
+        while self.suspended.is_set() and not self.canceled.wait(_LOOK_S):
+            pass
+        self.stands = False
+        self.check()
+        self._report(*self._said)
+        return True
 
 
 Function = Callable[..., Mapping[str, Any] | None]
@@ -89,6 +114,10 @@ class Program:
         elif what == "cancel" and execution_id in self._open:
             with contextlib.suppress(KeyError):
                 self._open[execution_id].canceled.set()
+        elif what in ("suspend", "resume") and execution_id in self._open:
+            with contextlib.suppress(KeyError):  # the function says itself that it stands, or goes on
+                suspended = self._open[execution_id].suspended
+                (suspended.set if what == "suspend" else suspended.clear)()
         else:  # a query, or something newer than this program: the state is always a right answer
             self._say_again(execution_id)
 
@@ -101,7 +130,8 @@ class Program:
 
     def _execute(self, execution_id: str, request: Mapping[str, Any]) -> None:
         def report(fraction: float, message: str) -> None:
-            self._say(execution_id, "running", 0.0 if math.isnan(fraction) else fraction, message)
+            state = "suspended" if execution.stands else "running"
+            self._say(execution_id, state, 0.0 if math.isnan(fraction) else fraction, message)
 
         arguments: Any = request.get("arguments") or {}
         execution = Execution(execution_id, _seconds(request.get("timeout_s")), report)

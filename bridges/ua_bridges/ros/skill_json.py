@@ -4,7 +4,7 @@ std_msgs/String, one JSON object each. The bridge publishes requests on `ua_0_<n
 on `ua_<own space>_<ns>_<skill id>`:
 
     {"request": "execute", "execution_id": "0f..", "skill": "drive", "arguments": {"to": "dock"}, "timeout_s": 60.0}
-    {"request": "query" or "cancel", "execution_id": "0f.."}
+    {"request": "query", "cancel", "suspend" or "resume", "execution_id": "0f.."}
 
     {"execution_id": "0f..", "state": "running", "progress": 0.4, "results": {}, "message": ""}
 
@@ -33,6 +33,8 @@ __all__ = [
     "execute_text",
     "parse_status",
     "query_text",
+    "resume_text",
+    "suspend_text",
 ]
 
 MOST_CHARACTERS: Final = 1_000_000
@@ -46,6 +48,8 @@ class ProgramState(StrEnum):
     REFUSED = "refused"
     """It is not begun and will not be."""
     RUNNING = "running"
+    SUSPENDED = "suspended"
+    """It stands in the middle of it until it is told to go on, or to stop."""
     DONE = "done"
     FAILED = "failed"
     HALTED = "halted"
@@ -87,6 +91,16 @@ def query_text(execution_id: bytes) -> str:
 def cancel_text(execution_id: bytes) -> str:
     """The request to stop an execution."""
     return _text(request="cancel", execution_id=execution_id.hex())
+
+
+def suspend_text(execution_id: bytes) -> str:
+    """The request to stand in the middle of an execution."""
+    return _text(request="suspend", execution_id=execution_id.hex())
+
+
+def resume_text(execution_id: bytes) -> str:
+    """The request to go on with it."""
+    return _text(request="resume", execution_id=execution_id.hex())
 
 
 def parse_status(text: str) -> ProgramStatus:

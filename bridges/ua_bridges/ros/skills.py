@@ -19,6 +19,7 @@ from typing import Annotated, Final
 from pydantic import AfterValidator, Field, ValidationError, model_validator
 
 from ua_fleet.bridge.configured import ConfiguredSkill, configured_skills
+from ua_fleet.bridge.driver import Skill
 from ua_fleet.config.base import FieldPath, Model
 from ua_fleet.config.schema import FleetConfig, QosConfig, RobotConfig, SkillConfig
 from ua_fleet.document import KeyPath
@@ -182,6 +183,10 @@ class SkillSpec(ConfiguredSkill[RosSkillMapping]):
     def status_topic(self) -> str:
         """Where a robot's own program tells of its executions."""
         return self.topic.name
+
+    def offer(self) -> Skill:
+        """As the bridge announces it. Only a robot's own program can stand in the middle of a skill and go on."""
+        return replace(super().offer(), can_suspend=self._way is None)
 
     @property
     def limits(self) -> SkillLimits:

@@ -30,6 +30,7 @@ def work(execution: Execution, work: str, seconds: float) -> dict[str, Any]:
     while time.monotonic() < end:
         execution.progress(0.5, "working")
         execution.canceled.wait(0.05)
+        execution.wait_if_suspended()
     return {"done": work, "seconds": seconds}
 
 

@@ -144,6 +144,9 @@ async def test_what_can_be_stopped_is_halted(
         assert told(robot)[1:] == more
         with pytest.raises(SkillRejected, match="the service /load_map cannot be stopped"):
             skilled.halt(LOAD, execution_id)
+        with pytest.raises(SkillRejected, match="a robot stands and goes on only in what its own program offers"):
+            skilled.driver.suspend(skilled.execution(LOAD, execution_id=execution_id))
+        assert not any(offered.can_suspend for offered in skilled.driver.skills() if offered.topic.id == LOAD)
 
 
 async def test_what_is_absent_is_named(ros2: Ros2Space) -> None:

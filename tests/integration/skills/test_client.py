@@ -122,6 +122,13 @@ async def test_the_command_line_calls_skills(hall: Hall) -> None:
         code, output, _ = await command("list", "machine")
         assert code == 0
         assert 'work(work: String = "weld", seconds: Double)  Ready  ns=2;i=1900' in output
+        code, _, errors = await command("resume", "machine", "work")
+        assert (code, "machine.work: it is not in a state for that" in errors) == (1, True), errors
+        await client.start_skill("machine", "work", work=ENDLESS_WORK, seconds=0)
+        for what in ("suspend", "halt"):
+            code, output, errors = await command(what, "machine", "work", "--json")
+            assert code == 0, errors
+            assert json.loads(output) == {"robot": "machine", "skill": "work", "asked": what}
         ends = {
             ("work", f"work={FAILING_WORK}", "seconds=0"): 1,
             ("work", "seconds=99"): 2,
@@ -146,3 +153,29 @@ async def test_a_robot_that_fell_silent_is_unreachable(hall: Hall) -> None:
         await until(state, lambda shown: shown is None)
         with pytest.raises(RobotOffline, match="whether its bridge runs"):
             await client.call_skill("machine", "work", seconds=1)
+
+
+async def test_a_robot_stands_goes_on_and_stops_by_command(hall: Hall) -> None:
+    async with at_work(hall) as client:
+        execution = await client.start_skill("machine", "work", work=ENDLESS_WORK, seconds=0)
+
+        async def shows(state: str) -> None:
+            async with asyncio.timeout(10):
+                while next(skill for skill in await client.skills("machine") if skill.name == "work").state != state:
+                    await asyncio.sleep(0.05)
+
+        with pytest.raises(SkillRejected, match="not in a state for that") as caught:
+            await client.resume_skill("machine", "work")
+        assert caught.value.ua_status == StatusCode.BAD_INVALID_STATE
+        await client.suspend_skill("machine", "work")
+        await shows("Suspended")
+        await client.resume_skill("machine", "work")
+        await shows("Running")
+        await client.suspend_skill("machine", "work")
+        await shows("Suspended")
+        await client.halt_skill("machine", "work")
+        with pytest.raises(SkillFailed, match="halted"):
+            await execution.result(timeout_s=10)
+        assert [event.state async for event in execution.events()] == [
+            *("Running", "Suspended", "Running", "Suspended", "Halted")
+        ]

@@ -39,7 +39,7 @@ async def subscribed(client: Client) -> Events:
 
 async def call(client: Client, skill: int, *arguments: Any, method: str = "Start") -> Any:
     """Call a Method of a skill, with plain values; the CallMethodResult."""
-    shared = {"Suspend": 71002, "Halt": 71004, "Reset": 71005}
+    shared = {"Suspend": 71002, "Resume": 71003, "Halt": 71004, "Reset": 71005}
     method_id = f"ns=2;s={skill}.Start" if method == "Start" else f"ns=3;i={shared[method]}"
     request = ua.CallMethodRequest(
         ua.NodeId.from_string(f"ns=2;i={skill}"),
@@ -176,7 +176,6 @@ async def test_a_skill_is_halted_where_the_robot_can_stop(hall: Hall) -> None:
         assert (await call(client, WORK, method="Halt")).StatusCode.name == "BadInvalidState"
         execution = await started(client, WORK, ENDLESS_WORK, 0.0)
         state = reader(client, f"ns=2;s={WORK}.CurrentState")
-        assert (await call(client, WORK, method="Suspend")).StatusCode.name == "BadNotSupported"
         halted = await until(lambda: call(client, WORK, method="Halt"), lambda result: result.StatusCode.is_good())
         assert halted.OutputArguments == []
         await until(state, lambda value: value.Value.Value.Text == "Halted")
@@ -189,6 +188,44 @@ async def test_a_skill_is_halted_where_the_robot_can_stop(hall: Hall) -> None:
         await started(client, WORK, "weld", 0.8)
         assert (await call(client, WORK, method="Halt")).StatusCode.is_good()
         await until(state, lambda value: value.Value.Value.Text == "Ready")
+    assert [job.work for job in hall.machine.told()] == [ENDLESS_WORK, "weld"]
+
+
+async def test_a_skill_is_suspended_goes_on_and_is_halted_while_its_robot_stands(hall: Hall) -> None:
+    bridge = hall.bridge()
+    async with hall.server() as running, running.client() as client:
+        events = await subscribed(client)
+        for method in ("Suspend", "Resume"):
+            assert (await call(client, WORK, method=method)).StatusCode.name == "BadInvalidState"
+        execution = await started(client, WORK, ENDLESS_WORK, 0.0)
+        state = reader(client, f"ns=2;s={WORK}.CurrentState")
+
+        async def shows(text: str) -> None:
+            await until(state, lambda value: value.StatusCode.is_good() and value.Value.Value.Text == text)
+
+        await until(lambda: call(client, WORK, method="Suspend"), lambda result: result.StatusCode.is_good())
+        await shows("Suspended")
+        assert (await call(client, WORK, method="Suspend")).StatusCode.name == "BadInvalidState"
+        assert (await call(client, WORK, method="Resume")).StatusCode.is_good()
+        await shows("Running")
+        assert (await call(client, WORK, method="Suspend")).StatusCode.is_good()
+        await shows("Suspended")
+        bridge.end(signal.SIGKILL)
+        await until(state, lambda value: value.StatusCode.value == StatusCode.BAD_NO_COMMUNICATION)
+        hall.bridge()
+        await shows("Suspended")
+        assert (await call(client, WORK, method="Halt")).StatusCode.is_good()
+        await shows("Halted")
+
+        async def transitions() -> list[str]:
+            return events.of(execution)
+
+        await until(transitions, lambda seen: seen[-1:] == ["SuspendedToHalted"])
+        to_and_fro = ["RunningToSuspended", "SuspendedToRunning", "RunningToSuspended"]
+        assert events.of(execution) == ["ReadyToRunning", *to_and_fro, "SuspendedToHalted"]
+        await started(client, WORK, "weld", 0.8)
+        assert (await call(client, WORK, method="Suspend")).StatusCode.is_good()
+        await shows("Ready")
     assert [job.work for job in hall.machine.told()] == [ENDLESS_WORK, "weld"]
 
 

@@ -11,6 +11,8 @@ from ua_fleet.bridge.driver import (
     ExecutionForgotten,
     ExecutionNotBegun,
     ExecutionProgressed,
+    ExecutionResumed,
+    ExecutionSuspended,
 )
 from ua_fleet.bridge.executing import Ended, Executing
 from ua_fleet.config.base import Model
@@ -112,3 +114,20 @@ def test_what_the_robot_never_heard_of_may_be_begun_again() -> None:
     assert len(drops(told)) == 1
     one.begin(SPEC, EXECUTION, 20.0)
     assert one.end(ID, Ended(0))
+
+
+def test_a_robot_that_stands_is_told_once_and_again_when_it_goes_on() -> None:
+    one, told = executing()
+    one.begin(SPEC, EXECUTION, 10.0)
+    for _ in range(2):
+        one.suspended(ID, 0.5, "it stands")
+    one.progress(ID, 0.5, "it stands")
+    assert told == [
+        ExecutionSuspended(ID, "it stands"),
+        ExecutionProgressed(ID, 0.5, "it stands"),
+        ExecutionResumed(ID),
+        ExecutionProgressed(ID, 0.5, "it stands"),
+    ]
+    one.suspended(OTHER, 0.5)
+    assert drops(told) == ["a robot answered for an execution that nobody waits for"]
+    assert [opened.execution_id for opened in one.overdue(15.0)] == [ID], "its time goes on"

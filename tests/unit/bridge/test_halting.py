@@ -131,3 +131,14 @@ def test_a_restart_in_the_middle_of_a_halt_leaves_it_unknown() -> None:
     later = Bench(robot=StoppableRobot(), journal=again)
     assert later.states() == [S.UNKNOWN]
     assert later.robot.asked == []
+
+
+def test_an_execution_of_another_skill_is_not_halted_here() -> None:
+    robot = StoppableRobot()
+    robot.offered = (PICK, replace(PICK, topic=ACTION._replace(id=1502), name="place"))
+    bench = Bench(robot=robot)
+    bench.ask(data_set_writer_id=1502)
+    assert len(robot.begun) == 1
+    ask_to_halt(bench)
+    assert bench.reports()[-1].message == "that execution is not under way"
+    assert robot.halted == []

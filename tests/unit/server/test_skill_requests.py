@@ -1,4 +1,4 @@
-"""Requests that wait for nothing, and halts."""
+"""Requests that wait for nothing: also those to halt, suspend and resume."""
 
 from __future__ import annotations
 
@@ -6,7 +6,15 @@ import pytest
 
 from tests.unit.server.test_commands_out import ANNOUNCED, Bench, announced
 from ua_fleet.errors import RobotOffline, SkillRejected
-from ua_fleet.skill.executions import HALT_TARGETS, ExecutionState, OutcomeKind, Report, halt_id
+from ua_fleet.skill.executions import (
+    HALT_TARGETS,
+    RESUME_TARGETS,
+    SUSPEND_TARGETS,
+    ExecutionState,
+    OutcomeKind,
+    Report,
+    halt_id,
+)
 from ua_fleet.topics import Topic
 from ua_fleet.values import StatusCode
 from ua_fleet.wire.discovered import ActionTarget
@@ -55,7 +63,8 @@ async def test_a_halt_names_its_execution_is_asked_for_once_and_a_refusal_is_log
     assert (request.action_target_id, request.correlation_data, request.values) == (1 | HALT_TARGETS, halt_id(ID), ())
     bench.respond(request, Report(ExecutionState.REFUSED, message="it holds a load"))
     said = capsys.readouterr().out
-    assert "not halted" in said
+    assert "a robot did not do it" in said
+    assert "stop" in said
     assert "it holds a load" in said
 
 
@@ -64,4 +73,27 @@ async def test_a_robot_without_a_way_to_stop_is_told() -> None:
     with pytest.raises(SkillRejected, match="no way to stop pick") as caught:
         bench.commands.halt(ACTION, "arm", ID)
     assert caught.value.ua_status == StatusCode.BAD_NOT_SUPPORTED
+    assert bench.sent == []
+
+
+async def test_a_robot_is_asked_to_stand_and_go_on_as_often_as_somebody_wants() -> None:
+    bench = Bench()
+    targets = [ActionTarget(1, "arm")]
+    targets += [ActionTarget(1 | bits, "arm, more") for bits in (HALT_TARGETS, SUSPEND_TARGETS, RESUME_TARGETS)]
+    bench.commands.announced(ANNOUNCED._replace(targets=tuple(targets)))
+    for _ in range(2):
+        bench.commands.suspend_execution(ACTION, "any name", ID)
+        bench.commands.resume_execution(ACTION, "any name", ID)
+    requests = bench.requests()
+    assert [request.action_target_id for request in requests] == [1 | SUSPEND_TARGETS, 1 | RESUME_TARGETS] * 2
+    assert {request.values for request in requests} == {(ID,)}
+    assert len({request.correlation_data for request in requests}) == 4
+
+
+async def test_a_robot_without_a_way_to_stand_is_told() -> None:
+    bench = announced(Bench())
+    for ask, said in ((bench.commands.suspend_execution, "suspend"), (bench.commands.resume_execution, "resume")):
+        with pytest.raises(SkillRejected, match=f"no way to {said} pick") as caught:
+            ask(ACTION, "arm", ID)
+        assert caught.value.ua_status == StatusCode.BAD_NOT_SUPPORTED
     assert bench.sent == []

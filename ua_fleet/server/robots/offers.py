@@ -222,6 +222,16 @@ class Offers:
             status = StatusCode.BAD_REQUEST_CANCELLED_BY_CLIENT
             self._end(asked, Report(_S.REFUSED, int(status), "halted before anybody took it"))
 
+    def suspend_execution(self, topic: Topic, robot: str, execution_id: bytes) -> None:
+        """Raise SkillRejected, with Bad_NotSupported: nobody tells a client to stand, only to stop."""
+        error = SkillRejected(f"{robot} is a client, and can only be halted")
+        error.ua_status = StatusCode.BAD_NOT_SUPPORTED
+        raise error
+
+    def resume_execution(self, topic: Topic, robot: str, execution_id: bytes) -> None:
+        """As `suspend_execution`."""
+        self.suspend_execution(topic, robot, execution_id)
+
     def known_outcome(self, execution_id: bytes) -> Outcome:
         """What is known of a request; KeyError where it was never made."""
         asked = self._asked.get(execution_id)

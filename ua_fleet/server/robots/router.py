@@ -26,6 +26,14 @@ class SkillRouter:
         """Have an execution stopped; see both."""
         self._of(topic).halt(topic, robot, execution_id)
 
+    def suspend_execution(self, topic: Topic, robot: str, execution_id: bytes) -> None:
+        """Have a robot stand in the middle of an execution; see both."""
+        self._of(topic).suspend_execution(topic, robot, execution_id)
+
+    def resume_execution(self, topic: Topic, robot: str, execution_id: bytes) -> None:
+        """Have a robot go on with an execution; see both."""
+        self._of(topic).resume_execution(topic, robot, execution_id)
+
     def known_outcome(self, execution_id: bytes) -> Outcome | None:
         """What is known of a request; None while it is asked for, KeyError where it was never made."""
         try:

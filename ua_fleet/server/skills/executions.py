@@ -73,6 +73,8 @@ class Execution:
 def heard(model: SkillModel, said: ExecutionStatus, known: Execution | None, ticks: int) -> Execution | None:
     """An execution as the robot tells it; None where that is no news, or cannot be."""
     state = said.state
+    if known is not None and (known.state, state) == (_S.SUSPENDED, _S.ASKING):
+        state = _S.SUSPENDED  # its bridge was started anew; nothing says that the robot goes on
     if known is not None and known.is_over and known.state is not _S.UNKNOWN and state is not known.state:
         return None  # the end that was heard stays; repeats of older messages say otherwise
     if known is not None and known.state == state and known.is_over:

@@ -3,7 +3,8 @@
 Start    checks arguments, limits and whether the robot is heard; gives the execution's id
 Reset    makes a halted skill Ready; the robot is not asked
 Halt     asks the robot to stop all that it does for this skill; Bad_NotSupported where its driver cannot
-Suspend, Resume    Bad_NotSupported: no robot has a way to do that
+Suspend  asks the robot to stand in the middle of all that it does for this skill, as Halt
+Resume   asks it to go on with what it stands in
 
 Roles are looked after before, by the endpoint: an operator may call all of them.
 """
@@ -47,6 +48,14 @@ class SkillRequests(Protocol):
 
     def halt(self, topic: Topic, robot: str, execution_id: bytes) -> None:
         """Have a robot stop an execution."""
+        ...
+
+    def suspend_execution(self, topic: Topic, robot: str, execution_id: bytes) -> None:
+        """Have a robot stand in the middle of an execution."""
+        ...
+
+    def resume_execution(self, topic: Topic, robot: str, execution_id: bytes) -> None:
+        """Have a robot go on with an execution."""
         ...
 
 
@@ -97,9 +106,9 @@ class SkillMethods:
         self._skills: dict[ua.NodeId, _Offered] = {}
         self._free_at: dict[NodeId, float] = {}
         """When a skill may be asked for again."""
+        calls = {"Suspend": self._suspend, "Resume": self._resume, "Halt": self._halt, "Reset": self._reset}
         for name, method in SHARED_METHODS.items():
-            call = {"Reset": self._reset, "Halt": self._halt}.get(name, self._refuse)
-            server.link_method(server.get_node(method), call)
+            server.link_method(server.get_node(method), calls[name])
 
     def add(self, robot: RobotModel) -> None:
         """Let the skills of a robot be called; its nodes are there."""
@@ -178,9 +187,23 @@ class SkillMethods:
             self._requests.halt(topic, robot.name, execution_id)
         return []
 
-    async def _refuse(self, parent: ua.NodeId) -> list[ua.Variant]:
-        self._offered(parent)
-        raise Refusal(StatusCodes.BadNotSupported, "no robot has a way to do that")
+    async def _suspend(self, parent: ua.NodeId) -> list[ua.Variant]:
+        robot, skill, key, topic = self._offered(parent)
+        executions = self._tracker.running_executions(key)
+        if not executions:
+            raise Refusal(StatusCodes.BadInvalidState, f"{skill.name} is not running")
+        for execution_id in executions:
+            self._requests.suspend_execution(topic, robot.name, execution_id)
+        return []
+
+    async def _resume(self, parent: ua.NodeId) -> list[ua.Variant]:
+        robot, skill, key, topic = self._offered(parent)
+        executions = self._tracker.suspended_executions(key)
+        if not executions:
+            raise Refusal(StatusCodes.BadInvalidState, f"{skill.name} is not suspended")
+        for execution_id in executions:
+            self._requests.resume_execution(topic, robot.name, execution_id)
+        return []
 
     def _offered(self, parent: ua.NodeId) -> _Offered:
         offered = self._skills.get(parent)

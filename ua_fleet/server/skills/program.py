@@ -4,6 +4,7 @@ A skill shows what its latest execution is:
 
     execution                                   skill
     asked for, or under way                     Running
+    the robot stands in the middle of it        Suspended
     done, refused, or too late to be begun      Ready
     failed, or nobody can tell                  Halted: look after the robot; Reset or the next Start makes it Ready
 """
@@ -67,17 +68,21 @@ _BY_ENDS: Final = {transition.ends: transition for transition in Transition}
 
 
 def path(before: ProgramState, after: ProgramState) -> tuple[Transition, ...]:
-    """The transitions that lead from one state to another; there is no direct one from Halted to Running."""
+    """The transitions that lead from one state to another; there is no direct one from Halted to Running, say."""
     if before is after:
         return ()
     direct = _BY_ENDS.get((before, after))
     if direct is not None:
         return (direct,)
+    if after is ProgramState.SUSPENDED:
+        return (*path(before, ProgramState.RUNNING), Transition.RUNNING_TO_SUSPENDED)
     return (_BY_ENDS[before, ProgramState.READY], *path(ProgramState.READY, after))
 
 
 def state_of(execution: ExecutionState) -> ProgramState:
     """What a skill shows while this is the state of its latest execution."""
+    if execution is ExecutionState.SUSPENDED:
+        return ProgramState.SUSPENDED
     if execution in OPEN:
         return ProgramState.RUNNING
     if execution in (ExecutionState.FAILED, ExecutionState.UNKNOWN):

@@ -11,7 +11,7 @@ from ua_fleet.fleet.model import RobotModel
 from ua_fleet.fleet.skills import SkillModel
 from ua_fleet.server.skills.executions import Execution, SkillKeys
 from ua_fleet.server.skills.program import ProgramState, Transition, path, state_of
-from ua_fleet.skill.executions import ExecutionState
+from ua_fleet.skill.executions import OPEN, ExecutionState
 from ua_fleet.values import TICKS_PER_SECOND, BuiltinType, LocalizedText, NodeId, StatusCode
 
 __all__ = ["SkillChange", "SkillTransitioned", "TrackedSkill"]
@@ -56,7 +56,17 @@ class TrackedSkill:
     @property
     def under_way(self) -> int:
         """Executions that are not over."""
-        return sum(not execution.is_over for execution in self.executions.values())
+        return len(self.ids(OPEN))
+
+    def ids(self, states: frozenset[ExecutionState]) -> list[bytes]:
+        """The executions in one of these states, the oldest first."""
+        return [execution.id for execution in self.executions.values() if execution.state in states]
+
+    def _state(self) -> ProgramState:
+        """Suspended where the robot stands in all that is under way."""
+        if not self.under_way:
+            return state_of(next(reversed(self.executions.values())).state)
+        return ProgramState.RUNNING if self.ids(OPEN - {_S.SUSPENDED}) else ProgramState.SUSPENDED
 
     def take(self, execution: Execution, ticks: int, *, quiet: bool = False) -> list[SkillChange]:
         """A new execution, or its new state."""
@@ -77,7 +87,7 @@ class TrackedSkill:
                 was = ProgramState.RUNNING
             moves += path(was, state_of(execution.state))
         latest = next(reversed(self.executions.values()))
-        self.state = ProgramState.RUNNING if self.under_way else state_of(latest.state)
+        self.state = self._state()
         changes: list[SkillChange] = [*self._show(latest, moves[-1] if moves else None, ticks)]
         if not quiet:
             changes += [

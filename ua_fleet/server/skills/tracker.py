@@ -87,7 +87,15 @@ class SkillTracker:
 
     def open_executions(self, key: NodeId) -> list[bytes]:
         """Their ids, the oldest first."""
-        return [execution.id for execution in self._skills[key].executions.values() if not execution.is_over]
+        return self._skills[key].ids(OPEN)
+
+    def running_executions(self, key: NodeId) -> list[bytes]:
+        """The ids of those in which the robot does not stand."""
+        return self._skills[key].ids(OPEN - {_S.SUSPENDED})
+
+    def suspended_executions(self, key: NodeId) -> list[bytes]:
+        """The ids of those in which it does."""
+        return self._skills[key].ids(frozenset({_S.SUSPENDED}))
 
     def is_silent(self, key: NodeId) -> bool:
         """Whether the robot's SkillStatus was heard, and is not any more."""

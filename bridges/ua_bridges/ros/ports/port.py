@@ -84,6 +84,8 @@ class SkillPort(ABC, Generic[Graph_contra]):
         """What of the robot's side was missing at the last look; empty where all was there."""
         self.cannot_stop = ""
         """Why the robot cannot be stopped in this; empty where it can."""
+        self.cannot_suspend = "a robot stands and goes on only in what its own program offers; this skill has `via`"
+        """The same for standing in the middle of it."""
         self._opened_at = 0.0
         self._waiting: dict[bytes, tuple[float, Callable[[float], None]]] = {}
         """What was begun while the robot's side was not seen yet: until when it waits, and the step to take."""
@@ -185,6 +187,14 @@ class SkillPort(ABC, Generic[Graph_contra]):
     @abstractmethod
     def _stop(self, execution_id: bytes, now: float) -> None:
         """Tell the robot to stop, where it can."""
+
+    def suspend(self, execution_id: bytes) -> None:
+        """Tell the robot to stand in the middle of an execution that is under way; see `cannot_suspend`."""
+        raise NotImplementedError
+
+    def resume(self, execution_id: bytes) -> None:
+        """Tell the robot to go on with it; see `cannot_suspend`."""
+        raise NotImplementedError
 
     def overdue(self, opened: Open, now: float) -> None:
         """An execution has taken too long."""

@@ -19,6 +19,8 @@ from ua_bridges.ros.skill_json import (
     execute_text,
     parse_status,
     query_text,
+    resume_text,
+    suspend_text,
 )
 from ua_bridges.ros.skills import SkillSpec
 from ua_fleet.bridge.driver import DriverEvent, Dropped, Execution
@@ -47,6 +49,7 @@ class ProgramPort(SkillPort[SkillGraph]):
         self._status_name = f"/{spec.status_topic}"
         self._no_program = f"nobody offers the skill: no program publishes {self._status_name}; start the robot's"
         self._source = self._no_program
+        self.cannot_suspend = ""
         self._ask_at: dict[bytes, float] = {}
         """When each open execution is asked about, unless the program says something of it before."""
 
@@ -98,7 +101,9 @@ class ProgramPort(SkillPort[SkillGraph]):
         elif status.state in _ENDS:
             self._executing.end(execution_id, ended_of(status, self.spec.config))
         else:
-            self._executing.progress(execution_id, status.progress, status.message)
+            is_suspended = status.state is ProgramState.SUSPENDED
+            tell = self._executing.suspended if is_suspended else self._executing.progress
+            tell(execution_id, status.progress, status.message)
             self._ask_at[execution_id] = time.monotonic() + ASK_AGAIN_S
 
     def turn(self, now: float) -> None:
@@ -113,6 +118,14 @@ class ProgramPort(SkillPort[SkillGraph]):
 
     def _stop(self, execution_id: bytes, now: float) -> None:
         self._spoken.publish(self._class(data=cancel_text(execution_id)))
+
+    def suspend(self, execution_id: bytes) -> None:
+        """See SkillPort."""
+        self._spoken.publish(self._class(data=suspend_text(execution_id)))
+
+    def resume(self, execution_id: bytes) -> None:
+        """See SkillPort."""
+        self._spoken.publish(self._class(data=resume_text(execution_id)))
 
     def _give_up(self, opened: Open, now: float) -> None:
         """The program is asked to stop; of one that never answered nobody knows what it did."""

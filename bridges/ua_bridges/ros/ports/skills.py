@@ -88,6 +88,24 @@ class RobotSkills(Generic[Graph]):
             raise SkillRejected(port.cannot_stop)
         self._call(partial(self._cancel, execution.execution_id))
 
+    def suspend(self, execution: Execution) -> None:
+        """See SuspendingDriver."""
+        self._call(partial(self._stand, self._suspendable(execution), execution.execution_id))
+
+    def resume(self, execution: Execution) -> None:
+        """See SuspendingDriver."""
+        self._call(partial(self._go_on, self._suspendable(execution), execution.execution_id))
+
+    def _suspendable(self, execution: Execution) -> SkillPort[Graph]:
+        port = self._ports.get(execution.topic)
+        if port is None:
+            raise RobotOffline("the skill is not in the fleet.yaml of this bridge")
+        if port.cannot_suspend:
+            raise SkillRejected(port.cannot_suspend)
+        if port.absent:
+            raise RobotOffline(port.absent)
+        return port
+
     # The skills' thread
 
     def _begin(self, port: SkillPort[Graph], execution: Execution, request: Any) -> None:
@@ -106,6 +124,14 @@ class RobotSkills(Generic[Graph]):
         port = self._begun_by.get(execution_id)
         if port is not None:
             port.cancel(execution_id, time.monotonic())
+
+    def _stand(self, port: SkillPort[Graph], execution_id: bytes) -> None:
+        if self._executing.get(execution_id) is not None:
+            port.suspend(execution_id)
+
+    def _go_on(self, port: SkillPort[Graph], execution_id: bytes) -> None:
+        if self._executing.get(execution_id) is not None:
+            port.resume(execution_id)
 
     def turn(self, now: float) -> None:
         """Do what is due."""

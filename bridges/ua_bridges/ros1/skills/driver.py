@@ -69,7 +69,7 @@ class _SkillFeed:
 
 
 class SkilledRos1Driver(Ros1Driver):
-    """See HaltingDriver in `ua_fleet.bridge.driver`."""
+    """See HaltingDriver and SuspendingDriver in `ua_fleet.bridge.driver`."""
 
     def __init__(self, config: FleetConfig, bridge_name: str, specs: Sequence[SkillSpec]) -> None:
         super().__init__(config, bridge_name)
@@ -125,3 +125,13 @@ class SkilledRos1Driver(Ros1Driver):
         """See HaltingDriver."""
         self._check_node()
         self._skills.halt(execution)
+
+    def suspend(self, execution: Execution) -> None:
+        """See SuspendingDriver."""
+        self._check_node()
+        self._skills.suspend(execution)
+
+    def resume(self, execution: Execution) -> None:
+        """See SuspendingDriver."""
+        self._check_node()
+        self._skills.resume(execution)

@@ -70,7 +70,7 @@ class _SkillFeed:
 
 
 class SkilledRos2Driver(Ros2Driver):
-    """See HaltingDriver in `ua_fleet.bridge.driver`."""
+    """See HaltingDriver and SuspendingDriver in `ua_fleet.bridge.driver`."""
 
     def __init__(self, config: FleetConfig, bridge_name: str, specs: Sequence[SkillSpec]) -> None:
         super().__init__(config, bridge_name)
@@ -122,3 +122,13 @@ class SkilledRos2Driver(Ros2Driver):
         """See HaltingDriver."""
         self._check_node()
         self._skills.halt(execution)
+
+    def suspend(self, execution: Execution) -> None:
+        """See SuspendingDriver."""
+        self._check_node()
+        self._skills.suspend(execution)
+
+    def resume(self, execution: Execution) -> None:
+        """See SuspendingDriver."""
+        self._check_node()
+        self._skills.resume(execution)

@@ -223,3 +223,58 @@ def test_a_fault_needs_a_reason_and_an_id() -> None:
         Announcer(print).fault(" \n")
     with pytest.raises(ValueError, match="give Robot the fault_id"):
         Announcer(None).fault("motor overheated")
+
+
+def stand(what: str, execution_id: str = ID) -> str:
+    return json.dumps({"request": what, "execution_id": execution_id})
+
+
+def test_a_function_stands_where_it_says_so_and_goes_on() -> None:
+    stood: list[bool] = []
+    at_rest = threading.Event()
+
+    def go(execution: Execution) -> None:
+        execution.progress(0.4, "half")
+        assert execution.suspended.wait(10)
+        at_rest.wait(10)
+        stood.append(execution.wait_if_suspended())
+        stood.append(execution.wait_if_suspended())
+
+    program, heard = offer(go)
+    program.receive(request())
+    heard.wait("running")
+    program.receive(stand("suspend"))
+    assert heard.states() == ["accepted", "running"], "it does not stand before it says so"
+    at_rest.set()
+    suspended = heard.wait("suspended")
+    assert (suspended["progress"], suspended["message"]) == (0.4, "half")
+    program.receive(stand("query"))
+    program.receive(stand("resume"))
+    heard.wait("done")
+    assert heard.states() == ["accepted", "running", "suspended", "suspended", "running", "done"]
+    assert stood == [True, False]
+
+
+def test_what_stands_can_be_halted_and_says_that_it_stands_whatever_its_threads_say() -> None:
+    told: list[Execution] = []
+
+    def go(execution: Execution) -> None:
+        told.append(execution)
+        execution.suspended.wait(10)
+        execution.wait_if_suspended()
+
+    program, heard = offer(go)
+    program.receive(request())
+    program.receive(stand("suspend"))
+    heard.wait("suspended")
+    told[0].progress(0.7)
+    assert heard.states() == ["accepted", "suspended", "suspended"]
+    program.receive(stand("cancel"))
+    assert heard.wait("halted")["message"] == "it was halted"
+    assert heard.states() == ["accepted", "suspended", "suspended", "halted"]
+
+
+def test_what_is_not_under_way_is_asked_for_by_a_request_to_stand() -> None:
+    program, heard = offer(nothing)
+    program.receive(stand("suspend"))
+    assert heard.states() == ["unknown"]

@@ -18,6 +18,8 @@ from ua_bridges.ros.skill_json import (
     execute_text,
     parse_status,
     query_text,
+    resume_text,
+    suspend_text,
 )
 
 from tests.unit.bridges.ros.skill_fakes import spec_of
@@ -38,6 +40,8 @@ def test_requests() -> None:
         "timeout_s": 60.0,
     }
     assert json.loads(query_text(ID)) == {"request": "query", "execution_id": HEX}
+    assert json.loads(suspend_text(ID)) == {"request": "suspend", "execution_id": HEX}
+    assert json.loads(resume_text(ID)) == {"request": "resume", "execution_id": HEX}
     assert json.loads(cancel_text(ID)) == {"request": "cancel", "execution_id": HEX}
 
 
@@ -54,6 +58,7 @@ def test_what_json_has_no_word_for_is_not_written() -> None:
             {"state": "running", "progress": 0.5, "message": "half\nway", "newer": 1},
             ProgramStatus(ID, ProgramState.RUNNING, 0.5, {}, "half way"),
         ),
+        ({"state": "suspended", "progress": 0.5}, ProgramStatus(ID, ProgramState.SUSPENDED, 0.5)),
         ({"state": "done", "results": {"a": 1}}, ProgramStatus(ID, ProgramState.DONE, 0.0, {"a": 1})),
         ({"state": "failed", "results": None, "message": None}, ProgramStatus(ID, ProgramState.FAILED)),
     ],

@@ -205,6 +205,15 @@ def test_a_halt_is_told_to_who_has_taken_it_and_ends_what_nobody_has(hall: Hall)
         hall.offers.halt(FIX, "mechanic", ONE)
 
 
+def test_a_client_cannot_be_suspended(hall: Hall) -> None:
+    hall.taken()
+    for ask in (hall.offers.suspend_execution, hall.offers.resume_execution):
+        with pytest.raises(SkillRejected, match="can only be halted") as caught:
+            ask(FIX, "mechanic", ONE)
+        assert caught.value.ua_status == StatusCode.BAD_NOT_SUPPORTED
+    assert hall.state(ONE) is ExecutionState.RUNNING
+
+
 def test_limits_and_arguments_are_kept(hall: Hall) -> None:
     hall.taken()
     with pytest.raises(SkillRejected, match="fix: "):

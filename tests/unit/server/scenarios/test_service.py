@@ -171,6 +171,19 @@ def test_a_task_is_asked_for_once_and_its_end_ends_the_run(tmp_path: Path) -> No
     assert len(world.robots.asked) == 1
 
 
+def test_a_task_whose_robot_stands_waits_and_nobody_is_asked_in_its_place(tmp_path: Path) -> None:
+    world = World(tmp_path)
+    world.start()
+    ((_, _, execution_id),) = world.robots.asked
+    world.service.concluded(execution_id, ACCEPTED)
+    world.hear(1200, ExecutionStatus(execution_id, "grab", ExecutionState.SUSPENDED))
+    world.pass_time(3.0)
+    assert (world.ended(), world.faults()) == ([], [])
+    world.hear(1200, ExecutionStatus(execution_id, "grab", ExecutionState.RUNNING))
+    world.hear(1200, ExecutionStatus(execution_id, "grab", ExecutionState.DONE))
+    assert (world.ended(), len(world.robots.asked)) == (["done"], 1)
+
+
 def test_after_a_restart_a_known_request_is_not_made_again(tmp_path: Path) -> None:
     world = World(tmp_path)
     run_id = world.start()

@@ -15,6 +15,7 @@ from ua_fleet.server.endpoint.stack import StatusCodes
 from ua_fleet.server.skills.methods import SkillMethods
 from ua_fleet.server.skills.tracker import SkillTracker, SkillTransitioned
 from ua_fleet.skill.executions import ExecutionState, Outcome, OutcomeKind, Report
+from ua_fleet.skill.status import ExecutionStatus
 from ua_fleet.topics import Topic
 
 ua: Any = importlib.import_module("asyncua.ua")
@@ -28,6 +29,8 @@ class Bench:
         self.now, self.linked = 0.0, dict[str, Any]()
         self.asked: list[tuple[Any, ...]] = []
         self.halted: list[bytes] = []
+        self.suspended: list[bytes] = []
+        self.resumed: list[bytes] = []
         self.moves: list[str] = []
         self.error: Exception | None = None
         self.tracker = SkillTracker(model())
@@ -50,6 +53,14 @@ class Bench:
     def halt(self, topic: Topic, robot: str, execution_id: bytes) -> None:
         assert (topic, robot) == (Topic(2, 2, 1500), "arm")
         self.halted.append(execution_id)
+
+    def suspend_execution(self, topic: Topic, robot: str, execution_id: bytes) -> None:
+        assert (topic, robot) == (Topic(2, 2, 1500), "arm")
+        self.suspended.append(execution_id)
+
+    def resume_execution(self, topic: Topic, robot: str, execution_id: bytes) -> None:
+        assert (topic, robot) == (Topic(2, 2, 1500), "arm")
+        self.resumed.append(execution_id)
 
     def _put(self, changes: Any) -> None:
         self.moves += [change.transition.text for change in changes if isinstance(change, SkillTransitioned)]
@@ -139,10 +150,26 @@ async def test_halt_stops_all_that_is_under_way() -> None:
     assert bench.halted == [asked[4] for asked in bench.asked]
 
 
-async def test_what_no_robot_can_and_what_is_no_skill_is_refused() -> None:
+async def test_suspend_is_for_what_runs_and_resume_for_what_stands() -> None:
     bench = Bench()
-    for number in (71002, 71003):
-        assert await refused(bench.other(number)) == StatusCodes.BadNotSupported
+    assert await refused(bench.other(71002)) == StatusCodes.BadInvalidState
+    for bench.now in (0.0, 2.0):
+        await bench.start()
+    first, second = [asked[4] for asked in bench.asked]
+    assert await refused(bench.other(71003)) == StatusCodes.BadInvalidState
+    assert await bench.other(71002) == []
+    assert bench.suspended == [first, second]
+    bench.tracker.apply(said(ExecutionStatus(first, "turn", ExecutionState.SUSPENDED)), 5)
+    assert await bench.other(71002) == []
+    assert bench.suspended == [first, second, second]
+    assert await bench.other(71003) == []
+    assert bench.resumed == [first]
+    assert await bench.other(71004) == []
+    assert bench.halted == [first, second], "what stands can be halted"
+
+
+async def test_what_is_no_skill_is_refused() -> None:
+    bench = Bench()
     assert await refused(bench.other(71004, ua.NodeId(1010, 3))) == StatusCodes.BadNodeIdInvalid
     bench.methods.remove(model().robots[0])
     assert await refused(bench.start()) == StatusCodes.BadNodeIdInvalid

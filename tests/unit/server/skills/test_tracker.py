@@ -144,6 +144,44 @@ def test_a_failed_skill_is_halted_until_it_is_reset_or_begins_again() -> None:
     assert tracker.state(TURN) is ProgramState.READY
 
 
+def test_a_robot_that_stands_and_goes_on_is_shown_and_told() -> None:
+    tracker = SkillTracker(model())
+    tracker.requested(TURN, FIRST, 10)
+    stands = tracker.apply(said(status(FIRST, S.SUSPENDED, progress=0.5, message="it stands")), 11)
+    assert told(stands) == [(T.RUNNING_TO_SUSPENDED, FIRST, False)]
+    assert (shown(stands)["CurrentState"], shown(stands)["CurrentState.Number"]) == (("Suspended", 0), (14, 0))
+    assert (tracker.suspended_executions(TURN), tracker.under_way(TURN)) == ([FIRST], 1)
+    asked = tracker.apply(said(status(FIRST, S.ASKING, progress=0.5), timestamp=51), 12)
+    assert (told(asked), tracker.state(TURN)) == ([], ProgramState.SUSPENDED), "a bridge that asks knows no better"
+    goes_on = tracker.apply(said(status(FIRST, S.RUNNING, progress=0.5), timestamp=52), 13)
+    assert told(goes_on) == [(T.SUSPENDED_TO_RUNNING, FIRST, False)]
+    tracker.apply(said(status(FIRST, S.SUSPENDED), timestamp=53), 14)
+    halted = tracker.apply(said(status(FIRST, S.FAILED, message="halted"), timestamp=54), 15)
+    assert told(halted) == [(T.SUSPENDED_TO_HALTED, FIRST, True)]
+
+
+def test_a_skill_is_suspended_where_its_robot_stands_in_all_that_is_under_way() -> None:
+    tracker = SkillTracker(model())
+    for execution_id in (FIRST, SECOND):
+        tracker.requested(TURN, execution_id, 10)
+    tracker.apply(said(status(FIRST, S.SUSPENDED), status(SECOND, S.RUNNING)), 11)
+    assert tracker.state(TURN) is ProgramState.RUNNING
+    assert tracker.running_executions(TURN) == [SECOND]
+    tracker.apply(said(status(FIRST, S.SUSPENDED), status(SECOND, S.SUSPENDED), timestamp=51), 12)
+    assert tracker.state(TURN) is ProgramState.SUSPENDED
+
+
+def test_a_server_that_was_started_anew_shows_that_a_robot_stands() -> None:
+    tracker = SkillTracker(model())
+    first = tracker.apply(said(status(FIRST, S.SUSPENDED)), 10)
+    assert (told(first), shown(first)["CurrentState"]) == ([], ("Suspended", 0))
+    assert path(ProgramState.HALTED, ProgramState.SUSPENDED) == (
+        T.HALTED_TO_READY,
+        T.READY_TO_RUNNING,
+        T.RUNNING_TO_SUSPENDED,
+    )
+
+
 def test_an_unknown_end_that_is_known_after_all_is_shown() -> None:
     tracker = SkillTracker(model())
     tracker.requested(TURN, FIRST, 10)

@@ -607,7 +607,8 @@ ENVIRONMENT: list[tuple[str, str, str]] = [
         "1",
         (
             "environment:UA_FLEET__: there is no key `` in the file; "
-            "there are: `bridges`, `fleet`, `modbus`, `pubsub`, `resilience`, `robots`, `scenarios`, `server`, `version`"
+            "there are: `bridges`, `fleet`, `modbus`, `pubsub`, `resilience`, `robots`, `scenarios`, `server`, "
+            "`version`"
         ),
     ),
     (

@@ -13,7 +13,7 @@ from tests import system
 from tests.integration.ros1.ros1_graph import STATUS, Ros1Graph
 from tests.integration.ros2.conftest import STATUS_ID, Ros2Space
 from tests.integration.scenarios.conftest import Called, call, watching
-from tests.integration.server_model.harness import serving, ua, until
+from tests.integration.server_model.harness import reader, serving, ua, until
 from ua_fleet.config.schema import FleetConfig
 from ua_fleet.server.nodeset import TypeId
 from ua_fleet.topics import Topic
@@ -80,9 +80,10 @@ async def test_what_robots_announce_are_alarms_until_they_are_repaired(cells: Ce
         watching(client, TypeId.FAULT_ALARM) as seen,
     ):
         # The server may have heard of it before this client came: an alarm view asks for what is active.
-        await until(client.get_node(f"ns=2;i={ARM}").read_value, lambda said: said == "motor overheated", timeout_s=20)
+        told = ua.Variant("motor overheated", ua.VariantType.String)
+        await until(reader(client, f"ns=2;i={ARM}"), lambda read: read.Value == told, timeout_s=20)
         number = ua.Variant(seen.subscription_id, ua.VariantType.UInt32)
-        await client.get_node("i=2782").call_method("i=3875", number)
+        await client.get_node("i=2782").call_method(ua.NodeId(3875, 0), number)
         event = await seen.wait_for("arm: motor overheated")
         assert (event.ConditionName, event.Severity, event.Retain) == ("arm.announced", 800, True)
 

@@ -190,11 +190,11 @@ class SkillPort(ABC, Generic[Graph_contra]):
 
     def suspend(self, execution_id: bytes) -> None:
         """Tell the robot to stand in the middle of an execution that is under way; see `cannot_suspend`."""
-        raise NotImplementedError
+        raise SkillRejected(self.cannot_suspend)
 
     def resume(self, execution_id: bytes) -> None:
         """Tell the robot to go on with it; see `cannot_suspend`."""
-        raise NotImplementedError
+        raise SkillRejected(self.cannot_suspend)
 
     def overdue(self, opened: Open, now: float) -> None:
         """An execution has taken too long."""

@@ -5,15 +5,10 @@
 const {
   AttributeIds,
   DataType,
-  MessageSecurityMode,
-  OPCUAClient,
-  SecurityPolicy,
   TimestampsToReturn,
-  UserTokenType,
 } = require("node-opcua-client");
-const { OPCUACertificateManager } = require("node-opcua-certificate-manager");
+const foreign = require("./foreign.cjs");
 
-const [endpointUrl, userName, password, folder] = process.argv.slice(2);
 
 async function browseNames(session, nodeId) {
   const result = await session.browse(nodeId);
@@ -30,87 +25,56 @@ function shown(dataValue) {
   };
 }
 
-async function main() {
-  const report = {};
-  const clientCertificateManager = new OPCUACertificateManager({
-    rootFolder: folder,
-    automaticallyAcceptUnknownCertificate: true,
+foreign.report(async (session, report) => {
+  report.namespaces = await session.readNamespaceArray();
+  report.fleet = await browseNames(session, "ns=2;s=Fleet");
+  report.robot = await browseNames(session, "ns=2;s=Robots.rover");
+  report.data = await browseNames(session, "ns=2;s=Robots.rover.Data");
+  report.speed = shown(await session.read({ nodeId: "ns=2;i=1001", attributeId: AttributeIds.Value }));
+  const unit = await session.read({ nodeId: "ns=2;s=1001.EngineeringUnits", attributeId: AttributeIds.Value });
+  report.unit = unit.value.value.displayName.text;
+  const range = await session.read({ nodeId: "ns=2;s=1001.EURange", attributeId: AttributeIds.Value });
+  report.range = [range.value.value.low, range.value.value.high];
+
+  const subscription = await session.createSubscription2({
+    requestedPublishingInterval: 50,
+    requestedLifetimeCount: 1000,
+    requestedMaxKeepAliveCount: 10,
+    publishingEnabled: true,
   });
-  await clientCertificateManager.initialize();
-  const client = OPCUAClient.create({
-    applicationName: "foreign",
-    clientCertificateManager,
-    connectionStrategy: { maxRetry: 1, initialDelay: 100 },
-    endpointMustExist: true,
-    securityMode: MessageSecurityMode.SignAndEncrypt,
-    securityPolicy: SecurityPolicy.Basic256Sha256,
+  const item = await subscription.monitor(
+    { nodeId: "ns=2;i=1001", attributeId: AttributeIds.Value },
+    { samplingInterval: 50, queueSize: 10, discardOldest: true },
+    TimestampsToReturn.Both,
+  );
+  report.notified = [];
+  const seen = new Promise((resolve) => {
+    item.on("changed", (dataValue) => {
+      report.notified.push(shown(dataValue));
+      if (report.notified.length >= 3) resolve();
+    });
   });
-  await client.connect(endpointUrl);
-  const session = await client.createSession({ type: UserTokenType.UserName, userName, password });
-  try {
-    report.namespaces = await session.readNamespaceArray();
-    report.fleet = await browseNames(session, "ns=2;s=Fleet");
-    report.robot = await browseNames(session, "ns=2;s=Robots.rover");
-    report.data = await browseNames(session, "ns=2;s=Robots.rover.Data");
-    report.speed = shown(await session.read({ nodeId: "ns=2;i=1001", attributeId: AttributeIds.Value }));
-    const unit = await session.read({ nodeId: "ns=2;s=1001.EngineeringUnits", attributeId: AttributeIds.Value });
-    report.unit = unit.value.value.displayName.text;
-    const range = await session.read({ nodeId: "ns=2;s=1001.EURange", attributeId: AttributeIds.Value });
-    report.range = [range.value.value.low, range.value.value.high];
 
-    const subscription = await session.createSubscription2({
-      requestedPublishingInterval: 50,
-      requestedLifetimeCount: 1000,
-      requestedMaxKeepAliveCount: 10,
-      publishingEnabled: true,
+  const write = async (nodeId, dataType, value) => {
+    const status = await session.write({
+      nodeId,
+      attributeId: AttributeIds.Value,
+      value: { value: { dataType, value } },
     });
-    const item = await subscription.monitor(
-      { nodeId: "ns=2;i=1001", attributeId: AttributeIds.Value },
-      { samplingInterval: 50, queueSize: 10, discardOldest: true },
-      TimestampsToReturn.Both,
-    );
-    report.notified = [];
-    const seen = new Promise((resolve) => {
-      item.on("changed", (dataValue) => {
-        report.notified.push(shown(dataValue));
-        if (report.notified.length >= 3) resolve();
-      });
-    });
+    return status.name;
+  };
+  report.writes = {
+    legal: await write("ns=2;i=1002", DataType.Double, 0.5),
+    outOfRange: await write("ns=2;i=1002", DataType.Double, 7),
+    notANumber: await write("ns=2;i=1002", DataType.Double, NaN),
+    wrongType: await write("ns=2;i=1002", DataType.Int32, 1),
+    robotsOwn: await write("ns=2;i=1001", DataType.Double, 1),
+  };
+  report.written = shown(await session.read({ nodeId: "ns=2;i=1002", attributeId: AttributeIds.Value }));
 
-    const write = async (nodeId, dataType, value) => {
-      const status = await session.write({
-        nodeId,
-        attributeId: AttributeIds.Value,
-        value: { value: { dataType, value } },
-      });
-      return status.name;
-    };
-    report.writes = {
-      legal: await write("ns=2;i=1002", DataType.Double, 0.5),
-      outOfRange: await write("ns=2;i=1002", DataType.Double, 7),
-      notANumber: await write("ns=2;i=1002", DataType.Double, NaN),
-      wrongType: await write("ns=2;i=1002", DataType.Int32, 1),
-      robotsOwn: await write("ns=2;i=1001", DataType.Double, 1),
-    };
-    report.written = shown(await session.read({ nodeId: "ns=2;i=1002", attributeId: AttributeIds.Value }));
-
-    await Promise.race([
-      seen,
-      new Promise((_, reject) => setTimeout(() => reject(new Error("no notifications in 15 s")), 15000).unref()),
-    ]);
-    await subscription.terminate();
-  } finally {
-    await session.close();
-    await client.disconnect();
-  }
-  await clientCertificateManager.dispose();
-  console.log(JSON.stringify(report));
-}
-
-main().then(
-  () => process.exit(0),
-  (error) => {
-    console.error(error.stack);
-    process.exit(1);
-  },
-);
+  await Promise.race([
+    seen,
+    new Promise((_, reject) => setTimeout(() => reject(new Error("no notifications in 15 s")), 15000).unref()),
+  ]);
+  await subscription.terminate();
+});

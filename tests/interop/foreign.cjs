@@ -1,4 +1,4 @@
-// What the foreign OPC UA clients that run scenarios have in common: a session, Methods with plain arguments, events.
+// What the foreign OPC UA clients have in common: a session, a report, Methods with plain arguments, events.
 "use strict";
 
 const {

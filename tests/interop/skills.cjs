@@ -6,15 +6,10 @@ const {
   AttributeIds,
   constructEventFilter,
   DataType,
-  MessageSecurityMode,
-  OPCUAClient,
-  SecurityPolicy,
   TimestampsToReturn,
-  UserTokenType,
 } = require("node-opcua-client");
-const { OPCUACertificateManager } = require("node-opcua-certificate-manager");
+const foreign = require("./foreign.cjs");
 
-const [endpointUrl, userName, password, folder] = process.argv.slice(2);
 const SKILL = "ns=2;i=1900";
 const START = "ns=2;s=1900.Start";
 const FIELDS = ["EventType", "SourceNode", "SourceName", "Message", "Severity", "FromState", "ToState", "Transition"];
@@ -34,119 +29,88 @@ async function callStart(session, inputArguments) {
   };
 }
 
-async function main() {
-  const report = { events: [] };
-  const clientCertificateManager = new OPCUACertificateManager({
-    rootFolder: folder,
-    automaticallyAcceptUnknownCertificate: true,
-  });
-  await clientCertificateManager.initialize();
-  const client = OPCUAClient.create({
-    applicationName: "foreign",
-    clientCertificateManager,
-    connectionStrategy: { maxRetry: 1, initialDelay: 100 },
-    endpointMustExist: true,
-    securityMode: MessageSecurityMode.SignAndEncrypt,
-    securityPolicy: SecurityPolicy.Basic256Sha256,
-  });
-  await client.connect(endpointUrl);
-  const session = await client.createSession({ type: UserTokenType.UserName, userName, password });
-  try {
-    report.skills = await browseNames(session, "ns=2;s=Robots.machine.Skills");
-    report.members = await browseNames(session, SKILL);
-    const definition = await session.getArgumentDefinition(START);
-    report.input = definition.inputArguments.map((one) => ({
-      name: one.name,
-      dataType: one.dataType.toString(),
-      description: one.description.text,
-    }));
-    report.output = definition.outputArguments.map((one) => one.name);
+foreign.report(async (session, report) => {
+  report.skills = await browseNames(session, "ns=2;s=Robots.machine.Skills");
+  report.members = await browseNames(session, SKILL);
+  const definition = await session.getArgumentDefinition(START);
+  report.input = definition.inputArguments.map((one) => ({
+    name: one.name,
+    dataType: one.dataType.toString(),
+    description: one.description.text,
+  }));
+  report.output = definition.outputArguments.map((one) => one.name);
 
-    const subscription = await session.createSubscription2({
-      requestedPublishingInterval: 50,
-      requestedLifetimeCount: 1000,
-      requestedMaxKeepAliveCount: 10,
-      publishingEnabled: true,
-    });
-    const item = await subscription.monitor(
-      { nodeId: "i=2253", attributeId: AttributeIds.EventNotifier },
-      { samplingInterval: 0, queueSize: 100, discardOldest: true, filter: constructEventFilter([...FIELDS, ...OWN]) },
-      TimestampsToReturn.Both,
-    );
-    const over = new Promise((resolve) => {
-      item.on("changed", (fields) => {
-        const event = {};
-        [...FIELDS, ...OWN].forEach((name, index) => {
-          const value = fields[index].value;
-          event[name] = value && value.text !== undefined ? value.text : value;
-        });
-        if (!event["3:ExecutionId"]) return;
-        report.events.push({
-          source: event.SourceNode.toString(),
-          name: event.SourceName,
-          from: event.FromState,
-          to: event.ToState,
-          transition: event.Transition,
-          robot: event["3:Robot"],
-          execution: event["3:ExecutionId"],
-          isOver: event["3:IsOver"],
-          status: event["3:Status"].name,
-          names: event["3:ResultNames"],
-          results: Array.from(event["3:Results"] || []).map((variant) => variant.value),
-        });
-        if (event["3:IsOver"]) resolve();
+  const subscription = await session.createSubscription2({
+    requestedPublishingInterval: 50,
+    requestedLifetimeCount: 1000,
+    requestedMaxKeepAliveCount: 10,
+    publishingEnabled: true,
+  });
+  const item = await subscription.monitor(
+    { nodeId: "i=2253", attributeId: AttributeIds.EventNotifier },
+    { samplingInterval: 0, queueSize: 100, discardOldest: true, filter: constructEventFilter([...FIELDS, ...OWN]) },
+    TimestampsToReturn.Both,
+  );
+  const over = new Promise((resolve) => {
+    item.on("changed", (fields) => {
+      const event = {};
+      [...FIELDS, ...OWN].forEach((name, index) => {
+        const value = fields[index].value;
+        event[name] = value && value.text !== undefined ? value.text : value;
       });
+      if (!event["3:ExecutionId"]) return;
+      report.events.push({
+        source: event.SourceNode.toString(),
+        name: event.SourceName,
+        from: event.FromState,
+        to: event.ToState,
+        transition: event.Transition,
+        robot: event["3:Robot"],
+        execution: event["3:ExecutionId"],
+        isOver: event["3:IsOver"],
+        status: event["3:Status"].name,
+        names: event["3:ResultNames"],
+        results: Array.from(event["3:Results"] || []).map((variant) => variant.value),
+      });
+      if (event["3:IsOver"]) resolve();
     });
+  });
 
-    const work = { dataType: DataType.String, value: "polish" };
-    report.outOfRange = await callStart(session, [work, { dataType: DataType.Double, value: 11 }]);
-    report.wrongType = await callStart(session, [work, { dataType: DataType.String, value: "1" }]);
-    report.missing = await callStart(session, [work]);
-    for (let attempt = 0; attempt < 100; attempt++) {
-      report.started = await callStart(session, [work, { dataType: DataType.Double, value: 0.3 }]);
-      if (report.started.status !== "BadNoCommunication") break;
+  const work = { dataType: DataType.String, value: "polish" };
+  report.outOfRange = await callStart(session, [work, { dataType: DataType.Double, value: 11 }]);
+  report.wrongType = await callStart(session, [work, { dataType: DataType.String, value: "1" }]);
+  report.missing = await callStart(session, [work]);
+  for (let attempt = 0; attempt < 100; attempt++) {
+    report.started = await callStart(session, [work, { dataType: DataType.Double, value: 0.3 }]);
+    if (report.started.status !== "BadNoCommunication") break;
+    await new Promise((resolve) => setTimeout(resolve, 100));
+  }
+  await Promise.race([
+    over,
+    new Promise((_, reject) => setTimeout(() => reject(new Error("no end in 15 s")), 15000).unref()),
+  ]);
+  const done = await session.read({ nodeId: "ns=2;s=1900.Result.done", attributeId: AttributeIds.Value });
+  report.done = done.value.value;
+  const state = await session.read({ nodeId: "ns=2;s=1900.CurrentState", attributeId: AttributeIds.Value });
+  report.state = state.value.value.text;
+
+  const told = async (count) => {
+    for (let attempt = 0; report.events.length < count; attempt++) {
+      if (attempt === 150) throw new Error(`${report.events.length} events and not ${count} in 15 s`);
       await new Promise((resolve) => setTimeout(resolve, 100));
     }
-    await Promise.race([
-      over,
-      new Promise((_, reject) => setTimeout(() => reject(new Error("no end in 15 s")), 15000).unref()),
-    ]);
-    const done = await session.read({ nodeId: "ns=2;s=1900.Result.done", attributeId: AttributeIds.Value });
-    report.done = done.value.value;
-    const state = await session.read({ nodeId: "ns=2;s=1900.CurrentState", attributeId: AttributeIds.Value });
-    report.state = state.value.value.text;
-
-    const told = async (count) => {
-      for (let attempt = 0; report.events.length < count; attempt++) {
-        if (attempt === 150) throw new Error(`${report.events.length} events and not ${count} in 15 s`);
-        await new Promise((resolve) => setTimeout(resolve, 100));
-      }
-    };
-    const ask = async (method) => {
-      const answer = await session.call({ objectId: SKILL, methodId: `ns=3;i=${method}`, inputArguments: [] });
-      report.asked.push(answer.statusCode.name);
-    };
-    report.asked = [];
-    const endless = { dataType: DataType.String, value: "never ends" };
-    await callStart(session, [endless, { dataType: DataType.Double, value: 0 }]);
-    for (const [method, events] of [[71002, 4], [71003, 5], [71002, 6], [71004, 7]]) {
-      await told(events - 1);
-      await ask(method); // Suspend, Resume, Suspend, Halt
-      await told(events);
-    }
-    await subscription.terminate();
-  } finally {
-    await session.close();
-    await client.disconnect();
+  };
+  const ask = async (method) => {
+    const answer = await session.call({ objectId: SKILL, methodId: `ns=3;i=${method}`, inputArguments: [] });
+    report.asked.push(answer.statusCode.name);
+  };
+  report.asked = [];
+  const endless = { dataType: DataType.String, value: "never ends" };
+  await callStart(session, [endless, { dataType: DataType.Double, value: 0 }]);
+  for (const [method, events] of [[71002, 4], [71003, 5], [71002, 6], [71004, 7]]) {
+    await told(events - 1);
+    await ask(method); // Suspend, Resume, Suspend, Halt
+    await told(events);
   }
-  await clientCertificateManager.dispose();
-  console.log(JSON.stringify(report));
-}
-
-main().then(
-  () => process.exit(0),
-  (error) => {
-    console.error(error.stack);
-    process.exit(1);
-  },
-);
+  await subscription.terminate();
+});

@@ -57,7 +57,7 @@ def _timing(fleet: FleetConfig | None) -> PubSubTiming:
 
 def listen(
     url: Annotated[str | None, typer.Option(help="Listen here, and not where the configuration file says.")] = None,
-    interface: Annotated[str | None, typer.Option(help="Name or address of the network interface.")] = None,
+    interface: Annotated[str | None, typer.Option(help="Name, address or subnet of the network interface.")] = None,
     count: Annotated[int | None, typer.Option(help="End after so many lines.", min=1)] = None,
     timeout: Annotated[float | None, typer.Option(help="End after so many seconds.", min=0.1)] = None,
     key: Annotated[

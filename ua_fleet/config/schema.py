@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from enum import StrEnum
+from ipaddress import IPv4Network
 from typing import Annotated, ClassVar, Literal
 
 from pydantic import BaseModel, Field, SerializeAsAny, field_validator, model_validator
@@ -286,7 +287,8 @@ class PubSubConfig(Model, frozen=True):
     url: Annotated[str, Field(pattern=r"^opc\.udp://[^/]+:\d{1,5}$")] = "opc.udp://224.0.2.14:4840"
     """Multicast group (or a unicast address) and port (OPC 10000-14 7.3.2)."""
     interface: str = "lo"
-    """Name or address of the network interface; `lo` keeps all traffic on this machine."""
+    """Name or address of the network interface, or a subnet in which its address is (`192.168.1.0/24`), for machines
+    that get their address from others; `lo` keeps all traffic on this machine."""
     ttl: int = Field(default=1, ge=0, le=255)
     """Router hops that a multicast datagram may make."""
     receive_buffer_bytes: int = Field(default=4 * 1024 * 1024, ge=65_536)
@@ -308,6 +310,16 @@ class PubSubConfig(Model, frozen=True):
     """Larger NetworkMessages are sent as chunks of at most this size (OPC 10000-14 7.2.4.4.4)."""
     max_message_bytes: int = Field(default=4 * 1024 * 1024, ge=65_536)
     """Largest message that is put together from chunks; also what all unfinished messages together may hold."""
+
+    @field_validator("interface")
+    @classmethod
+    def _interface_is_no_broken_subnet(cls, value: str) -> str:
+        if "/" in value:
+            try:
+                IPv4Network(value)
+            except ValueError as error:
+                raise ValueError(f"{value!r} is no subnet such as 192.168.1.0/24: {error}") from None
+        return value
 
     @model_validator(mode="after")
     def _check(self) -> PubSubConfig:

@@ -1,4 +1,4 @@
-"""Network interfaces by name or IPv4 address."""
+"""Network interfaces by name, IPv4 address or subnet."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class Interface:
     name: str
     index: int
     address: str
-    """One of its IPv4 addresses: the one asked for, or the first."""
+    """One of its IPv4 addresses: the one asked for, the first in the subnet asked for, or the first."""
     is_up: bool
 
 
@@ -55,17 +55,21 @@ def list_interfaces() -> list[Interface]:
 
 
 def find_interface(wanted: str) -> Interface:
-    """The interface with this name or IPv4 address.
+    """The interface with this name or IPv4 address, or with an address in this subnet (`192.168.1.0/24`).
+
+    A subnet is for machines that get their address and the order of their interfaces from others: with DHCP, and in
+    containers. Where several addresses are in it, it is the first one.
 
     Raises:
         TransportError: there is none, or it has no IPv4 address; names those that are there.
     """
     interfaces = list_interfaces()
+    if "/" in wanted:  # which the kernel allows in no interface's name
+        return _find_in_subnet(wanted, interfaces)
     for interface in interfaces:
         if wanted in (interface.name, interface.address):
             return interface
-    there = ", ".join(f"{interface.name} ({interface.address})" for interface in interfaces)
-    there = f"there are {there}" if there else "no interface of this machine has an IPv4 address"
+    there = _what_is_there(interfaces)
     try:
         address = ipaddress.IPv4Address(wanted)
     except ValueError:
@@ -78,3 +82,19 @@ def find_interface(wanted: str) -> Interface:
             if interface.address.startswith("127."):
                 return Interface(interface.name, interface.index, wanted, interface.is_up)
     raise TransportError(f"no network interface has the address {wanted}; {there}")
+
+
+def _find_in_subnet(wanted: str, interfaces: list[Interface]) -> Interface:
+    try:
+        subnet = ipaddress.IPv4Network(wanted)
+    except ValueError as error:
+        raise TransportError(f"{wanted!r} is no subnet such as 192.168.1.0/24: {error}") from None
+    for interface in interfaces:
+        if ipaddress.IPv4Address(interface.address) in subnet:
+            return interface
+    raise TransportError(f"no network interface has an address in {subnet}; {_what_is_there(interfaces)}")
+
+
+def _what_is_there(interfaces: list[Interface]) -> str:
+    there = ", ".join(f"{interface.name} ({interface.address})" for interface in interfaces)
+    return f"there are {there}" if there else "no interface of this machine has an IPv4 address"

@@ -55,7 +55,7 @@ class UdpTransport:
 
         Args:
             url: `opc.udp://<host>:<port>`.
-            interface: name or IPv4 address of the network interface.
+            interface: name or IPv4 address of the network interface, or an IPv4 subnet with an address of it.
             ttl: router hops that a multicast datagram may make.
             receive_buffer_bytes: wanted size of the receive buffer; `stats` says what the kernel gave.
         """

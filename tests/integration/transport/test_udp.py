@@ -405,6 +405,34 @@ def test_interfaces_are_found_by_name_and_by_each_address(cable: str) -> None:
     assert (by_second.name, by_second.index, by_second.address) == (cable, by_name.index, "198.18.8.5")
 
 
+def test_an_interface_is_found_by_a_subnet(cable: str) -> None:
+    ip("addr", "add", "198.18.8.5/24", "dev", cable)
+    assert (find_interface("198.18.7.0/26").name, find_interface("198.18.7.0/26").address) == (cable, "198.18.7.1")
+    assert (find_interface("198.18.8.0/24").name, find_interface("198.18.8.0/24").address) == (cable, "198.18.8.5")
+
+
+def test_a_subnet_without_an_interface_is_told_with_what_is_there(cable: str) -> None:
+    there = rf"no network interface has an address in 198\.18\.9\.0/24; there are .*{cable} \(198\.18\.7\.1\)"
+    with pytest.raises(TransportError, match=there):
+        find_interface("198.18.9.0/24")
+
+
+@pytest.mark.parametrize("broken", ["198.18.7.0/33", "198.18.7.1/24", "eth0/24"])
+def test_a_broken_subnet_is_told(broken: str) -> None:
+    with pytest.raises(TransportError, match=f"'{broken}' is no subnet such as 192.168.1.0/24: "):
+        find_interface(broken)
+
+
+async def test_an_interface_named_by_its_subnet_is_followed(udp_url: str, start: Start, cable: str) -> None:
+    listening = await start(udp_url, "198.18.7.0/24")
+    ip("addr", "del", "198.18.7.1/24", "dev", cable)
+    ip("addr", "add", "198.18.7.20/24", "dev", cable)
+    async with asyncio.timeout(10):
+        while not any(host == "198.18.7.20" for host, _ in listening.senders):
+            listening.transport.send(b"x")
+            await asyncio.sleep(0.05)
+
+
 def test_an_interface_without_an_address_is_told_with_the_remedy(cable: str) -> None:
     ip("addr", "flush", "dev", cable)
     with pytest.raises(TransportError, match=f"interface {cable} has no IPv4 address: give it one"):

@@ -190,6 +190,11 @@ BAD: list[tuple[str, str, list[str]]] = [
         "version: 1\npubsub:\n  security: none\n  keep_alive_s: 5\n",
         ["F:2:pubsub: receive_timeout_s must be greater than keep_alive_s"],
     ),
+    (
+        "broken subnet",
+        "version: 1\npubsub:\n  security: none\n  interface: 10.0.0.7/24\n",
+        ["F:4:pubsub.interface: '10.0.0.7/24' is no subnet such as 192.168.1.0/24: 10.0.0.7/24 has host bits set"],
+    ),
     # --- bridges
     (
         "no kind",

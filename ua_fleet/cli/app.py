@@ -79,6 +79,7 @@ def _build() -> typer.Typer:
         decision,
         demo_pal,
         demo_talkrobots,
+        healthcheck,
         keys,
         modbus,
         offer,
@@ -103,6 +104,7 @@ def _build() -> typer.Typer:
     _add(whole, "write", write.write, write.EXAMPLES)
     _add(whole, "watch", watch.watch, watch.EXAMPLES)
     _add(whole, "simulate", simulate.simulate, simulate.EXAMPLES)
+    _add(whole, "healthcheck", healthcheck.healthcheck, healthcheck.EXAMPLES)
     groups = {name: _new(help_text) for name, help_text in _GROUPS.items()}
     _add(groups["config"], "init", config.init, config.INIT_EXAMPLES)
     _add(groups["config"], "check", config.check, config.CHECK_EXAMPLES)

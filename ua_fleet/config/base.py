@@ -9,10 +9,11 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from ua_fleet.values import BuiltinType
 
-__all__ = ["DataSetId", "FieldPath", "Model", "Name", "ScalarType"]
+__all__ = ["DataSetId", "FieldPath", "Model", "Name", "Port", "ScalarType"]
 
 Name = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_-]{0,63}$")]
 DataSetId = Annotated[int, Field(ge=1, le=65535)]
+Port = Annotated[int, Field(ge=0, le=65535)]
 FieldPath = Annotated[
     str,
     Field(

@@ -7,7 +7,7 @@ from typing import Annotated, Final
 
 from pydantic import AfterValidator, Field, model_validator
 
-from ua_fleet.config.base import Model, Name
+from ua_fleet.config.base import Model, Name, Port
 from ua_fleet.config.register_schema import Address, RegisterConfig
 from ua_fleet.registers import Order
 
@@ -86,3 +86,5 @@ class ModbusServerConfig(Model, frozen=True):
     """What can be started."""
     state_dir: str = "state/modbus"
     """Folder for what has to be remembered over a restart, and the certificate; relative to `fleet.yaml`."""
+    monitoring_port: Port | None = None
+    """The gateway's port in place of `monitoring.port`."""

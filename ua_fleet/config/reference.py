@@ -27,6 +27,7 @@ from ua_fleet.config.schema import (
     FleetConfig,
     FleetInfo,
     KeysConfig,
+    MonitoringConfig,
     PubSubConfig,
     QosConfig,
     ResilienceConfig,
@@ -64,6 +65,7 @@ _SECTIONS: Final[tuple[tuple[str, type[BaseModel]], ...]] = (
     ("`resilience.faults.<name>`", FaultConditionConfig),
     ("`distance` of a criterion", DistanceConfig),
     ("`scenarios`", ScenariosConfig),
+    ("`monitoring`", MonitoringConfig),
     ("`modbus`", ModbusServerConfig),
     ("`modbus.commands.<name>`", CommandConfig),
 )

@@ -13,7 +13,7 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import BaseModel, Field, SerializeAsAny, field_validator, model_validator
 
-from ua_fleet.config.base import DataSetId, FieldPath, Model, Name, ScalarType
+from ua_fleet.config.base import DataSetId, FieldPath, Model, Name, Port, ScalarType
 from ua_fleet.config.modbus_schema import ModbusServerConfig
 from ua_fleet.config.resilience_schema import ResilienceConfig
 from ua_fleet.config.skill_schema import SkillConfig
@@ -30,6 +30,7 @@ __all__ = [
     "FleetConfig",
     "FleetInfo",
     "KeysConfig",
+    "MonitoringConfig",
     "PubSubConfig",
     "PubSubSecurity",
     "QosConfig",
@@ -212,6 +213,8 @@ class BridgeConfig(Model, frozen=True):
     `fleet.yaml`."""
     requestors: tuple[Annotated[int, Field(ge=0, le=65535)], ...] = (SERVER_SPACE,)
     """Spaces that may command this one by Actions; 0 is the server."""
+    monitoring_port: Port | None = None
+    """This bridge's port in place of `monitoring.port`."""
 
     skill_mapping: ClassVar[type[BaseModel] | None] = None
     """Model of `via` in a skill of a robot on such a bridge; None where bridges of this kind run no skills."""
@@ -363,6 +366,20 @@ class ServerConfig(Model, frozen=True):
     """Largest request of an authenticated client; before authentication at most 64 KiB are taken."""
     analog_rate_hz: float = Field(default=10.0, gt=0)
     """An analog value's node is written at most so often; the last value always arrives."""
+    monitoring_port: Port | None = None
+    """The server's port in place of `monitoring.port`."""
+
+
+class MonitoringConfig(Model, frozen=True):
+    """Where each process answers `/healthz`, `/readyz` and `/metrics`; see docs/monitoring.md."""
+
+    enabled: bool = True
+    """`false`: no process listens, and `ua-fleet healthcheck` cannot ask."""
+    host: str = "127.0.0.1"
+    """Address to listen on. Nobody is asked who they are there: choose one that only those reach who may know it."""
+    port: Port = 0
+    """TCP port of every process, for processes on machines of their own; 0: any free one, which the process writes to
+    `monitoring.json` in its `state_dir`."""
 
 
 class FleetInfo(Model, frozen=True):
@@ -406,6 +423,8 @@ class FleetConfig(Model, frozen=True):
     """Who takes over when a robot fails."""
     scenarios: ScenariosConfig = ScenariosConfig()
     """Scenarios that operators run."""
+    monitoring: MonitoringConfig = MonitoringConfig()
+    """Health and metrics of every process."""
     modbus: ModbusServerConfig | None = None
     """The fleet as a Modbus device, for PLCs; left out: it is none."""
 

@@ -217,7 +217,8 @@ BAD: list[tuple[str, str, list[str]]] = [
         [
             (
                 "F:4:bridges.a.master_uri: unknown key `master_uri`; known keys: "
-                "`kind`, `space`, `status_id`, `description`, `state_dir`, `requestors`, `node_name`, `discovery`"
+                "`kind`, `space`, `status_id`, `description`, `state_dir`, `requestors`, `monitoring_port`, "
+                "`node_name`, `discovery`"
             )
         ],
     ),
@@ -612,8 +613,8 @@ ENVIRONMENT: list[tuple[str, str, str]] = [
         "1",
         (
             "environment:UA_FLEET__: there is no key `` in the file; "
-            "there are: `bridges`, `fleet`, `modbus`, `pubsub`, `resilience`, `robots`, `scenarios`, `server`, "
-            "`version`"
+            "there are: `bridges`, `fleet`, `modbus`, `monitoring`, `pubsub`, `resilience`, `robots`, `scenarios`, "
+            "`server`, `version`"
         ),
     ),
     (

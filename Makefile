@@ -15,13 +15,14 @@ DEMO ?= pal
 # More options for pytest or the demonstration: make test ARGS="-k topics"
 ARGS ?=
 
-.PHONY: help setup setup-test demo test bench lint format lock clean
+.PHONY: help setup setup-test demo test bench lint format docs docs-serve lock clean
 
 help:
 	@echo "make demo    the fault-tolerant assembly line: OPC UA server, ROS 1 arm, ROS 2 mobile robot;"
 	@echo "             DEMO=talkrobots: nine tasks on seven robots and machines, one of which fails"
 	@echo "make test    all tests; what this machine lacks is skipped with the reason"
 	@echo "make lint    ruff, mypy, pyright, import rules"
+	@echo "make docs    the documentation as a site, in build/site; docs-serve shows it while it is edited"
 	@echo "make bench   measure against peers and floors; ONLY=codec for one group"
 	@echo "make setup   the two virtual environments alone; demo and test do it themselves"
 
@@ -56,8 +57,17 @@ format: setup-test
 	.venv/bin/ruff check --fix .
 	.venv/bin/ruff format .
 
+docs docs-serve: export NO_MKDOCS_2_WARNING = 1
+
+docs: setup-test
+	@.venv/bin/mkdocs build --quiet
+	@echo "build/site/index.html"
+
+docs-serve: setup-test
+	.venv/bin/mkdocs serve
+
 lock:
-	uv pip compile pyproject.toml --universal --python-version 3.11 --group dev \
+	uv pip compile pyproject.toml --universal --python-version 3.11 --group dev --group docs \
 		--extra server --extra client --extra ros2 --extra mqtt --extra modbus --extra ur --extra sensors --extra plot \
 		--no-emit-index-url --no-emit-find-links --no-annotate --quiet --output-file requirements.lock
 

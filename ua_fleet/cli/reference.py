@@ -1,0 +1,99 @@
+"""The reference of the command line as Markdown, made from the application itself.
+
+`python -m ua_fleet.cli.reference` prints it; with a file it is put between the file's two markers.
+"""
+
+from __future__ import annotations
+
+import inspect
+import sys
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any, Final
+
+from typer.core import TyperGroup
+from typer.main import get_command
+
+from ua_fleet.cli.app import app
+from ua_fleet.cli.options import Connection, connecting
+from ua_fleet.config.reference import put_between
+
+__all__ = ["BEGIN", "END", "reference"]
+
+BEGIN: Final = "<!-- reference: made by `python -m ua_fleet.cli.reference docs/command-line.md` -->"
+END: Final = "<!-- end of the reference -->"
+
+_EXAMPLES: Final = "\n\n\b\nExamples:\n"
+_CONNECTION: Final = "Options of a connection"
+
+
+@connecting
+def _nothing(connection: Connection) -> None:
+    """Only for its options."""
+
+
+_SHARED: Final = frozenset(inspect.signature(_nothing).parameters)
+
+
+def _cell(text: str) -> str:
+    return " ".join(text.split()).replace("|", "\\|")
+
+
+def _prose(text: str) -> str:
+    """A text in which nothing outside of `code` is taken for HTML."""
+    parts = text.split("`")
+    return "`".join(part if place % 2 else part.replace("<", "&lt;") for place, part in enumerate(parts))
+
+
+def _table(command: Any, names: Sequence[str]) -> str:
+    """The parameters of a command as it tells them itself; their types are those of the help."""
+    # Typed as anything: these classes are click's or, in newer releases of typer, a copy of that.
+    context = command.make_context(command.name, [], resilient_parsing=True)
+    lines = ["| option | |", "|---|---|"]
+    for parameter in command.params:
+        record = parameter.get_help_record(context) if parameter.name in names else None
+        if record is not None:
+            lines.append(f"| `{_cell(record[0])}` | {_prose(_cell(record[1]))} |")
+    return "\n".join(lines)
+
+
+def _parts(command: Any, path: str, depth: int) -> Iterator[str]:
+    text, _, examples = (command.help or "").partition(_EXAMPLES)
+    yield f"{'#' * depth} `{path}`\n\n{_prose(text.strip())}"
+    if isinstance(command, TyperGroup):
+        for name in command.commands:
+            yield from _parts(command.commands[name], f"{path} {name}", depth + 1)
+        return
+    if examples:
+        yield "```\n" + "\n".join(line.strip() for line in examples.splitlines()) + "\n```"
+    names = [parameter.name for parameter in command.params]
+    connects = set(names) >= _SHARED
+    own = [name for name in names if not (connects and name in _SHARED)]
+    if own:
+        yield _table(command, own)
+    if connects:
+        yield f"And the [options of a connection](#{_CONNECTION.lower().replace(' ', '-')})."
+
+
+def reference() -> str:
+    """All commands with their options and examples."""
+    command: Any = get_command(app)
+    parts: list[str] = []
+    for name in command.commands:
+        parts += _parts(command.commands[name], f"ua-fleet {name}", 2)
+    connecting_command = command.commands["read"]
+    parts.append(f"## {_CONNECTION}\n\n{_table(connecting_command, sorted(_SHARED))}")
+    return "\n\n".join(parts)
+
+
+def main(arguments: Sequence[str]) -> None:
+    """Print the reference, or put it into a file."""
+    if not arguments:
+        sys.stdout.write(reference() + "\n")
+        return
+    path = Path(arguments[0])
+    path.write_text(put_between(path.read_text(encoding="utf-8"), BEGIN, END, reference()), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

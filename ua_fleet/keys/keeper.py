@@ -2,12 +2,14 @@
 
 Keys are fetched when one is missing, when half of the KeyLifetime is over, as often as the source says (`refresh_s`),
 and when it says that they have changed before their time (`generation`). What fails is tried again after a delay that
-doubles, spread at random so that the processes of a fleet do not all ask at once.
+doubles, spread at random so that the processes of a fleet do not all ask at once. It never grows beyond a quarter of a
+KeyLifetime: a source that is back gives everybody half of one to fetch a new key before it counts.
 """
 
 from __future__ import annotations
 
 import asyncio
+import math
 from collections.abc import Awaitable, Callable, Iterable
 from dataclasses import dataclass
 from random import Random
@@ -156,7 +158,9 @@ class _Keeper:
             self._kept.refused.pop(group_id, None)
 
     def _is_away(self, reason: str, now: float) -> None:
+        lifetimes = (group.keys.key_lifetime_s for group in self._groups.values() if group.keys is not None)
         longest_s = LONGEST_DELAY_S if self._kept.groups else LONGEST_DELAY_AT_START_S
+        longest_s = max(FIRST_DELAY_S, min(longest_s, min(lifetimes, default=math.inf) / 4))
         self._source_delay_s = min(longest_s, max(FIRST_DELAY_S, 2 * self._source_delay_s))
         self._source_at = now + self._spread(self._source_delay_s)
         if not self._kept.source_problem:

@@ -54,7 +54,8 @@ async def test_a_bridge_waits_for_the_key_service_and_says_nothing_meanwhile(sec
 
 
 async def test_bridges_go_on_without_the_service_as_long_as_keys_last(secured: Site) -> None:
-    secured.write_fleet(keys={"source": "service", "lifetime_s": 2.0})
+    # Keys for 22 s: the service is away for two changes of keys, and as long as a busy machine takes to start it.
+    secured.write_fleet(keys={"source": "service", "lifetime_s": 2.0, "future_keys": 12})
     await trust(secured, "one", "two")
     async with serving(secured.folder, secured.config):
         # The server runs in this loop, so nothing here may block.

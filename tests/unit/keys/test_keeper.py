@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import asyncio
+import itertools
 import math
 from collections.abc import Callable
 from functools import partial
@@ -153,6 +154,17 @@ async def test_a_source_that_is_away_is_asked_ever_more_rarely_and_told_of_twice
     assert log[0]["reason"] == "opc.tcp://a:1: connection refused"
     assert {group_id for _, group_id, _ in world.installed} == {"t-0", "t-2"}
     assert min(at for at, *_ in world.installed) <= 201 + longest[-1]
+
+
+async def test_a_source_is_asked_again_within_a_quarter_of_a_lifetime_however_long_it_was_away() -> None:
+    world = World("t-2", refresh_s=1.0)
+    world.gives = {"t-2": keys()._replace(key_lifetime_s=12.0)}
+    world.at(10, lambda: world.gives.update({"t-2": KeySourceUnavailable("no route")}))
+    await world.run(200)
+    asked = [at for at in times(world) if at >= 10]
+    waits = [b - a for a, b in itertools.pairwise(asked)]
+    assert 1.5 <= max(waits) <= 3.0 + PERIOD_S
+    assert max(asked) > 195
 
 
 async def test_while_the_source_is_away_the_status_says_so() -> None:

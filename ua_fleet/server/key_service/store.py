@@ -5,6 +5,9 @@ A group has its past keys, the current one and the future ones, with consecutive
     tokens   4      5      6      7      8           KeyLifetime passes, or ForceKeyRotation: the mark moves on by one
     keys     past   CURRENT future future future     InvalidateKeys: all are thrown away, and 9 is current
 
+After an absence (of the service, or of its clock) the mark stops at the last key that was handed out, until everybody
+has had half a KeyLifetime to fetch the next ones. Who asks first would otherwise publish with a key that only he has.
+
 Whatever changes is saved before it is handed out, so that no SecurityTokenId is ever given to two keys. Nothing here
 shows key data, in a representation or in an error.
 """
@@ -16,7 +19,7 @@ from dataclasses import dataclass, field, replace
 from typing import Final
 
 from ua_fleet.errors import UaFleetError
-from ua_fleet.pubsub.security.keyring import GroupKeys
+from ua_fleet.pubsub.security.keyring import LIFETIMES_BEYOND, GroupKeys
 from ua_fleet.values import StatusCode
 from ua_fleet.wire.security import SecurityPolicy
 
@@ -84,6 +87,22 @@ def _steps(earlier: int, token_id: int) -> int:
     return (token_id - earlier) % MAX_TOKEN_ID
 
 
+def _after_absence(state: GroupState, now: float) -> tuple[int, float] | None:
+    """How many keys to move on after an absence and since when that one counts; None where its own pace is right.
+
+    Processes have gone on by themselves up to the newest key they have, and use it for two KeyLifetimes beyond its
+    end. So that one stays, and not everybody has what comes after it: the newest was made at the last change only.
+    """
+    newest = len(state.keys) - 1
+    position = min(state.current + int((now - state.since) // state.lifetime_s), newest)
+    steps = position - state.current
+    end = state.due + steps * state.lifetime_s
+    to_fetch_s = state.lifetime_s / 2
+    if position >= newest - 1 and end - to_fetch_s < now < end + LIFETIMES_BEYOND * state.lifetime_s:
+        return steps, now + to_fetch_s - state.lifetime_s
+    return None
+
+
 class KeyStore:
     """The SecurityGroups of one key service."""
 
@@ -116,6 +135,8 @@ class KeyStore:
             elif (state.policy, state.lifetime_s) != (wanted.policy, wanted.lifetime_s):
                 # Other settings make all keys invalid (OPC 10000-14 6.2.12.2).
                 fresh[group_id] = self._begin(wanted, _later(state.first_token_id, len(state.keys)), now)
+            elif (known := _after_absence(state, now)) is not None:
+                fresh[group_id] = self._moved(wanted, state, *known)
             elif (filled := self._filled(wanted, state)) is not state:
                 fresh[group_id] = filled
         self._keep(fresh)
@@ -217,7 +238,10 @@ class KeyStore:
             state = self._groups[group_id]
             if now >= state.due:
                 steps = int((now - state.since) // state.lifetime_s)
-                changed[group_id] = self._moved(settings, state, steps, state.since + steps * state.lifetime_s)
+                move = (steps, state.since + steps * state.lifetime_s)
+                if steps > 1:
+                    move = _after_absence(state, now) or move
+                changed[group_id] = self._moved(settings, state, *move)
             elif now < state.since - CLOCK_STEP_S:
                 changed[group_id] = replace(state, since=now)
         self._keep(changed)

@@ -8,6 +8,17 @@ import pytest
 
 from tests import system
 
+try:
+    import hypothesis
+except ImportError:  # beside rospy no property is tested
+    pass
+else:
+    # How long an example takes says how busy the machine is, and nothing of what is tested.
+    hypothesis.settings.register_profile(
+        "untimed", deadline=None, suppress_health_check=[hypothesis.HealthCheck.too_slow]
+    )
+    hypothesis.settings.load_profile("untimed")
+
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption(

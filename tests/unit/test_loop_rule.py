@@ -251,13 +251,13 @@ def plans(draw: st.DrawFn, most_bridges: int = 3) -> Plan:
     )
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(plans())
 def test_nothing_travels_for_ever_and_nothing_comes_twice(plan: Plan) -> None:
     check(World(plan))
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(plans(most_bridges=1))
 def test_with_one_active_bridge_in_each_space_nothing_is_delivered_twice(plan: Plan) -> None:
     world = World(plan)

@@ -206,7 +206,7 @@ def ids_in(data: Any) -> list[int]:
     return own + [number for value in inner.values() for number in ids_in(value)]
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=300)
 @given(fleets())
 def test_every_other_byte_stays_and_the_file_says_the_same(text: str) -> None:
     content = text.encode()

@@ -68,7 +68,7 @@ def run_until(network: MemoryNetwork, members: list[_Member], end: float) -> Non
             return
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(
     seed=st.integers(0, 2**32),
     loss=st.sampled_from([0.0, 0.1, 0.5]),
@@ -109,7 +109,7 @@ def test_nothing_is_handed_on_twice_and_the_last_value_always_arrives(
     assert sender.handed_on == {}, "the sender hears itself, and the loop rule drops it"
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(
     order=st.lists(st.integers(0, 60), min_size=1, max_size=120),
     start=st.sampled_from([0, 65_500, 40_000]),

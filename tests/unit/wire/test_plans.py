@@ -113,7 +113,7 @@ def outcome(decode: Any, data: bytes) -> tuple[str, Any]:
 
 
 @given(message=network_messages(), again=st.data())
-@settings(max_examples=400, deadline=None)
+@settings(max_examples=400)
 def test_same_message_and_same_bytes(message: NetworkMessage, again: st.DataObject) -> None:
     codec = Codec()
     data = encode_message(message)
@@ -132,7 +132,7 @@ def test_same_message_and_same_bytes(message: NetworkMessage, again: st.DataObje
 
 
 @given(message=network_messages(), at=st.integers(0, 200), byte=st.integers(0, 255), cut=st.integers(0, 200))
-@settings(max_examples=400, deadline=None)
+@settings(max_examples=400)
 def test_same_outcome_for_a_message_gone_wrong(message: NetworkMessage, at: int, byte: int, cut: int) -> None:
     codec = Codec()
     data = encode_message(message)
@@ -155,7 +155,7 @@ def test_same_outcome_over_the_mutated_corpus() -> None:
 
 
 @given(values=st.lists(fields(), min_size=1, max_size=20), header=st.tuples(UINT16, INT64, UINT32))
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=300)
 def test_writer_plan_encodes_as_the_generic_codec(values: list[Variant], header: tuple[int, int, int]) -> None:
     types = tuple(value.type for value in values)
     plan = Codec().writer_plan(2, 3, 1001, types, 8, 9)

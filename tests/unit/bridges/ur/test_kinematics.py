@@ -77,7 +77,7 @@ def test_jacobian_is_the_derivative_of_the_pose(q: list[float]) -> None:
 
 
 @given(joints, st.sampled_from(sorted(MODELS)))
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 def test_inverse_finds_joints_for_every_pose_near_by(q: list[float], name: str) -> None:
     model, tool = MODELS[name], frame_of([0.0, 0.01, 0.1, 0.1, 0.0, 0.2])
     target = product(flange(model, q), tool)

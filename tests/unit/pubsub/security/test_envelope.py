@@ -437,7 +437,7 @@ def test_open62541_never_changes_its_numbers(file: str, mode: SecurityMode, poli
     assert {refusal(strict, datagram) for datagram in datagrams} == {Drop.REPLAYED}
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=300)
 @given(st.data())
 def test_whatever_comes_only_remote_errors_go_out(draw: st.DataObject) -> None:
     mode = draw.draw(st.sampled_from(SecurityMode))

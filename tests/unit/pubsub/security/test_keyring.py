@@ -189,7 +189,7 @@ def test_no_representation_shows_a_key() -> None:
         assert repr(data) not in shown
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=300)
 @given(
     past_keys=st.integers(0, 3),
     steps=st.lists(

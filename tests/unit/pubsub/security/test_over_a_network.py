@@ -85,7 +85,7 @@ class Process:
                 self.heard[plain] += 1
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(
     seed=st.integers(0, 2**32),
     offsets=st.tuples(*[st.floats(-1e6, 1e6)] * 3),
@@ -232,7 +232,7 @@ def test_a_service_that_begins_anew_is_followed() -> None:
     assert reader.heard == {data("second"): 1}
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(seed=st.integers(0, 2**32), loss=st.sampled_from([0.0, 0.2]), duplicate=st.sampled_from([0.0, 0.5]))
 def test_large_messages_over_a_bad_network_arrive_whole_once_or_are_counted(
     seed: int, loss: float, duplicate: float

@@ -38,7 +38,7 @@ class Joining:
         return self.counters.drops[Drop.CHUNK_LOST]
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(
     size=st.integers(600, 20_000),
     most_bytes=st.integers(100, 2_000),

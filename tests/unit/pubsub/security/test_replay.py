@@ -53,7 +53,7 @@ def test_a_window_that_has_walked_too_far_takes_nothing_newer() -> None:
     assert 3 * STEP == LAST_NUMBER
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=300)
 @given(
     first=st.integers(0, TOP - 1),
     is_unused=st.booleans(),
@@ -81,7 +81,7 @@ def test_each_number_is_taken_once_and_never_an_old_one(first: int, is_unused: b
     assert walked <= LAST_NUMBER
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(start=st.integers(0, TOP - 1), count=st.integers(1, 300), random=st.randoms(use_true_random=False))
 def test_whatever_a_network_reorders_within_the_window_arrives(start: int, count: int, random: Random) -> None:
     numbers = [(start + i) % TOP for i in range(count)]

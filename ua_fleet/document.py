@@ -89,6 +89,22 @@ class Document:
         key = place.key or key_text(path)
         self.problems.append(ConfigError(message, file=place.file, line=place.line, key=key, suggestion=suggestion))
 
+    def is_newer_than(self, version: int) -> bool:
+        """Whether `version` in the file is above the one that is read; then that is the only problem left.
+
+        A newer format has unknown keys everywhere, which says nothing to anybody.
+        """
+        written = self.data.get("version")
+        if isinstance(written, bool) or not isinstance(written, int) or written <= version:
+            return False
+        self.problems.clear()
+        self.problem(
+            ("version",),
+            f"this file has version {written}, and this ua-fleet reads version {version}",
+            "upgrade it: pip install --upgrade ua-fleet",
+        )
+        return True
+
 
 def as_mapping(value: Any) -> dict[str, Any] | None:
     """A value of the file, if it is a mapping."""

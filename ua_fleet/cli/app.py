@@ -37,7 +37,7 @@ A first fleet:
 """
 
 _GROUPS: Final = {
-    "config": "The configuration file: write one, check it, assign ids.",
+    "config": "The configuration file: write one, check it, assign ids, its schema for editors.",
     "user": "Who may use the server, and what they may do.",
     "keys": "Key files of message security, where keys do not come from the server.",
     "cert": "Certificates of the server and the bridges, and which clients the server trusts.",
@@ -109,6 +109,7 @@ def _build() -> typer.Typer:
     _add(groups["config"], "init", config.init, config.INIT_EXAMPLES)
     _add(groups["config"], "check", config.check, config.CHECK_EXAMPLES)
     _add(groups["config"], "assign-ids", config.assign, config.IDS_EXAMPLES)
+    _add(groups["config"], "schema", config.schema, config.SCHEMA_EXAMPLES)
     _add(groups["user"], "add", user.add, user.ADD_EXAMPLES)
     _add(groups["user"], "list", user.show, user.LIST_EXAMPLES)
     _add(groups["user"], "remove", user.remove, user.REMOVE_EXAMPLES)

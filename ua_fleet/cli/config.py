@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,10 +18,23 @@ from ua_fleet.errors import ConfigError, ConfigInvalid
 if TYPE_CHECKING:
     from ua_fleet.config import FleetConfig
 
-__all__ = ["CHECK_EXAMPLES", "IDS_EXAMPLES", "INIT_EXAMPLES", "assign", "check", "init"]
+__all__ = [
+    "CHECK_EXAMPLES",
+    "IDS_EXAMPLES",
+    "INIT_EXAMPLES",
+    "SCHEMA_EXAMPLES",
+    "assign",
+    "check",
+    "init",
+    "schema",
+]
 
 INIT_EXAMPLES = ("ua-fleet config init", "ua-fleet config init hall2.yaml")
 CHECK_EXAMPLES = ("ua-fleet config check", "ua-fleet config check hall2.yaml --json")
+SCHEMA_EXAMPLES = (
+    "ua-fleet config schema -o fleet.schema.json",
+    "ua-fleet config schema --scenario -o scenarios/scenario.schema.json",
+)
 IDS_EXAMPLES = ("ua-fleet config assign-ids", "ua-fleet config assign-ids hall2.yaml --json")
 
 File = Annotated[Path, typer.Argument(help="The configuration file.", envvar="UA_FLEET_CONFIG")]
@@ -55,15 +69,17 @@ def init(file: File = DEFAULT_CONFIG, as_json: Json = False) -> None:
     """Write a commented configuration file to start from.
 
     It shows every key there is, with examples of bridges and robots. One thing is left for you to decide, and the file
-    is not valid before: `pubsub.security`.
+    is not valid before: `pubsub.security`. Beside it comes its JSON Schema, with which editors complete and check it.
     """
-    from ua_fleet.config.default_file import write_default
+    from ua_fleet.config.default_file import write_default, write_schema
 
     write_default(file)
+    beside = write_schema(file.parent)
     if as_json:
-        print_json({"file": str(file)})
+        print_json({"file": str(file), "schema": str(beside)})
     else:
         print_line(str(file))
+        print_line(str(beside))
     message(f"edit it, then run: ua-fleet config check {file}")
 
 
@@ -128,3 +144,25 @@ def assign(file: File = DEFAULT_CONFIG, as_json: Json = False) -> None:
     for key, number in given.items():
         print_line(f"{key}: {number}")
     message(f"{file}: {len(given)} ids assigned" if given else f"{file}: nothing to do, all ids are there")
+
+
+def schema(
+    scenario: Annotated[bool, typer.Option("--scenario", help="Of scenarios' files in place of fleet.yaml.")] = False,
+    output: Annotated[Path | None, typer.Option("--output", "-o", help="Write it to this file.")] = None,
+) -> None:
+    """Print the JSON Schema of the configuration file, with the keys of all kinds of bridges that are installed.
+
+    Editors complete and check the file with it, when its first line names it:
+    # yaml-language-server: $schema=fleet.schema.json
+    """
+    from ua_fleet.config.json_schema import fleet_schema, schema_text
+    from ua_fleet.scenario.json_schema import scenario_schema
+
+    text = schema_text(scenario_schema() if scenario else fleet_schema())
+    if output is None:
+        sys.stdout.write(text)
+        return
+    from ua_fleet.config.default_file import write_text
+
+    write_text(output, text)
+    print_line(str(output))

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from enum import StrEnum
-from typing import Annotated
+from typing import Annotated, Final
 
 from pydantic import BaseModel, ConfigDict, Field
 
 from ua_fleet.values import BuiltinType
 
-__all__ = ["DataSetId", "FieldPath", "Model", "Name", "Port", "ScalarType"]
+__all__ = ["RANGED", "DataSetId", "FieldPath", "Model", "Name", "Port", "ScalarType"]
 
 Name = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_-]{0,63}$")]
 DataSetId = Annotated[int, Field(ge=1, le=65535)]
@@ -51,3 +51,11 @@ class ScalarType(StrEnum):
     def builtin(self) -> BuiltinType:
         """The built-in type with this name."""
         return BuiltinType[{"DateTime": "DATETIME", "ByteString": "BYTE_STRING"}.get(self.value, self.value.upper())]
+
+
+RANGED: Final = tuple(
+    one
+    for one in ScalarType
+    if one not in (ScalarType.BOOLEAN, ScalarType.STRING, ScalarType.DATETIME, ScalarType.BYTE_STRING)
+)
+"""The types whose values have a least and a greatest one."""

@@ -1,4 +1,4 @@
-"""The commented file that `ua-fleet config init` writes."""
+"""The commented file that `ua-fleet config init` writes, and the schema beside it."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from pathlib import Path
 
 from ua_fleet.errors import ConfigError
 
-__all__ = ["default_content", "write_default"]
+__all__ = ["default_content", "write_default", "write_schema", "write_text"]
 
 
 def default_content() -> bytes:
@@ -22,6 +22,24 @@ def write_default(path: Path) -> None:
             file.write(default_content())
     except FileExistsError as error:
         raise ConfigError("exists already", file=str(path), suggestion="choose another name") from error
+    except OSError as error:
+        reason = (error.strerror or "it").lower()
+        raise ConfigError(f"cannot be written: {reason}", file=str(path)) from error
+
+
+def write_schema(folder: Path) -> Path:
+    """Write the schema that the file's first line names into its folder, over an older one; raises ConfigError."""
+    from ua_fleet.config.json_schema import SCHEMA_FILE, fleet_schema, schema_text
+
+    path = folder / SCHEMA_FILE
+    write_text(path, schema_text(fleet_schema()))
+    return path
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write a text over what is there; raises ConfigError where that cannot be."""
+    try:
+        path.write_text(text, encoding="utf-8")
     except OSError as error:
         reason = (error.strerror or "it").lower()
         raise ConfigError(f"cannot be written: {reason}", file=str(path)) from error

@@ -219,19 +219,6 @@ def _read(document: Document, file: str, allow_missing_ids: bool) -> FleetConfig
 _NO_NAMES: Final[dict[str, Any]] = {"bridges": {}, "robots": {}, "resilience": {}}
 
 
-def _check_version(document: Document) -> None:
-    """A newer format has unknown keys everywhere: say what it is, and nothing else."""
-    version = document.data.get("version")
-    if isinstance(version, int) and not isinstance(version, bool) and version > VERSION:
-        document.problems.clear()
-        document.problem(
-            ("version",),
-            f"this file has version {version}, and this ua-fleet reads version {VERSION}",
-            "upgrade it: pip install --upgrade ua-fleet",
-        )
-        raise ConfigInvalid(document.problems)
-
-
 def load(
     path: str | Path,
     environment: Mapping[str, str] | None = None,
@@ -265,7 +252,8 @@ def load_content(
 ) -> FleetConfig:
     """`load` for bytes that were read already; `file` names them in problems."""
     document = read_document(content, file, environment)
-    _check_version(document)
+    if document.is_newer_than(VERSION):
+        raise ConfigInvalid(document.problems)
     config = None
     if document.data:
         apply_environment(document, environment)

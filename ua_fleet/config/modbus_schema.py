@@ -9,6 +9,7 @@ from pydantic import AfterValidator, Field, model_validator
 
 from ua_fleet.config.base import Model, Name, Port
 from ua_fleet.config.register_schema import Address, RegisterConfig
+from ua_fleet.config.shapes import all_of, exactly_one, given, implies, none_of
 from ua_fleet.registers import Order
 
 __all__ = ["MOST_ROBOTS", "CommandConfig", "ModbusServerConfig"]
@@ -30,7 +31,15 @@ NodePath = Annotated[str, Field(pattern=r"^[A-Za-z][\w-]*\.[A-Za-z][\w-]*(\.[A-Z
 ArgumentName = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_]{0,63}$")]
 
 
-class CommandConfig(Model, frozen=True):
+class CommandConfig(
+    Model,
+    frozen=True,
+    json_schema_extra=all_of(
+        exactly_one("skill", "scenario"),
+        implies(given("skill"), given("robot")),
+        implies(given("scenario"), none_of("robot", "results", empty=({},))),
+    ),
+):
     """One thing that a PLC may start: a skill of a robot, or a scenario."""
 
     code: int = Field(ge=1, le=65_535)

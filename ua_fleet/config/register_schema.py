@@ -7,6 +7,7 @@ from typing import Annotated, Final, Literal
 from pydantic import Field, model_validator
 
 from ua_fleet.config.base import Model, ScalarType
+from ua_fleet.config.shapes import all_of, given, implies, limited_to, none_of
 from ua_fleet.registers import LAST_ADDRESS, Order, Register, RegisterType, Table
 
 __all__ = ["Address", "RegisterConfig"]
@@ -27,7 +28,23 @@ _TYPES: Final = {
 }
 
 
-class RegisterConfig(Model, frozen=True):
+class RegisterConfig(
+    Model,
+    frozen=True,
+    json_schema_extra=all_of(
+        {"properties": {"scale": {"not": {"const": 0}}}},
+        implies(
+            limited_to("table", Table.COIL, Table.DISCRETE),
+            all_of(none_of("bit"), implies(given("type"), limited_to("type", RegisterType.BOOL))),
+        ),
+        implies(
+            all_of(limited_to("table", Table.HOLDING, Table.INPUT), limited_to("type", RegisterType.BOOL)), given("bit")
+        ),
+        implies(limited_to("type", RegisterType.STRING), given("length")),
+        implies(all_of(given("type"), given("length")), limited_to("type", RegisterType.STRING)),
+        implies(all_of(given("type"), given("bit")), limited_to("type", RegisterType.BOOL)),
+    ),
+):
     """Where one value lies, and how."""
 
     table: Table = Field(examples=["holding"])

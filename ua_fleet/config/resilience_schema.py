@@ -8,6 +8,7 @@ from typing import Annotated, Final, Literal
 from pydantic import Field, model_validator
 
 from ua_fleet.config.base import FieldPath, Model, Name
+from ua_fleet.config.shapes import exactly_one
 from ua_fleet.orchestrator import CriterionSource, DistanceFrom, FaultRule, ResilienceSettings, TasksAhead, ValueOf
 from ua_fleet.resilience import Criterion, CriterionKind, Mode, OnLimit, Synthesis
 from ua_fleet.scenario import parse_expression
@@ -32,7 +33,9 @@ class DistanceConfig(Model, frozen=True):
     """Places by name."""
 
 
-class CriterionConfig(Model, frozen=True):
+class CriterionConfig(
+    Model, frozen=True, json_schema_extra=exactly_one("value", "distance", "tasks_ahead", empty=(False,))
+):
     """One criterion. Its raw value is one of `value`, `distance` and `tasks_ahead`."""
 
     kind: Literal["benefit", "cost"]

@@ -13,9 +13,10 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import BaseModel, Field, SerializeAsAny, field_validator, model_validator
 
-from ua_fleet.config.base import DataSetId, FieldPath, Model, Name, Port, ScalarType
+from ua_fleet.config.base import RANGED, DataSetId, FieldPath, Model, Name, Port, ScalarType
 from ua_fleet.config.modbus_schema import ModbusServerConfig
 from ua_fleet.config.resilience_schema import ResilienceConfig
+from ua_fleet.config.shapes import all_of, exactly_one, given, implies, limited_to, none_of
 from ua_fleet.config.skill_schema import SkillConfig
 from ua_fleet.document import KeyPath
 from ua_fleet.errors import TopicInvalid
@@ -45,7 +46,7 @@ __all__ = [
 ]
 
 
-class FieldConfig(Model, frozen=True):
+class FieldConfig(Model, frozen=True, json_schema_extra=implies(given("range"), limited_to("type", *RANGED))):
     """One field of a DataSet."""
 
     type: ScalarType
@@ -66,7 +67,7 @@ class FieldConfig(Model, frozen=True):
         if self.range is not None:
             if self.range[0] >= self.range[1]:
                 raise ValueError("range: the first value must be less than the second")
-            if self.type in (ScalarType.BOOLEAN, ScalarType.STRING, ScalarType.DATETIME, ScalarType.BYTE_STRING):
+            if self.type not in RANGED:
                 raise ValueError(f"range: {self.type.value} has no range")
         return self
 
@@ -103,7 +104,18 @@ class TopicMapping(DataMapping, frozen=True):
     """ROS 2 only: quality of service."""
 
 
-class DataSetConfig(Model, frozen=True):
+class DataSetConfig(
+    Model,
+    frozen=True,
+    json_schema_extra=all_of(
+        exactly_one("type", "fields", empty=({},)),
+        implies(given("fields", {}), none_of("array", "unit", "range", "path", "initial", empty=(False, ""))),
+        implies(given("range"), limited_to("type", *RANGED)),
+        implies(given("gives", []), {"not": limited_to("origin", "server")}),
+        implies(given("source"), {"not": limited_to("origin", "server")}),
+        implies(given("sink"), limited_to("origin", "server")),
+    ),
+):
     """One data source of a robot: a node with a numeric id, or an object with it and a variable for each field."""
 
     id: DataSetId | None = None

@@ -6,7 +6,8 @@ from typing import Annotated, Any
 
 from pydantic import Field, model_validator
 
-from ua_fleet.config.base import DataSetId, Model, Name, ScalarType
+from ua_fleet.config.base import RANGED, DataSetId, Model, Name, ScalarType
+from ua_fleet.config.shapes import all_of, given, implies, limited_to
 from ua_fleet.fleet.skills import ArgumentModel, SkillLimits, argument_problem
 
 __all__ = ["ArgumentConfig", "SkillConfig", "SkillLimitsConfig"]
@@ -14,7 +15,14 @@ __all__ = ["ArgumentConfig", "SkillConfig", "SkillLimitsConfig"]
 ArgumentName = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_]{0,63}$")]
 
 
-class ArgumentConfig(Model, frozen=True):
+class ArgumentConfig(
+    Model,
+    frozen=True,
+    json_schema_extra=all_of(
+        {"not": limited_to("type", ScalarType.DATETIME, ScalarType.BYTE_STRING)},
+        implies(given("range"), limited_to("type", *RANGED)),
+    ),
+):
     """One argument or result of a skill."""
 
     type: ScalarType

@@ -34,8 +34,20 @@ from ua_fleet.scenario.model import (
     takes_time,
 )
 
-__all__ = ["MOST_STEPS", "STEP_KEYS", "Reading", "read_scenario", "scenario_of"]
+__all__ = [
+    "MOST_REPEATS",
+    "MOST_RETRIES",
+    "MOST_SECONDS",
+    "MOST_STEPS",
+    "STEP_KEYS",
+    "VERSION",
+    "Reading",
+    "read_scenario",
+    "scenario_of",
+]
 
+VERSION: Final = 1
+"""The version of the format that this code reads."""
 MOST_STEPS: Final = 10_000
 MOST_REPEATS: Final = 1_000_000
 """Of all repetitions within each other together."""
@@ -87,7 +99,7 @@ def scenario_of(text: str, file: str = "") -> Scenario:
 def read_scenario(content: bytes, file: str = "") -> Reading:
     """Read a file's bytes; `file` is its name in problems. JSON is read as the YAML that it is."""
     document = read_document(content, file)
-    if document.problems and not document.data:
+    if document.is_newer_than(VERSION) or (document.problems and not document.data):
         return Reading(Scenario("", Sequence("", 0, ())), tuple(document.problems))
     scenario = _Reader(document).scenario(content.decode("utf-8", "replace"))
     problems = sorted(document.problems, key=lambda problem: problem.line)
@@ -106,8 +118,8 @@ class _Reader:
     def scenario(self, text: str) -> Scenario:
         data = self._document.data
         self._known_keys((), data, ("version", "name", "description", "parameters", "steps"))
-        if data.get("version") != 1:
-            self._problem(("version",), "this program reads version 1", "write `version: 1`")
+        if data.get("version") != VERSION:
+            self._problem(("version",), f"this program reads version {VERSION}", f"write `version: {VERSION}`")
         name = self._text((), data, "name", required=True)
         if name and not re.fullmatch(r"[A-Za-z][A-Za-z0-9_-]{0,63}", name):
             self._problem(("name",), "a name begins with a letter; then letters, digits, _ and -, 64 at most")

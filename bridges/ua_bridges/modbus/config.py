@@ -10,6 +10,7 @@ from pydantic import BaseModel, Field, field_validator, model_validator
 from ua_fleet.config.base import Model, Name
 from ua_fleet.config.register_schema import Address, RegisterConfig
 from ua_fleet.config.schema import BridgeConfig, DataMapping, RobotConfig
+from ua_fleet.config.shapes import VENDOR_SPACE, all_of, exactly_one, given, implies, none_of
 from ua_fleet.document import KeyPath
 from ua_fleet.registers import Limits, Order, Table
 from ua_fleet.topics import FIRST_VENDOR_SPACE
@@ -47,7 +48,11 @@ class SerialConfig(Model, frozen=True):
     """Stop bits; the standard wants 2 without parity."""
 
 
-class TlsConfig(Model, frozen=True):
+class TlsConfig(
+    Model,
+    frozen=True,
+    json_schema_extra=all_of(implies(given("certificate"), given("key")), implies(given("key"), given("certificate"))),
+):
     """Modbus/TCP Security: the device is known by its certificate. Files are relative to the bridge's `state_dir`."""
 
     ca: str
@@ -66,7 +71,11 @@ class TlsConfig(Model, frozen=True):
         return self
 
 
-class DeviceConfig(Model, frozen=True):
+class DeviceConfig(
+    Model,
+    frozen=True,
+    json_schema_extra=all_of(exactly_one("host", "serial"), implies(given("serial"), none_of("port", "tls"))),
+):
     """One device: a PLC, or one of several on a serial line or behind a gateway."""
 
     host: str | None = None
@@ -160,7 +169,7 @@ class PollConfig(Model, frozen=True):
     """From one reading to the next."""
 
 
-class RegisterMapping(DataMapping, frozen=True):
+class RegisterMapping(DataMapping, frozen=True, json_schema_extra=exactly_one("at", "registers", empty=({},))):
     """Registers of a data source: `at` for `type`, or `registers` for `fields`."""
 
     device: Name | None = None
@@ -197,7 +206,11 @@ class RegisterSink(RegisterMapping, frozen=True):
     """Write the last value again when the device was away. Otherwise it keeps what it has until the next one."""
 
 
-class HandshakeSkill(Model, frozen=True):
+class HandshakeSkill(
+    Model,
+    frozen=True,
+    json_schema_extra=all_of(implies(given("command"), given("code")), implies(given("code"), given("command"))),
+):
     """`via` of a skill: a handshake with the device's program, see docs/plc.md.
 
     The bridge writes the arguments and then a new number to `request`; the program repeats that number in `accepted`
@@ -249,9 +262,9 @@ class ModbusBridgeConfig(BridgeConfig, frozen=True):
 
     kind: Literal["modbus"]
     """Always `modbus`."""
-    space: int
+    space: int = Field(json_schema_extra=VENDOR_SPACE)
     """Id of the space, 256 to 65535."""
-    devices: dict[Name, DeviceConfig]
+    devices: dict[Name, DeviceConfig] = Field(json_schema_extra={"minProperties": 1})
     """The devices by name."""
     poll_s: float = Field(default=1.0, ge=0.005, le=86_400)
     """How often values of no poll group are read."""

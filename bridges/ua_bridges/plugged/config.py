@@ -22,6 +22,7 @@ from pydantic import BaseModel, Field, field_validator, model_validator
 
 from ua_fleet.config.base import Model, Name
 from ua_fleet.config.schema import BridgeConfig, DataMapping, RobotConfig
+from ua_fleet.config.shapes import VENDOR_SPACE, all_of, at_least_one, exactly_one, given, implies, none_of
 from ua_fleet.document import KeyPath
 from ua_fleet.topics import FIRST_VENDOR_SPACE
 
@@ -49,7 +50,11 @@ MESSAGE: Final = "message"
 """A pattern of failure may hold `{message}`: what the device says of it."""
 
 
-class Match(Model, frozen=True):
+class Match(
+    Model,
+    frozen=True,
+    json_schema_extra=at_least_one("vendor", "product", "serial", "node", "properties", "attributes", empty=({}, "")),
+):
     """What udev says of a device. All that is given has to fit; of several devices that fit, the first is taken."""
 
     subsystem: str = "tty"
@@ -89,7 +94,7 @@ class SerialSettings(Model, frozen=True):
     """Of lines and commands."""
 
 
-class Device(Model, frozen=True):
+class Device(Model, frozen=True, json_schema_extra=exactly_one("match", "path")):
     """One device that may be plugged in."""
 
     match: Match | None = None
@@ -106,7 +111,16 @@ class Device(Model, frozen=True):
         return self
 
 
-class PluggedSource(DataMapping, frozen=True):
+class PluggedSource(
+    DataMapping,
+    frozen=True,
+    json_schema_extra=all_of(
+        exactly_one("line", "attribute", "signal", "url", "plugged"),
+        implies(given("signal"), none_of("device")),
+        implies(none_of("signal"), given("device")),
+        implies(given("ask"), given("line")),
+    ),
+):
     """`source` of data: exactly one of `line`, `attribute`, `signal`, `url` and `plugged`."""
 
     device: Name | None = None
@@ -172,7 +186,15 @@ class Call(Model, frozen=True):
     """Name of the method."""
 
 
-class PluggedSink(DataMapping, frozen=True):
+_DRIVE: Final = all_of(
+    exactly_one("command", "call"),
+    implies(given("command"), given("device")),
+    implies(given("device"), given("command")),
+)
+"""As `_check_drive` has it."""
+
+
+class PluggedSink(DataMapping, frozen=True, json_schema_extra=_DRIVE):
     """`sink` of data: exactly one of `command` and `call`."""
 
     device: Name | None = None
@@ -188,7 +210,15 @@ class PluggedSink(DataMapping, frozen=True):
         return self
 
 
-class PluggedSkill(Model, frozen=True):
+class PluggedSkill(
+    Model,
+    frozen=True,
+    json_schema_extra=all_of(
+        {"if": given("read"), "then": none_of("device", "command", "call"), "else": _DRIVE},
+        *(implies(given(key), given("command")) for key in ("done", "failed", "halt")),
+        implies(given("failed"), given("done")),
+    ),
+):
     """`via` of a skill: exactly one of `read`, `command` and `call`."""
 
     read: Name | None = None
@@ -232,11 +262,11 @@ class PluggedBridgeConfig(BridgeConfig, frozen=True):
 
     kind: Literal["plugged"]
     """Always `plugged`."""
-    space: int
+    space: int = Field(json_schema_extra=VENDOR_SPACE)
     """Id of the bridge's own space, 256 to 65535."""
     devices: dict[Name, Device] = {}
     """The devices that may be plugged in, by name. Two that fit the same device: the first one gets it."""
-    bus: str = "system"
+    bus: str = Field(default="system", json_schema_extra={"pattern": r"^(system|session|(unix|tcp):\w+=\S+)$"})
     """D-Bus for `signal` and `call`: `system`, `session`, or an address such as `unix:path=/run/my/bus`."""
 
     skill_mapping: ClassVar[type[BaseModel] | None] = PluggedSkill

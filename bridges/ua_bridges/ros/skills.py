@@ -22,6 +22,7 @@ from ua_fleet.bridge.configured import ConfiguredSkill, configured_skills
 from ua_fleet.bridge.driver import Skill
 from ua_fleet.config.base import FieldPath, Model
 from ua_fleet.config.schema import FleetConfig, QosConfig, RobotConfig, SkillConfig
+from ua_fleet.config.shapes import exactly_one
 from ua_fleet.document import KeyPath
 from ua_fleet.errors import ScenarioError
 from ua_fleet.fleet.skills import SkillLimits
@@ -145,7 +146,7 @@ class ActionSkill(_Request, _Response, frozen=True):
     """Over the feedback: how far it is, 0 to 1."""
 
 
-class RosSkillMapping(Model, frozen=True):
+class RosSkillMapping(Model, frozen=True, json_schema_extra=exactly_one("topic", "service", "action")):
     """`via` of a skill: exactly one of these."""
 
     topic: TopicSkill | None = None

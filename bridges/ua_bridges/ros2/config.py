@@ -11,7 +11,7 @@ from ua_bridges.ros.skills import RosSkillMapping, skill_problems
 from ua_fleet.config.schema import BridgeConfig, DataMapping, RobotConfig, TopicMapping
 from ua_fleet.document import KeyPath
 from ua_fleet.errors import TopicInvalid
-from ua_fleet.topics import check_ros2_space
+from ua_fleet.topics import LAST_ROS2_SPACE, ROS1_SPACE, check_ros2_space
 
 __all__ = ["Ros2BridgeConfig"]
 
@@ -21,7 +21,7 @@ class Ros2BridgeConfig(BridgeConfig, frozen=True):
 
     kind: Literal["ros2"]
     """Always `ros2`."""
-    space: int
+    space: int = Field(json_schema_extra={"minimum": ROS1_SPACE + 1, "maximum": LAST_ROS2_SPACE})
     """Id of the ROS 2 domain, 2 to 232; 2 to 101 keep clear of Linux's ephemeral ports."""
     node_name: Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_]*$")] = "ua_bridge"
     """Name of the bridge's node in the graph."""

@@ -17,6 +17,7 @@ from pydantic import AfterValidator, BaseModel, Field, field_validator, model_va
 from ua_fleet.bridge.templates import AnswerPattern, CommandTemplate, Language, TemplateInvalid
 from ua_fleet.config.base import Model, ScalarType
 from ua_fleet.config.schema import BridgeConfig, DataMapping, DataSetConfig, RobotConfig, SkillConfig
+from ua_fleet.config.shapes import VENDOR_SPACE, all_of, at_least_one, exactly_one, given, implies, none_of
 from ua_fleet.document import KeyPath
 from ua_fleet.names import closest
 from ua_fleet.topics import FIRST_VENDOR_SPACE
@@ -93,7 +94,15 @@ class DirectLink(Model, frozen=True):
     """Of commands and answers."""
 
 
-class InterpreterLink(Model, frozen=True):
+class InterpreterLink(
+    Model,
+    frozen=True,
+    json_schema_extra=all_of(
+        exactly_one("connect", "listen"),
+        implies(given("listen"), given("peer")),
+        implies(given("connect"), none_of("peer")),
+    ),
+):
     """The socket to the small program on the robot."""
 
     connect: Address | None = None
@@ -141,7 +150,7 @@ class DirectSkill(Model, frozen=True):
     """Command that stops the robot. Left out: it cannot be stopped."""
 
 
-class TcpSkillMapping(Model, frozen=True):
+class TcpSkillMapping(Model, frozen=True, json_schema_extra=implies(given("direct"), none_of("subtype"))):
     """`via` of a skill. Without it, or without `direct`, the program on the robot does it."""
 
     direct: DirectSkill | None = None
@@ -199,12 +208,12 @@ def field_types(data: DataSetConfig) -> dict[str, ScalarType]:
     return {name or "value": field.type for name, field in data.all_fields().items()}
 
 
-class TcpBridgeConfig(BridgeConfig, frozen=True):
+class TcpBridgeConfig(BridgeConfig, frozen=True, json_schema_extra=at_least_one("direct", "interpreter")):
     """A bridge to a robot that speaks over TCP. `space` is one of the vendor spaces, 256 to 65535."""
 
     kind: Literal["tcp"]
     """Always `tcp`."""
-    space: int
+    space: int = Field(json_schema_extra=VENDOR_SPACE)
     """Id of the robot's own space, 256 to 65535."""
     direct: DirectLink | None = None
     """The socket on which the robot takes commands in its own language."""

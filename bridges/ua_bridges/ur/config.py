@@ -8,11 +8,12 @@ from typing import Annotated, ClassVar, Final, Literal
 
 from pydantic import BaseModel, Field, field_validator, model_validator
 
-from ua_bridges.ur.outputs import OUTPUT_NAMES, find_output
+from ua_bridges.ur.outputs import ALL_OUTPUTS, OUTPUT_NAMES, find_output
 from ua_bridges.ur.variables import VARIABLES, read_path
 from ua_fleet.bridge.templates import CommandTemplate, Language, TemplateInvalid
 from ua_fleet.config.base import Model, ScalarType
 from ua_fleet.config.schema import BridgeConfig, DataMapping, DataSetConfig, FieldConfig, RobotConfig, SkillConfig
+from ua_fleet.config.shapes import VENDOR_SPACE, exactly_one
 from ua_fleet.document import KeyPath
 from ua_fleet.names import closest, listed
 from ua_fleet.topics import FIRST_VENDOR_SPACE
@@ -54,7 +55,7 @@ class UrSource(DataMapping, frozen=True):
 class UrSink(DataMapping, frozen=True):
     """`sink` of data with one field: clients, or other spaces, set an output."""
 
-    output: str = Field(examples=["standard_digital_out[3]"])
+    output: str = Field(examples=["standard_digital_out[3]"], json_schema_extra={"enum": list(ALL_OUTPUTS)})
     """`standard_digital_out[0]` to `[7]`, `configurable_digital_out[0]` to `[7]`, `tool_digital_out[0]` and `[1]`
     (Boolean); `analog_out_voltage[0]`, `analog_out_current[0]`, `[1]` and `speed_slider` (0 to 1);
     `input_int_register[18]`, `input_double_register[18]` to `[22]`."""
@@ -171,7 +172,7 @@ class DashboardSkill(Model, frozen=True):
 class SetSkill(Model, frozen=True):
     """Set an output, and see that it is set."""
 
-    output: str = Field(examples=["speed_slider"])
+    output: str = Field(examples=["speed_slider"], json_schema_extra={"enum": list(ALL_OUTPUTS)})
     """As in a sink."""
     value: bool | float | str = Field(examples=["value"])
     """A value, or the name of the argument with it."""
@@ -184,7 +185,11 @@ class SetSkill(Model, frozen=True):
         return output
 
 
-class UrSkillMapping(Model, frozen=True):
+class UrSkillMapping(
+    Model,
+    frozen=True,
+    json_schema_extra=exactly_one("move_j", "move_l", "stop", "script", "dashboard", "set"),
+):
     """`via` of a skill: exactly one of these."""
 
     move_j: MoveJ | None = None
@@ -226,7 +231,7 @@ class UrBridgeConfig(BridgeConfig, frozen=True):
 
     kind: Literal["ur"]
     """Always `ur`."""
-    space: int
+    space: int = Field(json_schema_extra=VENDOR_SPACE)
     """Id of the controller's own space, 256 to 65535."""
     address: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9.-]*$", examples=["192.168.0.10"])]
     """IPv4 address or name of the controller; its ports are the usual ones, 29999 and 30001 to 30004."""

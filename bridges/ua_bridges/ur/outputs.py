@@ -9,7 +9,7 @@ from typing import Any, Final, NamedTuple
 
 from ua_fleet.config.base import ScalarType
 
-__all__ = ["OUTPUT_NAMES", "Output", "find_output"]
+__all__ = ["ALL_OUTPUTS", "OUTPUT_NAMES", "Output", "find_output"]
 
 _FLOATS: Final = (ScalarType.DOUBLE, ScalarType.FLOAT)
 _BOOLEAN: Final = (ScalarType.BOOLEAN,)
@@ -97,6 +97,12 @@ def find_output(name: str) -> Output | None:
     return Output(match[1], place, setter) if fits else None
 
 
+ALL_OUTPUTS: Final = tuple(
+    f"{name}[{place}]" if setter.places else name
+    for name, setter in _SETTERS.items()
+    for place in setter.places or range(1)
+)
+"""Every output by its name."""
 OUTPUT_NAMES: Final = tuple(
     [f"{name}[{setter.places[0]}]" if setter.places else name for name, setter in _SETTERS.items()]
 )

@@ -10,11 +10,12 @@ from tests.unit.cli.conftest import Invoke
 
 def test_from_nothing_to_a_valid_file(invoke: Invoke, tmp_path: Path) -> None:
     ended = invoke("config", "init")
-    assert (ended.code, ended.stdout) == (0, "fleet.yaml\n")
+    assert (ended.code, ended.stdout) == (0, "fleet.yaml\nfleet.schema.json\n")
     assert ended.stderr == "edit it, then run: ua-fleet config check fleet.yaml\n"
     ended = invoke("config", "check")
     assert ended.code == 2
-    assert "fleet.yaml:48:pubsub.security: `security` is missing; add `security: sign_and_encrypt`" in ended.stdout
+    line = (tmp_path / "fleet.yaml").read_text(encoding="utf-8").splitlines().index("pubsub:") + 1
+    assert f"fleet.yaml:{line}:pubsub.security: `security` is missing; add `security: sign_and_encrypt`" in ended.stdout
     assert ended.stderr == "ua-fleet: 9 problems; mend and run: ua-fleet config check fleet.yaml\n"
     ended = invoke("config", "assign-ids")
     assert ended.code == 2
@@ -37,7 +38,10 @@ def test_from_nothing_to_a_valid_file(invoke: Invoke, tmp_path: Path) -> None:
 
 def test_json(invoke: Invoke, tmp_path: Path) -> None:
     path = tmp_path / "a.yaml"
-    assert json.loads(invoke("config", "init", "a.yaml", "--json").stdout) == {"file": "a.yaml"}
+    assert json.loads(invoke("config", "init", "a.yaml", "--json").stdout) == {
+        "file": "a.yaml",
+        "schema": "fleet.schema.json",
+    }
     path.write_text("version: 1\npubsub: {security: none, tll: 1}\nbridges:\n  c: {kind: ros1}\n")
     ended = invoke("config", "check", "a.yaml", "--json")
     assert ended.code == 2

@@ -15,7 +15,7 @@ from ua_fleet.cli.process import run
 from ua_fleet.errors import BridgeUnavailable
 
 if TYPE_CHECKING:
-    from ua_fleet.demo.pal.run import PalResult
+    from ua_fleet.demo.pal.conductor import PalResult
 
 __all__ = ["EXAMPLES", "pal"]
 

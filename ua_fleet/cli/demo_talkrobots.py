@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import sys
+from collections.abc import Sequence
 from enum import StrEnum
 from functools import partial
 from pathlib import Path
@@ -17,8 +18,7 @@ from ua_fleet.cli.process import run
 from ua_fleet.errors import BridgeUnavailable
 
 if TYPE_CHECKING:
-    from ua_fleet.client import DecisionTold
-    from ua_fleet.demo.talkrobots.run import TalkRobotsResult
+    from ua_fleet.demo.talkrobots.conductor import TalkRobotsResult
 
 __all__ = ["EXAMPLES", "talkrobots"]
 
@@ -125,13 +125,12 @@ def talkrobots(
         raise typer.Exit(1)
 
 
-async def _ask(told: DecisionTold, *, endpoint: str, limit_s: float) -> str | None:
+async def _ask(decision_id: str, robots: Sequence[str], *, endpoint: str, limit_s: float) -> str | None:
     """Ask at the terminal who takes over; where there is none, say how else it is told."""
-    robots = [place.robot for place in told.ranking.ranked]
     if not robots:
         return None
     if not sys.stdin.isatty():
-        message(f"choose: ua-fleet decision confirm {told.decision_id} {robots[0]} -u operator -e {endpoint}")
+        message(f"choose: ua-fleet decision confirm {decision_id} {robots[0]} -u operator -e {endpoint}")
         message(f"otherwise {robots[0]} takes over after {limit_s:g} s")
         return None
     while True:

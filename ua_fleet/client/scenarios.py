@@ -86,6 +86,7 @@ class RunInfo:
     robots: tuple[str, ...]
     states: tuple[str, ...]
     results: tuple[str, ...]
+    skills: tuple[str, ...]
 
     @property
     def is_over(self) -> bool:
@@ -193,9 +194,14 @@ class ScenarioClient:
 
     async def run_info(self, run_id: str) -> RunInfo:
         """A run as it is now; NodeNotFound where there is none."""
-        names = ("State", "Scenario", "StartTime", "StartedBy", "Reason", "Tasks", "Robots", "States", "Results")
-        state, scenario, started, by, reason, *columns = await self._read(f"Scenarios.Runs.{run_id}", names)
+        names = ("State", "Scenario", "StartTime", "StartedBy", "Reason")
+        arrays = ("Tasks", "Robots", "States", "Results", "Skills")
+        state, scenario, started, by, reason, *columns = await self._read(f"Scenarios.Runs.{run_id}", (*names, *arrays))
         return RunInfo(run_id, state, scenario, started, by, reason, *(tuple(column or ()) for column in columns))
+
+    async def runs(self) -> list[RunInfo]:
+        """The runs that are under way, and the last ones that have ended."""
+        return [await self.run_info(run_id) for run_id in await self._below("Scenarios.Runs")]
 
     async def follow(self, run_id: str) -> AsyncGenerator[RunInfo]:
         """A run now, and whenever something about it changes, until it has ended."""

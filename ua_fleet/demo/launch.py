@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable, Sequence
 from contextlib import AbstractAsyncContextManager
-from pathlib import Path
 from typing import Final
 
 from ua_fleet.client import ClientIdentity, FleetClient
@@ -68,15 +67,13 @@ class Launch:
     async def robot(
         self,
         name: str,
-        program: Path,
+        arguments: Sequence[str],
         domain: int | None,
-        *arguments: str,
         on_line: Callable[[str], None],
-        stdin: bool = False,
     ) -> None:
-        """Start a robot's program, in a ROS 2 domain, or with the ROS 1 master for None."""
-        command = [self._site.python(1 if domain is None else 2), str(program), *arguments]
-        await self._processes.start(name, command, self._site.environment(domain), on_line, stdin=stdin)
+        """Start a robot's program with its arguments, in a ROS 2 domain, or with the ROS 1 master for None."""
+        command = [self._site.python(1 if domain is None else 2), *arguments]
+        await self._processes.start(name, command, self._site.environment(domain), on_line)
 
     def connect(self) -> AbstractAsyncContextManager[FleetClient]:
         """An OPC UA client of the user."""

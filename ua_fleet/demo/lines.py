@@ -1,4 +1,4 @@
-"""What robots' programs say on stdout: one JSON object a line, see `ros_node.report`."""
+"""What robots' programs say on stdout: one JSON object a line, see `report.py`."""
 
 from __future__ import annotations
 

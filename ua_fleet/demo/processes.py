@@ -59,8 +59,6 @@ class Processes:
         args: Sequence[str | Path],
         environment: Mapping[str, str],
         on_line: Callable[[str], None] | None = None,
-        *,
-        stdin: bool = False,
     ) -> None:
         """Start a process in a session of its own. `on_line` gets each line that it prints on stdout."""
         log = self._log_folder / f"{name}.log"
@@ -71,7 +69,7 @@ class Processes:
             started = await asyncio.create_subprocess_exec(
                 *(*guard, *(str(arg) for arg in args)),
                 env=dict(environment),
-                stdin=asyncio.subprocess.PIPE if stdin else asyncio.subprocess.DEVNULL,
+                stdin=asyncio.subprocess.DEVNULL,
                 stdout=asyncio.subprocess.PIPE,
                 stderr=errors,
                 start_new_session=True,
@@ -98,12 +96,6 @@ class Processes:
         await process.process.wait()
         # The event comes after this task's end, which `code` waits for.
         asyncio.get_running_loop().call_soon(process.changed.set)
-
-    def write_line(self, name: str, line: str) -> None:
-        """Write a line to the stdin of a process that was started with one."""
-        stdin = self._processes[name].process.stdin
-        assert stdin is not None
-        stdin.write(line.encode() + b"\n")
 
     async def line_with(self, name: str, text: str, timeout_s: float) -> str:
         """The first line on stdout of a process that contains `text`; raises DemoFailed when it does not come."""

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import json
 import signal
 import threading
 import time
@@ -12,12 +11,11 @@ from importlib import import_module
 from types import FrameType
 from typing import Any
 
-__all__ = ["RosNode", "connect", "report"]
+from ua_fleet.demo.report import beat
 
+__all__ = ["RosNode", "connect"]
 
-def report(who: str, what: str, **details: Any) -> None:
-    """Print one event of the line."""
-    print(json.dumps({"t": time.time(), "who": who, "what": what, **details}), flush=True)
+BEAT_S = 1.0
 
 
 class RosNode:
@@ -81,6 +79,7 @@ class Ros1Node(RosNode):
         super().__init__()
         self._rospy = rospy
         rospy.init_node(name, disable_signals=True, disable_rosout=True)
+        rospy.Timer(rospy.Duration.from_sec(BEAT_S), lambda _: beat())
 
     def publisher(self, topic: str, kind: str, *, latched: bool = True) -> Callable[[Any], None]:
         message_type = self._make(kind)
@@ -129,8 +128,12 @@ class Ros2Node(RosNode):
         self._thread.start()
 
     def _spin(self) -> None:
+        last_beat = 0.0
         while not self._closing:
             self._executor.spin_once(timeout_sec=0.1)
+            if (now := time.monotonic()) - last_beat >= BEAT_S:
+                beat()
+                last_beat = now
 
     def _qos(self, latched: bool) -> Any:
         from rclpy.qos import DurabilityPolicy, QoSProfile

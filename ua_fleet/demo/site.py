@@ -12,21 +12,16 @@ from pathlib import Path
 from typing import Final
 
 from ua_fleet.bridge.launch import child_environment, find_ros1_python
+from ua_fleet.demo.layout import Layout, check_same_fleet
 from ua_fleet.demo.processes import free_tcp_port, udp_port_in_use
-from ua_fleet.errors import ConfigError
 
-__all__ = ["KEY_LIFETIME_S", "OPC_UA_PORT", "ROS_MASTER_PORT", "USER", "Site", "choose_site"]
+__all__ = ["KEY_LIFETIME_S", "OPC_UA_PORT", "ROS_MASTER_PORT", "USER", "Site", "choose_site", "ros2_environment"]
 
 USER: Final = "operator"
 OPC_UA_PORT: Final = 4840
 ROS_MASTER_PORT: Final = 11311
 KEY_LIFETIME_S: Final = 5
 _DEFAULT_GROUP: Final = "224.0.2.14"
-_UNSECURED: Final = "# Unsigned messages, on loopback only.\n  security: none"
-_SECURED: Final = f"""\
-# The server makes the keys; the bridges fetch them with their certificates, and they change while all runs.
-  security: sign_and_encrypt
-  keys: {{lifetime_s: {KEY_LIFETIME_S}}}"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,23 +50,23 @@ class Site:
         """The `fleet.yaml` of the run."""
         return self.folder / "fleet.yaml"
 
-    @property
-    def pubsub_security(self) -> str:
-        """The keys of `pubsub` in `fleet.yaml` that say how messages are secured."""
-        return _SECURED if self.secure else _UNSECURED
+    def layout(self, name: str) -> Layout:
+        """For the `fleet.yaml` of the demonstration of this name."""
+        return Layout(
+            written_by=f"demo {name}",
+            server_port=self.server_port,
+            pubsub_url=self.pubsub_url,
+            keys=f"{{lifetime_s: {KEY_LIFETIME_S}}}" if self.secure else None,
+            master_uri=f"http://127.0.0.1:{self.master_port}",
+        )
 
     def python(self, ros: int) -> str:
         """The interpreter for programs of ROS 1 or 2; the server's is that of ROS 2."""
         return str(self.ros1_python) if ros == 1 else sys.executable
 
     def write_config(self, text: str) -> None:
-        """Write `fleet.yaml`; raises ConfigError where the folder holds one that is no earlier run's of the same kind.
-
-        Its first line is the same in all runs of a demonstration.
-        """
-        first = text.partition("\n")[0]
-        if self.config_file.exists() and self.config_file.read_text(encoding="utf-8").partition("\n")[0] != first:
-            raise ConfigError("this is another fleet's; choose another --folder", file=str(self.config_file))
+        """Write `fleet.yaml`; raises ConfigError where that of another fleet is in the folder."""
+        check_same_fleet(self.config_file, text, "choose another --folder")
         self.config_file.write_text(text, encoding="utf-8")
 
     def environment(self, domain: int | None) -> dict[str, str]:
@@ -84,11 +79,22 @@ class Site:
             environment["ROS_MASTER_URI"] = f"http://127.0.0.1:{self.master_port}"
             environment["ROS_IP"] = environment["ROS_HOSTNAME"] = "127.0.0.1"
         else:
-            environment["ROS_DOMAIN_ID"] = str(domain)
-            environment["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
-            profile = files("ua_bridges.ros2").joinpath("profiles", "robot.xml")
-            environment["FASTRTPS_DEFAULT_PROFILES_FILE"] = str(profile)
+            environment |= ros2_environment(domain, "LOCALHOST")
         return environment
+
+
+def ros2_environment(domain: int, discovery: str) -> dict[str, str]:
+    """What the environment of a program in ROS 2 has.
+
+    Args:
+        domain: its ROS 2 domain.
+        discovery: how far it looks for others, `LOCALHOST` or `SUBNET`.
+    """
+    return {
+        "ROS_DOMAIN_ID": str(domain),
+        "ROS_AUTOMATIC_DISCOVERY_RANGE": discovery,
+        "FASTRTPS_DEFAULT_PROFILES_FILE": str(files("ua_bridges.ros2").joinpath("profiles", "robot.xml")),
+    }
 
 
 def choose_site(

@@ -42,6 +42,7 @@ __all__ = [
     "create_certificate",
     "ensure_application_certificate",
     "ensure_client_certificate",
+    "host_names",
     "list_certificates",
     "load_certificate",
     "revoke",
@@ -118,6 +119,15 @@ def application_uris(certificate: x509.Certificate) -> list[str]:
     except (x509.ExtensionNotFound, ValueError):
         return []
     return names.get_values_for_type(x509.UniformResourceIdentifier)
+
+
+def host_names(certificate: x509.Certificate) -> set[str]:
+    """The names and addresses of hosts in the SubjectAltName, with which clients compare where they have connected."""
+    try:
+        names = certificate.extensions.get_extension_for_class(x509.SubjectAlternativeName).value
+    except (x509.ExtensionNotFound, ValueError):
+        return set()
+    return {*names.get_values_for_type(x509.DNSName), *map(str, names.get_values_for_type(x509.IPAddress))}
 
 
 def load_certificate(path: Path) -> x509.Certificate:

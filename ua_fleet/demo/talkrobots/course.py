@@ -4,15 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
+from datetime import datetime
 from typing import Any, Final
 
-from ua_fleet.client import DecisionTold, FaultTold, RankingInfo, RunTold, StepTold, Told
+from ua_fleet.client import DecisionTold, FaultTold, RankingInfo, RunInfo, RunTold, StepTold, Told
 
 __all__ = ["TASKS", "Course", "TaskRow", "ranking_lines"]
 
 TASKS: Final = 9
 _NO_RANKING: Final = RankingInfo((), (), 0.0, (), ())
 _ENDS: Final = ("done", "failed", "aborted")
+_TASK_ENDS: Final = ("done", "failed")
 
 
 @dataclass(slots=True)
@@ -81,6 +83,30 @@ class Course:
                 lines = self._decision(told)
         return lines
 
+    def catch_up(self, info: RunInfo, now: float) -> list[str]:
+        """Take in how the run stands, where it was not told; what people should read of it.
+
+        Args:
+            info: the run, as its nodes show it.
+            now: seconds since 1970: what happened unseen gets this time.
+        """
+        begun = None if info.started is None else datetime.fromisoformat(info.started).timestamp()
+        self.started_at = self.started_at or begun or now
+        lines: list[str] = []
+        for task, robot, skill, state in zip(info.tasks, info.robots, info.skills, info.states, strict=True):
+            row = self.rows.get(task)
+            if robot and (row is None or row.robot != robot):
+                row = self.rows[task] = TaskRow(task, robot, skill, "running", self._time(now))
+                lines.append(self._line(now, robot, f"is at {task}"))
+            if row is not None and state in _TASK_ENDS and row.state != state:
+                row.state, row.ended_s = state, self._time(now)
+                if state == "done":
+                    self._times_done[task] = self._times_done.get(task, 0) + 1
+                lines.append(self._line(now, robot, f"{task} is {state}"))
+        if info.is_over and self.outcome is None:
+            lines += self._end(info.state, info.reason, now)
+        return lines
+
     @property
     def problems(self) -> list[str]:
         """Why this was not nine tasks, each done once; empty where it was."""
@@ -108,9 +134,11 @@ class Course:
         self.started_at = self.started_at or told.at
         if told.state not in _ENDS:
             return []
-        self.outcome, self.elapsed_s = told.state, self._time(told.at)
-        self.reason = told.message.partition(f": {told.state}: ")[2]
-        return [self._line(told.at, "scenario", f"{told.state}{f': {self.reason}' if self.reason else ''}")]
+        return self._end(told.state, told.message.partition(f": {told.state}: ")[2], told.at)
+
+    def _end(self, outcome: str, reason: str, at: float) -> list[str]:
+        self.outcome, self.reason, self.elapsed_s = outcome, reason, self._time(at)
+        return [self._line(at, "scenario", f"{outcome}{f': {reason}' if reason else ''}")]
 
     def _step(self, told: StepTold) -> list[str]:
         at = told.at

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from importlib.resources import files
@@ -12,10 +12,22 @@ from pathlib import Path
 from string import Template
 from typing import Final, Literal
 
+from ua_fleet.demo.layout import Layout
 from ua_fleet.demo.processes import free_loopback_address, free_tcp_port
 from ua_fleet.demo.site import Site
 
-__all__ = ["ACTORS", "DOMAINS", "SCENARIO", "Actor", "Kind", "Mode", "Setting", "make_setting"]
+__all__ = [
+    "ACTORS",
+    "DOMAINS",
+    "SCENARIO",
+    "Actor",
+    "Kind",
+    "Mode",
+    "Setting",
+    "fleet_text",
+    "make_setting",
+    "scenario_text",
+]
 
 Mode = Literal["automatic", "operator"]
 
@@ -28,6 +40,7 @@ _ARM_MOVE_S: Final = 5.0
 """Of UR3, from one place to the next."""
 _GRIPPER_S: Final = 1.0
 _FIRST_VENDOR_SPACE: Final = 300
+_LOOPBACK: Final = "127.0.0.1"
 _UR_PORTS: Final = (29999, *range(30001, 30006))
 """ur-rtde knows no others, so a controller has an address of its own."""
 _MOVE_BASE: Final = """\
@@ -73,13 +86,36 @@ class Actor:
     options: tuple[str, ...] = ()
     takes_space: bool = False
     """Whether the program needs the id of its space: it offers skills by itself."""
-    stdin: bool = False
-    """Whether it is told something by lines on stdin."""
 
     @property
     def bridge(self) -> str:
         """The name of its bridge."""
         return f"{self.name}_bridge"
+
+    def arguments(self, *, space: int, host: str, place: str, speed: float) -> list[str]:
+        """What simulates it, for a Python interpreter.
+
+        Args:
+            space: its own.
+            host: address to listen on, for those that a bridge connects to.
+            place: TCP port to listen on, or the file of the serial port.
+            speed: how many times faster than in the paper.
+        """
+        pace = ("--speed", str(speed))
+        where: tuple[str, ...]
+        match self.kind:
+            case Kind.PLC:
+                where = ("--host", host, "--port", place, "--stay")
+                return ["-m", "ua_bridges.modbus.simulator", *where, "--program", self.program, *self.options]
+            case Kind.UR:
+                return ["-m", "ua_bridges.ur.simulator", "--host", host, "--model", self.program, *self.options]
+            case Kind.TCP:
+                where = ("--host", host, "--port", place)
+            case Kind.PLUGGED:
+                where = ("--device", place)
+            case Kind.ROS1 | Kind.ROS2:
+                where = ("--space", str(space)) if self.takes_space else ()
+        return [str(ROBOTS / self.program), *where, *pace, *self.options]
 
 
 def _pioneer(number: int, go_id: int, x_m: float, y_m: float, battery: float) -> Actor:
@@ -89,12 +125,12 @@ def _pioneer(number: int, go_id: int, x_m: float, y_m: float, battery: float) ->
 
 
 ACTORS: Final = (
-    Actor("ridgeback", Kind.ROS1, "ridgeback.py", takes_space=True, stdin=True),
+    Actor("ridgeback", Kind.ROS1, "ridgeback.py", takes_space=True),
     Actor("ur3", Kind.UR, "ur3e"),
     _pioneer(1, 1210, 7.0, 3.0, 71.0),
     _pioneer(2, 1310, 2.0, 4.0, 88.0),
     Actor("drone", Kind.TCP, "drone.py"),
-    Actor("conveyor", Kind.PLC, "conveyor", stdin=True),
+    Actor("conveyor", Kind.PLC, "conveyor"),
     Actor("temperature_sensor", Kind.PLUGGED, "sensor.py"),
 )
 DOMAINS: Final = sum(actor.kind.is_ros for actor in ACTORS)
@@ -124,22 +160,10 @@ class Setting:
 
     def command(self, actor: Actor) -> list[str | Path]:
         """What simulates an actor."""
+        place = self.places.get(actor.name, "")
+        host = place if actor.kind is Kind.UR else _LOOPBACK
         python = self.site.python(self.bridge_ros(actor))
-        speed = ("--speed", str(self.speed))
-        match actor.kind:
-            case Kind.PLC:
-                simulator = [python, "-m", "ua_bridges.modbus.simulator", "--port", self.places[actor.name]]
-                return [*simulator, "--program", actor.program, *actor.options]
-            case Kind.UR:
-                simulator = [python, "-m", "ua_bridges.ur.simulator", "--host", self.places[actor.name]]
-                return [*simulator, "--model", actor.program, *actor.options]
-            case Kind.TCP:
-                where: tuple[str, ...] = ("--port", self.places[actor.name])
-            case Kind.PLUGGED:
-                where = ("--device", self.places[actor.name])
-            case Kind.ROS1 | Kind.ROS2:
-                where = ("--space", str(self.spaces[actor.name])) if actor.takes_space else ()
-        return [python, ROBOTS / actor.program, *where, *speed, *actor.options]
+        return [python, *actor.arguments(space=self.spaces[actor.name], host=host, place=place, speed=self.speed)]
 
     def environment(self, actor: Actor) -> dict[str, str]:
         """The environment of what simulates an actor."""
@@ -181,34 +205,65 @@ def make_setting(
     else:
         say(f"without ROS 1, {site.why_without_ros1}: Ridgeback runs in ROS 2 domain {spaces['ridgeback']}")
     setting = Setting(site, speed, mode, spaces, places)
-    is_ros1 = setting.has_ros1
-    master = f'kind: ros1, space: 1, master_uri: "http://127.0.0.1:{site.master_port}"'
-    package = files("ua_fleet.demo.talkrobots")
-    template = Template(package.joinpath("fleet.template.yaml").read_text(encoding="utf-8"))
-    site.write_config(
-        template.substitute(
-            {f"{name}_space": space for name, space in spaces.items()},
-            # A path may have any characters; a quoted word of JSON is one of YAML too.
-            **{f"{name}_place": json.dumps(place) if "/" in place else place for name, place in places.items()},
-            server_port=site.server_port,
-            pubsub_url=site.pubsub_url,
-            pubsub_security=site.pubsub_security,
-            ridgeback_bridge=master if is_ros1 else f"kind: ros2, space: {spaces['ridgeback']}",
-            ridgeback_go=_MOVE_BASE if is_ros1 else _OWN_PROGRAM,
-            belt_mm_s=round(_BELT_MM_S * speed),
-            arm_move_s=round(_ARM_MOVE_S / speed, 3),
-            gripper_s=round(_GRIPPER_S / speed, 3),
-            timeout_s=_TIMEOUT_S / min(speed, 1.0),
-            mode=mode,
-            limit_s=limit_s,
-        )
-    )
+    hosts = {actor.name: places[actor.name] if actor.kind is Kind.UR else _LOOPBACK for actor in ACTORS}
+    layout = site.layout("talkrobots")
+    site.write_config(fleet_text(layout, spaces, hosts, places, speed=speed, mode=mode, limit_s=limit_s))
     _forget_runs(site.folder / "state")
     scenarios = site.folder / "scenarios"
     scenarios.mkdir(exist_ok=True)
-    text = package.joinpath(f"{SCENARIO}.yaml").read_text(encoding="utf-8")
-    (scenarios / f"{SCENARIO}.yaml").write_text(text, encoding="utf-8")
+    (scenarios / f"{SCENARIO}.yaml").write_text(scenario_text(), encoding="utf-8")
     return setting
+
+
+def fleet_text(
+    layout: Layout,
+    spaces: Mapping[str, int],
+    hosts: Mapping[str, str],
+    places: Mapping[str, str],
+    *,
+    speed: float,
+    mode: Mode,
+    limit_s: float,
+) -> str:
+    """The `fleet.yaml`.
+
+    Args:
+        layout: where its processes run.
+        spaces: of each actor.
+        hosts: where each actor is reached whose bridge connects to it.
+        places: of each actor that does not speak ROS, its TCP port or the file of its serial port.
+        speed: how many times faster than in the paper.
+        mode: who chooses a replacement.
+        limit_s: how long an operator may take for it.
+    """
+    is_ros1 = spaces["ridgeback"] == 1
+    master = f'kind: ros1, space: 1, master_uri: "{layout.master_uri}", host_ip: {layout.ros1_host_ip}'
+    domain = f"kind: ros2, space: {spaces['ridgeback']}, discovery: {layout.ros2_discovery}"
+    template = Template(_package_text("fleet.template.yaml"))
+    return template.substitute(
+        layout.words(),
+        **{f"{name}_space": space for name, space in spaces.items()},
+        **{f"{name}_host": host for name, host in hosts.items()},
+        # A path may have any characters; a quoted word of JSON is one of YAML too.
+        **{f"{name}_place": json.dumps(place) if "/" in place else place for name, place in places.items()},
+        ridgeback_bridge=master if is_ros1 else domain,
+        ridgeback_go=_MOVE_BASE if is_ros1 else _OWN_PROGRAM,
+        belt_mm_s=round(_BELT_MM_S * speed),
+        arm_move_s=round(_ARM_MOVE_S / speed, 3),
+        gripper_s=round(_GRIPPER_S / speed, 3),
+        timeout_s=_TIMEOUT_S / min(speed, 1.0),
+        mode=mode,
+        limit_s=limit_s,
+    )
+
+
+def scenario_text() -> str:
+    """The scenario's file."""
+    return _package_text(f"{SCENARIO}.yaml")
+
+
+def _package_text(name: str) -> str:
+    return files("ua_fleet.demo.talkrobots").joinpath(name).read_text(encoding="utf-8")
 
 
 def _place(actor: Actor, site: Site) -> str:

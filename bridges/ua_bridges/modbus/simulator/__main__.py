@@ -12,7 +12,7 @@ command as JSON, and is answered with `{"done": true}`:
     {"do": "run"}  {"do": "stop"}                                            the program
     {"do": "clear"}                                                          all memory, as when the power was off
 
-It ends with the end of its input, or with a signal.
+It ends with the end of its input, or with a signal; with --stay it does not look at its input.
 """
 
 from __future__ import annotations
@@ -148,25 +148,25 @@ async def _serve(options: argparse.Namespace) -> None:
         loop.add_signal_handler(number, ended.set)
     if not options.absent:
         await plc.listen()
-    lines = asyncio.StreamReader()
-    transport, _ = await loop.connect_read_pipe(lambda: asyncio.StreamReaderProtocol(lines), sys.stdin)
-    program = asyncio.create_task(plc.run_program())
+    tasks = [asyncio.create_task(plc.run_program())]
 
     async def obey_all() -> None:
-        while line := await lines.readline():
-            await plc.obey(line.decode())
-        if not options.stay:
-            ended.set()
+        lines = asyncio.StreamReader()
+        transport, _ = await loop.connect_read_pipe(lambda: asyncio.StreamReaderProtocol(lines), sys.stdin)
+        with contextlib.closing(transport):
+            while line := await lines.readline():
+                await plc.obey(line.decode())
+        ended.set()
 
-    obeying = asyncio.create_task(obey_all())
+    if not options.stay:
+        tasks.append(asyncio.create_task(obey_all()))
     _say("ready")
     _say(json.dumps({"done": True}))
     await ended.wait()
-    for task in (program, obeying):
+    for task in tasks:
         task.cancel()
         with contextlib.suppress(asyncio.CancelledError):
             await task
-    transport.close()
     await plc.hang_up()
 
 
@@ -184,7 +184,7 @@ def main() -> None:
     parser.add_argument("--program", choices=("work", "conveyor"), default="work", help="what its program can do")
     parser.add_argument("--absent", action="store_true", help="do not listen until told to")
     parser.add_argument("--tell-writes", action="store_true", help="print what is written")
-    parser.add_argument("--stay", action="store_true", help="go on at the end of the input")
+    parser.add_argument("--stay", action="store_true", help="take no commands, and end with a signal alone")
     asyncio.run(_serve(parser.parse_args()))
 
 

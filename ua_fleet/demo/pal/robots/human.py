@@ -12,7 +12,8 @@ import time
 from collections import deque
 from typing import Any
 
-from ua_fleet.demo.ros_node import RosNode, connect, report
+from ua_fleet.demo.report import report
+from ua_fleet.demo.ros_node import RosNode, connect
 
 BELT_S = 4.0
 """Time that a cover lies on the running belt."""
@@ -26,7 +27,7 @@ class Human:
         self._node = node
         self._speed = speed
         self._belt_runs = True
-        self._placed_on_belt = 0
+        self._placed_on_belt = self._seen_on_belt = 0
         self._turtlebot_here = False
         self._set_boxes = node.publisher(f"ua_{own_space}_2_1021", "std_msgs/Int32")
         self._took = node.publisher("/worker/took_cover", "std_msgs/Int32")
@@ -41,6 +42,8 @@ class Human:
     def _placed(self, message: Any) -> None:
         if message.data > self._placed_on_belt:
             report("human", "hears of a cover on the belt", count=int(message.data))
+        elif message.data < self._placed_on_belt:  # the arm has begun anew
+            self._seen_on_belt = 0
         self._placed_on_belt = int(message.data)
 
     def _at_worker(self, message: Any) -> None:
@@ -53,7 +56,7 @@ class Human:
 
     def run(self) -> None:
         """Assemble until told to stop."""
-        boxes = seen_on_belt = 0
+        boxes = 0
         on_belt: deque[float] = deque()
         served_turtlebot = False
         self._set_boxes(0)
@@ -65,8 +68,8 @@ class Human:
             elapsed_s, last = (now - last) * self._speed, now
             if self._belt_runs:
                 on_belt = deque(left - elapsed_s for left in on_belt)
-            while seen_on_belt < self._placed_on_belt:
-                seen_on_belt += 1
+            while self._seen_on_belt < self._placed_on_belt:
+                self._seen_on_belt += 1
                 on_belt.append(BELT_S)
             if on_belt and on_belt[0] <= 0:
                 on_belt.popleft()

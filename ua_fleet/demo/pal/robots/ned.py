@@ -13,7 +13,8 @@ import threading
 import time
 from typing import Any
 
-from ua_fleet.demo.ros_node import RosNode, connect, report
+from ua_fleet.demo.report import report
+from ua_fleet.demo.ros_node import RosNode, connect
 
 COVERS = 4
 PICK_S = 3.0
@@ -47,6 +48,7 @@ class Ned:
         node.subscribe(f"ua_{turtlebot_space}_2_1011", "std_msgs/Bool", self._park)
         node.subscribe(f"ua_{turtlebot_space}_2_1012", "std_msgs/Bool", self._bucket)
         node.subscribe("/conveyor/switch", "std_msgs/Bool", self._switch)
+        self._tell_start = node.publisher("/line/started", "std_msgs/Float64")
         self._joints_thread = threading.Thread(target=self._publish_joints, daemon=True)
 
     def _park(self, message: Any) -> None:
@@ -95,6 +97,7 @@ class Ned:
         self._node.wait_until(lambda: self._park_busy is not None and self._bucket_busy is not None)
         self._started_s = time.time()
         report("ned", "starts", covers=COVERS)
+        self._tell_start(self._started_s)
         next_start_s = FIRST_START_S
         while in_storage:
             self._sleep_until(next_start_s)

@@ -12,7 +12,8 @@ import threading
 import time
 from typing import Any
 
-from ua_fleet.demo.ros_node import RosNode, connect, report
+from ua_fleet.demo.report import report
+from ua_fleet.demo.ros_node import RosNode, connect
 
 WAY_TO_WORKER_S = 20.5
 WAY_TO_PARK_S = 20.5
@@ -43,6 +44,8 @@ class TurtleBot3:
         if message.data > self._covers_given or not self._heard_count:
             report("turtlebot3", "hears of covers for its bucket", count=int(message.data))
         self._heard_count = True
+        if message.data < self._covers_given:  # the arm has begun anew
+            self._carried = 0
         self._covers_given = int(message.data)
 
     def _taken(self, _message: Any) -> None:

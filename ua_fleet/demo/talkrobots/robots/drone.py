@@ -7,15 +7,17 @@ as it runs; a connection that is lost changes nothing in the air.
 from __future__ import annotations
 
 import argparse
-import json
 import socket
 import threading
 import time
 from typing import Final
 
+from ua_fleet.demo.report import beat, report
+
 SECONDS: Final = {"take_off": 6.0, "land": 6.0}
 THROUGH: Final = {"take_off": "taking off", "land": "landing"}
 END: Final = {"take_off": "hovering", "land": "landed"}
+BEAT_S: Final = 1.0
 
 
 class Drone:
@@ -79,15 +81,23 @@ class Drone:
                     self._socket = None  # whoever connects next asks
 
 
+def _beat() -> None:
+    while True:
+        beat()
+        time.sleep(BEAT_S)
+
+
 def main() -> None:
     """Run the drone until it is ended."""
     parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--host", default="127.0.0.1", help="address to listen on (%(default)s)")
     parser.add_argument("--port", type=int, required=True)
     parser.add_argument("--speed", type=float, default=1.0)
     options = parser.parse_args()
     drone = Drone(options.speed)
-    with socket.create_server(("127.0.0.1", options.port)) as listener:
-        print(json.dumps({"t": time.time(), "who": "drone", "what": "is ready"}), flush=True)
+    threading.Thread(target=_beat, name="heart", daemon=True).start()
+    with socket.create_server((options.host, options.port)) as listener:
+        report("drone", "is ready")
         while True:
             connection, _ = listener.accept()
             with connection:

@@ -5,7 +5,8 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
-from ua_fleet.demo.ros_node import connect, report
+from ua_fleet.demo.report import report
+from ua_fleet.demo.ros_node import connect
 from ua_fleet.demo.talkrobots.robots.mobile import PLACES, MobileBase
 
 

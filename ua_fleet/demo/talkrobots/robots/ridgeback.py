@@ -4,17 +4,18 @@
 `fetch` is a skill of this program (`ua_bridges.robot`). `go` is the action server `move_base` that such robots have,
 and `load` a service of the arm; both are mapped in `fleet.yaml`, and know nothing of a fleet.
 
-On the way to UR3 the drive fails, each time: the robot says so, and stands still until a mechanic has been there.
+On the way to UR3 the drive fails, each time: the robot says so, and stands still until a mechanic has been there, who
+tells it on the topic `/repaired`.
 """
 
 from __future__ import annotations
 
 import argparse
-import sys
 import threading
 from typing import Any
 
-from ua_fleet.demo.ros_node import RosNode, connect, report
+from ua_fleet.demo.report import report
+from ua_fleet.demo.ros_node import RosNode, connect
 from ua_fleet.demo.talkrobots.robots.mobile import MobileBase
 
 FETCH_ID, GO_ID, FAULT_ID = 1010, 1011, 1001
@@ -32,6 +33,7 @@ class Ridgeback:
         self._robot = node.robot(space, fault_id=FAULT_ID)
         self._robot.skill(FETCH_ID)(self.fetch)
         node.serve("/sawyer/load", self._load)
+        node.subscribe("/repaired", "std_msgs/Bool", self._mechanic, latched=False)
 
     def fetch(self, execution: Any, table: str, to: str) -> dict[str, float]:
         """Drive to a table, take the box, and bring it somewhere."""
@@ -97,13 +99,14 @@ class Ridgeback:
 
         self._robot.skill(GO_ID)(go)
 
-    def repaired(self) -> None:
-        """A mechanic has been there."""
-        self._robot.repaired()
+    def _mechanic(self, message: Any) -> None:
+        """A mechanic has been there, who says so by the panel of this robot: a node of the server, in `fleet.yaml`."""
+        if message.data:
+            self._robot.repaired()
 
 
 def main() -> None:
-    """Run the robot until SIGTERM. A line on stdin is the mechanic, who has repaired the drive."""
+    """Run the robot until SIGTERM."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--speed", type=float, default=1.0)
     parser.add_argument("--space", type=int, default=1, help="1: ROS 1; else a ROS 2 domain")
@@ -113,12 +116,6 @@ def main() -> None:
     robot = Ridgeback(node, options.speed, options.space)
     robot.offer_move_base() if ros == 1 else robot.offer_own_go()
     report("ridgeback", "is ready")
-
-    def read_stdin() -> None:
-        for _line in sys.stdin:
-            robot.repaired()
-
-    threading.Thread(target=read_stdin, name="mechanic", daemon=True).start()
     node.stopped.wait()
     node.close()
 

@@ -4,19 +4,19 @@ from __future__ import annotations
 
 import argparse
 import contextlib
-import json
 import math
 import os
 import pty
 import signal
 import threading
-import time
 import tty
 from collections.abc import Generator
 from contextlib import contextmanager
 from pathlib import Path
 from types import FrameType
 from typing import Final
+
+from ua_fleet.demo.report import beat, report
 
 PERIOD_S: Final = 1.0
 WAVE_S: Final = 60.0
@@ -53,12 +53,13 @@ def main() -> None:
     signal.signal(signal.SIGTERM, stop)
     signal.signal(signal.SIGINT, stop)
     with serial_port(options.device) as port:
-        print(json.dumps({"t": time.time(), "who": "temperature_sensor", "what": "is ready"}), flush=True)
+        report("temperature_sensor", "is ready")
         count = 0
         while not stopped.is_set():
             degrees = options.temperature + math.sin(2 * math.pi * count * PERIOD_S / WAVE_S)
             with contextlib.suppress(BlockingIOError):  # what nobody reads is lost, as on a real line
                 os.write(port, f"T={degrees:.2f}\n".encode())
+            beat()
             count += 1
             stopped.wait(PERIOD_S / options.speed)
 

@@ -1,0 +1,111 @@
+"""The job that all processes of a testbed wait for: it writes what they need into their volumes, and ends.
+
+It may run as often as one likes. What is there stays: certificates, users, keys, what was trusted, files that were
+edited. All that is secret is made here, on the machine where it is used.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import secrets
+from collections.abc import Callable
+from pathlib import Path
+from typing import Final
+
+from ua_fleet.client import ClientIdentity
+from ua_fleet.config.load import load
+from ua_fleet.config.schema import FleetConfig
+from ua_fleet.demo.layout import check_same_fleet
+from ua_fleet.demo.site import USER
+from ua_fleet.demo.testbed.plan import FLEET, OPERATOR, SERVER, Options, Testbed
+from ua_fleet.demo.testbed.volumes import check_volume, write_unless_edited
+from ua_fleet.errors import ConfigError
+from ua_fleet.server.app import application_uri
+from ua_fleet.server.certificates import (
+    ensure_application_certificate,
+    host_names,
+    load_certificate,
+    trust,
+    write_private,
+)
+from ua_fleet.server.introduce import introduce_bridge
+from ua_fleet.server.users import USERS_FILE, Role, UserStore
+
+__all__ = ["IDENTITY", "PASSWORD", "prepare"]
+
+PASSWORD: Final = "password"  # noqa: S105 - the name of a file
+"""In the operator's folder."""
+IDENTITY: Final = "ua-fleet/client"
+"""In the operator's folder: where every `ua-fleet` command finds its certificate if XDG_STATE_HOME is that folder."""
+_SERVICES: Final = ("server",)
+"""Names by which clients in other containers reach the server."""
+
+
+async def prepare(testbed: Testbed, folder: Path, options: Options, say: Callable[[str], None]) -> None:
+    """Prepare the volumes of a testbed.
+
+    Args:
+        testbed: which.
+        folder: the volumes' folders stand in it.
+        options: chosen by the user.
+        say: tells people what was done, and what was not.
+
+    Raises:
+        ConfigError: a volume cannot be used: its name, what is wrong, and the remedy.
+        ConfigInvalid: somebody has edited fleet.yaml, and made mistakes.
+        ServerStartError: a certificate that is there is of no use.
+    """
+    try:
+        await _prepare(testbed, folder, options, say)
+    except OSError as error:
+        remedy = "free some room, or remove the volume, and start again"
+        reason = error.strerror or type(error).__name__
+        raise ConfigError(
+            f"cannot be written: {reason}", file=str(error.filename or folder), suggestion=remedy
+        ) from error
+
+
+async def _prepare(testbed: Testbed, folder: Path, options: Options, say: Callable[[str], None]) -> None:
+    fleet = folder / FLEET
+    check_volume(fleet, os.geteuid())
+    files = testbed.files(options)
+    check_same_fleet(fleet / "fleet.yaml", files["fleet.yaml"], "give this testbed volumes of its own")
+    for name in testbed.volumes:
+        check_volume(folder / name, os.geteuid())
+    for edited in write_unless_edited(fleet, files):
+        say(f"{fleet / edited} was edited, and is kept whatever UA_FLEET_... says; remove it for a new one")
+    config = load(fleet / "fleet.yaml")
+    server = folder / SERVER
+    certificate = _server_certificate(config, server, options, say)
+    for bridge in config.bridges:
+        await introduce_bridge(config, fleet, bridge)
+    await _operator(folder / OPERATOR, server, certificate)
+    say(f"the testbed {testbed.name} is prepared: {len(config.bridges)} bridges, user {USER}")
+
+
+def _server_certificate(config: FleetConfig, server: Path, options: Options, say: Callable[[str], None]) -> bytes:
+    published = [options.published_host] if options.published_host != "0.0.0.0" else []
+    wanted = [*_SERVICES, *published]
+    made = ensure_application_certificate(server, application_uri(config), wanted)
+    missing = set(wanted) - host_names(load_certificate(made.certificate))
+    if missing:
+        say(
+            f"{made.certificate} does not name {', '.join(sorted(missing))}: UaExpert will say so; move it and its key "
+            "away for a new one, which all clients meet anew"
+        )
+    return made.certificate.read_bytes()
+
+
+async def _operator(operator: Path, server: Path, server_certificate: bytes) -> None:
+    """The user with a password, and a client that the server knows, and that knows the server."""
+    password = operator / PASSWORD
+    store = UserStore(server / USERS_FILE)
+    if not password.exists() or all(user.name != USER for user in store.list()):
+        word = secrets.token_urlsafe(12)
+        await asyncio.to_thread(store.add, USER, word, Role.OPERATOR, replace_existing=True)
+        write_private(password, f"{word}\n".encode())
+    identity = ClientIdentity(operator / IDENTITY, application_uri="urn:ua-fleet:testbed:client")
+    await identity.ensure()
+    trust(server, identity.certificate)
+    write_private(identity.pinned_server, server_certificate)

@@ -76,6 +76,8 @@ class Document:
     """For a key the place of the key, for a list's item that of the item."""
     mappings: dict[KeyPath, MappingMark]
     problems: list[ConfigError]
+    variables: dict[KeyPath, str] = field(default_factory=dict[KeyPath, str])
+    """For a value with `${VAR}` in it what the file says in its place: the variable may be a secret."""
 
     def place_of(self, path: KeyPath) -> Place:
         """The place of a value, or of the nearest one around it that is written down."""
@@ -174,6 +176,7 @@ class _Reader:
             elif name not in environment:
                 self._document.problem(path, f"the environment variable {name} is not set", f"run: export {name}=...")
             else:
+                self._document.variables[path] = text
                 return environment[name]
             return ""
 

@@ -37,7 +37,7 @@ A first fleet:
 """
 
 _GROUPS: Final = {
-    "config": "The configuration file: write one, check it, assign ids, its schema for editors.",
+    "config": "The configuration file: write, check and show it, assign ids, its schema for editors.",
     "user": "Who may use the server, and what they may do.",
     "keys": "Key files of message security, where keys do not come from the server.",
     "cert": "Certificates of the server and the bridges, and which clients the server trusts.",
@@ -90,6 +90,7 @@ def _build() -> typer.Typer:
         robot,
         scenario,
         serve,
+        show_config,
         simulate,
         skill,
         user,
@@ -109,6 +110,7 @@ def _build() -> typer.Typer:
     _add(groups["config"], "init", config.init, config.INIT_EXAMPLES)
     _add(groups["config"], "check", config.check, config.CHECK_EXAMPLES)
     _add(groups["config"], "assign-ids", config.assign, config.IDS_EXAMPLES)
+    _add(groups["config"], "show", show_config.show, show_config.SHOW_EXAMPLES)
     _add(groups["config"], "schema", config.schema, config.SCHEMA_EXAMPLES)
     _add(groups["user"], "add", user.add, user.ADD_EXAMPLES)
     _add(groups["user"], "list", user.show, user.LIST_EXAMPLES)

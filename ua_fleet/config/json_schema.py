@@ -52,7 +52,7 @@ class _Generator(GenerateJsonSchema):
 def fleet_schema() -> Schema:
     """The schema, with the keys of every kind of bridge that is installed."""
     kinds = {kind: model_of_kind(kind) for kind in known_kinds()}
-    models = list(dict.fromkeys([FleetConfig, *_models(kinds.values())]))
+    models: list[type[BaseModel]] = list(dict.fromkeys([FleetConfig, *_models(kinds.values())]))
     references, generated = models_json_schema([(model, "validation") for model in models], schema_generator=_Generator)
     definitions: dict[str, Schema] = generated["$defs"]
     refs = {model: references[model, "validation"] for model in models}
@@ -128,13 +128,13 @@ def _bridge(of_kind: dict[str, Schema]) -> Schema:
 def _put(properties: dict[str, Schema], key: str, further: list[Schema]) -> None:
     """Let a key have `further` shapes besides its own; what is said about it stays outside."""
     shape = properties[key]
-    notes = {name: shape.pop(name) for name in _NOTES if name in shape}
+    notes: Schema = {name: shape.pop(name) for name in _NOTES if name in shape}
     properties[key] = {**notes, "anyOf": [*(shape.get("anyOf") or [shape]), *further]}
 
 
 def _without_null(shape: Schema) -> Schema:
     (wanted,) = [part for part in shape["anyOf"] if part != _NO_VALUE]
-    notes = {name: shape[name] for name in _NOTES if name in shape and shape[name] is not None}
+    notes: Schema = {name: shape[name] for name in _NOTES if name in shape and shape[name] is not None}
     return {**notes, **wanted}
 
 
@@ -172,7 +172,7 @@ def _finished(shape: Schema) -> Schema:
         return _union(shape)
     if not _takes_variables(shape):
         return shape
-    notes = {name: shape.pop(name) for name in _NOTES if name in shape}
+    notes: Schema = {name: shape.pop(name) for name in _NOTES if name in shape}
     return {**notes, "anyOf": [shape, _reference(_VARIABLE)]}
 
 
@@ -206,6 +206,6 @@ def _reachable(shape: Any, definitions: dict[str, Schema], found: set[str] | Non
         for part in cast("Schema", shape).values():
             _reachable(part, definitions, found)
     elif isinstance(shape, list):
-        for part in cast("list[Any]", shape):
+        for part in cast("list[object]", shape):
             _reachable(part, definitions, found)
     return found

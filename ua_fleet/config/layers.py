@@ -62,6 +62,7 @@ def _set(document: Document, path: KeyPath, value: object, place: Place) -> None
         )
     section[str(path[-1])] = value
     document.places[path] = place
+    document.variables.pop(path, None)
 
 
 def apply_environment(document: Document, environment: Mapping[str, str]) -> None:

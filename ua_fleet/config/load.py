@@ -33,7 +33,7 @@ from ua_fleet.document import MAX_BYTES, Document, KeyPath, as_mapping, key_text
 from ua_fleet.errors import ConfigError, ConfigInvalid
 from ua_fleet.names import closest, listed
 
-__all__ = ["VERSION", "Loading", "load", "load_content", "read_content"]
+__all__ = ["VERSION", "Loading", "load", "load_content", "load_document", "read_content"]
 
 VERSION: Final = 1
 """The version of the format that this code reads."""
@@ -251,6 +251,18 @@ def load_content(
     allow_missing_ids: bool = False,
 ) -> FleetConfig:
     """`load` for bytes that were read already; `file` names them in problems."""
+    return load_document(content, file, environment, overrides=overrides, allow_missing_ids=allow_missing_ids)[0]
+
+
+def load_document(
+    content: bytes,
+    file: str,
+    environment: Mapping[str, str],
+    *,
+    overrides: Mapping[str, object] | None = None,
+    allow_missing_ids: bool = False,
+) -> tuple[FleetConfig, Document]:
+    """`load_content`, with the document that says where each value comes from."""
     document = read_document(content, file, environment)
     if document.is_newer_than(VERSION):
         raise ConfigInvalid(document.problems)
@@ -261,4 +273,4 @@ def load_content(
         config = _read(document, file, allow_missing_ids)
     if config is None or document.problems:
         raise ConfigInvalid(sorted(document.problems, key=lambda problem: (problem.file != file, problem.line)))
-    return config
+    return config, document

@@ -101,3 +101,40 @@ def test_scenarios_are_held_against_the_fleet(invoke: Invoke, tmp_path: Path) ->
     (problem,) = json.loads(invoke("config", "check", "--json").stdout)["problems"]
     assert (problem["file"], problem["line"]) == ("scenarios/one.yaml", 4)
     assert invoke("config", "check", "--no-scenarios").code == 0
+
+
+def test_schema(invoke: Invoke, tmp_path: Path) -> None:
+    ended = invoke("config", "schema")
+    assert (ended.code, json.loads(ended.stdout)["title"]) == (0, "fleet.yaml")
+    assert json.loads(invoke("config", "schema", "--scenario").stdout)["title"] == "scenario"
+    ended = invoke("config", "schema", "-o", "my.schema.json")
+    assert (ended.code, ended.stdout) == (0, "my.schema.json\n")
+    assert json.loads((tmp_path / "my.schema.json").read_text(encoding="utf-8"))["title"] == "fleet.yaml"
+    ended = invoke("config", "schema", "-o", "no/my.schema.json")
+    assert ended.code == 2
+    assert ended.stderr == "ua-fleet: no/my.schema.json: cannot be written: no such file or directory\n"
+
+
+def test_show(invoke: Invoke, fleet: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("UA_FLEET__SERVER__PORT", "4901")
+    ended = invoke("config", "show", "server.port", "robots.ned.bridge")
+    assert (ended.code, ended.stdout) == (0, "server: {port: 4901}\nrobots:\n  ned: {bridge: cell}\n")
+    ended = invoke("config", "show", "server.port", "robots.ned.bridge", "pubsub.ttl", "--origin")
+    assert [line.split() for line in ended.stdout.splitlines()] == [
+        ["key", "value", "from"],
+        ["server.port", "4901", "UA_FLEET__SERVER__PORT"],
+        ["pubsub.ttl", "1", "default"],
+        ["robots.ned.bridge", "cell", "fleet.yaml:7"],
+    ]
+    assert json.loads(invoke("config", "show", "server.port", "--json").stdout) == {"server": {"port": 4901}}
+    ended = invoke("config", "show", "server.port", "robots.ned.bridge", "--json", "--origin")
+    assert [json.loads(line) for line in ended.stdout.splitlines()] == [
+        {"key": "server.port", "value": 4901, "origin": {"environment": "UA_FLEET__SERVER__PORT"}},
+        {"key": "robots.ned.bridge", "value": "cell", "origin": {"file": "fleet.yaml", "line": 7}},
+    ]
+    ended = invoke("config", "show", "server.prot")
+    assert ended.code == 3
+    assert ended.stderr == "ua-fleet: fleet.yaml: `server.prot` has no value; did you mean `server.port`?\n"
+    ended = invoke("config", "show", "-c", "none.yaml")
+    assert ended.code == 2
+    assert "there is no such file" in ended.stderr

@@ -73,6 +73,11 @@ class BoundedInlet:
                 self._scheduled = True
                 self._loop.call_soon_threadsafe(self._drain)
 
+    @property
+    def waiting(self) -> int:
+        """Samples that wait."""
+        return len(self._samples)
+
     def open(self) -> None:
         """Begin to hand events on, those that wait first. Called in the event loop."""
         with self._lock:

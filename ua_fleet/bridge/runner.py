@@ -30,6 +30,7 @@ from ua_fleet.bridge.driver import (
     StreamingDriver,
     skills_of,
 )
+from ua_fleet.bridge.figures import BridgeFigures
 from ua_fleet.bridge.inlet import BoundedInlet
 from ua_fleet.bridge.status import STATUS_FIELDS, STATUS_INTERVAL_S, status_topic, status_values
 from ua_fleet.bridge.wanted import Wants
@@ -41,6 +42,7 @@ from ua_fleet.counters import Counters, Drop
 from ua_fleet.fleet.wanted import wanted_topic
 from ua_fleet.keys.keeper import KeysKept, keep_keys
 from ua_fleet.keys.source import KeySource
+from ua_fleet.monitoring import Monitor
 from ua_fleet.pubsub.publisher import Publisher
 from ua_fleet.pubsub.security.groups import telemetry_group
 from ua_fleet.pubsub.subscriber import Subscriber
@@ -137,6 +139,7 @@ class _Shell:
             definitions=announced_robots(config, bridge_name),
         )
         self.inlet = BoundedInlet(self._loop, config.pubsub.inlet_size, self._from_space)
+        self.figures = BridgeFigures(self.counters, driver, transport, self.inlet, self.envelope, self.keys)
         self._timer: asyncio.TimerHandle | None = None
         self._status_at = 0.0
         self._connected: bool | None = None
@@ -257,6 +260,7 @@ async def run_bridge(
     ready: Callable[[], None] | None = None,
     rule: Rule = loop_verdict,
     sent: Sent | None = None,
+    monitor: Monitor | None = None,
 ) -> None:
     """Run a bridge until cancelled; then the driver has left its space and the transport is closed.
 
@@ -271,6 +275,7 @@ async def run_bridge(
         ready: called once both sides work.
         rule: the loop rule; only a test puts another one in its place.
         sent: told of each message that is sent, with its bytes on the wire.
+        monitor: tells of the bridge.
 
     Raises:
         ConfigError: there is no source of keys, or what stands in `state_dir` cannot be used.
@@ -291,12 +296,16 @@ async def run_bridge(
                 if keys is not None:
                     count = config.pubsub.keys.future_keys + 1
                     tasks.create_task(keep_keys(shell.envelope, keys, shell.keys, count=count))
+                    if monitor is not None:
+                        monitor.ready_when(lambda: f"it waits for keys; {shell.keys.problem()}")
                     await shell.wait_for_own_key()
                 if isinstance(driver, RememberingDriver):
                     driver.remember_in(state_dir)
                 await driver.start(shell.inlet)
                 await transport.start(shell.receive)
                 shell.begin()
+                if monitor is not None:
+                    shell.figures.tell(monitor)
                 if ready is not None:
                     ready()
                 await asyncio.get_running_loop().create_future()

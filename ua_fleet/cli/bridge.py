@@ -10,6 +10,7 @@ import typer
 from ua_fleet.cli.endings import NotFound
 from ua_fleet.cli.key_source import key_source_of
 from ua_fleet.cli.logs import set_up_logging
+from ua_fleet.cli.monitored import monitored
 from ua_fleet.cli.options import DEFAULT_CONFIG, Config, Json, WithoutLoopRule, load_config
 from ua_fleet.cli.output import message, print_json, print_line
 from ua_fleet.cli.process import run
@@ -40,6 +41,7 @@ def bridge(
     set_up_logging()
     from ua_fleet.bridge.registry import load_driver
     from ua_fleet.bridge.runner import run_bridge
+    from ua_fleet.monitoring import Process
     from ua_fleet.transport.udp import UdpTransport
 
     pubsub = fleet.pubsub
@@ -57,7 +59,16 @@ def bridge(
             print_line(f"ready: bridge {name}")
 
     async def bridged(sent: Callable[[bytes, int], None] | None) -> None:
-        async with source as keys:
+        own = fleet.bridges[name].monitoring_port
+        watched = monitored(
+            fleet.monitoring,
+            Process.BRIDGE,
+            name,
+            state_dir,
+            port=own,
+            port_key=f"bridges.{name}.monitoring_port",
+        )
+        async with watched as monitor, source as keys:
             await run_bridge(
                 fleet,
                 name,
@@ -68,6 +79,7 @@ def bridge(
                 ready=ready,
                 rule=rule_for(without_loop_rule),
                 sent=sent,
+                monitor=monitor,
             )
 
     message(f"bridge {name} ({fleet.bridges[name].kind}, space {fleet.bridges[name].space}); end it with Ctrl-C")

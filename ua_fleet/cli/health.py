@@ -8,7 +8,7 @@ import socket
 import sys
 import time
 from collections.abc import Sequence
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 __all__ = ["DEFAULT_STATE_DIR", "DEFAULT_TIMEOUT_S", "DEFAULT_WITHIN_S", "Asked", "Verdict", "check", "quick", "tell"]
 
@@ -69,9 +69,10 @@ def check(asked: Asked) -> Verdict:
     return Verdict(True, "; ".join(well))
 
 
-def tell(verdict: Verdict) -> int:
+def tell(verdict: Verdict, *, as_json: bool = False) -> int:
     """Print a verdict; returns the exit code."""
-    sys.stdout.write(f"{verdict.text}\n")
+    shown = json.dumps({"well": verdict.is_well, "text": verdict.text}) if as_json else verdict.text
+    sys.stdout.write(f"{shown}\n")
     sys.stdout.flush()
     return 0 if verdict.is_well else 1
 
@@ -129,7 +130,8 @@ def _written(state_dir: str) -> tuple[str, int, str]:
     try:
         with open(path, encoding="utf-8") as file:
             found = json.load(file)
-        return _HERE.get(found["host"], found["host"]), int(found["port"]), str(found["instance"])
+        host = str(found["host"])
+        return _HERE.get(host, host), int(found["port"]), str(found["instance"])
     except OSError as error:
         raise _Unwell(f"{path}: {_reason(error)}; is the process running, with monitoring.enabled?") from error
     except (ValueError, KeyError, TypeError) as error:
@@ -167,17 +169,19 @@ _SECONDS: Final = {"--within": "within_s", "--timeout": "timeout_s"}
 
 def quick(arguments: Sequence[str]) -> int | None:
     """`ua-fleet healthcheck` with these arguments; None where they are such that the whole command line is needed."""
-    asked = Asked()
+    given: dict[str, Any] = {}
+    as_json = False
     rest = iter(arguments)
     for name in rest:
-        if name == "--live":
-            asked = asked._replace(live=True)
+        if name in ("--live", "--json"):
+            as_json = as_json or name == "--json"
+            given["live"] = given.get("live", False) or name == "--live"
             continue
         value = next(rest, None)
         if value is None or value.startswith("-"):
             return None
         if name in _TEXTS:
-            asked = asked._replace(**{_TEXTS[name]: value})
+            given[_TEXTS[name]] = value
         elif name in _SECONDS:
             try:
                 seconds = float(value)
@@ -185,7 +189,7 @@ def quick(arguments: Sequence[str]) -> int | None:
                 return None
             if not seconds > 0:
                 return None
-            asked = asked._replace(**{_SECONDS[name]: seconds})
+            given[_SECONDS[name]] = seconds
         else:
             return None
-    return tell(check(asked))
+    return tell(check(Asked(**given)), as_json=as_json)

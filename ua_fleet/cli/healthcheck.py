@@ -7,6 +7,7 @@ from typing import Annotated
 import typer
 
 from ua_fleet.cli.health import DEFAULT_STATE_DIR, DEFAULT_TIMEOUT_S, DEFAULT_WITHIN_S, Asked, check, tell
+from ua_fleet.cli.options import Json
 
 __all__ = ["EXAMPLES", "healthcheck"]
 
@@ -34,10 +35,11 @@ def healthcheck(
     timeout: Annotated[float, typer.Option(help="Longest wait for an answer, in seconds.", min=0.001)] = (
         DEFAULT_TIMEOUT_S
     ),
+    as_json: Json = False,
 ) -> None:
     """Tell in one line whether a process is well; the exit code is 0 if it is, and 1 if not.
 
     The server, each bridge and the Modbus gateway are asked whether they are ready. Other programs are well while
     something accepts connections, or while they touch a file.
     """
-    raise typer.Exit(tell(check(Asked(at, state_dir, live, tcp, heartbeat, within, timeout))))
+    raise typer.Exit(tell(check(Asked(at, state_dir, live, tcp, heartbeat, within, timeout)), as_json=as_json))

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from ua_fleet.cli.connect import connected
 from ua_fleet.cli.endings import NotFound, extra_needed
 from ua_fleet.cli.logs import set_up_logging
+from ua_fleet.cli.monitored import monitored
 from ua_fleet.cli.options import (
     DEFAULT_CONFIG,
     DEFAULT_ENDPOINT,
@@ -68,25 +69,37 @@ def serve(
     connection = Connection.of(endpoint, user, password_file, policy, insecure, TIMEOUT_S)
     set_up_logging()
     with extra_needed("this command", "modbus"):
+        from ua_fleet.modbus.figures import GatewayFigures
         from ua_fleet.modbus.listener import Listener
     from ua_fleet.modbus.gateway import Gateway
     from ua_fleet.modbus.memory import CommandMemory
+    from ua_fleet.monitoring import Process
 
     folder = config.resolve().parent / modbus.state_dir
 
     def connect() -> AbstractAsyncContextManager[FleetClient]:
         return connected(connection)
 
+    watched = monitored(
+        fleet.monitoring,
+        Process.MODBUS,
+        "",
+        folder,
+        port=modbus.monitoring_port,
+        port_key="modbus.monitoring_port",
+    )
+
     async def served() -> None:
         memory = CommandMemory(folder / MEMORY)
         try:
             gateway = Gateway(fleet, memory)
-            async with Listener(gateway.image, modbus, gateway.written):
+            async with watched as monitor, Listener(gateway.image, modbus, gateway.written) as listener:
                 place = f"{modbus.host}:{modbus.port}"
                 if as_json:
                     print_json({"ready": True, "modbus": place})
                 else:
                     print_line(f"ready: Modbus at {place}, unit {modbus.unit}")
+                GatewayFigures(gateway, listener, place).tell(monitor)
                 await gateway.run(connect)
         finally:
             memory.close()

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Annotated
 
 import typer
 
 from ua_fleet.cli.endings import extra_needed
 from ua_fleet.cli.logs import set_up_logging
+from ua_fleet.cli.monitored import monitored
 from ua_fleet.cli.options import DEFAULT_CONFIG, Config, Json, WithoutLoopRule, load_config
 from ua_fleet.cli.output import message, print_json, print_line
 from ua_fleet.cli.process import run
@@ -37,6 +39,7 @@ def serve(
     set_up_logging()
     with extra_needed("the server", "server"):
         from ua_fleet.server.app import run_server
+    from ua_fleet.monitoring import Process
 
     def ready(endpoint: str) -> None:
         if as_json:
@@ -44,6 +47,21 @@ def serve(
         else:
             print_line(f"ready: {endpoint}")
 
+    folder = config.resolve().parent
+    watched = monitored(
+        fleet.monitoring,
+        Process.SERVER,
+        fleet.fleet.name,
+        folder / fleet.server.state_dir,
+        port=fleet.server.monitoring_port,
+        port_key="server.monitoring_port",
+    )
+
+    async def served(sent: Callable[[bytes, int], None] | None) -> None:
+        rule = rule_for(without_loop_rule)
+        async with watched as monitor:
+            await run_server(fleet, folder, ready=ready, rule=rule, sent=sent, monitor=monitor)
+
     message(f"serving {fleet.fleet.name} of {config}; end it with Ctrl-C")
     with traffic_log(traffic_file, fleet) as sent:
-        run(run_server(fleet, config.resolve().parent, ready=ready, rule=rule_for(without_loop_rule), sent=sent))
+        run(served(sent))

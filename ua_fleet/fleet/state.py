@@ -12,6 +12,7 @@ conflict that is counted and never shown.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Final
 
 from ua_fleet.counters import Counters, Drop
@@ -19,7 +20,7 @@ from ua_fleet.fleet.capacities import Capacities
 from ua_fleet.fleet.changes import Change, Noticed, RobotAdded, RobotRemoved, SourceAdded, SourceRemoved
 from ua_fleet.fleet.discovery import Discovery
 from ua_fleet.fleet.members import BridgeStatus, RobotStatus, Traffic
-from ua_fleet.fleet.model import DataSetModel, FleetModel, RobotModel, UnknownSources
+from ua_fleet.fleet.model import DataSetModel, FleetModel, RobotModel, RobotState, UnknownSources
 from ua_fleet.fleet.source import Source
 from ua_fleet.pubsub.events import (
     DataReceived,
@@ -89,6 +90,21 @@ class FleetState:
     def sources(self) -> int:
         """Number of sources that have nodes."""
         return len(self._sources)
+
+    @property
+    def all_sources(self) -> Iterable[Source]:
+        """The sources that have nodes."""
+        return self._sources.values()
+
+    @property
+    def robot_states(self) -> dict[str, RobotState]:
+        """What each robot's node shows."""
+        return {name: status.shown or RobotState.OFFLINE for name, status in self._robots.items()}
+
+    @property
+    def bridges_heard(self) -> dict[str, bool]:
+        """Whether each bridge is heard."""
+        return {bridge.model.name: bool(bridge.online) for bridge in self._bridges}
 
     @property
     def robots(self) -> list[RobotModel]:

@@ -55,6 +55,9 @@ class Gateway:
         self._to_set: dict[str, MappedValue] = {}
         self._work = asyncio.Event()
         self._told: set[str] = set()
+        self.problem = "it has not reached the OPC UA server yet"
+        """Why the OPC UA server is not there; empty while it is."""
+        self._has_told_away = False
         self._log: Any = structlog.get_logger(part="modbus")
 
     def written(self, span: Span) -> None:
@@ -88,7 +91,8 @@ class Gateway:
             try:
                 async with connect() as client:
                     wait_s = RETRY_S[0]
-                    self._log.info("connected", endpoint=client.endpoint)
+                    self.problem = ""
+                    self._log.info("the OPC UA server is there", endpoint=client.endpoint)
                     await self._serve(client)
             except ExceptionGroup as failed:
                 away = [error for error in failed.exceptions if isinstance(error, _AWAY)]
@@ -101,9 +105,10 @@ class Gateway:
             wait_s = min(2 * wait_s, RETRY_S[1])
 
     def _go_away(self, reason: str) -> None:
-        if bool(self.image.get(self._status("connected"))) or not self._told:
-            self._log.warning("not connected", reason=reason)
-            self._told.add(reason)
+        if not self.problem or not self._has_told_away:
+            self._log.warning("the OPC UA server is away", reason=reason)
+            self._has_told_away = True
+        self.problem = f"the OPC UA server is away: {reason}"
         self.image.put(self._status("connected"), 0)
         for value in self._values:
             if value.quality is not None:

@@ -145,6 +145,11 @@ class _Server(ModbusTcpServer):
         """A connection has ended."""
         self._there.discard(handler)
 
+    @property
+    def connections(self) -> int:
+        """Clients that are there."""
+        return len(self._there)
+
 
 class Listener:
     """The server while the context lasts."""
@@ -158,6 +163,11 @@ class Listener:
     def refused(self) -> Counter[str]:
         """Requests that were refused, by cause: writer, address, unit, connections."""
         return self._tables.refused
+
+    @property
+    def connections(self) -> int:
+        """Clients that are connected."""
+        return 0 if self._server is None else self._server.connections
 
     async def __aenter__(self) -> Self:
         self._server = _Server(self._config, self._tables)

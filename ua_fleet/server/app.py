@@ -8,7 +8,6 @@ import asyncio
 import time
 from collections.abc import Callable
 from contextlib import ExitStack
-from functools import partial
 from pathlib import Path
 from typing import Final
 
@@ -16,11 +15,13 @@ from ua_fleet.config.nodes import fleet_model
 from ua_fleet.config.schema import FleetConfig, PubSubConfig, PubSubSecurity
 from ua_fleet.config.security import file_keys_of
 from ua_fleet.keys.source import KeySource
+from ua_fleet.monitoring import Monitor, Process
 from ua_fleet.pubsub.application import server_application_uri
 from ua_fleet.pubsub.subscriber import LoopRule
 from ua_fleet.server.address_space import FleetNodes
 from ua_fleet.server.endpoint.announced import announced_endpoints
 from ua_fleet.server.events import ServerEvents
+from ua_fleet.server.figures import ServerFigures
 from ua_fleet.server.hardened import create_server
 from ua_fleet.server.hub import Hub, wall_ticks
 from ua_fleet.server.key_service.local import LocalKeySource
@@ -32,9 +33,12 @@ from ua_fleet.server.robots.changes import tell_capacities
 from ua_fleet.server.robots.roster import Roster
 from ua_fleet.server.robots.router import SkillRouter
 from ua_fleet.server.robots.setup import add_roster, make_offers
+from ua_fleet.server.scenarios.log import RunLog
 from ua_fleet.server.scenarios.setup import add_scenarios
+from ua_fleet.server.skills.ends import SkillEnds
 from ua_fleet.server.skills.events import tell_transition
 from ua_fleet.server.skills.methods import SkillMethods
+from ua_fleet.server.skills.tracker import SkillTransitioned
 from ua_fleet.server.wanted import WantedData
 from ua_fleet.server.writes import ClientWrites
 from ua_fleet.storage.journal import SqliteJournal
@@ -69,6 +73,7 @@ async def run_server(
     ready: Callable[[str], None] | None = None,
     rule: LoopRule = loop_verdict,
     sent: Callable[[bytes, int], None] | None = None,
+    monitor: Monitor | None = None,
 ) -> None:
     """Serve a fleet until cancelled.
 
@@ -79,6 +84,7 @@ async def run_server(
         ready: called with the endpoint URL once clients can connect and data is received.
         rule: the loop rule.
         sent: told of each PubSub message that is sent, with its bytes on the wire.
+        monitor: tells of the server.
 
     Raises:
         ConfigError: a data source has no id, or the key files cannot be used.
@@ -111,9 +117,16 @@ async def run_server(
             keys = file_keys_of(config, SERVER_SPACE, config_dir)
         journal = stack.enter_context(SqliteJournal(state_dir / JOURNAL))
         events = ServerEvents(server.iserver)
+        monitor = monitor or Monitor(Process.SERVER)
+        ends, run_log = SkillEnds(monitor), RunLog()
+
+        async def tell_skill(change: SkillTransitioned) -> None:
+            ends.moved(change)
+            await tell_transition(events, change)
+
         projection = Projection(
             nodes,
-            tell=partial(tell_transition, events),
+            tell=tell_skill,
             tell_capacities=lambda change, gained, lost: tell_capacities(events, change, gained, lost, wall_ticks()),
         )
         hub = Hub(
@@ -141,7 +154,7 @@ async def run_server(
             methods.add(robot)
         runs = stack.enter_context(RunJournal(state_dir / RUN_JOURNAL))
         folder = config_dir / config.scenarios.folder
-        scenarios = add_scenarios(config, model, server, hub, nodes, runs, projection, folder, requests)
+        scenarios = add_scenarios(config, model, server, hub, nodes, runs, projection, folder, requests, run_log)
         add_roster(roster, offers, server, hub, nodes, projection, methods, scenarios)
         wanted = WantedData(
             model.bridges,
@@ -158,6 +171,7 @@ async def run_server(
             await hub.start()
             await server.start()
             hub.describe(await announced_endpoints(server))
+            ServerFigures(hub, server, scenarios, run_log, ends).tell(monitor)
             if ready is not None:
                 ready(server.endpoint.geturl())
             await hub.run()

@@ -142,12 +142,12 @@ class Hub:
         self.counters = Counters()
         self._sent = sent
         self.commands = Commands(model)
-        self._transport = transport
+        self.transport = transport
         self._projection = projection
-        self._envelope = envelope_of(config, SERVER_SPACE, self.counters, state_dir)
-        self._keys, self._keys_kept = keys_needed(config, keys), KeysKept()
+        self.envelope = envelope_of(config, SERVER_SPACE, self.counters, state_dir)
+        self._keys, self.keys_kept = keys_needed(config, keys), KeysKept()
         self._keys_ahead = pubsub.keys.future_keys
-        self._subscriber = Subscriber(SERVER_SPACE, timing, self.counters, codec, rule, envelope=self._envelope)
+        self._subscriber = Subscriber(SERVER_SPACE, timing, self.counters, codec, rule, envelope=self.envelope)
         self._config = config
         self._publisher = Publisher(
             SERVER_SPACE,
@@ -155,9 +155,9 @@ class Hub:
             self.counters,
             codec,
             server_application(config),
-            max_packed_bytes=self._envelope.max_plain_bytes,
+            max_packed_bytes=self.envelope.max_plain_bytes,
         )
-        self._state = FleetState(
+        self.state = FleetState(
             model,
             self.counters,
             unknown_sources=config.server.unknown_sources,
@@ -170,7 +170,7 @@ class Hub:
             want=self._subscriber.want_action,
             sooner=self.check_deadline,
             wall_ticks=wall_ticks,
-            must_be_verified=self._envelope.mode is not SecurityMode.NONE,
+            must_be_verified=self.envelope.mode is not SecurityMode.NONE,
             told=self.concluded,
         )
         self.tracker = SkillTracker(model)
@@ -204,12 +204,12 @@ class Hub:
     @property
     def capacities(self) -> Capacities:
         """What each robot can do now."""
-        return self._state.capacities
+        return self.state.capacities
 
     @property
     def robots(self) -> list[RobotModel]:
         """All robots that are there."""
-        return self._state.robots
+        return self.state.robots
 
     def add_roster(self, roster: Announced) -> None:
         """Tell of robots that bridges announce; before `start`."""
@@ -221,7 +221,7 @@ class Hub:
         Raises:
             TransportError: it cannot be opened.
         """
-        await self._transport.start(self._receive)
+        await self.transport.start(self._receive)
 
     async def run(self) -> None:
         """Announce what originates here, then carry data until cancelled."""
@@ -232,8 +232,8 @@ class Hub:
                 tasks.create_task(self._scenarios[1].run())
             if self._keys is not None:
                 count = self._keys_ahead + 1
-                tasks.create_task(keep_keys(self._envelope, self._keys, self._keys_kept, count=count))
-                await self._keys_kept.wait_for([telemetry_group(SERVER_SPACE)])
+                tasks.create_task(keep_keys(self.envelope, self._keys, self.keys_kept, count=count))
+                await self.keys_kept.wait_for([telemetry_group(SERVER_SPACE)])
             self.skills.resume(asyncio.get_running_loop().time())
             for action in self.tracker.actions():
                 self._want(action)
@@ -244,7 +244,7 @@ class Hub:
     def add_robot(self, robot: RobotModel) -> None:
         """Know a robot from now on, with what was heard of it before; its nodes follow in order with all else."""
         now, wall = asyncio.get_running_loop().time(), wall_ticks()
-        self._take(self._state.add_robot(robot), now)
+        self._take(self.state.add_robot(robot), now)
         self.tracker.add(robot)
         initial = self.commands.add(robot, wall)
         if self._scenarios is not None:
@@ -270,20 +270,20 @@ class Hub:
         for data_set in robot.data_sets:
             if data_set.writable:
                 self._publisher.retire(data_set.topic)
-        self._take(self._state.remove_robot(robot.name), asyncio.get_running_loop().time())
+        self._take(self.state.remove_robot(robot.name), asyncio.get_running_loop().time())
 
     def stranger(self, ns: int, identifier: int) -> Topic | None:
         """The source that has an id and belongs to no robot or bridge."""
-        owner = self._state.owner(ns, identifier)
-        return None if owner is None or self._state.knows(owner) else owner
+        owner = self.state.owner(ns, identifier)
+        return None if owner is None or self.state.knows(owner) else owner
 
     def is_alive(self, topic: Topic) -> bool:
         """Whether a source is heard."""
-        return self._state.is_alive(topic)
+        return self.state.is_alive(topic)
 
     def set_faulted(self, robot: str, faulted: bool) -> None:
         """A robot has a fault that is more than its silence, or none."""
-        changes = self._state.set_faulted(robot, faulted, wall_ticks())
+        changes = self.state.set_faulted(robot, faulted, wall_ticks())
         self._take(changes, asyncio.get_running_loop().time())
 
     def describe(self, endpoints: tuple[EndpointDescription, ...]) -> None:
@@ -293,7 +293,7 @@ class Hub:
     async def close(self) -> None:
         """Say that this ends, and release the transport."""
         self._send(self._publisher.end())
-        await self._transport.close()
+        await self.transport.close()
 
     def publish(self, publication: Publication) -> None:
         """Send a DataSet of space 0."""
@@ -305,7 +305,7 @@ class Hub:
             self._refused += 1
             _log.error("not published", topic=topic.name, reason=str(error))
             return
-        self._state.delivered(topic, timestamp)
+        self.state.delivered(topic, timestamp)
         if self._scenarios is not None:
             self._scenarios[0].published(topic, types, values)
         self._send(datagrams)
@@ -363,7 +363,7 @@ class Hub:
             else:
                 if isinstance(event, MetaDataReceived):
                     self._look_for_robot(event)
-                self._take(self._state.apply(event, wall), now)
+                self._take(self.state.apply(event, wall), now)
                 self._follow_skills(event, wall)
                 if self._scenarios is not None and isinstance(event, DataReceived):
                     self._scenarios[0].heard(event)
@@ -402,7 +402,7 @@ class Hub:
         for change in changes:
             self._projection.put(change)
         for topic, is_busy in self.tracker.take_busy_changes():
-            self._take(self._state.set_busy(topic, is_busy, wall_ticks()), asyncio.get_running_loop().time())
+            self._take(self.state.set_busy(topic, is_busy, wall_ticks()), asyncio.get_running_loop().time())
 
     def _take(self, changes: Iterable[Change], now: float) -> None:
         for change in changes:
@@ -471,10 +471,10 @@ class Hub:
             self._tick(now)
 
     def _tick(self, now: float) -> None:
-        stats = self._transport.stats
+        stats = self.transport.stats
         self.counters.drops[Drop.KERNEL] = stats.kernel_drops
         self.counters.drops[Drop.SEND_FAILED] = stats.send_failed + self._refused
-        self._take(self._state.tick(wall_ticks()), now)
+        self._take(self.state.tick(wall_ticks()), now)
         if self._roster is not None:
             self._roster.tick()
         for complaint in self._subscriber.complaints(now):
@@ -484,8 +484,8 @@ class Hub:
         now = asyncio.get_running_loop().time()
         for datagram in datagrams:
             size = 0
-            for sealed in self._envelope.seal(datagram, now):
-                self._transport.send(sealed)
+            for sealed in self.envelope.seal(datagram, now):
+                self.transport.send(sealed)
                 size += len(sealed)
             if self._sent is not None:
                 self._sent(datagram, size)

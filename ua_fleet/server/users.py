@@ -30,12 +30,13 @@ from typing import Any, Final
 
 import yaml
 
-from ua_fleet.errors import ServerStartError, UaFleetError
+from ua_fleet.errors import UPGRADE, ServerStartError, UaFleetError, newer_version
 from ua_fleet.values import StatusCode
 
 __all__ = ["ANONYMOUS", "DEFAULT_COST", "Role", "ScryptCost", "User", "UserFileError", "UserStore", "current_user"]
 
 USERS_FILE: Final = "users.yaml"
+VERSION: Final = 1
 MIN_PASSWORD: Final = 8
 MAX_PASSWORD: Final = 1024
 """Longest password that is hashed: what is longer is no password, and costs time."""
@@ -200,16 +201,19 @@ class UserStore:
     def _parse(self) -> dict[str, _Entry]:
         try:
             document = yaml.safe_load(self._path.read_text(encoding="utf-8"))
-            if document["version"] != 1:
+            newer = newer_version(document["version"], VERSION)
+            if not newer and document["version"] != VERSION:
                 raise ValueError(f"version {document['version']!r} is not known")
             users: dict[str, dict[str, Any]] = document["users"] or {}
-            return {name: _Entry.parse(name, data) for name, data in users.items()}
+            if not newer:
+                return {name: _Entry.parse(name, data) for name, data in users.items()}
         except (OSError, yaml.YAMLError, KeyError, TypeError, ValueError, AttributeError, binascii.Error) as error:
             reason = str(error).replace("\n", " ")
             raise UserFileError(
                 f"{self._path}: is no users file ({type(error).__name__}: {reason}); "
                 f"move it away and add the users again with: ua-fleet user add NAME"
             ) from error
+        raise UserFileError(f"{self._path}: {newer}; {UPGRADE}")
 
     def add(self, name: str, password: str, role: Role, *, replace_existing: bool = False) -> User:
         """Add a user, or give an existing one a new password and role; raises UserFileError."""
@@ -283,7 +287,7 @@ class UserStore:
             os.close(lock)
 
     def _write(self, entries: dict[str, _Entry]) -> None:
-        document = {"version": 1, "users": {name: entries[name].dump() for name in sorted(entries)}}
+        document = {"version": VERSION, "users": {name: entries[name].dump() for name in sorted(entries)}}
         temporary = self._path.with_name(f".{self._path.name}.{secrets.token_hex(4)}")
         descriptor = os.open(temporary, os.O_CREAT | os.O_EXCL | os.O_WRONLY | os.O_CLOEXEC, 0o600)
         try:

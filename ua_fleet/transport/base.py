@@ -27,6 +27,8 @@ class TransportStats:
     """Datagrams that the kernel dropped before we read them, where it tells."""
     receive_buffer_bytes: int = 0
     """Size of the receive buffer that the kernel gave."""
+    problem: str = ""
+    """Why nothing can be sent or received now, where the transport can tell; empty while all is well."""
 
 
 class Transport(Protocol):

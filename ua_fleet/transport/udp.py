@@ -287,10 +287,12 @@ class UdpTransport:
                 return
             self._open(interface)
         except (TransportError, OSError) as error:
+            self.stats.problem = str(error)
             if before is not None:
                 self._interface = None
                 _log.warning("pubsub interface lost", url=self._url, reason=str(error))
             return
+        self.stats.problem = ""
         if before is None:
             _log.info("pubsub interface back", url=self._url, interface=interface.name, address=interface.address)
 

@@ -112,6 +112,11 @@ class Envelope:
         """The groups whose keys are to be fetched now."""
         return [group.group_id for group in self._groups if group.keyring.is_wanted(now)]
 
+    def keys_last_s(self, now: float) -> dict[str, float]:
+        """For how many seconds the keys of each group are enough, where there are any."""
+        lasts = {group.group_id: group.keyring.lasts_s(now) for group in self._groups}
+        return {group_id: lasts_s for group_id, lasts_s in lasts.items() if lasts_s is not None}
+
     def install(self, group_id: str, keys: GroupKeys, now: float) -> None:
         """Take keys of a group, the current one first. Raises LocalWireError for keys of the wrong length."""
         self._groups.want(group_id).keyring.install(keys, now)

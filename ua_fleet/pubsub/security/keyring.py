@@ -180,6 +180,14 @@ class Keyring:
             self.advance(now)
         return self._order[self._current] if self._order else None
 
+    def lasts_s(self, now: float) -> float | None:
+        """For how long the keys that are here are enough to send with; None where there are none."""
+        if now >= self.changes_at:
+            self.advance(now)
+        if not self._order:
+            return None
+        return self._ends_at - now + (len(self._order) - 1 - self._current) * self._lifetime_s
+
     def around_current(self) -> list[Token]:
         """The current token, the next and the one before: those that a message without a token may be signed with."""
         order, current = self._order, self._current

@@ -14,7 +14,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
 
-from ua_fleet.errors import ServerStartError, UaFleetError
+from ua_fleet.errors import UPGRADE, ServerStartError, UaFleetError, newer_version
 from ua_fleet.server.certificates import write_private
 from ua_fleet.server.key_service.store import MAX_TOKEN_ID, GroupState
 from ua_fleet.values import StatusCode
@@ -54,16 +54,19 @@ def load_groups(path: Path) -> dict[str, GroupState]:
         raise ServerStartError(f"{path}: belongs to another user; run: chown $USER {path}")
     try:
         document: dict[str, Any] = json.loads(content)
-        if document["version"] != VERSION:
-            raise ValueError
-        groups: dict[str, dict[str, Any]] = document["groups"]
-        return {group_id: _state(entry) for group_id, entry in groups.items()}
+        newer = newer_version(document["version"], VERSION)
+        if not newer:
+            if document["version"] != VERSION:
+                raise ValueError
+            groups: dict[str, dict[str, Any]] = document["groups"]
+            return {group_id: _state(entry) for group_id, entry in groups.items()}
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
         # Without the cause: it may quote a key.
         raise ServerStartError(
             f"{path}: is no file of SecurityGroups; take it from a backup, or move it away and restart the bridges: "
             "all keys are made anew then"
         ) from None
+    raise ServerStartError(f"{path}: {newer}; {UPGRADE}")
 
 
 def _state(entry: Mapping[str, Any]) -> GroupState:

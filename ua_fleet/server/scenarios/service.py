@@ -130,6 +130,8 @@ class ScenarioService:
         self._dirty_at: float | None = None
         self._retry_at: float | None = None
         self._is_carrying_out = False
+        self.problem = ""
+        """Why runs stand still; empty while they go on."""
 
     # What is there.
 
@@ -147,6 +149,11 @@ class ScenarioService:
     def run_ids(self) -> list[str]:
         """Those that are under way."""
         return list(self._orchestrator.runs)
+
+    @property
+    def open_decisions(self) -> int:
+        """Replacements that somebody has to choose."""
+        return len(self._orchestrator.decisions)
 
     def needed_values(self) -> set[NodeId]:
         """The nodes whose values runs that are under way may ask for."""
@@ -196,7 +203,7 @@ class ScenarioService:
             return checked.scenario
         reason = f"it does not fit the fleet any more: {checked.problems[0]}"
         ended = RunEnded(now, RunOutcome.FAILED, reason)
-        _log.error("run cannot go on after the restart", run=record.run_id, reason=reason)
+        _log.error("run cannot go on after the restart", run_id=record.run_id, reason=reason)
         self._journal.write([(record.run_id, ended)])
         record.apply(ended)
         return None
@@ -248,7 +255,7 @@ class ScenarioService:
         run_id = f"{stamp}-{secrets.token_hex(3)}"  # never used twice: execution ids follow from it
         outputs = self._orchestrator.start(run_id, scenario, _parameters(scenario, names, values), by=by, now=now)
         created = next(fact for owner, fact in self._unwritten if owner == run_id)
-        _log.info("run started", run=run_id, scenario=scenario.name, by=by)
+        _log.info("run started", run_id=run_id, scenario=scenario.name, by=by)
         self._do([RunChanged(run_id, created), *outputs], must_be_written=True)
         return run_id
 
@@ -456,6 +463,7 @@ class ScenarioService:
         except StorageUnavailable as error:
             if self._retry_at is None:
                 _log.error("runs cannot be written down, and stand still", reason=str(error))
+            self.problem = f"runs cannot be written down, and stand still: {error}"
             self._retry_at = self._clock() + RETRY_S
             if must_be_written:
                 raise
@@ -470,6 +478,9 @@ class ScenarioService:
         if not self._unwritten and not self._changed_faults:
             return
         self._journal.write(self._unwritten, self._changed_faults.values())
+        if self.problem:
+            self.problem = ""
+            _log.info("runs are written down again, and go on")
         self._unwritten.clear()
         self._changed_faults.clear()
 
@@ -482,7 +493,6 @@ class ScenarioService:
             self._tasks.follow(output)
         self._show(output)
         if isinstance(output, RunChanged) and isinstance(output.fact, RunEnded):
-            _log.info("run ended", run=output.run_id, outcome=output.fact.outcome.value, reason=output.fact.reason)
             for run_id in self._journal.prune(self._config.scenarios.kept_runs):
                 self._forgotten(run_id)
 

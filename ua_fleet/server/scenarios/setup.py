@@ -16,6 +16,7 @@ from ua_fleet.server.hub import Hub, wall_ticks
 from ua_fleet.server.parts import NodeParts
 from ua_fleet.server.projection import Projection
 from ua_fleet.server.scenarios.finding import SILENT
+from ua_fleet.server.scenarios.log import RunLog
 from ua_fleet.server.scenarios.methods import ScenarioMethods
 from ua_fleet.server.scenarios.nodes import ScenarioNodes
 from ua_fleet.server.scenarios.requests import Requests
@@ -36,6 +37,7 @@ def add_scenarios(
     projection: Projection,
     folder: Path,
     requests: Requests,
+    log: RunLog,
 ) -> ScenarioService:
     """Let a server run scenarios; it is not started yet.
 
@@ -49,6 +51,7 @@ def add_scenarios(
         projection: writes values to nodes.
         folder: of the scenarios' files.
         requests: asks robots.
+        log: is told of everything that happens.
 
     Raises:
         StorageUnavailable: the journal cannot be read.
@@ -61,6 +64,7 @@ def add_scenarios(
 
     def show(output: Output) -> None:
         view.show(output)
+        log.take(output)
         if isinstance(output, FaultChanged):
             robot = output.fault.robot
             faults = [fault for fault in service.faults if fault.robot == robot and fault.active]

@@ -85,6 +85,11 @@ class SkillTracker:
         """Executions of a skill that are not over."""
         return self._skills[key].under_way
 
+    @property
+    def all_under_way(self) -> int:
+        """Executions of all skills that are not over."""
+        return sum(skill.under_way for skill in self._skills.values())
+
     def open_executions(self, key: NodeId) -> list[bytes]:
         """Their ids, the oldest first."""
         return self._skills[key].ids(OPEN)

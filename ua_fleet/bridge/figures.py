@@ -1,0 +1,57 @@
+"""What a bridge tells of itself: figures for Prometheus, and whether it is ready."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Iterator
+
+from ua_fleet.bridge.driver import Driver
+from ua_fleet.bridge.inlet import BoundedInlet
+from ua_fleet.counters import Counters
+from ua_fleet.keys.keeper import KeysKept
+from ua_fleet.monitoring import Monitor, metrics
+from ua_fleet.monitoring.counted import counted, keys_left, transported
+from ua_fleet.monitoring.metrics import Family
+from ua_fleet.pubsub.security.envelope import Envelope
+from ua_fleet.transport.base import Transport
+from ua_fleet.wire.security import SecurityMode
+
+__all__ = ["BridgeFigures"]
+
+
+class BridgeFigures:
+    """Looks at the parts of a running bridge when it is asked."""
+
+    def __init__(
+        self,
+        counters: Counters,
+        driver: Driver,
+        transport: Transport,
+        inlet: BoundedInlet,
+        envelope: Envelope,
+        keys: KeysKept,
+    ) -> None:
+        self._counters, self._driver, self._transport, self._inlet = counters, driver, transport, inlet
+        self._envelope, self._keys = envelope, keys
+
+    def tell(self, monitor: Monitor) -> None:
+        """Tell of the bridge from now on."""
+        monitor.add(self.collect)
+        monitor.ready_when(self.problem, lambda: self._driver.status().detail)
+
+    def problem(self) -> str:
+        """Why data does not pass; empty while it can."""
+        status = self._driver.status()
+        if not status.connected:
+            return f"not connected to the space: {status.detail}"
+        return self._transport.stats.problem or self._envelope.problem
+
+    def collect(self) -> Iterator[Family]:
+        """All figures now."""
+        yield from counted(self._counters, has_space=True)
+        yield from transported(self._transport.stats)
+        if self._envelope.mode is not SecurityMode.NONE:
+            now = asyncio.get_running_loop().time()
+            yield from keys_left(self._envelope.keys_last_s(now), self._keys.source_problem)
+        yield metrics.SPACE_CONNECTED.one(self._driver.status().connected)
+        yield metrics.INLET.one(self._inlet.waiting)

@@ -1,0 +1,11 @@
+"""How a process is: whether it lives, whether it is ready, and its figures for Prometheus, over HTTP.
+
+    what the process counts and knows -> Monitor <- MonitoringEndpoint <- Prometheus, `ua-fleet healthcheck`
+
+Nothing is counted here that is counted elsewhere: a Monitor asks when it is asked, so that a message costs nothing.
+"""
+
+from ua_fleet.monitoring.metrics import METRICS, Kind, Metric, Process
+from ua_fleet.monitoring.monitor import Monitor
+
+__all__ = ["METRICS", "Kind", "Metric", "Monitor", "Process"]

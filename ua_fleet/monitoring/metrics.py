@@ -1,0 +1,159 @@
+"""All metrics: their names, labels and meaning. `python -m ua_fleet.monitoring.metrics` prints them as a table.
+
+Names follow the conventions of Prometheus: base units, `_total` for counters. Labels are bounded: causes, outcomes,
+states and tables are lists of the code; spaces and groups are those of `fleet.yaml`; robots and skills are the first
+`MOST_ROBOTS` and `MOST_SKILLS` that there are, whoever announces more.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterable
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Final
+
+from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily
+from prometheus_client.metrics_core import Metric as Family
+
+__all__ = ["METRICS", "MOST_ROBOTS", "MOST_SKILLS", "Family", "Kind", "Metric", "Process", "table"]
+
+MOST_ROBOTS: Final = 2000
+"""Robots that have a label of their own."""
+MOST_SKILLS: Final = 200
+"""Names of skills that have a label of their own; the others are `(other)`."""
+
+
+class Kind(StrEnum):
+    """What can be done with a figure."""
+
+    COUNTER = "counter"
+    GAUGE = "gauge"
+    HISTOGRAM = "histogram"
+
+
+class Process(StrEnum):
+    """Who has a metric."""
+
+    SERVER = "server"
+    BRIDGE = "bridge"
+    MODBUS = "modbus"
+
+
+_ALL: Final = (Process.SERVER, Process.BRIDGE, Process.MODBUS)
+_PUBSUB: Final = (Process.SERVER, Process.BRIDGE)
+_SERVER: Final = (Process.SERVER,)
+_BRIDGE: Final = (Process.BRIDGE,)
+_MODBUS: Final = (Process.MODBUS,)
+
+
+@dataclass(frozen=True, slots=True)
+class Metric:
+    """One metric. `name` is as it is shown, with `_total`."""
+
+    name: str
+    kind: Kind
+    labels: tuple[str, ...]
+    processes: tuple[Process, ...]
+    help: str
+
+    def one(self, value: float) -> Family:
+        """It, where it has no labels."""
+        return self.many([((), value)])
+
+    def many(self, values: Iterable[tuple[tuple[str, ...], float]]) -> Family:
+        """It, by the values of its labels; not for histograms."""
+        family = (CounterMetricFamily if self.kind is Kind.COUNTER else GaugeMetricFamily)(
+            self.name, self.help, labels=self.labels
+        )
+        for labels, value in values:
+            family.add_metric(labels, value)
+        return family
+
+
+METRICS: Final[list[Metric]] = []
+"""All of them, in the order of the table."""
+
+
+def _metric(name: str, kind: Kind, processes: tuple[Process, ...], text: str, *labels: str) -> Metric:
+    metric = Metric(f"ua_fleet_{name}", kind, labels, processes, text)
+    METRICS.append(metric)
+    return metric
+
+
+_C, _G, _H = Kind.COUNTER, Kind.GAUGE, Kind.HISTOGRAM
+
+BUILD = _metric(
+    "build_info", _G, _ALL, "1; what runs: the process, its name in fleet.yaml, version and Python.",
+    "process", "name", "version", "python",
+)  # fmt: skip
+READY = _metric("ready", _G, _ALL, "1 while /readyz answers 200.")
+LOOP_LAG = _metric("loop_lag_seconds", _H, _ALL, "How late the event loop was, looked at once a second.")
+LEFT_OUT = _metric(
+    "label_values_left_out", _G, _ALL, "Robots or skills that have no label of their own, since there are too many.",
+    "label",
+)  # fmt: skip
+
+RECEIVED = _metric("dataset_messages_received_total", _C, _PUBSUB, "DataSetMessages received, before any drop.")
+SENT = _metric("dataset_messages_sent_total", _C, _PUBSUB, "DataSetMessages sent, repeats and keep-alives included.")
+FROM_SPACE = _metric("space_messages_received_total", _C, _BRIDGE, "Messages taken from the bridge's space.")
+TO_SPACE = _metric("space_messages_published_total", _C, _BRIDGE, "Messages published into the bridge's space.")
+DROPS = _metric("drops_total", _C, _PUBSUB, "Messages that were dropped; some causes are normal.", "cause")
+MALFORMED = _metric("malformed_total", _C, _PUBSUB, "Messages that break the rules of OPC 10000-14.", "cause")
+GAPS = _metric("sequence_gaps_total", _C, _PUBSUB, "DataSetMessages that sequence numbers show as missing.")
+LOOPED = _metric("looped_total", _C, _PUBSUB, "Messages delivered twice to one place; has to stay 0.")
+DATAGRAMS_RECEIVED = _metric("datagrams_received_total", _C, _PUBSUB, "Datagrams received.")
+DATAGRAMS_SENT = _metric("datagrams_sent_total", _C, _PUBSUB, "Datagrams sent.")
+RECEIVE_BUFFER = _metric("receive_buffer_bytes", _G, _PUBSUB, "Receive buffer that the kernel gave.")
+KEY_REMAINING = _metric(
+    "key_remaining_seconds", _G, _PUBSUB,
+    "Time for which the current key of a SecurityGroup and those after it that are here last.", "group",
+)  # fmt: skip
+KEY_SOURCE = _metric("key_source_up", _G, _PUBSUB, "1 while the source of keys can be asked; absent without keys.")
+
+SPACE_CONNECTED = _metric("space_connected", _G, _BRIDGE, "1 while the bridge is connected to its space.")
+INLET = _metric("inlet_messages", _G, _BRIDGE, "Messages from the space that wait to be sent.")
+
+ROBOT_UP = _metric("robot_up", _G, _SERVER, "1 while the robot is heard.", "robot")
+ROBOTS = _metric("robots", _G, _SERVER, "Robots by the state that their node shows.", "state")
+BRIDGE_UP = _metric("bridge_up", _G, _SERVER, "1 while the bridge is heard.", "bridge")
+SOURCES = _metric(
+    "sources", _G, _SERVER, "Data sources: heard, silent, waiting (never heard) or refused (for their security).",
+    "state",
+)  # fmt: skip
+VALUES = _metric("values", _G, _SERVER, "Values of data sources by the quality that clients see.", "quality")
+SKILL_SECONDS = _metric(
+    "skill_seconds", _H, _SERVER, "Time from the request of a skill to its end, by outcome.", "skill", "outcome"
+)
+EXECUTIONS = _metric(
+    "robot_executions_total", _C, _SERVER, "Skills that robots have ended, by outcome.", "robot", "outcome"
+)
+UNDER_WAY = _metric("executions_under_way", _G, _SERVER, "Skills that have begun and not ended.")
+RUNS = _metric("runs_under_way", _G, _SERVER, "Runs of scenarios that have not ended.")
+RUNS_ENDED = _metric("runs_total", _C, _SERVER, "Runs that have ended since the server's start.", "outcome")
+FAULTS = _metric("faults", _G, _SERVER, "Faults of robots: active, or waiting for their acknowledgement.", "state")
+DECISIONS = _metric("decisions_open", _G, _SERVER, "Replacements that an operator has to choose.")
+SESSIONS = _metric("opcua_sessions", _G, _SERVER, "Sessions of OPC UA clients.")
+SUBSCRIPTIONS = _metric("opcua_subscriptions", _G, _SERVER, "Subscriptions of OPC UA clients.")
+ITEMS = _metric("opcua_monitored_items", _G, _SERVER, "Monitored items of OPC UA clients.")
+CONNECTIONS = _metric("opcua_connections_total", _C, _SERVER, "TCP connections that clients have made.")
+REFUSED = _metric("opcua_refused_total", _C, _SERVER, "What clients were refused, by what it was.", "what")
+REQUESTS = _metric("opcua_requests_total", _C, _SERVER, "Requests of OPC UA clients.")
+
+SERVER_CONNECTED = _metric("server_connected", _G, _MODBUS, "1 while the gateway is connected to the OPC UA server.")
+MODBUS_CONNECTIONS = _metric("modbus_connections", _G, _MODBUS, "PLCs that are connected.")
+MODBUS_REFUSED = _metric("modbus_refused_total", _C, _MODBUS, "What PLCs were refused, by cause.", "cause")
+
+
+def table() -> str:
+    """The metrics as a table in Markdown."""
+    rows = ["| metric | kind | labels | who has it | |", "|---|---|---|---|---|"]
+    for metric in METRICS:
+        labels = ", ".join(f"`{label}`" for label in metric.labels)
+        who = "all" if metric.processes == _ALL else ", ".join(metric.processes)
+        rows.append(f"| `{metric.name}` | {metric.kind} | {labels} | {who} | {metric.help} |")
+    return "\n".join(rows)
+
+
+if __name__ == "__main__":
+    sys.stdout.write(f"{table()}\n")

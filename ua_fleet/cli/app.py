@@ -49,6 +49,7 @@ _GROUPS: Final = {
     "modbus": "The fleet as a Modbus device, for PLCs.",
     "pubsub": "OPC UA PubSub between the server and the bridges.",
     "demo": "Demonstrations with real robots' programs.",
+    "testbed": "What the containers of compose.yaml run: the demonstrations, each process in a container.",
 }
 """Groups whose commands stand in one module each."""
 
@@ -93,6 +94,7 @@ def _build() -> typer.Typer:
         show_config,
         simulate,
         skill,
+        testbed,
         user,
         watch,
         write,
@@ -153,6 +155,10 @@ def _build() -> typer.Typer:
     _add(groups["robot"], "unregister", robot.unregister, robot.UNREGISTER_EXAMPLES)
     _add(groups["demo"], "pal", demo_pal.pal, demo_pal.EXAMPLES)
     _add(groups["demo"], "talkrobots", demo_talkrobots.talkrobots, demo_talkrobots.EXAMPLES)
+    _add(groups["testbed"], "prepare", testbed.prepare, testbed.PREPARE_EXAMPLES)
+    _add(groups["testbed"], "robot", testbed.robot, testbed.ROBOT_EXAMPLES)
+    _add(groups["testbed"], "run", testbed.run, testbed.RUN_EXAMPLES)
+    _add(groups["testbed"], "login", testbed.login, testbed.LOGIN_EXAMPLES)
     for name, group in groups.items():
         whole.add_typer(group, name=name)
     whole.callback()(_common)

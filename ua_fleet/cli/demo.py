@@ -8,13 +8,14 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ua_fleet.cli.output import message
+from ua_fleet.cli.output import message, print_line
 from ua_fleet.errors import ConfigError
 
 if TYPE_CHECKING:
+    from ua_fleet.demo.result import DemoResult
     from ua_fleet.demo.site import Site
 
-__all__ = ["report_writer", "tell_how_to_connect"]
+__all__ = ["report_writer", "tell_how_to_connect", "tell_result"]
 
 
 def report_writer(path: Path | None) -> Callable[[Mapping[str, Any]], None]:
@@ -32,6 +33,15 @@ def report_writer(path: Path | None) -> Callable[[Mapping[str, Any]], None]:
         path.write_text(json.dumps(report, indent=2) + "\n", encoding="utf-8")
 
     return write
+
+
+def tell_result(result: DemoResult) -> None:
+    """Print how a run ended."""
+    print_line("")
+    for line in result.lines:
+        print_line(line)
+    for problem in result.problems:
+        message(f"ua-fleet: {problem}")
 
 
 def tell_how_to_connect(site: Site) -> None:

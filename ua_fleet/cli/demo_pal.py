@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ua_fleet.cli.demo import report_writer, tell_how_to_connect
+from ua_fleet.cli.demo import report_writer, tell_how_to_connect, tell_result
 from ua_fleet.cli.options import WithoutLoopRule
 from ua_fleet.cli.output import message, print_line
 from ua_fleet.cli.process import run
 from ua_fleet.errors import BridgeUnavailable
 
 if TYPE_CHECKING:
-    from ua_fleet.demo.pal.conductor import PalResult
+    from ua_fleet.demo.result import DemoResult
 
 __all__ = ["EXAMPLES", "pal"]
 
@@ -53,18 +53,10 @@ def pal(
     problems: list[str] = []
     write_report = report_writer(json_file)
 
-    def finished(result: PalResult) -> None:
+    def finished(result: DemoResult) -> None:
         write_report(result.report)
-        print_line("")
-        print_line(f"{'delay':<56} {'in the paper':>13}   here")
-        for what, paper, here in result.delays:
-            print_line(f"{what:<56} {paper:>13}   {here}")
-        report = result.report
-        drops = ", ".join(f"{cause} {count}" for cause, count in report["drops"].items())
-        print_line(f"delivered twice: {report['looped']}; dropped, by cause: {drops or 'nothing'}")
-        problems.extend(result.problems)
-        for problem in problems:
-            message(f"ua-fleet: {problem}")
+        tell_result(result)
+        problems[:] = result.problems
         if not once:
             message("the line stays up for UaExpert; end it with Ctrl-C")
 

@@ -12,13 +12,13 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from ua_fleet.cli.demo import report_writer, tell_how_to_connect
+from ua_fleet.cli.demo import report_writer, tell_how_to_connect, tell_result
 from ua_fleet.cli.output import message, print_line
 from ua_fleet.cli.process import run
 from ua_fleet.errors import BridgeUnavailable
 
 if TYPE_CHECKING:
-    from ua_fleet.demo.talkrobots.conductor import TalkRobotsResult
+    from ua_fleet.demo.result import DemoResult
 
 __all__ = ["EXAMPLES", "talkrobots"]
 
@@ -82,14 +82,10 @@ def talkrobots(
     problems: list[str] = []
     write_report = report_writer(json_file)
 
-    def finished(result: TalkRobotsResult) -> None:
+    def finished(result: DemoResult) -> None:
         write_report(result.report)
-        print_line("")
-        for line in result.lines:
-            print_line(line)
+        tell_result(result)
         problems[:] = result.problems
-        for problem in problems:
-            message(f"ua-fleet: {problem}")
         if not once:
             message("the fleet stays up for UaExpert; end it with Ctrl-C")
 

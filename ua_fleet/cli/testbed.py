@@ -4,23 +4,42 @@ from __future__ import annotations
 
 import os
 import sys
+from collections.abc import Sequence
+from dataclasses import asdict
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from ua_fleet.cli.demo import tell_result
 from ua_fleet.cli.endings import NotFound, extra_needed
-from ua_fleet.cli.output import message
+from ua_fleet.cli.options import DEFAULT_ENDPOINT, Endpoint, Json
+from ua_fleet.cli.output import message, print_json, print_line
 from ua_fleet.cli.process import run as run_until_done
 
 if TYPE_CHECKING:
     from ua_fleet.demo.testbed.plan import Options, Testbed
 
-__all__ = ["PREPARE_EXAMPLES", "ROBOT_EXAMPLES", "prepare", "robot"]
+__all__ = [
+    "LOGIN_EXAMPLES",
+    "PREPARE_EXAMPLES",
+    "ROBOT_EXAMPLES",
+    "RUN_EXAMPLES",
+    "login",
+    "prepare",
+    "robot",
+    "run",
+]
 
 PREPARE_EXAMPLES = ("ua-fleet testbed prepare talkrobots --folder /var/lib/ua-fleet",)
 ROBOT_EXAMPLES = ("ua-fleet testbed robot talkrobots pioneer_1", "ua-fleet testbed robot pal ned")
+
+RUN_EXAMPLES = ("ua-fleet testbed run talkrobots -e opc.tcp://server:4840/ua_fleet",)
+LOGIN_EXAMPLES = (
+    "docker compose exec tasks ua-fleet testbed login talkrobots",
+    "docker compose exec line ua-fleet testbed login pal",
+)
 
 
 class Name(StrEnum):
@@ -66,3 +85,48 @@ def robot(
 
     arguments, added = plan.robot(name, options)
     os.execve(sys.executable, [sys.executable, *arguments], {**child_environment(os.environ), **added})  # noqa: S606
+
+
+def run(
+    testbed: _Which,
+    folder: _Folder = _DEFAULT_FOLDER,
+    endpoint: Endpoint = DEFAULT_ENDPOINT,
+) -> None:
+    """Be the conductor of a testbed: run the demonstration once, then follow what others run, until Ctrl-C.
+
+    It is an OPC UA client as any other, waits until the fleet is complete, and goes on when the server was away. The
+    result stands in operator/result.json below --folder; while that is there, nothing is run by itself.
+    """
+    plan, options = _plan(testbed)
+    with extra_needed("the testbed", "server"):
+        from ua_fleet.demo.testbed.plan import LIMIT_S, OPERATOR, PASSWORD
+        from ua_fleet.demo.testbed.run import conduct
+    confirm = f"docker compose exec {plan.conductor} ua-fleet decision confirm"
+
+    async def ask(decision_id: str, robots: Sequence[str]) -> str | None:
+        if robots:
+            message(f"choose: {confirm} {decision_id} {robots[0]} --password-file {folder / OPERATOR / PASSWORD}")
+            message(f"otherwise {robots[0]} takes over after {LIMIT_S:g} s")
+        return None
+
+    run_until_done(conduct(plan, folder, options, endpoint, say=print_line, tell=tell_result, ask=ask))
+
+
+def login(testbed: _Which, folder: _Folder = _DEFAULT_FOLDER, as_json: Json = False) -> None:
+    """Say how UaExpert, or a command here, logs in to a testbed."""
+    plan, options = _plan(testbed)
+    with extra_needed("the testbed", "server"):
+        from ua_fleet.demo.testbed.login import login_of
+    found = login_of(folder, options)
+    if as_json:
+        print_json(asdict(found))
+        return
+    compose = "docker compose exec"
+    print_line(f"endpoint:     {found.endpoint}  ({found.security})")
+    print_line(f"user:         {found.user}")
+    print_line(f"password:     {found.password}")
+    print_line(f"certificate:  {found.server_thumbprint}  (SHA-1 of the server's; compare it)")
+    message("The server lets a client in once it knows its certificate: connect once, in vain, and then run")
+    message(f"  {compose} {plan.server} ua-fleet cert list")
+    message(f"  {compose} {plan.server} ua-fleet cert trust THUMBPRINT")
+    message(f"Without UaExpert: {compose} {plan.conductor} ua-fleet browse --password-file {found.password_file}")

@@ -6,13 +6,16 @@ import json
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from pathlib import Path
-from typing import NamedTuple
+from typing import Final, NamedTuple, TextIO
 
 from ua_fleet.errors import ConfigError
 from ua_fleet.topics import Topic
 from ua_fleet.traffic import Kind, Traffic
 
 __all__ = ["SentMessage", "TrafficLog", "read_traffic"]
+
+MOST_BYTES: Final = 16 * 1024 * 1024
+"""Some hours of a bridge's messages."""
 
 
 class SentMessage(NamedTuple):
@@ -29,21 +32,30 @@ class SentMessage(NamedTuple):
 class TrafficLog:
     """Writes a line for each message as it is sent, so that it is there also when the process is killed."""
 
-    def __init__(self, path: Path, known: Mapping[Topic, Kind]) -> None:
-        """Begin a file.
+    def __init__(self, path: Path, known: Mapping[Topic, Kind], *, most_bytes: int = MOST_BYTES) -> None:
+        """Go on with a file, or begin it.
 
         Args:
-            path: replaced if it is there.
+            path: where there is one already, it is gone on with.
             known: see Traffic.
+            most_bytes: of the file; then it is kept as `<name>.1`, in place of the one before, and begun anew.
 
         Raises:
             ConfigError: it cannot be written.
         """
+        self._path, self._most_bytes = path, most_bytes
         try:
-            self._file = path.open("w", encoding="ascii", buffering=1)
+            self._file = self._open()
         except OSError as error:
             raise ConfigError(f"cannot write the traffic log: {error.strerror}", file=str(path)) from error
         self._traffic = Traffic(known)
+
+    def _open(self) -> TextIO:
+        file = self._path.open("a", encoding="ascii", buffering=1)
+        self._bytes = file.tell()
+        if self._bytes:
+            file.write("\n")  # a process that was killed may have left half a line
+        return file
 
     def sent(self, plain: bytes, wire_bytes: int, at: float) -> None:
         """Take a message that was sent at this time, in seconds since 1970; see `Traffic.take`."""
@@ -51,7 +63,11 @@ class TrafficLog:
         line = {"t": round(at, 4), "kinds": kinds, "bytes": wire_bytes}
         # A full disk must not stop a bridge: the log is for people.
         with suppress(OSError):
-            self._file.write(json.dumps(line) + "\n")
+            self._bytes += self._file.write(json.dumps(line) + "\n")
+            if self._bytes > self._most_bytes:
+                self._file.close()
+                self._path.replace(self._path.with_name(f"{self._path.name}.1"))
+                self._file = self._open()
 
     def close(self) -> None:
         """Close the file."""

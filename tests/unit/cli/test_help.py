@@ -58,6 +58,10 @@ COMMANDS = [
     "pubsub probe",
     "demo pal",
     "demo talkrobots",
+    "testbed prepare",
+    "testbed robot",
+    "testbed run",
+    "testbed login",
 ]
 WITHOUT_JSON = {
     "config schema",  # prints nothing else

@@ -43,6 +43,25 @@ def test_a_line_that_a_kill_cut_off_is_left_out(tmp_path: Path) -> None:
     assert [message.size for message in read_traffic([path])] == [9]
 
 
+def test_a_process_that_is_started_again_goes_on_after_the_half_line(tmp_path: Path) -> None:
+    path = tmp_path / "log.jsonl"
+    path.write_text('{"t": 12.5, "kinds": ["sta')
+    with closing(TrafficLog(path, {})) as log:
+        log.sent(PROBE, 9, 13.0)
+    assert [message.at for message in read_traffic([path])] == [13.0]
+
+
+def test_a_long_log_is_kept_once_and_begun_anew(tmp_path: Path) -> None:
+    path = tmp_path / "log.jsonl"
+    with closing(TrafficLog(path, {}, most_bytes=100)) as log:
+        for number in range(10):
+            log.sent(PROBE, number, float(number))
+    kept = [[message.size for message in read_traffic([file])] for file in (tmp_path / "log.jsonl.1", path)]
+    assert kept[0] + kept[1] == list(range(10))[-len(kept[0] + kept[1]) :]
+    assert kept[0]
+    assert sum(file.stat().st_size for file in tmp_path.iterdir()) < 300
+
+
 def test_a_file_that_cannot_be_written_is_named(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match=r"missing/log\.jsonl.*cannot write the traffic log"):
         TrafficLog(tmp_path / "missing" / "log.jsonl", {})

@@ -7,15 +7,15 @@ import time
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import aclosing, suppress
-from dataclasses import dataclass, field
-from typing import Any, Final
+from typing import Final
 
 from ua_fleet.client import Change, FleetClient, NodeNotFound
 from ua_fleet.demo.failing import first_failure
 from ua_fleet.demo.lines import LineEvent
 from ua_fleet.demo.pal.timeline import Timeline
+from ua_fleet.demo.result import DemoResult
 
-__all__ = ["Conductor", "PalResult"]
+__all__ = ["Conductor"]
 
 LINE_TIMEOUT_S: Final = 180.0
 """The line's seconds after which covers that have not arrived are given up; a run takes about 100."""
@@ -29,15 +29,6 @@ CONVEYOR, ON_CONVEYOR, ON_TURTLEBOT = "ns=2;i=1001", "ns=2;i=1002", "ns=2;i=1003
 JOINTS, POSE = "ns=2;s=1005.position", "ns=2;s=1013.pose.position.x"
 
 
-@dataclass(slots=True)
-class PalResult:
-    """How the run ended: what goes into the JSON file, and whether it was as it should be."""
-
-    report: dict[str, Any]
-    delays: list[tuple[str, str, str]]
-    problems: list[str] = field(default_factory=list[str])
-
-
 class Conductor:
     """One for all connections: the line goes on while the server is away."""
 
@@ -49,7 +40,8 @@ class Conductor:
         secure: bool,
         say: Callable[[str], None],
         check: Callable[[], None],
-        finished: Callable[[PalResult], None],
+        finished: Callable[[DemoResult], None],
+        hold_s: float = 0.0,
     ) -> None:
         """Prepare for any number of connections.
 
@@ -60,9 +52,10 @@ class Conductor:
             say: prints a line of the timeline.
             check: raises where going on makes no sense; looked at now and then.
             finished: called with the result of each run.
+            hold_s: so much later the server's changes are taken in, where what robots say takes that long to come.
         """
         self._speed, self._ros1, self._secure = speed, ros1, secure
-        self._say, self._check, self._finished = say, check, finished
+        self._say, self._check, self._finished, self._hold_s = say, check, finished, hold_s
         self.timeline = Timeline(speed)
         self._is_reported = False
         self._changed = asyncio.Event()
@@ -126,7 +119,10 @@ class Conductor:
                 await asyncio.sleep(0.1)
         async with aclosing(client.watch(nodes, period_ms=50)) as changes:
             async for change in changes:
-                self.server_says(change)
+                if self._hold_s:
+                    asyncio.get_running_loop().call_later(self._hold_s, self.server_says, change)
+                else:
+                    self.server_says(change)
 
     async def _until_over(self) -> None:
         """Wait until a run has ended of which no result was told yet."""
@@ -141,12 +137,18 @@ class Conductor:
         started = self.timeline.started
         return started is not None and time.time() > started + LINE_TIMEOUT_S / self._speed + GRACE_S
 
-    def _result(self, looped: int, drops: Mapping[str, int]) -> PalResult:
+    def _result(self, looped: int, drops: Mapping[str, int]) -> DemoResult:
         problems = [] if self.timeline.all_delivered else ["not all covers have arrived in time"]
         if looped:
             problems.append(f"{looped} messages were delivered twice to one place")
         report = self.timeline.report(looped=looped, drops=drops, ros1=self._ros1, secure=self._secure)
-        return PalResult(report, self.timeline.delay_table(ros1=self._ros1), problems)
+        lines = [f"{'delay':<56} {'in the paper':>13}   here"]
+        lines += [
+            f"{what:<56} {paper:>13}   {here}" for what, paper, here in self.timeline.delay_table(ros1=self._ros1)
+        ]
+        causes = ", ".join(f"{cause} {count}" for cause, count in drops.items())
+        lines.append(f"delivered twice: {looped}; dropped, by cause: {causes or 'nothing'}")
+        return DemoResult(report, lines, problems)
 
 
 async def _totals(client: FleetClient) -> tuple[int, dict[str, int]]:

@@ -8,9 +8,10 @@ from collections.abc import Callable
 from ua_fleet.demo.failing import first_failure
 from ua_fleet.demo.launch import START_TIMEOUT_S, Launch
 from ua_fleet.demo.lines import read_line
-from ua_fleet.demo.pal.conductor import Conductor, PalResult
+from ua_fleet.demo.pal.conductor import Conductor
 from ua_fleet.demo.pal.setting import IN_ARM_SPACE, Setting, robot_arguments
 from ua_fleet.demo.processes import Processes
+from ua_fleet.demo.result import DemoResult
 
 __all__ = ["run_pal"]
 
@@ -71,7 +72,7 @@ async def run_pal(
     *,
     say: Callable[[str], None],
     started: Callable[[], None],
-    finished: Callable[[PalResult], None],
+    finished: Callable[[DemoResult], None],
     stay: bool,
 ) -> None:
     """Run the line once; with `stay` keep everything up afterwards until cancelled.

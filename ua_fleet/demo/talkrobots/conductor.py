@@ -5,9 +5,8 @@ from __future__ import annotations
 import asyncio
 import time
 from collections.abc import AsyncIterator, Awaitable, Callable, Iterable, Sequence
-from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 from ua_fleet.client import (
     DecisionTold,
@@ -23,12 +22,13 @@ from ua_fleet.client import (
 from ua_fleet.config.schema import FleetConfig
 from ua_fleet.demo.failing import first_failure
 from ua_fleet.demo.processes import DemoFailed
+from ua_fleet.demo.result import DemoResult
 from ua_fleet.demo.talkrobots.costs import Costs, cost_lines
 from ua_fleet.demo.talkrobots.course import Course, TaskRow
 from ua_fleet.demo.talkrobots.setting import ACTORS, SCENARIO, Mode
 from ua_fleet.storage.traffic_log import read_traffic
 
-__all__ = ["Ask", "Conductor", "TalkRobotsResult"]
+__all__ = ["Ask", "Conductor"]
 
 BROKEN: Final = "ridgeback"
 REPAIRED: Final = "ns=2;i=1022"
@@ -49,15 +49,6 @@ Ask = Callable[[str, Sequence[str]], Awaitable[str | None]]
 Cancelled when somebody else has decided."""
 
 
-@dataclass(slots=True)
-class TalkRobotsResult:
-    """How a run ended: what goes into the JSON file, what is printed, and whether it was as it should be."""
-
-    report: dict[str, Any]
-    lines: list[str]
-    problems: list[str] = field(default_factory=list[str])
-
-
 class Conductor:
     """One for all connections: a run goes on while the server is away, and is followed again when it is back."""
 
@@ -72,7 +63,7 @@ class Conductor:
         ask: Ask,
         check: Callable[[], None],
         started: Callable[[], None],
-        finished: Callable[[TalkRobotsResult], None],
+        finished: Callable[[DemoResult], None],
         runs: bool,
         patience_s: float,
         remedy: str = "",
@@ -282,7 +273,7 @@ class Conductor:
 
     # After a run.
 
-    def _result(self, course: Course) -> TalkRobotsResult:
+    def _result(self, course: Course) -> DemoResult:
         sent = read_traffic(sorted(self._traffic()))
         # Starting everything is a part of the first run, as in the paper.
         costs = Costs.of(sent, since=0.0 if self._is_first else course.started_at)
@@ -296,4 +287,4 @@ class Conductor:
             elapsed_s=course.elapsed_s,
             faulty=0 if report["fault"] is None else 1,
         )
-        return TalkRobotsResult(report, lines, course.problems)
+        return DemoResult(report, lines, course.problems)

@@ -10,7 +10,8 @@ from ua_fleet.config.load import load
 from ua_fleet.demo.launch import START_TIMEOUT_S, Launch
 from ua_fleet.demo.lines import read_line
 from ua_fleet.demo.processes import Processes
-from ua_fleet.demo.talkrobots.conductor import Ask, Conductor, TalkRobotsResult
+from ua_fleet.demo.result import DemoResult
+from ua_fleet.demo.talkrobots.conductor import Ask, Conductor
 from ua_fleet.demo.talkrobots.setting import ACTORS, Setting
 
 __all__ = ["run_talkrobots"]
@@ -30,6 +31,8 @@ class _Hall:
         """Start everything, and wait until each process is ready."""
         setting, launch = self._setting, self.launch
         self.traffic.mkdir(exist_ok=True)
+        for old in self.traffic.iterdir():
+            old.unlink()
         await launch.prepare()
         if setting.has_ros1:
             await launch.master()
@@ -59,7 +62,7 @@ async def run_talkrobots(
     say: Callable[[str], None],
     ask: Ask,
     started: Callable[[], None],
-    finished: Callable[[TalkRobotsResult], None],
+    finished: Callable[[DemoResult], None],
     wait: bool,
     stay: bool,
 ) -> None:

@@ -14,10 +14,26 @@ from ua_fleet.demo.talkrobots import setting as talkrobots
 from ua_fleet.demo.talkrobots.setting import ACTORS, Kind, Mode
 from ua_fleet.errors import ConfigError
 
-__all__ = ["EVENTS", "FLEET", "MODBUS", "OPERATOR", "SERVER", "TESTBEDS", "Options", "Testbed"]
+__all__ = [
+    "EVENTS",
+    "FLEET",
+    "IDENTITY",
+    "LIMIT_S",
+    "MODBUS",
+    "OPERATOR",
+    "PASSWORD",
+    "SERVER",
+    "TESTBEDS",
+    "Options",
+    "Testbed",
+]
 
 FLEET, SERVER, OPERATOR, EVENTS, MODBUS = "fleet", "server", "operator", "events", "modbus"
 """Folders of volumes, beside one for each bridge."""
+PASSWORD = "password"  # noqa: S105 - the name of a file
+"""In the operator's folder."""
+IDENTITY = "ua-fleet/client"
+"""In the operator's folder: where every `ua-fleet` command finds its certificate if XDG_STATE_HOME is that folder."""
 
 _OPC_UA_PORT: Final = 4840
 _MONITORING_PORT: Final = 9464
@@ -28,7 +44,8 @@ _PORTS: Final = {"drone": "4841", "conveyor": "1502", "temperature_sensor": "/tm
 _DOMAINS: Final = {"pioneer_1": 2, "pioneer_2": 3}
 _MOBILE_DOMAIN: Final = 2
 _FIRST_VENDOR_SPACE: Final = 300
-_PATIENCE_S: Final = 600.0
+LIMIT_S: Final = 60.0
+"""So long an operator may think, who may not be there at all."""
 _SPEED: Final = re.compile(r"\d{1,2}(\.\d+)?")
 _NETWORK: Final = re.compile(r"\d{1,3}(\.\d{1,3}){2}")
 
@@ -82,6 +99,8 @@ class Testbed:
     """What `testbed robot` becomes."""
     ros1_address: int
     """Last byte of the address that its ROS 1 bridge has in the network of ROS 1."""
+    server: str
+    """The server's service."""
     conductor: str
     """The conductor's service."""
     has_modbus: bool
@@ -103,7 +122,7 @@ class Testbed:
             _PORTS,
             speed=options.speed,
             mode=options.mode,
-            limit_s=_PATIENCE_S,
+            limit_s=LIMIT_S,
         )
         return {"fleet.yaml": text, f"scenarios/{talkrobots.SCENARIO}.yaml": talkrobots.scenario_text()}
 
@@ -145,12 +164,13 @@ def _spaces() -> dict[str, int]:
 
 
 TESTBEDS: Final = {
-    "pal": Testbed("pal", ("arm_side", "mobile_side"), pal.ROBOTS, 71, "line", has_modbus=False),
+    "pal": Testbed("pal", ("arm_side", "mobile_side"), pal.ROBOTS, 71, "server-pal", "line", has_modbus=False),
     "talkrobots": Testbed(
         "talkrobots",
         tuple(actor.bridge for actor in ACTORS),
         tuple(actor.name for actor in ACTORS),
         70,
+        "server",
         "tasks",
         has_modbus=True,
     ),

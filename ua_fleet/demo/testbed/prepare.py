@@ -18,7 +18,7 @@ from ua_fleet.config.load import load
 from ua_fleet.config.schema import FleetConfig
 from ua_fleet.demo.layout import check_same_fleet
 from ua_fleet.demo.site import USER
-from ua_fleet.demo.testbed.plan import FLEET, OPERATOR, SERVER, Options, Testbed
+from ua_fleet.demo.testbed.plan import FLEET, IDENTITY, OPERATOR, PASSWORD, SERVER, Options, Testbed
 from ua_fleet.demo.testbed.volumes import check_volume, write_unless_edited
 from ua_fleet.errors import ConfigError
 from ua_fleet.server.app import application_uri
@@ -32,12 +32,8 @@ from ua_fleet.server.certificates import (
 from ua_fleet.server.introduce import introduce_bridge
 from ua_fleet.server.users import USERS_FILE, Role, UserStore
 
-__all__ = ["IDENTITY", "PASSWORD", "prepare"]
+__all__ = ["prepare"]
 
-PASSWORD: Final = "password"  # noqa: S105 - the name of a file
-"""In the operator's folder."""
-IDENTITY: Final = "ua-fleet/client"
-"""In the operator's folder: where every `ua-fleet` command finds its certificate if XDG_STATE_HOME is that folder."""
 _SERVICES: Final = ("server",)
 """Names by which clients in other containers reach the server."""
 

@@ -93,7 +93,7 @@ def _text(node: ET.Element) -> str:
 
 
 def _prose(text: str) -> str:
-    return " ".join(text.split()).replace("|", "\\|").replace("<", "&lt;")
+    return " ".join(text.split()).replace("|", "\\|").replace("<", "&lt;").replace("_", "\\_")
 
 
 def _of_type(nodeset: _Nodeset, node: ET.Element) -> str:

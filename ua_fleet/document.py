@@ -14,7 +14,7 @@ from typing import Any, Final, cast
 
 import yaml
 
-from ua_fleet.errors import ConfigError
+from ua_fleet.errors import UPGRADE, ConfigError, newer_version
 
 __all__ = [
     "MAX_BYTES",
@@ -96,16 +96,11 @@ class Document:
 
         A newer format has unknown keys everywhere, which says nothing to anybody.
         """
-        written = self.data.get("version")
-        if isinstance(written, bool) or not isinstance(written, int) or written <= version:
-            return False
-        self.problems.clear()
-        self.problem(
-            ("version",),
-            f"this file has version {written}, and this ua-fleet reads version {version}",
-            "upgrade it: pip install --upgrade ua-fleet",
-        )
-        return True
+        newer = newer_version(self.data.get("version"), version)
+        if newer:
+            self.problems.clear()
+            self.problem(("version",), f"this file {newer}", UPGRADE)
+        return bool(newer)
 
 
 def as_mapping(value: Any) -> dict[str, Any] | None:

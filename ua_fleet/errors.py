@@ -27,10 +27,12 @@ An error's text is one line: what is wrong, where, and what to do about it.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Final
 
 from ua_fleet.values import StatusCode
 
 __all__ = [
+    "UPGRADE",
     "AccessRefused",
     "BridgeUnavailable",
     "ConfigError",
@@ -56,7 +58,21 @@ __all__ = [
     "TransportError",
     "UaFleetError",
     "WireError",
+    "newer_version",
 ]
+
+UPGRADE: Final = "upgrade it: pip install --upgrade ua-fleet"
+"""What to do about a file of a newer version."""
+
+
+def newer_version(found: object, known: int) -> str:
+    """What is wrong with a file of version `found`; the empty text unless a newer program than this one wrote it.
+
+    What a newer program has written is refused whole: half understood, it would be misread, or written over.
+    """
+    if isinstance(found, bool) or not isinstance(found, int) or found <= known:
+        return ""
+    return f"has version {found}, and this ua-fleet reads version {known}"
 
 
 class UaFleetError(Exception):

@@ -15,7 +15,7 @@ import os
 import socket
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Final, cast
+from typing import Final
 
 from asyncua.crypto.cert_gen import (
     dump_private_key_as_pem,
@@ -26,7 +26,8 @@ from cryptography import x509
 from cryptography.hazmat.primitives.serialization import Encoding, load_pem_private_key
 from cryptography.x509.oid import ExtendedKeyUsageOID
 
-from ua_fleet.errors import AccessRefused
+from ua_fleet.document import as_mapping
+from ua_fleet.errors import UPGRADE, AccessRefused, newer_version
 from ua_fleet.pubsub.application import bridge_application_uri
 from ua_fleet.values import StatusCode
 
@@ -142,13 +143,17 @@ class ClientIdentity:
         except (OSError, ValueError) as error:
             known, reason = None, str(error)
         else:
-            reason = "it holds no object"
-        if not isinstance(known, dict):
+            reason = "it holds no object of texts"
+        servers = as_mapping(known)
+        # This format has no version: what has one is a newer program's, and must not make servers look unknown.
+        if servers is not None and (newer := newer_version(servers.get("version"), 1)):
+            raise AccessRefused(StatusCode.BAD_SECURITY_CHECKS_FAILED, f"{self._servers} {newer}; {UPGRADE}")
+        if servers is None or not all(isinstance(value, str) for value in servers.values()):
             raise AccessRefused(
                 StatusCode.BAD_SECURITY_CHECKS_FAILED,
                 f"{self._servers} cannot be read ({reason}); remove it, and servers are met anew",
             )
-        return cast("dict[str, str]", known)
+        return servers
 
     def check_server(self, endpoint: str, certificate: bytes) -> bool:
         """Remember a server's certificate at the first meeting, and hold it against that later.

@@ -14,7 +14,7 @@ from collections.abc import Generator, Sequence
 from pathlib import Path
 from typing import Any, Final
 
-from ua_fleet.errors import StorageUnavailable
+from ua_fleet.errors import UPGRADE, StorageUnavailable, newer_version
 
 __all__ = ["Database"]
 
@@ -95,6 +95,8 @@ class Database:
         [(kind,)], [(found,)] = self.read("PRAGMA application_id"), self.read("PRAGMA user_version")
         if kind != APPLICATION_ID:
             raise StorageUnavailable(f"{self.path} is another program's file; name another state_dir, or move it away")
+        if newer := newer_version(found, version):
+            raise StorageUnavailable(f"{self.path} {newer}; {UPGRADE}")
         if found != version:
             raise StorageUnavailable(
                 f"{self.path} has format {found}, and this version of ua-fleet knows {version}; go back to the version"

@@ -24,7 +24,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Final, cast
 
-from ua_fleet.errors import ConfigError
+from ua_fleet.errors import UPGRADE, ConfigError, newer_version
 from ua_fleet.wire.security import SecurityPolicy
 
 __all__ = ["FileKey", "FileStamp", "KeyFile", "KeyFolder", "NoKeyFile"]
@@ -273,9 +273,13 @@ class _Parser:
 
     def file(self, content: bytes) -> KeyFile:
         document = self._document(content)
+        if newer := newer_version(document.get("version"), VERSION):
+            raise self._problem("version", newer, UPGRADE)
         self._only(document, "", ("version", "group", "policy", "lifetime_s", "keys"))
         if document["version"] != VERSION:
-            raise self._problem("version", f"this ua-fleet reads version {VERSION} of key files", "upgrade it")
+            raise self._problem(
+                "version", f"this ua-fleet reads version {VERSION} of key files", "take it from a backup"
+            )
         if document["group"] != self._group_id:
             raise self._problem("group", f"the file is not that of {self._group_id}", "put the right file here")
         try:

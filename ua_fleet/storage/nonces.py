@@ -17,7 +17,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
-from ua_fleet.errors import ConfigError
+from ua_fleet.errors import UPGRADE, ConfigError, newer_version
 from ua_fleet.pubsub.security.nonces import NoncesUnavailable
 
 __all__ = ["FileNonces"]
@@ -112,9 +112,13 @@ class FileNonces:
         try:
             if len(text) > MAX_BYTES:
                 raise ValueError
-            return _groups_of(json.loads(text))
+            document = json.loads(text)
+            newer = newer_version(document["version"], VERSION)
+            if not newer:
+                return _groups_of(document)
         except (ValueError, TypeError, KeyError, AttributeError, RecursionError):
             raise ConfigError("is no file of reserved nonces", file=str(self._path), suggestion=_REMEDY) from None
+        raise ConfigError(newer, file=str(self._path), suggestion=UPGRADE)
 
     def _write(self, groups: dict[str, _Group]) -> None:
         document = {

@@ -99,7 +99,7 @@ def test_a_write_that_fails_gives_nothing(tmp_path: Path, monkeypatch: pytest.Mo
         "{",
         "[]",
         "null",
-        '{"version": 2, "groups": {}}',
+        '{"version": 0, "groups": {}}',
         '{"version": 1}',
         '{"version": 1, "groups": {"t-2": {"reserved": {"7": -1}, "pruned": 0, "pruned_number": 0}}}',
         '{"version": 1, "groups": {"t-2": {"reserved": {"7": "100"}, "pruned": 0, "pruned_number": 0}}}',

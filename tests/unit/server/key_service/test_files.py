@@ -69,7 +69,7 @@ def broken(**changes: Any) -> str:
         "[]",
         "{",
         "null",
-        '{"version": 2, "groups": {}}',
+        '{"version": 0, "groups": {}}',
         '{"version": 1, "groups": [1]}',
         "[" * 100_000,
         broken(policy="None"),

@@ -66,6 +66,9 @@ COMMANDS = [
 WITHOUT_JSON = {
     "config schema",  # prints nothing else
     "healthcheck",  # says one line, as supervisors want it
+    "testbed prepare",  # tells no data
+    "testbed robot",  # is another program then
+    "testbed run",  # its result stands in a file
 }
 
 

@@ -100,6 +100,7 @@ class Actions:
         send_to: SendTo,
         wall_ticks: Callable[[], int],
         failed: Callable[[str, BaseException | None], None],
+        followed: Callable[[skill_journal.Execution, str, str], None] | None = None,
         rule: Rule = loop_verdict,
         definitions: Mapping[Topic, str] = MappingProxyType({}),
         skills_period_s: float = SKILLS_PERIOD_S,
@@ -118,6 +119,7 @@ class Actions:
             send: sends a plain message to all.
             send_to: sends a plain message to one address.
             wall_ticks: the time of the wall clock.
+            followed: told of each execution whose state is new, with the names of its robot and skill.
             failed: told what an operator has to know, with the exception where a mistake of the driver was the cause.
             rule: the loop rule.
             definitions: what robots are, by the topics of their SkillStatus; announced with these.
@@ -131,6 +133,7 @@ class Actions:
             failed,
             rule,
         )
+        self._followed = followed
         self._responder = Responder(
             space, journal, counters, allowed_spaces=requestors, must_be_verified=must_be_verified
         )
@@ -274,6 +277,8 @@ class Actions:
         changed, self._changed = self._changed, []
         for execution in changed:
             self._board.show(execution, now, self._wall_ticks())
+            if self._followed is not None and (named := self._board.names_of(execution.target)) is not None:
+                self._followed(execution, *named)
         deadlines = [self._responder.next_deadline()]
         if self._driver is not None:
             deadlines.append(self._skills_at)

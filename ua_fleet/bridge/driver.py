@@ -7,7 +7,7 @@ robots can be commanded keeps the `SkillDriver` protocol too.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol, runtime_checkable
@@ -161,6 +161,8 @@ class DriverStatus:
     connected: bool
     detail: str
     """One line: what it is connected to, or why it is not and what to do."""
+    devices: Mapping[str, str] = field(default_factory=dict[str, str])
+    """Where several things stand behind the bridge, each by its name: why it is away, empty while it is there."""
 
 
 class Inlet(Protocol):

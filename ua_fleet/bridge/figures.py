@@ -53,5 +53,7 @@ class BridgeFigures:
         if self._envelope.mode is not SecurityMode.NONE:
             now = asyncio.get_running_loop().time()
             yield from keys_left(self._envelope.keys_last_s(now), self._keys.source_problem)
-        yield metrics.SPACE_CONNECTED.one(self._driver.status().connected)
+        status = self._driver.status()
+        yield metrics.SPACE_CONNECTED.one(status.connected)
+        yield metrics.DEVICE_UP.many(((name,), not reason) for name, reason in status.devices.items())
         yield metrics.INLET.one(self._inlet.waiting)

@@ -30,8 +30,10 @@ from ua_fleet.bridge.driver import (
     StreamingDriver,
     skills_of,
 )
+from ua_fleet.bridge.execution_log import ExecutionLog
 from ua_fleet.bridge.figures import BridgeFigures
 from ua_fleet.bridge.inlet import BoundedInlet
+from ua_fleet.bridge.link_log import LinkLog
 from ua_fleet.bridge.status import STATUS_FIELDS, STATUS_INTERVAL_S, status_topic, status_values
 from ua_fleet.bridge.wanted import Wants
 from ua_fleet.config.applications import bridge_application
@@ -94,6 +96,7 @@ class _Shell:
     ) -> None:
         self._loop, self._sent = asyncio.get_running_loop(), sent
         self._name, self._bridge = bridge_name, config.bridges[bridge_name]
+        self._log: Any = structlog.get_logger("ua_fleet.bridge", bridge=bridge_name)
         self._driver, self._transport = driver, transport
         self._status_topic = status_topic(config, self._bridge)
         self.counters = Counters()
@@ -135,6 +138,7 @@ class _Shell:
             send_to=self._send_to,
             wall_ticks=_wall_ticks,
             failed=self._failed,
+            followed=ExecutionLog(self._log).take,
             rule=rule,
             definitions=announced_robots(config, bridge_name),
         )
@@ -142,9 +146,8 @@ class _Shell:
         self.figures = BridgeFigures(self.counters, driver, transport, self.inlet, self.envelope, self.keys)
         self._timer: asyncio.TimerHandle | None = None
         self._status_at = 0.0
-        self._connected: bool | None = None
         self._told: set[tuple[Drop, str]] = set()
-        self._log: Any = structlog.get_logger(bridge=bridge_name, space=space)
+        self._links = LinkLog(self._log)
         for weakness in weaknesses(config):
             self._log.warning(weakness)
 
@@ -232,12 +235,7 @@ class _Shell:
         status = self._driver.status()
         if problem := self.envelope.problem or self.keys.problem() or self._actions.problem:
             status = replace(status, detail=f"{status.detail}; {problem}")
-        if status.connected is not self._connected:
-            if status.connected:
-                self._log.info("connected to the space", detail=status.detail)
-            else:
-                self._log.warning("not connected to the space", detail=status.detail)
-            self._connected = status.connected
+        self._links.take(status)
         for complaint in self._subscriber.complaints(now):
             self._log.warning(complaint.what, cause=complaint.cause, count=complaint.count, detail=complaint.detail)
         stats = self._transport.stats

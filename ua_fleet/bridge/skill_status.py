@@ -62,6 +62,11 @@ class StatusBoard:
         made = make_field(_FIRST.name, _FIRST.builtin_type, properties=properties)
         return _FIRST._replace(properties=made.properties), *_OTHERS
 
+    def names_of(self, target: Target) -> tuple[str, str] | None:
+        """Robot and skill of a target that executes."""
+        found = self._targets.get(target)
+        return None if found is None else (self._robots[found[1]][0], found[0].name)
+
     def show(self, execution: Execution, now: float, wall_ticks: int) -> None:
         """An execution is new or has a new state."""
         found = self._targets.get(execution.target)

@@ -38,7 +38,7 @@ def bridge(
     if name not in fleet.bridges:
         there = ", ".join(fleet.bridges) or "none"
         raise NotFound(f"{config}: there is no bridge {name!r}; bridges there: {there}")
-    set_up_logging()
+    set_up_logging(process="bridge", bridge=name)
     from ua_fleet.bridge.registry import load_driver
     from ua_fleet.bridge.runner import run_bridge
     from ua_fleet.monitoring import Process

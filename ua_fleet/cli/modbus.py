@@ -67,7 +67,7 @@ def serve(
     """
     fleet, modbus = _modbus_of(config)
     connection = Connection.of(endpoint, user, password_file, policy, insecure, TIMEOUT_S)
-    set_up_logging()
+    set_up_logging(process="modbus")
     with extra_needed("this command", "modbus"):
         from ua_fleet.modbus.figures import GatewayFigures
         from ua_fleet.modbus.listener import Listener

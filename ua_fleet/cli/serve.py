@@ -36,7 +36,7 @@ def serve(
     """
     given = {"server.host": host, "server.port": port}
     fleet = load_config(config, overrides={key: value for key, value in given.items() if value is not None})
-    set_up_logging()
+    set_up_logging(process="server")
     with extra_needed("the server", "server"):
         from ua_fleet.server.app import run_server
     from ua_fleet.monitoring import Process

@@ -92,6 +92,17 @@ class Noticed(NamedTuple):
     is_problem: bool
     text: str
     topic: Topic | None = None
+    robot: str = ""
+    """The robot that it is about, by its name."""
+    bridge: str = ""
+    """The bridge that it is about, by its name."""
+
+    @property
+    def ids(self) -> dict[str, str]:
+        """What it is about, as the log names it."""
+        topic = "" if self.topic is None else self.topic.name
+        named = {"bridge": self.bridge, "robot": self.robot, "topic": topic}
+        return {name: value for name, value in named.items() if value}
 
 
 Change = (

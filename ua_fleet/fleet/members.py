@@ -40,7 +40,7 @@ class BridgeStatus:
         text = "is there" if online else "is silent: its status is Bad_NoCommunication"
         return [
             _said(self.model.part("Online"), _BOOLEAN, online, wall_ticks),
-            Noticed(not online, f"bridge {self.model.name} {text}"),
+            Noticed(not online, f"bridge {self.model.name} {text}", bridge=self.model.name),
         ]
 
     def tick(self, wall_ticks: int) -> list[Change]:
@@ -128,10 +128,10 @@ class RobotStatus:
     def _notice(self) -> Noticed:
         name = self.model.name
         if not self.silent:
-            return Noticed(False, f"robot {name} is there, with all its sources")
+            return Noticed(False, f"robot {name} is there, with all its sources", robot=name)
         if self.alive == 0:
-            return Noticed(True, f"robot {name} is silent: its nodes are Bad_NoCommunication")
-        return Noticed(True, f"robot {name} is silent in part: {', '.join(sorted(self.silent))}")
+            return Noticed(True, f"robot {name} is silent: its nodes are Bad_NoCommunication", robot=name)
+        return Noticed(True, f"robot {name} is silent in part: {', '.join(sorted(self.silent))}", robot=name)
 
 
 class Traffic:

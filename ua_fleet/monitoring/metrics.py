@@ -112,6 +112,9 @@ KEY_REMAINING = _metric(
 KEY_SOURCE = _metric("key_source_up", _G, _PUBSUB, "1 while the source of keys can be asked; absent without keys.")
 
 SPACE_CONNECTED = _metric("space_connected", _G, _BRIDGE, "1 while the bridge is connected to its space.")
+DEVICE_UP = _metric(
+    "device_up", _G, _BRIDGE, "1 while the device answers; where several stand behind the bridge.", "device"
+)
 INLET = _metric("inlet_messages", _G, _BRIDGE, "Messages from the space that wait to be sent.")
 
 ROBOT_UP = _metric("robot_up", _G, _SERVER, "1 while the robot is heard.", "robot")

@@ -412,7 +412,7 @@ class Hub:
                 if (ready := self._coalescer.offer(change, now)) is not None:
                     self._projection.put(ready)
             elif isinstance(change, Noticed):
-                (_log.warning if change.is_problem else _log.info)(change.text)
+                (_log.warning if change.is_problem else _log.info)(change.text, **change.ids)
             elif isinstance(change, CapacitiesChanged):
                 self._projection.put(change)
                 if self._scenarios is not None:

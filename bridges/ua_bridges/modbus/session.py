@@ -121,12 +121,14 @@ class ModbusDriver:
         if self._thread is None or not self._devices:
             return DriverStatus(False, self._failure or "not running")
         away = [device.detail for device in self._devices.values() if not device.is_there]
+        each = {name: "" if device.is_there else device.detail for name, device in self._devices.items()}
+        several = each if len(each) > 1 else {}
         if not away:
-            return DriverStatus(True, "; ".join(device.detail for device in self._devices.values()))
+            return DriverStatus(True, "; ".join(device.detail for device in self._devices.values()), several)
         more = f" and {len(away) - _LISTED} more" if len(away) > _LISTED else ""
         there = len(self._devices) - len(away)
         counted = f"{there} of {len(self._devices)} devices answer; " if len(self._devices) > 1 else ""
-        return DriverStatus(False, counted + "; ".join(away[:_LISTED]) + more)
+        return DriverStatus(False, counted + "; ".join(away[:_LISTED]) + more, several)
 
     async def stop(self) -> None:
         """See Driver."""

@@ -229,7 +229,7 @@ class Bus:
         self.is_connected, self.detail = is_good, detail
         if detail != self._said and not self._is_stopped:
             self._said = detail
-            (logger.info if is_good else logger.warning)("%s", detail)
+            logger.debug("%s", detail)  # the bridge says what it comes to
 
     def _owner(self, name: str, owner: str) -> None:
         if self._owners.get(name, "") == owner:

@@ -171,7 +171,11 @@ class PluggedDriver:
         if self._bus is not None:
             details.append(self._bus.detail)
             is_connected = is_connected or self._bus.is_connected
-        return DriverStatus(is_connected and not self._is_stopped, "; ".join(details) or "there is nothing to watch")
+        each = {name: "" if device.is_ready else device.detail() for name, device in self._devices.items()}
+        if self._bus is not None:
+            each["D-Bus"] = "" if self._bus.is_connected else self._bus.detail
+        text = "; ".join(details) or "there is nothing to watch"
+        return DriverStatus(is_connected and not self._is_stopped, text, each if len(each) > 1 else {})
 
     # Devices
 

@@ -115,7 +115,7 @@ class Port:
             self._open()
             return
         self._serial = port
-        self._say(f"plugged in at {self._node}", good=True)
+        self._say(f"plugged in at {self._node}")
         assert self._lines is not None
         self._lines.opened(time.monotonic(), time.time_ns())
         self._turned()
@@ -161,11 +161,11 @@ class Port:
             self._close(f"{self._device}: {why}")
             self._again()
 
-    def _say(self, detail: str, *, good: bool = False) -> None:
+    def _say(self, detail: str) -> None:
         self.detail = detail
         if detail != self._said:
             self._said = detail
-            (logger.info if good else logger.warning)("device %s: %s", self._device, detail)
+            logger.debug("device %s: %s", self._device, detail)  # the bridge says what it comes to
 
     # Bytes
 

@@ -98,7 +98,9 @@ class TcpDriver:
         links = [link for link in (self._direct_link, self._interpreter_link) if link is not None]
         sessions = [session for session in (self._direct, self._interpreter) if session is not None]
         is_connected = bool(sessions) and all(session.is_connected for session in sessions)
-        return DriverStatus(is_connected, "; ".join(link.detail for link in links))
+        pairs = zip(("direct", "interpreter"), links, sessions, strict=False) if len(sessions) > 1 else ()
+        each = {name: "" if session.is_connected else link.detail for name, link, session in pairs}
+        return DriverStatus(is_connected, "; ".join(link.detail for link in links), each)
 
     async def stop(self) -> None:
         """See Driver."""

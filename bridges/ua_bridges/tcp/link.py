@@ -103,12 +103,12 @@ class Link:
         if not self._is_stopped:
             self._timers[do] = self._loop.call_later(max(seconds, 0.0), do)
 
-    def _say(self, detail: str, *, good: bool = False) -> None:
+    def _say(self, detail: str) -> None:
         """One line for each change."""
         self.detail = detail
         if detail != self._said:
             self._said = detail
-            (logger.info if good else logger.warning)("%s: %s", self._who, detail)
+            logger.debug("%s: %s", self._who, detail)  # the bridge says what it comes to
 
     # Connecting
 
@@ -221,7 +221,7 @@ class Link:
         self._is_up, self._pause_s = True, FIRST_PAUSE_S
         self._unsent.clear()
         self._loop.add_reader(self._socket.fileno(), self._readable)
-        self._say(f"connected to {self._where()}" if not self._listens else f"{self._peer} is connected", good=True)
+        self._say(f"connected to {self._where()}" if not self._listens else f"{self._peer} is connected")
         self._session.connected(time.monotonic())
         self._turn()
 

@@ -229,7 +229,7 @@ class UrDriver:
         try:
             self._remote_control = bool(self._link.call("dashboard", "isInRemoteControl"))
         except SkillError as error:
-            _log.debug("the dashboard server does not answer", controller=self._config.address, why=str(error))
+            _log.debug("the dashboard server does not answer", controller=self._config.address, reason=str(error))
             return
         self._faults.remote_control(self._remote_control if self._config.needs_remote_control else None)
 
@@ -259,7 +259,7 @@ class UrDriver:
         try:
             told = task.look(self._link, state, now)
         except SkillError as error:
-            _log.debug("what the controller does is followed by its state alone", why=str(error))
+            _log.debug("what the controller does is followed by its state alone", reason=str(error))
             self._link.close()
             return
         if isinstance(told, Progress):
@@ -285,7 +285,7 @@ class UrDriver:
         try:
             task.halt(self._link, state)
         except SkillError as error:
-            _log.warning("the robot was not halted", controller=self._config.address, why=str(error))
+            _log.warning("the robot was not halted", controller=self._config.address, reason=str(error))
 
     def _give_up(self, execution_id: bytes, state: State | None) -> None:
         task = self._tasks.get(execution_id)

@@ -138,7 +138,7 @@ class Watcher:
             self._faults.seen(None, reason)
             if reason != told:
                 told = reason
-                _log.warning("no connection to the controller", why=reason)
+                _log.debug("no connection to the controller", reason=reason)  # the bridge says what it comes to
             self._stopping.wait(wait)
             wait = min(wait * 2, most)
 
@@ -159,7 +159,7 @@ class Watcher:
                     raise ChildFailed(said.error)
                 elif said.note and not self._has_noted:
                     self._has_noted = True
-                    _log.warning("the state is read without its priority", why=said.note)
+                    _log.warning("the state is read without its priority", reason=said.note)
         finally:
             child.end()
 
@@ -181,7 +181,7 @@ class Watcher:
         state = State(said.stamp, self._clock.unix_ns(said.stamp, said.received_ns), said.values)
         if self.state is None:
             self._detail = f"connected to {self._config.address}"
-            _log.info("connected to the controller", controller=self._config.address)
+            _log.debug("connected to the controller", controller=self._config.address)
         self.state = state
         self._telemetry.sampled(state, said.lost)
         self._faults.seen(state)

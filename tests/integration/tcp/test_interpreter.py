@@ -183,7 +183,7 @@ async def test_a_robot_that_does_not_read_is_left() -> None:
 async def test_each_change_of_the_connection_is_logged_once(
     start_robot: StartRobot, caplog: pytest.LogCaptureFixture
 ) -> None:
-    caplog.set_level(logging.INFO, "ua_bridges.tcp.link")
+    caplog.set_level(logging.DEBUG, "ua_bridges.tcp.link")
     port = free_tcp_port()
     async with running(interpreter_fleet(f'connect: "127.0.0.1:{port}"')) as one:
         await asyncio.sleep(1.5)  # it tries several times

@@ -46,7 +46,7 @@ async def tell_capacities(
             what = "can do now" if verb is Verb.REFERENCE_ADDED else "cannot do any more"
             why = "; ".join(dict.fromkeys(change.lacks[name] for name in names if name in change.lacks))
             text = f"robot {change.robot.name} {what}: {', '.join(names)}{f' ({why})' if why else ''}"
-            _log.info(text)
+            _log.info(text, robot=change.robot.name)
             await _tell(events, change.robot, verb, text, ticks)
 
 

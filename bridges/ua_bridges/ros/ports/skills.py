@@ -59,7 +59,7 @@ class RobotSkills(Generic[Graph]):
         for port in self:
             port.opened(graph)
             if port.problem:
-                _log.error("a skill cannot be done", robot=port.spec.robot, skill=port.spec.name, why=port.problem)
+                _log.error("a skill cannot be done", robot=port.spec.robot, skill=port.spec.name, reason=port.problem)
 
     # The event loop's side
 

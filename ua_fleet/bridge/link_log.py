@@ -1,0 +1,45 @@
+"""What the log says of a bridge's space: one line when something goes away, one when it comes back."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from ua_fleet.bridge.driver import DriverStatus
+
+__all__ = ["LinkLog"]
+
+
+class LinkLog:
+    """Compares a driver's status with what was said of it before.
+
+    Where several things stand behind the bridge, each has its lines, and the bridge as a whole has none. What has not
+    come yet when the bridge begins has a line only if it is still not there at the second look.
+    """
+
+    def __init__(self, log: Any) -> None:
+        """Begin with nothing said; `log` is a logger of structlog."""
+        self._log = log
+        self._connected: bool | None = None
+        self._there: dict[str, bool] | None = None
+        """What was said of each device."""
+
+    def take(self, status: DriverStatus) -> None:
+        """Say what has changed."""
+        if not status.devices:
+            if status.connected is not self._connected:
+                self._connected = status.connected
+                if status.connected:
+                    self._log.info("connected to the space", detail=status.detail)
+                else:
+                    self._log.warning("not connected to the space", detail=status.detail)
+            return
+        if self._there is None:
+            self._there = {name: True for name, reason in status.devices.items() if not reason}
+            return
+        for name, reason in status.devices.items():
+            if self._there.get(name) is not (not reason):
+                self._there[name] = not reason
+                if reason:
+                    self._log.warning("device is away", device=name, reason=reason)
+                else:
+                    self._log.info("device is there", device=name)

@@ -17,8 +17,11 @@ from pathlib import Path
 from typing import Any, Final
 from xml.etree import ElementTree as ET
 
-from asyncua import Client, ua
+from asyncua import ua
+from asyncua.client.client import Client
 from asyncua.common.node import Node
+from asyncua.ua.attribute_ids import AttributeIds
+from asyncua.ua.object_ids import ObjectIdNames, ObjectIds
 
 from ua_fleet.config.load import load_content
 from ua_fleet.config.reference import put_between
@@ -42,7 +45,7 @@ _SHOWN: Final = {"UAVariable": "Variable", "UAObject": "Object", "UAMethod": "Me
 
 def _standard_name(node_id: str) -> str:
     """The name of a node of namespace 0, as `i=58`."""
-    return str(ua.ObjectIdNames[int(node_id.removeprefix("i="))])
+    return str(ObjectIdNames[int(node_id.removeprefix("i="))])
 
 
 class _Nodeset:
@@ -144,7 +147,7 @@ def types() -> str:
 
 async def _below(node: Node, path: str) -> AsyncIterator[tuple[str, Node]]:
     """All Methods below a node, with their paths."""
-    for child in await node.get_children(refs=ua.ObjectIds.HierarchicalReferences):
+    for child in await node.get_children(refs=ObjectIds.HierarchicalReferences):
         name = (await child.read_browse_name()).Name
         if await child.read_node_class() is ua.NodeClass.Method:
             yield f"{path}/{name}", child
@@ -175,7 +178,7 @@ async def _role_that_may(url: str, methods: Sequence[ua.NodeId]) -> list[str]:
     for role in reversed(_ROLES):
         async with _session(url, role) as client:
             for place, method in enumerate(methods):
-                answer = await client.get_node(method).read_attribute(ua.AttributeIds.UserExecutable)
+                answer = await client.get_node(method).read_attribute(AttributeIds.UserExecutable)
                 if answer.Value is not None and answer.Value.Value:
                     least[place] = role.name.lower()
     return least

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from datetime import UTC, datetime
+
 import pytest
 
-from ua_fleet.client import DecisionTold, FaultTold, RankedRobot, RankingInfo, RunTold, StepTold
+from ua_fleet.client import DecisionTold, FaultTold, RankedRobot, RankingInfo, RunInfo, RunTold, StepTold
 from ua_fleet.demo.talkrobots.course import TASKS, Course, ranking_lines
 
 START = 1000.0
@@ -131,3 +133,42 @@ def test_a_ranking_explains_itself() -> None:
         "consistency ratio of the judgements: 0.010 (at most 0.1)",
         "no candidate: arm has not the capacity mobile",
     ]
+
+
+def stands(state: str, **tasks: tuple[str, str]) -> RunInfo:
+    """A run whose tasks have these robots and states."""
+    robots, states = zip(*tasks.values(), strict=True)
+    started = datetime.fromtimestamp(START, UTC).isoformat()
+    nothing = ("{}",) * len(tasks)
+    return RunInfo("run", state, "nine_tasks", started, "anna", "", tuple(tasks), robots, states, nothing, nothing)
+
+
+def test_what_happened_unseen_is_caught_up_with_once(course: Course) -> None:
+    course.take(begun("fetch", "rover", 1))
+    seen = stands("running", fetch=("rover", "done"), go=("spare", "accepted"), load=("", "wanted"))
+    assert course.catch_up(seen, at(20)) == [
+        "  20.00 s  rover              fetch is done",
+        "  20.00 s  spare              is at go",
+    ]
+    assert course.catch_up(seen, at(30)) == []
+    course.take(over("go", "spare", 31))
+    rows = course.report()["tasks"]
+    assert [(row["task"], row["robot"], row["state"]) for row in rows] == [
+        ("fetch", "rover", "done"),
+        ("go", "spare", "done"),
+    ]
+    assert [row["ended_s"] for row in rows] == pytest.approx([20, 31])
+
+
+def test_a_run_that_ended_unseen_has_ended(course: Course) -> None:
+    tasks = {f"t{number}": ("rover", "done") for number in range(TASKS)}
+    lines = course.catch_up(stands("done", **tasks), at(50))
+    assert lines[-1] == "  50.00 s  scenario           done"
+    assert (course.outcome, course.problems) == ("done", [])
+
+
+def test_a_run_is_followed_from_its_middle() -> None:
+    course = Course("run", SPEED, {})
+    course.catch_up(stands("running", fetch=("rover", "accepted")), at(5))
+    assert course.started_at == START
+    assert course.rows["fetch"].started_s == pytest.approx(5)

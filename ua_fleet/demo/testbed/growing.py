@@ -31,7 +31,7 @@ class GrowingFiles:
                     # It was begun anew: first the rest of the one before.
                     lines += self._lines_of(path.with_name(path.name + _KEPT), known, offset)
                     offset = 0
-                lines += self._lines_of(path, status.st_ino, min(offset, status.st_size))
+                lines += self._lines_of(path, status.st_ino, offset if offset <= status.st_size else 0)
             except FileNotFoundError:
                 continue
         return lines

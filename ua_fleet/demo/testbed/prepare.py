@@ -74,8 +74,7 @@ async def _prepare(testbed: Testbed, folder: Path, options: Options, say: Callab
     config = load(fleet / "fleet.yaml")
     server = folder / SERVER
     certificate = _server_certificate(config, server, options, say)
-    for bridge in config.bridges:
-        await introduce_bridge(config, fleet, bridge)
+    await asyncio.gather(*(introduce_bridge(config, fleet, bridge) for bridge in config.bridges))
     await _operator(folder / OPERATOR, server, certificate)
     say(f"the testbed {testbed.name} is prepared: {len(config.bridges)} bridges, user {USER}")
 

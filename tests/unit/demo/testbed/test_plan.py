@@ -1,0 +1,71 @@
+"""What the two testbeds consist of fits to what their fleets are."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from ua_fleet.cli.testbed import Name
+from ua_fleet.config.load import load_content
+from ua_fleet.demo.testbed.plan import TESTBEDS, Options
+from ua_fleet.errors import ConfigError
+
+
+def test_the_command_line_knows_both() -> None:
+    assert [name.value for name in Name] == list(TESTBEDS)
+
+
+@pytest.mark.parametrize("name", TESTBEDS)
+def test_each_bridge_has_a_volume(name: str) -> None:
+    testbed = TESTBEDS[name]
+    config = load_content(testbed.files(Options())["fleet.yaml"].encode(), "fleet.yaml", {})
+    assert tuple(config.bridges) == testbed.bridges
+    assert set(testbed.bridges) < set(testbed.volumes)
+    assert {config.server.state_dir, *map(config.state_dir_of, config.bridges)} < {f"../{v}" for v in testbed.volumes}
+
+
+@pytest.mark.parametrize(("name", "robot"), [(t, robot) for t, testbed in TESTBEDS.items() for robot in testbed.robots])
+def test_each_robot_is_a_program_that_is_there(name: str, robot: str) -> None:
+    arguments, added = TESTBEDS[name].robot(robot, Options(speed=2))
+    assert arguments[0] == "-m" or Path(arguments[0]).is_file()
+    if robot not in ("ur3", "conveyor"):
+        assert arguments[arguments.index("--speed") + 1] == "2"
+    in_ros2 = {"human", "turtlebot3", "pioneer_1", "pioneer_2"}
+    assert ("ROS_DOMAIN_ID" in added) is (robot in in_ros2)
+
+
+def test_bridges_look_where_robots_are() -> None:
+    testbed = TESTBEDS["talkrobots"]
+    config = load_content(testbed.files(Options())["fleet.yaml"].encode(), "fleet.yaml", {})
+    for number in (1, 2):
+        _, added = testbed.robot(f"pioneer_{number}", Options())
+        assert added["ROS_DOMAIN_ID"] == str(config.bridges[f"pioneer_{number}_bridge"].space)
+    drone, _ = testbed.robot("drone", Options())
+    text = testbed.files(Options())["fleet.yaml"]
+    assert f'connect: "drone:{drone[drone.index("--port") + 1]}"' in text
+    conveyor, _ = testbed.robot("conveyor", Options())
+    assert f"plc: {{host: conveyor, port: {conveyor[conveyor.index('--port') + 1]}}}" in text
+    sensor, _ = testbed.robot("temperature_sensor", Options())
+    assert f'path: "{sensor[sensor.index("--device") + 1]}"' in text
+
+
+def test_options_come_from_the_environment() -> None:
+    assert Options.of({"UA_FLEET_SPEED": "", "HOME": "/"}) == Options()
+    given = {"SPEED": "2.5", "RESILIENCE": "automatic", "PUBLISH": "192.0.2.7", "PORT": "4841", "NET": "10.1.2"}
+    expected = Options(2.5, "automatic", "192.0.2.7", 4841, "10.1.2")
+    assert Options.of({f"UA_FLEET_{name}": value for name, value in given.items()}) == expected
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        *(("SPEED", value) for value in ("fast", "nan", "0", "21", "1e1")),
+        ("RESILIENCE", "abort"),
+        *(("PORT", value) for value in ("http", "0", "70000")),
+        *(("NET", value) for value in ("10.1", "10.1.2.0/24")),
+    ],
+)
+def test_what_an_option_cannot_be_is_said(name: str, value: str) -> None:
+    with pytest.raises(ConfigError, match=rf"^environment:UA_FLEET_{name}: '{value}' cannot be; give "):
+        Options.of({f"UA_FLEET_{name}": value})

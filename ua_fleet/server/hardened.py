@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +28,7 @@ from ua_fleet.server.endpoint.processor import Services
 from ua_fleet.server.endpoint.stack import AttributeIds
 from ua_fleet.server.endpoint.subscriptions import Subscriptions
 from ua_fleet.server.internals import check_internals
+from ua_fleet.server.nodes import paused_collection, release_collection
 from ua_fleet.server.trust import TrustList
 from ua_fleet.server.users import USERS_FILE, Role, User, UserStore
 
@@ -128,6 +129,7 @@ class HardenedServer(Server):
             await subscription.stop()
         await self.iserver.stop()
         self.context.audit.close()
+        release_collection()
 
 
 def _close_standard_nodes(server: Server) -> None:
@@ -169,7 +171,7 @@ async def create_server(
     application_uri: str,
     limits: Limits | None = None,
     users: UserStore | None = None,
-    bridges: Iterable[str] = (),
+    bridges: Mapping[str, str] | None = None,
 ) -> HardenedServer:
     """A server that is initialised and not started, with its certificates, users and limits in place.
 
@@ -179,7 +181,7 @@ async def create_server(
         application_uri: the server's; its certificate carries it.
         limits: in place of those of the configuration.
         users: in place of the file in `state_dir`.
-        bridges: names of bridges that may log in by a certificate.
+        bridges: names of bridges that may log in by a certificate, by their ApplicationUris.
 
     Raises ServerStartError, in one line, for what must not be started.
     """
@@ -193,13 +195,14 @@ async def create_server(
     store = users or UserStore(state_dir / USERS_FILE)
     store.check()
     files = ensure_application_certificate(state_dir, application_uri, [config.host])
-    trust = TrustList(state_dir, trust_all=config.trust_all_clients)
+    trust = TrustList(state_dir, trust_all=config.trust_all_clients, bridges=bridges)
     server = HardenedServer()
     server.name = "ua_fleet"
     server.manufacturer_name = "ua_fleet"
     server.product_uri = "urn:ua-fleet"
     server.application_type = ua.ApplicationType.Server
-    await server.init()
+    with paused_collection():
+        await server.init()
     await server.set_application_uri(application_uri)
     server.set_endpoint(f"opc.tcp://{config.host}:{config.port}/{config.path}")
     await server.load_certificate(files.certificate)
@@ -208,7 +211,7 @@ async def create_server(
     none = [ua.SecurityPolicyType.NoSecurity] if config.allow_none_security else []
     server.set_security_policy([*_ENCRYPTED, *none])
     anonymous = [ua.AnonymousIdentityToken] if config.allow_anonymous else []
-    names = tuple(bridges)
+    names = tuple((bridges or {}).values())
     certificate = [ua.X509IdentityToken] if names else []
     server.set_identity_tokens([ua.UserNameIdentityToken, *certificate, *anonymous])
     server.limits.max_recv_buffer = server.limits.max_send_buffer = CHUNK_BYTES

@@ -25,7 +25,7 @@ from ua_fleet.errors import ServerStartError
 from ua_fleet.server.convert import raw_id, to_status
 from ua_fleet.values import QualifiedName, StatusCode
 
-__all__ = ["HAS_COMPONENT", "HAS_PROPERTY", "ORGANIZES", "NodeBuilder", "paused_collection"]
+__all__ = ["HAS_COMPONENT", "HAS_PROPERTY", "ORGANIZES", "NodeBuilder", "paused_collection", "release_collection"]
 
 HAS_COMPONENT: Final = raw_id(ObjectIds.HasComponent)
 HAS_PROPERTY: Final = raw_id(ObjectIds.HasProperty)
@@ -53,6 +53,14 @@ def paused_collection() -> Generator[None]:
         gc.freeze()
         if was_enabled:
             gc.enable()
+
+
+def release_collection() -> None:
+    """Let garbage collection look at everything again: what was made to stay is of no use any more.
+
+    An address space is full of cycles, so a process that serves a second time would keep the first one for ever.
+    """
+    gc.unfreeze()
 
 
 class NodeBuilder:

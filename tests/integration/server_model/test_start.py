@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import asyncio
+import gc
 import socket
 import threading
 from pathlib import Path
 
 import pytest
+from asyncua.server.address_space import AddressSpace
 
 from tests.integration.server_model.harness import fleet_config, serving
 from ua_fleet.errors import ConfigError, ServerStartError, TransportError
@@ -53,6 +55,19 @@ async def test_the_end_leaves_nothing(udp_url: str, tcp_port: int, tmp_path: Pat
     with socket.socket() as again:
         again.bind(("127.0.0.1", tcp_port))
     assert [thread for thread in threading.enumerate() if not thread.daemon and "asyncua" in thread.name] == []
+
+
+async def test_a_process_that_serves_again_keeps_nothing_of_the_server_before(udp_url: str, tmp_path: Path) -> None:
+    def address_spaces() -> int:
+        gc.collect()
+        return sum(isinstance(kept, AddressSpace) for kept in gc.get_objects())
+
+    before = address_spaces()
+    for _ in range(2):
+        async with serving(tmp_path, fleet_config(udp_url, 0)) as running, running.client():
+            assert gc.get_freeze_count() > 0  # what is looked for below is out of sight now
+        assert gc.get_freeze_count() == 0
+        assert address_spaces() <= before
 
 
 async def test_the_endpoint_names_the_port_that_was_taken(udp_url: str, tmp_path: Path) -> None:

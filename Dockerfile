@@ -1,0 +1,108 @@
+# The images of the testbed: core, ros1, ros2 and ur (docs/testbed.md). `docker compose build` makes them all.
+#
+# What is compiled or downloaded is so in stages of its own; an image holds Debian's Python, one virtual environment
+# without pip in the versions of requirements.lock, and the system's packages that it needs.
+#
+# Build arguments: BASE, a Debian 12; PIP_INDEX_URL and CA_PEM (its text), where packages come from an own index.
+
+ARG BASE=debian:bookworm-slim
+
+# --- what every image stands on ---------------------------------------------------------------------------------
+FROM ${BASE} AS runtime
+RUN apt-get update -qq \
+    && DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends python3 \
+    && rm -rf /var/lib/apt/lists/* /var/cache/apt/* /var/cache/debconf/*-old /var/log/apt /var/log/dpkg.log \
+    && groupadd --gid 10001 ua-fleet \
+    && useradd --uid 10001 --gid 10001 --home-dir /tmp --no-create-home --shell /usr/sbin/nologin ua-fleet \
+    # A new volume takes owner and mode from the folder that it is mounted on.
+    && cd /var/lib && mkdir ua-fleet && cd ua-fleet \
+    && install -d -o ua-fleet -g ua-fleet -m 700 fleet server operator modbus events arm_side mobile_side \
+        ridgeback_bridge ur3_bridge pioneer_1_bridge pioneer_2_bridge drone_bridge conveyor_bridge \
+        temperature_sensor_bridge
+# The root file system is read-only: whoever wants a home or logs in files has /tmp.
+ENV PATH=/opt/ua-fleet/bin:/usr/local/bin:/usr/bin:/bin \
+    HOME=/tmp \
+    LANG=C.UTF-8 \
+    PYTHONUNBUFFERED=1 \
+    PYTHONDONTWRITEBYTECODE=1 \
+    UA_FLEET_CONFIG=/var/lib/ua-fleet/fleet/fleet.yaml
+
+# --- the environment, and what the package adds to it -----------------------------------------------------------
+FROM runtime AS builder
+RUN apt-get update -qq \
+    && DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends ca-certificates python3-venv \
+    && python3 -m venv --without-pip /opt/ua-fleet
+ARG PIP_INDEX_URL
+ARG CA_PEM
+ENV PIP_CERT=/etc/ssl/certs/ca-certificates.crt PIP_NO_CACHE_DIR=1 PIP_DISABLE_PIP_VERSION_CHECK=1
+# Debian's own pip takes minutes to resolve the wheels of ROS 2.
+RUN printf '%s\n' "$CA_PEM" >> "$PIP_CERT" \
+    && python3 -m venv /opt/pip \
+    && /opt/pip/bin/pip install --quiet --upgrade 'pip>=25.1'
+WORKDIR /src
+COPY pyproject.toml requirements.lock ./
+COPY scripts/image/add scripts/image/take /usr/local/bin/
+RUN add server client modbus sensors
+
+FROM builder AS package
+COPY README.md LICENSE ./
+COPY nodesets nodesets
+COPY bridges bridges
+COPY ua_fleet ua_fleet
+RUN touch /tmp/mark && sleep 1 \
+    && /opt/pip/bin/pip --python /opt/ua-fleet/bin/python install --quiet --no-deps . \
+    && take /added
+
+FROM runtime AS environment
+COPY --from=builder /opt/ua-fleet /opt/ua-fleet
+USER ua-fleet
+WORKDIR /tmp
+ENTRYPOINT []
+CMD ["ua-fleet", "--help"]
+LABEL org.opencontainers.image.licenses=Apache-2.0 \
+      org.opencontainers.image.vendor="The ua_fleet authors"
+
+# --- core: the server, the Modbus gateway, the conductor; bridges to PLCs, TCP robots and plugged-in devices ------
+FROM environment AS core
+LABEL org.opencontainers.image.title=ua-fleet/core \
+      org.opencontainers.image.description="OPC UA server of a mixed fleet; bridges to PLCs, TCP robots and devices"
+COPY --from=package /added /
+
+# --- ros1: Debian's rospy and its master ------------------------------------------------------------------------
+FROM environment AS ros1
+LABEL org.opencontainers.image.title=ua-fleet/ros1 \
+      org.opencontainers.image.description="ROS 1 master, bridge and robots of a mixed fleet"
+USER root
+RUN apt-get update -qq \
+    && DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends \
+        python3-rosmaster python3-rospy python3-geometry-msgs python3-sensor-msgs python3-std-srvs \
+        python3-actionlib python3-netifaces \
+    && rm -rf /var/lib/apt/lists/* /var/cache/apt/* /var/cache/debconf/*-old /var/log/apt /var/log/dpkg.log \
+    && sed -i 's/^include-system-site-packages = .*/include-system-site-packages = true/' /opt/ua-fleet/pyvenv.cfg
+USER ua-fleet
+ENV ROS_HOME=/tmp/ros
+COPY --from=package /added /
+
+# --- ros2: rclpy and Fast DDS from wheels -----------------------------------------------------------------------
+FROM builder AS ros2-packages
+RUN touch /tmp/mark && sleep 1 && add ros2 \
+    # Only compilers want the static libraries, headers and build files.
+    && cd /opt/ua-fleet && rm -rf include lib/*.a lib/cmake && take /added
+
+FROM environment AS ros2
+LABEL org.opencontainers.image.title=ua-fleet/ros2 \
+      org.opencontainers.image.description="ROS 2 bridge and robots of a mixed fleet"
+COPY --from=ros2-packages /added /
+# In containers of their own two nodes have no memory in common.
+ENV ROS_HOME=/tmp/ros FASTDDS_BUILTIN_TRANSPORTS=UDPv4
+COPY --from=package /added /
+
+# --- ur: ur-rtde ------------------------------------------------------------------------------------------------
+FROM builder AS ur-packages
+RUN touch /tmp/mark && sleep 1 && add ur && take /added
+
+FROM environment AS ur
+LABEL org.opencontainers.image.title=ua-fleet/ur \
+      org.opencontainers.image.description="Bridge to Universal Robots arms, and a simulated controller"
+COPY --from=ur-packages /added /
+COPY --from=package /added /

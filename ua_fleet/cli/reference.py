@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import inspect
+import re
 import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -40,9 +41,10 @@ def _cell(text: str) -> str:
 
 
 def _prose(text: str) -> str:
-    """A text in which nothing outside of `code` is taken for HTML."""
+    """A text in which nothing outside of `code` is taken for HTML, and no line for a heading."""
     parts = text.split("`")
-    return "`".join(part if place % 2 else part.replace("<", "&lt;") for place, part in enumerate(parts))
+    plain = "`".join(part if place % 2 else part.replace("<", "&lt;") for place, part in enumerate(parts))
+    return re.sub("^#", r"\\#", plain, flags=re.MULTILINE)
 
 
 def _table(command: Any, names: Sequence[str]) -> str:

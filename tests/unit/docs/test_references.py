@@ -32,3 +32,9 @@ def test_types_of_events_stand_apart() -> None:
     objects, _, events = nodeset.types().partition("## Event types")
     assert "### SkillType" in objects
     assert "### FaultAlarmType" in events
+
+
+def test_a_text_of_the_help_is_no_heading() -> None:
+    titles = [line for line in command_line.reference().splitlines() if line.startswith("#")]
+    assert titles
+    assert [title for title in titles if not title.startswith(("## ", "### "))] == []

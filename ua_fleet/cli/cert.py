@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -14,7 +15,7 @@ from ua_fleet.cli.process import run
 
 if TYPE_CHECKING:
     from ua_fleet.config import FleetConfig
-    from ua_fleet.server.certificates import CertificateInfo
+    from ua_fleet.server.certificates import CertificateFiles, CertificateInfo
 
 __all__ = [
     "CREATE_EXAMPLES",
@@ -31,6 +32,7 @@ CREATE_EXAMPLES = (
     "ua-fleet cert create",
     "ua-fleet cert create --client plc7",
     "ua-fleet cert create --bridge cell --trust",
+    "ua-fleet cert create --bridge cell --trust --renew",
 )
 LIST_EXAMPLES = ("ua-fleet cert list", "ua-fleet cert list --json -c hall2.yaml")
 TRUST_EXAMPLES = (
@@ -44,14 +46,17 @@ _BridgeName = Annotated[str | None, typer.Option("--bridge", help="Name of a bri
 
 
 def _as_json(info: CertificateInfo) -> dict[str, Any]:
+    now = datetime.now(UTC)
     return {
         "state": info.state.value,
         "bridge": info.bridge or None,
         "thumbprint": info.thumbprint,
         "subject": info.subject,
         "application_uri": info.application_uri,
-        "not_valid_after": info.not_valid_after.isoformat(),
-        "expired": info.expired,
+        "not_valid_before": info.validity.begin.isoformat(),
+        "not_valid_after": info.validity.end.isoformat(),
+        "days_left": info.validity.days_left(now),
+        "expired": now > info.validity.end,
         "path": str(info.path),
     }
 
@@ -64,6 +69,9 @@ def create(
     and_trust: Annotated[
         bool, typer.Option("--trust", help="With --bridge, on the server: let both know each other at once.")
     ] = False,
+    renew: Annotated[
+        bool, typer.Option("--renew", help="Make the certificate anew, with the key that there is.")
+    ] = False,
     config: Config = DEFAULT_CONFIG,
     as_json: Json = False,
 ) -> None:
@@ -71,7 +79,8 @@ def create(
 
     The server makes its own at its first start, and a bridge at its own; this command does it before, for instance to
     hand the certificate on. With --trust the server knows the bridge from now on, and the bridge this server and no
-    other. To renew a certificate, move the old file away first.
+    other. With --renew a certificate that has expired, or soon will, is made anew: a running bridge goes on with it,
+    the server has to be restarted, and others have to trust it anew.
     """
     from ua_fleet.server.certificates import (
         ensure_application_certificate,
@@ -83,14 +92,19 @@ def create(
         raise UsageError("give --client, or --bridge with or without --trust, or none of them")
     fleet, folder = state_folder(config)
     if bridge is not None:
-        _create_for_bridge(fleet, config, bridge, and_trust=and_trust, as_json=as_json)
+        _create_for_bridge(fleet, config, bridge, and_trust=and_trust, renew=renew, as_json=as_json)
         return
     if client is None:
         with extra_needed("the server", "server"):
             from ua_fleet.server.app import application_uri
-        made = ensure_application_certificate(folder, application_uri(fleet), [fleet.server.host])
+        if renew:
+            made = _renew_server(fleet, config)
+        else:
+            made = ensure_application_certificate(folder, application_uri(fleet), [fleet.server.host])
     else:
-        made = ensure_client_certificate(folder, f"urn:ua-fleet:{fleet.fleet.name}:client:{client}", client)
+        made = ensure_client_certificate(
+            folder, f"urn:ua-fleet:{fleet.fleet.name}:client:{client}", client, renew=renew
+        )
         message(f"its key: {made.private_key}; let it in with: ua-fleet cert trust {made.certificate}")
     info = next(info for info in list_certificates(folder) if info.path == made.certificate)
     if as_json:
@@ -99,12 +113,29 @@ def create(
         print_line(f"{made.certificate}  {info.thumbprint}")
 
 
+def _renew_server(fleet: FleetConfig, config: Path) -> CertificateFiles:
+    from ua_fleet.server.introduce import renew_server
+
+    made, pinned = renew_server(fleet, config.resolve().parent)
+    others = [name for name in fleet.bridges if name not in pinned]
+    message("restart the server; clients that have trusted the old certificate are asked to trust the new one")
+    if pinned:
+        message(f"these bridges know the new one: {', '.join(pinned)}")
+    if others:
+        message(
+            f"where another bridge has a server.der ({', '.join(others)}), put {made.certificate} there as that file"
+        )
+    return made
+
+
 def _check_bridge(fleet: FleetConfig, config: Path, name: str) -> None:
     if name not in fleet.bridges:
         raise NotFound(f"{config}: there is no bridge {name!r}; bridges there: {', '.join(fleet.bridges) or 'none'}")
 
 
-def _create_for_bridge(fleet: FleetConfig, config: Path, name: str, *, and_trust: bool, as_json: bool) -> None:
+def _create_for_bridge(
+    fleet: FleetConfig, config: Path, name: str, *, and_trust: bool, renew: bool, as_json: bool
+) -> None:
     _check_bridge(fleet, config, name)
     with extra_needed("a bridge's certificate", "client"):
         from ua_fleet.client import ClientIdentity
@@ -115,9 +146,9 @@ def _create_for_bridge(fleet: FleetConfig, config: Path, name: str, *, and_trust
     if and_trust:
         with extra_needed("the server", "server"):
             from ua_fleet.server.introduce import introduce_bridge
-        run(introduce_bridge(fleet, root, name))
+        run(introduce_bridge(fleet, root, name, renew=renew))
     else:
-        run(identity.ensure())
+        run(identity.renew() if renew else identity.ensure())
         message(f"on the server run: ua-fleet cert trust --bridge {name} {identity.certificate}")
     mark = thumbprint(load_certificate(identity.certificate))
     if as_json:
@@ -152,12 +183,20 @@ def show(config: Config = DEFAULT_CONFIG, as_json: Json = False) -> None:
         (
             f"bridge {info.bridge}" if info.bridge else info.state.value,
             info.thumbprint,
-            f"{info.not_valid_after:%Y-%m-%d}{' (expired)' if info.expired else ''}",
+            f"{info.validity.end:%Y-%m-%d}",
+            _days_text(info),
             info.subject,
         )
         for info in found
     ]
-    print_table([("state", "thumbprint", "valid until", "subject"), *rows])
+    print_table([("state", "thumbprint", "valid until", "days left", "subject"), *rows])
+
+
+def _days_text(info: CertificateInfo) -> str:
+    now = datetime.now(UTC)
+    if now > info.validity.end:
+        return "expired"
+    return "not yet valid" if now < info.validity.begin else str(info.validity.days_left(now))
 
 
 def trust_certificate(

@@ -15,23 +15,28 @@ import os
 import socket
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
+import structlog
 from asyncua.crypto.cert_gen import (
     dump_private_key_as_pem,
     generate_private_key,
     generate_self_signed_app_certificate,
 )
 from cryptography import x509
+from cryptography.hazmat.primitives.asymmetric.rsa import RSAPrivateKey
 from cryptography.hazmat.primitives.serialization import Encoding, load_pem_private_key
 from cryptography.x509.oid import ExtendedKeyUsageOID
 
 from ua_fleet.document import as_mapping
 from ua_fleet.errors import UPGRADE, AccessRefused, newer_version
 from ua_fleet.pubsub.application import bridge_application_uri
+from ua_fleet.validity import Reminder, Validity
 from ua_fleet.values import StatusCode
 
 __all__ = ["ClientIdentity", "default_identity_folder"]
+
+_log: Any = structlog.get_logger("ua_fleet.certificates")
 
 
 def default_identity_folder() -> Path:
@@ -56,7 +61,9 @@ def _write_private(path: Path, data: bytes) -> None:
 class ClientIdentity:
     """The client's application certificate, made on first use, and the servers that it has met."""
 
-    def __init__(self, folder: Path, *, name: str = "client", application_uri: str = "", subject: str = "") -> None:
+    def __init__(
+        self, folder: Path, *, name: str = "client", application_uri: str = "", subject: str = "", renewal: str = ""
+    ) -> None:
         """Say where the certificate is.
 
         Args:
@@ -64,6 +71,7 @@ class ClientIdentity:
             name: of the certificate's file.
             application_uri: for a new certificate; by default one of this host.
             subject: common name for a new certificate.
+            renewal: what to run when it has expired; without it, one that we have made ourselves is made anew.
         """
         self.folder = folder
         self.certificate = folder / f"{name}.der"
@@ -72,24 +80,71 @@ class ClientIdentity:
         self._servers = folder / "servers.json"
         self.application_uri = application_uri or f"urn:{socket.gethostname()}:ua-fleet:client"
         self._subject = subject or "ua-fleet client"
+        self._renewal = renewal
+        self._reminder = Reminder()
 
     @classmethod
     def of_bridge(cls, folder: Path, fleet_name: str, bridge_name: str) -> ClientIdentity:
         """The identity of a bridge, in its own folder (`state_dir`)."""
         uri = bridge_application_uri(fleet_name, bridge_name)
-        return cls(folder, name="bridge", application_uri=uri, subject=f"ua-fleet bridge {bridge_name}")
+        renewal = (
+            f"run: ua-fleet cert create --bridge {bridge_name} --renew, and on the server: "
+            f"ua-fleet cert trust --bridge {bridge_name} {folder / 'bridge.der'}"
+        )
+        subject = f"ua-fleet bridge {bridge_name}"
+        return cls(folder, name="bridge", application_uri=uri, subject=subject, renewal=renewal)
 
     async def ensure(self) -> None:
-        """Make the certificate and its key, unless they are there."""
-        if self.certificate.exists() and self.key.exists():
-            self._check_key()
-            if self._still_good():
-                return
-            self.certificate.unlink()
-        await asyncio.to_thread(self._make)
+        """Make the certificate and its key, unless they are there.
 
-    def _make(self) -> None:
-        key = generate_private_key()
+        Raises:
+            AccessRefused: they cannot be used, or cannot be shown today.
+        """
+        if self.certificate.exists() and self.key.exists():
+            key = self._checked_key()
+            certificate = self._own()
+            self.tell_of_its_end()
+            problem = _validity(certificate).problem(datetime.now(UTC))
+            if not problem:
+                return
+            self._check_may_replace(certificate, problem)
+            await asyncio.to_thread(self._make, key)
+        else:
+            await asyncio.to_thread(self._make, generate_private_key())
+
+    async def renew(self) -> None:
+        """Make the certificate anew with the key that there is, so that nobody ever finds a pair that does not fit.
+
+        Raises:
+            AccessRefused: the key cannot be used, or the certificate is that of a CA, which has to renew it.
+        """
+        if self.certificate.exists() and self.key.exists():
+            key = self._checked_key()
+            _check_self_signed(self._own(), self.certificate)
+            await asyncio.to_thread(self._make, key)
+        else:
+            await self.ensure()
+
+    def tell_of_its_end(self) -> None:
+        """Log once a day that a bridge's certificate ends soon, or has ended."""
+        if not self._renewal:
+            return
+        try:
+            validity = _validity(self._own())
+        except AccessRefused:
+            return  # said by whoever needs it
+        notice = self._reminder.due("own", validity, datetime.now(UTC))
+        if notice:
+            _log.warning(f"our certificate {notice}", certificate=str(self.certificate), todo=self._renewal)
+
+    def _check_may_replace(self, certificate: x509.Certificate, problem: str) -> None:
+        if problem.startswith("expired") and not self._renewal and certificate.issuer == certificate.subject:
+            return
+        remedy = self._renewal if problem.startswith("expired") else "check the clock of this machine"
+        remedy = remedy or f"have its CA issue another one, and put it there, or remove it and {self.key}"
+        raise AccessRefused(StatusCode.BAD_SECURITY_CHECKS_FAILED, f"{self.certificate}: {problem}; {remedy}")
+
+    def _make(self, key: RSAPrivateKey) -> None:
         names = [x509.UniformResourceIdentifier(self.application_uri), x509.DNSName(socket.gethostname())]
         certificate = generate_self_signed_app_certificate(
             key,
@@ -103,8 +158,8 @@ class ClientIdentity:
         _write_private(self.key, dump_private_key_as_pem(key))
         _write_private(self.certificate, certificate.public_bytes(Encoding.DER))
 
-    def _check_key(self) -> None:
-        """Raise AccessRefused for a key that others can read, or that is none."""
+    def _checked_key(self) -> RSAPrivateKey:
+        """The key; raises AccessRefused for one that others can read, or that is none."""
         mode = self.key.stat().st_mode & 0o777
         if mode & 0o077:
             raise AccessRefused(
@@ -112,16 +167,19 @@ class ClientIdentity:
                 f"{self.key}: others may read or write it (mode {mode:o}); run: chmod 600 {self.key}",
             )
         try:
-            load_pem_private_key(self.key.read_bytes(), password=None)
+            key = load_pem_private_key(self.key.read_bytes(), password=None)
+            if not isinstance(key, RSAPrivateKey):
+                raise TypeError
         except (ValueError, TypeError):
             # Without the cause, which may show the key.
             raise AccessRefused(
                 StatusCode.BAD_SECURITY_CHECKS_FAILED,
                 f"{self.key}: no readable key without a password; remove it, and another one is made",
             ) from None
+        return key
 
-    def _still_good(self) -> bool:
-        """Whether our certificate can be shown today. It says our URI, whatever the name of the host is by now."""
+    def _own(self) -> x509.Certificate:
+        """Our certificate. It says our URI, whatever the name of the host is by now."""
         try:
             certificate = x509.load_der_x509_certificate(self.certificate.read_bytes())
             names = certificate.extensions.get_extension_for_class(x509.SubjectAlternativeName).value
@@ -133,7 +191,7 @@ class ClientIdentity:
             ) from error
         if uris:
             self.application_uri = uris[0]
-        return certificate.not_valid_after_utc > datetime.now(UTC)
+        return certificate
 
     def _known_servers(self) -> dict[str, str]:
         try:
@@ -164,8 +222,10 @@ class ClientIdentity:
             Whether this is the first meeting.
 
         Raises:
-            AccessRefused: the server at this endpoint shows another certificate than before, or than the pinned one.
+            AccessRefused: the server at this endpoint shows another certificate than before, or than the pinned one, or
+                one that is not valid now.
         """
+        _check_server_may_show(endpoint, certificate)
         if self.pinned_server.exists():
             self._check_pinned(endpoint, certificate)
             return False
@@ -202,3 +262,29 @@ class ClientIdentity:
                 f"the server at {endpoint} shows a certificate ({thumbprint}) that is not {self.pinned_server}; "
                 "if the server has a new one, put it there",
             )
+
+
+def _validity(certificate: x509.Certificate) -> Validity:
+    return Validity(certificate.not_valid_before_utc, certificate.not_valid_after_utc)
+
+
+def _check_self_signed(certificate: x509.Certificate, path: Path) -> None:
+    if certificate.issuer != certificate.subject:
+        raise AccessRefused(
+            StatusCode.BAD_SECURITY_CHECKS_FAILED,
+            f"{path}: was issued by {certificate.issuer.rfc4514_string()}; have that CA renew it, and put it there",
+        )
+
+
+def _check_server_may_show(endpoint: str, certificate: bytes) -> None:
+    try:
+        problem = _validity(x509.load_der_x509_certificate(certificate)).problem(datetime.now(UTC))
+    except ValueError:
+        return  # no certificate at all: nobody can open a channel with it
+    if problem:
+        remedy = "check the clocks of both machines"
+        if problem.startswith("expired"):
+            remedy = "on the server run: ua-fleet cert create --renew, and restart it"
+        raise AccessRefused(
+            StatusCode.BAD_SECURITY_CHECKS_FAILED, f"the certificate of the server at {endpoint} {problem}; {remedy}"
+        )

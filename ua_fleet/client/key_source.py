@@ -83,6 +83,7 @@ class ServiceKeySource:
 
     async def fetch(self, group_id: str, starting_token_id: int, count: int) -> GroupKeys:
         """See KeySource."""
+        self._identity.tell_of_its_end()
         async with self._lock:
             try:
                 if self._client is not None:

@@ -16,11 +16,12 @@ from ua_fleet.config.schema import FleetConfig, PubSubConfig, PubSubSecurity
 from ua_fleet.config.security import file_keys_of
 from ua_fleet.keys.source import KeySource
 from ua_fleet.monitoring import Monitor, Process
-from ua_fleet.pubsub.application import server_application_uri
+from ua_fleet.pubsub.application import bridge_application_uri, server_application_uri
 from ua_fleet.pubsub.subscriber import LoopRule
 from ua_fleet.server.address_space import FleetNodes
 from ua_fleet.server.endpoint.announced import announced_endpoints
 from ua_fleet.server.events import ServerEvents
+from ua_fleet.server.expiry import CertificateWatch
 from ua_fleet.server.figures import ServerFigures
 from ua_fleet.server.hardened import create_server
 from ua_fleet.server.hub import Hub, wall_ticks
@@ -99,7 +100,9 @@ async def run_server(
         config.server,
         state_dir,
         application_uri=application_uri(config),
-        bridges=config.bridges if has_key_service else (),
+        bridges={bridge_application_uri(config.fleet.name, name): name for name in config.bridges}
+        if has_key_service
+        else None,
     )
     stack = ExitStack()
     try:
@@ -166,6 +169,7 @@ async def run_server(
             wall_ticks=wall_ticks,
         )
         hub.add_wanted(wanted)
+        hub.add_clock(CertificateWatch(state_dir, asyncio.get_running_loop().time))
         server.gate = ClientWrites(hub.commands, nodes, hub.publish, hub.flush_soon, wall_ticks)
         try:
             await hub.start()

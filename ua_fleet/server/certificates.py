@@ -21,6 +21,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from enum import StrEnum
+from functools import partial
 from pathlib import Path
 from typing import Final
 
@@ -31,6 +32,7 @@ from cryptography.hazmat.primitives.asymmetric import rsa
 from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
 from ua_fleet.errors import ServerStartError, UaFleetError
+from ua_fleet.validity import Validity
 from ua_fleet.values import StatusCode
 
 __all__ = [
@@ -56,7 +58,6 @@ _log = structlog.get_logger("ua_fleet.certificates")
 
 KEY_BITS: Final = 2048
 VALID_DAYS: Final = 5 * 365
-WARN_DAYS: Final = 30
 MAX_FILE_BYTES: Final = 65_536
 
 
@@ -93,13 +94,23 @@ class CertificateInfo:
     subject: str
     application_uri: str
     thumbprint: str
-    not_valid_after: datetime
-    expired: bool
+    validity: Validity
 
     @property
     def bridge(self) -> str:
         """The bridge that is known by this certificate; empty for all others."""
         return self.path.stem if self.state is CertificateState.BRIDGE else ""
+
+    @property
+    def renewal(self) -> str:
+        """What to do when it ends."""
+        if self.state is CertificateState.BRIDGE:
+            return f"ua-fleet cert create --bridge {self.bridge} --renew --trust"
+        if self.state is not CertificateState.OWN:
+            return "its owner has to renew it; then: ua-fleet cert trust FILE"
+        if self.path.stem == "server":
+            return "ua-fleet cert create --renew, then restart the server"
+        return f"ua-fleet cert create --client {self.path.stem} --renew"
 
 
 def certificates_folder(state_dir: Path) -> Path:
@@ -177,11 +188,13 @@ def create_certificate(
     application_uri: str,
     common_name: str,
     hostnames: Sequence[str] = (),
-    days: int = VALID_DAYS,
+    days: float = VALID_DAYS,
     server: bool = False,
+    key: rsa.RSAPrivateKey | None = None,
 ) -> x509.Certificate:
-    """Make a key and a self-signed application instance certificate, and write both."""
-    key = rsa.generate_private_key(public_exponent=65537, key_size=KEY_BITS)
+    """Make a self-signed application instance certificate, and a key unless one is given, and write what is new."""
+    is_new = key is None
+    key = key or rsa.generate_private_key(public_exponent=65537, key_size=KEY_BITS)
     name = x509.Name(
         [
             x509.NameAttribute(NameOID.COMMON_NAME, common_name[:64]),
@@ -224,8 +237,11 @@ def create_certificate(
         .add_extension(x509.AuthorityKeyIdentifier.from_issuer_subject_key_identifier(identifier), critical=False)
         .sign(key, hashes.SHA256())
     )
-    pem = key.private_bytes(serialization.Encoding.PEM, serialization.PrivateFormat.PKCS8, serialization.NoEncryption())
-    write_private(files.private_key, pem)
+    if is_new:
+        plain = serialization.NoEncryption()
+        write_private(
+            files.private_key, key.private_bytes(serialization.Encoding.PEM, serialization.PrivateFormat.PKCS8, plain)
+        )
     write_private(files.certificate, certificate.public_bytes(serialization.Encoding.DER), 0o644)
     return certificate
 
@@ -237,29 +253,41 @@ def own_files(state_dir: Path, name: str = "server") -> CertificateFiles:
 
 
 def ensure_application_certificate(
-    state_dir: Path, application_uri: str, hostnames: Sequence[str] = ()
+    state_dir: Path, application_uri: str, hostnames: Sequence[str] = (), *, renew: bool = False
 ) -> CertificateFiles:
-    """The server's certificate, made if there is none; raises ServerStartError when the one there is of no use."""
+    """The server's certificate, made if there is none; raises ServerStartError when the one there is of no use.
+
+    With `renew` it is made anew, with the key that there is.
+    """
     files = own_files(state_dir)
     hosts = [*hostnames, socket.gethostname(), "localhost", "127.0.0.1"]
-    return _ensure(files, application_uri, "ua_fleet server", hosts, server=True)
+    return _ensure(files, application_uri, "ua_fleet server", hosts, server=True, renew=renew)
 
 
-def ensure_client_certificate(state_dir: Path, application_uri: str, name: str = "client") -> CertificateFiles:
-    """A certificate for a client of our own, made if there is none."""
-    return _ensure(
-        own_files(state_dir, name), application_uri, f"ua_fleet {name}", [socket.gethostname()], server=False
-    )
+def ensure_client_certificate(
+    state_dir: Path, application_uri: str, name: str = "client", *, renew: bool = False
+) -> CertificateFiles:
+    """A certificate for a client of our own, made if there is none, or made anew with the key that there is."""
+    hosts = [socket.gethostname()]
+    return _ensure(own_files(state_dir, name), application_uri, f"ua_fleet {name}", hosts, server=False, renew=renew)
 
 
 def _ensure(
-    files: CertificateFiles, application_uri: str, common_name: str, hosts: Sequence[str], *, server: bool
+    files: CertificateFiles,
+    application_uri: str,
+    common_name: str,
+    hosts: Sequence[str],
+    *,
+    server: bool,
+    renew: bool,
 ) -> CertificateFiles:
-    remedy = f"move {files.certificate} away and run: ua-fleet cert create"
+    renewal = f"run: ua-fleet cert create{'' if server else f' --client {files.certificate.stem}'} --renew"
+    remedy = f"move both files away and run: {renewal.removeprefix('run: ').removesuffix(' --renew')}"
+    wanted = partial(
+        create_certificate, application_uri=application_uri, common_name=common_name, hostnames=hosts, server=server
+    )
     if not files.certificate.exists() and not files.private_key.exists():
-        create_certificate(
-            files, application_uri=application_uri, common_name=common_name, hostnames=hosts, server=server
-        )
+        wanted(files)
         return files
     try:
         certificate = load_certificate(files.certificate)
@@ -273,19 +301,35 @@ def _ensure(
         )
     if key.public_key() != certificate.public_key():
         raise ServerStartError(f"{files.private_key}: is not the key of {files.certificate.name}; {remedy}")
-    now = datetime.now(UTC)
-    end = certificate.not_valid_after_utc
-    if end <= now:
-        raise ServerStartError(f"{files.certificate}: expired on {end:%Y-%m-%d}; {remedy}")
-    if certificate.not_valid_before_utc > now:
-        raise ServerStartError(
-            f"{files.certificate}: valid only from {certificate.not_valid_before_utc:%Y-%m-%d}; check the clock"
-        )
+    if certificate.issuer != certificate.subject:
+        renewal = f"have {certificate.issuer.rfc4514_string()} renew it, and put it there"
+        if renew:
+            raise ServerStartError(f"{files.certificate}: is no certificate of ours; {renewal}")
+    if renew:
+        if not isinstance(key, rsa.RSAPrivateKey):
+            raise ServerStartError(f"{files.private_key}: is no RSA key; {remedy}")
+        wanted(files, key=key)
+        return files
+    if problem := _validity(certificate).problem(datetime.now(UTC)):
+        what = renewal if problem.startswith("expired") else "check the clock of this machine"
+        raise ServerStartError(f"{files.certificate}: {problem}; {what}")
     if application_uri not in application_uris(certificate):
         raise ServerStartError(f"{files.certificate}: is not for the application {application_uri}; {remedy}")
-    if end - now < timedelta(days=WARN_DAYS):
-        _log.warning("certificate expires soon", certificate=str(files.certificate), on=f"{end:%Y-%m-%d}", todo=remedy)
     return files
+
+
+def _validity(certificate: x509.Certificate) -> Validity:
+    return Validity(certificate.not_valid_before_utc, certificate.not_valid_after_utc)
+
+
+def is_authority(certificate: x509.Certificate) -> bool:
+    """Whether a certificate may issue others."""
+    try:
+        constraints = certificate.extensions.get_extension_for_class(x509.BasicConstraints).value
+        usage = certificate.extensions.get_extension_for_class(x509.KeyUsage).value
+    except (x509.ExtensionNotFound, ValueError):
+        return False
+    return constraints.ca and usage.key_cert_sign
 
 
 def _info(path: Path, state: CertificateState) -> CertificateInfo:
@@ -296,8 +340,7 @@ def _info(path: Path, state: CertificateState) -> CertificateInfo:
         certificate.subject.rfc4514_string(),
         next(iter(application_uris(certificate)), ""),
         thumbprint(certificate),
-        certificate.not_valid_after_utc,
-        certificate.not_valid_after_utc <= datetime.now(UTC),
+        _validity(certificate),
     )
 
 

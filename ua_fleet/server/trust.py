@@ -8,7 +8,7 @@ running server.
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
@@ -28,10 +28,12 @@ from ua_fleet.server.certificates import (
     application_uris,
     certificate_paths,
     certificates_folder,
+    is_authority,
     load_certificate,
     thumbprint,
     write_private,
 )
+from ua_fleet.validity import Validity
 
 __all__ = ["CertificateFolder", "CertificateRefused", "TrustList", "split_chain"]
 
@@ -134,7 +136,15 @@ class CertificateFolder:
 class TrustList:
     """Checks client certificates against the folders of one server."""
 
-    def __init__(self, state_dir: Path, *, trust_all: bool = False) -> None:
+    def __init__(self, state_dir: Path, *, trust_all: bool = False, bridges: Mapping[str, str] | None = None) -> None:
+        """Use the folders of a server.
+
+        Args:
+            state_dir: the server's.
+            trust_all: accept every sound certificate.
+            bridges: names of bridges that may log in, by their ApplicationUris; they only make hints better.
+        """
+        self._bridge_names = bridges or {}
         folder = certificates_folder(state_dir)
         self._trust_all = trust_all
         self._trusted = CertificateFolder(folder / CertificateState.TRUSTED)
@@ -166,11 +176,16 @@ class TrustList:
             self._check_not_revoked(certificate, [*trusted.values(), *self._issuers.refresh().values()])
             return
         if self_signed or not self._chain_trusted(chain):
+            mark = thumbprint(certificate)[:12]
+            bridge = self._bridge_of(certificate)
+            as_bridge = f"--bridge {bridge} " if bridge else ""
             raise CertificateRefused(
-                UNTRUSTED,
-                f"certificate {thumbprint(certificate)[:12]} of {certificate.subject.rfc4514_string()[:100]!r} is not "
-                f"trusted; trust it with: ua-fleet cert trust {thumbprint(certificate)[:12]}",
+                UNTRUSTED, f"{_named(certificate)} is not trusted; trust it with: ua-fleet cert trust {as_bridge}{mark}"
             )
+
+    def _bridge_of(self, certificate: x509.Certificate) -> str:
+        """The bridge that a certificate says it is of; whether it is, only `ua-fleet cert trust --bridge` says."""
+        return next((self._bridge_names[uri] for uri in application_uris(certificate) if uri in self._bridge_names), "")
 
     def check_uri(self, certificate: x509.Certificate, application_uri: str) -> None:
         """Raise CertificateRefused unless the certificate is that of the application (OPC 10000-4 6.1.3)."""
@@ -201,13 +216,15 @@ class TrustList:
             )
         if isinstance(certificate.signature_hash_algorithm, _WEAK_HASHES):
             raise CertificateRefused(POLICY_CHECK_FAILED, "the certificate is signed with a weak hash")
-        now = datetime.now(UTC)
-        if not certificate.not_valid_before_utc <= now <= certificate.not_valid_after_utc:
-            raise CertificateRefused(
-                time_status,
-                f"the certificate is valid from {certificate.not_valid_before_utc:%Y-%m-%d} "
-                f"to {certificate.not_valid_after_utc:%Y-%m-%d} only",
-            )
+        validity = Validity(certificate.not_valid_before_utc, certificate.not_valid_after_utc)
+        if problem := validity.problem(datetime.now(UTC)):
+            remedy = "check the clocks of both machines"
+            if problem.startswith("expired"):
+                bridge = self._bridge_of(certificate)
+                remedy = (
+                    f"run: ua-fleet cert create --bridge {bridge} --renew" if bridge else "its owner has to renew it"
+                )
+            raise CertificateRefused(time_status, f"{_named(certificate)} {problem}; {remedy}")
 
     def _chain_trusted(self, chain: list[x509.Certificate]) -> bool:
         """Whether the issuers of the certificate lead to a trusted CA, each of them sound and none revoked."""
@@ -215,7 +232,7 @@ class TrustList:
         known = [*trusted.values(), *self._issuers.refresh().values()]
         current = chain[0]
         for _ in range(MAX_CHAIN):
-            issuer = next((ca for ca in [*known, *chain[1:]] if _is_ca(ca) and _issued_by(current, ca)), None)
+            issuer = next((ca for ca in [*known, *chain[1:]] if is_authority(ca) and _issued_by(current, ca)), None)
             if issuer is None or issuer == current:
                 return False
             self._check_sound(issuer, ISSUER_TIME_INVALID)
@@ -247,6 +264,10 @@ class TrustList:
         return found
 
 
+def _named(certificate: x509.Certificate) -> str:
+    return f"certificate {thumbprint(certificate)[:12]} of {certificate.subject.rfc4514_string()[:100]!r}"
+
+
 def _signed(revocations: x509.CertificateRevocationList, authority: x509.Certificate) -> bool:
     key = authority.public_key()
     return (
@@ -271,15 +292,6 @@ def _check_use(certificate: x509.Certificate) -> None:
         pass
     if not allowed:
         raise CertificateRefused(USE_NOT_ALLOWED, "the certificate's key usage is not that of an OPC UA client")
-
-
-def _is_ca(certificate: x509.Certificate) -> bool:
-    try:
-        constraints = certificate.extensions.get_extension_for_class(x509.BasicConstraints).value
-        usage = certificate.extensions.get_extension_for_class(x509.KeyUsage).value
-    except (x509.ExtensionNotFound, ValueError):
-        return False
-    return constraints.ca and usage.key_cert_sign
 
 
 def _issued_by(certificate: x509.Certificate, issuer: x509.Certificate) -> bool:

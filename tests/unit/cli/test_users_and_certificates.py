@@ -14,6 +14,7 @@ from tests.unit.cli.conftest import Invoke
 from ua_fleet.cli.options import Policy
 from ua_fleet.cli.user import RoleName
 from ua_fleet.server import certificates
+from ua_fleet.server.certificates import CertificateFiles, create_certificate
 from ua_fleet.server.users import USERS_FILE, Role, ScryptCost, UserStore
 
 PASSWORD = "correct horse"
@@ -155,7 +156,7 @@ def test_create_list_trust(invoke: Invoke, fleet: Path) -> None:
     ended = invoke("cert", "trust", made_for_plc["path"])
     assert ended.stdout.startswith(f"trusted {made_for_plc['thumbprint']}  ")
     lines = invoke("cert", "list").stdout.splitlines()
-    assert lines[0].split() == ["state", "thumbprint", "valid", "until", "subject"]
+    assert lines[0].split() == ["state", "thumbprint", "valid", "until", "days", "left", "subject"]
     assert {tuple(line.split()[:2]) for line in lines[1:]} == {
         ("own", thumbprint),
         ("own", made_for_plc["thumbprint"]),
@@ -270,3 +271,42 @@ def test_a_client_is_trusted_no_longer(invoke: Invoke, fleet: Path) -> None:
     ended = invoke("cert", "revoke", made["path"])
     assert ended.code == 3
     assert "is not trusted" in ended.stderr
+
+
+def renewed(invoke: Invoke, *arguments: str) -> tuple[str, str]:
+    """The new thumbprint, and what was said."""
+    ended = invoke("cert", "create", *arguments, "--renew")
+    assert ended.code == 0, ended.stderr
+    return ended.stdout.split()[1], ended.stderr
+
+
+def test_renewing(invoke: Invoke, fleet: Path) -> None:
+    own = fleet.parent / "state" / "certificates" / "own"
+    cell = fleet.parent / "state" / "bridges" / "cell"
+    invoke("cert", "create", "--bridge", "cell", "--trust")
+    keys = [(own / "server-key.pem").read_bytes(), (cell / "bridge-key.pem").read_bytes()]
+    server, said = renewed(invoke)
+    assert "restart the server" in said
+    assert "these bridges know the new one: cell" in said
+    assert (cell / "server.der").read_bytes() == (own / "server.der").read_bytes()
+    bridge, _ = renewed(invoke, "--bridge", "cell", "--trust")
+    assert [(own / "server-key.pem").read_bytes(), (cell / "bridge-key.pem").read_bytes()] == keys
+    listed = [json.loads(line) for line in invoke("cert", "list", "--json").stdout.splitlines()]
+    assert {(one["state"], one["thumbprint"]) for one in listed} == {("own", server), ("bridges", bridge)}
+    assert {one["days_left"] in (1824, 1825) for one in listed} == {True}
+    other, said = renewed(invoke, "--bridge", "cell")
+    assert other != bridge
+    assert "on the server run: ua-fleet cert trust --bridge cell" in said
+
+
+def test_the_server_does_not_start_with_a_certificate_that_has_ended(invoke: Invoke, fleet: Path) -> None:
+    invoke("cert", "create")
+    own = fleet.parent / "state" / "certificates" / "own"
+    files = CertificateFiles(own / "server.der", own / "server-key.pem")
+    create_certificate(files, application_uri="urn:ua-fleet:Fleet:server", common_name="x", days=-0.01, server=True)
+    listed = invoke("cert", "list").stdout.splitlines()[1].split()
+    assert listed[3] == "expired"
+    ended = invoke("serve")
+    assert ended.code == 1
+    assert "server.der: expired on 20" in ended.stderr
+    assert ended.stderr.endswith("; run: ua-fleet cert create --renew\n")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 import socket
 import stat
 from datetime import UTC, datetime, tzinfo
@@ -13,12 +14,15 @@ from typing import Any
 import pytest
 from asyncua import ua
 from cryptography import x509
+from cryptography.hazmat.primitives.serialization import load_pem_private_key
 
+from tests.integration.server_security.harness import load, make_certificate
 from ua_fleet.client.addresses import parse_address
 from ua_fleet.client.convert import parse_value, plain_value
 from ua_fleet.client.fleet_client import Reading, _Feed  # pyright: ignore[reportPrivateUsage]
 from ua_fleet.client.identity import ClientIdentity
 from ua_fleet.errors import AccessRefused
+from ua_fleet.server.certificates import CertificateFiles
 from ua_fleet.values import StatusCode
 
 
@@ -158,6 +162,65 @@ async def test_an_expired_certificate_is_made_anew_and_a_broken_one_is_said(
     identity.certificate.write_bytes(b"no certificate")
     with pytest.raises(AccessRefused, match=r"no readable certificate .*; remove it, and another one is made"):
         await identity.ensure()
+
+
+def put(identity: ClientIdentity, made: CertificateFiles) -> None:
+    """Let an identity have a certificate that was made for it."""
+    identity.folder.mkdir(exist_ok=True)
+    for source, target in ((made.certificate, identity.certificate), (made.private_key, identity.key)):
+        target.write_bytes(source.read_bytes())
+        target.chmod(0o600)
+
+
+async def test_a_bridges_certificate_that_has_ended_is_renewed_by_command_and_with_its_key(tmp_path: Path) -> None:
+    identity = ClientIdentity.of_bridge(tmp_path / "cell", "Hall", "cell")
+    put(identity, make_certificate(tmp_path, "cell", uri=identity.application_uri, days=(-30, -1)))
+    key = identity.key.read_bytes()
+    with pytest.raises(AccessRefused) as refused:
+        await identity.ensure()
+    assert re.fullmatch(
+        rf"{identity.certificate}: expired on 20..-..-..; run: ua-fleet cert create --bridge cell --renew, and on the "
+        rf"server: ua-fleet cert trust --bridge cell {identity.certificate}",
+        str(refused.value),
+    )
+    await identity.renew()
+    await identity.ensure()
+    assert identity.key.read_bytes() == key
+    certificate = x509.load_der_x509_certificate(identity.certificate.read_bytes())
+    assert certificate.public_key() == load_pem_private_key(key, password=None).public_key()
+    put(identity, make_certificate(tmp_path, "early", uri=identity.application_uri, days=(1, 30)))
+    with pytest.raises(AccessRefused, match=r"is valid only from .* UTC; check the clock of this machine"):
+        await identity.ensure()
+
+
+async def test_a_cas_certificate_is_not_replaced(tmp_path: Path) -> None:
+    authority = load(make_certificate(tmp_path, "ca", ca=True))
+    identity = ClientIdentity(tmp_path / "client")
+    put(identity, make_certificate(tmp_path, "mine", issuer=authority, days=(-30, -1)))
+    before = identity.certificate.read_bytes()
+    with pytest.raises(AccessRefused, match=r"expired on .*; have its CA issue another one, and put it there"):
+        await identity.ensure()
+    with pytest.raises(AccessRefused, match=r"was issued by CN=ca; have that CA renew it"):
+        await identity.renew()
+    assert identity.certificate.read_bytes() == before
+
+
+@pytest.mark.parametrize(
+    ("days", "said"),
+    [
+        ((-30, -1), "expired on .*; on the server run: ua-fleet cert create --renew, and restart it"),
+        ((1, 30), "is valid only from .*; check the clocks of both machines"),
+    ],
+)
+def test_a_server_that_may_not_show_its_certificate(tmp_path: Path, days: tuple[int, int], said: str) -> None:
+    certificate = make_certificate(tmp_path, "server", days=days).certificate.read_bytes()
+    identity = ClientIdentity(tmp_path)
+    with pytest.raises(AccessRefused, match=f"the certificate of the server at opc.tcp://x {said}"):
+        identity.check_server("opc.tcp://x", certificate)
+    identity.pinned_server.write_bytes(certificate)
+    with pytest.raises(AccessRefused, match=said):
+        identity.check_server("opc.tcp://x", certificate)
+    assert not (tmp_path / "servers.json").exists()
 
 
 @pytest.mark.parametrize("content", ["{", "[]", '"x"'])

@@ -3,6 +3,7 @@ from __future__ import annotations
 import os
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
+from typing import Any
 
 import pytest
 from cryptography import x509
@@ -95,15 +96,65 @@ def test_files_that_are_of_no_use_stop_the_start(state: tuple[Path, CertificateF
         ensure_application_certificate(state_dir, URI)
 
 
-def test_expiry(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_certificate_that_has_ended_stops_the_start_and_is_renewed_with_its_key(tmp_path: Path) -> None:
     files = ensure_client_certificate(tmp_path, URI, "server")
-    create_certificate(files, application_uri=URI, common_name="x", days=10, server=True)
-    ensure_application_certificate(tmp_path, URI)
-    said = capsys.readouterr()
-    assert "expires soon" in said.out + said.err
-    create_certificate(files, application_uri=URI, common_name="x", days=0, server=True)
-    with pytest.raises(ServerStartError, match="expired"):
+    key = files.private_key.read_bytes()
+    create_certificate(files, application_uri=URI, common_name="x", days=-0.01, server=True, key=load(files)[1])
+    with pytest.raises(
+        ServerStartError, match=r"server\.der: expired on 20.{8}; run: ua-fleet cert create --renew$"
+    ):
         ensure_application_certificate(tmp_path, URI)
+    ensure_application_certificate(tmp_path, URI, ["robots.local"], renew=True)
+    assert files.private_key.read_bytes() == key
+    ensure_application_certificate(tmp_path, URI)
+    assert load_certificate(files.certificate).public_key() == load(files)[1].public_key()
+    (info,) = list_certificates(tmp_path)
+    assert info.validity.days_left(datetime.now(UTC)) in (5 * 365 - 1, 5 * 365)
+
+
+def test_a_clients_certificate_says_its_own_renewal(tmp_path: Path) -> None:
+    files = ensure_client_certificate(tmp_path, URI, "plc7")
+    create_certificate(files, application_uri=URI, common_name="x", days=-0.01)
+    with pytest.raises(ServerStartError, match="run: ua-fleet cert create --client plc7 --renew"):
+        ensure_client_certificate(tmp_path, URI, "plc7")
+    ensure_client_certificate(tmp_path, URI, "plc7", renew=True)
+    ensure_client_certificate(tmp_path, URI, "plc7")
+
+
+def test_what_is_not_valid_yet_and_what_a_ca_has_issued(tmp_path: Path) -> None:
+    own = ensure_application_certificate(tmp_path, URI)
+    authority = make_certificate(tmp_path, "ca", ca=True)
+
+    def put(**options: Any) -> None:
+        made = make_certificate(tmp_path, "own", uri=URI, **options)
+        for source, target in ((made.certificate, own.certificate), (made.private_key, own.private_key)):
+            target.write_bytes(source.read_bytes())
+
+    put(days=(2, 30))
+    with pytest.raises(ServerStartError, match=r"is valid only from .* UTC; check the clock of this machine"):
+        ensure_application_certificate(tmp_path, URI)
+    put(days=(-30, -1), issuer=load(authority))
+    with pytest.raises(ServerStartError, match=r"expired on .*; have CN=ca renew it, and put it there"):
+        ensure_application_certificate(tmp_path, URI)
+    before = own.certificate.read_bytes()
+    with pytest.raises(ServerStartError, match="is no certificate of ours; have CN=ca renew it"):
+        ensure_application_certificate(tmp_path, URI, renew=True)
+    assert own.certificate.read_bytes() == before
+
+
+def test_hints_name_the_bridge_that_a_certificate_says_it_is_of(tmp_path: Path) -> None:
+    uri = "urn:ua-fleet:Hall:bridge:cell"
+    trust_list = TrustList(tmp_path, bridges={uri: "cell"})
+    for name, options, said in (
+        ("cell", {"uri": uri}, r"is not trusted; trust it with: ua-fleet cert trust --bridge cell [0-9a-f]{12}$"),
+        ("other", {}, r"is not trusted; trust it with: ua-fleet cert trust [0-9a-f]{12}$"),
+        ("old", {"uri": uri, "days": (-9, -1)}, "expired on .*; run: ua-fleet cert create --bridge cell --renew$"),
+        ("old2", {"days": (-9, -1)}, "expired on .*; its owner has to renew it$"),
+        ("early", {"days": (1, 9)}, "is valid only from .*; check the clocks of both machines$"),
+    ):
+        certificate, _ = load(make_certificate(tmp_path, name, **options))
+        with pytest.raises(CertificateRefused, match=said):
+            trust_list.check([certificate])
 
 
 def test_trust_by_thumbprint_and_by_file(state: tuple[Path, CertificateFiles]) -> None:
@@ -116,8 +167,8 @@ def test_trust_by_thumbprint_and_by_file(state: tuple[Path, CertificateFiles]) -
         with pytest.raises(CertificateError, match="ua-fleet cert list"):
             trust(state_dir, wrong)
     info = trust(state_dir, thumbprint(certificate)[:6].upper())
-    assert (info.state, info.application_uri, info.expired) == (CertificateState.TRUSTED, URI, False)
-    assert info.not_valid_after > datetime.now(UTC) + timedelta(days=1000)
+    assert (info.state, info.application_uri) == (CertificateState.TRUSTED, URI)
+    assert info.validity.end > datetime.now(UTC) + timedelta(days=1000)
     assert [i.state for i in list_certificates(state_dir)] == [CertificateState.OWN, CertificateState.TRUSTED]
     pem = state_dir / "client.pem"
     pem.write_bytes(certificate.public_bytes(Encoding.PEM))

@@ -45,7 +45,7 @@ async def test_topic_skill_is_done_when_the_robot_says_so(ros2: Ros2Space, robot
         execution_id = skilled.begin(MOVE, 1.0)
         assert await skilled.end(execution_id) == ExecutionEnded(execution_id, 0, (), "arrived")
         assert isinstance(skilled.facts(execution_id)[0], ExecutionProgressed)
-    assert told(robot) == ["move 1.0 0.5"]
+    await until(lambda: told(robot) == ["move 1.0 0.5"], "what the robot was told")
 
 
 async def test_topic_skill_fails_when_the_robot_says_so(ros2: Ros2Space, robot: Child) -> None:
@@ -55,7 +55,7 @@ async def test_topic_skill_fails_when_the_robot_says_so(ros2: Ros2Space, robot: 
             assert await skilled.end(execution_id) == ExecutionEnded(
                 execution_id, StatusCode.BAD_UNEXPECTED_ERROR, (), "stuck"
             )
-    assert told(robot) == ["move 2.0 0.5"] * 2
+    await until(lambda: told(robot) == ["move 2.0 0.5"] * 2, "what the robot was told")
 
 
 async def test_program_that_answers_twice_or_nonsense_is_counted(ros2: Ros2Space, robot: Child) -> None:
@@ -79,7 +79,7 @@ async def test_topic_skill_that_takes_too_long_is_stopped(ros2: Ros2Space, robot
         assert isinstance(ended, ExecutionEnded)
         assert ended.status == StatusCode.BAD_TIMEOUT
         assert ended.message == "it took longer than 2 s; it was told to stop"
-    assert told(robot) == ["move 3.0 0.5", "move 0.0 0.0"]
+    await until(lambda: told(robot) == ["move 3.0 0.5", "move 0.0 0.0"], "what the robot was told")
 
 
 async def test_service_skill_ends_with_its_response(ros2: Ros2Space, robot: Child) -> None:
@@ -90,7 +90,7 @@ async def test_service_skill_ends_with_its_response(ros2: Ros2Space, robot: Chil
         failed = await skilled.end(execution_id)
         assert isinstance(failed, ExecutionEnded)
         assert failed.status == StatusCode.BAD_UNEXPECTED_ERROR
-    assert told(robot) == ["map home", "map missing"]
+    await until(lambda: told(robot) == ["map home", "map missing"], "what the robot was told")
 
 
 async def test_service_that_answers_late_is_counted(ros2: Ros2Space, robot: Child) -> None:
@@ -101,7 +101,7 @@ async def test_service_that_answers_late_is_counted(ros2: Ros2Space, robot: Chil
         assert ended.status == StatusCode.BAD_TIMEOUT
         await until(lambda: skilled.recorder.dropped(Drop.UNASKED), "the late response")
         assert len(skilled.facts(execution_id)) == 2, "at it, and its end"
-    assert told(robot) == ["map slow"]
+    await until(lambda: told(robot) == ["map slow"], "what the robot was told")
 
 
 async def test_program_does_a_skill_once_and_tells_its_progress(ros2: Ros2Space, robot: Child) -> None:
@@ -112,7 +112,7 @@ async def test_program_does_a_skill_once_and_tells_its_progress(ros2: Ros2Space,
         assert progress == sorted(progress)
         assert len(progress) > 3
         assert not [event for event in skilled.recorder.events if isinstance(event, SourceFound)], "no data source"
-    assert told(robot) == ["drive dock"]
+    await until(lambda: told(robot) == ["drive dock"], "what the robot was told")
 
 
 @pytest.mark.parametrize(
@@ -141,6 +141,7 @@ async def test_what_can_be_stopped_is_halted(
         ended = await skilled.end(execution_id)
         assert isinstance(ended, ExecutionEnded)
         assert (ended.status, ended.message) == (StatusCode.BAD_REQUEST_CANCELLED_BY_CLIENT, "it was halted")
+        await until(lambda: len(told(robot)) == 1 + len(more), "what the robot was told")
         assert told(robot)[1:] == more
         with pytest.raises(SkillRejected, match="the service /load_map cannot be stopped"):
             skilled.halt(LOAD, execution_id)
@@ -182,7 +183,7 @@ async def test_bridge_that_comes_later_asks_the_program(ros2: Ros2Space, robot: 
             skilled.driver.query(skilled.execution(DRIVE, "dock", 1.5, execution_id=asked))
         assert await skilled.end(execution_id) == ExecutionEnded(execution_id, 0, (2.5,))
         assert isinstance(await skilled.end(b"never heard of it"[:16]), ExecutionForgotten)
-    assert told(robot) == ["drive dock"]
+    await until(lambda: told(robot) == ["drive dock"], "what the robot was told")
 
 
 async def test_service_and_topic_cannot_be_asked_later(ros2: Ros2Space, robot: Child) -> None:

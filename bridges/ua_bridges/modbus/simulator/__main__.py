@@ -60,9 +60,12 @@ class Plc:
         self._awaited: Span | None = None
 
     def _make_program(self) -> HandshakeProgram:
-        work = Work(BASE, lambda what: _say(f"told: {what}"))
-        tasks: dict[int, Task] = {CONVEYOR_COMMAND: Conveyor(BASE)} if self._options.program == "conveyor" else {}
-        tasks[WORK_COMMAND] = work
+        def told(what: str) -> None:
+            _say(f"told: {what}")
+
+        tasks: dict[int, Task] = {WORK_COMMAND: Work(BASE, told)}
+        if self._options.program == "conveyor":
+            tasks[CONVEYOR_COMMAND] = Conveyor(BASE, told)
         return HandshakeProgram(self._memory, HandshakeLayout(BASE), tasks)
 
     def _on_read(self, span: Span) -> None:

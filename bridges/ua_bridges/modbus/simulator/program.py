@@ -200,8 +200,9 @@ class Conveyor:
 
     FASTEST_MM_S: Final = 1000
 
-    def __init__(self, base: int) -> None:
-        """Make a belt at position 0 whose registers begin at `base`."""
+    def __init__(self, base: int, told: Callable[[str], None]) -> None:
+        """Make a belt at position 0 whose registers begin at `base`; `told` is told each move that is begun."""
+        self._told = told
         self._distance = Register(Table.HOLDING, base + 30, RegisterType.INT32)
         self._speed = Register(Table.HOLDING, base + 32, RegisterType.UINT16)
         self._moved = Register(Table.HOLDING, base + 34, RegisterType.INT32)
@@ -216,6 +217,7 @@ class Conveyor:
         if not 0 < self._mm_s <= self.FASTEST_MM_S:
             raise Refusal(f"speed is 1 to {self.FASTEST_MM_S} mm/s")
         self._began, self._begin_mm = now, float(memory.get(self._position))
+        self._told(f"move by {self._way_mm:.0f} mm")
         memory.put(self._runs, True)
         memory.put(self._speed_now, round(self._mm_s))
 

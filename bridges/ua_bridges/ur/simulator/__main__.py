@@ -41,6 +41,7 @@ def _settings(options: argparse.Namespace) -> Settings:
         brake_s=options.brakes,
         unlock_after_s=options.unlock_after,
         programs={f"{file.stem}.urp": file.read_text(encoding="utf-8") for file in files},
+        on_started=lambda name: print(f"told: program {name}", flush=True),
     )
 
 

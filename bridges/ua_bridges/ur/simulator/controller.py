@@ -51,6 +51,8 @@ class Settings:
     """A protective stop is not unlocked before."""
     programs: Mapping[str, str] = field(default_factory=dict[str, str])
     """URScript of the programs that `load` finds, by their names such as `pick.urp`."""
+    on_started: Callable[[str], None] = lambda _name: None
+    """Called with the name of each program that begins."""
 
 
 @dataclass
@@ -287,6 +289,7 @@ class Controller:
         self._program = Machine(name, statements, self._functions)
         self.runtime, self.interrupted = RuntimeState.PLAYING, None
         self.say("info", f"program {name} started")
+        self.settings.on_started(name)
 
     def pause_program(self) -> None:
         """Pause the program.

@@ -54,6 +54,7 @@ class Drone:
             self._send("status", "refused", number, f"it is {self._flying}")
         else:
             self._number, self._state = number, "running"
+            report("drone", f"begins {skill}", execution=number)
             self._tell(number)
             threading.Thread(target=self._fly, args=(skill, number), daemon=True).start()
 

@@ -30,7 +30,7 @@ def main() -> None:
     def go(execution: Any, to: str) -> None:
         if to not in PLACES:
             raise Refused(f"{options.name} knows no place {to!r}")
-        report(options.name, f"drives to {to}")
+        report(options.name, "begins go", execution=execution.id, to=to)
         base.drive(to, execution.canceled)
         execution.check()
 

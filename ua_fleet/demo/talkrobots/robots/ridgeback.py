@@ -37,7 +37,7 @@ class Ridgeback:
 
     def fetch(self, execution: Any, table: str, to: str) -> dict[str, float]:
         """Drive to a table, take the box, and bring it somewhere."""
-        report("ridgeback", "drives to the table")
+        report("ridgeback", "begins fetch", execution=execution.id)
         way_m = self._base.drive(table, execution.canceled)
         execution.canceled.wait(GRASP_S / self._speed)
         execution.progress(0.5, f"brings the box to {to}")
@@ -59,7 +59,7 @@ class Ridgeback:
         return False
 
     def _load(self) -> str:
-        report("ridgeback", "takes the box with Sawyer, and puts it on its platform")
+        report("ridgeback", "begins load")
         self._node.wait(LOAD_S / self._speed)
         return "the box is on the platform"
 
@@ -80,7 +80,9 @@ class Ridgeback:
                 handle.set_aborted(MoveBaseResult(), "the drive does not turn")
 
         def on_goal(handle: Any) -> None:
-            canceled = under_way[handle.get_goal_id().id] = threading.Event()
+            goal_id = handle.get_goal_id().id
+            canceled = under_way[goal_id] = threading.Event()
+            report("ridgeback", "begins go", execution=goal_id)
             handle.set_accepted()
             threading.Thread(target=drive, args=(handle, canceled), daemon=True).start()
 
@@ -93,6 +95,7 @@ class Ridgeback:
         """Offer `go` by this program, where there is no ROS 1."""
 
         def go(execution: Any, to: str) -> None:
+            report("ridgeback", "begins go", execution=execution.id)
             if not self.go(to, execution.canceled):
                 execution.check()
                 raise RuntimeError("the drive does not turn")

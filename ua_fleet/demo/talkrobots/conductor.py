@@ -31,11 +31,13 @@ from ua_fleet.storage.traffic_log import read_traffic
 __all__ = ["Ask", "Conductor"]
 
 BROKEN: Final = "ridgeback"
-REPAIRED: Final = "ns=2;i=1022"
-"""Whoever writes true here is the mechanic."""
+REPAIRED: Final = "repaired"
+"""Data of that robot: whoever writes true there is the mechanic."""
 REPAIRED_DURING: Final = "bring"
 REPAIR_S: Final = 1.0
 """The demonstration's seconds from the start of that task, which another robot does, until Ridgeback is repaired."""
+PRESS_AGAIN_S: Final = 5.0
+"""Wall seconds."""
 RUN_TIMEOUT_S: Final = 600.0
 """The demonstration's seconds after which a run is given up that nobody has to decide about; one takes about 120."""
 LOOK_S: Final = 0.2
@@ -198,7 +200,7 @@ class Conductor:
             if self._course is not None and self._course.outcome is not None:
                 await asyncio.sleep(REST_S)
                 self._finished(self._result(self._course))
-                self._course = self._deadline = None
+                self._course = self._deadline = self._to_press = None
                 if not stay:
                     return
             await self._press_if_due(client)
@@ -247,9 +249,13 @@ class Conductor:
         self._to_press = (time.monotonic() + after_s, value)
 
     async def _press_if_due(self, client: FleetClient) -> None:
-        if self._to_press is not None and time.monotonic() >= self._to_press[0]:
-            await client.write(REPAIRED, self._to_press[1])
-            self._to_press = None
+        if self._to_press is None or time.monotonic() < self._to_press[0]:
+            return
+        value = self._to_press[1]
+        await client.write(f"ns=2;i={self._config.robots[BROKEN].data[REPAIRED].id}", value)
+        self._to_press = None
+        if value == "true":  # until the robot says that it is well: its program may just have been started again
+            self._press("true", PRESS_AGAIN_S)
 
     def _ask_for(
         self, decision_id: str, robots: Sequence[str], scenarios: ScenarioClient, tasks: asyncio.TaskGroup

@@ -13,13 +13,13 @@ __all__ = ["OPENMETRICS", "Samples", "samples", "scrape"]
 OPENMETRICS = "application/openmetrics-text; version=1.0.0"
 
 Samples = dict[tuple[str, ...], float]
-"""Values by name and values of labels."""
+"""Values by name and values of labels, these in the order of the labels' names."""
 
 
 def samples(text: str) -> Samples:
     """All samples; raises ValueError where the text breaks a rule of OpenMetrics."""
     return {
-        (sample.name, *sample.labels.values()): float(sample.value)
+        (sample.name, *[value for _, value in sorted(sample.labels.items())]): float(sample.value)
         for family in text_string_to_metric_families(text)
         for sample in family.samples
     }

@@ -19,25 +19,24 @@ class LinkLog:
     def __init__(self, log: Any) -> None:
         """Begin with nothing said; `log` is a logger of structlog."""
         self._log = log
+        self._has_looked = False
         self._connected: bool | None = None
-        self._there: dict[str, bool] | None = None
+        self._there: dict[str, bool] = {}
         """What was said of each device."""
 
     def take(self, status: DriverStatus) -> None:
         """Say what has changed."""
+        is_first, self._has_looked = not self._has_looked, True
         if not status.devices:
-            if status.connected is not self._connected:
+            if status.connected is not self._connected and (status.connected or not is_first):
                 self._connected = status.connected
                 if status.connected:
                     self._log.info("connected to the space", detail=status.detail)
                 else:
                     self._log.warning("not connected to the space", detail=status.detail)
             return
-        if self._there is None:
-            self._there = {name: True for name, reason in status.devices.items() if not reason}
-            return
         for name, reason in status.devices.items():
-            if self._there.get(name) is not (not reason):
+            if self._there.get(name) is not (not reason) and not (reason and is_first):
                 self._there[name] = not reason
                 if reason:
                     self._log.warning("device is away", device=name, reason=reason)

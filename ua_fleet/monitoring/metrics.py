@@ -90,7 +90,7 @@ BUILD = _metric(
 READY = _metric("ready", _G, _ALL, "1 while /readyz answers 200.")
 LOOP_LAG = _metric("loop_lag_seconds", _H, _ALL, "How late the event loop was, looked at once a second.")
 LEFT_OUT = _metric(
-    "label_values_left_out", _G, _ALL, "Robots or skills that have no label of their own, since there are too many.",
+    "label_values_left_out", _G, _SERVER, "Robots or skills that have no label of their own, since there are too many.",
     "label",
 )  # fmt: skip
 

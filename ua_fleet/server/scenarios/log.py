@@ -54,13 +54,13 @@ class RunLog:
         if isinstance(output, RunChanged):
             self._fact(output.run_id, output.fact)
         elif isinstance(output, TaskStarted):
-            self._know(output.run_id, output.step, output.robot, output.skill, output.execution_id)
+            self._know(output.run_id, output.step, output.task, output.robot, output.skill, output.execution_id)
         elif isinstance(output, FaultChanged):
             self._fault(output.fault, output.change)
         elif isinstance(output, DecisionChanged):
             self._decision(output)
         elif isinstance(output, OperatorAsked):
-            ids = {"run_id": output.run_id, "step": output.step, "robot": output.robot}
+            ids = {"run_id": output.run_id, "step": output.step, "task": output.task, "robot": output.robot}
             _log.warning(
                 "an operator has to say what became of a task",
                 **ids,
@@ -68,15 +68,16 @@ class RunLog:
                 question=output.question,
             )
 
-    def _know(self, run_id: str, step: str, robot: str, skill: str, execution_id: str) -> dict[str, str]:
+    def _know(self, run_id: str, step: str, task: str, robot: str, skill: str, execution_id: str) -> dict[str, str]:
         if len(self._tasks) >= _MOST_OPEN:
             del self._tasks[next(iter(self._tasks))]
-        ids = self._tasks[run_id, step] = {"robot": robot, "skill": skill, "execution_id": execution_id}
+        ids = {"task": task, "robot": robot, "skill": skill, "execution_id": execution_id}
+        self._tasks[run_id, step] = ids
         return ids
 
     def _fact(self, run_id: str, fact: Fact) -> None:
         if isinstance(fact, TaskAssigned):
-            ids = self._know(run_id, fact.step, fact.robot, fact.skill, fact.execution_id)
+            ids = self._know(run_id, fact.step, fact.task, fact.robot, fact.skill, fact.execution_id)
             _log.info("task begins", run_id=run_id, step=fact.step, attempt=fact.attempt, **ids)
         elif isinstance(fact, TaskOver):
             ids = self._tasks.pop((run_id, fact.step), {})
@@ -112,7 +113,7 @@ class RunLog:
             _log.info("fault is over", **ids)
 
     def _decision(self, change: DecisionChanged) -> None:
-        event, ids = change.event, {"run_id": change.run_id, "step": change.step}
+        event, ids = change.event, {"run_id": change.run_id, "step": change.step, "task": change.task}
         if isinstance(event, RankingChanged):
             if event.decision_id not in self._decisions:
                 self._decisions[event.decision_id] = change.run_id

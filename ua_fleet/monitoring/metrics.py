@@ -1,4 +1,4 @@
-"""All metrics: their names, labels and meaning. `python -m ua_fleet.monitoring.metrics` prints them as a table.
+"""All metrics: their names, labels and meaning. `python -m ua_fleet.monitoring.reference` prints them as a table.
 
 Names follow the conventions of Prometheus: base units, `_total` for counters. Labels are bounded: causes, outcomes,
 states and tables are lists of the code; spaces and groups are those of `fleet.yaml`; robots and skills are the first
@@ -7,7 +7,6 @@ states and tables are lists of the code; spaces and groups are those of `fleet.y
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import StrEnum
@@ -16,7 +15,7 @@ from typing import Final
 from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily
 from prometheus_client.metrics_core import Metric as Family
 
-__all__ = ["METRICS", "MOST_ROBOTS", "MOST_SKILLS", "Family", "Kind", "Metric", "Process", "table"]
+__all__ = ["METRICS", "MOST_ROBOTS", "MOST_SKILLS", "Family", "Kind", "Metric", "Process"]
 
 MOST_ROBOTS: Final = 2000
 """Robots that have a label of their own."""
@@ -146,17 +145,3 @@ REQUESTS = _metric("opcua_requests_total", _C, _SERVER, "Requests of OPC UA clie
 SERVER_CONNECTED = _metric("server_connected", _G, _MODBUS, "1 while the gateway is connected to the OPC UA server.")
 MODBUS_CONNECTIONS = _metric("modbus_connections", _G, _MODBUS, "PLCs that are connected.")
 MODBUS_REFUSED = _metric("modbus_refused_total", _C, _MODBUS, "What PLCs were refused, by cause.", "cause")
-
-
-def table() -> str:
-    """The metrics as a table in Markdown."""
-    rows = ["| metric | kind | labels | who has it | |", "|---|---|---|---|---|"]
-    for metric in METRICS:
-        labels = ", ".join(f"`{label}`" for label in metric.labels)
-        who = "all" if metric.processes == _ALL else ", ".join(metric.processes)
-        rows.append(f"| `{metric.name}` | {metric.kind} | {labels} | {who} | {metric.help} |")
-    return "\n".join(rows)
-
-
-if __name__ == "__main__":
-    sys.stdout.write(f"{table()}\n")

@@ -10,6 +10,7 @@ from tests.scraped import OPENMETRICS, Samples, samples
 from ua_fleet.counters import Counters, Drop
 from ua_fleet.monitoring import METRICS, Kind, Monitor, Process, metrics
 from ua_fleet.monitoring.counted import counted, keys_left, transported
+from ua_fleet.monitoring.reference import table
 from ua_fleet.transport.base import TransportStats
 
 
@@ -83,7 +84,7 @@ def test_names_follow_the_conventions() -> None:
         assert metric.name.endswith("_total") == (metric.kind is Kind.COUNTER)
         assert metric.help.endswith(".")
         assert "|" not in metric.help
-        assert f"| `{metric.name}` |" in metrics.table()
+        assert f"| `{metric.name}` |" in table()
 
 
 @pytest.mark.parametrize("text", ["a\\b", 'say "x"', "two\nlines", "ü"])

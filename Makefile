@@ -4,7 +4,7 @@ SHELL := /bin/bash
 PYTHON := .venv/bin/python
 PYTHON_ROS1 := .venv-ros1/bin/python
 # Parts of the system whose absence fails the tests that need them, instead of skipping these:
-#   make test REQUIRE=ros1,ros2,node
+#   make test REQUIRE=ros1,ros2,node,ur,libmodbus,mbpoll,umockdev,dbus,compiler
 REQUIRE ?=
 # Test processes side by side; many tests wait for processes that they started: make test JOBS=1
 JOBS ?= 2

@@ -100,9 +100,7 @@ def test_a_certificate_that_has_ended_stops_the_start_and_is_renewed_with_its_ke
     files = ensure_client_certificate(tmp_path, URI, "server")
     key = files.private_key.read_bytes()
     create_certificate(files, application_uri=URI, common_name="x", days=-0.01, server=True, key=load(files)[1])
-    with pytest.raises(
-        ServerStartError, match=r"server\.der: expired on 20.{8}; run: ua-fleet cert create --renew$"
-    ):
+    with pytest.raises(ServerStartError, match=r"server\.der: expired on 20.{8}; run: ua-fleet cert create --renew$"):
         ensure_application_certificate(tmp_path, URI)
     ensure_application_certificate(tmp_path, URI, ["robots.local"], renew=True)
     assert files.private_key.read_bytes() == key
@@ -145,13 +143,14 @@ def test_what_is_not_valid_yet_and_what_a_ca_has_issued(tmp_path: Path) -> None:
 def test_hints_name_the_bridge_that_a_certificate_says_it_is_of(tmp_path: Path) -> None:
     uri = "urn:ua-fleet:Hall:bridge:cell"
     trust_list = TrustList(tmp_path, bridges={uri: "cell"})
-    for name, options, said in (
+    cases: list[tuple[str, dict[str, Any], str]] = [
         ("cell", {"uri": uri}, r"is not trusted; trust it with: ua-fleet cert trust --bridge cell [0-9a-f]{12}$"),
         ("other", {}, r"is not trusted; trust it with: ua-fleet cert trust [0-9a-f]{12}$"),
         ("old", {"uri": uri, "days": (-9, -1)}, "expired on .*; run: ua-fleet cert create --bridge cell --renew$"),
         ("old2", {"days": (-9, -1)}, "expired on .*; its owner has to renew it$"),
         ("early", {"days": (1, 9)}, "is valid only from .*; check the clocks of both machines$"),
-    ):
+    ]
+    for name, options, said in cases:
         certificate, _ = load(make_certificate(tmp_path, name, **options))
         with pytest.raises(CertificateRefused, match=said):
             trust_list.check([certificate])

@@ -81,10 +81,8 @@ def robot(
     plan, options = _plan(testbed)
     if name not in plan.robots:
         raise NotFound(f"the testbed {testbed} has no {name}; there are: {', '.join(plan.robots)}")
-    from ua_fleet.bridge.launch import child_environment
-
     arguments, added = plan.robot(name, options)
-    os.execve(sys.executable, [sys.executable, *arguments], {**child_environment(os.environ), **added})  # noqa: S606
+    os.execve(sys.executable, [sys.executable, *arguments], {**os.environ, **added})  # noqa: S606
 
 
 def run(

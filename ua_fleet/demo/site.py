@@ -7,15 +7,15 @@ import secrets
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass
-from importlib.resources import files
 from pathlib import Path
 from typing import Final
 
 from ua_fleet.bridge.launch import child_environment, find_ros1_python
 from ua_fleet.demo.layout import Layout, check_same_fleet
 from ua_fleet.demo.processes import free_tcp_port, udp_port_in_use
+from ua_fleet.demo.ros_environment import ros2_environment
 
-__all__ = ["KEY_LIFETIME_S", "OPC_UA_PORT", "ROS_MASTER_PORT", "USER", "Site", "choose_site", "ros2_environment"]
+__all__ = ["KEY_LIFETIME_S", "OPC_UA_PORT", "ROS_MASTER_PORT", "USER", "Site", "choose_site"]
 
 USER: Final = "operator"
 OPC_UA_PORT: Final = 4840
@@ -81,20 +81,6 @@ class Site:
         else:
             environment |= ros2_environment(domain, "LOCALHOST")
         return environment
-
-
-def ros2_environment(domain: int, discovery: str) -> dict[str, str]:
-    """What the environment of a program in ROS 2 has.
-
-    Args:
-        domain: its ROS 2 domain.
-        discovery: how far it looks for others, `LOCALHOST` or `SUBNET`.
-    """
-    return {
-        "ROS_DOMAIN_ID": str(domain),
-        "ROS_AUTOMATIC_DISCOVERY_RANGE": discovery,
-        "FASTRTPS_DEFAULT_PROFILES_FILE": str(files("ua_bridges.ros2").joinpath("profiles", "robot.xml")),
-    }
 
 
 def choose_site(

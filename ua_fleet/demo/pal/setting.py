@@ -7,12 +7,14 @@ from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
 from string import Template
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 from ua_fleet.demo.layout import Layout
 from ua_fleet.demo.processes import DemoFailed
-from ua_fleet.demo.site import Site
 from ua_fleet.topics import check_ros2_space
+
+if TYPE_CHECKING:
+    from ua_fleet.demo.site import Site
 
 __all__ = ["IN_ARM_SPACE", "ROBOTS", "Setting", "fleet_text", "make_setting", "robot_arguments"]
 

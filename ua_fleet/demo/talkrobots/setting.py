@@ -10,11 +10,13 @@ from importlib.resources import files
 from itertools import count
 from pathlib import Path
 from string import Template
-from typing import Final, Literal
+from typing import TYPE_CHECKING, Final, Literal
 
 from ua_fleet.demo.layout import Layout
 from ua_fleet.demo.processes import free_loopback_address, free_tcp_port
-from ua_fleet.demo.site import Site
+
+if TYPE_CHECKING:
+    from ua_fleet.demo.site import Site
 
 __all__ = [
     "ACTORS",

@@ -9,7 +9,7 @@ from typing import Final, cast, get_args
 
 from ua_fleet.demo.layout import Layout
 from ua_fleet.demo.pal import setting as pal
-from ua_fleet.demo.site import ros2_environment
+from ua_fleet.demo.ros_environment import ros2_environment
 from ua_fleet.demo.talkrobots import setting as talkrobots
 from ua_fleet.demo.talkrobots.setting import ACTORS, Kind, Mode
 from ua_fleet.errors import ConfigError

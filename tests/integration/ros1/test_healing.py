@@ -25,6 +25,7 @@ async def test_master_may_come_after_the_bridge(graph: Ros1Graph, peer: Peer) ->
     bridge = graph.bridge()
     await peer.until(lambda: "no ROS master at" in (peer.bridge("Detail") or ""))
     assert peer.bridge("Connected") is False
+    await asyncio.to_thread(bridge.wait_for, "not connected to the space")
     graph.master()
     graph.talker("/ua_1_2_7", "std_msgs/Float64", "{data: COUNT}")
     await peer.until(lambda: peer.good(SOURCE))

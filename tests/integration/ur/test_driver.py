@@ -454,7 +454,8 @@ async def test_each_loss_is_logged_once(processes: Processes) -> None:
             controller.end()
             await until(lambda: not one.driver.status().connected, "the loss")
             await asyncio.sleep(0.5)
-    said = [entry.get("why", entry["event"]) for entry in log if entry["log_level"] != "debug"]
+    assert [entry["event"] for entry in log if entry["log_level"] != "debug"] == [], "the bridge says what it comes to"
+    said = [entry.get("reason", entry["event"]) for entry in log if "to the controller" in entry["event"]]
     absent = f"{controller.host}: nothing answers at port 30004; check the address, and that the controller is on"
     assert said[:2] == [absent, "connected to the controller"]
     assert said[2:] in ([f"{controller.host}: the controller closed the connection", absent], [absent])

@@ -194,15 +194,19 @@ async def test_connection_is_logged_once_each_way(monkeypatch: pytest.MonkeyPatc
     robot, line = Robot(), Line()
     robot.state = DriverStatus(False, "no master at http://127.0.0.1:11311; start one")
     with capture_logs() as logs:
+
+        def told() -> list[str]:
+            return [entry["event"] for entry in logs if "connected" in entry["event"]]
+
         async with running(robot, line):
             for connected in (True, False):
-                await until(lambda: len(line.sent) > 5)
+                await until(lambda connected=connected: len(told()) == (1 if connected else 2))
                 line.sent.clear()
-                robot.state = DriverStatus(connected, "now")
                 await until(lambda: len(line.sent) > 5)
+                robot.state = DriverStatus(connected, "now")
+            await until(lambda: len(told()) == 3)
+    assert told() == ["not connected to the space", "connected to the space", "not connected to the space"]
     logs = [entry for entry in logs if "connected" in entry["event"]]
-    events = [entry["event"] for entry in logs]
-    assert events == ["not connected to the space", "connected to the space", "not connected to the space"]
     assert logs[0]["detail"].startswith("no master")
 
 

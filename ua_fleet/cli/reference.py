@@ -8,7 +8,7 @@ from __future__ import annotations
 import inspect
 import re
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -47,32 +47,36 @@ def _prose(text: str) -> str:
     return re.sub("^#", r"\\#", plain, flags=re.MULTILINE)
 
 
-def _table(command: Any, names: Sequence[str]) -> str:
-    """The parameters of a command as it tells them itself; their types are those of the help."""
+def _records(command: Any) -> dict[str, tuple[str, str]]:
+    """What a command tells of its parameters itself; their types are those of the help."""
     # Typed as anything: these classes are click's or, in newer releases of typer, a copy of that.
     context = command.make_context(command.name, [], resilient_parsing=True)
+    told = {parameter.name: parameter.get_help_record(context) for parameter in command.params}
+    return {name: record for name, record in told.items() if record is not None}
+
+
+def _table(records: Iterable[tuple[str, str]]) -> str:
     lines = ["| option | |", "|---|---|"]
-    for parameter in command.params:
-        record = parameter.get_help_record(context) if parameter.name in names else None
-        if record is not None:
-            lines.append(f"| `{_cell(record[0])}` | {_prose(_cell(record[1]))} |")
+    for name, text in records:
+        # A bar between choices would end the cell, and not everybody takes a backslash in code for an escape.
+        lines.append(f"| `{_cell(name.replace('|', '/'))}` | {_prose(_cell(text))} |")
     return "\n".join(lines)
 
 
-def _parts(command: Any, path: str, depth: int) -> Iterator[str]:
+def _parts(command: Any, path: str, depth: int, shared: Mapping[str, tuple[str, str]]) -> Iterator[str]:
     text, _, examples = (command.help or "").partition(_EXAMPLES)
     yield f"{'#' * depth} `{path}`\n\n{_prose(text.strip())}"
     if isinstance(command, TyperGroup):
         for name in command.commands:
-            yield from _parts(command.commands[name], f"{path} {name}", depth + 1)
+            yield from _parts(command.commands[name], f"{path} {name}", depth + 1, shared)
         return
     if examples:
         yield "```\n" + "\n".join(line.strip() for line in examples.splitlines()) + "\n```"
-    names = [parameter.name for parameter in command.params]
-    connects = set(names) >= _SHARED
-    own = [name for name in names if not (connects and name in _SHARED)]
+    records = _records(command)
+    connects = shared.keys() <= records.keys()
+    own = [record for name, record in records.items() if not connects or record != shared.get(name)]
     if own:
-        yield _table(command, own)
+        yield _table(own)
     if connects:
         yield f"And the [options of a connection](#{_CONNECTION.lower().replace(' ', '-')})."
 
@@ -80,11 +84,11 @@ def _parts(command: Any, path: str, depth: int) -> Iterator[str]:
 def reference() -> str:
     """All commands with their options and examples."""
     command: Any = get_command(app)
+    shared = {name: record for name, record in _records(command.commands["read"]).items() if name in _SHARED}
     parts: list[str] = []
     for name in command.commands:
-        parts += _parts(command.commands[name], f"ua-fleet {name}", 2)
-    connecting_command = command.commands["read"]
-    parts.append(f"## {_CONNECTION}\n\n{_table(connecting_command, sorted(_SHARED))}")
+        parts += _parts(command.commands[name], f"ua-fleet {name}", 2, shared)
+    parts.append(f"## {_CONNECTION}\n\n{_table(shared.values())}")
     return "\n\n".join(parts)
 
 

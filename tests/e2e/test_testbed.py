@@ -19,6 +19,8 @@ from ua_fleet.demo.ros_environment import ros2_environment
 from ua_fleet.demo.talkrobots.setting import ACTORS, Actor, Kind
 
 UR_PORTS = (29999, *range(30001, 30006))
+WAIT_S = 60
+"""For what takes seconds, on a machine that is busy."""
 MEMBERS_OF_JSON = {"tasks", "fault", "messages", "bytes", "paper"}
 
 
@@ -54,14 +56,14 @@ class Testbed:
 
     def prepare(self) -> None:
         job = self.ua_fleet("testbed", "prepare", self.name, "--folder", str(self.folder))
-        assert job.process.wait(30) == 0, job.lines
+        assert job.process.wait(WAIT_S) == 0, job.lines
 
     def traffic(self, name: str) -> tuple[str, str]:
         return ("--traffic-log", str(self.folder / "events" / f"{name}.traffic"))
 
     def server(self) -> Child:
         server = self.ua_fleet("serve", *self.traffic("server"))
-        server.wait_for("ready: ")
+        server.wait_for("ready: ", timeout_s=WAIT_S)
         return server
 
     def conductor(self) -> Child:
@@ -128,7 +130,7 @@ def test_a_conductor_that_sees_the_server_alone_has_the_nine_tasks_done_once(
 ) -> None:
     with nine_tasks(processes, tmp_path) as testbed:
         conductor = testbed.conductor()
-        conductor.wait_for("without the server: nobody answers at")
+        conductor.wait_for("without the server: nobody answers at", timeout_s=WAIT_S)
         server = testbed.server()
         report = testbed.wait_for_result(conductor, 90)
         assert report.keys() == MEMBERS_OF_JSON
@@ -136,19 +138,19 @@ def test_a_conductor_that_sees_the_server_alone_has_the_nine_tasks_done_once(
         assert {row["state"] for row in report["tasks"]} == {"done"}
         assert (report["fault"]["robot"], report["fault"]["replacement"]) == ("ridgeback", "pioneer_1")
         assert report["messages"]["request"] >= 22, "what all processes have written down"
-        conductor.wait_for("what Eq. 12 counts")
+        conductor.wait_for("what Eq. 12 counts", timeout_s=WAIT_S)
 
         server.end(signal.SIGKILL)
-        conductor.wait_for("without the server: the connection to")
+        conductor.wait_for("without the server: the connection to", timeout_s=WAIT_S)
         testbed.server()
-        conductor.wait_for("the server is back")
+        conductor.wait_for("the server is back", timeout_s=WAIT_S)
         assert [line.partition(":")[0] for line in conductor.lines].count("without the server") == 2
 
         conductor.end()
         written = testbed.result.stat().st_mtime_ns
         again = testbed.conductor()
-        again.wait_for("it has run before")
-        again.wait_for("the fleet is complete", timeout_s=60)
+        again.wait_for("it has run before", timeout_s=WAIT_S)
+        again.wait_for("the fleet is complete", timeout_s=WAIT_S)
         time.sleep(1)
         assert not any("fetch" in line for line in again.lines)
         assert testbed.result.stat().st_mtime_ns == written
@@ -173,24 +175,24 @@ def test_a_line_that_goes_on_without_the_server_is_followed_from_what_robots_rep
     server, conductor = testbed.server(), testbed.conductor()
     report = reporter(tmp_path, time.time() - 10, 10)
     report(0, "ned", "starts", covers=4)
-    conductor.wait_for("0.00 s  ned starts")
+    conductor.wait_for("0.00 s  ned starts", timeout_s=WAIT_S)
     for number in (1, 2):
         report(10 * number, "ned", "places a cover", carrier="conveyor", count=number)
         report(10 * number + 4, "human", "takes a cover", carrier="conveyor", boxes=number)
     server.end(signal.SIGKILL)
-    conductor.wait_for("without the server: ")
+    conductor.wait_for("without the server: ", timeout_s=WAIT_S)
     for number in (1, 2):
         report(40 * number, "ned", "places a cover", carrier="turtlebot3", count=number)
         report(40 * number + 19, "human", "takes a cover", carrier="turtlebot3", boxes=number + 2)
     testbed.server()
-    covers = testbed.wait_for_result(conductor, 30)["covers"]
+    covers = testbed.wait_for_result(conductor, WAIT_S)["covers"]
     assert [cover["carrier"] for cover in covers] == ["conveyor", "conveyor", "turtlebot3", "turtlebot3"]
     assert [cover["delivered_s"] for cover in covers] == pytest.approx([14, 24, 59, 99], abs=0.01)
 
     # The arm is started again: that is another run, which the next conductor tells, and not the one before.
     conductor.end()
     again = testbed.conductor()
-    again.wait_for("it has run before")
+    again.wait_for("it has run before", timeout_s=WAIT_S)
     reporter(tmp_path, time.time() + 0.1, 10)(0, "ned", "starts", covers=4)
-    again.wait_for("0.00 s  ned starts")
+    again.wait_for("0.00 s  ned starts", timeout_s=WAIT_S)
     assert not any("takes a cover" in line for line in again.lines)

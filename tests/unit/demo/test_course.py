@@ -172,3 +172,17 @@ def test_a_run_is_followed_from_its_middle() -> None:
     course.catch_up(stands("running", fetch=("rover", "accepted")), at(5))
     assert course.started_at == START
     assert course.rows["fetch"].started_s == pytest.approx(5)
+
+
+def test_only_a_fault_that_was_replaced_stands_in_the_report(course: Course) -> None:
+    early = Course("run", SPEED, {})
+    quiet = FaultTold("quiet", "far", "far", "it is not heard", active=True, acknowledged=False, at=START - 50)
+    assert early.take(quiet) == ["   0.00 s  far                FAULT: it is not heard"]
+    early.take(run("running", 0))
+    assert early.report()["fault"] is None, "it was before the run"
+
+    for robot, seconds in (("far", 1), ("rover", 2)):
+        course.take(FaultTold(robot, robot, robot, "stuck", active=True, acknowledged=False, at=at(seconds)))
+    course.take(decision("chosen", 3, "near"))
+    fault = course.report()["fault"]
+    assert (fault["robot"], fault["replacement"], fault["detected_s"]) == ("rover", "near", pytest.approx(2))

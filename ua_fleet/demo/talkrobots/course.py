@@ -63,7 +63,7 @@ class Course:
         """Seconds since 1970; 0 before it has begun."""
         self.elapsed_s = 0.0
         """How long it took; 0 while it goes on."""
-        self._fault: _Fault | None = None
+        self._faults: list[_Fault] = []
         self._times_done: dict[str, int] = {}
         self._printed: tuple[str, ...] = ()
         """The decision and the order of the candidates that was printed last."""
@@ -124,7 +124,16 @@ class Course:
             "fault": None if self._fault is None else _fault_report(self._fault),
         }
 
+    @property
+    def _fault(self) -> _Fault | None:
+        """The fault that led to a replacement; where there was none, the first."""
+        replaced = [fault for fault in self._faults if fault.replacement is not None]
+        return next(iter((*replaced, *self._faults)), None)
+
     def _time(self, at: float) -> float:
+        """0 before the run has begun."""
+        if not self.started_at:
+            return 0.0
         return round(max(at - self.started_at, 0.0) * self.speed, 3)
 
     def _line(self, at: float, who: str, what: str) -> str:
@@ -174,8 +183,8 @@ class Course:
             return [self._line(told.at, told.robot, "its fault was seen by somebody")]
         if not told.active:
             return [self._line(told.at, told.robot, f"is repaired (it was: {told.reason})")]
-        if self._fault is None:
-            self._fault = _Fault(told.robot, self._time(told.at))
+        if self.started_at:
+            self._faults.append(_Fault(told.robot, self._time(told.at)))
         return [self._line(told.at, told.robot, f"FAULT: {told.reason}")]
 
     def _decision(self, told: DecisionTold) -> list[str]:
@@ -188,8 +197,8 @@ class Course:
             return [self._line(told.at, "resilience", asked), *ranking_lines(told.ranking, self._units)]
         if told.state == "aborted":
             return [self._line(told.at, "resilience", f"nobody takes over {told.task}: {told.reason}")]
-        fault = self._fault
-        if fault is not None and fault.replacement is None and fault.robot == told.failed:
+        open_faults = [fault for fault in self._faults if fault.replacement is None and fault.robot == told.failed]
+        for fault in open_faults[-1:]:
             fault.task, fault.replacement, fault.ranking = told.task, told.chosen, told.ranking
             fault.decided_s = self._time(told.at)
         chosen = f"{told.chosen} takes over {told.task}, chosen by {told.chosen_by}"

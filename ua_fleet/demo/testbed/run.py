@@ -113,18 +113,19 @@ async def _follow(
     conductor: _Conductor, connect: Callable[[], AbstractAsyncContextManager[FleetClient]], say: Callable[[str], None]
 ) -> None:
     """Follow over any number of connections; one line when the server goes away, and one when it is back."""
-    told: type[Exception] | None = None
+    told = ""
     while True:
         try:
             async with connect() as client:
-                if told is not None:
+                if told:
                     say("the server is back")
-                    told = None
+                    told = ""
                 await conductor.follow(client, stay=True)
         except (NotConnected, SendTimeout, AccessRefused) as error:
-            if told is not type(error):
+            why = "refused" if isinstance(error, AccessRefused) else "away"
+            if told != why:
                 say(f"without the server: {error}")
-            told = type(error)
+            told = why
         await asyncio.sleep(AGAIN_S)
 
 

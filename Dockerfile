@@ -80,7 +80,8 @@ RUN apt-get update -qq \
     && rm -rf /var/lib/apt/lists/* /var/cache/apt/* /var/cache/debconf/*-old /var/log/apt /var/log/dpkg.log \
     && sed -i 's/^include-system-site-packages = .*/include-system-site-packages = true/' /opt/ua-fleet/pyvenv.cfg
 USER ua-fleet
-ENV ROS_HOME=/tmp/ros
+# rospy gives folders that it makes the owner of those above them, which no user may do in /tmp.
+ENV ROS_LOG_DIR=/tmp
 COPY --from=package /added /
 
 # --- ros2: rclpy and Fast DDS from wheels -----------------------------------------------------------------------
@@ -94,7 +95,7 @@ LABEL org.opencontainers.image.title=ua-fleet/ros2 \
       org.opencontainers.image.description="ROS 2 bridge and robots of a mixed fleet"
 COPY --from=ros2-packages /added /
 # In containers of their own two nodes have no memory in common.
-ENV ROS_HOME=/tmp/ros FASTDDS_BUILTIN_TRANSPORTS=UDPv4
+ENV ROS_LOG_DIR=/tmp/log FASTDDS_BUILTIN_TRANSPORTS=UDPv4
 COPY --from=package /added /
 
 # --- ur: ur-rtde ------------------------------------------------------------------------------------------------

@@ -1,0 +1,202 @@
+"""The testbed's compose.yaml and Dockerfile keep the rules of docs/testbed.md."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any, Final
+
+import pytest
+import yaml
+
+from ua_fleet.demo.testbed.plan import TESTBEDS
+
+ROOT: Final = Path(__file__).parents[2]
+COMPOSE: Final[Any] = yaml.safe_load((ROOT / "compose.yaml").read_text(encoding="utf-8"))
+SERVICES: Final[Mapping[str, Any]] = COMPOSE["services"]
+DOCKERFILE: Final = (ROOT / "Dockerfile").read_text(encoding="utf-8")
+JOBS: Final = {"setup": "talkrobots", "setup-pal": "pal"}
+BESIDE_THE_SERVER: Final = {"server", "server-pal", "tasks", "line", "plc-gateway"}
+"""Who is on the server's network beside the bridges."""
+STATE: Final = "/var/lib/ua-fleet"
+
+each_service = pytest.mark.parametrize("name", SERVICES)
+
+
+def networks(name: str) -> Mapping[str, Any]:
+    return SERVICES[name].get("networks") or {}
+
+
+def is_bridge(name: str) -> bool:
+    return name.endswith(("-bridge", "-side"))
+
+
+def mounts(name: str) -> Iterator[tuple[str, str, bool]]:
+    """Volume, folder, and whether it is read-only."""
+    for mount in SERVICES[name].get("volumes", ()):
+        volume, folder, *options = mount.split(":")
+        yield volume, folder, options == ["ro"]
+
+
+@each_service
+def test_a_container_has_no_right_that_it_does_not_need(name: str) -> None:
+    service = SERVICES[name]
+    assert service["read_only"] is True
+    assert service["init"] is True
+    assert service["cap_drop"] == ["ALL"]
+    assert service["security_opt"] == ["no-new-privileges:true"]
+    assert service["tmpfs"] == ["/tmp"]
+    assert service["sysctls"] == {"net.ipv4.ip_forward": "0"}
+    assert not {"privileged", "cap_add", "devices", "pid", "ipc", "user", "userns_mode"} & service.keys()
+    assert service.get("network_mode", "none") == "none"
+    assert not [volume for volume, _, _ in mounts(name) if volume not in COMPOSE["volumes"]], "a folder of the machine"
+
+
+@each_service
+def test_a_container_s_log_is_bounded(name: str) -> None:
+    logging = SERVICES[name]["logging"]
+    assert logging["driver"] == "json-file"
+    assert logging["options"].keys() == {"max-size", "max-file"}
+
+
+@each_service
+def test_a_container_comes_back_and_says_how_it_is(name: str) -> None:
+    service = SERVICES[name]
+    if name in JOBS:
+        assert service["restart"] == "no"
+        return
+    assert service["restart"] == "unless-stopped"
+    assert service["healthcheck"]["test"][:3] == ["CMD", "ua-fleet", "healthcheck"]
+
+
+@each_service
+def test_only_bridges_and_the_gateway_stand_in_two_networks(name: str) -> None:
+    joined = networks(name).keys()
+    assert bool(joined) == (name not in JOBS)
+    if len(joined) > 1:
+        assert is_bridge(name) or name == "plc-gateway"
+        assert len(joined) == 2
+        assert "ua" in joined
+    assert ("ua" in joined) == (is_bridge(name) or name in BESIDE_THE_SERVER)
+
+
+def test_addresses_are_in_their_network_and_each_is_given_once_in_a_profile() -> None:
+    for profile in TESTBEDS:
+        given: list[int] = []
+        for name, service in SERVICES.items():
+            if profile not in service["profiles"]:
+                continue
+            for network, options in networks(name).items():
+                net, _, last_byte = options["ipv4_address"].rpartition(".")
+                assert net == "${UA_FLEET_NET:-10.214.84}"
+                last = int(last_byte)
+                subnet = COMPOSE["networks"][network]["ipam"]["config"][0]["subnet"]
+                start = int(subnet.rsplit(".", 1)[1].removesuffix("/26"))
+                assert start + 1 < last < start + 63, f"{name}: the first address is the gateway's"
+                given.append(last)
+        assert len(given) == len(set(given))
+
+
+def test_no_network_has_an_answer_from_outside() -> None:
+    for network in COMPOSE["networks"].values():
+        masquerade = network.get("driver_opts", {}).get("com.docker.network.bridge.enable_ip_masquerade")
+        assert network.get("internal") is True or masquerade == "false"
+
+
+@each_service
+def test_ports_are_published_on_the_address_that_was_asked_for(name: str) -> None:
+    ports = SERVICES[name].get("ports", [])
+    assert bool(ports) == (name in {"server", "server-pal", "plc-gateway"})
+    for port in ports:
+        assert port.startswith("${UA_FLEET_PUBLISH:-127.0.0.1}:${UA_FLEET_")
+
+
+@each_service
+def test_only_the_job_may_change_the_fleet_s_files(name: str) -> None:
+    for volume, folder, is_read_only in mounts(name):
+        assert folder == f"{STATE}/{volume.removeprefix('pal-').replace('-', '_')}"
+        if folder == f"{STATE}/fleet":
+            assert is_read_only == (name not in JOBS)
+
+
+@each_service
+def test_keys_and_passwords_are_read_by_their_owner_alone(name: str) -> None:
+    own = {"operator": {"tasks", "line", "plc-gateway"}, "server": {"server", "server-pal"}, "modbus": {"plc-gateway"}}
+    for volume, _, _ in mounts(name):
+        plain = volume.removeprefix("pal-")
+        if name not in JOBS and plain not in {"fleet", "events"}:
+            assert name in own.get(plain, {plain}), f"{name} reads {volume}"
+
+
+@each_service
+def test_nothing_secret_stands_in_the_environment(name: str) -> None:
+    for key, value in (SERVICES[name].get("environment") or {}).items():
+        assert not re.search("PASSW|SECRET|TOKEN|KEY", key), f"{key}={value}"
+
+
+@each_service
+def test_an_image_is_built_here(name: str) -> None:
+    target = SERVICES[name]["build"]["target"]
+    assert SERVICES[name]["image"] == f"ua-fleet/{target}:${{UA_FLEET_TAG:-local}}"
+    assert f" AS {target}\n" in DOCKERFILE
+
+
+def test_every_process_of_a_testbed_has_a_service() -> None:
+    for profile, testbed in TESTBEDS.items():
+        there = {name for name, service in SERVICES.items() if profile in service["profiles"]}
+        job = next(job for job, of in JOBS.items() if of == profile)
+        with_thermometer = {"temperature_sensor"}  # beside its bridge, at the other end of its line
+        robots = {robot for robot in testbed.robots if robot not in with_thermometer}
+        wanted = {name.replace("_", "-") for name in (*testbed.bridges, *robots)}
+        wanted |= {job, testbed.server, testbed.conductor, "rosmaster"} | (
+            {"plc-gateway"} if testbed.has_modbus else set()
+        )
+        assert there == wanted
+        folders = {folder.removeprefix(f"{STATE}/") for _, folder, _ in mounts(job)}
+        assert folders == set(testbed.volumes)
+        for name in there - {job, "rosmaster"}:
+            assert SERVICES[name]["depends_on"] == {job: {"condition": "service_completed_successfully"}}
+
+
+def test_the_ros_1_bridge_has_the_address_that_the_fleet_names() -> None:
+    assert networks("ridgeback-bridge")["ros1"]["ipv4_address"].endswith(f".{TESTBEDS['talkrobots'].ros1_address}")
+    assert networks("arm-side")["ros1"]["ipv4_address"].endswith(f".{TESTBEDS['pal'].ros1_address}")
+
+
+@pytest.mark.parametrize("target", ["core", "ros1", "ros2", "ur"])
+def test_an_image_runs_as_a_user_without_rights_and_has_no_argument_of_the_build(target: str) -> None:
+    stages = {
+        name: (stands_on, text)
+        for stands_on, name, text in re.findall(r"^FROM (\S+) AS (\S+)\n(.*?)(?=^FROM |\Z)", DOCKERFILE, re.M | re.S)
+    }
+    user, stage = None, target
+    while stage in stages:
+        stage, text = stages[stage]
+        users = re.findall(r"^USER (\S+)$", text, re.M)
+        user = user or (users[-1] if users else None)
+        assert not re.findall(r"^ARG ", text, re.M)
+    assert user == "ua-fleet"
+
+
+def test_the_images_have_the_folder_of_each_volume() -> None:
+    made = re.findall(r"install -d -o ua-fleet -g ua-fleet -m 700 ([\w \\\n]+?)\n[^ ]", DOCKERFILE)[0]
+    names = set(made.replace("\\", " ").split())
+    assert names == {volume for testbed in TESTBEDS.values() for volume in testbed.volumes}
+
+
+def test_the_build_sees_only_what_it_needs() -> None:
+    lines = (ROOT / ".dockerignore").read_text(encoding="utf-8").splitlines()
+    assert next(line for line in lines if not line.startswith("#")) == "*"
+    wanted = {
+        f"!{source}"
+        for source in re.findall(r"^COPY (?!--from)(.+) \S+$", DOCKERFILE, re.M)
+        for source in source.split()
+    }
+    assert {line.rstrip("/") for line in lines if line.startswith("!")} >= {line for line in wanted if "/" not in line}
+
+
+def test_each_option_is_on_the_page() -> None:
+    page = (ROOT / "docs" / "testbed.md").read_text(encoding="utf-8")
+    options = set(re.findall(r"\$\{(\w+):-", (ROOT / "compose.yaml").read_text(encoding="utf-8")))
+    assert {option for option in options if f"`{option}`" not in page} == set()

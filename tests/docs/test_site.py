@@ -52,4 +52,4 @@ def test_lists_and_tables_are_such(site: Path) -> None:
     for page in site.rglob("*.html"):
         text = re.sub(r"<pre>.*?</pre>", "", page.read_text(encoding="utf-8"), flags=re.DOTALL)
         for paragraph in re.findall(r"<p>.*?</p>", text, re.DOTALL):
-            assert not re.search(r"\n(\* |\|)", paragraph), f"{page.name}: {paragraph}"
+            assert not re.search(r"\n(\* |\d\. |\|)", paragraph), f"{page.name}: {paragraph}"

@@ -6,6 +6,7 @@ import itertools
 from dataclasses import replace
 
 import pytest
+import structlog
 from structlog.testing import capture_logs
 
 from tests.scraped import OPENMETRICS, Samples, samples
@@ -77,7 +78,7 @@ def test_what_is_found_out_later_counts_nothing(made: SkillEnds, monitor: Monito
 def test_robots_and_skills_without_number_make_no_series_without_number(
     made: SkillEnds, monitor: Monitor, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(ends, "_log", ends.structlog.wrap_logger(None, processors=[_nothing]))
+    monkeypatch.setattr(ends, "_log", structlog.wrap_logger(None, processors=[_nothing]))
     for number in range(MOST_ROBOTS + 100):
         made.moved(moved(Transition.RUNNING_TO_READY, DONE, f"robot{number}", f"skill{number}"))
     shown = told(monitor)
@@ -89,7 +90,7 @@ def test_robots_and_skills_without_number_make_no_series_without_number(
 
 
 def _nothing(*_: object) -> str:
-    raise ends.structlog.DropEvent
+    raise structlog.DropEvent
 
 
 def test_all_transitions_of_an_end_are_told_apart() -> None:

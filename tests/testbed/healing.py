@@ -1,0 +1,178 @@
+"""One disturbance: what is noticed, how long healing takes, and what becomes of the commands meanwhile."""
+
+from __future__ import annotations
+
+import asyncio
+import re
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Final
+
+from tests.testbed.commands import ASKED, Commands
+from tests.testbed.disturb import ABSENCE_S, Deed, Kind, disturbance
+from tests.testbed.engine import CommandFailed, Container
+from tests.testbed.ledger import Account, Command, account
+from tests.testbed.watching import Watcher
+from tests.testbed.words import begun_in
+from ua_fleet.client import FleetClient
+from ua_fleet.errors import UaFleetError
+
+__all__ = ["LIMIT_S", "Healing", "Row", "settle"]
+
+LIMIT_S: Final = 60.0
+"""Where healing takes longer, something needs help."""
+_LOOK_S: Final = 0.25
+_TELLING: Final = {
+    "ridgeback": ("ns=2;i=1020",),
+    "pioneer_1": ("ns=2;i=1220",),
+    "pioneer_2": ("ns=2;i=1320",),
+    "temperature_sensor": ("ns=2;i=1620",),
+}
+"""Nodes of values that robots tell all the time: there has to be one that was told after the disturbance."""
+_GAPS: Final = re.compile(r"^ua_fleet_sequence_gaps_total (\S+)", re.MULTILINE)
+_METRICS: Final = """
+import urllib.request
+print(urllib.request.urlopen("http://127.0.0.1:9464/metrics", timeout=5).read().decode())
+"""
+
+
+@dataclass(slots=True)
+class Row:
+    """What a disturbance has done."""
+
+    kind: str
+    service: str
+    deed: str
+    noticed_s: float | None
+    """From its begin until a client saw something; None: nobody noticed anything."""
+    healed_s: float | None
+    """From its end until all was well; None: not within the limit."""
+    missing: list[str] = field(default_factory=list[str])
+    """What was not well at the limit."""
+    gaps: int | None = None
+    """DataSetMessages that the server has missed by their sequence numbers; None: its counters were lost with it."""
+    account: Account = field(default_factory=Account)
+    since: float = 0.0
+    until: float = 0.0
+
+
+class Healing:
+    """Does disturbances, one after the other."""
+
+    def __init__(self, watcher: Watcher, commands: Commands, containers: dict[str, Container]) -> None:
+        """Prepare.
+
+        Args:
+            watcher: a client that is connected.
+            commands: which are asked for meanwhile.
+            containers: of all services.
+        """
+        self._watcher, self._commands, self._containers = watcher, commands, containers
+
+    async def disturb(self, kind: Kind, deed: Deed) -> Row:
+        """Do it, and wait until all is well again."""
+        gaps_before = await self._gaps()
+        since = time.time()
+        self._commands.begin()
+        await asyncio.sleep(2.0)
+        act = await asyncio.to_thread(disturbance, deed, self._containers[kind.service])
+        begun = time.time()
+        await asyncio.to_thread(act.begin)
+        if deed is not Deed.KILL:
+            await asyncio.sleep(max(0.0, begun + ABSENCE_S - time.time()))
+        ended = begun if deed is Deed.KILL else time.time()
+        await asyncio.to_thread(act.end)
+        missing, healed_s = await self._until_well(kind, ended)
+        await self._commands.stop()
+        gaps = await self._gaps()
+        noticed = self._watcher.seen.noticed_after(begun)
+        return Row(
+            kind.name,
+            kind.service,
+            deed.value,
+            noticed,
+            healed_s,
+            missing,
+            None if gaps is None or gaps_before is None or gaps < gaps_before else gaps - gaps_before,
+            since=since,
+            until=time.time(),
+        )
+
+    async def _until_well(self, kind: Kind, since: float) -> tuple[list[str], float | None]:
+        while True:
+            missing = await self._missing(kind, since)
+            now = time.time()
+            if not missing:
+                return [], now - since
+            if now - since > LIMIT_S:
+                return missing, None
+            await asyncio.sleep(_LOOK_S)
+
+    async def _missing(self, kind: Kind, since: float) -> list[str]:
+        """What is not well; what costs more is asked only where nothing else is missing."""
+        seen = self._watcher.seen
+        if not seen.is_all_good:
+            return [f"{address} is {status}" for address, status in list(seen.bad.items())[:5]] or ["no connection"]
+        silent = [
+            f"no skill of {robot} was done"
+            for robot in kind.robots
+            if robot in ASKED and not self._commands.succeeded(robot, since)
+        ]
+        if silent:
+            return silent
+        client = self._watcher.client
+        if client is None:
+            return ["no connection"]
+        try:
+            old = await _not_told_since(client, kind.robots, since)
+        except UaFleetError as error:
+            return [str(error)]
+        if old:
+            return old
+        problems = await asyncio.gather(
+            *(asyncio.to_thread(_health_problem, self._containers[name]) for name in (kind.service, *kind.also))
+        )
+        return [problem for problem in problems if problem]
+
+    async def _gaps(self) -> int | None:
+        try:
+            text = await asyncio.to_thread(self._containers["server"].python, _METRICS)
+        except CommandFailed:
+            return None
+        found = _GAPS.search(text)
+        return None if found is None else int(float(found[1]))
+
+
+async def _not_told_since(client: FleetClient, robots: Sequence[str], since: float) -> list[str]:
+    addresses = [address for robot in robots for address in _TELLING.get(robot, ())]
+    if not addresses:
+        return []
+    readings = await client.read(addresses)
+    return [
+        f"nothing new at {reading.node_id}"
+        for reading in readings
+        if reading.source_time is None or reading.source_time.timestamp() <= since
+    ]
+
+
+def _health_problem(container: Container) -> str | None:
+    """What the health check of `compose.yaml` says now; the engine itself asks only now and then."""
+    test = container.inspect()["Config"]["Healthcheck"]["Test"]
+    try:
+        container.execute(*test[1:])
+    except CommandFailed as error:
+        return f"{container.service}: {str(error).splitlines()[-1]}"
+    return None
+
+
+def settle(rows: Sequence[Row], commands: Sequence[Command], containers: dict[str, Container]) -> None:
+    """Fill in what has become of the commands of each row, once nothing is under way any more."""
+    if not rows:
+        return
+    begun = begun_in(containers, rows[0].since, time.time())
+    for row in rows:
+        row.account = account(
+            [command for command in commands if row.since <= command.asked_at < row.until],
+            [one for one in begun if row.since <= one.at < row.until],
+        )

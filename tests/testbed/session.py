@@ -1,0 +1,147 @@
+"""The running testbed with its robots disturbed, watched and commanded from outside."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import os
+import platform
+import tempfile
+import time
+from collections.abc import Sequence
+from contextlib import suppress
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Final
+
+from tests.testbed.bed import LOGS, Bed, CannotStart, say, versions
+from tests.testbed.clients import foreign_client, modbus_client, trust
+from tests.testbed.commands import Commands
+from tests.testbed.disturb import KINDS, Deed, Kind
+from tests.testbed.engine import ROOT, Compose
+from tests.testbed.healing import Healing, Row, settle
+from tests.testbed.isolation import check_hardening, check_isolation
+from tests.testbed.table import failures, into_page, lines, write_json
+from tests.testbed.watching import Login, Watcher, addresses_of
+from ua_fleet.client import ClientIdentity
+from ua_fleet.config.load import load
+
+__all__ = ["disturbances", "first_looks"]
+
+PAGE: Final = ROOT / "docs" / "testbed.md"
+FIGURES: Final = LOGS / "table.json"
+_COMPLETE_S: Final = 60.0
+_LAST_ENDS_S: Final = 130.0
+"""A skill ends by itself after 120 s: by then an end has been told, or it is lost."""
+
+
+def first_looks(bed: Bed, compose: Compose) -> list[str]:
+    """Clients from the host, and what no robot may reach; what is not as it should be."""
+    found = [*foreign_client(bed, compose), *modbus_client(bed.modbus_port)]
+    say("clients from this machine: " + ("; ".join(found) or "refused, trusted, let in; the Modbus server counts"))
+    containers = compose.containers()
+    ways = check_isolation(bed, containers)
+    say("isolation: " + ("; ".join(ways) or "no robot reaches the server by any way, and each bridge does"))
+    weak = check_hardening(containers)
+    say("containers: " + ("; ".join(weak) or "no root, nothing to write to, no capability, no secret in them"))
+    return [*found, *ways, *weak]
+
+
+def _wanted(only: str) -> list[tuple[Kind, Deed]]:
+    """All, or those of some services; `service:killed` is one of these, and `:killed` that of all."""
+    words = only.split() or [""]
+    wanted = [(kind, deed) for kind in KINDS for deed in Deed if any(_is_meant(word, kind, deed) for word in words)]
+    if not wanted:
+        names = ", ".join(kind.service for kind in KINDS)
+        raise CannotStart(f"ONLY={only}: there is no such disturbance; services: {names}; e.g. server:killed")
+    return wanted
+
+
+def _is_meant(word: str, kind: Kind, deed: Deed) -> bool:
+    service, _, how = word.partition(":")
+    return service in ("", kind.service) and deed.value.startswith(how)
+
+
+async def disturbances(bed: Bed, compose: Compose, only: str) -> list[str]:
+    """Disturb containers of each kind, and write the table; what is not as it should be."""
+    wanted = _wanted(only)
+    with tempfile.TemporaryDirectory() as folder:
+        rows = await _disturb_all(bed, compose, wanted, Path(folder))
+    about = {
+        "Run of": datetime.now(UTC).date().isoformat(),
+        **await asyncio.to_thread(versions, bed),
+        "kernel": platform.release().split("-")[0],
+        "cores": str(os.cpu_count()),
+    }
+    table = lines(rows, about)
+    print("\n".join(table), flush=True)
+    write_json(FIGURES, rows, about)
+    if not only and PAGE.exists():
+        PAGE.write_text(into_page(PAGE.read_text(encoding="utf-8"), table), encoding="utf-8")
+        say(f"the table stands in {PAGE.relative_to(ROOT)}")
+    return failures(rows)
+
+
+async def _disturb_all(bed: Bed, compose: Compose, wanted: Sequence[tuple[Kind, Deed]], folder: Path) -> list[Row]:
+    containers = compose.containers()
+    written = containers["server"].execute("cat", "/var/lib/ua-fleet/fleet/fleet.yaml")
+    (folder / "fleet.yaml").write_text(written, encoding="utf-8")
+    config = load(folder / "fleet.yaml")
+    identity = ClientIdentity(folder / "identity")
+    await identity.ensure()
+    trust(compose, identity.certificate.read_bytes())
+    login = json.loads(containers["tasks"].execute("ua-fleet", "testbed", "login", "talkrobots", "--json"))
+    watcher = Watcher(
+        Login(login["endpoint"], login["user"], login["password"], folder / "identity"),
+        list(addresses_of(config)),
+    )
+    commands = Commands(watcher, config)
+    working = [asyncio.create_task(watcher.run()), asyncio.create_task(commands.run())]
+    rows: list[Row] = []
+    try:
+        await _complete(watcher)
+        healing = Healing(watcher, commands, containers)
+        for kind, deed in wanted:
+            row = await healing.disturb(kind, deed)
+            rows.append(row)
+            _tell(row)
+            if row.healed_s is None:
+                await asyncio.to_thread(compose.keep_logs, LOGS / f"{row.service}-{row.deed.replace(' ', '-')}")
+                with suppress(TimeoutError):
+                    async with asyncio.timeout(_COMPLETE_S):
+                        await _complete(watcher)
+        deadline = time.monotonic() + _LAST_ENDS_S
+        while commands.open() and time.monotonic() < deadline:
+            await asyncio.sleep(1.0)
+        await asyncio.to_thread(settle, rows, commands.all, containers)
+        _write_commands(commands)
+    finally:
+        for task in working:
+            task.cancel()
+        await asyncio.wait(working)
+    return rows
+
+
+async def _complete(watcher: Watcher) -> None:
+    try:
+        async with asyncio.timeout(_COMPLETE_S):
+            while not watcher.seen.is_all_good:
+                await asyncio.sleep(0.2)
+    except TimeoutError:
+        raise CannotStart(f"not all nodes are Good: {watcher.seen.bad}") from None
+
+
+def _tell(row: Row) -> None:
+    noticed = "nothing noticed" if row.noticed_s is None else f"noticed after {row.noticed_s:.1f} s"
+    healed = f"NOT HEALED: {'; '.join(row.missing)}" if row.healed_s is None else f"healed in {row.healed_s:.1f} s"
+    say(f"{row.service} {row.deed}: {noticed}, {healed}")
+
+
+def _write_commands(commands: Commands) -> None:
+    """All commands, for who wants to look into the table."""
+    LOGS.mkdir(parents=True, exist_ok=True)
+    written = [
+        f"{each.asked_at:.3f} {each.robot}.{each.skill} {each.execution_id or '-'} {each.outcome} {each.message}"
+        for each in commands.all
+    ]
+    (LOGS / "commands.txt").write_text("\n".join(written) + "\n", encoding="utf-8")

@@ -1,0 +1,60 @@
+"""What robots say that they have begun: their events in the volume, and what simulated controllers write."""
+
+from __future__ import annotations
+
+import json
+import re
+from datetime import datetime
+from typing import Final
+
+from tests.testbed.engine import Container
+from tests.testbed.ledger import Begun
+
+__all__ = ["begun_in", "read_events", "read_log"]
+
+_BEGINS: Final = "begins"
+_CONTROLLERS: Final = ("ur3", "conveyor")
+_TOLD: Final = re.compile(r"^(\S+) told: (.*)$")
+_READ: Final = """
+import pathlib
+for path in sorted(pathlib.Path("/var/lib/ua-fleet/events").glob("*.events*")):
+    print(path.read_text(), end="")
+"""
+
+
+def read_events(text: str) -> list[Begun]:
+    """From lines of robots' programs; see `ua_fleet/demo/report.py`."""
+    found: list[Begun] = []
+    for line in text.splitlines():
+        try:
+            event = json.loads(line)
+        except ValueError:
+            continue  # a program was killed while it wrote
+        if str(event.get("what", "")).startswith(_BEGINS):
+            found.append(Begun(str(event["who"]), float(event["t"]), str(event.get("execution", ""))))
+    return found
+
+
+def read_log(robot: str, text: str) -> list[Begun]:
+    """From the log of a simulated controller, as `docker logs --timestamps` shows it."""
+    found: list[Begun] = []
+    for line in text.splitlines():
+        if told := _TOLD.match(line):
+            # Python takes six digits of a second, and the engine writes nine.
+            at = datetime.fromisoformat(re.sub(r"(\.\d{6})\d*Z$", r"\1+00:00", told[1])).timestamp()
+            found.append(Begun(robot, at, told[2]))
+    return found
+
+
+def begun_in(containers: dict[str, Container], since: float, until: float) -> list[Begun]:
+    """What all robots have begun in a time, in seconds since 1970.
+
+    Args:
+        containers: by service; the conductor's sees the volume of events.
+        since: the earliest.
+        until: the latest.
+    """
+    found = read_events(containers["tasks"].python(_READ))
+    for robot in _CONTROLLERS:
+        found += read_log(robot, containers[robot].logs(timestamps=True))
+    return [one for one in found if since <= one.at < until]

@@ -6,7 +6,7 @@ from datetime import UTC, datetime
 
 import pytest
 
-from ua_fleet.client import DecisionTold, FaultTold, RankedRobot, RankingInfo, RunInfo, RunTold, StepTold
+from ua_fleet.client import DecisionInfo, DecisionTold, FaultTold, RankedRobot, RankingInfo, RunInfo, RunTold, StepTold
 from ua_fleet.demo.talkrobots.course import TASKS, Course, ranking_lines
 
 START = 1000.0
@@ -146,11 +146,11 @@ def stands(state: str, **tasks: tuple[str, str]) -> RunInfo:
 def test_what_happened_unseen_is_caught_up_with_once(course: Course) -> None:
     course.take(begun("fetch", "rover", 1))
     seen = stands("running", fetch=("rover", "done"), go=("spare", "accepted"), load=("", "wanted"))
-    assert course.catch_up(seen, at(20)) == [
+    assert course.catch_up(seen, [], at(20)) == [
         "  20.00 s  rover              fetch is done",
         "  20.00 s  spare              is at go",
     ]
-    assert course.catch_up(seen, at(30)) == []
+    assert course.catch_up(seen, [], at(30)) == []
     course.take(over("go", "spare", 31))
     rows = course.report()["tasks"]
     assert [(row["task"], row["robot"], row["state"]) for row in rows] == [
@@ -162,14 +162,14 @@ def test_what_happened_unseen_is_caught_up_with_once(course: Course) -> None:
 
 def test_a_run_that_ended_unseen_has_ended(course: Course) -> None:
     tasks = {f"t{number}": ("rover", "done") for number in range(TASKS)}
-    lines = course.catch_up(stands("done", **tasks), at(50))
+    lines = course.catch_up(stands("done", **tasks), [], at(50))
     assert lines[-1] == "  50.00 s  scenario           done"
     assert (course.outcome, course.problems) == ("done", [])
 
 
 def test_a_run_is_followed_from_its_middle() -> None:
     course = Course("run", SPEED, {})
-    course.catch_up(stands("running", fetch=("rover", "accepted")), at(5))
+    course.catch_up(stands("running", fetch=("rover", "accepted")), [], at(5))
     assert course.started_at == START
     assert course.rows["fetch"].started_s == pytest.approx(5)
 
@@ -186,3 +186,22 @@ def test_only_a_fault_that_was_replaced_stands_in_the_report(course: Course) -> 
     course.take(decision("chosen", 3, "near"))
     fault = course.report()["fault"]
     assert (fault["robot"], fault["replacement"], fault["detected_s"]) == ("rover", "near", pytest.approx(2))
+
+
+def test_a_replacement_that_was_not_told_stands_in_the_report(course: Course) -> None:
+    def info(decision_id: str, state: str = "chosen") -> DecisionInfo:
+        names, scores = ("near", "far"), (0.6, 0.4)
+        return DecisionInfo(
+            decision_id, state, "go", "rover", "stuck", "near", "anna", names, scores, ("arm",), ("no",), 0.01
+        )
+
+    decisions = [info("other.1"), info("run.2", "open"), info("run.3")]
+    now = stands("running", go=("near", "accepted"))
+    assert course.catch_up(now, decisions, at(9)) == [
+        "   9.00 s  near               is at go",
+        "   9.00 s  resilience         near has taken over go from rover, chosen by anna",
+    ]
+    assert course.catch_up(now, decisions, at(10)) == []
+    fault = course.report()["fault"]
+    assert (fault["robot"], fault["task"], fault["replacement"]) == ("rover", "go", "near")
+    assert [(place["robot"], place["score"]) for place in fault["ranking"]] == [("near", 0.6), ("far", 0.4)]

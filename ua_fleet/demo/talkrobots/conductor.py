@@ -165,11 +165,12 @@ class Conductor:
             self._say(f"the server knows nothing of run {course.run_id} any more")
             self._course = None
             return
-        for line in course.catch_up(info, time.time()):
+        decisions = await scenarios.decisions()
+        for line in course.catch_up(info, decisions, time.time()):
             self._say(line)
         if REPAIRED_DURING in course.rows:
             self._send_mechanic(course.rows[REPAIRED_DURING])
-        for decision in await scenarios.decisions():
+        for decision in decisions:
             if decision.state == "open":
                 self._ask_for(decision.decision_id, decision.robots, scenarios, tasks)
 

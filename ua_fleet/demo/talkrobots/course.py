@@ -2,12 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass
 from datetime import datetime
 from typing import Any, Final
 
-from ua_fleet.client import DecisionTold, FaultTold, RankingInfo, RunInfo, RunTold, StepTold, Told
+from ua_fleet.client import (
+    DecisionInfo,
+    DecisionTold,
+    FaultTold,
+    RankedRobot,
+    RankingInfo,
+    RunInfo,
+    RunTold,
+    StepTold,
+    Told,
+)
 
 __all__ = ["TASKS", "Course", "TaskRow", "ranking_lines"]
 
@@ -83,11 +93,12 @@ class Course:
                 lines = self._decision(told)
         return lines
 
-    def catch_up(self, info: RunInfo, now: float) -> list[str]:
+    def catch_up(self, info: RunInfo, decisions: Iterable[DecisionInfo], now: float) -> list[str]:
         """Take in how the run stands, where it was not told; what people should read of it.
 
         Args:
             info: the run, as its nodes show it.
+            decisions: those of the server, of this run and of others; what each criterion was worth they do not show.
             now: seconds since 1970: what happened unseen gets this time.
         """
         begun = None if info.started is None else datetime.fromisoformat(info.started).timestamp()
@@ -103,9 +114,23 @@ class Course:
                 if state == "done":
                     self._times_done[task] = self._times_done.get(task, 0) + 1
                 lines.append(self._line(now, robot, f"{task} is {state}"))
+        for decision in decisions:
+            if decision.decision_id.startswith(f"{self.run_id}.") and decision.state == "chosen":
+                lines += self._catch_up_with(decision, now)
         if info.is_over and self.outcome is None:
             lines += self._end(info.state, info.reason, now)
         return lines
+
+    def _catch_up_with(self, decision: DecisionInfo, now: float) -> list[str]:
+        if any((fault.robot, fault.task) == (decision.failed, decision.task) for fault in self._faults):
+            return []
+        ranked = [RankedRobot(*place, (), ()) for place in zip(decision.robots, decision.scores, strict=True)]
+        excluded = tuple(zip(decision.excluded, decision.reasons, strict=True))
+        ranking = RankingInfo((), (), decision.consistency_ratio, tuple(ranked), excluded)
+        at_s = self._time(now)
+        self._faults.append(_Fault(decision.failed, at_s, decision.task, decision.chosen, at_s, ranking))
+        chosen = f"{decision.chosen} has taken over {decision.task} from {decision.failed}"
+        return [self._line(now, "resilience", f"{chosen}, chosen by {decision.chosen_by}")]
 
     @property
     def problems(self) -> list[str]:

@@ -15,12 +15,17 @@ DEMO ?= pal
 # More options for pytest or the demonstration: make test ARGS="-k topics"
 ARGS ?=
 
-.PHONY: help setup setup-test demo test bench lint format docs docs-serve lock clean
+# A disturbance, or some: make testbed ONLY="server:killed rosmaster"; KEEP=1 leaves the testbed up
+KEEP ?=
+
+.PHONY: help setup setup-test demo test testbed testbed-check bench lint format docs docs-serve lock clean
 
 help:
 	@echo "make demo    the fault-tolerant assembly line: OPC UA server, ROS 1 arm, ROS 2 mobile robot;"
 	@echo "             DEMO=talkrobots: nine tasks on seven robots and machines, one of which fails"
 	@echo "make test    all tests; what this machine lacks is skipped with the reason"
+	@echo "make testbed compose.yaml on this machine's Docker engine: both profiles to their end, then every kind of"
+	@echo "             container disturbed; testbed-check only says what this machine lacks for it"
 	@echo "make lint    ruff, mypy, pyright, import rules"
 	@echo "make docs    the documentation as a site, in build/site; docs-serve shows it while it is edited"
 	@echo "make bench   measure against peers and floors; ONLY=codec for one group"
@@ -42,6 +47,12 @@ test: setup-test
 	else \
 		echo "skipped: the contract suite for ROS 1, since there is no .venv-ros1 (see make setup)"; \
 	fi
+
+testbed: setup-test
+	@ONLY="$(ONLY)" KEEP="$(KEEP)" $(PYTHON) -m tests.testbed
+
+testbed-check:
+	@$(or $(shell command -v python3),$(PYTHON)) -m tests.testbed.checks
 
 bench: setup-test
 	$(PYTHON) -m benchmarks $(if $(ONLY),--only $(ONLY))

@@ -9,7 +9,6 @@ import socket
 import time
 from collections.abc import Generator
 from contextlib import contextmanager
-from pathlib import Path
 from typing import Any, Final
 
 from tests.testbed import checks
@@ -110,23 +109,29 @@ def make_bed() -> Bed:
     """Check this machine, make the base image where that is possible, and choose what is free; raises Missing."""
     given = os.environ.get("COMPOSE", "")
     ports = (("UA_FLEET_PORT", _free_port()), ("UA_FLEET_MODBUS_PORT", _free_port()))
-    for network in _NETWORKS:
-        needs = checks.Needs(PROJECT, network, ports=ports)
-        found = checks.problems(needs, given, checks.ask)
-        if not any("UA_FLEET_NET" in problem for problem in found):
-            break
-    if found:
-        raise Missing("\n".join(found))
+    needs = _on_free_network(ports, given)
     _ensure_base(needs)
     command, _ = checks.compose_command(given, checks.ask)
     options = {
-        "UA_FLEET_NET": network,
+        "UA_FLEET_NET": needs.network,
         "UA_FLEET_TAG": "check",
         "UA_FLEET_BASE": needs.base,
         **{name: str(port) for name, port in ports},
         **{name: value for name in ("PIP_INDEX_URL", "CA_PEM") if (value := os.environ.get(name))},
     }
     return Bed(command, options)
+
+
+def _on_free_network(ports: tuple[tuple[str, int], ...], compose: str) -> checks.Needs:
+    found: list[str] = []
+    for network in _NETWORKS:
+        needs = checks.Needs(PROJECT, network, ports=ports)
+        found = checks.problems(needs, compose, checks.ask)
+        if not found:
+            return needs
+        if not any("UA_FLEET_NET" in problem for problem in found):
+            break
+    raise Missing("\n".join(found))
 
 
 def _ensure_base(needs: checks.Needs) -> None:
@@ -150,8 +155,3 @@ def versions(bed: Bed) -> dict[str, str]:
         "Docker": docker("version", "--format", "{{.Server.Version}}").strip(),
         " ".join(bed.command): said.output if said is not None else "?",
     }
-
-
-def read_file(path: Path) -> str:
-    """The text of a file, empty where there is none."""
-    return path.read_text(encoding="utf-8") if path.exists() else ""

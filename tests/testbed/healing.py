@@ -112,7 +112,7 @@ class Healing:
     async def _missing(self, kind: Kind, since: float) -> list[str]:
         """What is not well; what costs more is asked only where nothing else is missing."""
         seen = self._watcher.seen
-        if not seen.is_all_good:
+        if not seen.is_all_good():
             return [f"{address} is {status}" for address, status in list(seen.bad.items())[:5]] or ["no connection"]
         silent = [
             f"no skill of {robot} was done"

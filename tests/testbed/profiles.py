@@ -59,9 +59,9 @@ def talkrobots_problems(report: dict[str, Any]) -> list[str]:
     if not found:
         late = [f"{b} before {a}" for a, b in pairwise(_IN_ORDER) if by_task[a]["ended_s"] > by_task[b]["started_s"]]
         check(not late, f"order: {late}")
-    fault = report["fault"] or {}
+    fault: dict[str, Any] = report["fault"] or {}
     check(fault.get("robot") == "ridgeback" and fault.get("task") == "approach", f"the fault: {fault}")
-    ranking = [place["robot"] for place in fault.get("ranking", ())]
+    ranking: list[str] = [place["robot"] for place in fault.get("ranking", ())]
     check(sorted(ranking) == ["pioneer_1", "pioneer_2"], f"the ranking: {ranking}")
     check(fault.get("replacement") == (ranking or [""])[0], f"{fault.get('replacement')} took over, of {ranking}")
     for task in _REPLACED:

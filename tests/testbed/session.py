@@ -125,7 +125,7 @@ async def _disturb_all(bed: Bed, compose: Compose, wanted: Sequence[tuple[Kind, 
 async def _complete(watcher: Watcher) -> None:
     try:
         async with asyncio.timeout(_COMPLETE_S):
-            while not watcher.seen.is_all_good:
+            while not watcher.seen.is_all_good():
                 await asyncio.sleep(0.2)
     except TimeoutError:
         raise CannotStart(f"not all nodes are Good: {watcher.seen.bad}") from None

@@ -73,7 +73,6 @@ class Seen:
             self.troubles.append((now, address, status))
         self.bad[address] = status
 
-    @property
     def is_all_good(self) -> bool:
         """Whether all is as it should be."""
         return self.is_connected and not self.bad

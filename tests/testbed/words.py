@@ -14,6 +14,8 @@ __all__ = ["begun_in", "read_events", "read_log"]
 
 _BEGINS: Final = "begins"
 _CONTROLLERS: Final = ("ur3", "conveyor")
+_SAME: Final = "program ua_fleet"
+"""What the arm's controller says of each program of the bridge: it tells none from another."""
 _TOLD: Final = re.compile(r"^(\S+) told: (.*)$")
 _READ: Final = """
 import pathlib
@@ -42,7 +44,7 @@ def read_log(robot: str, text: str) -> list[Begun]:
         if told := _TOLD.match(line):
             # Python takes six digits of a second, and the engine writes nine.
             at = datetime.fromisoformat(re.sub(r"(\.\d{6})\d*Z$", r"\1+00:00", told[1])).timestamp()
-            found.append(Begun(robot, at, told[2]))
+            found.append(Begun(robot, at, "" if told[2] == _SAME else told[2]))
     return found
 
 

@@ -46,6 +46,7 @@ _Attributes = dict[AttributeIds, AttributeValue]
 def paused_collection() -> Generator[None]:
     """No garbage collection while many objects are made that stay; afterwards it never looks at them again."""
     was_enabled = gc.isenabled()
+    gc.collect()  # what is garbage already must not stay too
     gc.disable()
     try:
         yield

@@ -108,7 +108,10 @@ def nine_tasks(processes: Processes, folder: Path) -> Generator[Testbed]:
         def simulate(actor: Actor) -> None:
             place, space = places.get(actor.name, ""), spaces.get(actor.name, 0)
             host = place if actor.kind is Kind.UR else "127.0.0.1"
-            added = {"UA_FLEET_EVENTS": str(folder / "events" / f"{actor.name}.events")}
+            added = {
+                "UA_FLEET_EVENTS": str(folder / "events" / f"{actor.name}.events"),
+                "UA_FLEET_HEARTBEAT": str(folder / f"{actor.name}.heartbeat"),
+            }
             if actor.kind is Kind.ROS1:
                 added |= {"ROS_MASTER_URI": f"http://127.0.0.1:{master}", "ROS_IP": "127.0.0.1"}
             elif actor.kind is Kind.ROS2:
@@ -139,6 +142,9 @@ def test_a_conductor_that_sees_the_server_alone_has_the_nine_tasks_done_once(
         assert (report["fault"]["robot"], report["fault"]["replacement"]) == ("ridgeback", "pioneer_1")
         assert report["messages"]["request"] >= 22, "what all processes have written down"
         conductor.wait_for("what Eq. 12 counts", timeout_s=WAIT_S)
+        hearts = {path.stem: time.time() - path.stat().st_mtime for path in tmp_path.glob("*.heartbeat")}
+        assert hearts.keys() == {actor.name for actor in ACTORS if actor.kind not in (Kind.PLC, Kind.UR)}
+        assert max(hearts.values()) < 10
 
         server.end(signal.SIGKILL)
         conductor.wait_for("without the server: the connection to", timeout_s=WAIT_S)

@@ -7,6 +7,7 @@ PYTHON_ROS1 := .venv-ros1/bin/python
 #   make test REQUIRE=ros1,ros2,node,ur,libmodbus,mbpoll,umockdev,dbus,compiler
 REQUIRE ?=
 # Test processes side by side; many tests wait for processes that they started: make test JOBS=1
+# Files go in their order: those that take long come first, and the many short ones of tests/unit fill up the end.
 JOBS ?= 2
 # One group of benchmarks: make bench ONLY=codec
 ONLY ?=
@@ -41,7 +42,7 @@ demo: setup
 	@.venv/bin/ua-fleet demo $(DEMO) $(ARGS)
 
 test: setup-test
-	$(PYTHON) -m pytest -n $(JOBS) --dist loadfile --require="$(REQUIRE)" $(ARGS)
+	$(PYTHON) -m pytest -n $(JOBS) --dist loadfile --no-loadscope-reorder --require="$(REQUIRE)" $(ARGS)
 	@if [ -x $(PYTHON_ROS1) ]; then \
 		$(PYTHON_ROS1) -m pytest tests/contract tests/unit/bridges/ros1 --drivers=ros1 --require="$(REQUIRE)" -p no:cacheprovider; \
 	else \

@@ -106,7 +106,8 @@ DATAGRAMS_SENT = _metric("datagrams_sent_total", _C, _PUBSUB, "Datagrams sent.")
 RECEIVE_BUFFER = _metric("receive_buffer_bytes", _G, _PUBSUB, "Receive buffer that the kernel gave.")
 KEY_REMAINING = _metric(
     "key_remaining_seconds", _G, _PUBSUB,
-    "Time for which the current key of a SecurityGroup and those after it that are here last.", "group",
+    "Time until the last key of a SecurityGroup that is here is over; below 0 it is used for two lifetimes more.",
+    "group",
 )  # fmt: skip
 KEY_SOURCE = _metric("key_source_up", _G, _PUBSUB, "1 while the source of keys can be asked; absent without keys.")
 

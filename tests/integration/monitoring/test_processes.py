@@ -201,6 +201,6 @@ async def test_from_start_to_end(plant: Plant) -> None:
     secrets = [PASSWORD.encode(), *[part for key in keys for part in (key[:16], key[32:48])]]
     assert len(secrets) > 4
     for secret in secrets:
-        for shown in (secret.hex(), b64encode(secret).decode(), repr(secret)[2:-1]):
-            assert shown not in logged
+        for text in (secret.hex(), b64encode(secret).decode(), repr(secret)[2:-1]):
+            assert text not in logged
     assert "PRIVATE KEY" not in logged

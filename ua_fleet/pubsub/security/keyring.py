@@ -181,7 +181,7 @@ class Keyring:
         return self._order[self._current] if self._order else None
 
     def lasts_s(self, now: float) -> float | None:
-        """For how long the keys that are here are enough to send with; None where there are none."""
+        """Time until the last key that is here is over; below 0 it is used beyond that. None where there is none."""
         if now >= self.changes_at:
             self.advance(now)
         if not self._order:

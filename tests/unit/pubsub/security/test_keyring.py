@@ -34,6 +34,12 @@ def test_a_publisher_moves_to_the_next_key_by_itself() -> None:
     assert [sent_with(keyring, now) for now in (0.0, 9.99, 10.0, 69.9, 70.0)] == [7, 7, 8, 8, 9]
 
 
+def test_how_long_the_keys_last_is_known() -> None:
+    keyring = ring(group_keys(7, 3, next_s=10.0))
+    lasts = {now: keyring.lasts_s(now) for now in (0.0, 10.0, 130.0, 249.0, 250.0)}
+    assert lasts == {0.0: 130.0, 10.0: 120.0, 130.0: 0.0, 249.0: -119.0, 250.0: None}
+
+
 def test_readers_take_future_keys_and_past_ones_for_one_more_lifetime() -> None:
     keyring = ring(group_keys(7, 4, next_s=10.0))
     assert taken(keyring, 0.0) == {7, 8, 9, 10}

@@ -87,8 +87,14 @@ COPY --from=package /added /
 # --- ros2: rclpy and Fast DDS from wheels -----------------------------------------------------------------------
 FROM builder AS ros2-packages
 RUN touch /tmp/mark && sleep 1 && add ros2 \
-    # Only compilers want the static libraries, headers and build files.
-    && cd /opt/ua-fleet && rm -rf include lib/*.a lib/cmake && take /added
+    # Only compilers want the static libraries, headers and build files; a wheel has no links, but the same library
+    # under three names.
+    && cd /opt/ua-fleet && rm -rf include lib/*.a lib/cmake \
+    && for library in lib/lib*.so.*; do \
+        plain=$(basename "${library%%.so.*}.so"); \
+        if cmp -s "$library" "lib/$plain"; then ln -sf "$plain" "$library"; fi; \
+    done \
+    && take /added
 
 FROM environment AS ros2
 LABEL org.opencontainers.image.title=ua-fleet/ros2 \

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import asdict
+from enum import StrEnum
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from ua_fleet.cli.endings import UsageError
 from ua_fleet.cli.options import Connection, Json, connecting
 from ua_fleet.cli.output import print_json, print_line, print_table
 from ua_fleet.cli.scenario import with_scenarios
@@ -16,22 +18,52 @@ if TYPE_CHECKING:
 
 __all__ = [
     "ACK_EXAMPLES",
+    "CLEAR_EXAMPLES",
     "CONFIRM_EXAMPLES",
     "FAULT_EXAMPLES",
+    "JUDGE_EXAMPLES",
     "LIST_EXAMPLES",
+    "MODE_EXAMPLES",
+    "RAISE_EXAMPLES",
     "WHATIF_EXAMPLES",
     "ack",
+    "clear_fault",
     "confirm",
     "faults",
+    "judge",
+    "raise_fault",
+    "set_mode",
     "show",
     "whatif",
 ]
 
 FAULT_EXAMPLES = ("ua-fleet fault list -u anna",)
 ACK_EXAMPLES = ('ua-fleet fault ack ur3.silent --comment "I look after it" -u anna',)
+RAISE_EXAMPLES = ('ua-fleet fault raise ur3 "gripper stuck" -u anna',)
+CLEAR_EXAMPLES = ("ua-fleet fault clear ur3 -u anna",)
 LIST_EXAMPLES = ("ua-fleet decision list -u anna", "ua-fleet decision list -u anna --json")
 CONFIRM_EXAMPLES = ("ua-fleet decision confirm 20300131-120000-a1b2c3.0 ur3 -u anna",)
+MODE_EXAMPLES = (
+    "ua-fleet decision mode automatic -u eva",
+    "ua-fleet decision mode operator --limit-s 30 --on-limit abort -u eva",
+)
+JUDGE_EXAMPLES = ("ua-fleet decision judge battery/distance=2 battery/availability=3 distance/availability=1 -u eva",)
 WHATIF_EXAMPLES = ("ua-fleet decision whatif ur3 -u anna",)
+
+
+class ModeName(StrEnum):
+    """The modes of `resilience`; a test compares them. Importing those would slow down `--help`."""
+
+    OPERATOR = "operator"
+    AUTOMATIC = "automatic"
+    ABORT = "abort"
+
+
+class LimitName(StrEnum):
+    """What happens when an operator takes too long; likewise."""
+
+    BEST = "best"
+    ABORT = "abort"
 
 
 @connecting
@@ -79,6 +111,39 @@ def ack(
 
 
 @connecting
+def raise_fault(
+    connection: Connection,
+    robot: Annotated[str, typer.Argument(help="The robot that cannot work.")],
+    reason: Annotated[str, typer.Argument(help="What others should know.")],
+    as_json: Json = False,
+) -> None:
+    """Say that a robot cannot work: its tasks are taken over, as the mode has it."""
+
+    async def work(scenarios: ScenarioClient) -> None:
+        await scenarios.raise_fault(robot, reason)
+        if as_json:
+            print_json({"robot": robot, "done": True})
+
+    with_scenarios(connection, work)
+
+
+@connecting
+def clear_fault(
+    connection: Connection,
+    robot: Annotated[str, typer.Argument(help="The robot that can work again.")],
+    as_json: Json = False,
+) -> None:
+    """Say that a robot can work again. Not where the cause of its fault can be seen to be there still."""
+
+    async def work(scenarios: ScenarioClient) -> None:
+        await scenarios.clear_fault(robot)
+        if as_json:
+            print_json({"robot": robot, "done": True})
+
+    with_scenarios(connection, work)
+
+
+@connecting
 def show(
     connection: Connection,
     as_json: Json = False,
@@ -121,6 +186,64 @@ def confirm(
             print_line(outcome)
 
     with_scenarios(connection, work)
+
+
+@connecting
+def set_mode(
+    connection: Connection,
+    mode: Annotated[ModeName, typer.Argument(help="Who chooses who takes over.")],
+    limit_s: Annotated[
+        float | None, typer.Option(help="How long an operator may think, in seconds.", min=0.001)
+    ] = None,
+    on_limit: Annotated[LimitName | None, typer.Option(help="What happens then.")] = None,
+    as_json: Json = False,
+) -> None:
+    """Say who chooses a replacement from now on. What is left out stays as it is.
+
+    Needs the role engineer. It is kept over restarts of the server, until fleet.yaml says something else than now.
+    """
+
+    async def work(scenarios: ScenarioClient) -> None:
+        await scenarios.set_mode(mode.value, limit_s=limit_s, on_limit=on_limit.value if on_limit is not None else "")
+        if as_json:
+            print_json({"mode": mode.value, "done": True})
+
+    with_scenarios(connection, work)
+
+
+@connecting
+def judge(
+    connection: Connection,
+    judgements: Annotated[
+        list[str], typer.Argument(help="battery/distance=2: battery is twice as important. Each pair once.")
+    ],
+    as_json: Json = False,
+) -> None:
+    """Compare the criteria in pairs, and print the weights that follow.
+
+    Needs the role engineer. Judgements that contradict each other are refused, with the pair that fits least.
+    """
+    pairs = dict(_judgement(one) for one in judgements)
+
+    async def work(scenarios: ScenarioClient) -> None:
+        weights = await scenarios.set_judgements(pairs)
+        if as_json:
+            print_json({"weights": weights})
+        else:
+            print_table([("criterion", "weight"), *((name, f"{weight:.3f}") for name, weight in weights.items())])
+
+    with_scenarios(connection, work)
+
+
+def _judgement(text: str) -> tuple[str, float]:
+    pair, _, value = text.partition("=")
+    try:
+        number = float(value)
+    except ValueError:
+        number = 0.0
+    if not all(pair.partition("/")) or not 0 < number < float("inf"):
+        raise UsageError(f"{text!r} is no judgement; write e.g. battery/distance=2")
+    return pair, number
 
 
 @connecting

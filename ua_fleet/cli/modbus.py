@@ -9,20 +9,7 @@ from ua_fleet.cli.connect import connected
 from ua_fleet.cli.endings import NotFound, extra_needed
 from ua_fleet.cli.logs import set_up_logging
 from ua_fleet.cli.monitored import monitored
-from ua_fleet.cli.options import (
-    DEFAULT_CONFIG,
-    DEFAULT_ENDPOINT,
-    Config,
-    Connection,
-    Endpoint,
-    Insecure,
-    Json,
-    PasswordFile,
-    Policy,
-    SecurityPolicy,
-    User,
-    load_config,
-)
+from ua_fleet.cli.options import DEFAULT_CONFIG, Config, Connection, Json, connecting, load_config
 from ua_fleet.cli.output import message, print_json, print_line
 from ua_fleet.cli.process import run
 
@@ -40,7 +27,6 @@ SERVE_EXAMPLES = (
     "ua-fleet modbus serve -c hall2.yaml -u plc1 --password-file plc1.pw",
 )
 MAP_EXAMPLES = ("ua-fleet modbus map", "ua-fleet modbus map --json")
-TIMEOUT_S = 10.0
 MEMORY = "commands.db"
 
 
@@ -51,13 +37,10 @@ def _modbus_of(path: Path) -> tuple[FleetConfig, ModbusServerConfig]:
     return fleet, fleet.modbus
 
 
+@connecting
 def serve(
+    connection: Connection,
     config: Config = DEFAULT_CONFIG,
-    endpoint: Endpoint = DEFAULT_ENDPOINT,
-    user: User = None,
-    password_file: PasswordFile = None,
-    policy: SecurityPolicy = Policy.BASIC256SHA256,
-    insecure: Insecure = False,
     as_json: Json = False,
 ) -> None:
     """Be a Modbus/TCP device that PLCs read, and by which they command the fleet, until Ctrl-C.
@@ -66,7 +49,6 @@ def serve(
     given here: give them one of their own, with the role that they need.
     """
     fleet, modbus = _modbus_of(config)
-    connection = Connection.of(endpoint, user, password_file, policy, insecure, TIMEOUT_S)
     set_up_logging(process="modbus")
     with extra_needed("this command", "modbus"):
         from ua_fleet.modbus.figures import GatewayFigures

@@ -15,18 +15,7 @@ import typer
 
 from ua_fleet.cli.connect import connected
 from ua_fleet.cli.endings import UsageError
-from ua_fleet.cli.options import (
-    DEFAULT_ENDPOINT,
-    Connection,
-    Endpoint,
-    Insecure,
-    Json,
-    PasswordFile,
-    Policy,
-    SecurityPolicy,
-    Timeout,
-    User,
-)
+from ua_fleet.cli.options import Connection, Json, connecting
 from ua_fleet.cli.output import message, print_json, print_line
 from ua_fleet.cli.process import run
 from ua_fleet.cli.skill import argument
@@ -47,7 +36,9 @@ _END = "\x04"
 _HOW = "answer with: accept | done [name=value ..] | fail REASON"
 
 
+@connecting
 def offer(
+    connection: Connection,
     robot: Annotated[str, typer.Argument(help="The robot that you stand for; made where there is none.")],
     skill: Annotated[str, typer.Argument(help="Name of the skill.")],
     file: Annotated[
@@ -57,12 +48,6 @@ def offer(
         str | None,
         typer.Option("--run", help="Program that does it: arguments as JSON on stdin, results as JSON on stdout."),
     ] = None,
-    endpoint: Endpoint = DEFAULT_ENDPOINT,
-    user: User = None,
-    password_file: PasswordFile = None,
-    policy: SecurityPolicy = Policy.BASIC256SHA256,
-    insecure: Insecure = False,
-    timeout: Timeout = 10.0,
     as_json: Json = False,
 ) -> None:
     """Do a skill of the fleet as long as this command runs: by hand, or by a program.
@@ -77,7 +62,6 @@ def offer(
             text = file.read_text(encoding="utf-8")
         except (OSError, UnicodeDecodeError) as error:
             raise UsageError(f"{file} cannot be read: {error}") from None
-    connection = Connection.of(endpoint, user, password_file, policy, insecure, timeout)
 
     async def main() -> None:
         async with connected(connection) as client:

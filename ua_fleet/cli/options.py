@@ -40,6 +40,7 @@ __all__ = [
 ]
 
 DEFAULT_CONFIG: Final = Path("fleet.yaml")
+CONNECT_TIMEOUT_S: Final = 10.0
 DEFAULT_ENDPOINT: Final = "opc.tcp://127.0.0.1:4840/ua_fleet"
 
 Config = Annotated[
@@ -85,10 +86,10 @@ class Connection:
         password_file: Path | None,
         policy: Policy,
         insecure: bool,
-        timeout_s: float,
+        timeout: float,
     ) -> Connection:
         """Ask for the password where it is not given; to be called before an event loop runs, for Ctrl-C to work."""
-        return cls(endpoint, user or None, _password_for(user, password_file), policy, insecure, timeout_s)
+        return cls(endpoint, user or None, _password_for(user, password_file), policy, insecure, timeout)
 
 
 SecurityPolicy = Annotated[Policy, typer.Option("--policy", help="Security policy of the connection.")]
@@ -106,23 +107,29 @@ def _connection_options(
     password_file: PasswordFile = None,
     policy: SecurityPolicy = Policy.BASIC256SHA256,
     insecure: Insecure = False,
-    timeout: Timeout = 10.0,
+    timeout: Timeout = CONNECT_TIMEOUT_S,
 ) -> None:
     """The options of every command that connects to the server."""
 
 
 def connecting(command: Callable[..., None]) -> Callable[..., None]:
-    """Let a command have the options of a connection, and give it what they say as `connection`."""
+    """Let a command have the options of a connection, and give it what they say as `connection`.
+
+    A command with a `timeout` of its own waits no longer than that for an answer.
+    """
     wanted = inspect.signature(command, eval_str=True)
-    options = inspect.signature(_connection_options, eval_str=True).parameters
+    options = dict(inspect.signature(_connection_options, eval_str=True).parameters)
+    if "timeout" in wanted.parameters:
+        del options["timeout"]
     own = [parameter for name, parameter in wanted.parameters.items() if name != "connection"]
     needed = [parameter for parameter in own if parameter.default is parameter.empty]
     others = [parameter for parameter in own if parameter not in needed]
 
     @wraps(command)
     def connected(**given: Any) -> None:
-        said = [given.pop(name) for name in options]
-        command(**given, connection=Connection.of(*said))
+        said: dict[str, Any] = {"timeout": min(given.get("timeout") or CONNECT_TIMEOUT_S, CONNECT_TIMEOUT_S)}
+        said |= {name: given.pop(name) for name in options}
+        command(**given, connection=Connection.of(**said))
 
     parameters = [*needed, *others, *options.values()]
     connected.__dict__["__signature__"] = wanted.replace(parameters=parameters)

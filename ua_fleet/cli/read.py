@@ -7,18 +7,7 @@ from typing import Annotated
 import typer
 
 from ua_fleet.cli.connect import connected
-from ua_fleet.cli.options import (
-    DEFAULT_ENDPOINT,
-    Connection,
-    Endpoint,
-    Insecure,
-    Json,
-    PasswordFile,
-    Policy,
-    SecurityPolicy,
-    Timeout,
-    User,
-)
+from ua_fleet.cli.options import Connection, Json, connecting
 from ua_fleet.cli.output import print_reading
 from ua_fleet.cli.process import run
 
@@ -27,18 +16,13 @@ __all__ = ["EXAMPLES", "read"]
 EXAMPLES = ("ua-fleet read ua_1_2_1001 -u anna", "ua-fleet read Fleet/Robots/ned/battery 'ns=2;i=1002' -u anna --json")
 
 
+@connecting
 def read(
+    connection: Connection,
     nodes: Annotated[list[str], typer.Argument(help="NodeIds, UA topics, or paths such as Fleet/Robots/ned/battery.")],
-    endpoint: Endpoint = DEFAULT_ENDPOINT,
-    user: User = None,
-    password_file: PasswordFile = None,
-    policy: SecurityPolicy = Policy.BASIC256SHA256,
-    insecure: Insecure = False,
-    timeout: Timeout = 10.0,
     as_json: Json = False,
 ) -> None:
     """Print the values of some nodes, with their quality and the source's time."""
-    connection = Connection.of(endpoint, user, password_file, policy, insecure, timeout)
 
     async def main() -> None:
         async with connected(connection) as client:

@@ -11,18 +11,7 @@ import typer
 
 from ua_fleet.cli.connect import connected
 from ua_fleet.cli.endings import UsageError
-from ua_fleet.cli.options import (
-    DEFAULT_ENDPOINT,
-    Connection,
-    Endpoint,
-    Insecure,
-    Json,
-    PasswordFile,
-    Policy,
-    SecurityPolicy,
-    Timeout,
-    User,
-)
+from ua_fleet.cli.options import Connection, Json, connecting
 from ua_fleet.cli.output import message, print_json, print_line, print_table
 from ua_fleet.cli.process import run
 from ua_fleet.errors import ConfigInvalid
@@ -41,13 +30,9 @@ REGISTER_EXAMPLES = (
 UNREGISTER_EXAMPLES = ("ua-fleet robot unregister cart -u eva",)
 
 
+@connecting
 def show(
-    endpoint: Endpoint = DEFAULT_ENDPOINT,
-    user: User = None,
-    password_file: PasswordFile = None,
-    policy: SecurityPolicy = Policy.BASIC256SHA256,
-    insecure: Insecure = False,
-    timeout: Timeout = 10.0,
+    connection: Connection,
     as_json: Json = False,
 ) -> None:
     """List the robots: how each is, and how it came to the fleet."""
@@ -64,21 +49,17 @@ def show(
         ]
         print_table([("robot", "state", "from", "capacities", "skills"), *rows])
 
-    _with_robots(Connection.of(endpoint, user, password_file, policy, insecure, timeout), work)
+    _with_robots(connection, work)
 
 
+@connecting
 def register(
+    connection: Connection,
     file: Annotated[Path, typer.Argument(help="Robots as in fleet.yaml: `robots:`, or the keys of one with --name.")],
     name: Annotated[str | None, typer.Option(help="The robot; without it all that stand below `robots`.")] = None,
     bridge: Annotated[
         str, typer.Option(help="Its bridge, or the number of its space, in place of what the file says.")
     ] = "",
-    endpoint: Endpoint = DEFAULT_ENDPOINT,
-    user: User = None,
-    password_file: PasswordFile = None,
-    policy: SecurityPolicy = Policy.BASIC256SHA256,
-    insecure: Insecure = False,
-    timeout: Timeout = 10.0,
     as_json: Json = False,
 ) -> None:
     """Make robots of a file part of a running fleet; they stay until they are unregistered.
@@ -86,7 +67,6 @@ def register(
     All mistakes are told with their lines, and the robot is not registered then. Said again, it changes nothing.
     """
     text, names = definition(file, name)
-    connection = Connection.of(endpoint, user, password_file, policy, insecure, timeout)
 
     async def work(robots: RobotClient) -> None:
         from ua_fleet.client import RobotInvalid
@@ -125,18 +105,13 @@ def definition(file: Path, name: str | None) -> tuple[str, list[str]]:
     return content.decode(), list(robots)
 
 
+@connecting
 def unregister(
+    connection: Connection,
     robot: Annotated[str, typer.Argument(help="Name of the robot.")],
-    endpoint: Endpoint = DEFAULT_ENDPOINT,
-    user: User = None,
-    password_file: PasswordFile = None,
-    policy: SecurityPolicy = Policy.BASIC256SHA256,
-    insecure: Insecure = False,
-    timeout: Timeout = 10.0,
     as_json: Json = False,
 ) -> None:
     """Take a robot that was registered, or announced by a bridge that is gone, out of the fleet."""
-    connection = Connection.of(endpoint, user, password_file, policy, insecure, timeout)
 
     async def work(robots: RobotClient) -> None:
         await robots.unregister(robot)

@@ -9,17 +9,7 @@ from typing import Annotated
 import typer
 
 from ua_fleet.cli.connect import connected
-from ua_fleet.cli.options import (
-    DEFAULT_ENDPOINT,
-    Connection,
-    Endpoint,
-    Insecure,
-    Json,
-    PasswordFile,
-    Policy,
-    SecurityPolicy,
-    User,
-)
+from ua_fleet.cli.options import Connection, Json, connecting
 from ua_fleet.cli.output import print_reading
 from ua_fleet.cli.process import run
 from ua_fleet.errors import SendTimeout
@@ -27,27 +17,21 @@ from ua_fleet.errors import SendTimeout
 __all__ = ["EXAMPLES", "watch"]
 
 EXAMPLES = ("ua-fleet watch ua_1_2_1001 -u anna", "ua-fleet watch ua_1_2_1001 --count 10 --timeout 30 -u anna --json")
-CONNECT_TIMEOUT_S = 10.0
 
 
+@connecting
 def watch(
+    connection: Connection,
     nodes: Annotated[list[str], typer.Argument(help="NodeIds, UA topics, or paths.")],
     count: Annotated[int | None, typer.Option(help="End after so many lines.", min=1)] = None,
     timeout: Annotated[float | None, typer.Option(help="End after so many seconds.", min=0.1)] = None,
     period_ms: Annotated[float, typer.Option(help="Publishing interval in milliseconds.", min=10)] = 100.0,
-    endpoint: Endpoint = DEFAULT_ENDPOINT,
-    user: User = None,
-    password_file: PasswordFile = None,
-    policy: SecurityPolicy = Policy.BASIC256SHA256,
-    insecure: Insecure = False,
     as_json: Json = False,
 ) -> None:
     """Print the values of some nodes, and then each change until Ctrl-C.
 
     With --count, exit code 5 if so many lines did not come within --timeout.
     """
-    wait_s = min(timeout or CONNECT_TIMEOUT_S, CONNECT_TIMEOUT_S)
-    connection = Connection.of(endpoint, user, password_file, policy, insecure, wait_s)
 
     async def follow() -> None:
         async with connected(connection) as client:

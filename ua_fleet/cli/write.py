@@ -7,18 +7,7 @@ from typing import Annotated
 import typer
 
 from ua_fleet.cli.connect import connected
-from ua_fleet.cli.options import (
-    DEFAULT_ENDPOINT,
-    Connection,
-    Endpoint,
-    Insecure,
-    Json,
-    PasswordFile,
-    Policy,
-    SecurityPolicy,
-    Timeout,
-    User,
-)
+from ua_fleet.cli.options import Connection, Json, connecting
 from ua_fleet.cli.output import print_reading
 from ua_fleet.cli.process import run
 
@@ -27,22 +16,17 @@ __all__ = ["EXAMPLES", "write"]
 EXAMPLES = ("ua-fleet write ua_0_2_1006 0.25 -u anna", "ua-fleet write -u anna -- ua_0_2_1006 -0.25")
 
 
+@connecting
 def write(
+    connection: Connection,
     node: Annotated[str, typer.Argument(help="NodeId, UA topic, or path.")],
     value: Annotated[str, typer.Argument(help="Value in the node's own type; an array as JSON, e.g. '[1, 2]'.")],
-    endpoint: Endpoint = DEFAULT_ENDPOINT,
-    user: User = None,
-    password_file: PasswordFile = None,
-    policy: SecurityPolicy = Policy.BASIC256SHA256,
-    insecure: Insecure = False,
-    timeout: Timeout = 10.0,
     as_json: Json = False,
 ) -> None:
     """Write a value to a node that clients may write, and print what the node holds then.
 
     The server sends it to the robots over PubSub. A negative number needs `--` before the node.
     """
-    connection = Connection.of(endpoint, user, password_file, policy, insecure, timeout)
 
     async def main() -> None:
         async with connected(connection) as client:

@@ -226,6 +226,14 @@ class ScenarioClient:
                 found.append(FaultInfo(fault_id, *values))
         return found
 
+    async def raise_fault(self, robot: str, reason: str) -> None:
+        """Say that a robot cannot work; others take its tasks over, as the mode has it."""
+        await self._call("Faults", "RaiseFault", text(robot), text(reason))
+
+    async def clear_fault(self, robot: str) -> None:
+        """Say that a robot can work again; not where the cause can be seen to be there still."""
+        await self._call("Faults", "ClearFault", text(robot))
+
     async def acknowledge(self, fault_id: str, comment: str) -> None:
         """Say that a fault was seen; NodeNotFound where there is none."""
         (event_id,) = await self._read(f"Faults.{fault_id}", ("EventId",))

@@ -9,9 +9,10 @@ import sys
 from typing import Any, NamedTuple
 
 from tests.contract.skilled import ENDLESS_WORK
-from tests.integration.scenarios.conftest import ROBOTS, Plant, all_heard
+from tests.integration.scenarios.conftest import ENGINEER, ROBOTS, Plant, all_heard
 from tests.integration.server_model.harness import OPERATOR, Running, until
 from tests.system import clean_environment
+from ua_fleet.config.schema import ResilienceConfig
 
 
 class Ended(NamedTuple):
@@ -20,12 +21,12 @@ class Ended(NamedTuple):
     errors: str
 
 
-async def command(running: Running, *arguments: str) -> Ended:
+async def command(running: Running, *arguments: str, user: tuple[str, str] = OPERATOR) -> Ended:
     """Run a command as a process."""
     environment = clean_environment(
         UA_FLEET_ENDPOINT=running.url,
-        UA_FLEET_USER=OPERATOR[0],
-        UA_FLEET_PASSWORD=OPERATOR[1],
+        UA_FLEET_USER=user[0],
+        UA_FLEET_PASSWORD=user[1],
         XDG_STATE_HOME=str(running.folder / "xdg"),
     )
     process = await asyncio.create_subprocess_exec(
@@ -110,3 +111,36 @@ async def test_faults_and_decisions(plant: Plant) -> None:
         taken = await command(running, "decision", "confirm", decision["decision_id"], "right")
         assert taken.objects[0]["outcome"] == "taken"
         await command(running, "scenario", "abort", run["run_id"], "--reason", "enough")
+
+
+async def test_a_fault_that_a_person_raises_and_who_decides(plant: Plant) -> None:
+    criterion = {"kind": "benefit", "range": [0, 100], "tasks_ahead": True}
+    resilience = ResilienceConfig.model_validate(
+        {"criteria": {"one": criterion, "other": criterion}, "judgements": {"one": {"other": 1}}}
+    )
+    plant.config = plant.config.model_copy(update={"resilience": resilience})
+    async with plant.server() as running, running.client() as client:
+
+        async def raised() -> list[tuple[str, str, bool]]:
+            listed = (await command(running, "fault", "list")).objects
+            return [(one["robot"], one["reason"], one["active"]) for one in listed if one["source"] == "robot"]
+
+        assert (await command(running, "fault", "raise", "left", "gripper stuck")).code == 0
+        # Without bridges all robots are silent too.
+        assert await raised() == [("left", "gripper stuck", True)]
+        assert (await command(running, "fault", "clear", "left")).code == 0
+        assert await raised() == [("left", "gripper stuck", False)]
+        nobody = await command(running, "fault", "raise", "nobody", "x")
+        assert (nobody.code, "there is no robot 'nobody'" in nobody.errors) == (3, True)
+
+        refused = await command(running, "decision", "mode", "automatic")
+        assert refused.code == 1
+        assert "role" in refused.errors
+        done = await command(running, "decision", "mode", "abort", "--limit-s", "5", user=ENGINEER)
+        assert done.objects == [{"mode": "abort", "done": True}]
+        assert await client.get_node("ns=2;s=Fleet.Resilience.Mode").read_value() == "abort"
+        judged = await command(running, "decision", "judge", "one/other=3", user=ENGINEER)
+        assert judged.objects == [{"weights": {"one": 0.75, "other": 0.25}}]
+        wrong = await command(running, "decision", "judge", "one/another=3", user=ENGINEER)
+        assert (wrong.code, "another" in wrong.errors) == (2, True)
+        assert "write e.g. battery/distance=2" in (await command(running, "decision", "judge", "one=3")).errors

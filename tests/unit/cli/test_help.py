@@ -39,8 +39,12 @@ COMMANDS = [
     *(f"scenario {name}" for name in ("pause", "resume", "abort", "answer", "tell")),
     "fault list",
     "fault ack",
+    "fault clear",
+    "fault raise",
     "decision list",
     "decision confirm",
+    "decision judge",
+    "decision mode",
     "decision whatif",
     "skill list",
     "skill call",
@@ -65,7 +69,6 @@ COMMANDS = [
 ]
 WITHOUT_JSON = {
     "config schema",  # prints nothing else
-    "healthcheck",  # says one line, as supervisors want it
     "testbed prepare",  # tells no data
     "testbed robot",  # is another program then
     "testbed run",  # its result stands in a file

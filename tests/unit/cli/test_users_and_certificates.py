@@ -11,8 +11,10 @@ import pytest
 
 from tests.system import clean_environment
 from tests.unit.cli.conftest import Invoke
+from ua_fleet.cli.decision import LimitName, ModeName
 from ua_fleet.cli.options import Policy
 from ua_fleet.cli.user import RoleName
+from ua_fleet.resilience import Mode, OnLimit
 from ua_fleet.server import certificates
 from ua_fleet.server.certificates import CertificateFiles, create_certificate
 from ua_fleet.server.users import USERS_FILE, Role, ScryptCost, UserStore
@@ -40,6 +42,8 @@ def test_the_names_of_roles_and_policies_are_those_of_the_parts_that_know_them()
 
     assert [role.value for role in RoleName] == [role.value for role in Role]
     assert [policy.value for policy in Policy] == list(POLICIES)
+    assert [mode.value for mode in ModeName] == [mode.value for mode in Mode]
+    assert [limit.value for limit in LimitName] == [limit.value for limit in OnLimit]
 
 
 def test_add_list_remove(invoke: Invoke, fleet: Path) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import fcntl
 import functools
+import itertools
 import os
 import random
 import shutil
@@ -97,10 +98,19 @@ def missing(part: str) -> str | None:
     return _PARTS[part]()
 
 
+_PORTS = range(20_000, 32_768)
+"""Below what the system gives outgoing connections: one of these could take a port before the test listens on it."""
+_next_port = itertools.count(random.randrange(len(_PORTS)))
+
+
 def free_tcp_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
+    """A port of loopback that nobody listens on; another one each time."""
+    for number in itertools.islice(_next_port, len(_PORTS)):
+        port = _PORTS[number % len(_PORTS)]
+        with socket.socket() as probe, contextlib.suppress(OSError):
+            probe.bind(("127.0.0.1", port))
+            return port
+    raise RuntimeError(f"no port from {_PORTS[0]} to {_PORTS[-1]} is free")
 
 
 def free_multicast_url() -> str:

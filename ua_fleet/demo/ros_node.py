@@ -79,6 +79,10 @@ class Ros1Node(RosNode):
         super().__init__()
         self._rospy = rospy
         rospy.init_node(name, disable_signals=True, disable_rosout=True)
+        # The package is on this robot, and a master that was restarted hears of it again.
+        from ua_bridges.robot.ros1_registered import keep_registered
+
+        keep_registered()
         rospy.Timer(rospy.Duration.from_sec(BEAT_S), lambda _: beat())
 
     def publisher(self, topic: str, kind: str, *, latched: bool = True) -> Callable[[Any], None]:

@@ -78,10 +78,18 @@ class Ros1Graph:
 
     def state(self) -> tuple[dict[str, list[str]], dict[str, list[str]]]:
         """The publishers and the subscribers of each topic, as the master knows them."""
+        publishers, subscribers, _ = self._known()
+        return publishers, subscribers
+
+    def services(self) -> dict[str, list[str]]:
+        """Who serves each service, as the master knows it."""
+        return self._known()[2]
+
+    def _known(self) -> tuple[dict[str, list[str]], ...]:
         with xmlrpc.client.ServerProxy(self.uri) as master:
             answer: Any = master.getSystemState("/test")
-        _, _, (publishers, subscribers, _) = answer
-        return dict(publishers), dict(subscribers)
+        _, _, parts = answer
+        return tuple(dict(part) for part in parts)
 
 
 class Peer(peer.Peer):

@@ -60,6 +60,22 @@ async def test_restarted_master_hears_of_everything_again(graph: Ros1Graph, peer
     await peer.until(lambda: (-1.0,) in peer.good(SOURCE))
 
 
+async def test_bridge_that_comes_after_a_restarted_master_finds_a_program_that_keeps_itself_registered(
+    graph: Ros1Graph, peer: Peer
+) -> None:
+    master = graph.master()
+    program = graph.node("registered.py")
+    master.end()
+    graph.master()
+    await peer.until(lambda: graph.services().get("/serve") == ["/registered"])
+    graph.bridge()
+    await peer.until(lambda: peer.good(SOURCE))
+    peer.announce(FOREIGN, TEXT)
+    peer.publish(FOREIGN, "after")
+    await asyncio.to_thread(program.wait_for, "heard: after")
+    assert [line for line in program.lines if line.startswith("heard")] == ["heard: after"], "it has one link"
+
+
 async def test_killed_robot_is_missed_at_once_and_heard_when_it_is_back(graph: Ros1Graph, peer: Peer) -> None:
     graph.master()
     graph.bridge()

@@ -10,10 +10,12 @@ from typing import Any
 import pytest
 from jsonschema import Draft202012Validator
 
+from tests.unit.demo.test_talkrobots_setting import made, site
 from tests.unit.docs.pages import ROOT, Block, blocks
 from ua_fleet.config.default_file import default_content
 from ua_fleet.config.json_schema import SCHEMA_FILE, fleet_schema, schema_text
 from ua_fleet.config.load import load_content
+from ua_fleet.demo.pal.setting import fleet_text
 from ua_fleet.document import read_document
 from ua_fleet.errors import ConfigInvalid
 
@@ -71,6 +73,17 @@ def test_every_key_has_a_text() -> None:
 @pytest.mark.parametrize("block", [pytest.param(block, id=block.place) for block in blocks("yaml")])
 def test_examples_of_the_documentation(block: Block, editor: Any) -> None:
     assert said(editor, block.text) == []
+
+
+@pytest.mark.parametrize("secure", [True, False])
+@pytest.mark.parametrize("ros1", [True, False])
+def test_the_demonstrations(secure: bool, ros1: bool, tmp_path: Path, editor: Any) -> None:
+    made(tmp_path, ros1=ros1, secure=secure)
+    layout = site(tmp_path, ros1=ros1, secure=secure).layout("pal")
+    nine_tasks = (tmp_path / "fleet.yaml").read_text(encoding="utf-8")
+    line = fleet_text(layout, arm_space=1 if ros1 else 22, mobile_space=21)
+    assert said(editor, nine_tasks) == []
+    assert said(editor, line) == []
 
 
 def test_the_file_to_start_from(editor: Any) -> None:

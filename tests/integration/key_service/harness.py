@@ -18,6 +18,7 @@ from tests.integration.server_security.harness import CHEAP, Identities, make_ce
 from tests.unit.server.key_service.fleet import fleet
 from ua_fleet.client.identity import ClientIdentity
 from ua_fleet.config.schema import FleetConfig
+from ua_fleet.pubsub.application import bridge_application_uri
 from ua_fleet.server.certificates import CertificateFiles, own_files, trust, trust_bridge
 from ua_fleet.server.endpoint.limits import Limits
 from ua_fleet.server.hardened import HardenedServer, create_server
@@ -183,7 +184,7 @@ async def desk(
         application_uri=SERVER_URI,
         limits=Limits(tick_s=0.02),
         users=UserStore(state_dir / "users.yaml", CHEAP),
-        bridges=config.bridges,
+        bridges={bridge_application_uri(config.fleet.name, name): name for name in config.bridges},
     )
     if policies is not None:
         server.set_security_policy(policies)

@@ -137,6 +137,7 @@ def test_nothing_secret_stands_in_the_environment(name: str) -> None:
 
 @each_service
 def test_an_image_is_built_here(name: str) -> None:
+    assert SERVICES[name]["pull_policy"] == "never"
     target = SERVICES[name]["build"]["target"]
     assert SERVICES[name]["image"] == f"ua-fleet/{target}:${{UA_FLEET_TAG:-local}}"
     assert f" AS {target}\n" in DOCKERFILE

@@ -92,7 +92,10 @@ def _after_absence(state: GroupState, now: float) -> tuple[int, float] | None:
 
     Processes have gone on by themselves up to the newest key they have, and use it for two KeyLifetimes beyond its
     end. So that one stays, and not everybody has what comes after it: the newest was made at the last change only.
+    Where no change was missed nothing is put off, or restarts that follow each other would put it off for ever.
     """
+    if now < state.due:
+        return None
     newest = len(state.keys) - 1
     position = min(state.current + int((now - state.since) // state.lifetime_s), newest)
     steps = position - state.current

@@ -224,6 +224,15 @@ def test_a_restart_goes_on_with_the_same_keys() -> None:
     assert after.keys[:4] == before.keys[1:]
 
 
+@pytest.mark.parametrize("future", [1, 2, 4])
+def test_a_service_that_is_restarted_over_and_over_keeps_its_pace(future: int) -> None:
+    bench = Bench(replace(SETTINGS, max_future_keys=future))
+    for _ in range(40):
+        bench.now += 0.2 * LIFETIME
+        bench.restart()
+    assert bench.get().first_token_id == pytest.approx(1 + 8, abs=1)
+
+
 def test_more_or_fewer_keys_after_a_restart() -> None:
     bench = Bench()
     before = bench.get()

@@ -131,7 +131,8 @@ def test_keys_and_passwords_are_read_by_their_owner_alone(name: str) -> None:
 
 @each_service
 def test_nothing_secret_stands_in_the_environment(name: str) -> None:
-    for key, value in (SERVICES[name].get("environment") or {}).items():
+    environment: dict[str, str] = SERVICES[name].get("environment") or {}
+    for key, value in environment.items():
         assert not re.search("PASSW|SECRET|TOKEN|KEY", key), f"{key}={value}"
 
 

@@ -27,6 +27,7 @@ from typing import Final
 
 import structlog
 from cryptography import x509
+from cryptography.exceptions import UnsupportedAlgorithm
 from cryptography.hazmat.primitives import hashes, serialization
 from cryptography.hazmat.primitives.asymmetric import rsa
 from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
@@ -59,6 +60,14 @@ _log = structlog.get_logger("ua_fleet.certificates")
 KEY_BITS: Final = 2048
 VALID_DAYS: Final = 5 * 365
 MAX_FILE_BYTES: Final = 65_536
+UNREADABLE: Final = (
+    ValueError,
+    TypeError,
+    UnsupportedAlgorithm,
+    x509.DuplicateExtension,
+    x509.UnsupportedGeneralNameType,
+)
+"""What a part of a certificate raises that cannot be read. Parts are read late: one that was loaded may have any."""
 
 
 class CertificateError(UaFleetError):
@@ -127,7 +136,7 @@ def application_uris(certificate: x509.Certificate) -> list[str]:
     """The URIs of the SubjectAltName; an application's certificate has one, its ApplicationUri."""
     try:
         names = certificate.extensions.get_extension_for_class(x509.SubjectAlternativeName).value
-    except (x509.ExtensionNotFound, ValueError):
+    except (x509.ExtensionNotFound, *UNREADABLE):
         return []
     return names.get_values_for_type(x509.UniformResourceIdentifier)
 
@@ -136,7 +145,7 @@ def host_names(certificate: x509.Certificate) -> set[str]:
     """The names and addresses of hosts in the SubjectAltName, with which clients compare where they have connected."""
     try:
         names = certificate.extensions.get_extension_for_class(x509.SubjectAlternativeName).value
-    except (x509.ExtensionNotFound, ValueError):
+    except (x509.ExtensionNotFound, *UNREADABLE):
         return set()
     return {*names.get_values_for_type(x509.DNSName), *map(str, names.get_values_for_type(x509.IPAddress))}
 
@@ -327,21 +336,19 @@ def is_authority(certificate: x509.Certificate) -> bool:
     try:
         constraints = certificate.extensions.get_extension_for_class(x509.BasicConstraints).value
         usage = certificate.extensions.get_extension_for_class(x509.KeyUsage).value
-    except (x509.ExtensionNotFound, ValueError):
+    except (x509.ExtensionNotFound, *UNREADABLE):
         return False
     return constraints.ca and usage.key_cert_sign
 
 
 def _info(path: Path, state: CertificateState) -> CertificateInfo:
     certificate = load_certificate(path)
-    return CertificateInfo(
-        path,
-        state,
-        certificate.subject.rfc4514_string(),
-        next(iter(application_uris(certificate)), ""),
-        thumbprint(certificate),
-        _validity(certificate),
-    )
+    try:
+        subject = certificate.subject.rfc4514_string()
+    except UNREADABLE as error:
+        raise CertificateError(f"{path}: no readable certificate ({error})") from error
+    uri = next(iter(application_uris(certificate)), "")
+    return CertificateInfo(path, state, subject, uri, thumbprint(certificate), _validity(certificate))
 
 
 def certificate_paths(folder: Path) -> list[Path]:
@@ -356,7 +363,13 @@ def list_certificates(state_dir: Path) -> list[CertificateInfo]:
     """Every readable certificate of the folders; what cannot be read is left out and logged."""
     found: list[CertificateInfo] = []
     for state in CertificateState:
-        for path in certificate_paths(certificates_folder(state_dir) / state):
+        folder = certificates_folder(state_dir) / state
+        try:
+            paths = certificate_paths(folder)
+        except OSError as error:
+            _log.warning("certificates left out", reason=f"{folder}: {error.strerror}")
+            continue
+        for path in paths:
             try:
                 found.append(_info(path, state))
             except CertificateError as error:

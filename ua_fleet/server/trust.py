@@ -23,6 +23,7 @@ from cryptography.x509.oid import ExtendedKeyUsageOID
 
 from ua_fleet.errors import UaFleetError
 from ua_fleet.server.certificates import (
+    UNREADABLE,
     CertificateError,
     CertificateState,
     application_uris,
@@ -162,6 +163,12 @@ class TrustList:
 
     def check(self, chain: list[x509.Certificate]) -> None:
         """Raise CertificateRefused unless the first certificate of the chain is sound and trusted."""
+        try:
+            self._check(chain)
+        except UNREADABLE as error:
+            raise CertificateRefused(INVALID, f"the certificate cannot be read ({error!s:.100})") from error
+
+    def _check(self, chain: list[x509.Certificate]) -> None:
         certificate = chain[0]
         self._check_sound(certificate, TIME_INVALID)
         _check_use(certificate)
@@ -179,9 +186,8 @@ class TrustList:
             mark = thumbprint(certificate)[:12]
             bridge = self._bridge_of(certificate)
             as_bridge = f"--bridge {bridge} " if bridge else ""
-            raise CertificateRefused(
-                UNTRUSTED, f"{_named(certificate)} is not trusted; trust it with: ua-fleet cert trust {as_bridge}{mark}"
-            )
+            remedy = f"compare its thumbprint, then run: ua-fleet cert trust {as_bridge}{mark}"
+            raise CertificateRefused(UNTRUSTED, f"{_named(certificate)} is not trusted; {remedy}")
 
     def _bridge_of(self, certificate: x509.Certificate) -> str:
         """The bridge that a certificate says it is of; whether it is, only `ua-fleet cert trust --bridge` says."""

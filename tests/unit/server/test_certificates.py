@@ -1,6 +1,8 @@
 from __future__ import annotations
 
+import errno
 import os
+from collections.abc import Iterator
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
@@ -144,8 +146,8 @@ def test_hints_name_the_bridge_that_a_certificate_says_it_is_of(tmp_path: Path) 
     uri = "urn:ua-fleet:Hall:bridge:cell"
     trust_list = TrustList(tmp_path, bridges={uri: "cell"})
     cases: list[tuple[str, dict[str, Any], str]] = [
-        ("cell", {"uri": uri}, r"is not trusted; trust it with: ua-fleet cert trust --bridge cell [0-9a-f]{12}$"),
-        ("other", {}, r"is not trusted; trust it with: ua-fleet cert trust [0-9a-f]{12}$"),
+        ("cell", {"uri": uri}, r"is not trusted; .* run: ua-fleet cert trust --bridge cell [0-9a-f]{12}$"),
+        ("other", {}, r"is not trusted; .* run: ua-fleet cert trust [0-9a-f]{12}$"),
         ("old", {"uri": uri, "days": (-9, -1)}, "expired on .*; run: ua-fleet cert create --bridge cell --renew$"),
         ("old2", {"days": (-9, -1)}, "expired on .*; its owner has to renew it$"),
         ("early", {"days": (1, 9)}, "is valid only from .*; check the clocks of both machines$"),
@@ -154,6 +156,40 @@ def test_hints_name_the_bridge_that_a_certificate_says_it_is_of(tmp_path: Path) 
         certificate, _ = load(make_certificate(tmp_path, name, **options))
         with pytest.raises(CertificateRefused, match=said):
             trust_list.check([certificate])
+
+
+OIDS = {
+    "key": ("2a864886f70d010101", "2a864886f70d010177"),
+    "signature": ("2a864886f70d01010b", "2a864886f70d010155"),
+    "extension twice": ("0603551d13", "0603551d11"),
+    "name": (b"cell".hex(), "ff656c6c"),
+}
+
+
+@pytest.mark.parametrize("part", OIDS)
+def test_a_certificate_with_a_part_that_cannot_be_read_is_refused_and_left_out(tmp_path: Path, part: str) -> None:
+    whole = make_certificate(tmp_path, "cell").certificate.read_bytes()
+    data = whole.replace(*map(bytes.fromhex, OIDS[part]))
+    assert data != whole
+    with pytest.raises(CertificateRefused, match=r"cannot be read|own signature is wrong"):
+        TrustList(tmp_path, trust_all=True).check(split_chain(data))
+    path = certificates_folder(tmp_path) / "trusted" / "odd.der"
+    path.write_bytes(data)
+    assert [info.path for info in list_certificates(tmp_path)] == ([] if part == "name" else [path])
+
+
+def test_a_folder_that_cannot_be_read_hides_no_other(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    ensure_application_certificate(tmp_path, URI)
+    TrustList(tmp_path)
+    listed = Path.iterdir
+
+    def iterdir(folder: Path) -> Iterator[Path]:
+        if folder.name == "trusted":
+            raise OSError(errno.EMFILE, os.strerror(errno.EMFILE))
+        return listed(folder)
+
+    monkeypatch.setattr(Path, "iterdir", iterdir)
+    assert [info.path.name for info in list_certificates(tmp_path)] == ["server.der"]
 
 
 def test_trust_by_thumbprint_and_by_file(state: tuple[Path, CertificateFiles]) -> None:

@@ -83,7 +83,7 @@ class Ros1Node(RosNode):
         from ua_bridges.robot.ros1_registered import keep_registered
 
         keep_registered()
-        rospy.Timer(rospy.Duration.from_sec(BEAT_S), lambda _: beat())
+        rospy.Timer(rospy.Duration.from_sec(BEAT_S), lambda _: beat(), reset=True)
 
     def publisher(self, topic: str, kind: str, *, latched: bool = True) -> Callable[[Any], None]:
         message_type = self._make(kind)

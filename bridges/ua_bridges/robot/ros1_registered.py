@@ -9,7 +9,7 @@ from __future__ import annotations
 import http.client
 import threading
 import xmlrpc.client
-from typing import Final
+from typing import Any, Final
 from xml.parsers.expat import ExpatError
 
 import rosgraph
@@ -19,7 +19,16 @@ from rospy.impl.registration import get_service_manager, get_topic_manager
 __all__ = ["keep_registered"]
 
 PERIOD_S: Final = 1.0
+PATIENCE_S: Final = 2.0
+"""rospy waits for an answer for ever, and a master whose machine has gone never gives one."""
 _FAILURES: Final = (OSError, http.client.HTTPException, xmlrpc.client.Error, ExpatError, rosgraph.MasterException)
+
+
+class _Patient(xmlrpc.client.Transport):
+    def make_connection(self, host: Any) -> http.client.HTTPConnection:
+        connection = super().make_connection(host)
+        connection.timeout = PATIENCE_S
+        return connection
 
 
 def keep_registered() -> None:
@@ -43,6 +52,7 @@ def _look() -> None:
     """Tell the master what it does not know; services first, since they have no links that would have stayed."""
     name, node_uri = rospy.get_name(), rospy.get_node_uri()
     master = rosgraph.Master(name)
+    master.handle = xmlrpc.client.ServerProxy(master.master_uri, transport=_Patient())
     published, subscribed, served = ({key for key, nodes in part if name in nodes} for part in master.getSystemState())
     for service, service_uri in get_service_manager().get_services():
         if service not in served:

@@ -295,7 +295,9 @@ async def run_bridge(
                     count = config.pubsub.keys.future_keys + 1
                     tasks.create_task(keep_keys(shell.envelope, keys, shell.keys, count=count))
                     if monitor is not None:
-                        monitor.ready_when(lambda: f"it waits for keys; {shell.keys.problem()}")
+                        monitor.ready_when(
+                            lambda: f"it waits for its keys: {shell.keys.problem() or 'they were asked for'}"
+                        )
                     await shell.wait_for_own_key()
                 if isinstance(driver, RememberingDriver):
                     driver.remember_in(state_dir)

@@ -110,7 +110,7 @@ class ClientIdentity:
             self._check_may_replace(certificate, problem)
             await asyncio.to_thread(self._make, key)
         else:
-            await asyncio.to_thread(self._make, generate_private_key())
+            await asyncio.to_thread(self._make)
 
     async def renew(self) -> None:
         """Make the certificate anew with the key that there is, so that nobody ever finds a pair that does not fit.
@@ -144,7 +144,9 @@ class ClientIdentity:
         remedy = remedy or f"have its CA issue another one, and put it there, or remove it and {self.key}"
         raise AccessRefused(StatusCode.BAD_SECURITY_CHECKS_FAILED, f"{self.certificate}: {problem}; {remedy}")
 
-    def _make(self, key: RSAPrivateKey) -> None:
+    def _make(self, kept: RSAPrivateKey | None = None) -> None:
+        """Make a certificate for the key that is kept, or for a new one. A file that is kept cannot be lost."""
+        key = kept or generate_private_key()
         names = [x509.UniformResourceIdentifier(self.application_uri), x509.DNSName(socket.gethostname())]
         certificate = generate_self_signed_app_certificate(
             key,
@@ -155,7 +157,8 @@ class ClientIdentity:
             days=VALID_DAYS,
         )
         self.folder.mkdir(parents=True, exist_ok=True, mode=0o700)
-        _write_private(self.key, dump_private_key_as_pem(key))
+        if kept is None:
+            _write_private(self.key, dump_private_key_as_pem(key))
         _write_private(self.certificate, certificate.public_bytes(Encoding.DER))
 
     def _checked_key(self) -> RSAPrivateKey:

@@ -175,7 +175,7 @@ def put(identity: ClientIdentity, made: CertificateFiles) -> None:
 async def test_a_bridges_certificate_that_has_ended_is_renewed_by_command_and_with_its_key(tmp_path: Path) -> None:
     identity = ClientIdentity.of_bridge(tmp_path / "cell", "Hall", "cell")
     put(identity, make_certificate(tmp_path, "cell", uri=identity.application_uri, days=(-30, -1)))
-    key = identity.key.read_bytes()
+    key, file = identity.key.read_bytes(), identity.key.stat().st_ino
     with pytest.raises(AccessRefused) as refused:
         await identity.ensure()
     assert re.fullmatch(
@@ -185,7 +185,7 @@ async def test_a_bridges_certificate_that_has_ended_is_renewed_by_command_and_wi
     )
     await identity.renew()
     await identity.ensure()
-    assert identity.key.read_bytes() == key
+    assert (identity.key.read_bytes(), identity.key.stat().st_ino) == (key, file)
     certificate = x509.load_der_x509_certificate(identity.certificate.read_bytes())
     assert certificate.public_key() == load_pem_private_key(key, password=None).public_key()
     put(identity, make_certificate(tmp_path, "early", uri=identity.application_uri, days=(1, 30)))

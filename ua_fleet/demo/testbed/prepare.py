@@ -1,7 +1,7 @@
 """The job that all processes of a testbed wait for: it writes what they need into their volumes, and ends.
 
-It may run as often as one likes. What is there stays: certificates, users, keys, what was trusted, files that were
-edited. All that is secret is made here, on the machine where it is used.
+It may run as often as one likes. What is there stays: certificates, users, keys, files that were edited, and whom the
+server trusts or no longer does. All that is secret is made here, on the machine where it is used.
 """
 
 from __future__ import annotations
@@ -23,9 +23,12 @@ from ua_fleet.demo.testbed.volumes import check_volume, write_unless_edited
 from ua_fleet.errors import ConfigError
 from ua_fleet.server.app import application_uri
 from ua_fleet.server.certificates import (
+    CertificateState,
     ensure_application_certificate,
     host_names,
+    list_certificates,
     load_certificate,
+    thumbprint,
     trust,
     write_private,
 )
@@ -74,8 +77,11 @@ async def _prepare(testbed: Testbed, folder: Path, options: Options, say: Callab
     config = load(fleet / "fleet.yaml")
     server = folder / SERVER
     certificate = _server_certificate(config, server, options, say)
-    await asyncio.gather(*(introduce_bridge(config, fleet, bridge) for bridge in config.bridges))
-    await _operator(folder / OPERATOR, server, certificate)
+    for bridge in config.bridges:
+        own = ClientIdentity.of_bridge(fleet / config.state_dir_of(bridge), config.fleet.name, bridge).certificate
+        if not _was_revoked(server, own, f"--bridge {bridge} ", say):
+            await introduce_bridge(config, fleet, bridge)
+    await _operator(folder / OPERATOR, server, certificate, say)
     say(f"the testbed {testbed.name} is prepared: {len(config.bridges)} bridges, user {USER}")
 
 
@@ -92,7 +98,18 @@ def _server_certificate(config: FleetConfig, server: Path, options: Options, say
     return made.certificate.read_bytes()
 
 
-async def _operator(operator: Path, server: Path, server_certificate: bytes) -> None:
+def _was_revoked(server: Path, certificate: Path, option: str, say: Callable[[str], None]) -> bool:
+    """Whether the server has trusted a certificate, and does not any more: that is not ours to undo."""
+    if not certificate.exists():
+        return False
+    mark = thumbprint(load_certificate(certificate))
+    if {info.state for info in list_certificates(server) if info.thumbprint == mark} != {CertificateState.REJECTED}:
+        return False
+    say(f"{certificate} was revoked, and stays so; undo it on the server with: ua-fleet cert trust {option}{mark[:12]}")
+    return True
+
+
+async def _operator(operator: Path, server: Path, server_certificate: bytes, say: Callable[[str], None]) -> None:
     """The user with a password, and a client that the server knows, and that knows the server."""
     password = operator / PASSWORD
     store = UserStore(server / USERS_FILE)
@@ -102,5 +119,6 @@ async def _operator(operator: Path, server: Path, server_certificate: bytes) -> 
         write_private(password, f"{word}\n".encode())
     identity = ClientIdentity(operator / IDENTITY, application_uri="urn:ua-fleet:testbed:client")
     await identity.ensure()
-    trust(server, identity.certificate)
+    if not _was_revoked(server, identity.certificate, "", say):
+        trust(server, identity.certificate)
     write_private(identity.pinned_server, server_certificate)

@@ -20,7 +20,17 @@ from ua_fleet.demo.testbed.plan import TESTBEDS, Options
 from ua_fleet.demo.testbed.prepare import prepare
 from ua_fleet.demo.testbed.volumes import check_volume, write_unless_edited
 from ua_fleet.errors import ConfigError
-from ua_fleet.server.certificates import host_names, list_certificates, load_certificate
+from ua_fleet.server.certificates import (
+    CertificateState,
+    host_names,
+    list_certificates,
+    load_certificate,
+    revoke,
+    revoke_bridge,
+    thumbprint,
+    trust,
+    trust_bridge,
+)
 from ua_fleet.server.users import UserStore
 
 
@@ -61,6 +71,24 @@ def test_all_know_each_other_and_nobody_else_reads_what_is_secret(tmp_path: Path
     keys = [path for path in tmp_path.rglob("*") if path.name in ("password", "users.yaml") or "-key" in path.name]
     assert len(keys) == 6
     assert {path.stat().st_mode & 0o077 for path in [*keys, *tmp_path.iterdir()]} == {0}
+
+
+def test_what_was_revoked_stays_so_until_somebody_trusts_it_again(tmp_path: Path) -> None:
+    prepared(tmp_path)
+    server = tmp_path / "server"
+    client = thumbprint(load_certificate(tmp_path / "operator" / "ua-fleet" / "client" / "client.der"))
+    bridge = revoke_bridge(server, "arm_side").thumbprint
+    revoke(server, client)
+    *said, _ = prepared(tmp_path)
+    assert [line.partition("; ")[2] for line in said] == [
+        f"undo it on the server with: ua-fleet cert trust --bridge arm_side {bridge[:12]}",
+        f"undo it on the server with: ua-fleet cert trust {client[:12]}",
+    ]
+    trusted = {info.thumbprint for info in list_certificates(server) if info.state is not CertificateState.REJECTED}
+    assert trusted.isdisjoint({bridge, client})
+    trust(server, client)
+    trust_bridge(server, "arm_side", bridge)
+    assert len(prepared(tmp_path)) == 1
 
 
 def test_what_uaexpert_needs_is_told_from_the_operators_volume_alone(tmp_path: Path) -> None:

@@ -18,13 +18,14 @@ from tests.testbed.bed import LOGS, Bed, CannotStart, say, versions
 from tests.testbed.clients import foreign_client, modbus_client, trust
 from tests.testbed.commands import Commands
 from tests.testbed.disturb import KINDS, Deed, Kind
-from tests.testbed.engine import ROOT, Compose
+from tests.testbed.engine import ROOT, CommandFailed, Compose
 from tests.testbed.healing import Healing, Row, settle
 from tests.testbed.isolation import check_hardening, check_isolation
 from tests.testbed.table import failures, into_page, lines, write_json
 from tests.testbed.watching import Login, Watcher, addresses_of
 from ua_fleet.client import ClientIdentity
 from ua_fleet.config.load import load
+from ua_fleet.errors import UaFleetError
 
 __all__ = ["disturbances", "first_looks"]
 
@@ -102,7 +103,11 @@ async def _disturb_all(bed: Bed, compose: Compose, wanted: Sequence[tuple[Kind, 
         await _complete(watcher)
         healing = Healing(watcher, commands, containers)
         for kind, deed in wanted:
-            row = await healing.disturb(kind, deed)
+            since = time.time()
+            try:
+                row = await healing.disturb(kind, deed)
+            except (CommandFailed, UaFleetError) as error:
+                row = Row(kind.name, kind.service, deed, None, None, [str(error)], since=since, until=time.time())
             rows.append(row)
             _tell(row)
             if row.healed_s is None:

@@ -8,8 +8,7 @@ from __future__ import annotations
 import inspect
 import re
 import sys
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from pathlib import Path
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any, Final
 
 from typer.core import TyperGroup
@@ -17,7 +16,7 @@ from typer.main import get_command
 
 from ua_fleet.cli.app import app
 from ua_fleet.cli.options import Connection, connecting
-from ua_fleet.config.reference import put_between
+from ua_fleet.config.reference import show_or_put
 
 __all__ = ["BEGIN", "END", "reference"]
 
@@ -92,14 +91,5 @@ def reference() -> str:
     return "\n\n".join(parts)
 
 
-def main(arguments: Sequence[str]) -> None:
-    """Print the reference, or put it into a file."""
-    if not arguments:
-        sys.stdout.write(reference() + "\n")
-        return
-    path = Path(arguments[0])
-    path.write_text(put_between(path.read_text(encoding="utf-8"), BEGIN, END, reference()), encoding="utf-8")
-
-
 if __name__ == "__main__":
-    main(sys.argv[1:])
+    show_or_put(sys.argv[1:], reference(), BEGIN, END)

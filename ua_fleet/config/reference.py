@@ -40,7 +40,7 @@ from ua_fleet.config.skill_schema import ArgumentConfig, SkillConfig, SkillLimit
 from ua_fleet.config.wording import choices
 from ua_fleet.document import as_mapping
 
-__all__ = ["BEGIN", "END", "put_between", "reference"]
+__all__ = ["BEGIN", "END", "put_between", "reference", "show_or_put"]
 
 BEGIN: Final = "<!-- reference: made by `python -m ua_fleet.config.reference docs/fleet-yaml.md` -->"
 END: Final = "<!-- end of the reference -->"
@@ -183,14 +183,14 @@ def put_between(text: str, begin: str, end: str, content: str) -> str:
     return pattern.sub(lambda match: f"{match[1]}\n{content}\n\n{end}", text, count=1)
 
 
-def main(arguments: Sequence[str]) -> None:
-    """Print the reference, or put it into a file."""
+def show_or_put(arguments: Sequence[str], made: str, begin: str, end: str) -> None:
+    """Print what was made, or put it between its markers into the file that is named."""
     if not arguments:
-        sys.stdout.write(reference() + "\n")
+        sys.stdout.write(f"{made}\n")
         return
     path = Path(arguments[0])
-    path.write_text(put_between(path.read_text(encoding="utf-8"), BEGIN, END, reference()), encoding="utf-8")
+    path.write_text(put_between(path.read_text(encoding="utf-8"), begin, end, made), encoding="utf-8")
 
 
 if __name__ == "__main__":
-    main(sys.argv[1:])
+    show_or_put(sys.argv[1:], reference(), BEGIN, END)

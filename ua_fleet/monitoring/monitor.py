@@ -59,10 +59,6 @@ class Monitor(Collector):
         """
         self._problem, self._ready_text = problem, text
 
-    def not_ready(self, reason: str) -> None:
-        """Be not ready from now on."""
-        self._problem = lambda: reason
-
     def problem(self) -> str:
         """Why the process is not ready, in one line; empty while it is."""
         return " ".join(self._problem().split())

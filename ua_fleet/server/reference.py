@@ -24,7 +24,7 @@ from asyncua.ua.attribute_ids import AttributeIds
 from asyncua.ua.object_ids import ObjectIdNames, ObjectIds
 
 from ua_fleet.config.load import load_content
-from ua_fleet.config.reference import put_between
+from ua_fleet.config.reference import show_or_put
 from ua_fleet.server.app import run_server
 from ua_fleet.server.nodeset import TYPES_INDEX, nodeset_file
 from ua_fleet.server.users import USERS_FILE, Role, ScryptCost, UserStore
@@ -236,14 +236,5 @@ def reference() -> str:
     return f"{types()}\n\n{asyncio.run(methods())}"
 
 
-def main(arguments: Sequence[str]) -> None:
-    """Print the reference, or put it into a file."""
-    if not arguments:
-        sys.stdout.write(reference() + "\n")
-        return
-    path = Path(arguments[0])
-    path.write_text(put_between(path.read_text(encoding="utf-8"), BEGIN, END, reference()), encoding="utf-8")
-
-
 if __name__ == "__main__":
-    main(sys.argv[1:])
+    show_or_put(sys.argv[1:], reference(), BEGIN, END)

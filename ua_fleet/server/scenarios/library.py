@@ -12,7 +12,7 @@ from ua_fleet.errors import ConfigError, ScenarioError, ScenarioInvalid
 from ua_fleet.scenario import FleetView, Scenario, Value, read_scenario, validate
 from ua_fleet.values import StatusCode
 
-__all__ = ["Checked", "Library", "Listed", "ScenarioUnknown", "read_values"]
+__all__ = ["Checked", "Library", "Listed", "ScenarioUnknown", "parameters_of", "read_values"]
 
 MOST_BYTES: Final = 256 * 1024
 """Of one scenario."""
@@ -201,3 +201,8 @@ def read_values(
         value = None if isinstance((known or {}).get(name), str) else resolve_scalar(text)
         read[name] = text if value is None else value
     return read
+
+
+def parameters_of(scenario: Scenario, names: Sequence[str], values: Sequence[str]) -> dict[str, Value]:
+    """`read_values` for the parameters of a scenario, whose defaults say which of them are texts."""
+    return read_values(names, values, {parameter.name: parameter.default for parameter in scenario.parameters})

@@ -39,12 +39,20 @@ from ua_fleet.pubsub.events import DataReceived
 from ua_fleet.resilience import Confirmation
 from ua_fleet.scenario import Scenario, Value
 from ua_fleet.scenario.dry_run import DryRun, dry_run
-from ua_fleet.scenario.facts import Fact, RunEnded, RunOutcome, TaskOutcome
+from ua_fleet.scenario.facts import Fact, RunEnded, TaskOutcome
 from ua_fleet.server.scenarios.finding import FaultFinder
 from ua_fleet.server.scenarios.kept_settings import KeptSettings
-from ua_fleet.server.scenarios.library import Checked, Library, Listed, ScenarioUnknown, read_values
+from ua_fleet.server.scenarios.library import (
+    Checked,
+    Library,
+    Listed,
+    ScenarioUnknown,
+    parameters_of,
+    read_values,
+)
 from ua_fleet.server.scenarios.records import RunRecord
 from ua_fleet.server.scenarios.requests import Requests, TaskRequests
+from ua_fleet.server.scenarios.restart import restore_faults, scenario_to_go_on
 from ua_fleet.server.scenarios.values import FleetValues, fleet_view, own_fields
 from ua_fleet.skill.executions import Outcome
 from ua_fleet.storage.run_journal import RunJournal
@@ -180,11 +188,11 @@ class ScenarioService:
             facts = self._journal.facts(run_id)
             record = RunRecord.of(run_id, facts)
             if not ended:
-                scenario = self._scenario_of(record, facts, now)
+                scenario = scenario_to_go_on(record, facts, self.check, self._journal, now)
                 if scenario is not None:
                     stored.append((run_id, scenario, facts))
             records.append(record)
-        outputs = self._restore_faults(now)
+        outputs = restore_faults(self._journal.faults(), self._robots, self._orchestrator, self._finder, now)
         outputs += self._orchestrator.restore_all(stored, now)
         if stored:
             _log.info("runs go on", runs=len(stored))
@@ -194,32 +202,6 @@ class ScenarioService:
     def go_on(self) -> None:
         """Carry out what follows from `restore`; the records are shown."""
         self._do([])
-
-    def _scenario_of(self, record: RunRecord, facts: list[Fact], now: float) -> Scenario | None:
-        """The scenario of a run that goes on; None after ending a run that no longer fits the fleet."""
-        text = next((fact_text for fact in facts if (fact_text := getattr(fact, "text", None)) is not None), "")
-        checked = self.library.checked(f"{text}\n", self.fleet)
-        if not checked.problems:
-            return checked.scenario
-        reason = f"it does not fit the fleet any more: {checked.problems[0]}"
-        ended = RunEnded(now, RunOutcome.FAILED, reason)
-        _log.error("run cannot go on after the restart", run_id=record.run_id, reason=reason)
-        self._journal.write([(record.run_id, ended)])
-        record.apply(ended)
-        return None
-
-    def _restore_faults(self, now: float) -> list[Output]:
-        outputs: list[Output] = []
-        for fault in self._journal.faults():
-            if fault.robot not in self._robots:
-                continue
-            outputs += self._orchestrator.fault_raised(fault.robot, fault.source, fault.reason, fault.since)
-            if fault.acknowledged:
-                outputs += self._orchestrator.acknowledge(fault.id, fault.acknowledged_by, now)
-            self._finder.restored(fault)
-            if not fault.active:
-                outputs += self._orchestrator.fault_cleared(fault.robot, fault.source, now)
-        return outputs
 
     # People.
 
@@ -253,7 +235,7 @@ class ScenarioService:
         now = self._wall_s()
         stamp = datetime.fromtimestamp(now, UTC).strftime("%Y%m%d-%H%M%S")
         run_id = f"{stamp}-{secrets.token_hex(3)}"  # never used twice: execution ids follow from it
-        outputs = self._orchestrator.start(run_id, scenario, _parameters(scenario, names, values), by=by, now=now)
+        outputs = self._orchestrator.start(run_id, scenario, parameters_of(scenario, names, values), by=by, now=now)
         created = next(fact for owner, fact in self._unwritten if owner == run_id)
         _log.info("run started", run_id=run_id, scenario=scenario.name, by=by)
         self._do([RunChanged(run_id, created), *outputs], must_be_written=True)
@@ -270,7 +252,7 @@ class ScenarioService:
         """What a run would come to, with these values; raises as `valid` does. May be called from any thread."""
         scenario = self.valid(name_or_text)
         given = read_values(given_names, given_values)
-        return dry_run(scenario, self.fleet, _parameters(scenario, names, values), given)
+        return dry_run(scenario, self.fleet, parameters_of(scenario, names, values), given)
 
     def pause(self, run_id: str, by: str) -> None:
         """Let a run start no further task."""
@@ -508,7 +490,3 @@ class ScenarioService:
         if robot is None:
             raise ScenarioUnknown(f"there is no robot {name[:MOST_NAME]!r}")
         return robot
-
-
-def _parameters(scenario: Scenario, names: Sequence[str], values: Sequence[str]) -> dict[str, Value]:
-    return read_values(names, values, {parameter.name: parameter.default for parameter in scenario.parameters})

@@ -65,9 +65,14 @@ class TrafficLog:
         with suppress(OSError):
             self._bytes += self._file.write(json.dumps(line) + "\n")
             if self._bytes > self._most_bytes:
-                self._file.close()
-                self._path.replace(self._path.with_name(f"{self._path.name}.1"))
-                self._file = self._open()
+                self._begin_anew()
+
+    def _begin_anew(self) -> None:
+        """Keep the file and begin another one; where that fails the old one goes on."""
+        with suppress(FileNotFoundError):  # somebody has removed it
+            self._path.replace(self._path.with_name(f"{self._path.name}.1"))
+        full, self._file = self._file, self._open()
+        full.close()
 
     def close(self) -> None:
         """Close the file."""
@@ -76,11 +81,15 @@ class TrafficLog:
 
 
 def read_traffic(paths: Iterable[Path]) -> list[SentMessage]:
-    """The messages of some logs in the order in which they were sent. A last line that is not complete is left out."""
+    """The messages of some logs in the order in which they were sent.
+
+    Lines that are not whole are left out, and so is a file that has just got another name.
+    """
     messages: list[SentMessage] = []
     for path in paths:
-        for line in path.read_text(encoding="ascii").splitlines():
-            with suppress(ValueError):
-                said = json.loads(line)
-                messages.append(SentMessage(said["t"], tuple(Kind(kind) for kind in said["kinds"]), said["bytes"]))
+        with suppress(FileNotFoundError):
+            for line in path.read_text(encoding="ascii", errors="replace").splitlines():
+                with suppress(ValueError, KeyError, TypeError):
+                    said = json.loads(line)
+                    messages.append(SentMessage(said["t"], tuple(Kind(kind) for kind in said["kinds"]), said["bytes"]))
     return sorted(messages)

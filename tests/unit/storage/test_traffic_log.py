@@ -62,6 +62,26 @@ def test_a_long_log_is_kept_once_and_begun_anew(tmp_path: Path) -> None:
     assert sum(file.stat().st_size for file in tmp_path.iterdir()) < 300
 
 
+def test_a_log_that_somebody_removes_or_blocks_ends_no_process(tmp_path: Path) -> None:
+    path = tmp_path / "log.jsonl"
+    with closing(TrafficLog(path, {}, most_bytes=100)) as log:
+        path.unlink()
+        for at in range(4):
+            log.sent(PROBE, 1, float(at))
+        assert path.exists()
+        tmp_path.joinpath("log.jsonl.1").unlink(missing_ok=True)
+        tmp_path.joinpath("log.jsonl.1").mkdir()
+        for at in range(4):
+            log.sent(PROBE, 1, float(at))
+        assert len(read_traffic([path])) >= 4
+
+
+def test_other_lines_and_a_file_that_is_gone_are_left_out(tmp_path: Path) -> None:
+    path = tmp_path / "log.jsonl"
+    path.write_bytes(b'5\n{"t": 1}\n\xff\n{"t": 2.0, "kinds": [], "bytes": 3}\n')
+    assert [message.size for message in read_traffic([path, tmp_path / "gone"])] == [3]
+
+
 def test_a_file_that_cannot_be_written_is_named(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match=r"missing/log\.jsonl.*cannot write the traffic log"):
         TrafficLog(tmp_path / "missing" / "log.jsonl", {})

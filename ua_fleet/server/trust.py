@@ -115,14 +115,15 @@ class CertificateFolder:
         """The certificates that are there now, by fingerprint."""
         try:
             status = self.path.stat()
+            signature = (status.st_mtime_ns, status.st_ino)
+            paths = certificate_paths(self.path) if signature != self.signature else []
         except OSError:
             self.certificates, self.names, self.signature = {}, {}, None
             return self.certificates
-        signature = (status.st_mtime_ns, status.st_ino)
         if signature != self.signature:
             self.signature = signature
             self.certificates, self.names = {}, {}
-            for path in certificate_paths(self.path):
+            for path in paths:
                 try:
                     certificate = load_certificate(path)
                 except CertificateError as error:

@@ -181,7 +181,7 @@ def test_a_certificate_with_a_part_that_cannot_be_read_is_refused_and_left_out(t
 
 def test_a_folder_that_cannot_be_read_hides_no_other(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     ensure_application_certificate(tmp_path, URI)
-    TrustList(tmp_path)
+    trusted = TrustList(tmp_path)
     listed = Path.iterdir
 
     def iterdir(folder: Path) -> Iterator[Path]:
@@ -189,8 +189,14 @@ def test_a_folder_that_cannot_be_read_hides_no_other(tmp_path: Path, monkeypatch
             raise OSError(errno.EMFILE, os.strerror(errno.EMFILE))
         return listed(folder)
 
-    monkeypatch.setattr(Path, "iterdir", iterdir)
-    assert [info.path.name for info in list_certificates(tmp_path)] == ["server.der"]
+    certificate = load_certificate(make_certificate(tmp_path, "plc").certificate)
+    trust(tmp_path, tmp_path / "plc.der")
+    with monkeypatch.context() as patch:
+        patch.setattr(Path, "iterdir", iterdir)
+        assert [info.path.name for info in list_certificates(tmp_path)] == ["server.der"]
+        with pytest.raises(CertificateRefused, match="is not trusted"):
+            trusted.check([certificate])
+    trusted.check([certificate])
 
 
 def test_trust_by_thumbprint_and_by_file(state: tuple[Path, CertificateFiles]) -> None:

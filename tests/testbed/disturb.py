@@ -10,7 +10,7 @@ from typing import Any, Final
 
 from tests.testbed.engine import CommandFailed, Container, docker
 
-__all__ = ["ABSENCE_S", "KINDS", "Deed", "Kind", "disturbance"]
+__all__ = ["ABSENCE_S", "CONDUCTOR", "GATEWAY", "KINDS", "Deed", "Kind", "disturbance"]
 
 ABSENCE_S: Final = 10.0
 """How long a container is paused, or cut off."""
@@ -40,10 +40,14 @@ class Kind:
     """Other services whose health check has to pass."""
 
 
+GATEWAY: Final = "plc-gateway"
+"""Modbus clients on this machine have to reach it again."""
+CONDUCTOR: Final = "tasks"
+"""It has to be connected to the server again."""
 ALL_ROBOTS: Final = ("ridgeback", "ur3", "pioneer_1", "pioneer_2", "drone", "conveyor", "temperature_sensor")
 
 KINDS: Final = (
-    Kind("OPC UA server", "server", ALL_ROBOTS, ("plc-gateway",)),
+    Kind("OPC UA server", "server", ALL_ROBOTS, (GATEWAY, CONDUCTOR)),
     Kind("ROS master", "rosmaster", ("ridgeback",), ("ridgeback-bridge",)),
     Kind("ROS 1 bridge", "ridgeback-bridge", ("ridgeback",)),
     Kind("ROS 2 bridge", "pioneer-1-bridge", ("pioneer_1",)),
@@ -51,8 +55,8 @@ KINDS: Final = (
     Kind("Modbus bridge", "conveyor-bridge", ("conveyor",)),
     Kind("TCP bridge", "drone-bridge", ("drone",)),
     Kind("bridge of a plugged-in device", "temperature-sensor-bridge", ("temperature_sensor",)),
-    Kind("Modbus server", "plc-gateway"),
-    Kind("conductor", "tasks"),
+    Kind("Modbus server", GATEWAY),
+    Kind("conductor", CONDUCTOR),
     Kind("ROS 1 robot", "ridgeback", ("ridgeback",), ("ridgeback-bridge",)),
     Kind("ROS 2 robot", "pioneer-1", ("pioneer_1",), ("pioneer-1-bridge",)),
     Kind("UR controller", "ur3", ("ur3",), ("ur3-bridge",)),

@@ -9,8 +9,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Final
 
+from tests.testbed.clients import modbus_client
 from tests.testbed.commands import ASKED, Commands
-from tests.testbed.disturb import ABSENCE_S, Deed, Kind, disturbance
+from tests.testbed.disturb import ABSENCE_S, CONDUCTOR, GATEWAY, Deed, Kind, disturbance
 from tests.testbed.engine import CommandFailed, Container
 from tests.testbed.ledger import Account, Command, account
 from tests.testbed.watching import Watcher
@@ -31,6 +32,8 @@ _TELLING: Final = {
 }
 """Nodes of values that robots tell all the time: there has to be one that was told after the disturbance."""
 _GAPS: Final = re.compile(r"^ua_fleet_sequence_gaps_total (\S+)", re.MULTILINE)
+_OF_SERVER: Final = ("without the server", "the server is back")
+"""What the conductor says when the server goes, and when it comes."""
 _METRICS: Final = """
 import urllib.request
 print(urllib.request.urlopen("http://127.0.0.1:9464/metrics", timeout=5).read().decode())
@@ -60,15 +63,19 @@ class Row:
 class Healing:
     """Does disturbances, one after the other."""
 
-    def __init__(self, watcher: Watcher, commands: Commands, containers: dict[str, Container]) -> None:
+    def __init__(
+        self, watcher: Watcher, commands: Commands, containers: dict[str, Container], modbus_port: int
+    ) -> None:
         """Prepare.
 
         Args:
             watcher: a client that is connected.
             commands: which are asked for meanwhile.
             containers: of all services.
+            modbus_port: of the Modbus server on this machine.
         """
         self._watcher, self._commands, self._containers = watcher, commands, containers
+        self._modbus_port = modbus_port
 
     async def disturb(self, kind: Kind, deed: Deed) -> Row:
         """Do it, and wait until all is well again."""
@@ -133,7 +140,12 @@ class Healing:
         problems = await asyncio.gather(
             *(asyncio.to_thread(_health_problem, self._containers[name]) for name in (kind.service, *kind.also))
         )
-        return [problem for problem in problems if problem]
+        found = [problem for problem in problems if problem]
+        if CONDUCTOR in (kind.service, *kind.also):
+            found += await asyncio.to_thread(_conductor_problem, self._containers[CONDUCTOR])
+        if not found and GATEWAY in (kind.service, *kind.also):
+            found += await asyncio.to_thread(modbus_client, self._modbus_port)
+        return found
 
     async def _gaps(self) -> int | None:
         try:
@@ -164,6 +176,12 @@ def _health_problem(container: Container) -> str | None:
     except CommandFailed as error:
         return f"{container.service}: {str(error).splitlines()[-1]}"
     return None
+
+
+def _conductor_problem(container: Container) -> list[str]:
+    """Its last word of the server, where that has gone."""
+    said = [line for line in container.logs().splitlines() if line.startswith(_OF_SERVER)]
+    return [f"{container.service}: {line}" for line in said[-1:] if line.startswith(_OF_SERVER[0])]
 
 
 def settle(rows: Sequence[Row], commands: Sequence[Command], containers: dict[str, Container]) -> None:

@@ -101,7 +101,7 @@ async def _disturb_all(bed: Bed, compose: Compose, wanted: Sequence[tuple[Kind, 
     rows: list[Row] = []
     try:
         await _complete(watcher)
-        healing = Healing(watcher, commands, containers)
+        healing = Healing(watcher, commands, containers, bed.modbus_port)
         for kind, deed in wanted:
             since = time.time()
             try:

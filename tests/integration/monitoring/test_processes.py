@@ -138,6 +138,7 @@ async def test_from_start_to_end(plant: Plant) -> None:
         now = await plant.samples("server")
         assert now["ua_fleet_sources", "silent"] >= 1
         assert now["ua_fleet_robots", "offline"] == 1
+        await until(lambda: plant.said("bridge", "not connected to the space"), "the line")  # looked at each second
         await plant.start_robot()
         await ready(plant, "bridge")
         await until(lambda: len(plant.said("bridge", "connected to the space")) == 2, "the line")

@@ -1,4 +1,4 @@
-"""Statements and expressions that run themselves.
+"""Expressions that run themselves, and what they share with statements.
 
 Each is a generator: what it yields means "go on at the controller's next step", what it returns is its value. So a
 program waits for the end of a move in the middle of an expression, as programs do on a controller.
@@ -24,31 +24,26 @@ from ua_bridges.ur.simulator.urscript.values import (
 )
 
 __all__ = [
-    "Assign",
-    "AssignItem",
     "Binary",
     "Call",
     "Constant",
-    "Define",
-    "Evaluate",
     "Expression",
+    "Flow",
     "Function",
-    "If",
     "Index",
     "Items",
-    "Kill",
-    "Leave",
     "Logic",
     "Name",
     "Negative",
     "Not",
-    "Pass",
-    "Return",
     "Run",
     "Runner",
     "Scope",
     "Statement",
-    "While",
+    "Steps",
+    "list_of",
+    "position_in",
+    "run_block",
 ]
 
 Steps = Generator[None, None, Value]
@@ -150,9 +145,6 @@ def run_block(statements: Sequence[Statement], scope: Scope) -> Generator[None, 
     return Flow.NEXT
 
 
-# Expressions
-
-
 @dataclass(frozen=True, slots=True)
 class Constant:
     """A literal."""
@@ -206,22 +198,24 @@ class Index:
         """See Expression."""
         items = yield from self.of.value(scope)
         position = yield from self.at.value(scope)
-        found: Value = _list(items)[_position(items, position)]
+        found: Value = list_of(items)[position_in(items, position)]
         return found
 
 
-def _list(items: Value) -> list[Any]:
+def list_of(items: Value) -> list[Any]:
+    """The items of a list or pose themselves; raises ScriptError for any other value."""
     found = items_of(items)
     if found is None:
         raise ScriptError("only a list has elements")
     return found
 
 
-def _position(items: Value, position: Value) -> int:
+def position_in(items: Value, position: Value) -> int:
+    """A place that a list or pose has; raises ScriptError."""
     if isinstance(position, bool) or not isinstance(position, int):
         raise ScriptError("the place in a list is an integer")
-    if not 0 <= position < len(_list(items)):
-        raise ScriptError(f"a list of {len(_list(items))} has no element {position}")
+    if not 0 <= position < len(list_of(items)):
+        raise ScriptError(f"a list of {len(list_of(items))} has no element {position}")
     return position
 
 
@@ -342,172 +336,3 @@ class Run:
         """See Expression."""
         yield from ()
         return scope.runner.start_thread(self.call.name, self.call.value(Scope(scope.runner, scope)))
-
-
-# Statements
-
-
-@dataclass(frozen=True, slots=True)
-class Evaluate:
-    """An expression for what it does."""
-
-    line: int
-    expression: Expression
-
-    def run(self, scope: Scope) -> Generator[None, None, Flow]:
-        """See Statement."""
-        yield from self.expression.value(scope)
-        return Flow.NEXT
-
-
-@dataclass(frozen=True, slots=True)
-class Assign:
-    """`x = ..`, `global x = ..` and `local x = ..`."""
-
-    line: int
-    name: str
-    expression: Expression
-    kind: str = ""
-
-    def run(self, scope: Scope) -> Generator[None, None, Flow]:
-        """See Statement."""
-        value = copied((yield from self.expression.value(scope)))
-        if self.kind == "global":
-            owner = scope.outermost
-        elif self.kind == "local":
-            owner = scope
-        else:
-            owner = scope.find(self.name) or scope
-        owner.variables[self.name] = value
-        return Flow.NEXT
-
-
-@dataclass(frozen=True, slots=True)
-class AssignItem:
-    """`x[i] = ..`."""
-
-    line: int
-    name: str
-    at: Expression
-    expression: Expression
-
-    def run(self, scope: Scope) -> Generator[None, None, Flow]:
-        """See Statement."""
-        owner = scope.find(self.name)
-        if owner is None:
-            raise ScriptError(f"there is no variable {self.name}")
-        items = owner.variables[self.name]
-        position = yield from self.at.value(scope)
-        value = copied((yield from self.expression.value(scope)))
-        _list(items)[_position(items, position)] = value
-        return Flow.NEXT
-
-
-@dataclass(frozen=True, slots=True)
-class Define:
-    """`def` and `thread`."""
-
-    line: int
-    name: str
-    parameters: tuple[str, ...]
-    body: tuple[Statement, ...]
-
-    def run(self, scope: Scope) -> Generator[None, None, Flow]:
-        """See Statement."""
-        scope.variables[self.name] = Function(self.name, self.parameters, self.body, scope)
-        yield from ()
-        return Flow.NEXT
-
-
-@dataclass(frozen=True, slots=True)
-class If:
-    """The first block whose condition holds."""
-
-    line: int
-    branches: tuple[tuple[Expression, tuple[Statement, ...]], ...]
-    otherwise: tuple[Statement, ...]
-
-    def run(self, scope: Scope) -> Generator[None, None, Flow]:
-        """See Statement."""
-        for condition, block in self.branches:
-            if truth((yield from condition.value(scope))):
-                return (yield from run_block(block, scope))
-        return (yield from run_block(self.otherwise, scope))
-
-
-@dataclass(frozen=True, slots=True)
-class While:
-    """As long as a condition holds."""
-
-    line: int
-    condition: Expression
-    body: tuple[Statement, ...]
-
-    def run(self, scope: Scope) -> Generator[None, None, Flow]:
-        """See Statement."""
-        while truth((yield from self.condition.value(scope))):
-            flow = yield from run_block(self.body, scope)
-            if flow is Flow.BREAK:
-                break
-            if flow is Flow.RETURN:
-                return flow
-            if scope.runner.spend():
-                yield
-        return Flow.NEXT
-
-
-@dataclass(frozen=True, slots=True)
-class Return:
-    """Leave the function."""
-
-    line: int
-    expression: Expression | None
-
-    def run(self, scope: Scope) -> Generator[None, None, Flow]:
-        """See Statement."""
-        if self.expression is not None:
-            scope.returned = yield from self.expression.value(scope)
-        return Flow.RETURN
-
-
-@dataclass(frozen=True, slots=True)
-class Leave:
-    """`break` and `continue`."""
-
-    line: int
-    flow: Flow
-
-    def run(self, scope: Scope) -> Generator[None, None, Flow]:
-        """See Statement."""
-        yield from ()
-        return self.flow
-
-
-@dataclass(frozen=True, slots=True)
-class Kill:
-    """`kill` and `join`."""
-
-    line: int
-    handle: Expression
-    waits: bool
-
-    def run(self, scope: Scope) -> Generator[None, None, Flow]:
-        """See Statement."""
-        handle = yield from self.handle.value(scope)
-        if self.waits:
-            yield from scope.runner.join_thread(handle)
-        else:
-            scope.runner.kill_thread(handle)
-        return Flow.NEXT
-
-
-@dataclass(frozen=True, slots=True)
-class Pass:
-    """Nothing to do: `enter_critical` and `exit_critical`, since threads change only where one waits, and `pass`."""
-
-    line: int
-
-    def run(self, scope: Scope) -> Generator[None, None, Flow]:
-        """See Statement."""
-        yield from ()
-        return Flow.NEXT

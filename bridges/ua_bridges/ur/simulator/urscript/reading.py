@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 from typing import Final, NamedTuple
 
-from ua_bridges.ur.simulator.urscript import nodes
+from ua_bridges.ur.simulator.urscript import nodes, statements
 from ua_bridges.ur.simulator.urscript.nodes import Expression, Flow, Statement
 from ua_bridges.ur.simulator.urscript.values import ScriptError
 
@@ -130,24 +130,24 @@ class _Reader:
             if self._next.kind != "end":
                 raise ScriptError("nothing may follow the program", self._next.line)
             return Program(whole.name, is_secondary, whole.body)
-        statements = self._block()
+        block = self._block()
         if self._next.kind != "end":
             raise ScriptError(f"{self._next.text!r} ends no block", self._next.line)
-        if not statements:
+        if not block:
             raise ScriptError("there is no statement")
-        return Program("unnamed", False, statements)
+        return Program("unnamed", False, block)
 
     def _block(self) -> tuple[Statement, ...]:
         self._depth += 1
         if self._depth > _DEEPEST:
             raise ScriptError("blocks within blocks are too deep", self._next.line)
-        statements: list[Statement] = []
+        block: list[Statement] = []
         self._skip_lines()
         while self._next.kind != "end" and not self._is("end", "elif", "else"):
-            statements.append(self._statement())
+            block.append(self._statement())
             self._skip_lines()
         self._depth -= 1
-        return tuple(statements)
+        return tuple(block)
 
     def _statement(self) -> Statement:
         line = self._next.line
@@ -160,24 +160,24 @@ class _Reader:
         if self._accept("while"):
             condition, body = self._expression(), self._indented()
             self._expect("end")
-            return nodes.While(line, condition, body)
+            return statements.While(line, condition, body)
         if self._accept("if"):
             return self._condition(line)
         if self._accept("return"):
             ends = self._next.kind in ("line", "end")
-            return nodes.Return(line, None if ends else self._expression())
+            return statements.Return(line, None if ends else self._expression())
         if self._accept("break"):
-            return nodes.Leave(line, Flow.BREAK)
+            return statements.Leave(line, Flow.BREAK)
         if self._accept("continue"):
-            return nodes.Leave(line, Flow.CONTINUE)
+            return statements.Leave(line, Flow.CONTINUE)
         if self._accept("kill"):
-            return nodes.Kill(line, self._expression(), waits=False)
+            return statements.Kill(line, self._expression(), waits=False)
         if self._accept("join"):
-            return nodes.Kill(line, self._expression(), waits=True)
+            return statements.Kill(line, self._expression(), waits=True)
         if self._accept("enter_critical", "exit_critical", "pass"):
-            return nodes.Pass(line)
+            return statements.Pass(line)
         if self._accept("halt"):
-            return nodes.Evaluate(line, nodes.Call("halt", ()))
+            return statements.Evaluate(line, nodes.Call("halt", ()))
         return self._simple(line)
 
     def _simple(self, line: int) -> Statement:
@@ -186,19 +186,19 @@ class _Reader:
             return self._assignment("")
         expression = self._expression()
         if not self._accept("="):
-            return nodes.Evaluate(line, expression)
+            return statements.Evaluate(line, expression)
         if not (isinstance(expression, nodes.Index) and isinstance(expression.of, nodes.Name)):
             raise ScriptError("only a variable, or an element of one, can be assigned to", line)
-        return nodes.AssignItem(line, expression.of.name, expression.at, self._expression())
+        return statements.AssignItem(line, expression.of.name, expression.at, self._expression())
 
     def _assignment(self, kind: str) -> Statement:
         line, name = self._next.line, self._name()
         if kind == "local" and not self._is("="):
-            return nodes.Assign(line, name, nodes.Constant(False), kind)
+            return statements.Assign(line, name, nodes.Constant(False), kind)
         self._expect("=")
-        return nodes.Assign(line, name, self._expression(), kind)
+        return statements.Assign(line, name, self._expression(), kind)
 
-    def _definition(self) -> nodes.Define:
+    def _definition(self) -> statements.Define:
         line = self._take().line
         name = self._name()
         self._expect("(")
@@ -209,7 +209,7 @@ class _Reader:
                 self._expect(",")
         body = self._indented()
         self._expect("end")
-        return nodes.Define(line, name, tuple(parameters), body)
+        return statements.Define(line, name, tuple(parameters), body)
 
     def _indented(self) -> tuple[Statement, ...]:
         self._expect(":")
@@ -221,7 +221,7 @@ class _Reader:
             branches.append((self._expression(), self._indented()))
         otherwise = self._indented() if self._accept("else") else ()
         self._expect("end")
-        return nodes.If(line, tuple(branches), otherwise)
+        return statements.If(line, tuple(branches), otherwise)
 
     # Expressions, from the loosest binding to the tightest
 

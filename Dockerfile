@@ -16,8 +16,8 @@ RUN apt-get update -qq \
     && useradd --uid 10001 --gid 10001 --home-dir /tmp --no-create-home --shell /usr/sbin/nologin ua-fleet \
     # A new volume takes owner and mode from the folder that it is mounted on.
     && cd /var/lib && mkdir ua-fleet && cd ua-fleet \
-    && install -d -o ua-fleet -g ua-fleet -m 700 fleet server operator modbus events arm_side mobile_side \
-        ridgeback_bridge ur3_bridge pioneer_1_bridge pioneer_2_bridge drone_bridge conveyor_bridge \
+    && install -d -o ua-fleet -g ua-fleet -m 700 fleet server operator modbus events traffic arm_side \
+        mobile_side ridgeback_bridge ur3_bridge pioneer_1_bridge pioneer_2_bridge drone_bridge conveyor_bridge \
         temperature_sensor_bridge
 # The root file system is read-only: whoever wants a home or logs in files has /tmp.
 ENV PATH=/opt/ua-fleet/bin:/usr/local/bin:/usr/bin:/bin \

@@ -125,8 +125,20 @@ def test_keys_and_passwords_are_read_by_their_owner_alone(name: str) -> None:
     own = {"operator": {"tasks", "line", "plc-gateway"}, "server": {"server", "server-pal"}, "modbus": {"plc-gateway"}}
     for volume, _, _ in mounts(name):
         plain = volume.removeprefix("pal-")
-        if name not in JOBS and plain not in {"fleet", "events"}:
+        if name not in JOBS and plain not in {"fleet", "events", "traffic"}:
             assert name in own.get(plain, {plain}), f"{name} reads {volume}"
+
+
+@each_service
+def test_what_a_robot_writes_is_opened_by_no_server_or_bridge(name: str) -> None:
+    opens_traffic = name.startswith("server") or name.endswith(("-bridge", "-side"))
+    for volume, _, is_read_only in mounts(name):
+        if name in JOBS or name == "temperature-sensor-bridge":
+            continue  # the thermometer, a robot, shares the container of its bridge
+        if name in {"tasks", "line"}:
+            assert is_read_only or not volume.endswith(("events", "traffic"))
+        else:
+            assert not volume.endswith("events" if opens_traffic else "traffic"), f"{name} has {volume}"
 
 
 @each_service

@@ -59,7 +59,7 @@ class Testbed:
         assert job.process.wait(WAIT_S) == 0, job.lines
 
     def traffic(self, name: str) -> tuple[str, str]:
-        return ("--traffic-log", str(self.folder / "events" / f"{name}.traffic"))
+        return ("--traffic-log", str(self.folder / "traffic" / f"{name}.jsonl"))
 
     def server(self) -> Child:
         server = self.ua_fleet("serve", *self.traffic("server"))

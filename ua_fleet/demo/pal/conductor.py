@@ -64,7 +64,10 @@ class Conductor:
         """Take in what a member of the line says; its arm begins a run."""
         if (event.who, event.what) == ("ned", "starts"):
             self.timeline, self._is_reported = Timeline(self._speed), False
-        text = self.timeline.add(event)
+        try:
+            text = self.timeline.add(event)
+        except (KeyError, TypeError, ValueError):
+            return  # without what belongs to it: no program of this line said that
         if text is not None:
             self._say(text)
         self._changed.set()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from stat import S_ISREG
 from typing import Final
 
 __all__ = ["GrowingFiles"]
@@ -26,7 +27,9 @@ class GrowingFiles:
         for path in sorted(self._folder.glob(f"*{self._suffix}")):
             known, offset = self._read.get(path, (0, 0))
             try:
-                status = path.stat()
+                status = path.lstat()
+                if not S_ISREG(status.st_mode):
+                    continue  # whoever writes here may leave a link, or a pipe on which a reader waits for ever
                 if known not in (0, status.st_ino):
                     # It was begun anew: first the rest of the one before.
                     lines += self._lines_of(path.with_name(path.name + _KEPT), known, offset)

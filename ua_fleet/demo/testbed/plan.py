@@ -24,12 +24,14 @@ __all__ = [
     "PASSWORD",
     "SERVER",
     "TESTBEDS",
+    "TRAFFIC",
     "Options",
     "Testbed",
 ]
 
-FLEET, SERVER, OPERATOR, EVENTS, MODBUS = "fleet", "server", "operator", "events", "modbus"
-"""Folders of volumes, beside one for each bridge."""
+FLEET, SERVER, OPERATOR, MODBUS = "fleet", "server", "operator", "modbus"
+EVENTS, TRAFFIC = "events", "traffic"
+"""Folders of volumes, beside one for each bridge. Robots see events alone; server and bridges write traffic."""
 PASSWORD = "password"  # noqa: S105 - the name of a file
 """In the operator's folder."""
 IDENTITY = "ua-fleet/client"
@@ -108,7 +110,7 @@ class Testbed:
     @property
     def volumes(self) -> tuple[str, ...]:
         """The folders that its processes keep something in."""
-        return (FLEET, SERVER, *self.bridges, OPERATOR, EVENTS, *([MODBUS] if self.has_modbus else []))
+        return (FLEET, SERVER, *self.bridges, OPERATOR, EVENTS, TRAFFIC, *([MODBUS] if self.has_modbus else []))
 
     def files(self, options: Options) -> dict[str, str]:
         """What stands in the folder of the fleet, by path."""

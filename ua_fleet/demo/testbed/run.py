@@ -20,7 +20,7 @@ from ua_fleet.demo.result import DemoResult
 from ua_fleet.demo.site import USER
 from ua_fleet.demo.talkrobots import conductor as talkrobots
 from ua_fleet.demo.testbed.growing import GrowingFiles
-from ua_fleet.demo.testbed.plan import EVENTS, FLEET, IDENTITY, OPERATOR, PASSWORD, Options, Testbed
+from ua_fleet.demo.testbed.plan import EVENTS, FLEET, IDENTITY, OPERATOR, PASSWORD, TRAFFIC, Options, Testbed
 from ua_fleet.errors import AccessRefused, ConfigError, NotConnected, SendTimeout
 
 __all__ = ["RESULT", "conduct"]
@@ -97,7 +97,7 @@ async def conduct(
                     load(folder / FLEET / "fleet.yaml"),
                     speed=options.speed,
                     mode=options.mode,
-                    traffic=lambda: (folder / EVENTS).glob("*.traffic*"),
+                    traffic=lambda: (folder / TRAFFIC).glob("*.jsonl*"),
                     say=say,
                     ask=ask,
                     check=_go_on,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from pathlib import Path
 
 import pytest
@@ -26,6 +27,16 @@ def test_whole_lines_come_once(tmp_path: Path) -> None:
     assert files.new_lines() == []
     path.write_text("anew\n")
     assert files.new_lines() == ["anew"]
+
+
+def test_only_files_are_read(tmp_path: Path) -> None:
+    folder = tmp_path / "events"
+    folder.mkdir()
+    (tmp_path / "password").write_text("secret\n")
+    (folder / "link.events").symlink_to(tmp_path / "password")
+    os.mkfifo(folder / "pipe.events")
+    (folder / "ned.events").write_text("one\n")
+    assert GrowingFiles(folder, ".events").new_lines() == ["one"]
 
 
 def test_nothing_is_missed_or_read_twice_when_a_file_is_begun_anew(

@@ -29,7 +29,7 @@ import rospy.topics
 
 from ua_fleet.errors import BridgeUnavailable
 
-__all__ = ["RosNode", "keep_alive"]
+__all__ = ["RosNode", "is_up", "keep_alive"]
 
 KEEPALIVE_IDLE_S: Final = 3
 KEEPALIVE_INTERVAL_S: Final = 1
@@ -45,6 +45,20 @@ def keep_alive(link: socket.socket) -> None:
     link.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPIDLE, KEEPALIVE_IDLE_S)
     link.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPINTVL, KEEPALIVE_INTERVAL_S)
     link.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPCNT, KEEPALIVE_PROBES)
+
+
+def is_up(link: Any) -> bool:
+    """Whether a link of rospy has done its handshake and is neither closed nor being made anew.
+
+    rospy makes a link that was lost anew by itself, for up to 30 s each time, with its old header and the next socket.
+    """
+    if link.header is None or link.done:
+        return False
+    try:
+        link.socket.getpeername()
+    except (OSError, AttributeError):  # nobody has answered on it, or there is none
+        return False
+    return True
 
 
 def _prepare_environment(master_uri: str, host_ip: str) -> None:
@@ -139,9 +153,7 @@ class RosNode:
         implementation = rospy.impl.registration.get_topic_manager().get_subscriber_impl(topic)
         if implementation is None:
             return []
-        return [
-            link for link in implementation.connections if link.header is not None and link.socket and not link.done
-        ]
+        return [link for link in implementation.connections if is_up(link)]
 
     @staticmethod
     def watch_link(link: Any) -> None:

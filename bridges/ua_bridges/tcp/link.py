@@ -27,7 +27,7 @@ MOST_UNSENT: Final = 1 << 20
 """Bytes that a robot may leave unread."""
 _READ: Final = 65_536
 _KEEP_ALIVE: Final = ((socket.TCP_KEEPIDLE, 2), (socket.TCP_KEEPINTVL, 1), (socket.TCP_KEEPCNT, 3))
-"""A robot whose cable is out is noticed within five seconds, also when nothing is sent."""
+"""A robot whose cable is out is noticed within five seconds when nothing is sent; else within _UNSENT_MS of that."""
 _UNSENT_MS: Final = 5000
 
 logger = logging.getLogger(__name__)

@@ -7,6 +7,7 @@ import threading
 import time
 from collections.abc import Iterable, Sequence
 from typing import Any, Final, NamedTuple
+from weakref import WeakSet
 
 import genpy
 import rospy
@@ -70,6 +71,8 @@ class RosSource:
         self._lock = threading.Lock()
         self._links: dict[int, _Link] = {}
         self._last: _Link | None = None
+        self._watched: WeakSet[Any] = WeakSet()
+        """Sockets whose other end the kernel looks after."""
         self._current: _Reading | None = None
         """The reading under which the source was announced; None while it is lost."""
         self._missing = 0
@@ -161,8 +164,11 @@ class RosSource:
             if self._last is not None and id(self._last.header) not in self._links:
                 self._last = None
         for link in links:
-            if id(link.header) not in self._links:
+            opened = link.socket  # None where rospy has closed it just now
+            if opened is not None and opened not in self._watched:  # also where a message came before this look
                 self._node.watch_link(link)
+                self._watched.add(opened)
+            if id(link.header) not in self._links:
                 self._link_of(link.header)
         with self._lock:
             self._look_for_loss()

@@ -41,6 +41,10 @@ class Inlet:
         return events
 
 
+class Socket:
+    pass
+
+
 class Link:
     """What the source sees of rospy's TCPROSTransport."""
 
@@ -53,6 +57,7 @@ class Link:
             "latching": "1" if latched else "0",
         }
         self.endpoint_id = "http://robot:1/"
+        self.socket = Socket()
 
 
 class Node:
@@ -60,12 +65,13 @@ class Node:
 
     def __init__(self) -> None:
         self.up: list[Link] = []
+        self.watched: list[Socket] = []
 
     def links(self, _topic: str) -> list[Link]:
         return self.up
 
     def watch_link(self, link: Link) -> None:
-        pass
+        self.watched.append(link.socket)
 
 
 class Raw:
@@ -119,6 +125,17 @@ def test_message_before_the_first_look_announces_the_source_first(bench: Bench) 
     assert before <= sample.source_time_ns <= time.time_ns()
     assert bench.look(link) == []
     assert kinds(bench.hear(link, Float64(2.5))) == ["SampleRead"]
+
+
+def test_each_link_is_watched_once_whether_its_message_or_the_look_comes_first(bench: Bench) -> None:
+    first, second = Link(Float64), Link(Float64, "/other")
+    bench.hear(first, Float64(1.5))
+    bench.look(first)
+    bench.look(first, second)
+    assert bench.node.watched == [first.socket, second.socket]
+    first.socket = again = Socket()  # rospy makes a link that was lost anew
+    bench.look(first, second)
+    assert bench.node.watched[2:] == [again]
 
 
 def test_header_at_the_top_level_gives_the_time(bench: Bench) -> None:

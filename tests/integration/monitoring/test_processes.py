@@ -148,7 +148,9 @@ async def test_from_start_to_end(plant: Plant) -> None:
         await until(
             lambda: plant.said("server", "run ended", run_id=run_id, outcome="aborted"), "the end of the second run"
         )
-        assert len(plant.said("server", "robot machine is silent: its nodes are Bad_NoCommunication")) == 1
+        # Looked at each second: in part first, where not all of its sources have fallen silent by then.
+        silent = [line for line in plant.log("server") if line["event"].startswith("robot machine is silent")]
+        assert len(silent) in (1, 2)
         await until(lambda: plant.said("server", "robot machine is there, with all its sources"), "its return")
 
     # The bridge is killed, and comes back; nobody answers meanwhile.

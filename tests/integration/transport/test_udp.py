@@ -5,11 +5,13 @@ from __future__ import annotations
 import asyncio
 import errno
 import os
+import re
 import socket
 import struct
 import subprocess
 from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
 from contextlib import AsyncExitStack
+from pathlib import Path
 
 import pytest
 from structlog.testing import capture_logs
@@ -328,6 +330,9 @@ def ip(*arguments: str) -> None:
 def cable() -> Iterator[str]:
     """One end of a virtual cable of this test's own, named after its process."""
     name = f"uaf{os.getpid() % 1_000_000}"
+    for _, other in socket.if_nameindex():  # of tests that were killed
+        if (dead := re.fullmatch(r"uaf(\d+)", other)) and not Path(f"/proc/{dead[1]}").exists():
+            subprocess.run(["ip", "link", "del", other], check=False, capture_output=True)
     try:
         ip("link", "add", name, "type", "veth", "peer", "name", f"{name}p")
     except (OSError, subprocess.CalledProcessError) as error:

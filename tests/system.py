@@ -124,10 +124,13 @@ def free_multicast_url() -> str:
 
 @contextlib.contextmanager
 def ros_domain() -> Generator[int]:
-    """A ROS 2 domain id of 2..101, locked against other test runs of this machine while the context lasts."""
+    """A ROS 2 domain id of 2..49, locked against other test runs of this machine while the context lasts.
+
+    The UDP ports of these domains lie below those that tests are given.
+    """
     folder = Path(tempfile.gettempdir()) / f"ua-fleet-domains-{os.getuid()}"
     folder.mkdir(exist_ok=True)
-    domains = list(range(2, 102))
+    domains = list(range(2, 50))
     random.shuffle(domains)
     for domain in domains:
         with (folder / str(domain)).open("w") as lock:
@@ -137,7 +140,7 @@ def ros_domain() -> Generator[int]:
                 continue
             yield domain
             return
-    raise RuntimeError("every ROS 2 domain from 2 to 101 is in use by a test")
+    raise RuntimeError("every ROS 2 domain from 2 to 49 is in use by a test")
 
 
 def clean_environment(**extra: str) -> dict[str, str]:

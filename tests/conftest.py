@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import logging
+import sys
+import threading
 from collections.abc import Iterator
 
 import pytest
+import structlog
 
 from tests import system
 
@@ -38,6 +42,25 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
             if part in required:
                 pytest.fail(f"{part} is required and missing: {reason}", pytrace=False)
             pytest.skip(f"{part}: {reason}")
+
+
+@pytest.fixture(autouse=True)
+def _logs_of_one_test(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """A command that a test runs in this process sets logs up for its own stderr, and none may outlive that."""
+    configure = structlog.configure
+    monkeypatch.setattr(
+        structlog, "configure", lambda **setup: configure(**setup | {"cache_logger_on_first_use": False})
+    )
+    for module in (sys, threading):
+        monkeypatch.setattr(module, "excepthook", module.excepthook)
+    handlers, level = logging.root.handlers[:], logging.root.level
+    yield
+    structlog.reset_defaults()
+    logging.captureWarnings(False)
+    logging.root.handlers[:] = handlers
+    logging.root.setLevel(level)
+    for name in ("ua_fleet", "ua_bridges"):
+        logging.getLogger(name).setLevel(logging.NOTSET)
 
 
 @pytest.fixture

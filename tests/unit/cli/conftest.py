@@ -1,11 +1,10 @@
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
-import structlog
 from typer.testing import CliRunner
 
 from ua_fleet.cli.app import app
@@ -38,7 +37,7 @@ Invoke = Callable[..., Ended]
 
 
 @pytest.fixture
-def invoke(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Invoke]:
+def invoke(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Invoke:
     """Runs a command in this process, in a folder of its own and with none of the caller's variables."""
     monkeypatch.chdir(tmp_path)
     for variable in ("CONFIG", "ENDPOINT", "USER", "PASSWORD", "LOG", "PUBSUB_KEY"):
@@ -55,8 +54,7 @@ def invoke(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Invoke]:
             raise error
         return Ended(result.exit_code, result.stdout, result.stderr)
 
-    yield run
-    structlog.reset_defaults()
+    return run
 
 
 @pytest.fixture

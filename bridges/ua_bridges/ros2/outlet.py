@@ -18,10 +18,10 @@ __all__ = ["Outlet"]
 
 _MOST_HELD: Final = 1000
 _HOLD_S: Final = 1.0
-"""So long the first messages wait for the subscribers that are there; they match within some 10 ms."""
+"""So long the first messages wait for subscribers that are known; they match within some 10 ms."""
 _UNRELIABLE_MATCH_S: Final = 0.05
-_SETTLE_S: Final = 0.3
-"""A node that has just come up has not heard of all subscribers before."""
+_SETTLE_S: Final = 1.0
+"""A node that has just come up has not heard of all subscribers before: on a busy machine that took 0.7 s."""
 
 
 class Outlet:
@@ -85,7 +85,7 @@ class Outlet:
         """
         if self._publisher is None:
             self._publisher = node.create_publisher(self.kind.cls, self.name, self.qos, on_incompatible)
-            self._hold_until = now + _HOLD_S
+            self._hold_until = max(now, opened_at + _SETTLE_S) + _HOLD_S
         if now >= self._hold_until:
             while not self._next():
                 pass

@@ -69,8 +69,15 @@ def test_subscriber_that_acknowledges_nothing_gets_a_moment() -> None:
 
 def test_node_that_has_just_come_up_waits_for_what_it_has_not_heard_of() -> None:
     outlet, node = make(), FakeNode()
+    outlet.publish(FILL, (0,))
     assert not attend(outlet, node, 0.1)
-    assert attend(outlet, node, 0.4)
+    node.there = [publisher(b"s")]
+    assert not attend(outlet, node, 1.05)
+    assert node.publisher.sent == []
+    node.publisher.matched = 1
+    assert not attend(outlet, node, 1.1)
+    assert node.publisher.sent == [0]
+    assert attend(outlet, node, 1.11)
 
 
 @pytest.mark.parametrize("value", ["x", 1 << 31, None])

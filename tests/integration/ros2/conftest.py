@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 import pytest
+from ua_bridges.ros2.config import Ros2BridgeConfig
 from ua_bridges.ros2.environment import PROFILES_VARIABLE, profile_path
 
 from tests.system import Child, Processes, clean_environment
@@ -25,6 +26,7 @@ class Ros2Space:
         self._processes = processes
         self.packages: list[str] = []
         """Folders with message packages that are not installed."""
+        self._bridge: Child | None = None
 
     def environment(self, **extra: str) -> dict[str, str]:
         return clean_environment(
@@ -65,10 +67,10 @@ class Ros2Space:
         environment.pop(PROFILES_VARIABLE, None)
         if profile is not None:
             environment[PROFILES_VARIABLE] = str(profile_path(profile))
-        child = self._processes.start(sys.executable, program, path, "mobile", env=environment)
+        self._bridge = self._processes.start(sys.executable, program, path, "mobile", env=environment)
         if wait:
-            child.wait_for("ready")
-        return child
+            self._bridge.wait_for("ready")
+        return self._bridge
 
     def node(self, program: str, *args: object, quick: bool = True) -> Child:
         """Start a stock node; `quick` with the robots' Fast DDS profile."""
@@ -85,7 +87,9 @@ class Ros2Space:
         )
 
     def listener(self, topic: str, kind: str, *options: object, quick: bool = True) -> Child:
-        return self.node("listener.py", topic, kind, *options, quick=quick)
+        is_there = self._bridge is not None and self._bridge.process.poll() is None
+        meet = ("--meet", Ros2BridgeConfig.model_fields["node_name"].default) if is_there else ()
+        return self.node("listener.py", topic, kind, *options, *meet, quick=quick)
 
 
 @pytest.fixture(scope="session")

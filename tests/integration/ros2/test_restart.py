@@ -46,7 +46,7 @@ async def test_restarted_bridge_delivers_nothing_twice(ros2: Ros2Space, ending: 
         await peer.until(lambda: len(heard(volatile)) == len(heard(latched)) == 3)
         bridge.end(ending)
         ros2.bridge()
-        await peer.until(lambda: volatile.lines.count("publishers 1") == 2)
+        await peer.until(lambda: volatile.lines.count("publishers 1") >= 2)
         peer.publish(FOREIGN, 3)
         await peer.until(lambda: numbers(heard(volatile))[-1] == numbers(heard(latched))[-1] == 3)
         assert numbers(heard(volatile)) == numbers(heard(latched)) == [0, 1, 2, 3]
@@ -74,7 +74,7 @@ async def test_late_subscriber_gets_the_value_that_the_dead_bridge_delivered(ros
         await peer.until(lambda: heard(early))
         bridge.end(signal.SIGKILL)
         ros2.bridge()
-        await peer.until(lambda: early.lines.count("publishers 1") == 2)
+        await peer.until(lambda: early.lines.count("publishers 1") >= 2)
         late = ros2.listener(FOREIGN.name, "std_msgs/Int32", "--transient-local", "--name", "late")
         await peer.until(lambda: heard(late))
         peer.publish(FOREIGN, 8)

@@ -1,12 +1,13 @@
 # pyright: basic, reportMissingImports=false, reportPrivateImportUsage=false
 """A stock ROS 2 node: prints one topic's messages, like `ros2 topic echo`, each on one line.
 
-listener.py TOPIC TYPE [--best-effort] [--transient-local] [--name NODE]
+listener.py TOPIC TYPE [--best-effort] [--transient-local] [--name NODE] [--meet NODE]
 """
 
 import argparse
 import contextlib
 import importlib
+import time
 
 import rclpy
 from rclpy.event_handler import SubscriptionEventCallbacks
@@ -19,6 +20,7 @@ parser.add_argument("type")
 parser.add_argument("--best-effort", action="store_true")
 parser.add_argument("--transient-local", action="store_true")
 parser.add_argument("--name", default="listener")
+parser.add_argument("--meet", default="", help="get ready when this node is known; by then it knows us")
 args = parser.parse_args()
 package, _, name = args.type.partition("/")
 rclpy.init()
@@ -36,6 +38,8 @@ node.create_subscription(
     qos,
     event_callbacks=callbacks,
 )
+while args.meet and args.meet not in node.get_node_names():
+    time.sleep(0.01)
 print("ready", flush=True)
 with contextlib.suppress(ExternalShutdownException, KeyboardInterrupt):
     rclpy.spin(node)

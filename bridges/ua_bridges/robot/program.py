@@ -162,17 +162,16 @@ class Program:
         return None
 
     def _run(self, execution: Execution, arguments: dict[str, Any]) -> None:
-        state, results, message = "done", None, ""
+        state, results, message = "done", dict[str, Any](), ""
         try:
-            results = self._function(execution, **arguments)
-            json.dumps(results, allow_nan=False)
+            results = _results_of(self._function(execution, **arguments))
         except Refused as refused:
-            state, results, message = "refused", None, str(refused) or "refused"
+            state, message = "refused", str(refused) or "refused"
         except Canceled:
-            state, results, message = "halted", None, "it was halted"
-        except Exception as error:  # noqa: BLE001 - whatever the robot's programmer has not foreseen
+            state, message = "halted", "it was halted"
+        except (Exception, SystemExit) as error:  # noqa: BLE001 - whatever the robot's programmer has not foreseen
             _log.exception("%s failed", self.name)
-            state, results, message = "failed", None, f"{type(error).__name__}: {error}"
+            state, message = "failed", f"{type(error).__name__}: {error}"
         with self._lock:
             del self._open[execution.id]  # before its end is said: who hears of that may ask for the next one at once
         self._say(execution.id, state, 1.0 if state == "done" else 0.0, message, results)
@@ -189,7 +188,7 @@ class Program:
             "execution_id": execution_id,
             "state": state,
             "progress": progress,
-            "results": dict(results or {}),
+            "results": results or {},
             "message": message,
         }
         with self._lock:
@@ -238,6 +237,17 @@ class Announcer:
             if text != self._said:
                 self._said = text
                 self._publish(text)
+
+
+def _results_of(returned: object) -> dict[str, Any]:
+    """What a function has returned, as it can be said. Raises TypeError or ValueError."""
+    if returned is None:
+        return {}
+    if not isinstance(returned, Mapping):
+        raise TypeError(f"a skill returns its results by their names, or nothing, and not {type(returned).__name__}")
+    results = dict(cast("Mapping[str, Any]", returned))
+    json.dumps(results, allow_nan=False)
+    return results
 
 
 def _seconds(value: object) -> float:

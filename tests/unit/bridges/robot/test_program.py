@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import threading
 from collections.abc import Callable, Mapping
+from types import MappingProxyType
 from typing import Any
 
 import pytest
@@ -97,7 +98,7 @@ def test_who_hears_the_end_may_ask_for_the_next_at_once() -> None:
     assert heard.states(following) == ["accepted", "done"]
 
 
-def raises(error: Exception) -> Callable[[Execution], None]:
+def raises(error: BaseException) -> Callable[[Execution], None]:
     def go(execution: Execution) -> None:
         raise error
 
@@ -106,6 +107,10 @@ def raises(error: Exception) -> Callable[[Execution], None]:
 
 def gives(speed: object) -> Callable[[Execution], dict[str, Any]]:
     return lambda _execution: {"speed": speed}
+
+
+def returns(what: object) -> Callable[[Execution], Any]:
+    return lambda _execution: what
 
 
 def nothing(execution: Execution) -> None:
@@ -123,6 +128,10 @@ def there(execution: Execution, to: str) -> dict[str, Any]:
         (raises(ValueError("bumped")), "failed", "ValueError: bumped"),
         (gives(float("nan")), "failed", "ValueError: Out of range float values"),
         (gives(object()), "failed", "TypeError"),
+        (returns("ok"), "failed", "TypeError: a skill returns its results by their names, or nothing, and not str"),
+        (returns([1, 2]), "failed", "TypeError: a skill returns"),
+        (returns(False), "failed", "TypeError: a skill returns"),
+        (raises(SystemExit(1)), "failed", "SystemExit: 1"),
     ],
 )
 def test_what_goes_wrong_is_said(function: Any, state: str, message: str) -> None:
@@ -145,6 +154,12 @@ def test_what_does_not_fit_is_refused(members: dict[str, Any], message: str) -> 
     program, heard = offer(there)
     program.receive(request(**members))
     assert [(said["state"], said["message"]) for said in heard.all] == [("refused", message)]
+
+
+def test_results_can_be_any_mapping() -> None:
+    program, heard = offer(returns(MappingProxyType({"to": "dock"})))
+    program.receive(request())
+    assert heard.wait("done")["results"] == {"to": "dock"}
 
 
 def test_one_at_a_time_unless_it_says_otherwise() -> None:

@@ -119,4 +119,8 @@ class BoundedInlet:
                 self._scheduled = False
         deliver = self._deliver
         for event in batch:
-            deliver(event)
+            try:
+                deliver(event)
+            except Exception as error:  # noqa: BLE001 - whatever is wrong with one event, facts are behind it
+                said = f"an event could not be taken in: {type(event).__name__}"
+                self._loop.call_exception_handler({"message": said, "exception": error})

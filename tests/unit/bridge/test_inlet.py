@@ -158,7 +158,8 @@ def test_put_after_close_does_nothing_even_when_the_loop_is_closed(bench: Callab
     assert b.got == []
 
 
-def test_error_of_a_receiver_does_not_stop_the_inlet(bench: Callable[..., Bench]) -> None:
+@pytest.mark.parametrize("batch", [1, 128])
+def test_error_of_a_receiver_loses_one_event_alone_and_is_told(bench: Callable[..., Bench], batch: int) -> None:
     b = bench()
     errors: list[dict[str, Any]] = []
     b.loop.set_exception_handler(lambda _, context: errors.append(context))
@@ -170,14 +171,16 @@ def test_error_of_a_receiver_does_not_stop_the_inlet(bench: Callable[..., Bench]
             raise ValueError("once")
         b.got.append(event)
 
-    inlet = BoundedInlet(b.loop, 10, deliver, batch=1)
+    inlet = BoundedInlet(b.loop, 10, deliver, batch)
     inlet.open()
-    inlet.put(sample(1))
-    inlet.put(sample(2))
-    for _ in range(3):
+    events: list[DriverEvent] = [sample(1), sample(2), ExecutionEnded(b"x" * 16), sample(3)]
+    for event in events:
+        inlet.put(event)
+    for _ in range(5):
         b.turn()
     assert [str(error["exception"]) for error in errors] == ["once"]
-    assert b.numbers() == [2]
+    assert errors[0]["message"] == "an event could not be taken in: SampleRead"
+    assert b.got == events[1:]
 
 
 def test_many_threads_lose_nothing(bench: Callable[..., Bench]) -> None:

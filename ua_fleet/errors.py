@@ -15,6 +15,7 @@
       ScenarioError
         ScenarioInvalid(problems) | NoCandidate | JudgementsInvalid(problems)
       BridgeUnavailable(extra)                   a package or service that a bridge needs is missing
+      DriverFailed                               a mistake of our own ended a bridge's driver: start the bridge again
       ServerStartError                           the server cannot or must not start
       StorageUnavailable                         what must be recorded cannot be: it is then not done either
       KeySourceUnavailable                       nobody can be asked for keys now: go on with those there are
@@ -37,6 +38,7 @@ __all__ = [
     "BridgeUnavailable",
     "ConfigError",
     "ConfigInvalid",
+    "DriverFailed",
     "JudgementsInvalid",
     "KeySourceUnavailable",
     "KeysRefused",
@@ -219,6 +221,10 @@ class BridgeUnavailable(UaFleetError):
         self.extra = extra
         remedy = f"; install it with: pip install 'ua-fleet[{extra}]'" if extra else ""
         super().__init__(message + remedy)
+
+
+class DriverFailed(UaFleetError):
+    """A mistake of our own ended a bridge's driver; what the log says of it is worth a report."""
 
 
 class ServerStartError(UaFleetError):

@@ -163,6 +163,11 @@ class DriverStatus:
     """One line: what it is connected to, or why it is not and what to do."""
     devices: Mapping[str, str] = field(default_factory=dict[str, str])
     """Where several things stand behind the bridge, each by its name: why it is away, empty while it is there."""
+    is_over: bool = False
+    """Whether a mistake of its own has ended the driver, so that nothing in this process makes it work again.
+
+    The bridge ends then, with `detail` as the error, and whoever supervises it starts it anew.
+    """
 
 
 class Inlet(Protocol):

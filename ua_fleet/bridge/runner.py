@@ -41,6 +41,7 @@ from ua_fleet.config.registration import announced_robots
 from ua_fleet.config.schema import FleetConfig, PubSubConfig
 from ua_fleet.config.security import envelope_of, keys_needed, weaknesses
 from ua_fleet.counters import Counters, Drop
+from ua_fleet.errors import DriverFailed
 from ua_fleet.fleet.wanted import wanted_topic
 from ua_fleet.keys.keeper import KeysKept, keep_keys
 from ua_fleet.keys.source import KeySource
@@ -148,6 +149,8 @@ class _Shell:
         self._status_at = 0.0
         self._told: set[tuple[Drop, str]] = set()
         self._links = LinkLog(self._log)
+        self.over: asyncio.Future[None] = self._loop.create_future()
+        """Never done, unless the driver is over: then why."""
         for weakness in weaknesses(config):
             self._log.warning(weakness)
 
@@ -231,8 +234,10 @@ class _Shell:
             self._arm()
 
     def _report(self, now: float) -> None:
-        """Log a change of the connection and what is malformed, and publish the bridge's status."""
+        """Log a change of the connection and what is malformed, publish the bridge's status; end with its driver."""
         status = self._driver.status()
+        if status.is_over and not self.over.done():
+            self.over.set_exception(DriverFailed(f"bridge {self._name}: {' '.join(status.detail.split())}"))
         if problem := self.envelope.problem or self.keys.problem() or self._actions.problem:
             status = replace(status, detail=f"{status.detail}; {problem}")
         self._links.take(status)
@@ -278,6 +283,7 @@ async def run_bridge(
     Raises:
         ConfigError: there is no source of keys, or what stands in `state_dir` cannot be used.
         BridgeUnavailable: a library that the driver needs is missing.
+        DriverFailed: a mistake of the driver has ended it; a bridge that is started anew goes on where it stopped.
         StorageUnavailable: the journal of executions cannot be used.
         TransportError: the PubSub side cannot be opened; with the remedy.
     """
@@ -308,6 +314,6 @@ async def run_bridge(
                     shell.figures.tell(monitor)
                 if ready is not None:
                     ready()
-                await asyncio.get_running_loop().create_future()
+                await shell.over
         except ExceptionGroup as failed:
             raise failed.exceptions[0] from None

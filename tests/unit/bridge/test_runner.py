@@ -23,7 +23,7 @@ from ua_fleet.bridge import (
 )
 from ua_fleet.config.schema import BridgeConfig, FleetConfig, PubSubConfig, PubSubSecurity
 from ua_fleet.counters import Counters, Drop
-from ua_fleet.errors import BridgeUnavailable, NotConnected
+from ua_fleet.errors import BridgeUnavailable, DriverFailed, NotConnected
 from ua_fleet.pubsub.events import DataReceived
 from ua_fleet.pubsub.metadata import make_field
 from ua_fleet.pubsub.publisher import Publisher
@@ -278,3 +278,25 @@ async def test_failed_start_releases_everything(robot: Robot, line: Line, error:
     with pytest.raises(error):
         await run_bridge(CONFIG, "robot", robot, line, state_dir=NOWHERE)
     assert (robot.stopped, line.closed) == (1, 1)
+
+
+async def test_bridge_whose_driver_is_over_says_why_and_ends(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(runner, "STATUS_INTERVAL_S", 0.001)
+    robot, line = Robot(), Line()
+    reader = Reader(line)
+    ready = asyncio.Event()
+    task = asyncio.create_task(run_bridge(CONFIG, "robot", robot, line, state_dir=NOWHERE, ready=ready.set))
+    await ready.wait()
+    robot.state = DriverStatus(False, "away; it is tried again")
+    seen = reader.read()
+    await until(lambda: len(line.sent) > 5)
+    assert not task.done(), "a robot that is away is no end"
+    robot.state = DriverStatus(
+        False, "the driver failed: KeyError('x'); report it,\nand start the bridge again", is_over=True
+    )
+    with pytest.raises(DriverFailed) as failed:
+        await asyncio.wait_for(task, 10)
+    assert str(failed.value) == "bridge robot: the driver failed: KeyError('x'); report it, and start the bridge again"
+    assert (robot.stopped, line.closed) == (1, 1)
+    told = [e.message.values for e in (*seen, *reader.read()) if e.topic == STATUS]
+    assert "KeyError" in dict(zip([field.name for field in STATUS_FIELDS], told[-1], strict=True))["Detail"]

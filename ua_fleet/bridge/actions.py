@@ -179,7 +179,10 @@ class Actions:
 
     def from_driver(self, fact: ExecutionFact, now: float) -> None:
         """Take what the driver tells of an execution."""
-        self._record(lambda later: self._taken(fact, later), now)
+        if isinstance(fact, ExecutionProgressed):  # is not journaled, so it waits for nothing
+            self._do(self._taken(fact, now), now)
+        else:
+            self._record(lambda later: self._taken(fact, later), now)
         self._settle(now)
 
     def poll(self, now: float) -> None:
@@ -203,17 +206,18 @@ class Actions:
 
     def _take_waiting(self, now: float) -> None:
         while self._waiting:
-            effects = self._recorded(partial(self._waiting[0], now), now)
+            step = self._waiting.popleft()  # a step that fails for a mistake of ours must not keep the others back
+            effects = self._recorded(partial(step, now), now)
             if effects is None:
+                self._waiting.appendleft(step)
                 return
-            self._waiting.popleft()
             self._do(effects, now)
 
     def _taken(self, fact: ExecutionFact, now: float) -> list[ResponderEffect]:
         responder, execution_id = self._responder, fact.execution_id
         if isinstance(fact, ExecutionProgressed):
             effects = responder.running(execution_id)
-            if (execution := self._find(execution_id)) is not None:
+            if (execution := responder.execution(execution_id)) is not None:
                 self._board.progressed(execution.target, fact, now, self._wall_ticks())
             return effects
         if isinstance(fact, ExecutionSuspended):
@@ -227,16 +231,12 @@ class Actions:
             return responder.ended(execution_id, unknown, now)
         return responder.ended(execution_id, self._report_of(fact), now)
 
-    def _find(self, execution_id: bytes) -> skill_journal.Execution | None:
-        executions = reversed(self._responder.executions())
-        return next((execution for execution in executions if execution.execution_id == execution_id), None)
-
     def _report_of(self, ended: ExecutionEnded) -> Report:
         if quality_of(ended.status) is Quality.BAD:
             return Report(ExecutionState.FAILED, ended.status, ended.message)
         if quality_of(ended.status) is Quality.UNCERTAIN and not ended.values:  # the driver says why there are none
             return Report(ExecutionState.DONE, ended.status, ended.message)
-        execution = self._find(ended.execution_id)
+        execution = self._responder.execution(ended.execution_id)
         skill = None if execution is None else self._skills.get(_topic_of(execution.target))
         types = () if skill is None else type_codes(skill.response)
         try:
@@ -332,10 +332,10 @@ class Actions:
     def _controlled(self, request: skill_journal.Execution) -> skill_journal.Execution:
         """The execution that a request to halt, suspend or resume is about; SkillRejected where it is not under way."""
         if request.target.action_target_id & CONTROL_BITS == HALT_TARGETS:
-            execution = self._find(halt_id(request.execution_id))
+            execution = self._responder.execution(halt_id(request.execution_id))
         else:
             (named,) = unpack(request.content)
-            execution = self._find(named.value)
+            execution = self._responder.execution(named.value)
         target = request.target._replace(action_target_id=request.target.action_target_id & ~CONTROL_BITS)
         # Another target may be for others to command.
         if execution is None or execution.target != target or execution.report.state not in OPEN:

@@ -177,6 +177,10 @@ class Responder:
         """All that are remembered, in the order in which they came."""
         return list(self._executions.values())
 
+    def execution(self, execution_id: bytes) -> Execution | None:
+        """One of them; None where it is not remembered."""
+        return self._executions.get(execution_id)
+
     def recover(self) -> list[ResponderEffect]:
         """After a restart: ask the robots about executions without an end."""
         effects: list[ResponderEffect] = []

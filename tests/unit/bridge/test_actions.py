@@ -175,7 +175,7 @@ class Bench:
 
 NO_ROBOT = Robot()
 MANY = Drop.TOO_MANY_REQUESTORS
-ID = (1).to_bytes(16, "big")
+ID, OTHER = (1).to_bytes(16, "big"), (2).to_bytes(16, "big")
 
 
 def test_a_skill_is_announced_accepted_and_shown() -> None:
@@ -264,6 +264,48 @@ def test_an_end_that_cannot_be_recorded_waits() -> None:
     bench.now = 1.0
     bench.actions.poll(bench.now)
     assert bench.states() == [ExecutionState.DONE]
+
+
+def two_under_way(journal: MemoryJournal) -> Bench:
+    """Executions ID and OTHER."""
+    robot = Robot()
+    robot.offered = (replace(PICK, limits=SkillLimits(requests_at_once=2)),)
+    bench = Bench(robot=robot, journal=journal)
+    bench.ask(1)
+    bench.ask(2)
+    return bench
+
+
+def test_progress_does_not_wait_for_what_cannot_be_recorded() -> None:
+    journal = FullDisk()
+    bench = two_under_way(journal)
+    journal.is_full = True
+    bench.tell(ExecutionEnded(ID, 0, (1.0,)))
+    for percent in range(1, 51):
+        bench.tell(ExecutionProgressed(OTHER, percent / 100, "on my way"))
+    assert bench.status()[3] == (0.0, 0.5)
+    assert bench.actions.problem == "journal.db: the disk is full; free some space"
+    journal.is_full = False
+    bench.now = 1.0
+    bench.actions.poll(bench.now)
+    assert bench.states() == [ExecutionState.DONE, ExecutionState.RUNNING]
+    assert bench.status()[3] == (1.0, 0.5)
+
+
+def test_a_mistake_in_recording_one_fact_keeps_no_other_back(monkeypatch: pytest.MonkeyPatch) -> None:
+    bench = two_under_way(MemoryJournal())
+    reported = bench.journal.reported
+
+    def mistaken(execution_id: bytes, report: Report) -> None:
+        if execution_id == ID:
+            raise KeyError(execution_id)
+        reported(execution_id, report)
+
+    monkeypatch.setattr(bench.journal, "reported", mistaken)
+    with pytest.raises(KeyError):
+        bench.tell(ExecutionEnded(ID, 0, (1.0,)))
+    bench.tell(ExecutionEnded(OTHER, 0, (1.0,)))
+    assert bench.states() == [ExecutionState.RUNNING, ExecutionState.DONE]
 
 
 def test_a_refusal_that_cannot_be_recorded_waits() -> None:

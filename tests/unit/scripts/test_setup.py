@@ -1,0 +1,89 @@
+"""`scripts/setup` with a pip that cannot have everything, and what CI requires."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from tests import system
+
+_PIP = """#!/bin/sh
+echo "$*" >>asked
+case "$*" in
+  *sys.version_info*) exit ${NEW_PYTHON:-0} ;;
+  *"[$NOT_THERE]"*) exit 1 ;;
+esac
+"""
+"""The Python of a virtual environment in which pip installs at once what it can have."""
+
+
+class Checkout:
+    """A folder with what `scripts/setup` reads, and an environment that costs nothing."""
+
+    def __init__(self, folder: Path) -> None:
+        (folder / "scripts").mkdir(parents=True)
+        made_from = hashlib.sha256()
+        for name in ("pyproject.toml", "requirements.lock", "scripts/setup"):
+            shutil.copy(system.ROOT / name, folder / name)
+            made_from.update((folder / name).read_bytes())
+        # ROS 1 is done: it would take packages of the system.
+        self._write(folder / ".venv-ros1" / ".stamp-run", made_from.hexdigest())
+        self._write(folder / ".venv" / "bin" / "python", _PIP)
+        self._write(folder / "bin" / "uname", '#!/bin/sh\necho "$MACHINE"\n')
+        self._folder = folder
+
+    @staticmethod
+    def _write(path: Path, text: str) -> None:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text, encoding="utf-8")
+        path.chmod(0o755)
+
+    def set_up(self, machine: str, not_there: str, **others: str) -> tuple[list[str], str]:
+        """The extras of `.venv` that pip was asked for, and what was said."""
+        asked = self._folder / "asked"
+        asked.unlink(missing_ok=True)
+        path = f"{self._folder / 'bin'}{os.pathsep}{os.environ['PATH']}"
+        done = subprocess.run(
+            ["scripts/setup"],
+            cwd=self._folder,
+            env=system.clean_environment(PATH=path, MACHINE=machine, NOT_THERE=not_there, **others),
+            stderr=subprocess.PIPE,
+            text=True,
+            check=True,
+        )
+        lines = asked.read_text(encoding="utf-8").splitlines() if asked.exists() else []
+        return [extra for extra in ("ros2", "ur") if any(f".[{extra}]" in line for line in lines)], done.stderr
+
+
+@pytest.fixture
+def checkout(tmp_path: Path) -> Checkout:
+    return Checkout(tmp_path / "checkout")
+
+
+@pytest.mark.parametrize("extra", ["ros2", "ur"])
+def test_what_a_broken_network_left_out_is_tried_again(checkout: Checkout, extra: str) -> None:
+    asked, said = checkout.set_up("x86_64", extra)
+    assert asked == ["ros2", "ur"]
+    assert f"pip could not install the extra {extra}: " in said
+    assert checkout.set_up("x86_64", "none")[0] == ["ros2", "ur"]
+    assert checkout.set_up("x86_64", "none") == ([], "")
+
+
+@pytest.mark.parametrize(
+    ("machine", "extra", "others"),
+    [("aarch64", "ros2", {}), ("aarch64", "ur", {}), ("x86_64", "ur", {"NEW_PYTHON": "1"})],
+)
+def test_what_has_no_wheels_is_said_once(checkout: Checkout, machine: str, extra: str, others: dict[str, str]) -> None:
+    assert f"there are no wheels of the extra {extra} for this machine" in checkout.set_up(machine, extra, **others)[1]
+    assert checkout.set_up(machine, extra, **others) == ([], "")
+
+
+def test_ci_requires_every_part_that_tests_can_lack() -> None:
+    run = (system.ROOT / ".ci" / "run").read_text(encoding="utf-8")
+    required = run.partition("REQUIRE=")[2].split()[0]
+    assert sorted(required.split(",")) == sorted(system._PARTS)

@@ -13,7 +13,7 @@ import traceback
 
 SHARED = ("asyncua", "cryptography.x509", "pydantic", "rich.console", "structlog", "typer", "yaml")
 """Only our own modules are to be new in each process."""
-NOT_HERE = frozenset({"rclpy", "rospy", "rosgraph", "roslib", "genpy", "genmsg", "aiohttp", "aiomqtt"})
+NOT_HERE = frozenset({"rclpy", "rospy", "rosgraph", "roslib", "genpy", "genmsg"})
 """What belongs to another environment or to an extra."""
 
 

@@ -31,6 +31,7 @@ from cryptography.x509.oid import ExtendedKeyUsageOID
 from ua_fleet.document import as_mapping
 from ua_fleet.errors import UPGRADE, AccessRefused, newer_version
 from ua_fleet.pubsub.application import bridge_application_uri
+from ua_fleet.storage.files import write_whole
 from ua_fleet.validity import Reminder, Validity
 from ua_fleet.values import StatusCode
 
@@ -46,16 +47,6 @@ def default_identity_folder() -> Path:
 
 
 VALID_DAYS: Final = 5 * 365
-
-
-def _write_private(path: Path, data: bytes) -> None:
-    """Write a file at once, readable by its owner alone from the first byte on."""
-    fresh = path.with_name(f".{path.name}.new")
-    fresh.unlink(missing_ok=True)
-    descriptor = os.open(fresh, os.O_CREAT | os.O_EXCL | os.O_WRONLY | os.O_CLOEXEC, 0o600)
-    with os.fdopen(descriptor, "wb") as file:
-        file.write(data)
-    fresh.replace(path)
 
 
 class ClientIdentity:
@@ -156,10 +147,9 @@ class ClientIdentity:
             [ExtendedKeyUsageOID.CLIENT_AUTH],
             days=VALID_DAYS,
         )
-        self.folder.mkdir(parents=True, exist_ok=True, mode=0o700)
         if kept is None:
-            _write_private(self.key, dump_private_key_as_pem(key))
-        _write_private(self.certificate, certificate.public_bytes(Encoding.DER))
+            write_whole(self.key, dump_private_key_as_pem(key))
+        write_whole(self.certificate, certificate.public_bytes(Encoding.DER))
 
     def _checked_key(self) -> RSAPrivateKey:
         """The key; raises AccessRefused for one that others can read, or that is none."""
@@ -243,10 +233,7 @@ class ClientIdentity:
                 )
             return False
         known[endpoint] = thumbprint
-        self.folder.mkdir(parents=True, exist_ok=True, mode=0o700)
-        fresh = self._servers.with_suffix(".new")
-        fresh.write_text(json.dumps(known, indent=2) + "\n", encoding="utf-8")
-        fresh.replace(self._servers)
+        write_whole(self._servers, f"{json.dumps(known, indent=2)}\n".encode(), 0o644)
         return True
 
     def _check_pinned(self, endpoint: str, certificate: bytes) -> None:

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import os
 import re
-import secrets
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
@@ -17,6 +16,7 @@ from ua_fleet.config.layers import ENVIRONMENT_PREFIX
 from ua_fleet.config.load import load_content, read_content
 from ua_fleet.document import Document, KeyPath, as_mapping, key_text, read_document
 from ua_fleet.errors import ConfigError, ConfigInvalid
+from ua_fleet.storage.files import write_whole
 
 __all__ = ["FIRST_ID", "assign_ids", "insert_ids"]
 
@@ -115,23 +115,9 @@ def _check_result(before: Document, after: Document, given: dict[KeyPath, int]) 
 
 def _replace_file(path: Path, content: bytes) -> None:
     """Write a file whole or not at all, with its mode and, where we may, its owner."""
-    target = Path(os.path.realpath(path))
-    status = target.stat()
-    temporary = target.with_name(f".{target.name}.{secrets.token_hex(4)}")
     try:
-        descriptor = os.open(temporary, os.O_CREAT | os.O_EXCL | os.O_WRONLY | os.O_CLOEXEC, 0o600)
-        try:
-            with os.fdopen(descriptor, "wb") as file:
-                file.write(content)
-                file.flush()
-                os.fsync(file.fileno())
-            if (status.st_uid, status.st_gid) != (os.geteuid(), os.getegid()) and os.geteuid() == 0:
-                os.chown(temporary, status.st_uid, status.st_gid)
-            temporary.chmod(status.st_mode & 0o7777)
-            temporary.replace(target)
-        except BaseException:
-            temporary.unlink(missing_ok=True)
-            raise
+        target = path.resolve(strict=True)
+        write_whole(target, content, like=target.stat())
     except OSError as error:
         reason = (error.strerror or "it").lower()
         raise ConfigError(f"cannot be written: {reason}", file=str(path)) from error

@@ -14,8 +14,6 @@ Files are written whole or not at all, keys with mode 0600 from their first byte
 from __future__ import annotations
 
 import ipaddress
-import os
-import secrets
 import socket
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -33,6 +31,7 @@ from cryptography.hazmat.primitives.asymmetric import rsa
 from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
 from ua_fleet.errors import ServerStartError, UaFleetError
+from ua_fleet.storage.files import write_whole
 from ua_fleet.validity import Validity
 from ua_fleet.values import StatusCode
 
@@ -163,27 +162,6 @@ def load_certificate(path: Path) -> x509.Certificate:
         raise CertificateError(f"{path}: no readable certificate ({error})") from error
 
 
-def write_private(path: Path, data: bytes, mode: int = 0o600) -> None:
-    """Write a file whole or not at all, also through a power cut, with its mode from the first byte on."""
-    path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
-    temporary = path.with_name(f".{path.name}.{secrets.token_hex(4)}")
-    descriptor = os.open(temporary, os.O_CREAT | os.O_EXCL | os.O_WRONLY | os.O_CLOEXEC, mode)
-    try:
-        with os.fdopen(descriptor, "wb") as file:
-            file.write(data)
-            file.flush()
-            os.fsync(file.fileno())
-        temporary.replace(path)
-        folder = os.open(path.parent, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
-        try:
-            os.fsync(folder)
-        finally:
-            os.close(folder)
-    except BaseException:
-        temporary.unlink(missing_ok=True)
-        raise
-
-
 def _host_name(host: str) -> x509.GeneralName:
     try:
         return x509.IPAddress(ipaddress.ip_address(host))
@@ -248,10 +226,10 @@ def create_certificate(
     )
     if is_new:
         plain = serialization.NoEncryption()
-        write_private(
+        write_whole(
             files.private_key, key.private_bytes(serialization.Encoding.PEM, serialization.PrivateFormat.PKCS8, plain)
         )
-    write_private(files.certificate, certificate.public_bytes(serialization.Encoding.DER), 0o644)
+    write_whole(files.certificate, certificate.public_bytes(serialization.Encoding.DER), 0o644)
     return certificate
 
 
@@ -396,7 +374,7 @@ def _find(state_dir: Path, what: str | Path, states: Sequence[CertificateState])
 def _move(
     certificate: x509.Certificate, sources: Sequence[Path], target: Path, state: CertificateState
 ) -> CertificateInfo:
-    write_private(target, certificate.public_bytes(serialization.Encoding.DER), 0o644)
+    write_whole(target, certificate.public_bytes(serialization.Encoding.DER), 0o644)
     for source in sources:
         if source != target:
             source.unlink(missing_ok=True)

@@ -12,8 +12,8 @@ from ua_fleet.server.certificates import (
     ensure_application_certificate,
     own_files,
     trust_bridge,
-    write_private,
 )
+from ua_fleet.storage.files import write_whole
 
 __all__ = ["introduce_bridge", "renew_server"]
 
@@ -32,7 +32,7 @@ async def introduce_bridge(config: FleetConfig, config_dir: Path, name: str, *, 
     folder = config_dir / config.server.state_dir
     trust_bridge(folder, name, identity.certificate)
     server = ensure_application_certificate(folder, application_uri(config), [config.server.host])
-    write_private(identity.pinned_server, server.certificate.read_bytes())
+    write_whole(identity.pinned_server, server.certificate.read_bytes())
 
 
 def renew_server(config: FleetConfig, config_dir: Path) -> tuple[CertificateFiles, list[str]]:
@@ -51,6 +51,6 @@ def renew_server(config: FleetConfig, config_dir: Path) -> tuple[CertificateFile
     for name in config.bridges:
         identity = ClientIdentity.of_bridge(config_dir / config.state_dir_of(name), config.fleet.name, name)
         if before and identity.pinned_server.exists() and identity.pinned_server.read_bytes() == before:
-            write_private(identity.pinned_server, files.certificate.read_bytes())
+            write_whole(identity.pinned_server, files.certificate.read_bytes())
             pinned.append(name)
     return files, pinned

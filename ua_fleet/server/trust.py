@@ -32,8 +32,8 @@ from ua_fleet.server.certificates import (
     is_authority,
     load_certificate,
     thumbprint,
-    write_private,
 )
+from ua_fleet.storage.files import write_whole
 from ua_fleet.validity import Validity
 
 __all__ = ["CertificateFolder", "CertificateRefused", "TrustList", "split_chain"]
@@ -205,7 +205,7 @@ class TrustList:
         if path.exists():
             return
         try:
-            write_private(path, certificate.public_bytes(serialization.Encoding.DER), 0o644)
+            write_whole(path, certificate.public_bytes(serialization.Encoding.DER), 0o644)
             kept = sorted(certificate_paths(self._rejected), key=lambda entry: entry.stat().st_mtime_ns)
             for old in kept[: max(0, len(kept) - MAX_REJECTED)]:
                 old.unlink(missing_ok=True)

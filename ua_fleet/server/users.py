@@ -31,6 +31,7 @@ from typing import Any, Final
 import yaml
 
 from ua_fleet.errors import UPGRADE, ServerStartError, UaFleetError, newer_version
+from ua_fleet.storage.files import write_whole
 from ua_fleet.values import StatusCode
 
 __all__ = ["ANONYMOUS", "DEFAULT_COST", "Role", "ScryptCost", "User", "UserFileError", "UserStore", "current_user"]
@@ -288,15 +289,5 @@ class UserStore:
 
     def _write(self, entries: dict[str, _Entry]) -> None:
         document = {"version": VERSION, "users": {name: entries[name].dump() for name in sorted(entries)}}
-        temporary = self._path.with_name(f".{self._path.name}.{secrets.token_hex(4)}")
-        descriptor = os.open(temporary, os.O_CREAT | os.O_EXCL | os.O_WRONLY | os.O_CLOEXEC, 0o600)
-        try:
-            with os.fdopen(descriptor, "w", encoding="utf-8") as file:
-                yaml.safe_dump(document, file, sort_keys=False)
-                file.flush()
-                os.fsync(file.fileno())
-            temporary.replace(self._path)
-        except BaseException:
-            temporary.unlink(missing_ok=True)
-            raise
+        write_whole(self._path, yaml.safe_dump(document, sort_keys=False).encode())
         self.refresh()

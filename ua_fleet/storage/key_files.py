@@ -25,6 +25,7 @@ from pathlib import Path
 from typing import Any, Final, cast
 
 from ua_fleet.errors import UPGRADE, ConfigError, newer_version
+from ua_fleet.storage.files import write_whole
 from ua_fleet.wire.security import SecurityPolicy
 
 __all__ = ["FileKey", "FileStamp", "KeyFile", "KeyFolder", "NoKeyFile"]
@@ -172,7 +173,7 @@ class KeyFolder:
         try:
             self.path.mkdir(mode=0o700, parents=True, exist_ok=True)
             self.check()
-            _write_atomically(path, _text(key_file).encode())
+            write_whole(path, _text(key_file).encode())
         except OSError as error:
             reason = (error.strerror or "it").lower()
             raise ConfigError(f"cannot be written: {reason}", file=str(path)) from error
@@ -241,25 +242,6 @@ def _text(key_file: KeyFile) -> str:
         "keys": keys,
     }
     return json.dumps(document, indent=2) + "\n"
-
-
-def _write_atomically(path: Path, content: bytes) -> None:
-    temporary = path.with_name(f".{path.name}.{secrets.token_hex(4)}")
-    descriptor = os.open(temporary, os.O_CREAT | os.O_EXCL | os.O_WRONLY | os.O_CLOEXEC, 0o600)
-    try:
-        with os.fdopen(descriptor, "wb") as file:
-            file.write(content)
-            file.flush()
-            os.fsync(file.fileno())
-        temporary.replace(path)
-        folder = os.open(path.parent, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
-        try:
-            os.fsync(folder)
-        finally:
-            os.close(folder)
-    except BaseException:
-        temporary.unlink(missing_ok=True)
-        raise
 
 
 class _Parser:

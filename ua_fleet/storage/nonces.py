@@ -19,6 +19,7 @@ from typing import Any, Final
 
 from ua_fleet.errors import UPGRADE, ConfigError, newer_version
 from ua_fleet.pubsub.security.nonces import NoncesUnavailable
+from ua_fleet.storage.files import write_whole
 
 __all__ = ["FileNonces"]
 
@@ -132,20 +133,7 @@ class FileNonces:
                 for group_id, group in groups.items()
             },
         }
-        fresh = self._path.with_suffix(".new")
-        file = os.open(fresh, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC | os.O_NOFOLLOW, 0o600)
-        try:
-            with open(file, "wb", closefd=False) as out:
-                out.write(json.dumps(document).encode())
-            os.fsync(file)
-        finally:
-            os.close(file)
-        fresh.replace(self._path)
-        folder = os.open(self._path.parent, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
-        try:
-            os.fsync(folder)
-        finally:
-            os.close(folder)
+        write_whole(self._path, json.dumps(document).encode())
 
 
 def _check_rights(folder: Path) -> None:

@@ -45,25 +45,6 @@ def test_a_folder_that_others_may_write_is_refused(tmp_path: Path, mode: int) ->
     assert FileNonces(folder).reserve("t-2", 1, 10) == 1
 
 
-def test_it_is_durable_before_it_is_given(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    nonces = FileNonces(tmp_path)
-    steps: list[str] = []
-    fsync, replace = os.fsync, Path.replace
-
-    def noted_fsync(file: int) -> None:
-        steps.append("folder" if Path(f"/proc/self/fd/{file}").readlink() == tmp_path else "file")
-        fsync(file)
-
-    def noted_replace(path: Path, target: Path) -> Path:
-        steps.append("replace")
-        return replace(path, target)
-
-    monkeypatch.setattr(os, "fsync", noted_fsync)
-    monkeypatch.setattr(Path, "replace", noted_replace)
-    nonces.reserve("t-2", 7, 100)
-    assert steps == ["file", "replace", "folder"]
-
-
 @pytest.mark.parametrize("step", ["file", "replace", "folder"])
 def test_a_write_that_fails_gives_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, step: str) -> None:
     nonces = FileNonces(tmp_path)

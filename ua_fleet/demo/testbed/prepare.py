@@ -30,10 +30,10 @@ from ua_fleet.server.certificates import (
     load_certificate,
     thumbprint,
     trust,
-    write_private,
 )
 from ua_fleet.server.introduce import introduce_bridge
 from ua_fleet.server.users import USERS_FILE, Role, UserStore
+from ua_fleet.storage.files import write_whole
 
 __all__ = ["prepare"]
 
@@ -116,9 +116,9 @@ async def _operator(operator: Path, server: Path, server_certificate: bytes, say
     if not password.exists() or all(user.name != USER for user in store.list()):
         word = secrets.token_urlsafe(12)
         await asyncio.to_thread(store.add, USER, word, Role.OPERATOR, replace_existing=True)
-        write_private(password, f"{word}\n".encode())
+        write_whole(password, f"{word}\n".encode())
     identity = ClientIdentity(operator / IDENTITY, application_uri="urn:ua-fleet:testbed:client")
     await identity.ensure()
     if not _was_revoked(server, identity.certificate, "", say):
         trust(server, identity.certificate)
-    write_private(identity.pinned_server, server_certificate)
+    write_whole(identity.pinned_server, server_certificate)

@@ -8,7 +8,7 @@ import math
 from collections.abc import Callable
 from contextlib import AbstractAsyncContextManager
 from pathlib import Path
-from typing import Any, Final, Protocol
+from typing import Final, Protocol
 
 from ua_fleet.client import ClientIdentity, FleetClient
 from ua_fleet.config.load import load
@@ -22,6 +22,7 @@ from ua_fleet.demo.talkrobots import conductor as talkrobots
 from ua_fleet.demo.testbed.growing import GrowingFiles
 from ua_fleet.demo.testbed.plan import EVENTS, FLEET, IDENTITY, OPERATOR, PASSWORD, TRAFFIC, Options, Testbed
 from ua_fleet.errors import AccessRefused, ConfigError, NotConnected, SendTimeout
+from ua_fleet.storage.files import write_whole
 
 __all__ = ["RESULT", "conduct"]
 
@@ -73,7 +74,7 @@ async def conduct(
         say(f"it has run before, and nothing is run by itself now: {result}")
 
     def finished(ended: DemoResult) -> None:
-        _write(result, ended.report)
+        write_whole(result, f"{json.dumps(ended.report, indent=2)}\n".encode(), 0o644)
         tell(ended)
 
     def connect() -> AbstractAsyncContextManager[FleetClient]:
@@ -154,10 +155,3 @@ def _password(path: Path) -> str:
     except OSError as error:
         remedy = "run first: ua-fleet testbed prepare"
         raise ConfigError(f"there is no password: {error.strerror}", file=str(path), suggestion=remedy) from error
-
-
-def _write(path: Path, report: dict[str, Any]) -> None:
-    """Write the result whole or not at all."""
-    fresh = path.with_name(f".{path.name}.new")
-    fresh.write_text(json.dumps(report, indent=2) + "\n", encoding="utf-8")
-    fresh.replace(path)

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from ua_fleet.errors import ConfigError
+from ua_fleet.storage.files import write_whole
 
 __all__ = ["check_volume", "write_unless_edited"]
 
@@ -54,22 +55,14 @@ def write_unless_edited(folder: Path, files: Mapping[str, str]) -> list[str]:
         if path.exists():
             there = path.read_text(encoding="utf-8")
             if there == text:
-                _put(mark, _digest(text))
+                write_whole(mark, _digest(text).encode(), 0o644)
                 continue
             if not mark.exists() or mark.read_text(encoding="utf-8") != _digest(there):
                 edited.append(name)
                 continue
-        path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
-        _put(path, text)
-        _put(mark, _digest(text))
+        write_whole(path, text.encode(), 0o644)
+        write_whole(mark, _digest(text).encode(), 0o644)
     return edited
-
-
-def _put(path: Path, text: str) -> None:
-    """Write a file whole or not at all."""
-    fresh = path.with_name(f".{path.name}.new")
-    fresh.write_text(text, encoding="utf-8")
-    fresh.replace(path)
 
 
 def _digest(text: str) -> str:

@@ -15,8 +15,8 @@ from pathlib import Path
 from typing import Any, Final
 
 from ua_fleet.errors import UPGRADE, ServerStartError, UaFleetError, newer_version
-from ua_fleet.server.certificates import write_private
 from ua_fleet.server.key_service.store import MAX_TOKEN_ID, GroupState
+from ua_fleet.storage.files import write_whole
 from ua_fleet.values import StatusCode
 from ua_fleet.wire.security import SecurityPolicy
 
@@ -102,6 +102,6 @@ def save_groups(path: Path, groups: Mapping[str, GroupState]) -> None:
         for group_id, state in groups.items()
     }
     try:
-        write_private(path, json.dumps({"version": VERSION, "groups": entries}, indent=1).encode())
+        write_whole(path, json.dumps({"version": VERSION, "groups": entries}, indent=1).encode())
     except OSError as error:
         raise KeysNotKept(f"{path}: new keys cannot be written ({error.strerror}); free some space") from error

@@ -1,0 +1,55 @@
+"""Files that are there whole or not at all, also after a power cut."""
+
+from __future__ import annotations
+
+import errno
+import os
+import secrets
+from pathlib import Path
+
+__all__ = ["write_whole"]
+
+
+def write_whole(path: Path, data: bytes, mode: int = 0o600, *, like: os.stat_result | None = None) -> None:
+    """Put a file in the place of the one that is there, if any, or leave that one as it is.
+
+    Once this returns, the new file outlives a power cut. A folder that is missing is made, for its owner alone.
+
+    Args:
+        path: of the file; a link there is replaced.
+        data: all of it.
+        mode: less the umask, from the first byte on.
+        like: a file whose mode and, where we may, owner the new one gets in the end.
+
+    Raises:
+        OSError: it cannot be written. Where only the folder could not be synced, the new file is in its place.
+    """
+    path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
+    temporary = path.with_name(f".{path.name}.{secrets.token_hex(4)}")
+    descriptor = os.open(temporary, os.O_CREAT | os.O_EXCL | os.O_WRONLY | os.O_CLOEXEC, mode)
+    try:
+        with os.fdopen(descriptor, "wb") as file:
+            file.write(data)
+            file.flush()
+            if like is not None:
+                if (like.st_uid, like.st_gid) != (os.geteuid(), os.getegid()) and os.geteuid() == 0:
+                    os.fchown(descriptor, like.st_uid, like.st_gid)
+                os.fchmod(descriptor, like.st_mode & 0o7777)
+            os.fsync(descriptor)
+        temporary.replace(path)
+    except BaseException:
+        temporary.unlink(missing_ok=True)
+        raise
+    _sync_folder(path.parent)
+
+
+def _sync_folder(path: Path) -> None:
+    folder = os.open(path, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+    try:
+        os.fsync(folder)
+    except OSError as error:
+        # Some network file systems have no such thing: there the server has renamed the file before it answers.
+        if error.errno != errno.EINVAL:
+            raise
+    finally:
+        os.close(folder)

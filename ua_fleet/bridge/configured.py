@@ -1,26 +1,64 @@
-"""The skills that `fleet.yaml` gives to the robots behind a bridge, for its driver. Pure."""
+"""The data and the skills that `fleet.yaml` gives to the robots behind a bridge, for its driver. Pure."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 from typing import Any, Final, Generic, TypeVar
 
 from ua_fleet.bridge.driver import Skill, SkillTarget
-from ua_fleet.config.base import Model
-from ua_fleet.config.schema import FleetConfig, SkillConfig
+from ua_fleet.config.base import Model, ScalarType
+from ua_fleet.config.schema import DataMapping, DataSetConfig, FleetConfig, SkillConfig
 from ua_fleet.fleet.skills import ArgumentModel, SkillLimits, argument_problem
 from ua_fleet.pubsub.metadata import PropertyValue, make_field
-from ua_fleet.topics import Topic
+from ua_fleet.topics import SERVER_SPACE, Topic
 from ua_fleet.values import QualifiedName
 from ua_fleet.wire.messages import FieldMetaData
 
-__all__ = ["TARGET_ID", "ConfiguredSkill", "configured_skills"]
+__all__ = [
+    "TARGET_ID",
+    "ConfiguredData",
+    "ConfiguredSkill",
+    "configured_faults",
+    "configured_sinks",
+    "configured_skills",
+    "configured_sources",
+    "every_data_set",
+]
 
 TARGET_ID: Final = 1
 """ActionTargetId: a skill in `fleet.yaml` belongs to one robot and has an id of its own."""
 
 Via = TypeVar("Via", bound=Model)
+Side = TypeVar("Side", bound=DataMapping)
+
+
+@dataclass(frozen=True)
+class ConfiguredData(Generic[Side]):
+    """One DataSet of a robot that a bridge reads or writes; `Side` is the model of its `source` or `sink`."""
+
+    robot: str
+    name: str
+    topic: Topic
+    config: DataSetConfig
+    side: Side
+
+    @property
+    def label(self) -> str:
+        """How it is named in a line for people."""
+        return f"{self.robot}.{self.name}"
+
+    @cached_property
+    def types(self) -> Mapping[str, ScalarType]:
+        """Its fields by the names that templates and patterns use: a single one is `value`."""
+        return self.config.field_types()
+
+    @cached_property
+    def fields(self) -> tuple[FieldMetaData, ...]:
+        """Its fields as they are announced; a single one has the name of the data."""
+        fields = self.config.all_fields().items()
+        return tuple([make_field(name or self.name, each.type.builtin, array=each.array) for name, each in fields])
 
 
 @dataclass(frozen=True)
@@ -106,3 +144,63 @@ def configured_skills(config: FleetConfig, bridge_name: str, mapping: type[Via])
             if skill.id is not None
         ]
     )
+
+
+def every_data_set(config: FleetConfig) -> Iterator[tuple[str, str, Topic, DataSetConfig]]:
+    """The data of all robots: robot, name, topic and what `fleet.yaml` says. What has no id yet is left out."""
+    for robot_name, robot in config.robots.items():
+        for name, data in robot.data.items():
+            if data.id is not None:
+                space = SERVER_SPACE if data.origin == "server" else config.space_of(robot_name)
+                yield robot_name, name, Topic(space, config.fleet.namespace_index, data.id), data
+
+
+def configured_sources(
+    config: FleetConfig, bridge_name: str, mapping: type[Side], unmapped: Side | None = None
+) -> tuple[ConfiguredData[Side], ...]:
+    """The data that a bridge reads from its robots.
+
+    Args:
+        config: the fleet.
+        bridge_name: the bridge.
+        mapping: its model of `source`.
+        unmapped: what data without `source` has; None leaves it out.
+    """
+    found: list[ConfiguredData[Side]] = []
+    for robot, name, topic, data in every_data_set(config):
+        source = data.source or unmapped
+        if data.origin == "robot" and config.robots[robot].bridge == bridge_name and isinstance(source, mapping):
+            found.append(ConfiguredData(robot, name, topic, data, source))
+    return tuple(found)
+
+
+def configured_sinks(
+    config: FleetConfig,
+    bridge_name: str,
+    mapping: type[Side],
+    unmapped: Side | None = None,
+    mirrors: Mapping[str, DataMapping] | None = None,
+) -> tuple[ConfiguredData[Side], ...]:
+    """The data of clients that a bridge writes to its robots, and that of others' robots in `mirrors`, by `robot.data`.
+
+    The arguments are those of `configured_sources`.
+    """
+    found: list[ConfiguredData[Side]] = []
+    for robot, name, topic, data in every_data_set(config):
+        if config.robots[robot].bridge == bridge_name:
+            sink = (data.sink or unmapped) if data.origin == "server" else None
+        else:
+            sink = (mirrors or {}).get(f"{robot}.{name}")
+        if isinstance(sink, mapping):
+            found.append(ConfiguredData(robot, name, topic, data, sink))
+    return tuple(found)
+
+
+def configured_faults(config: FleetConfig, bridge_name: str) -> dict[str, Topic]:
+    """Where the robots behind a bridge say what is wrong with them, by robot; those that have an id for it."""
+    space, namespace = config.bridges[bridge_name].space, config.fleet.namespace_index
+    return {
+        name: Topic(space, namespace, robot.fault_id)
+        for name, robot in config.robots.items()
+        if robot.bridge == bridge_name and robot.fault_id is not None
+    }

@@ -16,12 +16,12 @@ from pydantic import BaseModel, Field, SerializeAsAny, field_validator, model_va
 from ua_fleet.config.base import RANGED, DataSetId, FieldPath, Model, Name, Port, ScalarType
 from ua_fleet.config.modbus_schema import ModbusServerConfig
 from ua_fleet.config.resilience_schema import ResilienceConfig
-from ua_fleet.config.shapes import all_of, exactly_one, given, implies, limited_to, none_of
+from ua_fleet.config.shapes import VENDOR_SPACE, all_of, exactly_one, given, implies, limited_to, none_of
 from ua_fleet.config.skill_schema import SkillConfig
 from ua_fleet.document import KeyPath
 from ua_fleet.errors import TopicInvalid
 from ua_fleet.fleet.model import UnknownSources
-from ua_fleet.topics import SERVER_SPACE, check_space
+from ua_fleet.topics import FIRST_VENDOR_SPACE, SERVER_SPACE, check_space
 
 __all__ = [
     "BridgeConfig",
@@ -43,6 +43,7 @@ __all__ = [
     "SkillConfig",
     "TopicMapping",
     "UnknownSources",
+    "VendorBridgeConfig",
 ]
 
 
@@ -171,6 +172,10 @@ class DataSetConfig(
         )
         return {"": single}
 
+    def field_types(self) -> dict[str, ScalarType]:
+        """The fields by the names that templates and patterns use: a single one is `value`."""
+        return {name or "value": field.type for name, field in self.all_fields().items()}
+
     @property
     def source_topic(self) -> TopicMapping | None:
         """`source` where it is a robot's own topic."""
@@ -264,6 +269,20 @@ class BridgeConfig(Model, frozen=True):
     def fleet_problems(self, name: str, robots: Mapping[str, RobotConfig]) -> Iterable[tuple[KeyPath, str, str]]:
         """As `problems`, for a kind whose own keys name robots of other bridges: `robots` are those of the fleet."""
         return self.problems(name, {robot: config for robot, config in robots.items() if config.bridge == name})
+
+
+class VendorBridgeConfig(BridgeConfig, frozen=True):
+    """What every bridge has whose space is one of the vendor spaces: to a PLC, a controller, a computer's devices."""
+
+    space: int = Field(json_schema_extra=VENDOR_SPACE)
+    """Id of the bridge's own space, 256 to 65535."""
+
+    @field_validator("space")
+    @classmethod
+    def _vendor_space(cls, space: int) -> int:
+        if space < FIRST_VENDOR_SPACE:
+            raise ValueError(f"a bridge of this kind has a vendor space of its own, {FIRST_VENDOR_SPACE} to 65535")
+        return space
 
 
 class PubSubSecurity(StrEnum):

@@ -9,11 +9,10 @@ from pydantic import BaseModel, Field, field_validator, model_validator
 
 from ua_fleet.config.base import Model, Name
 from ua_fleet.config.register_schema import Address, RegisterConfig
-from ua_fleet.config.schema import BridgeConfig, DataMapping, RobotConfig
-from ua_fleet.config.shapes import VENDOR_SPACE, all_of, exactly_one, given, implies, none_of
+from ua_fleet.config.schema import DataMapping, RobotConfig, VendorBridgeConfig
+from ua_fleet.config.shapes import all_of, exactly_one, given, implies, none_of
 from ua_fleet.document import KeyPath
 from ua_fleet.registers import Limits, Order, Table
-from ua_fleet.topics import FIRST_VENDOR_SPACE
 
 __all__ = [
     "DeviceConfig",
@@ -257,13 +256,11 @@ class HandshakeSkill(
         return self
 
 
-class ModbusBridgeConfig(BridgeConfig, frozen=True):
+class ModbusBridgeConfig(VendorBridgeConfig, frozen=True):
     """A bridge to Modbus devices, which together are one space."""
 
     kind: Literal["modbus"]
     """Always `modbus`."""
-    space: int = Field(json_schema_extra=VENDOR_SPACE)
-    """Id of the space, 256 to 65535."""
     devices: dict[Name, DeviceConfig] = Field(json_schema_extra={"minProperties": 1})
     """The devices by name."""
     poll_s: float = Field(default=1.0, ge=0.005, le=86_400)
@@ -277,13 +274,6 @@ class ModbusBridgeConfig(BridgeConfig, frozen=True):
     """Model of `via` in the skills of its robots."""
     source_mapping: ClassVar[type[DataMapping] | None] = RegisterSource
     sink_mapping: ClassVar[type[DataMapping] | None] = RegisterSink
-
-    @field_validator("space")
-    @classmethod
-    def _vendor(cls, space: int) -> int:
-        if not FIRST_VENDOR_SPACE <= space <= 0xFFFF:
-            raise ValueError(f"a Modbus space is {FIRST_VENDOR_SPACE} to 65535")
-        return space
 
     @field_validator("devices")
     @classmethod

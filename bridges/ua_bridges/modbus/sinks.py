@@ -8,9 +8,10 @@ from typing import Any, NamedTuple
 
 from ua_bridges.modbus.config import ModbusBridgeConfig, RegisterSink
 from ua_bridges.modbus.sources import differs
-from ua_fleet.config.schema import DataSetConfig, FleetConfig
+from ua_fleet.bridge.configured import ConfiguredData, configured_sinks
+from ua_fleet.config.schema import FleetConfig
 from ua_fleet.registers import Cell, Register, RegisterType, Span, Table, encode
-from ua_fleet.topics import SERVER_SPACE, Topic
+from ua_fleet.topics import Topic
 
 __all__ = ["BitWrite", "SinkSpec", "WriteField", "Writing", "sink_specs", "writes_of"]
 
@@ -71,30 +72,22 @@ def sink_specs(config: FleetConfig, bridge_name: str) -> tuple[SinkSpec, ...]:
     """The DataSets that a bridge writes. One that has no id yet is left out."""
     bridge = config.bridges[bridge_name]
     assert isinstance(bridge, ModbusBridgeConfig)
-    specs: list[SinkSpec] = []
-    for robot, robot_config in config.robots.items():
-        for data, data_set in robot_config.data.items():
-            sink = data_set.sink if robot_config.bridge == bridge_name else bridge.mirrors.get(f"{robot}.{data}")
-            if isinstance(sink, RegisterSink) and data_set.id is not None:
-                space = SERVER_SPACE if data_set.origin == "server" else config.space_of(robot)
-                topic = Topic(space, config.fleet.namespace_index, data_set.id)
-                specs.append(_spec(bridge, topic, f"{robot}.{data}", data_set, data, sink))
-    return tuple(specs)
+    sinks = configured_sinks(config, bridge_name, RegisterSink, mirrors=bridge.mirrors)
+    return tuple([_spec(bridge, data) for data in sinks])
 
 
-def _spec(
-    bridge: ModbusBridgeConfig, topic: Topic, name: str, data_set: DataSetConfig, data: str, sink: RegisterSink
-) -> SinkSpec:
+def _spec(bridge: ModbusBridgeConfig, data: ConfiguredData[RegisterSink]) -> SinkSpec:
+    sink = data.side
     device = bridge.device_of(sink.device)
     assert device is not None, "the configuration was checked"
     order, by_field = bridge.devices[device].order, sink.by_field()
     fields = tuple(
         [
-            WriteField(field_name or data, by_field[field_name].register(order, f.type), by_field[field_name].deadband)
-            for field_name, f in data_set.all_fields().items()
+            WriteField(name or data.name, by_field[name].register(order, field.type), by_field[name].deadband)
+            for name, field in data.config.all_fields().items()
         ]
     )
-    return SinkSpec(topic, name, device, fields, sink.read_back, sink.rewrite)
+    return SinkSpec(data.topic, data.label, device, fields, sink.read_back, sink.rewrite)
 
 
 def writes_of(

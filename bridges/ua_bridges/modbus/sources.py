@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 from ua_bridges.modbus.config import ModbusBridgeConfig, RegisterSource
+from ua_fleet.bridge.configured import configured_sources
 from ua_fleet.bridge.driver import DriverEvent, Dropped, SampleRead, SourceFound, SourceLost
 from ua_fleet.config.schema import FleetConfig
 from ua_fleet.counters import Drop
@@ -60,28 +61,24 @@ def source_specs(config: FleetConfig, bridge_name: str) -> tuple[SourceSpec, ...
     bridge = config.bridges[bridge_name]
     assert isinstance(bridge, ModbusBridgeConfig)
     specs: list[SourceSpec] = []
-    for robot, robot_config in config.robots.items():
-        for data, data_set in robot_config.data.items():
-            source = data_set.source
-            if robot_config.bridge != bridge_name or data_set.id is None or not isinstance(source, RegisterSource):
-                continue
-            device = bridge.device_of(source.device)
-            assert device is not None, "the configuration was checked"
-            order, by_field = bridge.devices[device].order, source.by_field()
-            fields = tuple(
-                [
-                    ReadField(
-                        name or data,
-                        field.type.builtin,
-                        by_field[name].register(order, field.type),
-                        by_field[name].deadband,
-                    )
-                    for name, field in data_set.all_fields().items()
-                ]
-            )
-            period_s = bridge.poll_s if source.poll is None else bridge.polls[source.poll].period_s
-            topic = Topic(bridge.space, config.fleet.namespace_index, data_set.id)
-            specs.append(SourceSpec(topic, f"{robot}.{data}", device, period_s, fields))
+    for data in configured_sources(config, bridge_name, RegisterSource):
+        source = data.side
+        device = bridge.device_of(source.device)
+        assert device is not None, "the configuration was checked"
+        order, by_field = bridge.devices[device].order, source.by_field()
+        fields = tuple(
+            [
+                ReadField(
+                    name or data.name,
+                    field.type.builtin,
+                    by_field[name].register(order, field.type),
+                    by_field[name].deadband,
+                )
+                for name, field in data.config.all_fields().items()
+            ]
+        )
+        period_s = bridge.poll_s if source.poll is None else bridge.polls[source.poll].period_s
+        specs.append(SourceSpec(data.topic, data.label, device, period_s, fields))
     return tuple(specs)
 
 

@@ -6,7 +6,6 @@ from collections.abc import Collection, Iterator, Mapping
 from typing import Final
 
 from ua_bridges.plugged.config import MESSAGE, PluggedBridgeConfig, PluggedSink, PluggedSkill, PluggedSource
-from ua_bridges.plugged.data import field_types
 from ua_fleet.bridge.templates import AnswerPattern, CommandTemplate, Language, TemplateInvalid
 from ua_fleet.config.base import ScalarType
 from ua_fleet.config.schema import DataSetConfig, RobotConfig, SkillConfig
@@ -64,11 +63,11 @@ def _data(bridge: PluggedBridgeConfig, path: KeyPath, data: DataSetConfig) -> It
             yield (*key, "type"), f"plugged-in devices have no {field.type.value}", "a String or a number serves"
     if isinstance(mapping, PluggedSource):
         yield from _device((*path, side), bridge, mapping.device)
-        yield from _source((*path, side), mapping, field_types(data))
+        yield from _source((*path, side), mapping, data.field_types())
     elif isinstance(mapping, PluggedSink):
         yield from _device((*path, side), bridge, mapping.device)
         if mapping.command is not None:
-            yield from _command((*path, side, "command"), mapping.command, field_types(data))[0]
+            yield from _command((*path, side, "command"), mapping.command, data.field_types())[0]
 
 
 def _source(path: KeyPath, source: PluggedSource, types: Mapping[str, ScalarType]) -> Iterator[Problem]:
@@ -144,7 +143,7 @@ def _read(path: KeyPath, data_name: str, results: Mapping[str, ScalarType], robo
         own = [name for name, each in robot.data.items() if each.origin == "robot"]
         yield (*path, "read"), f"the robot has no data `{data_name}` to read", closest(data_name, own) or ""
         return
-    types = field_types(data)
+    types = data.field_types()
     if results != types:
         wanted = ", ".join(f"{name}: {{type: {kind.value}}}" for name, kind in types.items())
         yield (*path, "read"), f"the results are not the fields of `{data_name}`", f"write results: {{{wanted}}}"

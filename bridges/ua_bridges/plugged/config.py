@@ -21,10 +21,9 @@ from typing import Annotated, ClassVar, Final, Literal
 from pydantic import BaseModel, Field, field_validator, model_validator
 
 from ua_fleet.config.base import Model, Name
-from ua_fleet.config.schema import BridgeConfig, DataMapping, RobotConfig
-from ua_fleet.config.shapes import VENDOR_SPACE, all_of, at_least_one, exactly_one, given, implies, none_of
+from ua_fleet.config.schema import DataMapping, RobotConfig, VendorBridgeConfig
+from ua_fleet.config.shapes import all_of, at_least_one, exactly_one, given, implies, none_of
 from ua_fleet.document import KeyPath
-from ua_fleet.topics import FIRST_VENDOR_SPACE
 
 __all__ = [
     "MESSAGE",
@@ -257,13 +256,11 @@ def _check_drive(device: str | None, command: str | None, call: Call | None) -> 
         raise ValueError("device: belongs to `command`, which needs it")
 
 
-class PluggedBridgeConfig(BridgeConfig, frozen=True):
+class PluggedBridgeConfig(VendorBridgeConfig, frozen=True):
     """A bridge to what is plugged into a computer. `space` is one of the vendor spaces, 256 to 65535."""
 
     kind: Literal["plugged"]
     """Always `plugged`."""
-    space: int = Field(json_schema_extra=VENDOR_SPACE)
-    """Id of the bridge's own space, 256 to 65535."""
     devices: dict[Name, Device] = {}
     """The devices that may be plugged in, by name. Two that fit the same device: the first one gets it."""
     bus: str = Field(default="system", json_schema_extra={"pattern": r"^(system|session|(unix|tcp):\w+=\S+)$"})
@@ -272,13 +269,6 @@ class PluggedBridgeConfig(BridgeConfig, frozen=True):
     skill_mapping: ClassVar[type[BaseModel] | None] = PluggedSkill
     source_mapping: ClassVar[type[DataMapping] | None] = PluggedSource
     sink_mapping: ClassVar[type[DataMapping] | None] = PluggedSink
-
-    @field_validator("space")
-    @classmethod
-    def _vendor_space(cls, space: int) -> int:
-        if space < FIRST_VENDOR_SPACE:
-            raise ValueError(f"plugged-in devices have a vendor space of their own, {FIRST_VENDOR_SPACE} to 65535")
-        return space
 
     @field_validator("bus")
     @classmethod

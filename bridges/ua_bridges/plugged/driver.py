@@ -10,21 +10,21 @@ from typing import Any, Final
 
 from ua_bridges.plugged.bus import Bus, Signal
 from ua_bridges.plugged.calls import ended_of, method_of
-from ua_bridges.plugged.config import Device, PluggedBridgeConfig, PluggedSink, PluggedSkill
-from ua_bridges.plugged.data import PluggedData, as_type, data_of
+from ua_bridges.plugged.config import Device, PluggedBridgeConfig, PluggedSink, PluggedSkill, PluggedSource
+from ua_bridges.plugged.data import as_type
 from ua_bridges.plugged.devices import DeviceFacts, Plugged, Unplugged
 from ua_bridges.plugged.files import AttributeFiles
 from ua_bridges.plugged.lines import Lines, PluggedSkillSpec
 from ua_bridges.plugged.port import Port
 from ua_bridges.plugged.sensor import Sensor
 from ua_bridges.plugged.udev import PathWatch, UdevWatch
-from ua_fleet.bridge.configured import configured_skills
+from ua_fleet.bridge.configured import ConfiguredData, configured_sinks, configured_skills, configured_sources
 from ua_fleet.bridge.driver import Driver, DriverStatus, Dropped, Execution, Inlet, Skill
 from ua_fleet.bridge.executing import Ended, Executing
 from ua_fleet.config.schema import FleetConfig
 from ua_fleet.counters import Drop
 from ua_fleet.errors import RobotOffline, SkillError, SkillRejected
-from ua_fleet.topics import SERVER_SPACE, Topic
+from ua_fleet.topics import Topic
 from ua_fleet.values import StatusCode
 from ua_fleet.wire.messages import DataSetMessage, DataSetMetaData
 
@@ -72,9 +72,8 @@ class PluggedDriver:
         self._config = bridge
         self._skills = {skill.topic: skill for skill in configured_skills(config, bridge_name, PluggedSkill)}
         self._offers = tuple([skill.offer() for skill in self._skills.values() if skill.via is not None])
-        data = data_of(config, bridge_name)
-        self._sources = [each for each in data if each.topic.space != SERVER_SPACE]
-        self._sinks = {each.topic: each for each in data if isinstance(each.mapping, PluggedSink)}
+        self._sources = configured_sources(config, bridge_name, PluggedSource)
+        self._sinks = {data.topic: data for data in configured_sinks(config, bridge_name, PluggedSink)}
         self._sensors: dict[Topic, Sensor] = {}
         self._signals: dict[Signal, list[Sensor]] = {}
         self._followed: set[Signal] = set()
@@ -113,11 +112,7 @@ class PluggedDriver:
     def _equip(self, device: _Device, inlet: Inlet, executing: Executing) -> None:
         sensors = [sensor for sensor in self._sensors.values() if sensor.source.device == device.name]
         skills = [skill for skill in self._skills.values() if skill.via is not None and skill.via.device == device.name]
-        sinks = [
-            data
-            for data in self._sinks.values()
-            if isinstance(data.mapping, PluggedSink) and data.mapping.device == device.name
-        ]
+        sinks = [data for data in self._sinks.values() if data.side.device == device.name]
         on_line = [sensor for sensor in sensors if sensor.source.line is not None]
         if on_line or skills or sinks:
             settings = device.config.port
@@ -141,7 +136,7 @@ class PluggedDriver:
                 self._signals.setdefault(signal, []).append(sensor)
         names = [signal.sender for signal in self._signals]
         calls = [skill.via.call for skill in self._skills.values() if skill.via is not None]
-        calls += [data.mapping.call for data in self._sinks.values() if isinstance(data.mapping, PluggedSink)]
+        calls += [data.side.call for data in self._sinks.values()]
         names += [call.name for call in calls if call is not None]
         if names:
             self._bus = Bus(
@@ -265,9 +260,8 @@ class PluggedDriver:
                 return device.lines.inform(topic, message.values)
         return self._inform_by_call(data, message.values, self._inlet)
 
-    def _inform_by_call(self, data: PluggedData, values: Sequence[Any], inlet: Inlet) -> bool:
-        assert isinstance(data.mapping, PluggedSink)
-        call, bus = data.mapping.call, self._bus
+    def _inform_by_call(self, data: ConfiguredData[PluggedSink], values: Sequence[Any], inlet: Inlet) -> bool:
+        call, bus = data.side.call, self._bus
         assert call is not None
         assert bus is not None
         fitting = [as_type(name, kind, value) for (name, kind), value in zip(data.types.items(), values, strict=True)]

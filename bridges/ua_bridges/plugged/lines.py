@@ -10,9 +10,9 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Final, NamedTuple
 
 from ua_bridges.plugged.config import MESSAGE, PluggedSink, PluggedSkill, SerialSettings
-from ua_bridges.plugged.data import PluggedData, Put, as_type
+from ua_bridges.plugged.data import Put, as_type
 from ua_bridges.plugged.sensor import Sensor
-from ua_fleet.bridge.configured import ConfiguredSkill
+from ua_fleet.bridge.configured import ConfiguredData, ConfiguredSkill
 from ua_fleet.bridge.driver import Dropped, Execution
 from ua_fleet.bridge.executing import Ended, Executing, ended_text
 from ua_fleet.bridge.templates import AnswerPattern, CommandTemplate, Language
@@ -82,7 +82,7 @@ class Lines:
         settings: SerialSettings,
         sensors: Sequence[Sensor],
         skills: Sequence[PluggedSkillSpec],
-        sinks: Sequence[PluggedData],
+        sinks: Sequence[ConfiguredData[PluggedSink]],
         put: Put,
         executing: Executing,
         write: Callable[[bytes], None],
@@ -96,9 +96,9 @@ class Lines:
         self._sources = [_Source(sensor, settings.encoding) for sensor in sensors]
         self._commands = {skill.topic: _compile(skill) for skill in skills}
         self._sinks = {
-            data.topic: (data, CommandTemplate(data.mapping.command, data.types, Language.PLAIN))
+            data.topic: (data, CommandTemplate(data.side.command, data.types, Language.PLAIN))
             for data in sinks
-            if isinstance(data.mapping, PluggedSink) and data.mapping.command is not None
+            if data.side.command is not None
         }
         self._asked: tuple[_Source, float] | None = None
         """Who was asked last, and until when an answer is waited for."""

@@ -15,9 +15,9 @@ from collections.abc import Mapping
 from typing import Any, Final
 
 from ua_bridges.plugged.config import PluggedSource
-from ua_bridges.plugged.data import PluggedData, Put, as_type
+from ua_bridges.plugged.data import Put, as_type
 from ua_bridges.plugged.throttle import Throttle
-from ua_fleet.bridge.configured import ConfiguredSkill
+from ua_fleet.bridge.configured import ConfiguredData, ConfiguredSkill
 from ua_fleet.bridge.driver import Dropped, Execution, SampleRead, SourceFound, SourceLost
 from ua_fleet.bridge.executing import Ended, Executing
 from ua_fleet.counters import Drop
@@ -35,13 +35,12 @@ _BAD_FIELD: Final = Variant(BuiltinType.STATUS_CODE, StatusCode.BAD_TYPE_MISMATC
 class Sensor:
     """See the module. All calls come from one thread."""
 
-    def __init__(self, data: PluggedData, put: Put, executing: Executing) -> None:
-        assert isinstance(data.mapping, PluggedSource)
-        self.data, self.source = data, data.mapping
+    def __init__(self, data: ConfiguredData[PluggedSource], put: Put, executing: Executing) -> None:
+        self.data, self.source = data, data.side
         self._put, self._executing = put, executing
-        self._throttle = Throttle(data.mapping.max_rate_hz)
+        self._throttle = Throttle(data.side.max_rate_hz)
         self._is_plugged = self._is_there = False
-        self._is_wanted = data.mapping.when == "always"
+        self._is_wanted = data.side.when == "always"
         self._reads: list[bytes] = []
         self._needed_since = self._heard_at = 0.0
         self._was_needed = False

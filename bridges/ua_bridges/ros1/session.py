@@ -15,10 +15,11 @@ from ua_bridges.ros1.node import RosNode
 from ua_bridges.ros1.outlet import Outlet
 from ua_bridges.ros1.outlets import Outlets, absolute
 from ua_bridges.ros1.watch import Watch
+from ua_fleet.bridge.configured import configured_sinks, configured_sources
 from ua_fleet.bridge.driver import DriverStatus, Dropped, Inlet
-from ua_fleet.config.schema import FleetConfig
+from ua_fleet.config.schema import FleetConfig, TopicMapping
 from ua_fleet.counters import Drop
-from ua_fleet.topics import SERVER_SPACE, Topic
+from ua_fleet.topics import Topic
 from ua_fleet.wire.messages import DataSetMessage, DataSetMetaData
 
 __all__ = ["Ros1Driver"]
@@ -31,14 +32,8 @@ class Ros1Driver:
         bridge = config.bridges[bridge_name]
         assert isinstance(bridge, Ros1BridgeConfig)
         self._bridge = bridge
-        self._namespace = config.fleet.namespace_index
-        self._datasets = [
-            (dataset.id, name, dataset)
-            for robot in config.robots.values()
-            if robot.bridge == bridge_name
-            for name, dataset in robot.data.items()
-            if dataset.id is not None
-        ]
+        self._sources = configured_sources(config, bridge_name, TopicMapping)
+        self._sinks = configured_sinks(config, bridge_name, TopicMapping)
         self._name, self._pubsub = bridge_name, config.pubsub
         self._node: RosNode | None = None
         self._watch: Watch | None = None
@@ -54,12 +49,11 @@ class Ros1Driver:
         self._memory, self._served = LatchMemory(state_folder(), *identity), Served(state_folder(), *identity)
         self._outlets = outlets = Outlets(inlet, loop, self._delivered, self._outlets_changed)
         mapped: dict[str, list[Feed]] = {}
-        for number, name, dataset in self._datasets:
-            if dataset.source_topic is not None:
-                mapped_feed = MappedFeed(Topic(bridge.space, self._namespace, number), dataset, name, inlet, loop)
-                mapped.setdefault(absolute(dataset.source_topic.topic), []).append(mapped_feed)
-            if dataset.sink_topic is not None:
-                outlets.add_sink(Topic(SERVER_SPACE, self._namespace, number), name, dataset)
+        for source in self._sources:
+            mapped_feed = MappedFeed(source.topic, source.config, source.name, inlet, loop)
+            mapped.setdefault(absolute(source.side.topic), []).append(mapped_feed)
+        for sink in self._sinks:
+            outlets.add_sink(sink.topic, sink.name, sink.config)
         for name, feed in self._skill_feeds(node, inlet):
             mapped.setdefault(name, []).append(feed)
         self._watch = Watch(

@@ -20,13 +20,14 @@ from ua_bridges.ros2.node import Ros2Node
 from ua_bridges.ros2.outlet import Outlet
 from ua_bridges.ros2.qos import MIRROR, sink_qos
 from ua_bridges.ros2.thread import NodeThread
-from ua_bridges.ros2.watch import Heard, Mapped, Watch, absolute
+from ua_bridges.ros2.watch import Heard, Watch, absolute
+from ua_fleet.bridge.configured import ConfiguredData, configured_sinks, configured_sources
 from ua_fleet.bridge.driver import DriverStatus, Dropped, Inlet
 from ua_fleet.bridge.rate import RateGate
-from ua_fleet.config.schema import DataSetConfig, FleetConfig, TopicMapping
+from ua_fleet.config.schema import FleetConfig, TopicMapping
 from ua_fleet.counters import Drop
 from ua_fleet.errors import UaFleetError
-from ua_fleet.topics import SERVER_SPACE, Topic
+from ua_fleet.topics import Topic
 from ua_fleet.wire.messages import DataSetMessage, DataSetMetaData
 
 __all__ = ["Ros2Driver"]
@@ -66,14 +67,8 @@ class Ros2Driver:
         assert isinstance(bridge, Ros2BridgeConfig)
         self._config = bridge
         self._identity = ("ros2", bridge.space, bridge_name, config.pubsub.url, config.pubsub.interface)
-        namespace = config.fleet.namespace_index
-        self._datasets: list[tuple[Topic, str, DataSetConfig]] = [
-            (Topic(bridge.space if dataset.origin == "robot" else SERVER_SPACE, namespace, dataset.id), name, dataset)
-            for robot in config.robots.values()
-            if robot.bridge == bridge_name
-            for name, dataset in robot.data.items()
-            if dataset.id is not None
-        ]
+        self._mapped = configured_sources(config, bridge_name, TopicMapping)
+        self._written = configured_sinks(config, bridge_name, TopicMapping)
         self._thread = NodeThread(bridge.space, bridge.node_name, bridge.discovery)
         self._routes: dict[Topic, _Route] = {}
         self._sinks: dict[Topic, list[_Sink]] = {}
@@ -86,20 +81,16 @@ class Ros2Driver:
         """See Driver."""
         self._inlet = inlet
         self._loop = asyncio.get_running_loop()
-        mapped: list[Mapped] = [each for each in self._datasets if each[2].source_topic is not None]
-        written = {
-            absolute(dataset.sink_topic.topic) for _, _, dataset in self._datasets if dataset.sink_topic is not None
-        }
+        written = {absolute(data.side.topic) for data in self._written}
         folder = state_folder()
         self._delivered = Delivered(folder, *self._identity)
         self._served = Served(folder, *self._identity)
         self._watch = Watch(
-            self._config, inlet, mapped, written, self._served, self._thread.wake_at, self._listened(inlet)
+            self._config, inlet, self._mapped, written, self._served, self._thread.wake_at, self._listened(inlet)
         )
         await self._thread.start(self._opened, self._turn, self._watch.closing)
-        for topic, name, dataset in self._datasets:
-            if dataset.sink_topic is not None:
-                self._add_sink(topic, name, dataset, dataset.sink_topic)
+        for data in self._written:
+            self._add_sink(data)
 
     def _listened(self, inlet: Inlet) -> Iterable[Heard]:
         """Topics to listen to that are no data sources; a driver with skills has some."""
@@ -116,7 +107,7 @@ class Ros2Driver:
     def status(self) -> DriverStatus:
         """See Driver."""
         if self._thread.failure is not None:
-            return DriverStatus(False, self._thread.failure)
+            return DriverStatus(False, self._thread.failure, is_over=True)
         where = f"node /{self._config.node_name} in ROS 2 domain {self._config.space} ({self._config.discovery})"
         if self._thread.running:
             return DriverStatus(True, where)
@@ -219,25 +210,23 @@ class Ros2Driver:
         kind = load_type(ros_type)
         return Outlet(f"/{topic.name}", kind, MIRROR), compile_writer(kind.schema, names, make)
 
-    def _add_sink(self, topic: Topic, name: str, dataset: DataSetConfig, mapping: TopicMapping) -> None:
+    def _add_sink(self, data: ConfiguredData[TopicMapping]) -> None:
         """Write the DataSet to the robot's own topic, too."""
-        paths = [
-            (field_name or name, field.path or field_name or "data")
-            for field_name, field in dataset.all_fields().items()
-        ]
+        mapping = data.side
+        paths = [(name or data.name, field.path or name or "data") for name, field in data.config.all_fields().items()]
         try:
             kind = load_type(mapping.type)
             fill = compile_sink(kind.schema, paths)
             outlet = self._shared_outlet(mapping, kind)
         except UaFleetError as error:
-            reason = f"{name} cannot be written to {mapping.topic}: {error}"
+            reason = f"{data.name} cannot be written to {mapping.topic}: {error}"
             self._inlet.put(Dropped(Drop.TYPE_MISSING, detail=reason))
             return
         gate: RateGate[Values] | None = None
         if mapping.max_rate_hz is not None:
             deliver: Callable[[Values], object] = partial(self._send, outlet, fill)
             gate = RateGate(mapping.max_rate_hz, self._loop, deliver, self._count_rate_limited)
-        self._sinks.setdefault(topic, []).append(_Sink(outlet, fill, gate))
+        self._sinks.setdefault(data.topic, []).append(_Sink(outlet, fill, gate))
 
     def _shared_outlet(self, mapping: TopicMapping, kind: MessageType) -> Outlet:
         """The one publisher of a robot's topic, for all DataSets that are written to it."""

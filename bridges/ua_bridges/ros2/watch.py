@@ -16,20 +16,21 @@ from ua_bridges.ros2.late import LateSubscribers
 from ua_bridges.ros2.node import Ros2Node, guarded
 from ua_bridges.ros2.outlet import Outlet
 from ua_bridges.ros2.source import RosSource
+from ua_fleet.bridge.configured import ConfiguredData
 from ua_fleet.bridge.driver import Dropped, Inlet
-from ua_fleet.config.schema import DataSetConfig, QosConfig, TopicMapping
+from ua_fleet.config.schema import QosConfig, TopicMapping
 from ua_fleet.counters import Drop
 from ua_fleet.errors import BridgeUnavailable
 from ua_fleet.topics import Topic
 
-__all__ = ["Heard", "Mapped", "Watch", "absolute"]
+__all__ = ["Heard", "Watch", "absolute"]
 
 _ATTEND_S: Final = 0.005
 """New publishers are looked at so often until their subscribers have matched."""
 _LATE_S: Final = 0.2
 
-Mapped = tuple[Topic, str, DataSetConfig]
-"""A DataSet that is read from a robot's own topic: its UA topic, its browse name, and what `fleet.yaml` says."""
+Mapped = ConfiguredData[TopicMapping]
+"""A DataSet that is read from a robot's own topic."""
 
 
 class Heard(NamedTuple):
@@ -54,7 +55,7 @@ class Watch:
         self,
         config: Ros2BridgeConfig,
         inlet: Inlet,
-        mapped: list[Mapped],
+        mapped: Iterable[Mapped],
         written: set[str],
         served: Served,
         wake_at: Callable[[float], None],
@@ -75,8 +76,7 @@ class Watch:
         self._inlet = inlet
         self._mapped: dict[str, list[Mapped]] = {}
         for each in mapped:
-            assert each[2].source_topic is not None
-            self._mapped.setdefault(absolute(each[2].source_topic.topic), []).append(each)
+            self._mapped.setdefault(absolute(each.side.topic), []).append(each)
         self._written = written
         self._wake_at = wake_at
         self._heard: dict[str, list[Heard]] = {}
@@ -113,12 +113,11 @@ class Watch:
 
     def _make_mapped_source(self, name: str, datasets: list[Mapped]) -> RosSource:
         feeds: list[Feed] = [
-            MappedFeed(topic, dataset, browse_name, self._inlet, time.monotonic, self._wake_at)
-            for topic, browse_name, dataset in datasets
+            MappedFeed(data.topic, data.config, data.name, self._inlet, time.monotonic, self._wake_at)
+            for data in datasets
         ]
         feeds += [each.feed for each in self._heard.get(name, [])]
-        first: TopicMapping | None = datasets[0][2].source_topic
-        assert first is not None
+        first = datasets[0].side
         return RosSource(name, feeds, self._node, self._inlet, self._look_soon, wanted_type=first.type, qos=first.qos)
 
     def turn(self, now: float) -> float:

@@ -12,15 +12,14 @@ from collections.abc import Iterable, Iterator, Mapping
 from enum import StrEnum
 from typing import Annotated, ClassVar, Final, Literal
 
-from pydantic import AfterValidator, BaseModel, Field, field_validator, model_validator
+from pydantic import AfterValidator, BaseModel, Field, model_validator
 
 from ua_fleet.bridge.templates import AnswerPattern, CommandTemplate, Language, TemplateInvalid
 from ua_fleet.config.base import Model, ScalarType
-from ua_fleet.config.schema import BridgeConfig, DataMapping, DataSetConfig, RobotConfig, SkillConfig
-from ua_fleet.config.shapes import VENDOR_SPACE, all_of, at_least_one, exactly_one, given, implies, none_of
+from ua_fleet.config.schema import DataMapping, DataSetConfig, RobotConfig, SkillConfig, VendorBridgeConfig
+from ua_fleet.config.shapes import all_of, at_least_one, exactly_one, given, implies, none_of
 from ua_fleet.document import KeyPath
 from ua_fleet.names import closest
-from ua_fleet.topics import FIRST_VENDOR_SPACE
 
 __all__ = [
     "FAULT",
@@ -36,7 +35,6 @@ __all__ = [
     "TcpSink",
     "TcpSkillMapping",
     "TcpSource",
-    "field_types",
     "host_and_port",
 ]
 
@@ -203,18 +201,11 @@ class TcpSink(DataMapping, frozen=True):
     """What the program on the robot knows it by; the name of the data if left out."""
 
 
-def field_types(data: DataSetConfig) -> dict[str, ScalarType]:
-    """The fields of data by the names that templates and patterns use: a single one is `value`."""
-    return {name or "value": field.type for name, field in data.all_fields().items()}
-
-
-class TcpBridgeConfig(BridgeConfig, frozen=True, json_schema_extra=at_least_one("direct", "interpreter")):
+class TcpBridgeConfig(VendorBridgeConfig, frozen=True, json_schema_extra=at_least_one("direct", "interpreter")):
     """A bridge to a robot that speaks over TCP. `space` is one of the vendor spaces, 256 to 65535."""
 
     kind: Literal["tcp"]
     """Always `tcp`."""
-    space: int = Field(json_schema_extra=VENDOR_SPACE)
-    """Id of the robot's own space, 256 to 65535."""
     direct: DirectLink | None = None
     """The socket on which the robot takes commands in its own language."""
     interpreter: InterpreterLink | None = None
@@ -226,13 +217,6 @@ class TcpBridgeConfig(BridgeConfig, frozen=True, json_schema_extra=at_least_one(
     """Model of `via` in the skills of its robots."""
     source_mapping: ClassVar[type[DataMapping] | None] = TcpSource
     sink_mapping: ClassVar[type[DataMapping] | None] = TcpSink
-
-    @field_validator("space")
-    @classmethod
-    def _vendor_space(cls, space: int) -> int:
-        if space < FIRST_VENDOR_SPACE:
-            raise ValueError(f"a TCP robot has a vendor space of its own, {FIRST_VENDOR_SPACE} to 65535")
-        return space
 
     @model_validator(mode="after")
     def _links(self) -> TcpBridgeConfig:
@@ -340,7 +324,7 @@ class TcpBridgeConfig(BridgeConfig, frozen=True, json_schema_extra=at_least_one(
         if self.direct is None:
             yield key_path, "the bridge has no `direct`, the socket that takes commands", "add it to the bridge"
             return
-        types = field_types(data)
+        types = data.field_types()
         try:
             if isinstance(direct, DirectSource):
                 names = AnswerPattern(direct.line, types, self.direct.language).names

@@ -4,85 +4,36 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any, Final
 
-from ua_bridges.tcp.config import FAULT, TcpBridgeConfig, TcpSink, TcpSource, field_types
+from ua_bridges.tcp.config import FAULT, TcpSink, TcpSource
+from ua_fleet.bridge.configured import ConfiguredData, configured_faults
 from ua_fleet.bridge.driver import DriverEvent, Dropped, SampleRead, SourceFound, SourceLost
 from ua_fleet.bridge.rate import RateLimit
 from ua_fleet.config.base import ScalarType
 from ua_fleet.config.schema import DataSetConfig, FleetConfig
 from ua_fleet.counters import Drop
 from ua_fleet.fleet.skills import ArgumentModel, argument_problem
-from ua_fleet.pubsub.metadata import make_field
-from ua_fleet.topics import SERVER_SPACE, Topic
+from ua_fleet.topics import Topic
 from ua_fleet.values import BuiltinType, StatusCode, Variant
-from ua_fleet.wire.messages import FieldMetaData
 
-__all__ = ["Put", "RobotData", "Sources", "data_of", "faults_of", "unfit"]
+__all__ = ["Put", "RobotData", "Sources", "faults_of", "subtype_of", "unfit"]
 
 Put = Callable[[DriverEvent], None]
 _FLOATS: Final = (ScalarType.FLOAT, ScalarType.DOUBLE)
+RobotData = ConfiguredData[TcpSource] | ConfiguredData[TcpSink]
 
 
-@dataclass(frozen=True, slots=True)
-class RobotData:
-    """One DataSet of a robot behind the bridge."""
-
-    topic: Topic
-    label: str
-    """`robot.data`, for people."""
-    subtype: str
+def subtype_of(data: RobotData) -> str:
     """What the program on the robot calls it."""
-    types: Mapping[str, ScalarType]
-    mapping: TcpSource | TcpSink | None
-    fields: tuple[FieldMetaData, ...]
+    return data.side.subtype or data.name
 
 
-def _one(config: FleetConfig, bridge: TcpBridgeConfig, label: str, name: str, data: DataSetConfig) -> RobotData:
-    assert data.id is not None
-    space = bridge.space if data.origin == "robot" else SERVER_SPACE
-    mapping = data.source if data.origin == "robot" else data.sink
-    if not isinstance(mapping, TcpSource | TcpSink):
-        mapping = None
-    fields = [make_field(field or name, each.type.builtin) for field, each in data.all_fields().items()]
-    subtype = mapping.subtype if mapping is not None and mapping.subtype is not None else name
-    topic = Topic(space, config.fleet.namespace_index, data.id)
-    return RobotData(topic, label, subtype, field_types(data), mapping, tuple(fields))
-
-
-def data_of(config: FleetConfig, bridge_name: str) -> tuple[RobotData, ...]:
-    """The data of the robots behind a bridge, in both directions. What has no id yet is left out."""
-    bridge = config.bridges[bridge_name]
-    assert isinstance(bridge, TcpBridgeConfig)
-    return tuple(
-        [
-            _one(config, bridge, f"{robot_name}.{name}", name, data)
-            for robot_name, robot in config.robots.items()
-            if robot.bridge == bridge_name
-            for name, data in robot.data.items()
-            if data.id is not None
-        ]
-    )
-
-
-def faults_of(config: FleetConfig, bridge_name: str) -> tuple[RobotData, ...]:
+def faults_of(config: FleetConfig, bridge_name: str) -> tuple[ConfiguredData[TcpSource], ...]:
     """The DataSets with which the robots behind a bridge say what is wrong with them."""
-    bridge = config.bridges[bridge_name]
-    return tuple(
-        [
-            RobotData(
-                Topic(bridge.space, config.fleet.namespace_index, robot.fault_id),
-                f"{name}.{FAULT}",
-                FAULT,
-                {"value": ScalarType.STRING},
-                None,
-                (make_field(FAULT, BuiltinType.STRING),),
-            )
-            for name, robot in config.robots.items()
-            if robot.bridge == bridge_name and robot.fault_id is not None
-        ]
-    )
+    fault = DataSetConfig(type=ScalarType.STRING)
+    faults = configured_faults(config, bridge_name).items()
+    return tuple([ConfiguredData(robot, FAULT, topic, fault, TcpSource()) for robot, topic in faults])
 
 
 def unfit(data: RobotData, values: Sequence[Any]) -> str | None:
@@ -150,7 +101,7 @@ class Sources:
             else:
                 read.append(value)
         sample = SampleRead(data.topic, tuple(read), time_ns)
-        rate_hz = data.mapping.max_rate_hz if isinstance(data.mapping, TcpSource) else None
+        rate_hz = data.side.max_rate_hz if isinstance(data.side, TcpSource) else None
         if rate_hz is None:
             self._put(sample)
             return

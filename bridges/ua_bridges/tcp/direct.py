@@ -106,14 +106,14 @@ class DirectSession:
             if skill.via is not None and skill.via.direct is not None
         }
         self._own = [
-            _Source(each, each.mapping.direct, link)
+            _Source(each, each.side.direct, link)
             for each in data
-            if isinstance(each.mapping, TcpSource) and each.mapping.direct is not None
+            if isinstance(each.side, TcpSource) and each.side.direct is not None
         ]
         self._sinks: dict[Any, tuple[RobotData, CommandTemplate]] = {
             each.topic: (each, CommandTemplate(direct.command, each.types, link.language))
             for each in data
-            if isinstance(each.mapping, TcpSink) and isinstance(direct := each.mapping.direct, DirectSink)
+            if isinstance(each.side, TcpSink) and isinstance(direct := each.side.direct, DirectSink)
         }
         self._sources = Sources(put)
         self._executing = Executing(put)

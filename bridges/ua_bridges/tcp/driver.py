@@ -6,16 +6,16 @@ import time
 from collections.abc import Sequence
 from typing import Any
 
-from ua_bridges.tcp.config import TcpBridgeConfig, TcpSkillMapping
-from ua_bridges.tcp.data import RobotData, data_of, faults_of
+from ua_bridges.tcp.config import TcpBridgeConfig, TcpSink, TcpSkillMapping, TcpSource
+from ua_bridges.tcp.data import RobotData, faults_of
 from ua_bridges.tcp.direct import DirectSession
 from ua_bridges.tcp.interpreter import InterpreterSession, TcpSkill
 from ua_bridges.tcp.link import Link
-from ua_fleet.bridge.configured import configured_skills
+from ua_fleet.bridge.configured import configured_sinks, configured_skills, configured_sources, every_data_set
 from ua_fleet.bridge.driver import Driver, DriverStatus, Dropped, Execution, Inlet, Skill
 from ua_fleet.config.schema import FleetConfig
 from ua_fleet.counters import Drop
-from ua_fleet.topics import SERVER_SPACE, Topic
+from ua_fleet.topics import Topic
 from ua_fleet.wire.messages import DataSetMessage, DataSetMetaData
 
 __all__ = ["TcpDriver", "create_driver"]
@@ -26,7 +26,7 @@ def _is_direct(skill: TcpSkill) -> bool:
 
 
 def _is_sent_direct(data: RobotData) -> bool:
-    return data.mapping is not None and data.mapping.direct is not None
+    return data.side.direct is not None
 
 
 class TcpDriver:
@@ -38,10 +38,10 @@ class TcpDriver:
         self._config, self._name = bridge, bridge_name
         self._skills = {skill.topic: skill for skill in configured_skills(config, bridge_name, TcpSkillMapping)}
         self._offers = tuple([skill.offer() for skill in self._skills.values()])
-        data = data_of(config, bridge_name)
-        self._sources = tuple([each for each in data if each.topic.space != SERVER_SPACE])
+        self._sources = configured_sources(config, bridge_name, TcpSource, TcpSource())
         self._faults = faults_of(config, bridge_name)
-        self._sinks = {each.topic: each for each in data if each.topic.space == SERVER_SPACE}
+        sinks = configured_sinks(config, bridge_name, TcpSink, TcpSink())
+        self._sinks = {data.topic: data for data in sinks}
         self._direct_link = self._interpreter_link = None
         if (direct := bridge.direct) is not None:
             self._direct_link = Link(f"{bridge_name} (direct)", direct.connect)
@@ -61,12 +61,13 @@ class TcpDriver:
         config, now = self._config, time.monotonic()
         if config.direct is not None and (link := self._direct_link) is not None:
             skills = [skill for skill in self._skills.values() if _is_direct(skill)]
-            data = [each for each in (*self._sources, *self._sinks.values()) if _is_sent_direct(each)]
+            both: list[RobotData] = [*self._sources, *self._sinks.values()]
+            data = [each for each in both if _is_sent_direct(each)]
             self._direct = DirectSession(config.direct, skills, data, inlet.put, link.write, link.reset, now)
             link.start(self._direct)
         if config.interpreter is not None and (link := self._interpreter_link) is not None:
-            data = [each for each in (*self._sources, *self._faults) if not _is_sent_direct(each)]
-            self._interpreter = InterpreterSession(config.interpreter, data, inlet.put, link.write, link.reset, now)
+            sources = [each for each in (*self._sources, *self._faults) if not _is_sent_direct(each)]
+            self._interpreter = InterpreterSession(config.interpreter, sources, inlet.put, link.write, link.reset, now)
             self._interpreter.answer_from(self._known)
             link.start(self._interpreter)
 
@@ -144,15 +145,8 @@ class TcpDriver:
 
 def _topics_of(config: FleetConfig, answers: Sequence[str]) -> dict[Topic, str]:
     """Topics of other robots' data by their names `robot.data`; config check has seen that they exist."""
-    topics: dict[Topic, str] = {}
-    for name in answers:
-        robot_name, _, data_name = name.partition(".")
-        robot = config.robots.get(robot_name)
-        data = robot.data.get(data_name) if robot is not None else None
-        if data is not None and data.id is not None:
-            space = config.space_of(robot_name) if data.origin == "robot" else SERVER_SPACE
-            topics[Topic(space, config.fleet.namespace_index, data.id)] = name
-    return topics
+    labels = {f"{robot}.{name}": topic for robot, name, topic, _ in every_data_set(config)}
+    return {labels[name]: name for name in answers if name in labels}
 
 
 def create_driver(config: FleetConfig, bridge_name: str) -> Driver:

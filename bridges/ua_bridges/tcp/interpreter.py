@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from ua_bridges.tcp.config import FAULT, InterpreterLink, TcpSkillMapping
-from ua_bridges.tcp.data import Put, RobotData, Sources, unfit
+from ua_bridges.tcp.data import Put, RobotData, Sources, subtype_of, unfit
 from ua_bridges.tcp.framing import FieldReader, FramingBroken
 from ua_bridges.tcp.link import APPEARS_S
 from ua_bridges.tcp.messages import (
@@ -69,7 +69,7 @@ class InterpreterSession:
     ) -> None:
         self._link, self._reset = link, reset
         self._outbox = Outbox(link, write)
-        self._data = {data.subtype: data for data in sources}
+        self._data = {subtype_of(data): data for data in sources}
         self._sources = Sources(put)
         self._executing = Executing(put)
         self._told: dict[int, _Told] = {}
@@ -148,7 +148,7 @@ class InterpreterSession:
             known = f"fleet.yaml has {', '.join(self._data) or 'none'}"
             self._sources.dropped(Drop.UNKNOWN_SOURCE, f"the program sends `{message.subtype[:40]}`; {known}")
             return
-        if data.subtype == FAULT and not message.data:
+        if message.subtype == FAULT and not message.data:
             message = message._replace(data=("",))
         values: dict[str, Any] = {}
         for (name, wanted), field in zip(data.types.items(), message.data, strict=False):
@@ -260,7 +260,7 @@ class InterpreterSession:
         if (problem := unfit(data, values)) is not None:
             self._sources.dropped(Drop.CONVERSION, f"{data.label}: {problem}")
             return False
-        message = Message(Type.INFORMATION, data.subtype, 0, fields_of(values))
+        message = Message(Type.INFORMATION, subtype_of(data), 0, fields_of(values))
         try:
             encoded = self._outbox.encode(message)
         except SkillRejected as error:

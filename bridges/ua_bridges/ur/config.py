@@ -12,11 +12,10 @@ from ua_bridges.ur.outputs import ALL_OUTPUTS, OUTPUT_NAMES, find_output
 from ua_bridges.ur.variables import VARIABLES, read_path
 from ua_fleet.bridge.templates import CommandTemplate, Language, TemplateInvalid
 from ua_fleet.config.base import Model, ScalarType
-from ua_fleet.config.schema import BridgeConfig, DataMapping, DataSetConfig, FieldConfig, RobotConfig, SkillConfig
-from ua_fleet.config.shapes import VENDOR_SPACE, exactly_one
+from ua_fleet.config.schema import DataMapping, DataSetConfig, FieldConfig, RobotConfig, SkillConfig, VendorBridgeConfig
+from ua_fleet.config.shapes import exactly_one
 from ua_fleet.document import KeyPath
 from ua_fleet.names import closest, listed
-from ua_fleet.topics import FIRST_VENDOR_SPACE
 
 __all__ = [
     "Dashboard",
@@ -226,13 +225,11 @@ def field_path(name: str, field: FieldConfig) -> str:
     return field.path or name
 
 
-class UrBridgeConfig(BridgeConfig, frozen=True):
+class UrBridgeConfig(VendorBridgeConfig, frozen=True):
     """A bridge to the controller of a Universal Robots arm. `space` is one of the vendor spaces, 256 to 65535."""
 
     kind: Literal["ur"]
     """Always `ur`."""
-    space: int = Field(json_schema_extra=VENDOR_SPACE)
-    """Id of the controller's own space, 256 to 65535."""
     address: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9.-]*$", examples=["192.168.0.10"])]
     """IPv4 address or name of the controller; its ports are the usual ones, 29999 and 30001 to 30004."""
     answer_timeout_s: float = Field(default=3.0, gt=0, le=60)
@@ -254,13 +251,6 @@ class UrBridgeConfig(BridgeConfig, frozen=True):
     """Model of `via` in the skills of its robots."""
     source_mapping: ClassVar[type[DataMapping] | None] = UrSource
     sink_mapping: ClassVar[type[DataMapping] | None] = UrSink
-
-    @field_validator("space")
-    @classmethod
-    def _vendor_space(cls, space: int) -> int:
-        if space < FIRST_VENDOR_SPACE:
-            raise ValueError(f"a controller has a vendor space of its own, {FIRST_VENDOR_SPACE} to 65535")
-        return space
 
     @field_validator("retry_s")
     @classmethod

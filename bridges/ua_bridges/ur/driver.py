@@ -19,9 +19,9 @@ from ua_bridges.ur.outputs import Output
 from ua_bridges.ur.sinks import sinks_of
 from ua_bridges.ur.state import State
 from ua_bridges.ur.tasks import Forgotten, Progress, RobotTask, make_task, refusal_of
-from ua_bridges.ur.telemetry import Telemetry, faults_of, frequency_of, sources_of, variables_of
+from ua_bridges.ur.telemetry import Telemetry, frequency_of, sources_of, variables_of
 from ua_bridges.ur.watching import Faults, Watcher
-from ua_fleet.bridge.configured import configured_skills
+from ua_fleet.bridge.configured import configured_faults, configured_skills
 from ua_fleet.bridge.driver import Driver, DriverStatus, Dropped, Execution, Inlet, Skill
 from ua_fleet.bridge.executing import Ended, Executing, ended_text
 from ua_fleet.config.schema import FleetConfig
@@ -58,7 +58,7 @@ class UrDriver:
         self._offers = tuple([skill.offer() for skill in self._skills.values()])
         self._sinks = sinks_of(config, bridge_name)
         self._sources = sources_of(config, bridge_name)
-        self._fault_topics = faults_of(config, bridge_name)
+        self._fault_topics = tuple(configured_faults(config, bridge_name).values())
         self._label = bridge_name
         self._link = CommandLink(bridge.address, bridge.answer_timeout_s)
         self._jobs: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()

@@ -9,14 +9,14 @@ from typing import Any, Final
 from ua_bridges.ur.config import UrSource, field_path
 from ua_bridges.ur.state import State
 from ua_bridges.ur.variables import ALWAYS_READ, VARIABLES, Reading, read_path, register_names
+from ua_fleet.bridge.configured import configured_sources
 from ua_fleet.bridge.driver import DriverEvent, Dropped, SampleRead, SourceFound, SourceLost
 from ua_fleet.config.schema import FleetConfig
 from ua_fleet.counters import Drop
-from ua_fleet.pubsub.metadata import make_field
 from ua_fleet.topics import Topic
 from ua_fleet.wire.messages import FieldMetaData
 
-__all__ = ["Source", "Telemetry", "faults_of", "frequency_of", "sources_of", "variables_of"]
+__all__ = ["Source", "Telemetry", "frequency_of", "sources_of", "variables_of"]
 
 FASTEST_HZ: Final = 500.0
 _LOST: Final = "samples came faster than they were read; this machine is too busy for the rate that is asked for"
@@ -38,38 +38,14 @@ class Source:
 
 def sources_of(config: FleetConfig, bridge_name: str) -> tuple[Source, ...]:
     """The sources of the robot behind a bridge. What has no id yet, or no variable, is left out."""
-    space, namespace = config.bridges[bridge_name].space, config.fleet.namespace_index
     found: list[Source] = []
-    for robot_name, robot in config.robots.items():
-        if robot.bridge != bridge_name:
-            continue
-        for name, data in robot.data.items():
-            if data.id is None or not isinstance(data.source, UrSource):
-                continue
-            readings = [read_path(field_path(field, each)) for field, each in data.all_fields().items()]
-            fields = [
-                make_field(field or name, each.type.builtin, array=each.array)
-                for field, each in data.all_fields().items()
-            ]
-            known = tuple([reading for reading in readings if reading is not None])
-            if len(known) == len(fields):
-                topic = Topic(space, namespace, data.id)
-                source = data.source
-                label = f"{robot_name}.{name}"
-                found.append(Source(topic, label, tuple(fields), known, source.max_rate_hz, source.only_changes))
+    for data in configured_sources(config, bridge_name, UrSource):
+        readings = [read_path(field_path(name, field)) for name, field in data.config.all_fields().items()]
+        known = tuple([reading for reading in readings if reading is not None])
+        if len(known) == len(readings):
+            source = data.side
+            found.append(Source(data.topic, data.label, data.fields, known, source.max_rate_hz, source.only_changes))
     return tuple(found)
-
-
-def faults_of(config: FleetConfig, bridge_name: str) -> tuple[Topic, ...]:
-    """Where the robots behind a bridge say what is wrong with them."""
-    space, namespace = config.bridges[bridge_name].space, config.fleet.namespace_index
-    return tuple(
-        [
-            Topic(space, namespace, robot.fault_id)
-            for robot in config.robots.values()
-            if robot.bridge == bridge_name and robot.fault_id is not None
-        ]
-    )
 
 
 def variables_of(sources: tuple[Source, ...], registers: frozenset[tuple[str, int]]) -> dict[str, list[Any]]:

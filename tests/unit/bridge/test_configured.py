@@ -8,12 +8,13 @@ from typing import Any
 import pytest
 
 from tests.unit.bridge.test_actions import SPACE, Bench, Robot
-from ua_fleet.bridge.configured import configured_skills
-from ua_fleet.config.base import Model
-from ua_fleet.config.schema import FleetConfig
+from ua_fleet.bridge.configured import configured_faults, configured_sinks, configured_skills, configured_sources
+from ua_fleet.config.base import Model, ScalarType
+from ua_fleet.config.schema import DataMapping, FleetConfig
 from ua_fleet.counters import Drop
 from ua_fleet.fleet.skills import SkillLimits
 from ua_fleet.pubsub.metadata import field_property
+from ua_fleet.topics import Topic
 from ua_fleet.values import BuiltinType, StatusCode
 
 CONFIG = FleetConfig.model_validate(
@@ -45,6 +46,35 @@ CONFIG = FleetConfig.model_validate(
                     }
                 },
             }
+        },
+    }
+)
+
+
+DATA = FleetConfig.model_validate(
+    {
+        "version": 1,
+        "pubsub": {"security": "none"},
+        "bridges": {"cell": {"kind": "virtual", "space": SPACE}, "yard": {"kind": "virtual", "space": SPACE + 1}},
+        "robots": {
+            "arm": {
+                "bridge": "cell",
+                "fault_id": 9,
+                "data": {
+                    "pose": {"id": 1, "fields": {"x": {"type": "Double"}, "name": {"type": "String"}}, "source": {}},
+                    "level": {"id": 2, "type": "Int32", "array": True},
+                    "new": {"type": "Int32", "source": {}},
+                    "speed": {"id": 3, "origin": "server", "type": "Float", "sink": {}},
+                    "lamp": {"id": 4, "origin": "server", "type": "Boolean"},
+                },
+            },
+            "cart": {
+                "bridge": "yard",
+                "data": {
+                    "load": {"id": 5, "type": "Double", "source": {}},
+                    "goal": {"id": 6, "origin": "server", "type": "Double", "sink": {}},
+                },
+            },
         },
     }
 )
@@ -103,3 +133,29 @@ def test_a_robot_hears_of_nothing_outside_a_range(values: tuple[Any, ...], said:
     assert robot.begun == []
     assert (bench.reports()[-1].status, bench.reports()[-1].message) == (StatusCode.BAD_OUT_OF_RANGE, said)
     assert bench.counters.drops == {Drop.REFUSED: 1}
+
+
+def test_a_bridge_reads_what_its_robots_have() -> None:
+    (pose,) = configured_sources(DATA, "cell", DataMapping)
+    assert (pose.topic, pose.label) == (Topic(SPACE, 2, 1), "arm.pose")
+    assert pose.types == {"x": ScalarType.DOUBLE, "name": ScalarType.STRING}
+    _, level = configured_sources(DATA, "cell", DataMapping, DataMapping())
+    assert level.types == {"value": ScalarType.INT32}
+    assert [(field.name, field.value_rank) for field in level.fields] == [("level", 1)]
+
+
+def test_a_bridge_writes_what_clients_write_and_what_it_mirrors() -> None:
+    def topics(unmapped: DataMapping | None = None, **mirrors: DataMapping) -> list[Topic]:
+        by_label = {name.replace("_", "."): sink for name, sink in mirrors.items()}
+        return [data.topic for data in configured_sinks(DATA, "cell", DataMapping, unmapped, by_label)]
+
+    speed, lamp = Topic(0, 2, 3), Topic(0, 2, 4)
+    assert topics() == [speed]
+    assert topics(DataMapping()) == [speed, lamp]
+    mirrors = {"arm_pose": DataMapping(), "cart_load": DataMapping(), "cart_goal": DataMapping()}
+    assert topics(**mirrors) == [speed, Topic(SPACE + 1, 2, 5), Topic(0, 2, 6)], "its own robot's are no others'"
+
+
+def test_a_robot_without_an_id_for_it_says_no_faults() -> None:
+    assert configured_faults(DATA, "cell") == {"arm": Topic(SPACE, 2, 9)}
+    assert configured_faults(DATA, "yard") == {}

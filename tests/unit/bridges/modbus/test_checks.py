@@ -218,7 +218,7 @@ WRONG: list[tuple[str, str, str]] = [
     (
         "no vendor space",
         HEAD.replace("space: 300", "space: 30"),
-        "6:bridges.plc.space: a Modbus space is 256 to 65535",
+        "6:bridges.plc.space: a bridge of this kind has a vendor space of its own, 256 to 65535",
     ),
 ]
 

@@ -55,7 +55,7 @@ def test_it_is_valid() -> None:
         ('"LED {value}"', '"LED {on}"', "{on} is no argument of the skill"),
         ("path: /dev/box", "match: {subsystem: tty}", "would take any device of tty; say which"),
         ("path: /dev/box", 'match: {vendor: "1"}, path: x', "vendor"),
-        ("space: 300", "space: 30", "a vendor space of their own, 256 to 65535"),
+        ("space: 300", "space: 30", "a vendor space of its own, 256 to 65535"),
         ("    bridge: pc\n", "    bridge: pc\n    mounted_on: rover\n", "there is no robot `rover`"),
         ("    bridge: pc\n", "    bridge: pc\n    mounted_on: rover_pc\n", "a robot is not mounted on itself"),
         ("id: 12,", "id: 12, needs: [temperature],", "rover_pc has not the capacity `temperature`"),

@@ -5,14 +5,13 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
-from ua_bridges.plugged.config import PluggedSkill
-from ua_bridges.plugged.data import data_of
+from ua_bridges.plugged.config import PluggedSkill, PluggedSource
 from ua_bridges.plugged.files import value_of
 from ua_bridges.plugged.sensor import Sensor
 from ua_bridges.plugged.throttle import Throttle
 
 from ua_fleet.bridge import DriverEvent, Dropped, Execution, ExecutionEnded, SampleRead, SourceFound, SourceLost
-from ua_fleet.bridge.configured import configured_skills
+from ua_fleet.bridge.configured import configured_skills, configured_sources
 from ua_fleet.bridge.executing import Executing
 from ua_fleet.config.base import ScalarType
 from ua_fleet.config.load import load_content
@@ -42,7 +41,7 @@ class Bench:
     def __init__(self, source: str = "period_s: 1") -> None:
         config = load_content(FLEET.replace("SOURCE", source).encode(), "f.yaml", {})
         self.told: list[DriverEvent] = []
-        (data,) = data_of(config, "pc")
+        (data,) = configured_sources(config, "pc", PluggedSource)
         (self.skill,) = configured_skills(config, "pc", PluggedSkill)
         self.sensor = Sensor(data, self.told.append, Executing(self.told.append))
 

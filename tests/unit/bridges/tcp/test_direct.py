@@ -5,12 +5,11 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
-from ua_bridges.tcp.config import TcpBridgeConfig, TcpSkillMapping
-from ua_bridges.tcp.data import data_of
+from ua_bridges.tcp.config import TcpBridgeConfig, TcpSink, TcpSkillMapping, TcpSource
 from ua_bridges.tcp.direct import DirectSession
 
 from tests.unit.bridges.tcp.tcp_fleet import fleet
-from ua_fleet.bridge.configured import configured_skills
+from ua_fleet.bridge.configured import configured_sinks, configured_skills, configured_sources
 from ua_fleet.bridge.driver import (
     DriverEvent,
     Dropped,
@@ -48,7 +47,7 @@ class Robot:
         self.session = DirectSession(
             bridge.direct,
             list(self.skills.values()),
-            data_of(config, "cell"),
+            [*configured_sources(config, "cell", TcpSource), *configured_sinks(config, "cell", TcpSink)],
             self.told.append,
             self.sent.append,
             self._reset,

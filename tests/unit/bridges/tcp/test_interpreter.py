@@ -5,13 +5,13 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
-from ua_bridges.tcp.config import InterpreterLink, TcpBridgeConfig, TcpSkillMapping
-from ua_bridges.tcp.data import data_of, faults_of
+from ua_bridges.tcp.config import InterpreterLink, TcpBridgeConfig, TcpSink, TcpSkillMapping, TcpSource
+from ua_bridges.tcp.data import faults_of, subtype_of
 from ua_bridges.tcp.interpreter import InterpreterSession, TcpSkill
 from ua_bridges.tcp.messages import number_of
 
 from tests.unit.bridges.tcp.tcp_fleet import fleet
-from ua_fleet.bridge.configured import configured_skills
+from ua_fleet.bridge.configured import configured_sinks, configured_skills, configured_sources
 from ua_fleet.bridge.driver import (
     DriverEvent,
     Dropped,
@@ -50,9 +50,8 @@ class Robot:
         self.sent: list[bytes] = []
         self.resets: list[str] = []
         self.now = 0.0
-        sources = [
-            data for data in data_of(self.config, "cell") if data.topic.space != 0 and data.subtype == "position"
-        ]
+        sources = configured_sources(self.config, "cell", TcpSource, TcpSource())
+        sources = tuple([data for data in sources if subtype_of(data) == "position"])
         self.session = InterpreterSession(
             bridge.interpreter,
             [*sources, *faults_of(self.config, "cell")],
@@ -274,7 +273,8 @@ def test_a_robot_asks_for_anothers_data() -> None:
 
 def test_the_server_informs_the_robot() -> None:
     robot = Robot()
-    text = next(data for data in data_of(robot.config, "cell") if data.subtype == "text")
+    sinks = configured_sinks(robot.config, "cell", TcpSink, TcpSink())
+    text = next(data for data in sinks if subtype_of(data) == "text")
     assert robot.session.inform(text, ("hello",), robot.now)
     assert robot.reads() == [["information", "text", "0", "1", "hello"]]
     assert not robot.session.inform(text, ("a\x07",), robot.now)
@@ -336,7 +336,8 @@ def test_a_field_that_is_not_acknowledged_ends_the_connection() -> None:
 
 def test_of_values_that_wait_the_latest_counts() -> None:
     robot = Robot("acknowledged")
-    text = next(data for data in data_of(robot.config, "cell") if data.subtype == "text")
+    sinks = configured_sinks(robot.config, "cell", TcpSink, TcpSink())
+    text = next(data for data in sinks if subtype_of(data) == "text")
     for number in range(500):
         assert robot.session.inform(text, (str(number),), robot.now)
     assert robot.resets == []

@@ -94,23 +94,24 @@ class Handshake:
 
     def ask(self, registers: SkillRegisters, execution: Execution) -> None:
         """Find out what became of an execution of a run before."""
-        given = self._memory.find(execution.execution_id)
+        execution_id = execution.execution_id
+        try:
+            given, last = self._memory.find(execution_id), self._memory.last(self._name)
+        except StorageUnavailable as error:
+            self._answer(ExecutionForgotten(execution_id, f"the bridge's record of it cannot be read: {error}"))
+            return
         if given is None:
             if self._memory.is_new:
-                self._put(ExecutionForgotten(execution.execution_id, "the bridge's record of it is gone"))
+                self._answer(ExecutionForgotten(execution_id, "the bridge's record of it is gone"))
             else:
-                self._put(ExecutionNotBegun(execution.execution_id))
-            self._free(execution.execution_id)
+                self._answer(ExecutionNotBegun(execution_id))
             return
         if given.status is not None:
             values = tuple([variant.value for variant in unpack(given.result)])
-            self._put(ExecutionEnded(given.execution_id, given.status, values, given.message))
-            self._free(execution.execution_id)
+            self._answer(ExecutionEnded(execution_id, given.status, values, given.message))
             return
-        last = self._memory.last(self._name)
-        if last is None or last.execution_id != given.execution_id:
-            self._put(ExecutionForgotten(given.execution_id, "the device was given another one after it"))
-            self._free(execution.execution_id)
+        if last is None or last.execution_id != execution_id:
+            self._answer(ExecutionForgotten(execution_id, "the device was given another one after it"))
             return
         self._executing.begin(registers.skill, execution, time.monotonic())
         job = _Job(registers, execution, ())
@@ -145,6 +146,11 @@ class Handshake:
         """End what takes too long while the device cannot be asked."""
         if self._job is not None:
             self._check_time(self._job, now)
+
+    def _answer(self, fact: ExecutionEnded | ExecutionForgotten | ExecutionNotBegun) -> None:
+        """What is known of an execution without its device."""
+        self._put(fact)
+        self._free(fact.execution_id)
 
     async def _words(self, device: DeviceRequests, job: _Job) -> StatusWords:
         registers = job.registers

@@ -5,7 +5,8 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import threading
-from collections.abc import Callable, Mapping, Sequence
+import traceback
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any, Final, cast
@@ -209,7 +210,7 @@ class ModbusDriver:
     async def _serve(self, begun: Callable[[BaseException | None], None]) -> None:
         assert self._inlet is not None
         put, loop = self._inlet.put, asyncio.get_running_loop()
-        loop.set_exception_handler(self._on_broken_answer)
+        loop.set_exception_handler(self._on_error)
         self._stop = asyncio.Event()
         lines: dict[tuple[object, ...], Line] = {}
         with contextlib.ExitStack() as cleanup:
@@ -236,11 +237,18 @@ class ModbusDriver:
                     _, running = await asyncio.wait(running, timeout=0.1)
         await asyncio.sleep(_CLOSING_S)  # asyncio closes a connection in its next turns
 
-    def _on_broken_answer(self, loop: asyncio.AbstractEventLoop, context: Mapping[str, Any]) -> None:
-        """An answer that the library cannot decode; it has hung up, and the request ends as not answered."""
+    def _on_error(self, loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
+        """What nobody has caught: an answer that the library cannot decode, else a mistake of ours, which is logged.
+
+        The request that was answered so ends as not answered.
+        """
         assert self._inlet is not None
-        said = " ".join(str(context.get("exception") or context.get("message", "")).split())
-        self._inlet.put(Dropped(Drop.MALFORMED, 1, f"an answer cannot be decoded: {said[:120]}"))
+        error = context.get("exception")
+        if isinstance(error, Exception) and _was_receiving(error):
+            said = " ".join(str(error).split())
+            self._inlet.put(Dropped(Drop.MALFORMED, 1, f"an answer cannot be decoded: {said[:120]}"))
+        else:
+            loop.default_exception_handler(context)
 
     def _make_handshakes(self, memory: HandshakeMemory | None, executing: Executing) -> dict[str, Handshake]:
         assert self._inlet is not None
@@ -281,6 +289,11 @@ class ModbusDriver:
 
 def _handshake_name(device: str, registers: SkillRegisters) -> str:
     return f"{device}:{registers.request.address}"
+
+
+def _was_receiving(error: Exception) -> bool:
+    """Whether it was raised in what a device had sent. A serial line is no transport of asyncio, which would say so."""
+    return any(frame.f_code.co_name == "data_received" for frame, _ in traceback.walk_tb(error.__traceback__))
 
 
 def _first_of(error: BaseException) -> BaseException:

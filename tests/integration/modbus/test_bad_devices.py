@@ -144,6 +144,7 @@ RUBBISH: dict[str, tuple[Behave, Drop]] = {
     "other function": (lambda pdu, address, count: bytes([4, 2]) + bytes(2), Drop.MALFORMED),
     "half": (lambda pdu, address, count: bytes([3, 200, 1]), Drop.NO_ANSWER),
     "unknown function": (lambda pdu, address, count: bytes([99, 1, 2, 3]), Drop.NO_ANSWER),
+    "other unknown function": (lambda pdu, address, count: bytes([99, 1, 2, 3]), Drop.MALFORMED),
     "cut": (lambda pdu, address, count: b"\x03", Drop.NO_ANSWER),
 }
 
@@ -229,6 +230,22 @@ async def test_mistake_of_ours_is_said_and_leaves_no_value_good(
     status = bench.driver.status()
     assert not status.connected
     assert "the driver failed" in status.detail
+
+
+async def test_mistake_of_ours_in_a_callback_is_logged_and_not_the_devices(
+    device: Device, start: Start, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    def broken(_: object, write: object) -> None:
+        raise KeyError(f"a mistake with {type(write).__name__}")
+
+    monkeypatch.setattr("ua_bridges.modbus.device.Device.take", broken)
+    bench = await start({"plc": of(device)}, write_data())
+    assert bench.driver.publish(WANTED, NUMBER.metadata(WANTED.name), message_of(WANTED, 7))
+    await until(lambda: caplog.records, "the log")
+    [record] = caplog.records
+    assert record.exc_info is not None
+    assert repr(record.exc_info[1]) == "KeyError('a mistake with SinkWrite')"
+    assert bench.recorder.dropped(Drop.MALFORMED) == 0
 
 
 def write_data(**more: Any) -> dict[str, Any]:

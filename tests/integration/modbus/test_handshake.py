@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 from ua_bridges.modbus.driver import create_driver
+from ua_bridges.modbus.memory import HandshakeMemory
 from ua_bridges.modbus.session import ModbusDriver
 
 from tests.contract.harness import Recorder, until
@@ -23,7 +24,8 @@ from ua_fleet.bridge.driver import (
     ExecutionProgressed,
 )
 from ua_fleet.config.load import load_content
-from ua_fleet.errors import RobotOffline, SkillRejected
+from ua_fleet.counters import Drop
+from ua_fleet.errors import RobotOffline, SkillRejected, StorageUnavailable
 from ua_fleet.values import StatusCode
 
 FACTS = (ExecutionEnded, ExecutionForgotten, ExecutionNotBegun)
@@ -153,6 +155,26 @@ async def test_what_waits_in_a_plc_that_stands_still_is_followed_by_the_next_dri
     machine.driver.query(execution)
     assert await machine.end(execution) == ExecutionEnded(execution.execution_id, 0, ("weld", 0.0))
     assert machine.plc.told == ["weld"]
+
+
+async def test_record_that_cannot_be_read_is_told_and_keeps_no_other_skill_back(
+    machine: Machine, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def broken(_: object, execution_id: bytes) -> None:
+        raise StorageUnavailable(f"handshakes.db: disk I/O error with {len(execution_id)} bytes; look at the disk")
+
+    done = machine.begin("weld")
+    await machine.end(done)
+    machine.recorder.events.clear()
+    await machine.restart()
+    monkeypatch.setattr(HandshakeMemory, "find", broken)
+    machine.driver.query(done)
+    told = await machine.end(done)
+    assert isinstance(told, ExecutionForgotten)
+    assert told.message.startswith("the bridge's record of it cannot be read: handshakes.db: disk I/O error")
+    again = machine.begin("paint")
+    assert await machine.end(again) == ExecutionEnded(again.execution_id, 0, ("paint", 0.0))
+    assert machine.recorder.dropped(Drop.MALFORMED) == 0
 
 
 async def test_one_at_a_time(machine: Machine) -> None:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import asyncio
 import os
 import select
 import subprocess
 import sys
 import threading
 import tty
-from collections.abc import Iterator
+from collections.abc import AsyncIterator, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -108,6 +109,32 @@ async def test_units_on_a_serial_line(line: SerialLine, plc: Any, start: Start) 
     assert bench.driver.publish(topic, NUMBER.metadata(topic.name), message_of(topic, 333))
     await until(lambda: there.do("cells", table="holding", address=6, count=1, unit=2)["cells"] == [333], "the write")
     assert bench.recorder.dropped(Drop.REJECTED) == 0
+
+
+@pytest.fixture
+async def undecodable() -> AsyncIterator[str]:
+    """A serial line on which each request gets an answer of function 12 that is too short, with the right checksum."""
+    main, other = os.openpty()
+    tty.setraw(other)
+
+    def answer() -> None:
+        os.read(main, 256)
+        os.write(main, bytes.fromhex("010c002500"))
+
+    loop = asyncio.get_running_loop()
+    loop.add_reader(main, answer)
+    yield os.ttyname(other)
+    loop.remove_reader(main)
+    for end in (main, other):
+        os.close(end)
+
+
+async def test_answer_on_a_serial_line_that_cannot_be_decoded_is_the_devices_mistake(
+    undecodable: str, start: Start
+) -> None:
+    serial = {"tty": undecodable, "baudrate": 19200, "parity": "none"}
+    bench = await start({"plc": {"serial": serial, "timeout_s": 0.1, "retries": 0}}, {"a": holding(10, 5)})
+    await until(lambda: bench.recorder.dropped(Drop.MALFORMED), "the drop")
 
 
 def certificate(folder: Path, name: str) -> None:

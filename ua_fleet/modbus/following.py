@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from typing import Any, Final, NamedTuple
 
 from ua_fleet.client import FleetClient, NodeNotFound, ScenarioClient
+from ua_fleet.config.schema import FleetConfig
 from ua_fleet.modbus.words import CommandState
 from ua_fleet.skill.executions import ExecutionState
-from ua_fleet.values import StatusCode
+from ua_fleet.skill.status import read_result
+from ua_fleet.values import Quality, StatusCode, quality_of
 
 __all__ = ["Followed", "follow_run", "follow_skill"]
 
@@ -24,6 +25,8 @@ _STATES: Final = {
     ExecutionState.SUSPENDED: CommandState.RUNNING,
 }
 _FIELDS: Final = ("ExecutionId", "State", "Progress", "Result", "Message", "Status")
+_GRACE_S: Final = 10.0
+"""So long after the skill's timeout a robot that is silent may still tell of the end."""
 
 
 class Followed(NamedTuple):
@@ -33,26 +36,44 @@ class Followed(NamedTuple):
     progress: float = 0.0
     status: int = 0
     message: str = ""
+    """About its end; or why nobody tells of it."""
     results: Mapping[str, Any] = {}
+    patience_s: float | None = None
+    """So long it is believed to run although nobody tells of it; None where it is told of."""
 
 
-async def follow_skill(client: FleetClient, namespace: int, status_id: int, execution_id: str) -> Followed:
+async def follow_skill(client: FleetClient, config: FleetConfig, robot: str, skill: str, execution_id: str) -> Followed:
     """An execution, by the robot's SkillStatus.
 
-    Where it is not there (the robot is not heard, or has not been told yet) it counts as running: the server gives up
-    what takes too long, and says so there.
+    A robot that is heard and does not tell of it gets the time of two repeats, since it may just have been told; after
+    that it has begun so many others that it does not come back to this one. A silent robot gets the time of the skill.
     """
-    readings = await client.read([f"ns={namespace};s={status_id}.{field}" for field in _FIELDS])
-    ids, states, progress, results, messages, codes = [list(reading.value or ()) for reading in readings]
+    its = config.robots[robot]
+    silence_s = its.skills[skill].timeout_s + _GRACE_S
+    node = f"ns={config.fleet.namespace_index};s={its.skill_status_id}"
+    try:
+        readings = await client.read([f"{node}.{field}" for field in _FIELDS])
+    except NodeNotFound:
+        return Followed(CommandState.RUNNING, message="the server has no such robot now", patience_s=silence_s)
+    *columns, codes = [list(reading.value or ()) for reading in readings]
+    is_heard = quality_of(readings[0].status) is Quality.GOOD
     wanted = execution_id.replace("-", "").lower()
-    for place, shown in enumerate(ids):
-        if str(shown).replace("-", "").lower() == wanted:
-            code = codes[place] if place < len(codes) else 0
-            state = _STATES[ExecutionState(states[place])]
-            text = results[place]
-            values: dict[str, Any] = json.loads(text) if text else {}
-            return Followed(state, float(progress[place]), _code(code), str(messages[place] or ""), values)
-    return Followed(CommandState.RUNNING)
+    for place, (shown, state, progress, result, message) in enumerate(zip(*columns, strict=False)):
+        if str(shown).replace("-", "").lower() == wanted and state in _STATES:
+            told = Followed(
+                _STATES[state],
+                float(progress or 0.0),
+                _code(codes[place] if place < len(codes) else 0),
+                str(message or ""),
+                read_result(str(result or "")),
+            )
+            if is_heard or told.state is not CommandState.RUNNING:
+                return told
+            return told._replace(message="the robot is silent; look at it", patience_s=silence_s)
+    if is_heard:
+        patience_s = 2 * config.pubsub.repeat_interval_s + 1
+        return Followed(CommandState.RUNNING, message="the robot tells no more of it", patience_s=patience_s)
+    return Followed(CommandState.RUNNING, message="the robot is silent; look at it", patience_s=silence_s)
 
 
 def _code(code: Any) -> int:

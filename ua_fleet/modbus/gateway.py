@@ -54,6 +54,8 @@ class Gateway:
         self._sets = {value.path: value for value in self._values if value.is_written}
         self._to_set: dict[str, MappedValue] = {}
         self._work = asyncio.Event()
+        self._untold_since: float | None = None
+        """Since when nobody tells of the command that runs, by the loop's clock."""
         self._told: set[str] = set()
         self.problem = "it has not reached the OPC UA server yet"
         """Why the OPC UA server is not there; empty while it is."""
@@ -168,9 +170,12 @@ class Gateway:
 
     async def _command(self, client: FleetClient) -> None:
         scenarios = ScenarioClient(client)
+        self._untold_since = None  # nobody was listened to meanwhile
         while True:
-            await self._set_all(client)
-            if (asked := self._desk.take()) is not None:
+            is_asked = self._desk.last.state is CommandState.ASKING
+            await self._set_all(client)  # what was written before the command is set before it is begun
+            if is_asked and (asked := self._desk.take()) is not None:
+                self._untold_since = None
                 await self._begin(client, scenarios, asked)
             if self._desk.last.state is CommandState.RUNNING:
                 await self._follow(client, scenarios)
@@ -211,26 +216,32 @@ class Gateway:
             followed = await follow_run(scenarios, last.begun)
         else:
             assert command.config.robot is not None
-            robot = self._config.robots[command.config.robot]
-            assert robot.skill_status_id is not None
-            followed = await follow_skill(client, self._config.fleet.namespace_index, robot.skill_status_id, last.begun)
-        self._tell_end(followed)
+            assert command.config.skill is not None
+            followed = await follow_skill(client, self._config, command.config.robot, command.config.skill, last.begun)
+        self._told_of(followed, asyncio.get_running_loop().time())
 
-    def _tell_end(self, followed: Followed) -> None:
-        if followed.state is CommandState.RUNNING:
-            self._desk.progress(followed.progress)
-        else:
+    def _told_of(self, followed: Followed, now: float) -> None:
+        if followed.state is not CommandState.RUNNING:
             self._desk.end(followed.state, followed.status, followed.message, followed.results)
+            return
+        if followed.patience_s is None:
+            self._desk.progress(followed.progress)
+            self._untold_since = None
+        elif self._untold_since is None:
+            self._untold_since = now
+        elif now - self._untold_since > followed.patience_s:
+            self._desk.end(CommandState.UNKNOWN, StatusCode.UNCERTAIN, followed.message)
 
     async def _set_all(self, client: FleetClient) -> None:
-        while self._to_set:
-            path, value = next(iter(self._to_set.items()))
+        for path, value in list(self._to_set.items()):
+            cells = self.image.cells(value.register.span)
             try:
                 wanted = cast(self.image.get(value.register), value.type.builtin)
                 await client.write(value.node_id, _text(wanted))
             except (RegisterUnfit, AccessRefused, NodeNotFound) as error:
                 self._tell(f"{path} cannot be set: {error}")
-            self._to_set.pop(path, None)
+            if self.image.cells(value.register.span) == cells:  # otherwise the PLC has written another one meanwhile
+                self._to_set.pop(path, None)
 
     async def _decide(self, scenarios: ScenarioClient) -> None:
         while True:

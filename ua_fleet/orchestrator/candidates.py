@@ -19,7 +19,9 @@ from ua_fleet.resilience import (
     rank,
     weigh,
 )
-from ua_fleet.scenario import FleetView, Lookup, Value, ValueUnknown
+from ua_fleet.scenario import FleetView, Lookup, RobotView, Value, ValueUnknown
+from ua_fleet.scenario.model import Task
+from ua_fleet.scenario.parameters import argument_problems
 
 __all__ = ["CriterionSource", "DistanceFrom", "ResilienceSettings", "TaskToDo", "TasksAhead", "ValueOf", "rank_robots"]
 
@@ -70,13 +72,19 @@ class ResilienceSettings:
 class TaskToDo:
     """What has to be taken over."""
 
-    skill: str
+    task: Task
     capacities: Sequence[str]
+    """Those that it names, and those that the skill needs on the robot that failed."""
     arguments: Mapping[str, Value]
+    """As they are written, as far as they are known."""
     failed: str
     """The robot that cannot do it; empty where there was none."""
     refused_by: Collection[str] = ()
     """Robots that would not begin it."""
+
+    def problems(self, robot: RobotView) -> list[str]:
+        """Why a robot that has the skill cannot be asked with these arguments."""
+        return argument_problems(robot.skills[self.task.skill], self.arguments, self.task)
 
 
 def rank_robots(
@@ -110,14 +118,16 @@ def rank_robots(
         if missing:
             why = "; ".join([f" now: {robot.lacks[name]}" for name in missing if name in robot.lacks][:1])
             excluded.append(Excluded(robot.name, f"has not the capacity {', '.join(missing)}{why}"))
-        elif task.skill not in robot.skills:
-            excluded.append(Excluded(robot.name, f"has no skill {task.skill}"))
+        elif task.task.skill not in robot.skills:
+            excluded.append(Excluded(robot.name, f"has no skill {task.task.skill}"))
         elif reason is not None:
             excluded.append(Excluded(robot.name, reason))
         elif robot.name in task.refused_by:
             excluded.append(Excluded(robot.name, "has refused it"))
         elif robot.name == task.failed:
             excluded.append(Excluded(robot.name, "is to be replaced"))
+        elif problems := task.problems(robot):
+            excluded.append(Excluded(robot.name, f"cannot be asked: {'; '.join(problems)}"))
         else:
             values: dict[str, float] = {}
             unknown: dict[str, str] = {}

@@ -30,6 +30,7 @@ from ua_fleet.scenario.effects import (
     StartTask,
     WantRobot,
 )
+from ua_fleet.scenario.expression import Expression
 from ua_fleet.scenario.facts import Fact, RunEnded, TaskOutcome, TaskOver, Then
 from ua_fleet.scenario.model import Task
 from ua_fleet.scenario.parameters import known_arguments
@@ -226,7 +227,7 @@ class Orchestrator:
         for run_id, run in self.runs.items():
             for task in self._tasks_ahead(run_id, robot):
                 arguments = known_arguments(task, run.look_up)
-                todo = TaskToDo(task.skill, self._needs(task.skill, robot, task.capacities), arguments, robot)
+                todo = TaskToDo(task, self._needs(task.skill, robot, task.capacities), arguments, robot)
                 forecasts.append(Forecast(run.state.run_id, task.name, self._ranked(todo)))
         return forecasts
 
@@ -346,7 +347,8 @@ class Orchestrator:
         robot = wanted.robot
         if robot is None:
             refused_by = self.runs[run_id].state.tasks[wanted.step].refused_by
-            todo = TaskToDo(wanted.skill, wanted.capacities, self._arguments(run_id, wanted.step), "", refused_by)
+            task = self.runs[run_id].task(wanted.step)
+            todo = TaskToDo(task, wanted.capacities, self._arguments(run_id, wanted.step), "", refused_by)
             ranking = self._ranked(todo)
             robot = ranking.best or self._least_busy(todo)
             if robot is None:
@@ -358,16 +360,17 @@ class Orchestrator:
 
     def _least_busy(self, todo: TaskToDo) -> str | None:
         """Who can do a task though it cannot be ranked: a criterion that nobody knows must not stop the work."""
-        able = [robot.name for robot in self._fleet.able(todo.skill, todo.capacities)]
         unfit, ahead = {*self._unfit(), *todo.refused_by}, self._count_ahead()
-        fit = [robot for robot in able if robot not in unfit]
+        able = self._fleet.able(todo.task.skill, todo.capacities)
+        fit = [robot.name for robot in able if robot.name not in unfit and not todo.problems(robot)]
         return min(fit, key=lambda robot: (ahead[robot], robot), default=None)
 
     def _grant(self, grants: list[Grant[tuple[str, str]]], now: float) -> None:
         for (run_id, step), robot in grants:
             run = self.runs.get(run_id)
             if run is not None:
-                self._carry_out(run_id, run.granted(step, robot, now), now)
+                skill = self._fleet.declared(robot, run.task(step).skill)
+                self._carry_out(run_id, run.granted(step, robot, now, skill), now)
 
     def _fault(self, robot: str, source: str, reason: str, now: float) -> None:
         change = self.faults.raise_fault(robot, source, reason, now)
@@ -423,18 +426,20 @@ class Orchestrator:
     def _todo(self, run_id: str, asked: OpenDecision) -> TaskToDo:
         needs = self._needs(asked.skill, asked.robot, asked.capacities)
         refused_by = self.runs[run_id].state.tasks[asked.step].refused_by
-        return TaskToDo(asked.skill, needs, self._arguments(run_id, asked.step), asked.robot, refused_by)
+        task = self.runs[run_id].task(asked.step)
+        return TaskToDo(task, needs, self._arguments(run_id, asked.step), asked.robot, refused_by)
 
     def _arguments(self, run_id: str, step: str) -> Mapping[str, Value]:
-        """Those that a task was begun with, or would be now."""
+        """As they were written; what is computed as a task was begun with it, or would be now."""
         run = self.runs[run_id]
-        return run.state.tasks[step].arguments or known_arguments(run.task(step), run.look_up)
+        task, begun = run.task(step), run.state.tasks[step].arguments
+        computed = {name for name, value in task.arguments.items() if isinstance(value, Expression)}
+        return known_arguments(task, run.look_up) | {name: begun[name] for name in computed & begun.keys()}
 
     def _needs(self, skill: str, robot: str, capacities: tuple[str, ...]) -> tuple[str, ...]:
         """The capacities that a task needs: those that it names, and those that the skill needs on its robot."""
-        view = self._fleet.robots.get(robot)
-        declared = view.skills[skill].capacities if view is not None and skill in view.skills else ()
-        return tuple(dict.fromkeys((*capacities, *declared)))
+        declared = self._fleet.declared(robot, skill)
+        return tuple(dict.fromkeys((*capacities, *(declared.capacities if declared is not None else ()))))
 
     def _ranked(self, todo: TaskToDo) -> Ranking:
         return rank_robots(

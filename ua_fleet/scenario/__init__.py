@@ -1,7 +1,7 @@
 """Scenarios: tasks in sequence, in parallel and on conditions, on one robot or on whichever has the capacity. Pure.
 
     reading = read_scenario(content, file)             # YAML or JSON -> steps, and every mistake with its line
-    checked = validate(reading.scenario, fleet, file)  # held against a fleet; arguments in the units of their skills
+    checked = validate(reading.scenario, fleet, file)  # held against a fleet
     run = Run.create(run_id, checked.scenario, parameters, journal, by=..., now=...)
     run.poll(lookup, now) / granted / accepted / ended / robot_faulted / replaced / answered / ...   -> effects
     run = Run.restore(scenario, facts, journal); run.again(now)                  # after a restart

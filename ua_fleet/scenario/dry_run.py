@@ -12,7 +12,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Final
 
-from ua_fleet.fleet.skills import SkillModel
 from ua_fleet.scenario.effects import Effect, Happened, OpenDecision, StartTask, WantRobot
 from ua_fleet.scenario.expression import Value, ValueUnknown
 from ua_fleet.scenario.facts import (
@@ -132,16 +131,16 @@ class _Rehearsal:
                     pass
 
     def _grant(self, wanted: WantRobot) -> list[Effect]:
-        if wanted.robot is not None:
-            return self._run.granted(wanted.step, wanted.robot, self._now)
-        able = self._fleet.able(wanted.skill, wanted.capacities)
-        if not able:
-            return self._run.nobody(wanted.step, f"no robot can do {wanted.skill}", self._now)
-        return self._run.granted(wanted.step, able[0].name, self._now)
+        robot = wanted.robot
+        if robot is None:
+            able = self._fleet.able(wanted.skill, wanted.capacities)
+            if not able:
+                return self._run.nobody(wanted.step, f"no robot can do {wanted.skill}", self._now)
+            robot = able[0].name
+        return self._run.granted(wanted.step, robot, self._now, self._fleet.declared(robot, wanted.skill))
 
     def _results(self, task: StartTask) -> dict[str, Value]:
-        robot = self._fleet.robots.get(task.robot)
-        skill: SkillModel | None = robot.skills.get(task.skill) if robot is not None else None
+        skill = self._fleet.declared(task.robot, task.skill)
         declared = skill.results if skill is not None else ()
         return {
             result.name: self._values.get(f"{task.task}.{result.name}", _nothing(result.type)) for result in declared

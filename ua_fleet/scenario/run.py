@@ -22,6 +22,7 @@ from collections.abc import Callable, Mapping
 from typing import Final
 
 from ua_fleet.errors import ScenarioError
+from ua_fleet.fleet.skills import SkillModel
 from ua_fleet.scenario.effects import (
     AskOperator,
     CancelTask,
@@ -32,7 +33,7 @@ from ua_fleet.scenario.effects import (
     StartTask,
     WantRobot,
 )
-from ua_fleet.scenario.expression import Expression, Lookup, Value, ValueUnknown
+from ua_fleet.scenario.expression import Lookup, Value, ValueUnknown
 from ua_fleet.scenario.facts import (
     EventSeen,
     Fact,
@@ -55,7 +56,7 @@ from ua_fleet.scenario.facts import (
     Then,
 )
 from ua_fleet.scenario.model import OnUnknown, Scenario, Task
-from ua_fleet.scenario.parameters import checked_parameters
+from ua_fleet.scenario.parameters import arguments_for, checked_parameters
 from ua_fleet.scenario.state import RunState, TaskPhase, TaskRun
 from ua_fleet.scenario.walk import Moment, Walk
 
@@ -139,8 +140,11 @@ class Run:
                 self._ask_once_more(step, task_run, moment)
         return moment.effects
 
-    def granted(self, step: str, robot: str, now: float) -> list[Effect]:
-        """A robot is there for a task that waits. What is not wanted any more is given back."""
+    def granted(self, step: str, robot: str, now: float, skill: SkillModel | None = None) -> list[Effect]:
+        """A robot is there for a task that waits. What is not wanted any more is given back.
+
+        Its declaration of the skill says in which units it is asked, and brings its defaults.
+        """
 
         def take(moment: Moment) -> None:
             task_run = self.state.tasks.get(step)
@@ -150,7 +154,7 @@ class Run:
             elif robot in self._faulted:
                 self._replace(step, robot, self._faulted[robot], moment)
             else:
-                self._assign(step, task_run, robot, moment)
+                self._assign(step, task_run, robot, skill, moment)
 
         return self._after(now, take)
 
@@ -367,13 +371,10 @@ class Run:
             robot = self.state.stand_ins[robot]
         return robot
 
-    def _assign(self, step: str, task_run: TaskRun, robot: str, moment: Moment) -> None:
+    def _assign(self, step: str, task_run: TaskRun, robot: str, skill: SkillModel | None, moment: Moment) -> None:
         task = self.task(step)
         try:
-            arguments = {
-                name: value.value(moment.lookup) if isinstance(value, Expression) else value
-                for name, value in task.arguments.items()
-            }
+            arguments = arguments_for(task, skill, moment.lookup)
         except ValueUnknown as error:
             moment.effects.append(ReleaseRobot(step))
             self._note(StepEnded(moment.now, step, StepState.FAILED, f"task {task.name}: {error}"), moment)

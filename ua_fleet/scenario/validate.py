@@ -9,13 +9,12 @@ from itertools import pairwise
 from typing import Final
 
 from ua_fleet.errors import ConfigError
-from ua_fleet.fleet.quantities import UnitsDiffer
-from ua_fleet.fleet.skills import SkillModel, call_problems, in_unit_of
+from ua_fleet.fleet.skills import SkillModel
 from ua_fleet.names import closest, listed
 from ua_fleet.scenario.expression import Expression, ValueUnknown, split_index
-from ua_fleet.scenario.model import Argument, Condition, End, Parallel, Repeat, Scenario, Step, Task, Wait
+from ua_fleet.scenario.model import Condition, End, Parallel, Repeat, Scenario, Step, Task, Wait
 from ua_fleet.scenario.model import Sequence as Steps
-from ua_fleet.values import BuiltinType
+from ua_fleet.scenario.parameters import argument_problems
 
 __all__ = ["FleetView", "RobotView", "Validation", "validate"]
 
@@ -46,6 +45,11 @@ class FleetView:
     arrays: frozenset[str] = frozenset()
     """Those of `values` that mean an array, of which a condition names one element."""
 
+    def declared(self, robot: str, skill: str) -> SkillModel | None:
+        """A robot's declaration of a skill, None where there is none."""
+        view = self.robots.get(robot)
+        return None if view is None else view.skills.get(skill)
+
     def able(self, skill: str, capacities: Sequence[str]) -> list[RobotView]:
         """The robots that have a skill and capacities now."""
         return [
@@ -66,7 +70,7 @@ class Validation:
     """What became of a scenario: run it only without problems."""
 
     scenario: Scenario
-    """Arguments are in the units of their skills, and defaults are filled in."""
+    """Each task has its timeout. Units and defaults are left to the robot that will be asked."""
     problems: tuple[ConfigError, ...]
 
 
@@ -150,17 +154,10 @@ class _Checker:
                 self._expression(value, task.line, f"argument {name!r}")
         if not skills:
             return task
-        arguments, said = _ready(task, skills[0])
-        computed = {name for name, value in arguments.items() if isinstance(value, Expression)}
-        for skill in skills:
-            known = {argument.name for argument in skill.arguments}
-            said.update(f"{skill.name} has no argument {name!r}" for name in computed - known)
-            rest = replace(skill, arguments=tuple(a for a in skill.arguments if a.name not in computed))
-            said.update(call_problems(rest, {name: arguments[name] for name in arguments.keys() - computed}))
-        for problem in sorted(said):
+        for problem in sorted({each for skill in skills for each in argument_problems(skill, task.arguments, task)}):
             self._problem(task.line, f"task {task.name!r}: {problem}")
         timeout_s = max(skill.timeout_s for skill in skills) if task.timeout_s is None else task.timeout_s
-        return replace(task, arguments=arguments, quantities={}, timeout_s=timeout_s)
+        return replace(task, timeout_s=timeout_s)
 
     def _skills_for(self, task: Task) -> list[SkillModel]:
         """The declarations that a task's skill may have; none after noting why."""
@@ -272,25 +269,6 @@ class _Checker:
 
     def _problem(self, line: int, message: str, suggestion: str = "") -> None:
         self.problems.append(ConfigError(message, file=self._file, line=line, suggestion=suggestion))
-
-
-def _ready(task: Task, skill: SkillModel) -> tuple[dict[str, Argument], set[str]]:
-    """Arguments in the units of the skill, with its defaults; and which units do not fit."""
-    ready: dict[str, Argument] = dict(task.arguments)
-    said: set[str] = set()
-    for name, (number, unit) in task.quantities.items():
-        argument = skill.argument(name)
-        if argument is None or argument.type == BuiltinType.STRING:
-            continue
-        try:
-            ready[name] = in_unit_of(argument, number, unit)
-        except UnitsDiffer as error:
-            said.add(str(error))
-            ready[name] = number  # what else may be wrong is said as well
-    for argument in skill.arguments:
-        if argument.default is not None:
-            ready.setdefault(argument.name, argument.default)
-    return ready, said
 
 
 def _no_value(name: str) -> bool:

@@ -7,6 +7,7 @@ from ua_fleet.orchestrator.candidates import ResilienceSettings, TasksAhead, Tas
 from ua_fleet.resilience import Criterion
 from ua_fleet.resilience.criteria import CriterionKind
 from ua_fleet.scenario import FleetView, RobotView
+from ua_fleet.scenario.model import Task
 
 SETTINGS = ResilienceSettings(((Criterion("availability", CriterionKind.BENEFIT, (0.0, 100.0)), TasksAhead()),), {})
 
@@ -19,7 +20,7 @@ def test_a_robot_whose_sensor_is_pulled_out_is_no_candidate_and_says_so() -> Non
     why = {"temperature": "rover_pc.temperature is not there"}
     robots = [robot("rover", lacks=why), robot("drone", "temperature"), robot("arm")]
     fleet = FleetView({each.name: each for each in robots})
-    task = TaskToDo("measure", ("temperature",), {}, "")
+    task = TaskToDo(Task("0", 1, "t", "measure"), ("temperature",), {}, "")
     ranking = rank_robots(task, fleet, SETTINGS, unfit={}, tasks_ahead=lambda _: 0, lookup=lambda _: 0.0)
     assert ranking.best == "drone"
     assert {left.robot: left.reason for left in ranking.excluded} == {

@@ -9,7 +9,7 @@ from itertools import count
 import pytest
 
 from ua_fleet.errors import JudgementsInvalid, NoCandidate, ScenarioError
-from ua_fleet.fleet.skills import SkillModel
+from ua_fleet.fleet.skills import ArgumentModel, SkillModel
 from ua_fleet.orchestrator import (
     DecisionChanged,
     DistanceFrom,
@@ -37,8 +37,9 @@ from ua_fleet.resilience import (
 )
 from ua_fleet.scenario import FleetView, RobotView, Value, ValueUnknown, scenario_of
 from ua_fleet.scenario.facts import Fact, RunEnded, TaskOutcome, decode_fact, encode_fact
+from ua_fleet.values import BuiltinType
 
-GO = SkillModel(1, "go", ("mobile",))
+GO = SkillModel(1, "go", ("mobile",), (ArgumentModel("to", BuiltinType.STRING, default=""),))
 GRAB = SkillModel(2, "grab", ("grab",))
 FLEET = FleetView(
     {

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
 from ua_fleet.fleet.skills import ArgumentModel, SkillModel
-from ua_fleet.scenario.expression import Expression
+from ua_fleet.scenario.parameters import arguments_for
 from ua_fleet.scenario.read import scenario_of
 from ua_fleet.scenario.validate import FleetView, RobotView, Validation, validate
 from ua_fleet.values import BuiltinType
@@ -50,15 +52,18 @@ def test_what_fits_is_made_ready() -> None:
     )
     assert checked.problems == ()
     a, b = checked.scenario.tasks()
-    assert a.arguments["angle"] == pytest.approx(28.6479)
-    assert isinstance(a.arguments["speed"], Expression)
-    assert (a.arguments["label"], a.arguments["count"]) == ("20 deg", 3)
+    asked = arguments_for(a, FLEET.declared("ur3", "turn"), lambda _: 6.0)
+    assert asked == {"angle": pytest.approx(28.6479), "speed": 12.0, "label": "20 deg", "count": 3}
     assert b.arguments == {"to": "table_1"}
 
 
-def test_defaults_are_filled_in() -> None:
+def test_defaults_are_those_of_the_robot_that_is_asked() -> None:
     (task,) = check("  - {task: a, robot: ur3, skill: turn, arguments: {angle: 5}}\n").scenario.tasks()
-    assert task.arguments == {"angle": 5, "speed": 10.0, "label": "box", "count": 1}
+    turn = FLEET.robots["ur3"].skills["turn"]
+    filled = {"angle": 5, "speed": 10.0, "label": "box", "count": 1}
+    assert arguments_for(task, turn, lambda _: 0.0) == filled
+    other = replace(turn, arguments=(*turn.arguments, ArgumentModel("tool", BuiltinType.STRING, default="none")))
+    assert arguments_for(task, other, lambda _: 0.0) == {**filled, "tool": "none"}
 
 
 @pytest.mark.parametrize(

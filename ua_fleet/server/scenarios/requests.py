@@ -175,7 +175,8 @@ class TaskRequests:
             self._ended(task.execution_id, TaskOutcome.REFUSED, "; ".join(problems), {})
             return
         try:
-            values = tuple([_typed(argument.type, task.arguments[argument.name]) for argument in skill.arguments])
+            given = skill.filled(task.arguments)
+            values = tuple([_typed(argument.type, given[argument.name]) for argument in skill.arguments])
             self._requests.request(topic, robot.name, values, timeout_s, bytes.fromhex(task.execution_id))
         except (RobotOffline, StorageUnavailable) as error:
             if now < waiting.give_up_at:

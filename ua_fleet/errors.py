@@ -60,11 +60,17 @@ __all__ = [
     "TransportError",
     "UaFleetError",
     "WireError",
+    "add_extra",
     "newer_version",
 ]
 
-UPGRADE: Final = "upgrade it: pip install --upgrade ua-fleet"
+UPGRADE: Final = "upgrade ua-fleet (docs/install.md)"
 """What to do about a file of a newer version."""
+
+
+def add_extra(extra: str) -> str:
+    """What to do where a package is missing that this extra brings."""
+    return f"install ua-fleet with its extra {extra} (docs/install.md)"
 
 
 def newer_version(found: object, known: int) -> str:
@@ -219,8 +225,7 @@ class BridgeUnavailable(UaFleetError):
 
     def __init__(self, message: str, *, extra: str = "") -> None:
         self.extra = extra
-        remedy = f"; install it with: pip install 'ua-fleet[{extra}]'" if extra else ""
-        super().__init__(message + remedy)
+        super().__init__(f"{message}; {add_extra(extra)}" if extra else message)
 
 
 class DriverFailed(UaFleetError):

@@ -8,7 +8,7 @@ import inspect
 from collections.abc import Mapping
 from typing import Final
 
-from ua_fleet.errors import ServerStartError
+from ua_fleet.errors import ServerStartError, add_extra
 
 __all__ = ["ASYNCUA_VERSION", "check_internals"]
 
@@ -66,7 +66,7 @@ def check_internals(used: Mapping[str, tuple[str, ...]] = _USED, version: str = 
     try:
         found = importlib.metadata.version("asyncua")
     except importlib.metadata.PackageNotFoundError as error:
-        raise ServerStartError("asyncua is not installed; run: pip install 'ua-fleet[server]'") from error
+        raise ServerStartError(f"asyncua is not installed; {add_extra('server')}") from error
     if found != version:
         raise ServerStartError(f"asyncua {found} is installed, the server hooks {version} and no other; {remedy}")
     for module_name, signatures in used.items():

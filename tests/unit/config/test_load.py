@@ -548,7 +548,7 @@ def test_a_newer_version_is_one_line_with_the_remedy(tmp_path: Path) -> None:
     assert problems(tmp_path, "version: 2\nnew: {things: 1}\na: 1\na: 2\n") == [
         (
             "F:1:version: this file has version 2, and this ua-fleet reads version 1; "
-            "upgrade it: pip install --upgrade ua-fleet"
+            "upgrade ua-fleet (docs/install.md)"
         )
     ]
 

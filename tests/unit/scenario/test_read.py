@@ -129,7 +129,7 @@ TASK = "{task: a, robot: r, skill: k}"
         ("version: 0\nname: s\nsteps: [" + TASK + "]", ["F:1:version: this program reads version 1"]),
         (
             "version: 2\nnew: s\nsteps: [{dance: 1}]",
-            ["F:1:version: this file has version 2, and this ua-fleet reads version 1; upgrade it: pip install"],
+            ["F:1:version: this file has version 2, and this ua-fleet reads version 1; upgrade ua-fleet"],
         ),
         ("version: 1\nsteps: [" + TASK + "]", ["F:name: `name` is missing"]),
         ("version: 1\nname: 1a\nsteps: [" + TASK + "]", ["F:2:name: a name begins with a letter"]),

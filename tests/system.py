@@ -79,7 +79,7 @@ def _dbus() -> str | None:
     return None if shutil.which("dbus-daemon") else "dbus-daemon is not installed (Debian package dbus-daemon)"
 
 
-_PARTS: dict[str, Callable[[], str | None]] = {
+PARTS: dict[str, Callable[[], str | None]] = {
     "ros1": _ros1,
     "ros2": _ros2,
     "node": _node,
@@ -95,7 +95,7 @@ _PARTS: dict[str, Callable[[], str | None]] = {
 @functools.cache
 def missing(part: str) -> str | None:
     """Why a part of the system cannot be used, or None when it can."""
-    return _PARTS[part]()
+    return PARTS[part]()
 
 
 _PORTS = range(20_000, 32_768)

@@ -86,4 +86,4 @@ def test_what_has_no_wheels_is_said_once(checkout: Checkout, machine: str, extra
 def test_ci_requires_every_part_that_tests_can_lack() -> None:
     run = (system.ROOT / ".ci" / "run").read_text(encoding="utf-8")
     required = run.partition("REQUIRE=")[2].split()[0]
-    assert sorted(required.split(",")) == sorted(system._PARTS)
+    assert sorted(required.split(",")) == sorted(system.PARTS)

@@ -30,6 +30,12 @@ _MOST_BYTES = 40
 """Of the message that a PLC can read."""
 
 
+def _readable(text: str) -> str:
+    """Text from anywhere, as the message can show it."""
+    printable = "".join(character if character.isprintable() else " " for character in text)
+    return printable.encode()[:_MOST_BYTES].decode(errors="ignore")
+
+
 class Asked(NamedTuple):
     """A command that is to be begun."""
 
@@ -86,13 +92,13 @@ class CommandDesk:
 
     def progress(self, fraction: float) -> None:
         """How far it is, 0 to 1."""
-        self._image.put(status("progress", self._status_base), round(100 * min(max(fraction, 0.0), 1.0)))
+        percent = round(100 * min(max(0.0, fraction), 1.0))  # in this order a NaN counts as 0
+        self._image.put(status("progress", self._status_base), percent)
 
     def end(self, state: CommandState, code: int, message: str, results: Mapping[str, Any] | None = None) -> None:
         """It is over; where it was not begun the state says so."""
-        shown = message.encode()[:_MOST_BYTES].decode(errors="ignore")
-        ended = self.last._replace(state=state, status=int(code), message=shown, results=json.dumps(results or {}))
-        self._record(ended)
+        text = json.dumps(results or {})
+        self._record(self.last._replace(state=state, status=int(code), message=_readable(message), results=text))
         self.look()
 
     def _take(self, code: int) -> None:
@@ -116,19 +122,18 @@ class CommandDesk:
             self._memory.record(command)
         except StorageUnavailable as error:
             # It is shown all the same; after a restart it would be taken for what was recorded before, and followed.
-            self.last = command._replace(message=str(error).encode()[:_MOST_BYTES].decode(errors="ignore"))
+            self.last = command._replace(message=str(error))
         self._show()
 
     def _refuse_unrecorded(self, asking: LastCommand, error: StorageUnavailable) -> None:
         """Nothing is begun that cannot be remembered."""
-        text = str(error).encode()[:_MOST_BYTES].decode(errors="ignore")
-        self.last = asking._replace(state=CommandState.REFUSED, status=int(error.ua_status), message=text)
+        self.last = asking._replace(state=CommandState.REFUSED, status=int(error.ua_status), message=str(error))
         self._show()
 
     def _show(self) -> None:
         last, base, put = self.last, self._status_base, self._image.put
         put(status("status", base), last.status)
-        put(status("message", base), last.message)
+        put(status("message", base), _readable(last.message))
         if last.state is CommandState.DONE:
             self.progress(1.0)
             self._show_results(last)
@@ -149,6 +154,5 @@ class CommandDesk:
         try:
             self._image.put(result.register, bool(value) if result.type is ScalarType.BOOLEAN else value)
         except RegisterUnfit as unfit:
-            text = f"{result.name}: {unfit.reason}".encode()[:_MOST_BYTES].decode(errors="ignore")
-            self._image.put(status("message", self._status_base), text)
+            self._image.put(status("message", self._status_base), _readable(f"{result.name}: {unfit.reason}"))
             self._image.put(status("status", self._status_base), int(unfit.status))

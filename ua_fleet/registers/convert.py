@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 import struct
+import sys
 from collections.abc import Callable, Sequence
 from typing import Final
 
@@ -183,8 +184,10 @@ def _text_cells(register: Register, value: Value) -> tuple[int, ...]:
 
 def _raw(register: Register, value: Value) -> int | float:
     """What has to lie in the register for a value."""
-    if isinstance(value, str):
+    if not isinstance(value, int | float):
         raise RegisterUnfit(StatusCode.BAD_TYPE_MISMATCH, f"{value!r} is no number")
+    if isinstance(value, int) and abs(value) > sys.float_info.max:  # which no float, and so no scale, can take
+        raise RegisterUnfit(StatusCode.BAD_OUT_OF_RANGE, f"the number does not fit into {register.type}")
     number: int | float = int(value) if isinstance(value, bool) else value
     if register.is_scaled:
         divisor = _divisor(register.scale)

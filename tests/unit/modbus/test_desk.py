@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from pathlib import Path
 from typing import Any
 
@@ -154,6 +155,51 @@ def test_result_that_does_not_fit_is_said(device: Device) -> None:
     assert device.answer() == (1, CommandState.DONE)
     assert device.image.get(status("status", 0)) == StatusCode.BAD_OUT_OF_RANGE
     assert device.message().startswith("reached: 1000000000")
+
+
+@pytest.mark.parametrize(
+    ("text", "shown"),
+    [
+        ("a\0b\nc", "a b c"),
+        ("half a character: \ud800", "half a character:  "),
+        ("thirty-nine characters, and then a half: \u00fc", "thirty-nine characters, and then a half:"),
+    ],
+)
+def test_any_text_of_a_robot_is_shown_also_after_a_restart(device: Device, text: str, shown: str) -> None:
+    device.command(1)
+    device.desk.take()
+    device.desk.began("abc")
+    device.desk.end(CommandState.FAILED, StatusCode.BAD_UNEXPECTED_ERROR, text)
+    for _ in range(2):
+        assert device.answer() == (1, CommandState.FAILED)
+        assert device.message() == shown
+        device.restart()
+
+
+def test_text_that_was_recorded_before_it_could_be_shown_is_shown(device: Device) -> None:
+    device.memory.record(LastCommand(1, 7, CommandState.FAILED, "abc", StatusCode.BAD_UNEXPECTED_ERROR, "a\0b"))
+    device.restart()
+    assert device.answer() == (1, CommandState.FAILED)
+    assert device.message() == "a b"
+
+
+@pytest.mark.parametrize(
+    ("fraction", "percent"), [(math.nan, 0), (-1.0, 0), (0.504, 50), (7.0, 100), (math.inf, 100), (-math.inf, 0)]
+)
+def test_any_progress_of_a_robot_is_shown(device: Device, fraction: float, percent: int) -> None:
+    device.command(1)
+    device.desk.progress(fraction)
+    assert device.image.get(status("progress", 0)) == percent
+
+
+@pytest.mark.parametrize("reached", [[1.0], {"at": 1.0}, "far", 10**400])
+def test_result_that_is_no_value_of_its_type_is_said(device: Device, reached: Any) -> None:
+    device.command(1)
+    device.desk.take()
+    device.desk.began("abc")
+    device.desk.end(CommandState.DONE, 0, "", {"reached": reached})
+    assert device.answer() == (1, CommandState.DONE)
+    assert device.message().startswith("reached: ")
 
 
 def test_nothing_is_begun_that_cannot_be_remembered(device: Device, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,18 +1,17 @@
 """Ports: how a ROS bridge does skills. What is the same in ROS 1 and ROS 2 stands here, without any ROS library."""
 
+from ua_bridges.ros.ports.driver import SkilledDriver, port_maker
 from ua_bridges.ros.ports.port import APPEARS_S, Listened, LoadedType, SkillGraph, SkillPort, Spoken
-from ua_bridges.ros.ports.program import ProgramPort
 from ua_bridges.ros.ports.skills import RobotSkills
-from ua_bridges.ros.ports.topic import TopicPort
 
 __all__ = [
     "APPEARS_S",
     "Listened",
     "LoadedType",
-    "ProgramPort",
     "RobotSkills",
     "SkillGraph",
     "SkillPort",
+    "SkilledDriver",
     "Spoken",
-    "TopicPort",
+    "port_maker",
 ]

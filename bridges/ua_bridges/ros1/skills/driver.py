@@ -7,8 +7,8 @@ import asyncio
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
 
-from ua_bridges.ros.ports import Listened, ProgramPort, RobotSkills, SkillPort, TopicPort
-from ua_bridges.ros.skills import ActionSkill, ServiceSkill, SkillSpec, TopicSkill
+from ua_bridges.ros.ports import Listened, RobotSkills, SkilledDriver, port_maker
+from ua_bridges.ros.skills import SkillSpec
 from ua_bridges.ros1.classes import MessageType
 from ua_bridges.ros1.feed import Feed, Read
 from ua_bridges.ros1.master import SystemState
@@ -18,25 +18,13 @@ from ua_bridges.ros1.skills.action import ActionPort
 from ua_bridges.ros1.skills.graph import Ros1Graph, ros1_name
 from ua_bridges.ros1.skills.service import ServicePort
 from ua_bridges.ros1.skills.thread import SkillThread
-from ua_fleet.bridge.driver import DriverEvent, Execution, Inlet, Skill
-from ua_fleet.bridge.executing import Executing
+from ua_fleet.bridge.driver import Inlet
 from ua_fleet.config.schema import FleetConfig
 from ua_fleet.errors import RobotOffline
 
 __all__ = ["SkilledRos1Driver"]
 
 _NOTHING = SystemState({}, {}, {})
-
-
-def _make_port(spec: SkillSpec, executing: Executing, put: Callable[[DriverEvent], None]) -> SkillPort[Ros1Graph]:
-    way = spec.via.way if spec.via is not None else None
-    if isinstance(way, TopicSkill):
-        return TopicPort(spec, way, executing, put)
-    if isinstance(way, ServiceSkill):
-        return ServicePort(spec, way, executing, put)
-    if isinstance(way, ActionSkill):
-        return ActionPort(spec, way, executing, put)
-    return ProgramPort(spec, executing, put)
 
 
 class _SkillFeed:
@@ -68,7 +56,7 @@ class _SkillFeed:
         self._call(partial(self._listened.source, f"nobody publishes {self._listened.name}; start the robot's node"))
 
 
-class SkilledRos1Driver(Ros1Driver):
+class SkilledRos1Driver(SkilledDriver, Ros1Driver):
     """See HaltingDriver and SuspendingDriver in `ua_fleet.bridge.driver`."""
 
     def __init__(self, config: FleetConfig, bridge_name: str, specs: Sequence[SkillSpec]) -> None:
@@ -80,7 +68,7 @@ class SkilledRos1Driver(Ros1Driver):
 
     def _skill_feeds(self, node: RosNode, inlet: Inlet) -> Iterable[tuple[str, Feed]]:
         self._skill_thread = thread = SkillThread()
-        self._skills = skills = RobotSkills(self._specs, _make_port, inlet.put, thread.call)
+        self._skills = skills = RobotSkills(self._specs, port_maker(ServicePort, ActionPort), inlet.put, thread.call)
         self._graph = graph = Ros1Graph(
             node.name,
             self._bridge.master_uri,
@@ -107,31 +95,3 @@ class SkilledRos1Driver(Ros1Driver):
     def _check_node(self) -> None:
         if self._skill_thread is None or self._node is None or self._node.was_shut_down:
             raise RobotOffline(f"the bridge is not in its graph: {self.status().detail}")
-
-    def skills(self) -> Sequence[Skill]:
-        """See SkillDriver."""
-        return self._offers
-
-    def execute(self, execution: Execution) -> None:
-        """See SkillDriver."""
-        self._check_node()
-        self._skills.execute(execution)
-
-    def query(self, execution: Execution) -> None:
-        """See SkillDriver."""
-        self._skills.query(execution)
-
-    def halt(self, execution: Execution) -> None:
-        """See HaltingDriver."""
-        self._check_node()
-        self._skills.halt(execution)
-
-    def suspend(self, execution: Execution) -> None:
-        """See SuspendingDriver."""
-        self._check_node()
-        self._skills.suspend(execution)
-
-    def resume(self, execution: Execution) -> None:
-        """See SuspendingDriver."""
-        self._check_node()
-        self._skills.resume(execution)

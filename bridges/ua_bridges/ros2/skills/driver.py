@@ -3,10 +3,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
-from ua_bridges.ros.ports import Listened, ProgramPort, RobotSkills, SkillPort, TopicPort
-from ua_bridges.ros.skills import ActionSkill, ServiceSkill, SkillSpec, TopicSkill
+from ua_bridges.ros.ports import Listened, RobotSkills, SkilledDriver, port_maker
+from ua_bridges.ros.skills import SkillSpec
 from ua_bridges.ros2.classes import MessageType
 from ua_bridges.ros2.feed import Read
 from ua_bridges.ros2.graph import LOOK_S
@@ -16,23 +16,11 @@ from ua_bridges.ros2.skills.action import ActionPort
 from ua_bridges.ros2.skills.graph import Ros2Graph
 from ua_bridges.ros2.skills.service import ServicePort
 from ua_bridges.ros2.watch import Heard
-from ua_fleet.bridge.driver import DriverEvent, Execution, Inlet, Skill
-from ua_fleet.bridge.executing import Executing
+from ua_fleet.bridge.driver import Inlet
 from ua_fleet.config.schema import FleetConfig
 from ua_fleet.errors import RobotOffline
 
 __all__ = ["SkilledRos2Driver"]
-
-
-def _make_port(spec: SkillSpec, executing: Executing, put: Callable[[DriverEvent], None]) -> SkillPort[Ros2Graph]:
-    way = spec.via.way if spec.via is not None else None
-    if isinstance(way, TopicSkill):
-        return TopicPort(spec, way, executing, put)
-    if isinstance(way, ServiceSkill):
-        return ServicePort(spec, way, executing, put)
-    if isinstance(way, ActionSkill):
-        return ActionPort(spec, way, executing, put)
-    return ProgramPort(spec, executing, put)
 
 
 class _SkillFeed:
@@ -69,7 +57,7 @@ class _SkillFeed:
         self._listened.source(f"nobody publishes {self._listened.name}; start the robot's node")
 
 
-class SkilledRos2Driver(Ros2Driver):
+class SkilledRos2Driver(SkilledDriver, Ros2Driver):
     """See HaltingDriver and SuspendingDriver in `ua_fleet.bridge.driver`."""
 
     def __init__(self, config: FleetConfig, bridge_name: str, specs: Sequence[SkillSpec]) -> None:
@@ -81,7 +69,7 @@ class SkilledRos2Driver(Ros2Driver):
     # The node's thread
 
     def _listened(self, inlet: Inlet) -> list[Heard]:
-        self._skills = RobotSkills(self._specs, _make_port, inlet.put, self._thread.call)
+        self._skills = RobotSkills(self._specs, port_maker(ServicePort, ActionPort), inlet.put, self._thread.call)
         return [
             Heard(listened.name, listened.type, listened.qos, _SkillFeed(listened))
             for port in self._skills
@@ -104,31 +92,3 @@ class SkilledRos2Driver(Ros2Driver):
     def _check_node(self) -> None:
         if not self._thread.running:
             raise RobotOffline(f"the bridge is not in its domain: {self.status().detail}")
-
-    def skills(self) -> Sequence[Skill]:
-        """See SkillDriver."""
-        return self._offers
-
-    def execute(self, execution: Execution) -> None:
-        """See SkillDriver."""
-        self._check_node()
-        self._skills.execute(execution)
-
-    def query(self, execution: Execution) -> None:
-        """See SkillDriver."""
-        self._skills.query(execution)
-
-    def halt(self, execution: Execution) -> None:
-        """See HaltingDriver."""
-        self._check_node()
-        self._skills.halt(execution)
-
-    def suspend(self, execution: Execution) -> None:
-        """See SuspendingDriver."""
-        self._check_node()
-        self._skills.suspend(execution)
-
-    def resume(self, execution: Execution) -> None:
-        """See SuspendingDriver."""
-        self._check_node()
-        self._skills.resume(execution)

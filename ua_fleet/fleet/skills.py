@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import math
+import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Final
@@ -131,7 +131,8 @@ def _wrong_type(code: int, value: Any) -> str | None:
         return None if isinstance(value, bool) else "it has to be true or false"
     if code == BuiltinType.STRING:
         return None if isinstance(value, str) else "it has to be a text"
-    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+    # Compared, since an integer may be too large to be made a float; NaN is below nothing.
+    if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= sys.float_info.max:
         return "it has to be a number"
     if code in _FLOATS:
         return None

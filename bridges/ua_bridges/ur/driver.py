@@ -276,7 +276,7 @@ class UrDriver:
     def _abandon(self) -> None:
         """A safety stop pauses the program. It is stopped, so that nobody lets a move go on that has failed."""
         with suppress(SkillError):
-            self._link.call("dashboard", "stop")
+            self._link.stop_program()
 
     def _halt(self, execution: Execution, task: RobotTask) -> None:
         state = self._state

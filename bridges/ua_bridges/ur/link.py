@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import socket
 import time
+from contextlib import suppress
 from typing import Any, Final
 
 from ua_bridges.ur.library.child import ChildFailed, LibraryChild, NoAnswer
-from ua_fleet.errors import RobotOffline, SkillFailed, SkillTimeout
+from ua_fleet.errors import RobotOffline, SkillError, SkillFailed, SkillTimeout
 
 __all__ = ["CommandLink"]
 
@@ -26,8 +27,10 @@ class CommandLink:
     def __init__(self, host: str, timeout_s: float) -> None:
         self._host, self._timeout_s = host, timeout_s
         self._child: LibraryChild | None = None
+        self._is_open = False
+        """Whether the child's interface to ur-rtde's control program is."""
         self.has_control = False
-        """Whether ur-rtde's control program was taken into use over this child."""
+        """Whether that program was taken into use over this child, and nothing was sent in its place."""
 
     def call(self, on: str, method: str, *arguments: Any, timeout_s: float | None = None) -> Any:
         """Call a method of one of the library's interfaces; see `library.commanding`.
@@ -64,12 +67,12 @@ class CommandLink:
         Raises:
             SkillError: it does not run, or another program does.
         """
-        if self.has_control:
-            if not is_playing:
-                self._send_control_program()
-            return
-        self.call("control", "open", is_playing, timeout_s=_OPEN_S)
-        if is_playing:
+        if not self._is_open:
+            self.call("control", "open", is_playing, timeout_s=_OPEN_S)
+            self._is_open = True
+        elif not is_playing:
+            self._send_control_program()
+        if is_playing:  # somebody may have begun another one since
             self._check_own_program()
         self.has_control = True
 
@@ -82,9 +85,9 @@ class CommandLink:
             time.sleep(0.01)
 
     def _check_own_program(self) -> None:
-        """The program that runs is ur-rtde's where it answers: a bridge before us has left it."""
+        """The program that runs is ur-rtde's where it answers: we sent it, or a bridge before us has left it."""
         try:
-            offset = self.call("control", "getTCPOffset", timeout_s=_OPEN_S)
+            offset = self.call("control", "getTCPOffset")
         except (SkillFailed, SkillTimeout):
             offset = None
         if not offset or len(offset) != 6:
@@ -100,13 +103,28 @@ class CommandLink:
         is_running, number = self.call("control", "operation")
         return bool(is_running), int(number)
 
-    def stop_move(self, deceleration: float) -> None:
-        """Slow down a move of the control program.
+    def stop_move(self, deceleration: float) -> bool:
+        """Slow down a move of the control program; False where it makes none, or cannot be told."""
+        if not self.has_control:
+            return False
+        try:
+            is_moving, _ = self.operation()
+            if is_moving:
+                self.call("control", "stopJ", deceleration, timeout_s=_STOP_S)
+        except SkillError:
+            return False
+        return is_moving
+
+    # Any program
+
+    def stop_program(self) -> None:
+        """Have the dashboard server stop what runs.
 
         Raises:
             SkillError: as `call`.
         """
-        self.call("control", "stopJ", deceleration, timeout_s=_STOP_S)
+        self.call("dashboard", "stop")
+        self.has_control = False
 
     # URScript
 
@@ -119,18 +137,24 @@ class CommandLink:
         try:
             with socket.create_connection((self._host, _SCRIPT_PORT), self._timeout_s) as connection:
                 connection.sendall(program.encode())
-                deadline = time.monotonic() + _TAKEN_S
-                while (left := deadline - time.monotonic()) > 0:
-                    connection.settimeout(left)
-                    if not connection.recv(_READ_BYTES):
-                        return
-        except TimeoutError:
-            return
+                self.has_control = False
+                with suppress(OSError):  # it was sent: what the controller shows has to tell
+                    _read_for(_TAKEN_S, connection)
         except OSError as error:
-            raise RobotOffline(f"port {_SCRIPT_PORT}: {error.strerror or error}") from error
+            reason = f"port {_SCRIPT_PORT}: {error.strerror or error}; see that the controller lets the bridge in there"
+            raise RobotOffline(reason) from error
 
     def close(self) -> None:
         """End the child; what a move does on the controller goes on."""
-        child, self._child, self.has_control = self._child, None, False
+        child, self._child = self._child, None
+        self._is_open = self.has_control = False
         if child is not None:
             child.end()
+
+
+def _read_for(seconds: float, connection: socket.socket) -> None:
+    deadline = time.monotonic() + seconds
+    while (left := deadline - time.monotonic()) > 0:
+        connection.settimeout(left)
+        if not connection.recv(_READ_BYTES):
+            return

@@ -38,6 +38,7 @@ _SHOWN_S: Final = 1.0
 """What the dashboard server has agreed to shows within this."""
 _PROGRAM: Final = "ua_fleet"
 
+_UNDER_WAY: Final = (RuntimeState.PLAYING, RuntimeState.PAUSED)
 _FAILED: Final = int(StatusCode.BAD_UNEXPECTED_ERROR)
 _OUT: Final = int(StatusCode.BAD_OUT_OF_SERVICE)
 _CANCELLED: Final = int(StatusCode.BAD_REQUEST_CANCELLED_BY_CLIENT)
@@ -182,10 +183,8 @@ class MoveTask:
     def halt(self, link: CommandLink, state: State) -> None:
         """See RobotTask."""
         self._is_halted = True
-        if link.has_control:
-            link.stop_move(_HALT_RAD_S2)
-        else:
-            link.call("dashboard", "stop")
+        if not link.stop_move(_HALT_RAD_S2):
+            link.stop_program()
 
 
 _HALT_RAD_S2: Final = 2.0
@@ -221,6 +220,8 @@ class ScriptTask:
         self._was_begun = False
         self._is_halted = False
         self._is_resumed = False
+        self._ended: tuple[Ended, float] | None = None
+        """How it ended, and until when the controller may show that its program runs."""
 
     def begin(self, link: CommandLink, state: State, now: float) -> None:
         """See RobotTask."""
@@ -236,9 +237,12 @@ class ScriptTask:
     def look(self, link: CommandLink, state: State, now: float) -> Told:
         """See RobotTask."""
         self._was_begun = self._was_begun or state.values[self._begun] == self._mark
-        if state.values[self._done] == self._mark:
+        if self._ended is None and state.values[self._done] == self._mark:
             values = [state.values[register_names(each.register_type, each.place)] for each in self._results]
-            return Ended(0, tuple(values))
+            self._ended = Ended(0, tuple(values)), now + _SHOWN_S
+        if self._ended is not None:  # told when the robot is free: what comes next finds no program that runs
+            ended, until = self._ended
+            return ended if state.runtime is not RuntimeState.PLAYING or now >= until else None
         wrong = fault_of(state, "", None)
         if wrong and self._was_begun:
             return Ended(_OUT, (), wrong)
@@ -250,7 +254,7 @@ class ScriptTask:
             return Ended(_FAILED, (), "the controller did not begin the program; see its log")
         if state.values[self._begun] != self._mark:
             return Ended(_FAILED, (), "another program took its place")
-        if state.runtime in (RuntimeState.PLAYING, RuntimeState.PAUSED):
+        if state.runtime in _UNDER_WAY:
             return Progress(0.0, "paused" if state.runtime is RuntimeState.PAUSED else "")
         if self._is_halted:
             return Ended(_CANCELLED, (), "halted")
@@ -259,7 +263,7 @@ class ScriptTask:
     def halt(self, link: CommandLink, state: State) -> None:
         """See RobotTask."""
         self._is_halted = True
-        link.call("dashboard", "stop")
+        link.stop_program()
 
 
 class DashboardTask:
@@ -287,7 +291,7 @@ class DashboardTask:
         """See RobotTask."""
         link.call("dashboard", _METHODS[self._way.command], *self._text)
         self._began = now
-        if self._way.command is Dashboard.PLAY:
+        if self._way.command in (Dashboard.PLAY, Dashboard.STOP):
             link.has_control = False
 
     def resume(self, state: State, now: float) -> None:
@@ -324,7 +328,7 @@ class DashboardTask:
         """See RobotTask."""
         if not (self._way.command is Dashboard.PLAY and self._way.wait_for_end):
             raise SkillRejected("a command to the dashboard server cannot be taken back")
-        link.call("dashboard", "stop")
+        link.stop_program()
 
 
 _UNSEEN: Final = (
@@ -401,20 +405,33 @@ class StopTask:
 
     def __init__(self, way: StopSkill) -> None:
         self._way = way
+        self._is_slowed = self._is_ended = False
+        """Whether a move was slowed down, and a program ended."""
+        self._moves_since: float | None = None
 
     def begin(self, link: CommandLink, state: State, now: float) -> None:
         """See RobotTask."""
-        if link.has_control and state.runtime is RuntimeState.PLAYING:
-            link.stop_move(self._way.deceleration)
-        elif state.runtime in (RuntimeState.PLAYING, RuntimeState.PAUSED):
-            link.call("dashboard", "stop")
+        if state.runtime is RuntimeState.PLAYING:
+            self._is_slowed = link.stop_move(self._way.deceleration)
+        if not self._is_slowed and state.runtime in _UNDER_WAY:
+            self._end_program(link)
+
+    def _end_program(self, link: CommandLink) -> None:
+        self._is_ended = True
+        link.stop_program()
 
     def resume(self, state: State, now: float) -> None:
         """See RobotTask."""
 
     def look(self, link: CommandLink, state: State, now: float) -> Told:
         """See RobotTask."""
-        return Ended(0) if state.stands else Progress(0.0)
+        if state.stands and not (self._is_ended and state.runtime in _UNDER_WAY):
+            return Ended(0)
+        if self._moves_since is None:
+            self._moves_since = now
+        elif self._is_slowed and not self._is_ended and now - self._moves_since >= _SETTLED_S:
+            self._end_program(link)  # another one than ur-rtde's moves the arm
+        return Progress(0.0)
 
     def halt(self, link: CommandLink, state: State) -> None:
         """See RobotTask."""

@@ -74,6 +74,7 @@ ROBOT: dict[str, Any] = {
                 }
             },
         },
+        "sweep": {"id": 16, "via": {"script": {"body": "movej([2.5, -1.5708, 1.2, -1.5708, -1.5708, 0], a=2, v=0.4)"}}},
         "fails": {"id": 4, "via": {"script": {"body": "sleep(0.05)\nno_such_function()"}}},
         "grip": {
             "id": 5,
@@ -222,6 +223,22 @@ async def test_stop_skill_stops_a_move(controller: UrController) -> None:
         assert "stopped before its end" in bad(await one.end(execution), StatusCode.BAD_UNEXPECTED_ERROR)
 
 
+@pytest.mark.parametrize("before", [None, ("turn", 0.1, 2.0)])
+async def test_stop_skill_stops_a_script(controller: UrController, before: tuple[str, *tuple[Any, ...]] | None) -> None:
+    async with started(controller.host) as one:
+        if before is not None:
+            good(await one.do(*before))
+        execution = one.begin("sweep")
+        place = controller.state()["q"][0]
+        await until(lambda: controller.state()["q"][0] > place + 0.05, "the sweep")
+        good(await one.do("stop"))
+        place = controller.state()["q"][0]
+        assert place < 1.0
+        assert "ended before its last line" in bad(await one.end(execution), StatusCode.BAD_UNEXPECTED_ERROR)
+        assert controller.state()["q"][0] == pytest.approx(place, abs=0.01)
+        good(await one.do("turn", place, 2.0))
+
+
 async def test_script_runs_with_its_arguments_and_brings_results(controller: UrController) -> None:
     async with started(controller.host) as one:
         assert good(await one.do("measure", "for {you} \\ 'x' Grüße", 0.2)) == (0.4,)
@@ -229,7 +246,9 @@ async def test_script_runs_with_its_arguments_and_brings_results(controller: UrC
         message = bad(await one.do("fails"), StatusCode.BAD_UNEXPECTED_ERROR)
         assert "ended before its last line" in message
         good(await one.do("turn", 0.1, 2.0))  # the control program is sent again
-        assert good(await one.do("measure", "again", 0.1)) == (0.2,)
+        for place in (0.2, 0.1, 0.2):  # at once: a script is told done when the robot is free
+            assert good(await one.do("measure", "again", 0.1)) == (0.2,)
+            good(await one.do("turn", place, 2.0))
 
 
 @pytest.mark.parametrize("text", ['a"b', "a\nb", "a\r", "a\x00b", '")\nset_digital_out(0, True)\ntextmsg("'])
@@ -326,7 +345,10 @@ async def test_emergency_stop_and_local_control_are_faults_with_their_reasons(co
             one.begin("turn", 0.0, 2.0)
 
 
-async def test_program_of_somebody_else_is_left_alone(controller: UrController) -> None:
+@pytest.mark.parametrize("before", [None, ("turn", 0.1, 2.0)])
+async def test_program_of_somebody_else_is_left_alone(
+    controller: UrController, before: tuple[str, *tuple[Any, ...]] | None
+) -> None:
     from tests.integration.ur.conftest import wait_until
 
     def run() -> None:
@@ -336,12 +358,16 @@ async def test_program_of_somebody_else_is_left_alone(controller: UrController) 
             connection.sendall(b"def theirs():\n  sleep(60)\nend\n")
             wait_until(lambda: controller.state()["program"] == "theirs", "the program")
 
-    await asyncio.to_thread(run)
     async with started(controller.host) as one:
-        await until(lambda: one.recorder.samples(JOINTS), "the state")
-        message = bad(await one.do("turn", 0.3, 2.0), StatusCode.BAD_UNEXPECTED_ERROR)
-        assert "another program runs on the controller" in message
-        assert controller.state()["program"] == "theirs"
+        if before is not None:
+            good(await one.do(*before))
+        await asyncio.to_thread(run)
+        count = len(one.recorder.samples(JOINTS))
+        await until(lambda: len(one.recorder.samples(JOINTS)) > count + 1, "a state with it")
+        for ask in (("turn", 0.3, 2.0), ("measure", "mine", 0.1)):
+            message = bad(await one.do(*ask), StatusCode.BAD_UNEXPECTED_ERROR)
+            assert "another program runs on the controller" in message
+            assert controller.state()["program"] == "theirs"
 
 
 async def test_dropped_link_is_told_and_comes_back(controller: UrController) -> None:

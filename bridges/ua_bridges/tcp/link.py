@@ -69,6 +69,8 @@ class Link:
         self._pause_s = FIRST_PAUSE_S
         self._timers: dict[Callable[[], None], asyncio.TimerHandle] = {}
         self._resolving: asyncio.Future[Any] | None = None
+        self._which = 0
+        """Which of the robot's addresses is tried next; the one that it was reached at is the first again."""
         self._is_stopped = False
         self._said = "not started"
         self.detail = "not started"
@@ -128,7 +130,9 @@ class Link:
         if found.exception() is not None:
             self._later(f"nobody knows the address {self._address[0]}; correct it in fleet.yaml, or the name service")
             return
-        family, kind, protocol, _, address = found.result()[0]
+        known = found.result()
+        family, kind, protocol, _, address = known[self._which % len(known)]
+        self._which += 1
         self._socket = made = socket.socket(family, kind, protocol)
         made.setblocking(False)
         self._prepare(made)
@@ -157,6 +161,7 @@ class Link:
         elif made.getsockname() == made.getpeername():  # TCP connects a port to itself when nobody listens there
             self._refused(ConnectionRefusedError("nobody listens"))
         else:
+            self._which -= 1
             self._up()
 
     def _refused(self, error: OSError) -> None:

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import asyncio
+import socket
+
+import pytest
 
 from tests.contract.harness import until
 from tests.integration.tcp.conftest import StartRobot, direct_fleet, running
@@ -34,6 +37,20 @@ async def test_skills_and_data(start_robot: StartRobot) -> None:
         assert one.facts(SampleRead)[0].values == (0.0, 0.0)
         assert one.driver.publish(SPEED, METADATA, message(0.254))
         assert await asyncio.to_thread(robot.wait_for, "speed") == "speed 0.25"
+
+
+async def test_each_address_of_a_robot_is_tried(start_robot: StartRobot, monkeypatch: pytest.MonkeyPatch) -> None:
+    robot = start_robot("--direct", "127.0.0.1:0")
+    port = int(robot.wait_for("ready").split()[1])
+    nobody, there = [(socket.AF_INET, socket.SOCK_STREAM, 6, "", (f"127.0.0.{last}", port)) for last in (2, 1)]
+
+    def resolve(*_: object, **__: object) -> list[object]:
+        return [nobody, there]
+
+    monkeypatch.setattr("ua_bridges.tcp.link.socket.getaddrinfo", resolve)
+    async with running(direct_fleet(f"robot.test:{port}")) as one:
+        await until(lambda: one.facts(SampleRead), "a position")
+        assert one.driver.status().connected
 
 
 async def test_a_robot_that_goes_away_leaves_it_unknown_and_comes_back(start_robot: StartRobot) -> None:

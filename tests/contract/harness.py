@@ -7,10 +7,13 @@ import json
 import subprocess
 import threading
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Generator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final, Protocol, runtime_checkable
+
+import pytest
 
 from ua_fleet.bridge import Driver, DriverEvent, Dropped, SampleRead, SourceFound, SourceLost
 from ua_fleet.counters import Drop
@@ -120,6 +123,8 @@ class Space(Protocol):
     number: int
     can_be_absent: bool
     """Whether the robots' side has something that must be up (a ROS master)."""
+    own_work: str
+    """Where the driver does its own work again and again: the full name of a method, which a test breaks."""
 
     @property
     def robot(self) -> Robot:
@@ -166,6 +171,8 @@ class MappedSpace(Protocol):
     """What is read from the robot: first a NUMBER; a TEXT and a TWIST where it has such a thing."""
     sinks: Mapping[Topic, Kind]
     """What other spaces' data is written to the robot: a NUMBER, and a TWIST where it can take one."""
+    own_work: str
+    """See Space."""
 
     @property
     def robot(self) -> MappedRobot:
@@ -257,6 +264,18 @@ class Recorder:
     def dropped(self, cause: Drop) -> int:
         """How many messages were dropped for a reason."""
         return sum(e.count for e in list(self.events) if isinstance(e, Dropped) and e.cause is cause)
+
+
+@contextmanager
+def broken(method: str) -> Generator[None]:
+    """Have a method of a driver fail as no driver foresees."""
+
+    def fail(*_: object) -> None:
+        raise KeyError("a mistake of the bridge")
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(method, fail)
+        yield
 
 
 async def until(condition: Callable[[], Any], what: str, timeout_s: float = WAIT_S) -> None:

@@ -217,6 +217,7 @@ class PlcSpace:
     remembers = True
 
     number = SPACE
+    own_work = "ua_bridges.modbus.device.Device._turn"
     sources: Final[dict[Topic, Kind]] = dict(zip(PLACES, (NUMBER, TEXT, TWIST), strict=True))
     sinks: Final[dict[Topic, Kind]] = dict(zip(TAKEN, (NUMBER, TWIST), strict=True))
 

@@ -126,6 +126,7 @@ class PluggedSpace:
     """See MappedSpace and SkilledSpace."""
 
     number = SPACE
+    own_work = "ua_bridges.plugged.sensor.Sensor.turn"
     remembers = False
     sources: Final[dict[Topic, Kind]] = dict(zip(SAID, (NUMBER, TEXT, TWIST), strict=True))
     sinks: Final[dict[Topic, Kind]] = dict(zip(TAKEN, (NUMBER, TWIST), strict=True))

@@ -59,6 +59,7 @@ class Ros1Space:
 
     number = 1
     can_be_absent = True
+    own_work = "ua_bridges.ros1.watch.Watch._look"
 
     def __init__(self, folder: Path, processes: system.Processes) -> None:
         self._master = Master(folder, processes)

@@ -30,6 +30,7 @@ class Ros2Space:
     """See Space."""
 
     can_be_absent = False
+    own_work = "ua_bridges.ros2.watch.Watch.turn"
 
     def __init__(self, domain: int) -> None:
         self.number = domain

@@ -117,6 +117,8 @@ class Program:
 class MappedTcpSpace:
     """See MappedSpace."""
 
+    own_work = "ua_bridges.tcp.interpreter.InterpreterSession.turn"
+
     def __init__(self, port: int) -> None:
         self.number = SPACE
         self.sources: Mapping[Topic, Kind] = dict(zip(SHOWN, (NUMBER, TEXT, TWIST), strict=True))

@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from tests.contract.harness import NUMBER, TEXT, TWIST, UNKNOWN, Kind, Recorder, Space, message_of, until
+from tests.contract.harness import NUMBER, TEXT, TWIST, UNKNOWN, Kind, Recorder, Space, broken, message_of, until
 from ua_fleet.bridge import Driver, SampleRead, SourceFound
 from ua_fleet.counters import Drop
 from ua_fleet.pubsub.metadata import field_property
@@ -189,6 +189,23 @@ async def test_robots_side_may_come_later(absent_space: Space) -> None:
         await until(lambda: driver.status().connected, "the connection")
         space.robot.advertise(topic.name, NUMBER)
         await talk(space, recorder, topic, NUMBER, 1.0)
+
+
+async def test_mistake_of_the_driver_is_no_silent_end(space: Space) -> None:
+    """It works again by itself, or is over, which ends its bridge. Meanwhile no value of it is shown as Good."""
+    topic, driver = source(space), space.make_driver()
+    async with started(driver) as recorder:
+        space.robot.advertise(topic.name, NUMBER)
+        await talk(space, recorder, topic, NUMBER, 1.0)
+        with broken(space.own_work):
+            space.robot.publish(topic.name, NUMBER.values(2.0))
+            await until(lambda: driver.status().is_over or recorder.lost(topic), "the end, or the loss")
+            status = driver.status()
+            assert not status.connected
+            assert "a mistake of the bridge" in status.detail
+        if not driver.status().is_over:
+            await talk(space, recorder, topic, NUMBER, 3.0)
+            assert len(recorder.found(topic)) == 2
 
 
 async def test_stop_releases_everything_and_may_be_called_twice(space: Space) -> None:

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from tests.contract.harness import NUMBER, TEXT, TWIST, Kind, MappedSpace, Recorder, message_of, until
+from tests.contract.harness import NUMBER, TEXT, TWIST, Kind, MappedSpace, Recorder, broken, message_of, until
 from tests.contract.test_driver import started
 from ua_fleet.bridge import SampleRead, SourceFound
 from ua_fleet.counters import Drop
@@ -147,6 +147,23 @@ async def test_robot_may_come_later(absent_mapped_space: MappedSpace) -> None:
         space.appear()
         await until(lambda: driver.status().connected, "the connection")
         await show(space, recorder, topic, 1.0)
+
+
+async def test_mistake_of_the_driver_is_no_silent_end(mapped_space: MappedSpace) -> None:
+    """It works again by itself, or is over, which ends its bridge. Meanwhile no value of it is shown as Good."""
+    space, topic = mapped_space, next(iter(mapped_space.sources))
+    driver = space.make_driver()
+    async with started(driver) as recorder:
+        await show(space, recorder, topic, 1.0)
+        with broken(space.own_work):
+            await asyncio.to_thread(space.robot.show, topic, (2.0,))
+            await until(lambda: driver.status().is_over or recorder.lost(topic), "the end, or the loss")
+            status = driver.status()
+            assert not status.connected
+            assert "a mistake of the bridge" in status.detail
+        if not driver.status().is_over:
+            await show(space, recorder, topic, 3.0)
+            assert len(recorder.found(topic)) == 2
 
 
 async def test_stop_releases_everything_and_may_be_called_twice(mapped_space: MappedSpace) -> None:

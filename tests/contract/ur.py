@@ -86,6 +86,7 @@ class UrSpace:
     """See MappedSpace."""
 
     number = SPACE
+    own_work = "ua_bridges.ur.telemetry.Telemetry.sampled"
     sources: Final[dict[Topic, Kind]] = dict(zip(REGISTERS, (NUMBER, TWIST), strict=True))
     sinks: Final[dict[Topic, Kind]] = {TAKEN: NUMBER}
 

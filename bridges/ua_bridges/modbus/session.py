@@ -11,6 +11,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Final, cast
 
+import structlog
+
 from ua_bridges.modbus.config import HandshakeSkill, ModbusBridgeConfig
 from ua_bridges.modbus.device import Device, SinkWrite, check_fits
 from ua_bridges.modbus.handshake import SkillRegisters
@@ -24,12 +26,14 @@ from ua_fleet.bridge.driver import DriverStatus, Dropped, Execution, Inlet, Skil
 from ua_fleet.bridge.executing import Executing
 from ua_fleet.config.schema import FleetConfig
 from ua_fleet.counters import Drop
-from ua_fleet.errors import RobotOffline, SkillRejected
+from ua_fleet.errors import DriverFailed, RobotOffline, SkillRejected, UaFleetError
 from ua_fleet.registers import RegisterUnfit
 from ua_fleet.topics import Topic
 from ua_fleet.wire.messages import DataSetMessage, DataSetMetaData
 
 __all__ = ["ModbusDriver"]
+
+_log = structlog.get_logger("ua_bridges.modbus")
 
 MEMORY: Final = "handshakes.db"
 """In the bridge's state folder: which number each execution has."""
@@ -119,8 +123,10 @@ class ModbusDriver:
 
     def status(self) -> DriverStatus:
         """See Driver."""
+        if self._failure:
+            return DriverStatus(False, self._failure, is_over=True)
         if self._thread is None or not self._devices:
-            return DriverStatus(False, self._failure or "not running")
+            return DriverStatus(False, "not running")
         away = [device.detail for device in self._devices.values() if not device.is_there]
         each = {name: "" if device.is_there else device.detail for name, device in self._devices.items()}
         several = each if len(each) > 1 else {}
@@ -202,10 +208,15 @@ class ModbusDriver:
         try:
             asyncio.run(self._serve(begun))
         except BaseException as error:  # noqa: BLE001 - whoever waits for the start, or sees the status, has to hear of it
-            self._failure = f"the driver failed: {_first_of(error)!r}; report it, and start the bridge again"
+            first = _first_of(error)
+            is_known = isinstance(first, UaFleetError)
+            why = str(first) if is_known else f"a mistake of the bridge ({first!r}); report its log"
+            self._failure = f"the driver failed: {why}; start the bridge again"
+            if not is_known:
+                _log.error("the driver failed", exc_info=error)
             for device in self._devices.values():
                 device.end(self._failure)
-            begun(error)
+            begun(first if is_known else DriverFailed(self._failure))
 
     async def _serve(self, begun: Callable[[BaseException | None], None]) -> None:
         assert self._inlet is not None

@@ -121,7 +121,7 @@ class Bus:
         self._followed: set[Signal] = set()
         self._owners: dict[str, str] = {}
         self._calls: dict[int, _Open] = {}
-        self._said = ""
+        self._said = self._mistake = ""
         self.is_connected = False
         self.detail = "D-Bus: not connected yet"
         """What it is connected to, or why it is not and what to do."""
@@ -184,10 +184,16 @@ class Bus:
             try:
                 async with asyncio.timeout(CONNECT_S):
                     bus = await self._connected()
-            except _FAILURES as error:
-                self._say(f"D-Bus: no connection to {self._address}: {_reason(error)}", is_good=False)
-            else:
                 await self._live(bus)
+                why = "it is lost"
+            except _FAILURES as error:
+                why = _reason(error)
+            except Exception as error:  # whatever it is, the bus is tried again
+                why = f"a mistake of the bridge ({error!r}); report its log; it tries again"
+                if why != self._mistake:
+                    self._mistake = why
+                    logger.exception("D-Bus: the connection was not kept")
+            self._say(f"D-Bus: no connection to {self._address}: {why}", is_good=False)
             await asyncio.sleep(RETRY_S)
 
     async def _connected(self) -> MessageBus:
@@ -196,8 +202,8 @@ class Bus:
         return await MessageBus(bus_address=address, bus_type=kind or BusType.SESSION).connect()
 
     async def _live(self, bus: MessageBus) -> None:
+        """Work on a connection until it is lost; raises why, where that is known."""
         self._bus = bus
-        why = "the connection is lost"
         try:
             bus.add_message_handler(self._take)
             for name in self._names:
@@ -211,19 +217,16 @@ class Bus:
                 if owner.message_type is MessageType.METHOD_RETURN:
                     self._owner(name, str(owner.body[0]))
             await _ended(bus)
-        except _FAILURES as error:
-            why = _reason(error)
         finally:
             self._bus = None
-            bus.disconnect()
-            with contextlib.suppress(*_FAILURES):
-                async with asyncio.timeout(1.0):
-                    await _ended(bus)
             for name in list(self._owners):
                 self._owner(name, "")
             for serial in list(self._calls):
                 self._end(serial, Answer(problem="the D-Bus was lost before it answered", is_unknown=True))
-            self._say(f"D-Bus: {self._address}: {why}", is_good=False)
+            bus.disconnect()
+            with contextlib.suppress(*_FAILURES):
+                async with asyncio.timeout(1.0):
+                    await _ended(bus)
 
     def _say(self, detail: str, *, is_good: bool) -> None:
         self.is_connected, self.detail = is_good, detail

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import logging
 import time
 from collections.abc import Sequence
 from functools import partial
@@ -34,6 +35,8 @@ APPEARS_S: Final = 3.0
 """So long after the start a device that is plugged in has been found and opened."""
 CALL_S: Final = 5.0
 """A method that a value is handed to has to return within this."""
+
+logger = logging.getLogger(__name__)
 
 
 class _Device:
@@ -90,6 +93,8 @@ class PluggedDriver:
         self._appears_by = 0.0
         self._turn_is_due = False
         self._is_stopped = False
+        self._failure = ""
+        """The mistake of ours after which nothing is done in time any more."""
 
     # Life
 
@@ -161,6 +166,8 @@ class PluggedDriver:
 
     def status(self) -> DriverStatus:
         """See Driver."""
+        if self._failure:
+            return DriverStatus(False, self._failure, is_over=True)
         details = [device.detail() for device in self._devices.values()]
         is_connected = any(device.is_ready for device in self._devices.values())
         if self._bus is not None:
@@ -416,9 +423,21 @@ class PluggedDriver:
     def _turn(self) -> None:
         """Do what is due, see who is needed, and set the timer."""
         self._turn_is_due = False
-        if self._is_stopped:
+        if self._is_stopped or self._failure:
             return
         now = time.monotonic()
+        try:
+            due = self._do_due(now)
+        except Exception as error:
+            logger.exception("what was due could not be done")
+            self._failure = f"a mistake of the bridge ({error!r}); report its log, and start it again"
+            return
+        if self._timer is not None:
+            self._timer.cancel()
+        self._timer = None if due is None else self._loop.call_later(max(due - now, 0.0), self._turn)
+
+    def _do_due(self, now: float) -> float | None:
+        """Do what is due; when the next thing is."""
         self._give_up(now)
         self._do_early(now)
         times: list[float | None] = [self._appears_by if self._early else None]
@@ -435,10 +454,7 @@ class PluggedDriver:
             self._follow(signal, any(sensor.is_needed for sensor in sensors))
         assert self._executing is not None
         times.append(self._executing.due())
-        if self._timer is not None:
-            self._timer.cancel()
-        due = min((at for at in times if at is not None), default=None)
-        self._timer = None if due is None else self._loop.call_later(max(due - now, 0.0), self._turn)
+        return min((at for at in times if at is not None), default=None)
 
     def _follow(self, signal: Signal, is_followed: bool) -> None:
         if is_followed != (signal in self._followed) and self._bus is not None:

@@ -15,6 +15,8 @@ import time
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, Final
 
+import structlog
+
 from ua_bridges.ros.served import Served
 from ua_bridges.ros1.feed import Feed, MirrorFeed
 from ua_bridges.ros1.graph import GraphWatch, unregistered
@@ -33,6 +35,8 @@ LOOK_PERIOD_S: Final = 0.1
 """A look costs the master about half a millisecond."""
 NOTE_PERIOD_S: Final = 1.0
 """So often it is noted who is served: a call to the master for each subscriber of a latched topic."""
+
+_log = structlog.get_logger("ua_bridges.ros1")
 
 
 class Watch:
@@ -116,9 +120,11 @@ class Watch:
                 self._look()
                 self._wake.wait(LOOK_PERIOD_S)
                 self._wake.clear()
-        finally:
-            if not self._stopping.is_set() and self.status.connected:  # a mistake of ours, which must not look healthy
-                self.status = DriverStatus(False, "the watch of the ROS graph has failed; restart this bridge")
+        except Exception as error:  # noqa: BLE001 - nobody else would hear of it: `status` tells
+            _log.exception("the watch of the ROS graph has ended", node=self._node.name)
+            why = f"the watch of the ROS graph has ended by a mistake of the bridge ({error!r})"
+            self.status = DriverStatus(False, f"{why}; report its log, and start it again", is_over=True)
+            self._lose_sources()
 
     def _look(self) -> None:
         state: SystemState | None = None
@@ -200,9 +206,13 @@ class Watch:
             for outlet in self._outlets:
                 self._serve(outlet, state)
 
-    def _evicted(self) -> None:
+    def _lose_sources(self) -> None:
         for source in self._sources.values():
             source.lose()
+
+    def _evicted(self) -> None:
+        """Not over: a bridge that started anew would take the name back, and two that do so never end."""
+        self._lose_sources()
         self.status = DriverStatus(
             False,
             f"another node took the name {self._node.name}, or somebody ended it; stop the other one and restart this "

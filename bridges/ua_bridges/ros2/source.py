@@ -236,5 +236,6 @@ class RosSource:
         self._put(Dropped(Drop.INCOMPATIBLE_QOS, detail=told))
 
     def close(self) -> None:
-        """End the subscription."""
+        """End the subscription; the source is lost with it."""
+        self._lose()
         self._unsubscribe()

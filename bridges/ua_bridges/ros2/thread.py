@@ -13,7 +13,7 @@ from typing import Final, Literal
 import structlog
 
 from ua_bridges.ros2.node import Ros2Node, guarded
-from ua_fleet.errors import UaFleetError
+from ua_fleet.errors import DriverFailed, UaFleetError
 
 __all__ = ["NodeThread"]
 
@@ -50,27 +50,34 @@ class NodeThread:
         """Make the node; returns when it is there.
 
         Args:
-            opened: called once with the node; may raise an UaFleetError, which is raised here.
+            opened: called once with the node; what it raises is raised here.
             turn: called with the monotonic time when the time that it returned last has come.
             closing: called before the node ends.
 
         All three are called in the node's thread.
+
+        Raises:
+            BridgeUnavailable, TopicInvalid: see `make_node`.
+            DriverFailed: a mistake of the bridge.
         """
         loop = asyncio.get_running_loop()
         ready: asyncio.Future[None] = loop.create_future()
 
-        def tell(error: UaFleetError | None) -> None:
+        def tell(error: Exception | None) -> None:
             if ready.done():
                 return
             if error is None:
                 ready.set_result(None)
-            else:
+            elif isinstance(error, UaFleetError):
                 ready.set_exception(error)
+            else:
+                _log.error("the ROS 2 node did not start", domain=self._domain, exc_info=error)
+                ready.set_exception(DriverFailed(f"no ROS 2 node in domain {self._domain}: {_mistake(error)}"))
 
         def run() -> None:
             try:
                 node = Ros2Node(self._domain, self._node_name, self._discovery)
-            except UaFleetError as error:
+            except Exception as error:  # noqa: BLE001 - whatever it is, the start waits for it
                 loop.call_soon_threadsafe(tell, error)
                 return
             try:
@@ -78,13 +85,15 @@ class NodeThread:
                 self._node = node
                 loop.call_soon_threadsafe(tell, None)
                 self._spin(node, turn)
-            except UaFleetError as error:
+            except Exception as error:  # noqa: BLE001 - as above
                 loop.call_soon_threadsafe(tell, error)
             finally:
                 with self._waking:
                     self._node = None
-                closing()
-                node.close()
+                try:
+                    closing()
+                finally:
+                    node.close()
 
         self._thread = threading.Thread(target=run, name=f"ros2 domain {self._domain}", daemon=True)
         self._thread.start()
@@ -102,7 +111,7 @@ class NodeThread:
                 spin_once(timeout_sec=min(max(self._due - now, _SHORTEST_SPIN_S), _LONGEST_SPIN_S))
         except Exception as error:  # noqa: BLE001 - nobody else would hear of it: `status` tells
             _log.exception("the ROS 2 node ended", domain=self._domain)
-            self.failure = f"the node ended by a mistake of the bridge ({error}); restart it and report the log"
+            self.failure = f"the ROS 2 node ended: {_mistake(error)}"
 
     def call(self, job: Callable[[], None]) -> None:
         """Have `job` done soon in the node's thread; forgotten when the node ends before its turn."""
@@ -126,6 +135,10 @@ class NodeThread:
         self._stopping = True
         self._wake()
         await asyncio.to_thread(thread.join)
+
+
+def _mistake(error: Exception) -> str:
+    return f"a mistake of the bridge ({error!r}); report its log, and start it again"
 
 
 def _nothing() -> None:

@@ -21,6 +21,7 @@ APPEARS_S: Final = 3.0
 """What is begun while the robot is not connected waits so long from the start, or the loss, for the connection."""
 FIRST_PAUSE_S: Final = 0.1
 LONGEST_PAUSE_S: Final = 5.0
+MISTAKE_PAUSE_S: Final = 1.0
 CONNECT_S: Final = 5.0
 """A connection that is not there by then is tried anew."""
 MOST_UNSENT: Final = 1 << 20
@@ -72,7 +73,7 @@ class Link:
         self._which = 0
         """Which of the robot's addresses is tried next; the one that it was reached at is the first again."""
         self._is_stopped = False
-        self._said = "not started"
+        self._said, self._mistake = "not started", ""
         self.detail = "not started"
         """What it is connected to, or why not and what to do."""
 
@@ -103,7 +104,29 @@ class Link:
         if (before := self._timers.pop(do, None)) is not None:
             before.cancel()
         if not self._is_stopped:
-            self._timers[do] = self._loop.call_later(max(seconds, 0.0), do)
+            self._timers[do] = self._loop.call_later(max(seconds, 0.0), self._do, do)
+
+    def _do(self, step: Callable[..., None], *arguments: Any) -> None:
+        """Do what the event loop calls. Whatever goes wrong in it ends the connection, and it is made again."""
+        try:
+            step(*arguments)
+        except OSError as error:
+            self._begin_anew(_reason(error), self._pause_s)
+        except Exception as error:
+            why = f"a mistake of the bridge ({error!r}); report its log"
+            if why != self._mistake:
+                self._mistake = why
+                logger.exception("%s: the connection was not kept", self._who)
+            self._begin_anew(why, MISTAKE_PAUSE_S)
+
+    def _begin_anew(self, why: str, pause_s: float) -> None:
+        if self._is_up:
+            self._down(why)
+        else:
+            self._hang_up()
+            self._say(f"no connection to {self._where()}: {why}")
+        if self._listener is None:
+            self._in(pause_s, self._again)
 
     def _say(self, detail: str) -> None:
         """One line for each change."""
@@ -121,7 +144,7 @@ class Link:
             host, port = self._address
             find = partial(socket.getaddrinfo, host, port, type=socket.SOCK_STREAM)
             self._resolving = found = self._loop.run_in_executor(None, find)
-            found.add_done_callback(self._resolved)
+            found.add_done_callback(partial(self._do, self._resolved))
 
     def _resolved(self, found: asyncio.Future[Any]) -> None:
         if found.cancelled() or self._is_stopped:
@@ -139,7 +162,7 @@ class Link:
         try:
             made.connect(address)
         except (BlockingIOError, InterruptedError):
-            self._loop.add_writer(made.fileno(), self._connected)
+            self._loop.add_writer(made.fileno(), self._do, self._connected)
             self._in(CONNECT_S, self._too_long)
         except OSError as error:
             self._refused(error)
@@ -164,11 +187,15 @@ class Link:
             self._which -= 1
             self._up()
 
-    def _refused(self, error: OSError) -> None:
+    def _hang_up(self) -> None:
         made, self._socket = self._socket, None
         if made is not None:
+            self._loop.remove_reader(made.fileno())
             self._loop.remove_writer(made.fileno())
             made.close()
+
+    def _refused(self, error: OSError) -> None:
+        self._hang_up()
         self._later(f"no connection to {self._where()}: {_reason(error)}; see that the robot is on and listens there")
 
     def _later(self, why: str) -> None:
@@ -186,7 +213,7 @@ class Link:
             self._later(f"cannot listen on {self._where()}: {_reason(error)}; free the port, or take another one")
             return
         made.setblocking(False)
-        self._loop.add_reader(made.fileno(), self._accept)
+        self._loop.add_reader(made.fileno(), self._do, self._accept)
         self._say(f"waiting on {self._where()} for the robot's program; start it")
 
     def _accept(self) -> None:
@@ -225,26 +252,21 @@ class Link:
         assert self._session is not None
         self._is_up, self._pause_s = True, FIRST_PAUSE_S
         self._unsent.clear()
-        self._loop.add_reader(self._socket.fileno(), self._readable)
+        self._loop.add_reader(self._socket.fileno(), self._do, self._readable)
         self._say(f"connected to {self._where()}" if not self._listens else f"{self._peer} is connected")
         self._session.connected(time.monotonic())
         self._turn()
 
     def _down(self, why: str) -> None:
-        made, self._socket = self._socket, None
-        if made is None:
-            return
-        self._loop.remove_reader(made.fileno())
-        self._loop.remove_writer(made.fileno())
-        made.close()
+        self._hang_up()
         if self._is_up:
             self._is_up = False
-            assert self._session is not None
-            self._session.lost(time.monotonic())
             if not self._is_stopped:
                 self._say(f"the connection to the robot is lost: {why}")
                 if not self._listens:
                     self._in(FIRST_PAUSE_S, self._again)
+            assert self._session is not None
+            self._session.lost(time.monotonic())
 
     def reset(self, why: str) -> None:
         """End the connection, since nothing sensible can follow on it; it is made again."""
@@ -279,14 +301,14 @@ class Link:
             except (BlockingIOError, InterruptedError):
                 sent = 0
             except OSError as error:
-                self._loop.call_soon(self._broken, made, _reason(error))
+                self._loop.call_soon(self._do, self._broken, made, _reason(error))
                 return
             if sent == len(data):
                 return
             self._unsent += data[sent:]
-            self._loop.add_writer(made.fileno(), self._writable)
+            self._loop.add_writer(made.fileno(), self._do, self._writable)
         if len(self._unsent) > MOST_UNSENT:
-            self._loop.call_soon(self._broken, made, "it does not read what it is sent")
+            self._loop.call_soon(self._do, self._broken, made, "it does not read what it is sent")
 
     def _broken(self, made: socket.socket, why: str) -> None:
         if self._socket is made:

@@ -125,14 +125,21 @@ class Watcher:
         least, most = self._config.retry_s
         wait, told = least, ""
         while not self._stopping.is_set():
+            is_ours = False
             try:
                 self._watch()
                 continue
             except ChildFailed as error:
                 reason = f"{self._config.address}: {_remedy(str(error))}"
+            except Exception as error:  # noqa: BLE001 - whatever it is, the robot is watched again
+                is_ours = True
+                reason = f"{self._config.address}: a mistake of the bridge ({error!r}); report its log; it tries again"
+                if reason != told:
+                    _log.exception("the state was not read", controller=self._config.address)
             if self.state is not None:
-                wait, told = least, ""
                 self.losses += 1
+                if not is_ours:
+                    wait, told = least, ""
             self.state, self._detail = None, reason
             self._telemetry.lost()
             self._faults.seen(None, reason)

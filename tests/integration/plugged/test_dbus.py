@@ -6,12 +6,14 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import threading
 from collections.abc import AsyncGenerator
 from typing import Any
 
 import pytest
 from dbus_fast import BusType, DBusError, ErrorType, Message, MessageType
 from dbus_fast.aio import MessageBus
+from ua_bridges.plugged import bus as bus_module
 
 from tests.contract.harness import NUMBER, message_of, until
 from tests.integration.plugged.conftest import BusDaemon, started
@@ -184,3 +186,24 @@ async def test_a_flood_of_signals_is_bounded(bus: BusDaemon) -> None:
         await until(lambda: bridge.values(10)[-1:] == [2999.0], "the last one")
         assert len(bridge.values(10)) + bridge.recorder.dropped(Drop.RATE_LIMITED) == 3000
         assert len(bridge.values(10)) < 1500
+
+
+async def test_mistake_of_ours_loses_the_sensors_and_the_bus_is_joined_again(
+    bus: BusDaemon, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    happens = threading.Event()
+
+    async def mistaken(_: object) -> None:
+        while not happens.is_set():
+            await asyncio.sleep(0.01)
+        raise ValueError("an answer that nobody foresaw")
+
+    monkeypatch.setattr(bus_module, "_ended", mistaken)
+    async with started(FLEET.replace("ADDRESS", bus.address)) as bridge, program(bus, "trbots.gas"):
+        await bridge.found(10)
+        happens.set()
+        await until(lambda: bridge.recorder.lost(bridge.topic(10)) == 1, "the loss")
+        await until(lambda: "a mistake of the bridge" in bridge.driver.status().detail, "the reason")
+        monkeypatch.undo()
+        await bridge.found(10, times=2)
+        assert bridge.driver.status().connected

@@ -28,15 +28,24 @@ class LibraryChild:
     """One process with ur-rtde. For one thread."""
 
     def __init__(self, module: str, *arguments: str) -> None:
-        """Start it; `module` is the last part of its name."""
-        self._process = subprocess.Popen(  # noqa: S603 - our own module, and values that the configuration checked
-            [sys.executable, "-m", f"ua_bridges.ur.library.{module}", *arguments],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.DEVNULL,
-            bufsize=0,
-            env={**os.environ, "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)},
-        )
+        """Start it; `module` is the last part of its name.
+
+        Raises:
+            ChildFailed: the system has no place for another process.
+        """
+        try:
+            self._process = subprocess.Popen(  # noqa: S603 - our own module, and values that the configuration checked
+                [sys.executable, "-m", f"ua_bridges.ur.library.{module}", *arguments],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.DEVNULL,
+                bufsize=0,
+                env={**os.environ, "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)},
+            )
+        except OSError as error:
+            raise ChildFailed(
+                f"ur-rtde's process cannot be started ({error.strerror or error}); see the limits of this machine"
+            ) from error
         assert self._process.stdin is not None
         assert self._process.stdout is not None
         self._in, self._out = self._process.stdin, self._process.stdout

@@ -1,0 +1,103 @@
+"""The thread that watches a controller, with the child that talks to it played by the test."""
+
+from __future__ import annotations
+
+import asyncio
+import subprocess
+import threading
+import time
+from collections import defaultdict
+from collections.abc import AsyncGenerator
+from contextlib import asynccontextmanager
+from typing import Any
+
+import pytest
+from structlog.testing import capture_logs
+from ua_bridges.ur import watching
+from ua_bridges.ur.driver import UrDriver
+from ua_bridges.ur.library.child import ChildFailed, LibraryChild
+from ua_bridges.ur.telemetry import Telemetry
+
+from tests.contract.harness import Recorder, until
+from ua_fleet.config.load import load_content
+from ua_fleet.topics import Topic
+
+FLEET = b"""
+version: 1
+pubsub: {security: none}
+bridges: {arm: {kind: ur, space: 300, status_id: 1, address: 127.0.0.9, retry_s: [0.01, 0.05]}}
+robots:
+  ur5: {bridge: arm, data: {number: {id: 11, type: Double, path: output_double_register_12, source: {}}}}
+"""
+NUMBER = Topic(300, 2, 11)
+
+
+class Child:
+    """A controller that sends a sample each 5 ms, or whose process cannot be started."""
+
+    error: Exception | None = None
+
+    def __init__(self, *_arguments: str) -> None:
+        if self.error is not None:
+            raise self.error
+        self._stamp = 0.0
+
+    def line(self, _timeout_s: float) -> list[Any]:
+        time.sleep(0.005)
+        self._stamp += 0.005
+        return [time.time_ns(), 0, self._stamp, defaultdict(int)]
+
+    def end(self) -> None:
+        pass
+
+
+@asynccontextmanager
+async def watched(monkeypatch: pytest.MonkeyPatch) -> AsyncGenerator[tuple[UrDriver, Recorder]]:
+    monkeypatch.setattr(watching, "LibraryChild", Child)
+    driver, recorder = UrDriver(load_content(FLEET, "fleet.yaml", {}), "arm"), Recorder()
+    await driver.start(recorder)
+    try:
+        yield driver, recorder
+    finally:
+        await driver.stop()
+
+
+async def test_mistake_of_ours_loses_the_sources_and_the_controller_is_watched_again(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    with capture_logs() as logs:
+        async with watched(monkeypatch) as (driver, recorder):
+            await until(lambda: recorder.samples(NUMBER), "a sample")
+
+            def broken(_telemetry: Telemetry, *_: Any) -> None:
+                raise KeyError("x")
+
+            with monkeypatch.context() as mistaken:
+                mistaken.setattr(Telemetry, "sampled", broken)
+                await until(lambda: recorder.lost(NUMBER) == 1, "the loss")
+                await until(lambda: not driver.status().connected, "the status")
+                assert "a mistake of the bridge (KeyError('x'))" in driver.status().detail
+                await asyncio.sleep(0.3)
+            heard = len(recorder.samples(NUMBER))
+            await until(lambda: len(recorder.samples(NUMBER)) > heard, "samples again")
+            assert driver.status().connected
+            assert not driver.status().is_over
+    assert [entry["log_level"] for entry in logs].count("error") == 1, "told once, however often it happens"
+
+
+async def test_process_that_cannot_be_started_is_started_later(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Child, "error", BlockingIOError(11, "Resource temporarily unavailable"))
+    async with watched(monkeypatch) as (driver, recorder):
+        await until(lambda: "temporarily unavailable" in driver.status().detail, "the reason")
+        monkeypatch.setattr(Child, "error", None)
+        await until(lambda: recorder.samples(NUMBER), "a sample")
+    assert not [thread for thread in threading.enumerate() if thread.name.startswith("ur ")]
+
+
+def test_no_place_for_a_process_is_a_failed_child(monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(*_: Any, **__: Any) -> None:
+        raise BlockingIOError(11, "Resource temporarily unavailable")
+
+    monkeypatch.setattr(subprocess, "Popen", full)
+    with pytest.raises(ChildFailed, match=r"cannot be started \(Resource temporarily unavailable\); see the limits"):
+        LibraryChild("receiving")

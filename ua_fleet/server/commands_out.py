@@ -196,8 +196,9 @@ class SkillCommands:
             raise error
         types, values = ((), ()) if named is None else ((int(BuiltinType.BYTE_STRING),), (named,))
         now, wall, target = self._clock(), self._wall_ticks(), Target(*topic, target_id)
+        effects = self._requestor.start(request_id, target, types, values, CONTROL_TIMEOUT_S, now, wall)
         self._controls[request_id] = f"{robot}: {action.request.name}", _CONTROLS[purpose]
-        self._do(self._requestor.start(request_id, target, types, values, CONTROL_TIMEOUT_S, now, wall))
+        self._do(effects)
         self._sooner()
 
     def want(self, topic: Topic) -> None:

@@ -11,6 +11,7 @@ from ua_fleet.pubsub.metadata import make_field
 from ua_fleet.server.commands_out import SkillCommands
 from ua_fleet.skill import ExecutionState, MemoryJournal, Outcome, OutcomeKind, Report, Request
 from ua_fleet.skill.exchanges import answer
+from ua_fleet.skill.executions import SUSPEND_TARGETS
 from ua_fleet.topics import Topic
 from ua_fleet.values import BuiltinType, ticks_from_unix_ns
 from ua_fleet.wire import Codec
@@ -133,6 +134,20 @@ async def test_a_request_that_cannot_be_recorded_is_not_sent() -> None:
     with pytest.raises(StorageUnavailable, match="free some space"):
         await bench.invoke("bin")
     assert bench.sent == []
+
+
+async def test_a_control_that_cannot_be_recorded_is_not_sent_and_leaves_nothing() -> None:
+    journal = FullDisk()
+    bench = Bench(journal)
+    bench.commands.announced(ANNOUNCED._replace(targets=(*ANNOUNCED.targets, ActionTarget(1 | SUSPEND_TARGETS, "arm"))))
+    journal.is_full = True
+    with pytest.raises(StorageUnavailable, match="free some space"):
+        bench.commands.suspend_execution(ACTION, "arm", b"x" * 16)
+    assert bench.sent == []
+    assert bench.commands._controls == {}  # pyright: ignore[reportPrivateUsage]
+    journal.is_full = False
+    bench.commands.suspend_execution(ACTION, "arm", b"x" * 16)
+    assert len(bench.sent) == 1
 
 
 async def test_an_outcome_that_cannot_be_recorded_is_told_once_it_is() -> None:

@@ -10,7 +10,7 @@ from tests import system
 from tests.docs.walkthrough import KINDS, PASSWORD, Walk, blocks_without_mark, missing_line, steps
 from tests.unit.docs.pages import ROOT
 
-WALKED = [ROOT / "docs" / "tutorial.md", *sorted((ROOT / "docs" / "how-to").glob("*.md"))]
+WALKED = [ROOT / "README.md", ROOT / "docs" / "tutorial.md", *sorted((ROOT / "docs" / "how-to").glob("*.md"))]
 
 
 @pytest.mark.parametrize("page", [pytest.param(page, id=page.name) for page in WALKED])

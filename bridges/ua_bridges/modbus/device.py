@@ -1,10 +1,13 @@
 """One device and what is done with it, one request after the other: writes, handshakes, readings, and its silence.
 
     away      the line cannot be connected, or the device does not answer: asked again after `retry_s`, longer and
-              longer; its sources are lost, and what is to be written is dropped and counted
-    there     it answers: commands go first, then what is to be read, each group at its time
+              longer, by one request after the other; its sources are lost, and what is to be written is dropped and
+              counted
+    there     it answers: commands go first, but not without end, then handshakes, then what is to be read, the group
+              that is due longest
 
-A request that is not answered while others are makes its own values Bad_Timeout. A device that answers nothing is away.
+A request that is not answered makes its own values Bad_Timeout. Whether the device is away, the one that was answered
+last tells, which is asked then: so a silent request holds up one other, and not all of them.
 """
 
 from __future__ import annotations
@@ -12,8 +15,8 @@ from __future__ import annotations
 import asyncio
 import time
 from collections import deque
-from collections.abc import Callable, Mapping, Sequence
-from typing import Any, Final, NamedTuple
+from collections.abc import Awaitable, Callable, Mapping, Sequence
+from typing import Any, Final, NamedTuple, TypeVar
 
 from ua_bridges.modbus.config import DeviceConfig
 from ua_bridges.modbus.job import Handshake
@@ -28,8 +31,13 @@ __all__ = ["Device", "SinkWrite", "check_fits"]
 
 MOST_WAITING: Final = 100
 """Messages of one sink that may wait to be written; then the oldest is dropped."""
-_SILENT: Final = 2
-"""So many requests in a row without an answer, and the device is away."""
+_WRITING_S: Final = 0.2
+"""So long writes go before everything else."""
+_T = TypeVar("_T")
+
+
+class _Away(Exception):
+    """The device is not reached, or answers nothing: why."""
 
 
 class SinkWrite(NamedTuple):
@@ -43,11 +51,16 @@ class _Group:
     """Values that are read together."""
 
     def __init__(self, period_s: float, specs: Sequence[SourceSpec], config: DeviceConfig) -> None:
-        self.period_s = period_s
+        self.period_s, self._limits = period_s, config.limits
         self.sources = [PolledSource(spec) for spec in specs]
-        self.plan = ReadPlan((field.register.span for spec in specs for field in spec.fields), config.limits)
         self.due = 0.0
         self.is_late = False
+        self.plan_anew()
+
+    def plan_anew(self) -> None:
+        """In as few requests as can be, whatever was refused before."""
+        spans = (field.register.span for source in self.sources for field in source.spec.fields)
+        self.plan = ReadPlan(spans, self._limits)
         self.place()
 
     def place(self) -> None:
@@ -77,6 +90,10 @@ class Device:
         self._order: deque[SinkSpec] = deque()
         self._last: dict[SinkSpec, tuple[Any, ...]] = {}
         self._written: dict[SinkSpec, tuple[Any, ...]] = {}
+        self._answering: dict[Span, None] = {}
+        """The requests that were answered when they were asked last, the latest at the end."""
+        self._tried = 0
+        """Which request tells whether it is back."""
         self._wake = asyncio.Event()
         self._retry_s = config.retry_s[0]
         self.asked = asyncio.Event()
@@ -114,8 +131,8 @@ class Device:
                     await self._come_back()
                     self.asked.set()
                 await self._turn()
-            except NoAnswer as silent:
-                self._go_away(silent.reason)
+            except _Away as away:
+                self._go_away(str(away))
             self.asked.set()
             if not self.is_there:
                 await self._wait_to_retry()
@@ -126,42 +143,70 @@ class Device:
 
     async def write(self, write: Writing | BitWrite) -> None:
         """Write, asking again as often as configured."""
-        for attempt in range(self._config.retries + 1):
-            try:
-                if isinstance(write, BitWrite):
-                    await self._line.write_bits(self._config.unit, write.address, write.mask, write.word)
-                else:
-                    await self._line.write(self._config.unit, write.span, write.cells)
-            except NoAnswer:
-                self._put(Dropped(Drop.NO_ANSWER))
-                if attempt == self._config.retries or not self._line.connected:
-                    raise
+        line, unit = self._line, self._config.unit
+        try:
+            if isinstance(write, BitWrite):
+                await self._ask(lambda: line.write_bits(unit, write.address, write.mask, write.word))
             else:
-                return
+                await self._ask(lambda: line.write(unit, write.span, write.cells))
+        except NoAnswer as silent:
+            await self._check_there(silent)
+            raise
 
     async def _read(self, request: Span) -> Sequence[Cell]:
-        for attempt in range(self._config.retries + 1):
+        self._answering.pop(request, None)
+        try:
+            cells = await self._ask(lambda: self._line.read(self._config.unit, request))
+        except NoAnswer as silent:
+            await self._check_there(silent)
+            raise
+        except RequestFailed:
+            self._answering[request] = None
+            raise
+        self._answering[request] = None
+        return cells
+
+    async def _ask(self, request: Callable[[], Awaitable[_T]]) -> _T:
+        """Raises NoAnswer where it is not answered as often as configured."""
+        left = self._config.retries
+        while True:
             try:
-                return await self._line.read(self._config.unit, request)
-            except NoAnswer:
-                self._put(Dropped(Drop.NO_ANSWER))
-                if attempt == self._config.retries or not self._line.connected:
+                return await request()
+            except NoAnswer as silent:
+                self._put(Dropped(Drop.NO_ANSWER, 1, f"{self.name}: {silent.reason}"))
+                if not left or not self._line.connected:
                     raise
-        raise AssertionError("unreachable")
+                left -= 1
+
+    async def _check_there(self, silent: NoAnswer) -> None:
+        """Raises _Away where the device does not answer what it has answered last either."""
+        if not self._answering or not self._line.connected:
+            raise _Away(silent.reason)
+        request, _ = self._answering.popitem()
+        try:
+            await self._ask(lambda: self._line.read(self._config.unit, request))
+        except NoAnswer:
+            raise _Away(silent.reason) from silent
+        except RequestFailed:
+            pass  # it answers
+        self._answering[request] = None
 
     # Away and back
 
     async def _come_back(self) -> None:
         if problem := await self._line.connect():
-            raise NoAnswer(problem)
-        probe = next((group.plan.requests[0] for group in self._groups), None)
-        if probe is not None:
+            raise _Away(problem)
+        requests = [request for group in self._groups for request in group.plan.requests]
+        if requests:
             try:
-                await self._read(probe)
-            except NoAnswer:
+                await self._read(requests[self._tried % len(requests)])
+            except _Away:
+                self._tried += 1
                 raise
             except RequestFailed:
                 pass  # it answers
+        for group in self._groups:
+            group.plan_anew()
         self.is_there, self._retry_s = True, self._config.retry_s[0]
         self._describe()
         now = time.monotonic()
@@ -175,6 +220,7 @@ class Device:
         self.is_there = False
         self.detail = f"{self.name} ({self._config.where}): {reason}; look at its power, cable, address and unit"
         self._written.clear()
+        self._answering.clear()
         for group in self._groups:
             for source in group.sources:
                 for event in source.lose():
@@ -200,13 +246,14 @@ class Device:
     async def _turn(self) -> None:
         """Do all that is due, and wait until something else is."""
         self._wake.clear()
-        while self._order:
+        until = time.monotonic() + _WRITING_S
+        while self._order and time.monotonic() < until:
             await self._write_next()
         now = time.monotonic()
         for handshake in self._handshakes:
             if not handshake.is_idle and handshake.due <= now:
                 await handshake.turn(self, now)
-        for group in self._groups:
+        for group in sorted(self._groups, key=lambda group: group.due):
             if group.due <= now:
                 await self._poll(group)
             if self._order:
@@ -225,21 +272,14 @@ class Device:
 
     async def _poll(self, group: _Group) -> None:
         answers: dict[Span, Answer] = {}
-        silent: NoAnswer | None = None
-        in_a_row = 0
         todo = deque(group.plan.requests)
         while todo:
             request = todo.popleft()
             try:
                 answers[request] = await self._read(request)
-                in_a_row = 0
             except NoAnswer as failed:
-                silent, in_a_row = failed, in_a_row + 1
                 answers[request] = Failed(failed.status, failed.cause, failed.reason)
-                if in_a_row >= _SILENT or not self._line.connected:
-                    raise
             except RequestFailed as failed:
-                in_a_row = 0
                 alone = group.plan.split(request) if failed.code == ILLEGAL_ADDRESS else []
                 if alone:
                     group.place()
@@ -247,8 +287,6 @@ class Device:
                 else:
                     answers[request] = Failed(failed.status, failed.cause, failed.reason)
                 self._put(Dropped(failed.cause, 1, f"{self.name}: {failed.reason}"))
-        if silent is not None and in_a_row == len(answers):
-            raise silent
         time_ns = time.time_ns()
         for source in group.sources:
             for event in source.take(answers, time_ns):
@@ -282,13 +320,14 @@ class Device:
             self._config.write_words,
             self._config.write_bits,
         )
+        self._written.pop(sink, None)
         try:
             for write in writes:
                 await self.write(write)
                 if sink.read_back:
                     await self._check(sink, write)
         except NoAnswer:
-            raise
+            pass  # which was counted
         except RequestFailed as failed:
             self._put(Dropped(failed.cause, 1, f"{sink.name} could not be written: {self.name}: {failed.reason}"))
         else:

@@ -13,7 +13,14 @@ from ua_bridges.modbus.link import NoAnswer, RequestFailed
 from ua_bridges.modbus.memory import Given, HandshakeMemory
 from ua_bridges.modbus.sinks import BitWrite, Writing
 from ua_bridges.modbus.sources import ReadPlan
-from ua_fleet.bridge.driver import DriverEvent, Execution, ExecutionEnded, ExecutionForgotten, ExecutionNotBegun
+from ua_fleet.bridge.driver import (
+    DriverEvent,
+    Dropped,
+    Execution,
+    ExecutionEnded,
+    ExecutionForgotten,
+    ExecutionNotBegun,
+)
 from ua_fleet.bridge.executing import Ended, Executing, ended_text
 from ua_fleet.errors import LocalWireError, SkillRejected, StorageUnavailable
 from ua_fleet.registers import Cell, RegisterUnfit, Span
@@ -50,6 +57,10 @@ class _Job:
         self.is_withdrawn = False
         self.is_halting = False
         self.halt_written = False
+        self.is_done = False
+        """Whether the device has said so; its results may be to come."""
+        self.trouble = ""
+        """Why the device could not be asked, last."""
 
     @property
     def id(self) -> bytes:
@@ -125,22 +136,20 @@ class Handshake:
             self.due = 0.0
 
     async def turn(self, device: DeviceRequests, now: float) -> None:
-        """Do the next step. Raises NoAnswer where the device is silent; then the turn is to be repeated."""
+        """Do the next step; where the device does not answer it, the next turn tries again."""
         job = self._job
         if job is None:
             return
         self.due = now + job.registers.via.poll_s
         try:
             words = await self._words(device, job)
+            job.trouble = ""
             if not job.is_begun:
                 await self._give(device, job, words, now)
             else:
                 await self._follow(device, job, words, now)
-        except NoAnswer:
-            self._check_time(job, now)
-            raise
         except RequestFailed as failed:
-            self._refused(job, failed)
+            self._refused(job, failed, now)
 
     def check_time(self, now: float) -> None:
         """End what takes too long while the device cannot be asked."""
@@ -168,6 +177,8 @@ class Handshake:
             return
         for write in job.writes:
             await device.write(write)
+        if self._check_time(job, time.monotonic()):
+            return  # whoever asked for it is told so: it must not be done after that
         number, job.before = next_number(words), words.request
         try:
             self._memory.give(Given(job.id, self._name, number, job.before))
@@ -229,6 +240,7 @@ class Handshake:
             self._end(job, Ended(StatusCode.BAD_TIMEOUT, (), text))
 
     async def _done(self, device: DeviceRequests, job: _Job) -> None:
+        job.is_done = True
         try:
             values = job.registers.results(await device.read_plan(job.registers.after_done))
         except RegisterUnfit as unfit:
@@ -242,21 +254,34 @@ class Handshake:
         await device.write(Writing(halt.span, (job.number,)))
         job.halt_written = True
 
-    def _check_time(self, job: _Job, now: float) -> None:
+    def _check_time(self, job: _Job, now: float) -> bool:
+        """Whether it has taken too long, and was ended for that."""
         opened = self._executing.get(job.id)
         if opened is None or now < opened.deadline:
-            return
-        if job.registers.halt is not None and not job.is_halting:
+            return False
+        if job.is_begun and job.registers.halt is not None and not job.is_halting:
             job.is_halting = True
             opened.deadline = now + _HALTED_S
-            return
-        text = f"it takes longer than {job.registers.skill.config.timeout_s:g} s; see what the device does"
-        self._end(job, Ended(StatusCode.BAD_TIMEOUT, (), text))
+            return False
+        timeout_s = job.registers.skill.config.timeout_s
+        status = StatusCode.BAD_TIMEOUT
+        if not job.is_begun:
+            text = f"the device could not be given it within {timeout_s:g} s"
+        elif job.is_done:
+            status, text = StatusCode.UNCERTAIN, f"it is done; {job.trouble or 'its results cannot be read'}"
+        else:
+            text = f"it takes longer than {timeout_s:g} s; {job.trouble or 'see what the device does'}"
+        self._end(job, Ended(status, (), text))
+        return True
 
-    def _refused(self, job: _Job, failed: RequestFailed) -> None:
-        """The device refuses a request that has to do with the execution."""
-        if job.is_begun:
-            self._forget(job, f"what became of it cannot be read: {failed.reason}")
+    def _refused(self, job: _Job, failed: RequestFailed, now: float) -> None:
+        """A request that has to do with the execution brought nothing. Once begun, the device goes on meanwhile."""
+        job.trouble = failed.reason
+        if isinstance(failed, NoAnswer):  # which was counted
+            self._check_time(job, now)
+        elif job.is_begun:
+            self._put(Dropped(failed.cause, 1, f"{job.registers.skill.label}: {failed.reason}"))
+            self._check_time(job, now)
         else:
             self._end(job, Ended(failed.status, (), failed.reason))
 

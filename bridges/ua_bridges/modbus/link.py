@@ -157,16 +157,16 @@ class Line:
         if span.table is Table.COIL:
             bits = [bool(cell) for cell in cells]
             if len(bits) == 1:
-                request = client.write_coil(span.address, bits[0], device_id=unit)
+                function, request = 5, client.write_coil(span.address, bits[0], device_id=unit)
             else:
-                request = client.write_coils(span.address, bits, device_id=unit)
+                function, request = 15, client.write_coils(span.address, bits, device_id=unit)
         else:
             words = [int(cell) for cell in cells]
             if len(words) == 1:
-                request = client.write_register(span.address, words[0], device_id=unit)
+                function, request = 6, client.write_register(span.address, words[0], device_id=unit)
             else:
-                request = client.write_registers(span.address, words, device_id=unit)
-        await self._ask(request, span)
+                function, request = 16, client.write_registers(span.address, words, device_id=unit)
+        self._check_written(await self._ask(request, span), function, span)
 
     async def write_bits(self, unit: int, address: int, mask: int, word: int) -> None:
         """Set the bits of `mask` in a holding register to those in `word`, in one request (function 22).
@@ -177,7 +177,7 @@ class Line:
         request = self._connected().mask_write_register(
             address=address, and_mask=0xFFFF & ~mask, or_mask=word & mask, device_id=unit
         )
-        await self._ask(request, span)
+        self._check_written(await self._ask(request, span), 22, span)
 
     def _make(self) -> ModbusBaseClient:
         config, serial = self._config, self._config.serial
@@ -231,6 +231,13 @@ class Line:
             reason = f"the device {said}: {span.text} (exception {answer.exception_code})"
             raise RequestFailed(status, Drop.REJECTED, reason, answer.exception_code)
         return answer
+
+    def _check_written(self, answer: ModbusPDU, function: int, span: Span) -> None:
+        """Each answer to a write repeats its function and address (MODBUS Application Protocol 1.1b3, 6)."""
+        if answer.function_code != function:
+            raise self._malformed(f"function {answer.function_code}", span)
+        if answer.address != span.address:
+            raise self._malformed(f"address {answer.address}", span)
 
     def _malformed(self, what: str, span: Span) -> RequestFailed:
         return RequestFailed(

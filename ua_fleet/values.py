@@ -24,6 +24,7 @@ dimensions". So `0x0B` is a Double, `0x8B` an array of Double, `0xCB` a matrix o
 
 from __future__ import annotations
 
+import math
 import uuid
 from datetime import UTC, datetime, timedelta
 from enum import IntEnum
@@ -47,6 +48,7 @@ __all__ = [
     "StatusCode",
     "Variant",
     "datetime_from_ticks",
+    "is_finite",
     "quality_of",
     "status_name",
     "ticks_from_datetime",
@@ -254,6 +256,14 @@ def ticks_from_datetime(moment: datetime) -> int:
     """OPC UA ticks of an aware datetime."""
     delta = moment - _EPOCH
     return (delta.days * 86_400 + delta.seconds) * TICKS_PER_SECOND + delta.microseconds * 10
+
+
+def is_finite(number: float) -> bool:
+    """Whether a number is one that a Double can hold: neither NaN nor infinite, nor an integer beyond its range."""
+    try:
+        return math.isfinite(number)
+    except OverflowError:
+        return False
 
 
 def datetime_from_ticks(ticks: int) -> datetime:

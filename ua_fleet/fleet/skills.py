@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Final
 
 from ua_fleet.fleet.quantities import UnitsDiffer, convert
-from ua_fleet.values import BuiltinType
+from ua_fleet.values import BuiltinType, is_finite
 
 __all__ = [
     "ArgumentModel",
@@ -131,8 +130,7 @@ def _wrong_type(code: int, value: Any) -> str | None:
         return None if isinstance(value, bool) else "it has to be true or false"
     if code == BuiltinType.STRING:
         return None if isinstance(value, str) else "it has to be a text"
-    # Compared, since an integer may be too large to be made a float; NaN is below nothing.
-    if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= sys.float_info.max:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not is_finite(value):
         return "it has to be a number"
     if code in _FLOATS:
         return None

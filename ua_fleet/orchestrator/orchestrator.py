@@ -5,8 +5,11 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any, TypeVarTuple
 
-from ua_fleet.errors import ScenarioError
+import structlog
+
+from ua_fleet.errors import ScenarioError, UaFleetError
 from ua_fleet.orchestrator.candidates import ResilienceSettings, TaskToDo, rank_robots
 from ua_fleet.orchestrator.faults import FaultChange, Faults
 from ua_fleet.orchestrator.outputs import (
@@ -37,6 +40,10 @@ from ua_fleet.scenario.parameters import known_arguments
 from ua_fleet.scenario.state import TaskPhase
 
 __all__ = ["Forecast", "Orchestrator"]
+
+_log: Any = structlog.get_logger("ua_fleet.scenarios")
+
+_Told = TypeVarTuple("_Told")
 
 RunJournal = Callable[[str, Fact], None]
 """Writes a fact of a run down; when it returns the fact is there after a crash."""
@@ -107,8 +114,8 @@ class Orchestrator:
         self.runs[run_id], self._scenarios[run_id] = run, scenario
         for fault in self.faults:
             if fault.active:
-                self._carry_out(run_id, run.robot_faulted(fault.robot, fault.reason, now), now)
-        self._carry_out(run_id, run.poll(self._lookup, now), now)
+                self._tell(run_id, now, Run.robot_faulted, fault.robot, fault.reason, now)
+        self._tell(run_id, now, Run.poll, self._lookup, now)
         return self._taken()
 
     def restore(self, run_id: str, scenario: Scenario, facts: list[Fact], now: float) -> list[Output]:
@@ -117,22 +124,22 @@ class Orchestrator:
 
     def restore_all(self, stored: Sequence[tuple[str, Scenario, list[Fact]]], now: float) -> list[Output]:
         """Go on with all runs of the journal. Robots stay with the tasks that they are at, before others get any."""
-        restored: list[tuple[str, Run]] = []
+        restored: list[str] = []
         for run_id, scenario, facts in stored:
             run = Run.restore(scenario, facts, self._journal_of(run_id))
             if run.state.outcome is not None:
                 continue
             self.runs[run_id], self._scenarios[run_id] = run, scenario
-            restored.append((run_id, run))
+            restored.append(run_id)
             for step, task_run in run.state.tasks.items():
                 if task_run.phase in (TaskPhase.ASSIGNED, TaskPhase.ACCEPTED):
                     self._reservations.want((run_id, step), task_run.robot)
-        for run_id, run in restored:
-            self._carry_out(run_id, run.again(now), now)
+        for run_id in restored:
+            self._tell(run_id, now, Run.again, now)
             for fault in self.faults:
                 if fault.active:
-                    self._carry_out(run_id, run.robot_faulted(fault.robot, fault.reason, now), now)
-            self._carry_out(run_id, run.poll(self._lookup, now), now)
+                    self._tell(run_id, now, Run.robot_faulted, fault.robot, fault.reason, now)
+            self._tell(run_id, now, Run.poll, self._lookup, now)
         return self._taken()
 
     def pause(self, run_id: str, by: str, now: float) -> list[Output]:
@@ -153,8 +160,8 @@ class Orchestrator:
 
     def event(self, name: str, now: float) -> list[Output]:
         """An event has happened that steps may wait for."""
-        for run_id, run in list(self.runs.items()):
-            self._carry_out(run_id, run.event(name, now), now)
+        for run_id in list(self.runs):
+            self._tell(run_id, now, Run.event, name, now)
         return self._taken()
 
     # Robots.
@@ -244,8 +251,8 @@ class Orchestrator:
 
     def poll(self, now: float) -> list[Output]:
         """Go on with everything: time has passed, or values have changed."""
-        for run_id, run in list(self.runs.items()):
-            self._carry_out(run_id, run.poll(self._lookup, now), now)
+        for run_id in list(self.runs):
+            self._tell(run_id, now, Run.poll, self._lookup, now)
         for opened in list(self._open.values()):
             self._decided(
                 opened, opened.decision.rank_again(self._ranked(self._todo(opened.run_id, opened.asked))), now
@@ -272,15 +279,30 @@ class Orchestrator:
         run = self.runs.get(run_id)
         if run is None:
             raise ScenarioError(f"there is no run {run_id!r} under way")
-        self._carry_out(run_id, what(run), now)
+        self._tell(run_id, now, what)
         return self._taken()
 
     def _of_execution(self, execution_id: str, what: Callable[[Run], list[Effect]], now: float) -> list[Output]:
         run_id = self._executions.get(execution_id)
         run = self.runs.get(run_id or "")
         if run_id is not None and run is not None:
-            self._carry_out(run_id, what(run), now)
+            self._tell(run_id, now, what)
         return self._taken()
+
+    def _tell(self, run_id: str, now: float, what: Callable[[Run, *_Told], list[Effect]], *told: *_Told) -> None:
+        """Tell a run something, and carry out what follows. A run that cannot go on ends, and takes nothing along."""
+        run = self.runs.get(run_id)
+        if run is None:
+            return
+        try:
+            effects = what(run, *told)
+        except UaFleetError:
+            raise
+        except Exception as error:  # noqa: BLE001 - the other runs, and the server, go on
+            _log.exception("a run cannot go on", run_id=run_id)
+            reason = f"a mistake of ua_fleet ({type(error).__name__}: {error}); report the log"
+            effects = run.broken(reason, now)
+        self._carry_out(run_id, effects, now)
 
     def _carry_out(self, run_id: str, effects: list[Effect], now: float) -> None:
         for effect in effects:
@@ -354,7 +376,7 @@ class Orchestrator:
             if robot is None:
                 reasons = "; ".join(f"{left.robot} {left.reason}" for left in ranking.excluded)
                 reason = f"no robot can do {wanted.skill}: {reasons or 'there is none'}"
-                self._carry_out(run_id, self.runs[run_id].nobody(wanted.step, reason, now), now)
+                self._tell(run_id, now, Run.nobody, wanted.step, reason, now)
                 return
         self._grant(self._reservations.want((run_id, wanted.step), robot), now)
 
@@ -370,7 +392,7 @@ class Orchestrator:
             run = self.runs.get(run_id)
             if run is not None:
                 skill = self._fleet.declared(robot, run.task(step).skill)
-                self._carry_out(run_id, run.granted(step, robot, now, skill), now)
+                self._tell(run_id, now, Run.granted, step, robot, now, skill)
 
     def _fault(self, robot: str, source: str, reason: str, now: float) -> None:
         change = self.faults.raise_fault(robot, source, reason, now)
@@ -378,8 +400,8 @@ class Orchestrator:
             return
         self._outputs.append(FaultChanged(*change))
         if change[1] is FaultChange.RAISED:
-            for run_id, run in list(self.runs.items()):
-                self._carry_out(run_id, run.robot_faulted(robot, reason, now), now)
+            for run_id in list(self.runs):
+                self._tell(run_id, now, Run.robot_faulted, robot, reason, now)
 
     def _clear(self, robot: str, source: str, now: float) -> None:
         change = self.faults.clear(robot, source)
@@ -387,8 +409,8 @@ class Orchestrator:
             return
         self._outputs.append(FaultChanged(*change))
         if not self.faults.active(robot):
-            for run_id, run in list(self.runs.items()):
-                self._carry_out(run_id, run.robot_returned(robot, now), now)
+            for run_id in list(self.runs):
+                self._tell(run_id, now, Run.robot_returned, robot, now)
 
     # Decisions.
 
@@ -413,15 +435,12 @@ class Orchestrator:
             self._outputs.append(
                 DecisionChanged(opened.run_id, asked.step, asked.task, asked.robot, asked.reason, event)
             )
-            run = self.runs.get(opened.run_id)
             if isinstance(event, ReplacementChosen):
                 self._open.pop(event.decision_id, None)
-                if run is not None:
-                    self._carry_out(opened.run_id, run.replaced(asked.step, event.robot, event.by, now), now)
+                self._tell(opened.run_id, now, Run.replaced, asked.step, event.robot, event.by, now)
             elif isinstance(event, Aborted):
                 self._open.pop(event.decision_id, None)
-                if run is not None:
-                    self._carry_out(opened.run_id, run.not_replaced(asked.step, event.reason, now), now)
+                self._tell(opened.run_id, now, Run.not_replaced, asked.step, event.reason, now)
 
     def _todo(self, run_id: str, asked: OpenDecision) -> TaskToDo:
         needs = self._needs(asked.skill, asked.robot, asked.capacities)

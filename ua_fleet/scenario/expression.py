@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from ua_fleet.errors import ScenarioError
+from ua_fleet.values import is_finite
 
 __all__ = ["Expression", "ExpressionInvalid", "Lookup", "Value", "ValueUnknown", "parse_expression", "split_index"]
 
@@ -24,6 +25,8 @@ Lookup = Callable[[str], Value]
 
 MOST_CHARACTERS: Final = 1000
 MOST_DEPTH: Final = 30
+MOST_SHOWN: Final = 60
+"""Characters of a number or text in a message."""
 
 _WORDS: Final = {"true": True, "false": False}
 _ARITHMETIC: Final[dict[type[ast.operator], Callable[[float, float], float]]] = {
@@ -102,7 +105,11 @@ def _check(node: ast.expr, names: set[str], text: str, depth: int) -> None:
             if name not in _WORDS:
                 names.add(name)
             return
-        case ast.Constant(value=value) if isinstance(value, bool | int | float | str):
+        case ast.Constant(value=str()):
+            return
+        case ast.Constant(value=bool() | int() | float() as value):
+            if not _fits(value):
+                raise ExpressionInvalid(f"{_short(text)}: a number is too large")
             return
         case ast.UnaryOp(op=ast.Not() | ast.USub() | ast.UAdd(), operand=operand):
             inner = [operand]
@@ -168,9 +175,12 @@ def _evaluate(node: ast.expr, lookup: Lookup) -> Value:
         case ast.BinOp(left=left, op=arithmetic, right=right):
             a, b = _number(_evaluate(left, lookup)), _number(_evaluate(right, lookup))
             try:
-                return _ARITHMETIC[type(arithmetic)](a, b)
+                number = _ARITHMETIC[type(arithmetic)](a, b)
             except (ZeroDivisionError, OverflowError) as error:
                 raise ValueUnknown(f"{a:g} and {b:g}: {error}") from None
+            if not _fits(number):
+                raise ValueUnknown(f"{a:g} and {b:g}: what they come to is too large")
+            return number
         case _:
             name = _dotted(node)
             assert name is not None, "checked when it was read"
@@ -186,7 +196,18 @@ def _truth(value: Value) -> bool:
 def _number(value: Value) -> float:
     if isinstance(value, bool | str):
         raise ValueUnknown(f"{value!r} is no number")
+    if not _fits(value):
+        raise ValueUnknown(f"{_short(str(value))} is too large")
     return value
+
+
+def _fits(number: float) -> bool:
+    """Whether a number can be reckoned with; an integer may be too large to be made a float."""
+    return is_finite(number) or isinstance(number, float)
+
+
+def _short(text: str) -> str:
+    return text if len(text) <= MOST_SHOWN else f"{text[:MOST_SHOWN]}..."
 
 
 def _compare(op: ast.cmpop, a: Value, b: Value) -> bool:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import replace
 
@@ -11,7 +10,7 @@ from ua_fleet.fleet.quantities import UnitsDiffer
 from ua_fleet.fleet.skills import SkillModel, call_problems, in_unit_of
 from ua_fleet.scenario.expression import Expression, Lookup, Value, ValueUnknown
 from ua_fleet.scenario.model import Argument, Scenario, Task
-from ua_fleet.values import BuiltinType
+from ua_fleet.values import BuiltinType, is_finite
 
 __all__ = ["argument_problems", "arguments_for", "checked_parameters", "known_arguments"]
 
@@ -90,8 +89,9 @@ def checked_parameters(scenario: Scenario, given: Mapping[str, Value]) -> dict[s
             problems.append(f"the parameter {name!r} is missing")
             continue
         default, limits = parameter.default, parameter.range
-        if isinstance(value, float) and not math.isfinite(value):
-            problems.append(f"the parameter {name!r} is {value}, and no number")
+        if not isinstance(value, str) and not is_finite(value):
+            problems.append(f"the parameter {name!r} is {str(value)[:40]}, and no number")
+            continue
         if default is not None and isinstance(value, str) != isinstance(default, str):
             problems.append(f"the parameter {name!r} is {value!r}, and its default {default!r} is of another kind")
         elif limits is not None and not (isinstance(value, int | float) and limits[0] <= value <= limits[1]):

@@ -33,6 +33,7 @@ from ua_fleet.scenario.model import (
     Wait,
     takes_time,
 )
+from ua_fleet.values import is_finite
 
 __all__ = [
     "MOST_REPEATS",
@@ -408,12 +409,16 @@ def _joined(key: str, number: int) -> str:
 def _numbers(value: Any) -> list[float]:
     """The numbers of a list of numbers; of anything else none."""
     items = cast("list[object]", value) if isinstance(value, list) else []
-    numbers = [float(item) for item in items if isinstance(item, int | float) and not isinstance(item, bool)]
+    numbers = [
+        float(item)
+        for item in items
+        if isinstance(item, int | float) and not isinstance(item, bool) and is_finite(item)
+    ]
     return numbers if len(numbers) == len(items) else []
 
 
 def _is_value(value: object) -> bool:
-    return isinstance(value, bool | int | str) or (isinstance(value, float) and math.isfinite(value))
+    return isinstance(value, str) or (isinstance(value, bool | int | float) and is_finite(value))
 
 
 def _is_number(text: str) -> bool:

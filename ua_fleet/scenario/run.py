@@ -55,7 +55,7 @@ from ua_fleet.scenario.facts import (
     TaskOver,
     Then,
 )
-from ua_fleet.scenario.model import OnUnknown, Scenario, Task
+from ua_fleet.scenario.model import Scenario, Task
 from ua_fleet.scenario.parameters import arguments_for, checked_parameters
 from ua_fleet.scenario.state import RunState, TaskPhase, TaskRun
 from ua_fleet.scenario.walk import Moment, Walk
@@ -73,7 +73,6 @@ CLOSING_GRACE_S: Final = 10.0
 _NAMESPACE: Final = uuid.UUID("6f2c4f0e-4f6c-5d0e-9a57-0b8c5d3f7a11")
 _ACTIVE: Final = (TaskPhase.ASSIGNED, TaskPhase.ACCEPTED)
 _ANSWERABLE: Final = (*_ACTIVE, TaskPhase.ASKED)
-_AFTER_UNKNOWN: Final = {OnUnknown.ASK: Then.ASK, OnUnknown.RETRY: Then.RETRY, OnUnknown.FAIL: Then.REPLACE}
 
 
 class Run:
@@ -162,7 +161,7 @@ class Run:
         """No robot can do a task that waits."""
 
         def take(moment: Moment) -> None:
-            if self._phase(step) is TaskPhase.WANTED:
+            if self.state.phase(step) is TaskPhase.WANTED:
                 self._replace(step, "", reason, moment)
 
         return self._after(now, take)
@@ -227,7 +226,7 @@ class Run:
         """A decision was made: this robot takes the task over."""
 
         def take(moment: Moment) -> None:
-            if self._phase(step) is TaskPhase.REPLACING:
+            if self.state.phase(step) is TaskPhase.REPLACING:
                 self._note(Replaced(now, step, self.state.tasks[step].robot, robot, by), moment)
                 self._want(step, moment)
 
@@ -237,7 +236,7 @@ class Run:
         """Nobody takes the task over."""
 
         def take(moment: Moment) -> None:
-            if self._phase(step) is TaskPhase.REPLACING:
+            if self.state.phase(step) is TaskPhase.REPLACING:
                 self._note(StepEnded(now, step, StepState.FAILED, reason), moment)
 
         return self._after(now, take)
@@ -248,7 +247,7 @@ class Run:
         Raises:
             ScenarioError: nobody is asked about this step, or another answer.
         """
-        if self._phase(step) is not TaskPhase.ASKED:
+        if self.state.phase(step) is not TaskPhase.ASKED:
             raise ScenarioError(f"nobody is asked about step {step!r}")
         if answer not in ANSWERS:
             raise ScenarioError(f"{answer!r} is no answer; known answers: {', '.join(ANSWERS)}")
@@ -275,7 +274,7 @@ class Run:
         def take(moment: Moment) -> None:
             if not self.state.paused:
                 self._note(RunPaused(now, by), moment)
-                moment.effects += [ReleaseRobot(step) for step in self._in_phase(TaskPhase.WANTED)]
+                moment.effects += [ReleaseRobot(step) for step in self.state.in_phase(TaskPhase.WANTED)]
 
         return self._after(now, take)
 
@@ -285,7 +284,7 @@ class Run:
         def take(moment: Moment) -> None:
             if self.state.paused:
                 self._note(RunResumed(now, by), moment)
-                for step in self._in_phase(TaskPhase.WANTED):
+                for step in self.state.in_phase(TaskPhase.WANTED):
                     self._want(step, moment)
 
         return self._after(now, take)
@@ -298,6 +297,16 @@ class Run:
                 self._close(RunClosing(now, RunOutcome.ABORTED, reason, by), moment)
 
         return self._after(now, take)
+
+    def broken(self, reason: str, now: float) -> list[Effect]:
+        """End the run at once, which cannot go on; what robots are at is cancelled."""
+        moment = Moment(now, self.look_up)
+        if self.state.outcome is None:
+            for step in self.state.in_phase(*_ACTIVE):
+                task_run = self.state.tasks[step]
+                moment.effects.append(CancelTask(task_run.execution_id, task_run.robot))
+            self._note(RunEnded(now, RunOutcome.FAILED, reason), moment)
+        return moment.effects
 
     # Going on.
 
@@ -395,23 +404,11 @@ class Run:
         results: Mapping[str, Value],
         moment: Moment,
     ) -> None:
-        then = self._then(step, task_run, outcome)
+        then = task_run.then(self.task(step), outcome, is_closing=self.state.closing is not None)
         message = message or ("" if then is Then.DONE else f"{task_run.skill} on {task_run.robot}: {outcome.value}")
         self._note(TaskOver(moment.now, step, task_run.attempt, outcome, then, message, results), moment)
         moment.effects.append(ReleaseRobot(step))
         self._ask_once_more(step, task_run, moment)
-
-    def _then(self, step: str, task_run: TaskRun, outcome: TaskOutcome) -> Then:
-        task = self.task(step)
-        if outcome is TaskOutcome.DONE:
-            return Then.DONE
-        if self.state.closing is not None:
-            return Then.FAILED
-        if outcome is TaskOutcome.UNKNOWN:
-            return _AFTER_UNKNOWN[task.on_unknown]
-        if outcome is not TaskOutcome.FAULT and task_run.tries <= task.retries:
-            return Then.RETRY
-        return Then.REPLACE
 
     def _ask_once_more(self, step: str, task_run: TaskRun, moment: Moment) -> None:
         """Ask for what a task waits for."""
@@ -469,13 +466,6 @@ class Run:
     def task(self, step: str) -> Task:
         """The task of a step's key, without the numbers of its repetitions."""
         return self._tasks[step.partition("@")[0]]
-
-    def _phase(self, step: str) -> TaskPhase | None:
-        task_run = self.state.tasks.get(step)
-        return None if task_run is None else task_run.phase
-
-    def _in_phase(self, phase: TaskPhase) -> list[str]:
-        return [step for step, task_run in self.state.tasks.items() if task_run.phase is phase]
 
     # Values and facts.
 

@@ -32,11 +32,14 @@ from ua_fleet.scenario.facts import (
     TaskOver,
     Then,
 )
+from ua_fleet.scenario.model import OnUnknown, Task
 
 __all__ = ["RunState", "TaskPhase", "TaskRun"]
 
 MOST_TASKS: Final = 500
 """Tasks of iterations that are over and still known; of twice as many the older half is forgotten."""
+
+_AFTER_UNKNOWN: Final = {OnUnknown.ASK: Then.ASK, OnUnknown.RETRY: Then.RETRY, OnUnknown.FAIL: Then.REPLACE}
 
 
 class TaskPhase(Enum):
@@ -72,6 +75,18 @@ class TaskRun:
     refused_by: tuple[str, ...] = ()
     """Robots that would not even begin it; nobody asks them again."""
 
+    def then(self, task: Task, outcome: TaskOutcome, *, is_closing: bool) -> Then:
+        """What follows from how the attempt has ended; a run that is closing begins nothing more."""
+        if outcome is TaskOutcome.DONE:
+            return Then.DONE
+        if is_closing:
+            return Then.FAILED
+        if outcome is TaskOutcome.UNKNOWN:
+            return _AFTER_UNKNOWN[task.on_unknown]
+        if outcome is not TaskOutcome.FAULT and self.tries <= task.retries:
+            return Then.RETRY
+        return Then.REPLACE
+
 
 @dataclass(slots=True)
 class RunState:
@@ -102,6 +117,15 @@ class RunState:
     undecided: dict[str, float] = field(default_factory=dict[str, float])
     """Since when a condition waits for its values; begins anew after a restart."""
     waiting_for_events: dict[str, str] = field(default_factory=dict[str, str])
+
+    def phase(self, step: str) -> TaskPhase | None:
+        """Where a task stands; None before its turn."""
+        task_run = self.tasks.get(step)
+        return None if task_run is None else task_run.phase
+
+    def in_phase(self, *phases: TaskPhase) -> list[str]:
+        """The steps of the tasks that stand there."""
+        return [step for step, task_run in self.tasks.items() if task_run.phase in phases]
 
     def apply(self, fact: Fact) -> None:
         """Take a fact in."""

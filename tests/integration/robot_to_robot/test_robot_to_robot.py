@@ -209,7 +209,8 @@ async def test_a_ros2_robot_reads_a_plcs_register(hall: Hall, ros_domain: int, p
         },
     )
     hall.start("carrier_pc", "press_plc", server=False)
-    robot = Ros2Space(ros_domain, "", hall.folder, hall.processes).listener("/ua_300_2_10", "std_msgs/Int32")
+    domain = Ros2Space(ros_domain, "", hall.folder, hall.processes)
+    robot = domain.listener("/ua_300_2_10", "std_msgs/Int32", "--transient-local")  # the value may be there before it
     await until(lambda: "1200" in "".join(heard(robot)[-1:]), "the value")
     put(plc, -35)
     await until(lambda: "-35" in "".join(heard(robot)[-1:]), "the new value")

@@ -18,6 +18,7 @@ VALUES: dict[str, Value] = {
     "gate.open": False,
     "mode": "night",
     "limit": 5,
+    "huge": 10**400,
 }
 
 
@@ -79,6 +80,9 @@ def test_and_and_or_stop_where_the_answer_is_known() -> None:
         ("not temperature", "neither true nor false"),
         ("temperature and true", "neither true nor false"),
         ("1 / 0 > 1", "division by zero"),
+        (f"{10**300} * {10**300} > 1", "too large"),
+        ("huge / 2.5 > 1", "too large"),
+        ("huge > 1", "too large"),
         ("1e308 * 10.0 - 1e308 * 10.0 > true", "is no number"),
     ],
 )
@@ -120,6 +124,7 @@ def test_nothing_is_greater_than_what_is_no_number() -> None:
         "1 // 2",
         "~1",
         "b'x'",
+        f"go > {10**400}",
         "1j",
         "None",
         "...",

@@ -26,7 +26,7 @@ from ua_fleet.scenario.facts import TaskOutcome
 from ua_fleet.skill.executions import OPEN, ExecutionState, Outcome, OutcomeKind, unpack
 from ua_fleet.skill.status import read_result, read_status
 from ua_fleet.topics import Topic
-from ua_fleet.values import BuiltinType, NodeId, StatusCode, status_name
+from ua_fleet.values import BuiltinType, NodeId, StatusCode, is_finite, status_name
 
 __all__ = ["START_WITHIN_S", "Requests", "TaskRequests"]
 
@@ -239,7 +239,7 @@ class TaskRequests:
             if report.state is ExecutionState.DONE:
                 values = [variant.value for variant in unpack(report.result)]
                 names = [result.name for result in skill.results]
-                self._ended(hex_id, TaskOutcome.DONE, message, dict(zip(names, values, strict=False)))
+                self._ended(hex_id, TaskOutcome.DONE, message, _usable(dict(zip(names, values, strict=False))))
             elif (end := _outcome_of(report.state, report.status)) is not None:
                 self._ended(hex_id, end, message, {})
         else:
@@ -297,10 +297,14 @@ def _with_status(message: str, status: int) -> str:
 def _shown_in(event: DataReceived) -> Iterable[tuple[str, tuple[TaskOutcome | None, str, dict[str, Value]]]]:
     """The executions of a SkillStatus by their ids."""
     for said in read_status(event.metadata.fields, event.message.values):
-        results = {
-            name: value
-            for name, value in read_result(said.result).items()
-            if isinstance(value, bool | int | float | str)
-        }
-        outcome = _outcome_of(said.state, said.status)
-        yield said.execution_id.hex(), (outcome, _with_status(said.message, said.status), results)
+        outcome, message = _outcome_of(said.state, said.status), _with_status(said.message, said.status)
+        yield said.execution_id.hex(), (outcome, message, _usable(read_result(said.result)))
+
+
+def _usable(results: Mapping[str, Any]) -> dict[str, Value]:
+    """The results that conditions can use; whoever sent them may have sent anything."""
+    return {
+        name: value
+        for name, value in results.items()
+        if isinstance(value, str) or (isinstance(value, bool | int | float) and is_finite(value))
+    }

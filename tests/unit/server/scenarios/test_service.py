@@ -19,14 +19,18 @@ from ua_fleet.pubsub.events import DataReceived
 from ua_fleet.scenario.facts import RunEnded, TaskOutcome, TaskOver
 from ua_fleet.server.scenarios.requests import START_WITHIN_S
 from ua_fleet.server.scenarios.service import COALESCE_S, ScenarioService
-from ua_fleet.skill.executions import ExecutionState, Outcome, OutcomeKind, Report
+from ua_fleet.skill.executions import ExecutionState, Outcome, OutcomeKind, Report, pack
 from ua_fleet.skill.status import SKILL_STATUS_FIELDS, ExecutionStatus, SkillStatus
 from ua_fleet.storage.run_journal import RunJournal
 from ua_fleet.topics import Topic
 from ua_fleet.values import BuiltinType, NodeId, StatusCode
 from ua_fleet.wire.messages import ConfigurationVersion, DataSetMessage, DataSetMetaData
 
-SKILL = {"arguments": {"angle": {"type": "Double", "default": 0, "range": [-90, 90]}}, "timeout_s": 5}
+SKILL = {
+    "arguments": {"angle": {"type": "Double", "default": 0, "range": [-90, 90]}},
+    "results": {"weight": {"type": "Double"}},
+    "timeout_s": 5,
+}
 CONFIG = FleetConfig.model_validate(
     {
         "version": 1,
@@ -169,6 +173,28 @@ def test_a_task_is_asked_for_once_and_its_end_ends_the_run(tmp_path: Path) -> No
     world.service.concluded(execution_id, IMMEDIATE)
     assert world.ended() == ["done"]
     assert len(world.robots.asked) == 1
+
+
+@pytest.mark.parametrize(("kind", "value"), [(BuiltinType.BYTE_STRING, b"3 kg"), (BuiltinType.STRING, None)])
+def test_a_result_that_is_no_value_of_a_condition_is_left_out(tmp_path: Path, kind: BuiltinType, value: object) -> None:
+    world = World(tmp_path)
+    world.start()
+    ((_, _, execution_id),) = world.robots.asked
+    report = Report(ExecutionState.DONE, result=pack((kind,), (value,)))
+    world.service.concluded(execution_id, Outcome(OutcomeKind.ACCEPTED, report))
+    assert (world.ended(), world.service.problem) == (["done"], "")
+
+
+def test_a_number_that_no_double_holds_is_no_result(tmp_path: Path) -> None:
+    world = World(tmp_path)
+    world.start(f"{ONE}  - if: a.weight > 1\n    timeout_s: 1\n    then: {{task: b, skill: grab, robot: left}}\n")
+    ((_, _, execution_id),) = world.robots.asked
+    world.service.concluded(execution_id, ACCEPTED)
+    told = ExecutionStatus(execution_id, "grab", ExecutionState.DONE, result=f'{{"weight": {10**400}}}')
+    world.hear(1200, told)
+    world.pass_time(3.0)
+    assert len(world.robots.asked) == 1
+    assert "a.weight" in world.ended()[0]
 
 
 def test_a_task_whose_robot_stands_waits_and_nobody_is_asked_in_its_place(tmp_path: Path) -> None:

@@ -16,6 +16,7 @@ import structlog
 from ua_bridges.ur.config import RegisterResult, ScriptSkill, UrBridgeConfig, UrSkillMapping
 from ua_bridges.ur.link import CommandLink
 from ua_bridges.ur.outputs import Output
+from ua_bridges.ur.remote import RemoteControl
 from ua_bridges.ur.sinks import sinks_of
 from ua_bridges.ur.state import State
 from ua_bridges.ur.tasks import Forgotten, Progress, RobotTask, make_task, refusal_of
@@ -36,8 +37,6 @@ __all__ = ["UrDriver", "create_driver"]
 _FOLLOW_S: Final = 0.02
 """Period at which executions under way are looked at."""
 _IDLE_S: Final = 0.25
-_REMOTE_CONTROL_S: Final = 1.0
-"""Period at which the dashboard server is asked for remote control."""
 _OVERDUE: Final = int(StatusCode.BAD_TIMEOUT)
 
 _log = structlog.get_logger(__name__)
@@ -61,6 +60,7 @@ class UrDriver:
         self._fault_topics = tuple(configured_faults(config, bridge_name).values())
         self._label = bridge_name
         self._link = CommandLink(bridge.address, bridge.answer_timeout_s)
+        self._remote = RemoteControl(bridge.address, bridge.answer_timeout_s)
         self._jobs: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
         self._claims: dict[bytes, RobotTask] = {}
         """All that was begun or asked about and has not ended, from the event loop's view."""
@@ -73,7 +73,6 @@ class UrDriver:
         self._watcher: Watcher | None = None
         self._inlet: Inlet | None = None
         self._remote_control: bool | None = None
-        self._ask_at = 0.0
         self._losses = 0
 
     # The event loop's side
@@ -196,6 +195,7 @@ class UrDriver:
                     _log.exception("a mistake of the bridge; report this log", controller=self._config.address)
         finally:
             self._link.close()
+            self._remote.close()
 
     def _next_job(self) -> Callable[[], None] | None:
         with suppress(queue.Empty):
@@ -208,6 +208,7 @@ class UrDriver:
         if losses != self._losses:
             self._losses = losses
             self._link.close()
+            self._remote.close()
 
     def _turn(self, now: float) -> None:
         state = self._state
@@ -216,22 +217,19 @@ class UrDriver:
                 task.resume(state, now)
                 self._tasks[execution.execution_id] = task
             self._asked.clear()
-            self._ask_for_remote_control(now)
+            self._look_at_remote_control(now)
             for execution_id, task in list(self._tasks.items()):
                 self._follow(execution_id, task, state, now)
         for overdue in self._executing.overdue(now):
             self._give_up(overdue.execution_id, state)
 
-    def _ask_for_remote_control(self, now: float) -> None:
-        if now < self._ask_at or not (self._skills or self._sinks or self._fault_topics):
+    def _look_at_remote_control(self, now: float) -> None:
+        if not (self._skills or self._sinks or self._fault_topics):
             return
-        self._ask_at = now + _REMOTE_CONTROL_S
-        try:
-            self._remote_control = bool(self._link.call("dashboard", "isInRemoteControl"))
-        except SkillError as error:
-            _log.debug("the dashboard server does not answer", controller=self._config.address, reason=str(error))
-            return
-        self._faults.remote_control(self._remote_control if self._config.needs_remote_control else None)
+        said = self._remote.look(now)
+        if said is not None:
+            self._remote_control = said
+            self._faults.remote_control(said if self._config.needs_remote_control else None)
 
     def _begin(self, execution: Execution, task: RobotTask) -> None:
         now, state = time.monotonic(), self._state

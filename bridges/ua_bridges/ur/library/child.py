@@ -68,7 +68,7 @@ class LibraryChild:
             raise ChildFailed("ur-rtde's process has ended") from error
 
     def line(self, timeout_s: float) -> Any:
-        """Its next line.
+        """Its next line; with 0 only one that is there.
 
         Raises:
             NoAnswer: none came in time.
@@ -77,7 +77,7 @@ class LibraryChild:
         deadline = time.monotonic() + timeout_s
         while b"\n" not in self._rest:
             left = deadline - time.monotonic()
-            if left <= 0 or not select.select([self._out], [], [], left)[0]:
+            if not select.select([self._out], [], [], max(left, 0.0))[0]:
                 raise NoAnswer(f"no answer within {timeout_s:g} s")
             data = os.read(self._out.fileno(), _READ_BYTES)
             self._rest += data

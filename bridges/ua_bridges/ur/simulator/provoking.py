@@ -8,7 +8,8 @@
     {"do": "output_registers", "first": 12, "values": [1.5]}   what a program writes to output double registers
     {"do": "record", "input": "input_double_register_18"}      keep what clients write; {"do": "recorded", ..} tells it
     {"do": "drop"}                              all connections of all other ports end, as when the cable is pulled
-    {"do": "silence", "on": true}               accept connections and answer nothing, as a controller that hangs
+    {"do": "silence", "on": true}               accept connections and answer nothing, as a controller that hangs;
+                                                {.., "port": "dashboard"}: this one alone
     {"do": "state"}   {"do": "log"}
 
 The answer is a JSON object with `done`, and what was asked for; or `error`.
@@ -29,7 +30,7 @@ __all__ = ["Provoking"]
 class Provoking:
     """See the module."""
 
-    def __init__(self, controller: Controller, drop: Callable[[], None], silence: Callable[[bool], None]) -> None:
+    def __init__(self, controller: Controller, drop: Callable[[], None], silence: Callable[[bool, str], None]) -> None:
         self._controller = controller
         self._deeds: dict[str, Callable[[dict[str, Any]], dict[str, Any] | None]] = {
             "protective_stop": lambda asked: self._stop(SafetyMode.PROTECTIVE_STOP, asked),
@@ -48,7 +49,7 @@ class Provoking:
             "record": self._record,
             "recorded": lambda asked: {"recorded": self._controller.recorded[str(asked["input"])]},
             "drop": lambda _: drop(),
-            "silence": lambda asked: silence(bool(asked.get("on", True))),
+            "silence": lambda asked: silence(bool(asked.get("on", True)), str(asked.get("port", ""))),
             "state": lambda _: self._state(),
             "log": lambda _: {"log": [[line.kind, line.text, line.line] for line in controller.log]},
         }

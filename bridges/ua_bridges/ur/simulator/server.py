@@ -70,7 +70,8 @@ class UrSimulator:
         self._provoking = Provoking(self.controller, self._drop, self._silence)
         self._clients: set[_Client] = set()
         self._servers: list[asyncio.Server] = []
-        self._silent = False
+        self._silent: str | None = None
+        """Which kind of client is not answered, the empty text for all; None: each is."""
         self._cycle = 0
         self._logged = 0.0
 
@@ -109,7 +110,7 @@ class UrSimulator:
         controller = self.controller
         controller.step()
         self._cycle += 1
-        if self._silent or not self._clients:
+        if self._silent == "" or not self._clients:
             return
         realtime = state = b""
         said = self._new_log() if self._cycle % _STATE_EVERY == 0 else b""
@@ -130,10 +131,13 @@ class UrSimulator:
 
     # Connections
 
-    async def _read(self, reader: asyncio.StreamReader) -> bytes:
+    def _is_silent(self, kind: str) -> bool:
+        return self._silent in ("", kind)
+
+    async def _read(self, reader: asyncio.StreamReader, kind: str) -> bytes:
         """What came in; nothing of it is answered while the controller is silent."""
         data = await reader.read(_READ_BYTES)
-        while self._silent and data:
+        while self._is_silent(kind) and data:
             data = await reader.read(_READ_BYTES)
         return data
 
@@ -143,9 +147,9 @@ class UrSimulator:
         """Serve a client until it or the controller ends."""
         self._clients.add(client)
         try:
-            if not self._silent:
+            if not self._is_silent(client.kind):
                 client.writer.write(greeting)
-            while data := await self._read(reader):
+            while data := await self._read(reader, client.kind):
                 answer = take(data)
                 if answer and client.writer.transport.get_write_buffer_size() > _MOST_UNREAD:
                     raise ValueError("it asks, and reads no answers")
@@ -210,5 +214,5 @@ class UrSimulator:
         for client in self._clients:
             client.writer.transport.abort()
 
-    def _silence(self, on: bool) -> None:
-        self._silent = on
+    def _silence(self, on: bool, kind: str) -> None:
+        self._silent = kind if on else None

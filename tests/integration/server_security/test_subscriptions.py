@@ -8,9 +8,11 @@ from collections.abc import AsyncGenerator
 from typing import Any
 
 import pytest
+from structlog.testing import capture_logs
 
 from tests.integration.server_security.harness import Client, Door, Stock, bad, send, ua
 from tests.integration.server_security.test_limits import create_subscription, monitored
+from ua_fleet.server.endpoint.subscriptions import ClientSubscription
 
 pytestmark = pytest.mark.asyncio(loop_scope="module")
 
@@ -251,6 +253,27 @@ async def test_lifetime_without_publish_requests_ends(hardened: Door) -> None:
             if subscription not in hardened.server.iserver.subscription_service.subscriptions:
                 break
             await asyncio.sleep(0.02)
+        assert await bad(publish(client)) == "BadNoSubscription"
+
+
+async def test_a_subscription_that_fails_is_logged_and_its_client_told(
+    hardened: Door, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def broken(_: object) -> None:
+        raise KeyError("a mistake")
+
+    async with hardened.connected() as client, watching(client, hardened.nodes.plain) as (subscription, item):
+        await publish(client)
+        waiting = asyncio.ensure_future(publish(client))
+        request, response, _ = attacks(subscription, item, hardened.nodes.plain)["SetPublishingMode"]
+        await send(client, request, response)  # after that the server has the request that waits
+        with capture_logs() as logs:
+            monkeypatch.setattr(ClientSubscription, "_cycle", broken)
+            async with asyncio.timeout(10):
+                (change,) = (await waiting).NotificationMessage.NotificationData
+        assert change.Status.name == "BadInternalError"
+        assert [(log["event"], log["subscription"]) for log in logs] == [("subscription failed", subscription)]
+        assert logs[0]["exc_info"]
         assert await bad(publish(client)) == "BadNoSubscription"
 
 

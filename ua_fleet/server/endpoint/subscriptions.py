@@ -12,6 +12,7 @@ from collections import OrderedDict
 from datetime import UTC, datetime
 from typing import Any, Final
 
+import structlog
 from asyncua import ua
 from asyncua.server.address_space import AddressSpace
 from asyncua.server.subscription_service import SubscriptionService
@@ -25,6 +26,7 @@ from ua_fleet.server.users import User
 __all__ = ["ClientSubscription", "MonitoredItems", "Subscriptions"]
 
 _FIRST_SEQUENCE: Final = 1
+_log = structlog.get_logger("ua_fleet.server")
 
 
 class MonitoredItems:
@@ -172,6 +174,18 @@ class ClientSubscription:
                 await task
 
     async def _run(self) -> None:
+        try:
+            await self._publish()
+        except Exception:  # noqa: BLE001 - logged with its traceback; nobody waits for this task
+            _log.exception("subscription failed", subscription=self.id)
+            with contextlib.suppress(Exception):  # what is wrong may be wrong with this, too
+                self.tell_status(StatusCodes.BadInternalError)
+        self._registry.forget(self)
+        self._task = None
+        self.items.remove_all()
+
+    async def _publish(self) -> None:
+        """Go on until the client has left the subscription alone for its lifetime."""
         due = time.monotonic()
         while self._cycle():
             # A late loop is not made up for: the next cycle is one interval away.
@@ -181,9 +195,6 @@ class ClientSubscription:
                 async with asyncio.timeout(due - time.monotonic()):
                     await self._changed.wait()
                     due = time.monotonic()
-        self._registry.forget(self)
-        self._task = None
-        self.items.remove_all()
 
     def _cycle(self) -> bool:
         """One publishing interval is over; whether the subscription lives on."""

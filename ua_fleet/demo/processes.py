@@ -10,14 +10,18 @@ import shutil
 import signal
 import socket
 import time
+from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
-from typing import Self
+from typing import Final, Self
 
 from ua_fleet.errors import UaFleetError
 
 __all__ = ["DemoFailed", "Processes", "free_loopback_address", "free_tcp_port", "udp_port_in_use"]
+
+_LINES: Final = 1000
+"""Lines of each process that are looked through for what is waited for; its log has all."""
 
 
 class DemoFailed(UaFleetError):
@@ -28,7 +32,7 @@ class _Process:
     def __init__(self, name: str, process: asyncio.subprocess.Process, log: Path) -> None:
         self.name, self.process, self.log = name, process, log
         self.reader: asyncio.Task[None] | None = None
-        self.lines: list[str] = []
+        self.lines: deque[str] = deque(maxlen=_LINES)
         self.changed = asyncio.Event()
 
     @property
@@ -98,17 +102,15 @@ class Processes:
         asyncio.get_running_loop().call_soon(process.changed.set)
 
     async def line_with(self, name: str, text: str, timeout_s: float) -> str:
-        """The first line on stdout of a process that contains `text`; raises DemoFailed when it does not come."""
+        """The first of the last lines on stdout that contains `text`; raises DemoFailed when it does not come."""
         process = self._processes[name]
-        seen = 0
         with contextlib.suppress(TimeoutError):
             async with asyncio.timeout(timeout_s):
                 while True:
                     process.changed.clear()
-                    for line in process.lines[seen:]:
+                    for line in process.lines:
                         if text in line:
                             return line
-                    seen = len(process.lines)
                     if process.code is not None:
                         break
                     await process.changed.wait()

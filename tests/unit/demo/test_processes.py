@@ -38,6 +38,17 @@ async def test_who_ended_and_where_its_log_is(tmp_path: Path, program: str, said
     assert await ended(tmp_path, program) == f"{said}; see {tmp_path / 'robot.log'}"
 
 
+async def test_a_process_that_says_much_is_kept_in_bounds(tmp_path: Path) -> None:
+    program = "print(*range(5000), sep='\\n', flush=True); " + ENDLESS
+    async with Processes(tmp_path) as processes:
+        await processes.start("robot", [sys.executable, "-c", program], os.environ)
+        assert await processes.line_with("robot", "ready", 20) == "ready"
+        assert await processes.line_with("robot", "4999", 20) == "4999"
+        with pytest.raises(DemoFailed, match="robot is not ready after 0 s"):
+            await processes.line_with("robot", "3999", 0.05)
+    assert len((tmp_path / "robot.log").read_text().splitlines()) == 5001
+
+
 async def test_all_are_ended_side_by_side(tmp_path: Path) -> None:
     async with Processes(tmp_path) as processes:
         pids: list[int] = []

@@ -118,10 +118,12 @@ class InterpreterSession:
         try:
             for field in self._fields.feed(data):
                 if not self._messages.is_within and field == ACK:
+                    self._begun_at = None
                     if not self._outbox.acknowledged(now):
                         self._sources.dropped(Drop.UNASKED, "the program acknowledged what was not sent")
                     continue
                 if (message := self._messages.feed(field)) is not None:
+                    self._begun_at = None
                     self._message(message, now, time_ns)
                     if not self._is_connected:
                         return  # an answer was too much for it, and the connection is over

@@ -304,6 +304,17 @@ def test_a_program_that_stops_within_a_message_is_left(said: bytes) -> None:
     assert robot.facts(SampleRead)[-1].values == (1.0, 2.0)
 
 
+def test_a_program_that_streams_without_a_gap_is_not_left() -> None:
+    robot = Robot()
+    stream = b"information\nposition\n0\n2\n1\n2\n" * 200
+    for start in range(0, len(stream), 47):  # nearly each reading ends within a message
+        robot.session.received(stream[start : start + 47], robot.now, 5)
+        robot.after(0.1)
+    assert robot.now > 10.0
+    assert robot.resets == []
+    assert len(robot.facts(SampleRead)) == 200
+
+
 def test_acknowledged_fields_go_one_after_the_other() -> None:
     robot = Robot("acknowledged")
     robot.execute()

@@ -41,7 +41,7 @@ from ua_fleet.config.registration import announced_robots
 from ua_fleet.config.schema import FleetConfig, PubSubConfig
 from ua_fleet.config.security import envelope_of, keys_needed, weaknesses
 from ua_fleet.counters import Counters, Drop
-from ua_fleet.errors import DriverFailed
+from ua_fleet.errors import DriverFailed, UaFleetError
 from ua_fleet.fleet.wanted import wanted_topic
 from ua_fleet.keys.keeper import KeysKept, keep_keys
 from ua_fleet.keys.source import KeySource
@@ -138,7 +138,7 @@ class _Shell:
             send=self._send,
             send_to=self._send_to,
             wall_ticks=_wall_ticks,
-            failed=self._failed,
+            failed=self.failed,
             followed=ExecutionLog(self._log).take,
             rule=rule,
             definitions=announced_robots(config, bridge_name),
@@ -195,8 +195,8 @@ class _Shell:
         if self._sent is not None:
             self._sent(datagram, size)
 
-    def _failed(self, text: str, error: BaseException | None) -> None:
-        """Log what went wrong with commands, with the traceback where it is a mistake of the driver."""
+    def failed(self, text: str, error: BaseException | None) -> None:
+        """Log what went wrong, with the traceback where there is an exception."""
         self._log.error(text, exc_info=error)
 
     def _from_space(self, event: DriverEvent) -> None:
@@ -316,4 +316,8 @@ async def run_bridge(
                     ready()
                 await shell.over
         except ExceptionGroup as failed:
-            raise failed.exceptions[0] from None
+            # Whatever failed while the rest was ended stands first; an error with a remedy was the cause.
+            first, *others = sorted(failed.exceptions, key=lambda error: not isinstance(error, UaFleetError))
+            for other in others:
+                shell.failed("this failed, too, while the bridge ended", other)
+            raise first from None

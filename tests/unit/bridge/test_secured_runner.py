@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import AsyncGenerator
-from contextlib import asynccontextmanager
+from contextlib import asynccontextmanager, suppress
 from pathlib import Path
 
 import pytest
@@ -166,6 +166,25 @@ async def test_a_failed_start_is_told_as_it_is(tmp_path: Path) -> None:
     with pytest.raises(BridgeUnavailable, match="rospy is missing"):
         await run_bridge(CONFIG, "robot", robot, line, state_dir=tmp_path, keys=Source())
     assert (robot.stopped, line.closed) == (1, 1)
+
+
+async def test_a_failed_start_is_told_also_where_its_end_fails(tmp_path: Path) -> None:
+    class Broken(Source):
+        async def fetch(self, group_id: str, starting_token_id: int, count: int) -> GroupKeys:
+            if group_id == "t-2":
+                return keys_of(group_id)
+            with suppress(asyncio.CancelledError):
+                await asyncio.Event().wait()
+            raise RuntimeError("cannot hang up")
+
+    robot = Robot(BridgeUnavailable("rospy is missing"))
+    with capture_logs() as logs, pytest.raises(BridgeUnavailable, match="rospy is missing"):
+        await run_bridge(CONFIG, "robot", robot, Line(), state_dir=tmp_path, keys=Broken())
+    [other] = [log for log in logs if log["log_level"] == "error"]
+    assert (other["event"], repr(other["exc_info"])) == (
+        "this failed, too, while the bridge ended",
+        "RuntimeError('cannot hang up')",
+    )
 
 
 async def test_what_weakens_security_is_said_at_the_start(tmp_path: Path) -> None:

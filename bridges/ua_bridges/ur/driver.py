@@ -219,7 +219,11 @@ class UrDriver:
             self._asked.clear()
             self._look_at_remote_control(now)
             for execution_id, task in list(self._tasks.items()):
-                self._follow(execution_id, task, state, now)
+                try:
+                    self._follow(execution_id, task, state, now)
+                except Exception as error:  # noqa: BLE001 - the others are followed all the same
+                    _log.exception("a mistake of the bridge; report this log", controller=self._config.address)
+                    self._forget(execution_id, f"a mistake of the bridge ({error!r}); see what the robot does")
         for overdue in self._executing.overdue(now):
             self._give_up(overdue.execution_id, state)
 
@@ -267,9 +271,12 @@ class UrDriver:
                 self._abandon()
             self._end(execution_id, told)
         elif isinstance(told, Forgotten):
-            self._tasks.pop(execution_id, None)
-            self._claims.pop(execution_id, None)
-            self._executing.forget(execution_id, told.message)
+            self._forget(execution_id, told.message)
+
+    def _forget(self, execution_id: bytes, why: str) -> None:
+        self._tasks.pop(execution_id, None)
+        self._claims.pop(execution_id, None)
+        self._executing.forget(execution_id, why)
 
     def _abandon(self) -> None:
         """A safety stop pauses the program. It is stopped, so that nobody lets a move go on that has failed."""

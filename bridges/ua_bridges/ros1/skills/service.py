@@ -17,6 +17,7 @@ from functools import partial
 from typing import Any, Final
 
 import genpy
+import structlog
 
 from ua_bridges.ros.ports import SkillPort
 from ua_bridges.ros.schema import schema_from_definition
@@ -36,6 +37,8 @@ __all__ = ["ServicePort"]
 
 MOST_LATE: Final = 16
 """Calls that may still be answered after their time was over; the oldest is given up then."""
+
+_log = structlog.get_logger("ua_bridges.ros1")
 
 
 class _Call:
@@ -123,6 +126,11 @@ class ServicePort(SkillPort[Ros1Graph]):
             answered = partial(self._end, execution_id, Ended(StatusCode.BAD_UNEXPECTED_ERROR, (), said))
         except CallLost as error:
             answered = partial(self._lose, execution_id, ended_text(f"{error}; see what the robot does"))
+        except Exception as error:  # noqa: BLE001 - whatever it is, somebody waits for the end
+            _log.exception("a service was not called as it should be", service=self._name)
+            answered = partial(
+                self._lose, execution_id, f"a mistake of the bridge ({error!r}); see what the robot does"
+            )
         self._graph.call(answered)
 
     def _find(self) -> str:

@@ -456,6 +456,17 @@ def test_service_whose_server_dies_while_it_works_is_not_known(monkeypatch: pyte
     assert "the server of /hold went before it answered" in calling.events[-1].message
 
 
+def test_mistake_of_ours_in_a_call_is_told_as_an_execution_that_nobody_knows(monkeypatch: pytest.MonkeyPatch) -> None:
+    def mistaken(*_: Any) -> None:
+        raise KeyError("x")
+
+    monkeypatch.setattr("ua_bridges.ros1.skills.service.exchange", mistaken)
+    calling = Calling(monkeypatch, "rosrpc://127.0.0.1:1")
+    calling.step()
+    assert isinstance(calling.events[-1], ExecutionForgotten)
+    assert calling.events[-1].message == "a mistake of the bridge (KeyError('x')); see what the robot does"
+
+
 def test_calls_end_when_the_bridge_stops(monkeypatch: pytest.MonkeyPatch) -> None:
     def serve(link: socket.socket) -> None:
         _accept(link)

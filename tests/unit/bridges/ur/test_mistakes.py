@@ -1,4 +1,4 @@
-"""The thread that watches a controller, with the child that talks to it played by the test."""
+"""The driver's threads after a mistake of its own; the children that talk to the controller are played by the test."""
 
 from __future__ import annotations
 
@@ -16,9 +16,13 @@ from structlog.testing import capture_logs
 from ua_bridges.ur import watching
 from ua_bridges.ur.driver import UrDriver
 from ua_bridges.ur.library.child import ChildFailed, LibraryChild
+from ua_bridges.ur.link import CommandLink
+from ua_bridges.ur.tasks import DashboardTask
 from ua_bridges.ur.telemetry import Telemetry
 
 from tests.contract.harness import Recorder, until
+from ua_fleet.bridge.driver import Execution, ExecutionEnded, ExecutionForgotten
+from ua_fleet.bridge.executing import Ended
 from ua_fleet.config.load import load_content
 from ua_fleet.topics import Topic
 
@@ -27,7 +31,11 @@ version: 1
 pubsub: {security: none}
 bridges: {arm: {kind: ur, space: 300, status_id: 1, address: 127.0.0.9, retry_s: [0.01, 0.05]}}
 robots:
-  ur5: {bridge: arm, data: {number: {id: 11, type: Double, path: output_double_register_12, source: {}}}}
+  ur5:
+    bridge: arm
+    skill_status_id: 2
+    data: {number: {id: 11, type: Double, path: output_double_register_12, source: {}}}
+    skills: {on: {id: 20, via: {dashboard: {command: power_on}}}}
 """
 NUMBER = Topic(300, 2, 11)
 
@@ -101,3 +109,35 @@ def test_no_place_for_a_process_is_a_failed_child(monkeypatch: pytest.MonkeyPatc
     monkeypatch.setattr(subprocess, "Popen", full)
     with pytest.raises(ChildFailed, match=r"cannot be started \(Resource temporarily unavailable\); see the limits"):
         LibraryChild("receiving")
+
+
+def answered(*_: object, **__: object) -> None:
+    """A controller that does what it is asked."""
+
+
+def not_refused(*_: object) -> str:
+    return ""
+
+
+async def test_execution_that_cannot_be_followed_is_no_end_for_others(monkeypatch: pytest.MonkeyPatch) -> None:
+    followed: list[DashboardTask] = []
+
+    def looked(task: DashboardTask, *_: object) -> Ended:
+        followed.append(task)
+        if task is followed[0]:
+            raise KeyError("x")
+        return Ended(0)
+
+    monkeypatch.setattr(DashboardTask, "look", looked)
+    monkeypatch.setattr(CommandLink, "call", answered)
+    monkeypatch.setattr("ua_bridges.ur.driver.refusal_of", not_refused)
+    first, second = b"\1" * 16, b"\2" * 16
+    with capture_logs() as logs:
+        async with watched(monkeypatch) as (driver, recorder):
+            await until(lambda: recorder.samples(NUMBER), "a sample")
+            for execution_id in (first, second):
+                driver.execute(Execution(execution_id, Topic(300, 2, 20), 1, ()))
+            await until(lambda: ExecutionEnded(second) in recorder.events, "the end of the second")
+    forgotten = [event for event in recorder.events if isinstance(event, ExecutionForgotten)]
+    assert forgotten == [ExecutionForgotten(first, "a mistake of the bridge (KeyError('x')); see what the robot does")]
+    assert [entry["log_level"] for entry in logs].count("error") == 1

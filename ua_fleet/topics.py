@@ -18,6 +18,7 @@ __all__ = [
     "LAST_ROS2_SPACE",
     "ROS1_SPACE",
     "SERVER_SPACE",
+    "TYPES_URI",
     "Side",
     "Topic",
     "Verdict",
@@ -32,6 +33,8 @@ ROS1_SPACE: Final = 1
 LAST_ROS2_SPACE: Final = 232
 """The highest ROS 2 domain id: 233 would need a UDP port above 65535, and Fast DDS ends the process for it."""
 FIRST_VENDOR_SPACE: Final = 256
+TYPES_URI: Final = "http://ua-fleet.org/UA/"
+"""The namespace of the UaFleet types in the server. A name, not an address."""
 
 _PATTERN = re.compile(r"ua_(0|[1-9][0-9]{0,4})_(0|[1-9][0-9]{0,4})_(0|[1-9][0-9]{0,4})", re.ASCII)
 

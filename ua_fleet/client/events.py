@@ -5,23 +5,24 @@
 
 from __future__ import annotations
 
-import asyncio
 import json
-from collections.abc import AsyncGenerator, AsyncIterator, Mapping, Sequence
+from collections.abc import AsyncGenerator, AsyncIterator, Awaitable, Mapping, Sequence
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
 from datetime import UTC
-from typing import Any, Final, Protocol
+from typing import Any, Final
 
 from asyncua import Client, ua
+from asyncua.common.subscription import Subscription
 
 from ua_fleet.client.convert import plain_value
-from ua_fleet.client.translated import quietly, translated
+from ua_fleet.client.subscriptions import Feed, Subscriptions
+from ua_fleet.client.translated import translated
 from ua_fleet.errors import NotConnected
+from ua_fleet.topics import TYPES_URI
 
-__all__ = ["DecisionTold", "FaultTold", "Feed", "RankedRobot", "RankingInfo", "RunTold", "StepTold", "Told", "told_by"]
+__all__ = ["DecisionTold", "FaultTold", "RankedRobot", "RankingInfo", "RunTold", "StepTold", "Told", "told_by"]
 
-_TYPES_URI: Final = "http://ua-fleet.org/UA/"
 _FAULT, _RUN, _STEP, _DECISION = 1025, 1026, 1027, 1028
 """Event types; see nodesets/UaFleet.NodeIds.csv."""
 _OWN: Final = (
@@ -32,9 +33,9 @@ _OWN: Final = (
     *("ConsistencyRatio", "FaultSource"),
 )
 """Fields of ours that any of these types has."""
-_ANY: Final = ua.NodeId(ua.Int32(ua.ObjectIds.BaseEventType))
 _STANDARD: Final = ("EventType", "Message", "ConditionName", "ActiveState/Id", "AckedState/Id", "Time")
 _QUEUE: Final = 10_000
+"""Events that may wait for a slow consumer; then the oldest is dropped, and counted in `FleetClient.dropped`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,26 +128,18 @@ class FaultTold:
 Told = RunTold | StepTold | DecisionTold | FaultTold
 
 
-class Feed(Protocol):
-    """Hands on what a subscription brings."""
-
-    def lose(self) -> None:
-        """No more will come."""
-        ...
-
-
-class _EventFeed:
+class _Events(Feed[Told]):
     """The subscription's handler, and what it hands on. A wait for the next event may be cancelled."""
 
     def __init__(self, types: Mapping[ua.NodeId, int], endpoint: str) -> None:
+        super().__init__(_QUEUE)
         self._types, self._endpoint = types, endpoint
-        self._queue: asyncio.Queue[Told | None] = asyncio.Queue()
 
     def __aiter__(self) -> AsyncIterator[Told]:
         return self
 
     async def __anext__(self) -> Told:
-        told = await self._queue.get()
+        told = await self.next()
         if told is None:
             raise NotConnected(f"the connection to {self._endpoint} was lost")
         return told
@@ -155,39 +148,28 @@ class _EventFeed:
         """Called by asyncua with each event."""
         kind = self._types.get(event.EventType)
         if kind is not None:
-            self._queue.put_nowait(_told(kind, event))
-
-    def status_change_notification(self, status: ua.StatusChangeNotification) -> None:
-        """Called by asyncua when the server ends the subscription."""
-        self.lose()
-
-    def lose(self) -> None:
-        """No more events will come."""
-        self._queue.put_nowait(None)
+            self.put(_told(kind, event))
 
 
 @asynccontextmanager
-async def told_by(client: Client, endpoint: str, feeds: set[Feed]) -> AsyncGenerator[AsyncIterator[Told]]:
+async def told_by(client: Client, endpoint: str, subscriptions: Subscriptions) -> AsyncGenerator[AsyncIterator[Told]]:
     """Subscribe; all that the server tells from then on, until the context is left.
 
     Args:
         client: connected.
         endpoint: of the server, for messages.
-        feeds: where the handler stands meanwhile, so that it is told when the connection is lost.
+        subscriptions: of the connection.
     """
     with translated(endpoint):
-        index = await client.get_namespace_index(_TYPES_URI)
+        index = await client.get_namespace_index(TYPES_URI)
         types = {ua.NodeId(ua.Int32(kind), ua.Int16(index)): kind for kind in (_FAULT, _RUN, _STEP, _DECISION)}
-        feed = _EventFeed(types, endpoint)
-        subscription = await client.create_subscription(50, feed, queue_maxsize=_QUEUE)
-        feeds.add(feed)
-        wanted = _filter(list(types), index)
-        await subscription.subscribe_events(ua.ObjectIds.Server, evfilter=wanted, queuesize=_QUEUE)
-    try:
-        yield feed
-    finally:
-        feeds.discard(feed)
-        await quietly(subscription.delete())
+    events, wanted = _Events(types, endpoint), _filter(list(types), index)
+
+    def begin(subscription: Subscription) -> Awaitable[object]:
+        return subscription.subscribe_events(ua.ObjectIds.Server, evfilter=wanted, queuesize=_QUEUE)
+
+    async with subscriptions.open(events, 50, begin):
+        yield events
 
 
 def _filter(types: Sequence[ua.NodeId], index: int) -> ua.EventFilter:

@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import logging
 import re
 from collections.abc import AsyncGenerator, AsyncIterator, Callable, Mapping, Sequence
@@ -15,7 +14,7 @@ from datetime import UTC, datetime
 from typing import Any, Final, Self
 
 from asyncua import Client, Node, ua
-from asyncua.common.subscription import DataChangeNotif
+from asyncua.common.subscription import DataChangeNotif, Subscription
 from asyncua.crypto import security_policies
 from asyncua.crypto.uacrypto import CertProperties
 from asyncua.ua.uaerrors import UaError
@@ -24,10 +23,11 @@ from cryptography.x509 import load_der_x509_certificate
 
 from ua_fleet.client.addresses import parse_address
 from ua_fleet.client.convert import parse_value, plain_value
-from ua_fleet.client.events import Feed, Told, told_by
+from ua_fleet.client.events import Told, told_by
 from ua_fleet.client.identity import ClientIdentity, default_identity_folder
 from ua_fleet.client.offers import OfferedSkill, offering
 from ua_fleet.client.skills import SkillCalls, SkillExecution, SkillInfo
+from ua_fleet.client.subscriptions import Feed, Subscriptions, subscribe
 from ua_fleet.client.translated import NodeNotFound, quietly, translated
 from ua_fleet.errors import AccessRefused, NotConnected
 from ua_fleet.values import StatusCode
@@ -99,35 +99,12 @@ def _aware(moment: datetime | None) -> datetime | None:
     return moment if moment is None or moment.tzinfo is not None else moment.replace(tzinfo=UTC)
 
 
-class _Feed:
+class _Changes(Feed[Change]):
     """The subscription handler: hands each change to whoever iterates."""
-
-    def __init__(self, size: int = _QUEUE) -> None:
-        self._queue: asyncio.Queue[Change | None] = asyncio.Queue(size)
-        self.dropped = 0
-
-    async def next(self) -> Change | None:
-        """The next change; None after the end of the subscription."""
-        return await self._queue.get()
-
-    def put(self, change: Change | None) -> None:
-        """Hand over a change, or the end; the oldest change goes where there is no room."""
-        if self._queue.full():
-            self._queue.get_nowait()
-            self.dropped += 1
-        self._queue.put_nowait(change)
 
     def datachange_notification(self, node: Node, val: Any, data: DataChangeNotif) -> None:
         """Called by asyncua with each change."""
         self.put(_reading(node.nodeid.to_string(), data.monitored_item.Value))
-
-    def status_change_notification(self, status: ua.StatusChangeNotification) -> None:
-        """Called by asyncua when the server ends the subscription."""
-        self.lose()
-
-    def lose(self) -> None:
-        """No more changes will come."""
-        self.put(None)
 
 
 class _Bell:
@@ -152,17 +129,19 @@ class FleetClient:
         self.endpoint = endpoint
         self.first_meeting = first_meeting
         """Whether the server's certificate was seen for the first time, and is trusted from now on."""
-        self.dropped = 0
-        """Changes that `watch` dropped because nobody took them in time."""
         self.on_lost: Callable[[], None] | None = None
         """Called when the connection is lost."""
-        self._feeds: set[Feed] = set()
+        self._subscriptions = Subscriptions(client, endpoint)
         self._skills = SkillCalls(client, self._node, endpoint)
         client.connection_lost_callback = self._lost
 
+    @property
+    def dropped(self) -> int:
+        """Changes, events and requests that `watch`, `told` and `offer_skill` dropped: nobody took them in time."""
+        return self._subscriptions.dropped
+
     async def _lost(self, _error: Exception) -> None:
-        for feed in self._feeds:
-            feed.lose()
+        self._subscriptions.lose()
         self._skills.lost()
         if self.on_lost is not None:
             self.on_lost()
@@ -329,7 +308,7 @@ class FleetClient:
         """The skills of a robot, with their arguments. NodeNotFound where there is no such robot."""
         return await self._skills.all_of(robot)
 
-    async def start_skill(self, robot: str, skill: str, **arguments: Any) -> SkillExecution:
+    async def start_skill(self, robot: str, skill: str, /, **arguments: Any) -> SkillExecution:
         """Have a robot begin a skill, and go on at once.
 
         Args:
@@ -347,7 +326,7 @@ class FleetClient:
         return await self._skills.start(robot, skill, arguments)
 
     async def call_skill(
-        self, robot: str, skill: str, *, timeout_s: float | None = None, **arguments: Any
+        self, robot: str, skill: str, /, *, timeout_s: float | None = None, **arguments: Any
     ) -> dict[str, Any]:
         """Have a robot do a skill, and wait for its results, by name.
 
@@ -401,7 +380,7 @@ class FleetClient:
             AccessRefused: this user may not offer it.
             NotConnected: the connection was lost.
         """
-        return offering(self, self._client, self._feeds, robot, skill, definition)
+        return offering(self, self._client, self._subscriptions, robot, skill, definition)
 
     async def notify(self, address: str, heard: Callable[[Any], None], *, period_ms: float = 250.0) -> None:
         """Call a function with a node's value now, and whenever it changes, as long as the connection lasts.
@@ -412,8 +391,7 @@ class FleetClient:
         """
         with translated(self.endpoint):
             node = await self._node(address)
-            subscription = await self._client.create_subscription(period_ms, _Bell(heard))
-            await subscription.subscribe_data_change(node)
+            await subscribe(self._client, _Bell(heard), period_ms, lambda made: made.subscribe_data_change(node))
 
     def told(self) -> AbstractAsyncContextManager[AsyncIterator[Told]]:
         """What the server tells of runs, steps, decisions and faults, while the context lasts.
@@ -421,7 +399,7 @@ class FleetClient:
         All that happens once the context has been entered is told. The iterator raises NotConnected when the connection
         is lost.
         """
-        return told_by(self._client, self.endpoint, self._feeds)
+        return told_by(self._client, self.endpoint, self._subscriptions)
 
     async def watch(self, addresses: Sequence[str], *, period_ms: float = 100.0) -> AsyncGenerator[Change]:
         """The current values of some nodes, then each change, until the iteration is closed.
@@ -430,23 +408,20 @@ class FleetClient:
             NodeNotFound: one of the nodes does not exist.
             NotConnected: the connection was lost.
         """
-        feed = _Feed()
+        changes = _Changes(_QUEUE)
         with translated(self.endpoint):
             nodes = [await self._node(address) for address in addresses]
-            subscription = await self._client.create_subscription(period_ms, feed, queue_maxsize=_QUEUE)
-            self._feeds.add(feed)
+
+        async def begin(subscription: Subscription) -> None:
             results = await subscription.subscribe_data_change(nodes, queuesize=1000, sampling_interval=ua.Double(0))
-        try:
             for address, result in zip(addresses, results, strict=True):
                 if isinstance(result, ua.StatusCode):
                     raise NodeNotFound(f"{address} cannot be watched: {result.name}; look with: ua-fleet browse")
-            while (change := await feed.next()) is not None:
+
+        async with self._subscriptions.open(changes, period_ms, begin):
+            while (change := await changes.next()) is not None:
                 yield change
             raise NotConnected(f"the connection to {self.endpoint} was lost")
-        finally:
-            self._feeds.discard(feed)
-            self.dropped += feed.dropped
-            await quietly(subscription.delete())
 
 
 def _encrypted_endpoint(

@@ -20,25 +20,27 @@ from collections.abc import AsyncGenerator, AsyncIterator, Awaitable, Callable, 
 from typing import TYPE_CHECKING, Any, Final
 
 from asyncua import Client, ua
+from asyncua.common.subscription import Subscription
 
 from ua_fleet.client.convert import plain_value
 from ua_fleet.client.methods import NotDone, call_method, text, texts
 from ua_fleet.client.robots import RobotInvalid
 from ua_fleet.client.scenarios import Problem
-from ua_fleet.client.translated import quietly, translated
+from ua_fleet.client.subscriptions import Feed, Subscriptions
+from ua_fleet.client.translated import translated
 from ua_fleet.errors import NotConnected, UaFleetError
+from ua_fleet.topics import TYPES_URI
 
 if TYPE_CHECKING:
-    from ua_fleet.client.events import Feed
     from ua_fleet.client.fleet_client import FleetClient
 
 __all__ = ["OfferedSkill", "SkillRequest", "offering"]
 
-_TYPES_URI: Final = "http://ua-fleet.org/UA/"
 _EVENT: Final = 1030
 """SkillRequestEventType; see nodesets/UaFleet.NodeIds.csv."""
 _OFFERS: Final = "Fleet.Offers"
 _QUEUE: Final = 10_000
+"""Requests that may wait for whoever does them; then the oldest is dropped, and counted in `FleetClient.dropped`."""
 
 
 class SkillRequest:
@@ -81,19 +83,19 @@ class SkillRequest:
 Do = Callable[[SkillRequest], Awaitable[Mapping[str, Any] | None]]
 
 
-class OfferedSkill:
+class OfferedSkill(Feed[SkillRequest]):
     """A skill while this client offers it: what it is asked for, one after the other."""
 
     def __init__(self, client: FleetClient, robot: str, skill: str, endpoint: str) -> None:
+        super().__init__(_QUEUE)
         self._client, self._robot, self._skill, self._endpoint = client, robot, skill, endpoint
-        self._queue: asyncio.Queue[SkillRequest | None] = asyncio.Queue()
         self._known: dict[str, SkillRequest] = {}
 
     def __aiter__(self) -> AsyncIterator[SkillRequest]:
         return self
 
     async def __anext__(self) -> SkillRequest:
-        request = await self._queue.get()
+        request = await self.next()
         if request is None:
             raise NotConnected(f"the connection to {self._endpoint} was lost, and with it the offer")
         return request
@@ -122,7 +124,7 @@ class OfferedSkill:
             return
         if event.State == "asked":
             values = [plain_value(variant.Value) for variant in event.Arguments or ()]
-            self.put(str(event.ExecutionId), dict(zip(event.ArgumentNames or (), values, strict=True)))
+            self.ask(str(event.ExecutionId), dict(zip(event.ArgumentNames or (), values, strict=True)))
         elif (known := self._known.get(str(event.ExecutionId))) is not None:
             if event.State == "halt":
                 known.halted.set()
@@ -130,20 +132,12 @@ class OfferedSkill:
                 known.is_over = True
                 del self._known[known.id]
 
-    def put(self, execution_id: str, arguments: Mapping[str, Any]) -> None:
+    def ask(self, execution_id: str, arguments: Mapping[str, Any]) -> None:
         """Take a request that is new to us."""
         if execution_id not in self._known:
             request = SkillRequest(self._client, self._robot, self._skill, execution_id, arguments)
             self._known[execution_id] = request
-            self._queue.put_nowait(request)
-
-    def status_change_notification(self, status: ua.StatusChangeNotification) -> None:
-        """Called by asyncua when the server ends the subscription."""
-        self.lose()
-
-    def lose(self) -> None:
-        """No more requests will come."""
-        self._queue.put_nowait(None)
+            self.put(request)
 
 
 async def _say_failed(request: SkillRequest, error: Exception) -> None:
@@ -155,32 +149,33 @@ async def _say_failed(request: SkillRequest, error: Exception) -> None:
 async def offering(
     client: FleetClient,
     connection: Client,
-    feeds: set[Feed],
+    subscriptions: Subscriptions,
     robot: str,
     skill: str,
     definition: str | Mapping[str, Any] = "",
 ) -> AsyncGenerator[OfferedSkill]:
-    """See FleetClient.offer_skill; `feeds` is where the handler stands, so that it is told of a lost connection."""
+    """See FleetClient.offer_skill."""
     said = definition if isinstance(definition, str) else json.dumps(definition)
     offered = OfferedSkill(client, robot, skill, client.endpoint)
     with translated(client.endpoint):
-        index = await connection.get_namespace_index(_TYPES_URI)
-        subscription = await connection.create_subscription(50, offered, queue_maxsize=_QUEUE)
-        feeds.add(offered)
+        index = await connection.get_namespace_index(TYPES_URI)
         event_type = connection.get_node(ua.NodeId(ua.Int32(_EVENT), ua.Int16(index)))
-        await subscription.subscribe_events(ua.ObjectIds.Server, event_type, queuesize=_QUEUE)
-    try:
+
+    def begin(subscription: Subscription) -> Awaitable[object]:
+        return subscription.subscribe_events(ua.ObjectIds.Server, event_type, queuesize=_QUEUE)
+
+    async with subscriptions.open(offered, 50, begin):
         done = await call_method(client, _OFFERS, "OfferSkill", text(robot), text(skill), text(said))
         _, problems, lines = done.outputs
         if problems:
             raise RobotInvalid([Problem(line, problem) for line, problem in zip(lines, problems, strict=True)])
         done.check()
-        await _take_open(client, offered, robot, skill)
-        yield offered
-        await quietly(call_method(client, _OFFERS, "WithdrawSkill", text(robot), text(skill)))
-    finally:
-        feeds.discard(offered)
-        await quietly(subscription.delete())
+        try:
+            await _take_open(client, offered, robot, skill)
+            yield offered
+        finally:
+            with contextlib.suppress(UaFleetError):  # a lost connection withdraws it too
+                await call_method(client, _OFFERS, "WithdrawSkill", text(robot), text(skill))
 
 
 async def _take_open(client: FleetClient, offered: OfferedSkill, robot: str, skill: str) -> None:
@@ -191,4 +186,4 @@ async def _take_open(client: FleetClient, offered: OfferedSkill, robot: str, ski
         *[reading.value or () for reading in readings], strict=False
     ):
         if (its_robot, its_skill, taken_by) == (robot, skill, ""):
-            offered.put(execution_id, json.loads(arguments))
+            offered.ask(execution_id, json.loads(arguments))

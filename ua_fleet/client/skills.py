@@ -16,7 +16,6 @@ Events come by one subscription to the Server object, made before the first Star
 from __future__ import annotations
 
 import asyncio
-import math
 from collections import OrderedDict
 from collections.abc import AsyncGenerator, Awaitable, Callable, Mapping
 from dataclasses import dataclass, field
@@ -24,15 +23,17 @@ from datetime import UTC, datetime
 from typing import Any, Final
 
 from asyncua import Client, Node, ua
+from asyncua.common.subscription import Subscription
 
 from ua_fleet.client.convert import plain_value
+from ua_fleet.client.subscriptions import subscribe
 from ua_fleet.client.translated import NodeNotFound, translated
 from ua_fleet.errors import AccessRefused, NotConnected, RobotOffline, SkillFailed, SkillRejected, SkillTimeout
-from ua_fleet.values import Quality, StatusCode, quality_of
+from ua_fleet.topics import TYPES_URI
+from ua_fleet.values import Quality, StatusCode, is_finite, quality_of
 
 __all__ = ["SkillArgument", "SkillCalls", "SkillEvent", "SkillExecution", "SkillInfo", "fitting"]
 
-_TYPES_URI: Final = "http://ua-fleet.org/UA/"
 _EVENT_TYPE: Final = 1011
 """SkillTransitionEventType; see nodesets/UaFleet.NodeIds.csv."""
 _FOLDER: Final = ua.NodeId(ua.Int32(ua.ObjectIds.FolderType))
@@ -276,10 +277,13 @@ class SkillCalls:
         async with self._subscribing:
             if self._is_subscribed:
                 return
-            index = await self._client.get_namespace_index(_TYPES_URI)
-            subscription = await self._client.create_subscription(50, self, queue_maxsize=_QUEUE)
+            index = await self._client.get_namespace_index(TYPES_URI)
             event_type = self._client.get_node(ua.NodeId(ua.Int32(_EVENT_TYPE), ua.Int16(index)))
-            await subscription.subscribe_events(ua.ObjectIds.Server, event_type, queuesize=_QUEUE)
+
+            def begin(subscription: Subscription) -> Awaitable[object]:
+                return subscription.subscribe_events(ua.ObjectIds.Server, event_type, queuesize=_QUEUE)
+
+            await subscribe(self._client, self, 50, begin)
             self._is_subscribed = True
 
     async def _collect(self, folder: Node, names: list[str]) -> None:
@@ -353,7 +357,7 @@ def fitting(value: Any, kind: ua.VariantType) -> Any:
         return value if isinstance(value, bool) else None
     if kind is ua.VariantType.String:
         return value if isinstance(value, str) else None
-    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+    if isinstance(value, bool) or not isinstance(value, int | float) or not is_finite(value):
         return None
     if kind.value not in _INTEGERS:
         return float(value)

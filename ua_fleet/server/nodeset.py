@@ -13,11 +13,10 @@ from typing import Final
 from asyncua.server.server import Server
 
 from ua_fleet.errors import ServerStartError
+from ua_fleet.topics import TYPES_URI
 
-__all__ = ["TYPES_INDEX", "TYPES_URI", "TypeId", "load_types", "nodeset_file"]
+__all__ = ["TYPES_INDEX", "TypeId", "load_types", "nodeset_file"]
 
-TYPES_URI: Final = "http://ua-fleet.org/UA/"
-"""Namespace of the UaFleet types. A name, not an address."""
 TYPES_INDEX: Final = 3
 
 

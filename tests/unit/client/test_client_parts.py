@@ -19,8 +19,9 @@ from cryptography.hazmat.primitives.serialization import load_pem_private_key
 from tests.integration.server_security.harness import load, make_certificate
 from ua_fleet.client.addresses import parse_address
 from ua_fleet.client.convert import parse_value, plain_value
-from ua_fleet.client.fleet_client import Reading, _Feed  # pyright: ignore[reportPrivateUsage]
+from ua_fleet.client.fleet_client import Reading
 from ua_fleet.client.identity import ClientIdentity
+from ua_fleet.client.subscriptions import Feed
 from ua_fleet.errors import AccessRefused
 from ua_fleet.server.certificates import CertificateFiles
 from ua_fleet.values import StatusCode
@@ -231,7 +232,7 @@ def test_a_broken_list_of_servers_is_said(tmp_path: Path, content: str) -> None:
 
 
 async def test_a_slow_consumer_loses_the_oldest_changes_and_hears_the_end() -> None:
-    feed = _Feed(size=3)
+    feed = Feed[Reading](3)
     for number in range(5):
         feed.put(Reading("i=1", number, "Int32", 0, None, None))
     feed.put(None)

@@ -12,7 +12,8 @@ from asyncua.server.server import Server
 
 from ua_fleet.errors import ServerStartError
 from ua_fleet.fleet import RobotState
-from ua_fleet.server.nodeset import TYPES_INDEX, TYPES_URI, TypeId, load_types, nodeset_file
+from ua_fleet.server.nodeset import TYPES_INDEX, TypeId, load_types, nodeset_file
+from ua_fleet.topics import TYPES_URI
 
 NS = {"n": "http://opcfoundation.org/UA/2011/03/UANodeSet.xsd"}
 

@@ -168,13 +168,16 @@ class SkillCommands:
         self._sooner()
 
     def halt(self, topic: Topic, robot: str, execution_id: bytes) -> None:
-        """Have a robot stop an execution. How it ends is told as ever; said again, the same request is meant.
+        """Have a robot stop an execution, or not begin it any more, where it has not answered yet.
+
+        How it ends is told as ever; said again, the same request is meant.
 
         Raises:
             RobotOffline: nobody has announced the Action.
             SkillRejected: the robot has no way to stop; `ua_status` is Bad_NotSupported then.
             StorageUnavailable: the request could not be recorded, and was not sent.
         """
+        self._do(self._requestor.withdraw(execution_id, self._clock()))
         self._control(HALT_TARGETS, topic, robot, halt_id(execution_id), None)
 
     def suspend_execution(self, topic: Topic, robot: str, execution_id: bytes) -> None:

@@ -35,6 +35,7 @@ class Request(NamedTuple):
     issued: int
     """Ticks; strictly increasing over all requests of a journal."""
     timeout_ms: int
+    """0: it was withdrawn, and only asks."""
     outcome: Outcome | None = None
 
 
@@ -57,6 +58,10 @@ class RequestorJournal(Protocol):
 
     def requested(self, request: Request) -> None:
         """A new request, before it is sent. Its id is not in the journal."""
+        ...
+
+    def withdrawn(self, execution_id: bytes) -> None:
+        """A request must not be begun any more; its timeout is 0."""
         ...
 
     def concluded(self, execution_id: bytes, outcome: Outcome) -> None:
@@ -107,6 +112,10 @@ class MemoryJournal:
     def requested(self, request: Request) -> None:
         """See RequestorJournal."""
         self._requests[request.execution_id] = request
+
+    def withdrawn(self, execution_id: bytes) -> None:
+        """See RequestorJournal."""
+        self._requests[execution_id] = self._requests[execution_id]._replace(timeout_ms=0)
 
     def concluded(self, execution_id: bytes, outcome: Outcome) -> None:
         """See RequestorJournal."""

@@ -6,7 +6,7 @@ A request is journaled, then sent as ActionState Executing, and repeated (OPC 10
     (none)   start                                                     journal, send Executing           -> ASKING
     ASKING   interval over, neither Executing nor Done heard in it     send Executing again
     ASKING   Executing heard                                           wait for Done, ask again if it falls silent
-    ASKING   timeout over                                              ask on with TimeoutHint 0
+    ASKING   timeout over, or `withdraw`                               ask on with TimeoutHint 0
     ASKING   Done heard                                                journal outcome, tell it, send Idle -> CLOSING
     ASKING   timeout and grace over                                    journal Unknown, tell it          -> closed
     CLOSING  interval over, no Idle heard                              send Idle again, a few times      -> closed
@@ -196,6 +196,19 @@ class Requestor:
         self._last_issued = request.issued
         self._requests[execution_id] = request
         return self._ask(request, now, now + timeout_ms / 1000)
+
+    def withdraw(self, execution_id: bytes, now: float) -> list[RequestorEffect]:
+        """Have a request that nobody has answered yet begun no more: from now on it only asks.
+
+        Where the journal cannot write that, it holds until a restart.
+        """
+        exchange = self._exchanges.get(execution_id)
+        if exchange is None or exchange.phase is not _Phase.ASKING or exchange.deadline <= now:
+            return []
+        exchange.deadline = exchange.next_at = now
+        self._journal.withdrawn(execution_id)
+        request = self._requests[execution_id] = self._requests[execution_id]._replace(timeout_ms=0)
+        return [self._say(request, exchange, now)]
 
     def receive(self, message: ActionMessage, now: float, *, verified: bool = False) -> list[RequestorEffect]:
         """Take a response with its `others`. What is not for us is left alone."""

@@ -65,6 +65,10 @@ class SqliteJournal:
         )
         self._database.commit(_insert("requests", _REQUEST_COLUMNS, row))
 
+    def withdrawn(self, execution_id: bytes) -> None:
+        """See RequestorJournal."""
+        self._update("UPDATE requests SET timeout_ms = 0 WHERE execution_id = ?", (execution_id,))
+
     def concluded(self, execution_id: bytes, outcome: Outcome) -> None:
         """See RequestorJournal."""
         self._update(

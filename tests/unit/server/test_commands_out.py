@@ -207,3 +207,12 @@ async def test_silence_is_unknown_and_may_be_corrected() -> None:
     bench.respond(request, now=later)
     assert bench.told == [OutcomeKind.UNKNOWN, OutcomeKind.ACCEPTED]
     assert bench.commands.outcomes == {"unknown": 1, "corrected": 1}
+
+
+async def test_what_is_halted_before_its_robot_has_answered_is_begun_no_more() -> None:
+    """The robot may be away, and hear of the request when it comes back."""
+    bench = announced(Bench())
+    bench.commands.request(ACTION, "arm", ("bin",), 5.0, bytes(16))
+    with pytest.raises(SkillRejected, match="no way to stop"):
+        bench.commands.halt(ACTION, "arm", bytes(16))
+    assert [request.timeout_hint_ms for request in bench.requests()] == [5000.0, 0.0]

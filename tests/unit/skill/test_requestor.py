@@ -319,3 +319,38 @@ def test_a_requestor_id() -> None:
     assert RequestorName.parse(name.text) == name == (65_535, "cell-1_b")
     with pytest.raises(ValueError, match="cannot stand"):
         RequestorName.checked(0, "a.b")
+
+
+def test_a_request_that_is_withdrawn_only_asks_from_then_on_also_after_a_restart() -> None:
+    journal = MemoryJournal()
+    requestor = make(journal)
+    start(requestor)
+    asks = sent(requestor.withdraw(ID, 0.25))
+    assert (asks.action_state, asks.timeout_hint_ms, asks.timestamp) == (ActionState.EXECUTING, 0.0, UTC)
+    assert requestor.withdraw(ID, 0.26) == []
+    assert sent(requestor.poll(requestor.next_deadline() or 0.0)).timeout_hint_ms == 0.0
+    again = make(journal)
+    assert sent(again.resume(0.0, UTC + 100)).timeout_hint_ms == 0.0
+    never = Report(ExecutionState.TIMED_OUT, StatusCode.BAD_TIMEOUT)
+    told = again.receive(said(ActionState.DONE, never), 0.5)
+    assert Concluded(ID, Outcome(OutcomeKind.TIMED_OUT, never)) in told
+
+
+def test_what_was_answered_or_never_asked_is_not_withdrawn() -> None:
+    requestor = make()
+    start(requestor)
+    requestor.receive(RUNNING, 0.1)
+    assert requestor.withdraw(ID, 0.2) == []
+    assert requestor.withdraw(OTHER_ID, 0.2) == []
+
+
+def test_a_withdrawal_that_cannot_be_written_holds_until_a_restart() -> None:
+    class NeverWithdrawn(MemoryJournal):
+        def withdrawn(self, execution_id: bytes) -> None:
+            raise StorageUnavailable("the disk is full")
+
+    requestor = make(NeverWithdrawn())
+    start(requestor)
+    with pytest.raises(StorageUnavailable):
+        requestor.withdraw(ID, 0.25)
+    assert sent(requestor.poll(0.25)).timeout_hint_ms == 0.0

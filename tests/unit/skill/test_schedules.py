@@ -42,13 +42,15 @@ KINDS = {
     "unknown, done 0 times",
     "unknown, done 1 times",
     "corrected",
+    "withdrawn, accepted",
+    "withdrawn, timed_out",
     "queried",
     "requestor restarted",
     "responder restarted",
     "crash requestor between effects",
     "crash responder between effects",
     "crash responder when the robot was told",
-    *(f"crash {when} {what}" for when in ("before", "after") for what in ("requested", "concluded")),
+    *(f"crash {when} {what}" for when in ("before", "after") for what in ("requested", "withdrawn", "concluded")),
     *(f"crash {when} {what}" for when in ("before", "after") for what in ("recorded", "reported", "forgotten")),
 }
 
@@ -79,6 +81,9 @@ class KeepsNoIntents(CrashingJournal):
 
 class KeepsNoRequests(CrashingJournal):
     def requested(self, request: Request) -> None:
+        pass
+
+    def withdrawn(self, execution_id: bytes) -> None:
         pass
 
     def concluded(self, execution_id: bytes, outcome: Outcome) -> None:
@@ -138,6 +143,11 @@ class TakesSilenceForYes(Requestor):
         return super()._conclude(request, outcome)
 
 
+class WithdrawsNothing(Requestor):
+    def withdraw(self, execution_id: bytes, now: float) -> list[RequestorEffect]:
+        return []
+
+
 @pytest.mark.parametrize(
     "makers",
     [
@@ -150,6 +160,7 @@ class TakesSilenceForYes(Requestor):
         Makers(responder=SetsNoMark),
         Makers(requestor=TakesSilenceForNo),
         Makers(requestor=TakesSilenceForYes),
+        Makers(requestor=WithdrawsNothing),
     ],
     ids=lambda makers: next(
         made.__name__

@@ -86,6 +86,9 @@ class CrashingJournal(MemoryJournal):
     def requested(self, request: Request) -> None:
         self._write("requested", lambda: super(CrashingJournal, self).requested(request))
 
+    def withdrawn(self, execution_id: bytes) -> None:
+        self._write("withdrawn", lambda: super(CrashingJournal, self).withdrawn(execution_id))
+
     def concluded(self, execution_id: bytes, outcome: Outcome) -> None:
         self._write("concluded", lambda: super(CrashingJournal, self).concluded(execution_id, outcome))
 
@@ -106,6 +109,8 @@ class Robot:
     told: int = 0
     late: bool = False
     """Whether that was later than its request allows."""
+    told_withdrawn: bool = False
+    """Whether that was after the request was withdrawn, and nothing of it on its way any more."""
     tells: bool = True
     """Whether it can say later what became of an execution."""
     report: Report | None = None
@@ -125,6 +130,8 @@ class Wish:
     answered: bool = False
     """A Done for it reached the requestor while it still asked, and it lived to journal that."""
     from_silence: bool = False
+    withdrawn_at: float | None = None
+    """When the requestor said that it must not be begun any more."""
 
 
 @dataclass(frozen=True)
@@ -205,6 +212,8 @@ class World:
             self._at(when, partial(self._wish, wish))
             if chance.random() < 0.2:
                 self._at(when + chance.uniform(0.0, 2.0), partial(self._wish, wish))
+            if chance.random() < 0.2:
+                self._at(when + chance.uniform(0.0, 1.5), partial(self._withdraw, wish))
         if self._crash:
             for down in (self._requestor_down, self._responder_down):
                 if chance.random() < 0.3:
@@ -254,6 +263,14 @@ class World:
         )
         if all(request.execution_id != wish.execution_id for request in self._requestor_journal.requests()):
             self._at(self.now + 0.5, lambda: self._wish(wish))  # the application never heard that it was journaled
+
+    def _withdraw(self, wish: Wish) -> None:
+        self._in_requestor(lambda requestor: requestor.withdraw(wish.execution_id, self.now))
+        wish_is_there = self._requestor is not None and wish.execution_id in {
+            request.execution_id for request in self._requestor_journal.requests()
+        }
+        if wish_is_there and wish.outcome is None:
+            wish.withdrawn_at = self.now
 
     def _hear_response(self, datagram: bytes, _: Address) -> None:
         message = self._unwrap(datagram)
@@ -330,6 +347,9 @@ class World:
         deadline = execution.issued + execution.timeout_ms * 10_000 + round(LIMITS.clock_tolerance_s * 10_000_000)
         wish.robot.late = wish.robot.late or self._utc(self._skew_ticks) > deadline
         wish.robot.told += 1
+        on_its_way_s = self.network.max_delay_s + 0.001
+        if wish.withdrawn_at is not None and self.now > wish.withdrawn_at + on_its_way_s and not self._crash:
+            wish.robot.told_withdrawn = True
         self._at(self.now + wish.lasts_s, lambda: self._robot_ends(wish))
         self._maybe_crash("responder when the robot was told")
         self._in_responder(lambda responder: responder.begun(execution_id, self.now))
@@ -417,6 +437,8 @@ class World:
             return f"done {told} times"
         if wish.robot.late:
             return "begun late"
+        if wish.robot.told_withdrawn:
+            return "begun after it was withdrawn"
         if wish.outcome is None:
             return "no outcome"
         kind = wish.outcome.kind
@@ -443,6 +465,7 @@ class World:
             return
         kind, report = wish.outcome
         self.seen[kind] += 1
+        self.seen[f"withdrawn, {kind}"] += wish.withdrawn_at is not None
         if kind is OutcomeKind.UNKNOWN:
             self.seen[f"unknown, done {wish.robot.told} times"] += 1
             self.seen["unknown for want of an answer" if wish.from_silence else "unknown to the responder"] += 1

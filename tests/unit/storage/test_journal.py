@@ -50,10 +50,12 @@ def test_requests_are_remembered_with_their_outcomes(journal: RequestorJournal) 
     journal.requested(request(4, ACCEPTED))
     journal.concluded(id_of(2), Outcome(OutcomeKind.UNKNOWN, Report(ExecutionState.UNKNOWN)))
     journal.concluded(id_of(2), ACCEPTED)
-    assert list(journal.requests()) == [request(1), request(2, ACCEPTED), request(3), request(4, ACCEPTED)]
+    journal.withdrawn(id_of(3))
+    withdrawn = request(3)._replace(timeout_ms=0)
+    assert list(journal.requests()) == [request(1), request(2, ACCEPTED), withdrawn, request(4, ACCEPTED)]
     journal.forget_requests([id_of(1), id_of(2)])
     journal.forget_requests([])
-    assert list(journal.requests()) == [request(3), request(4, ACCEPTED)]
+    assert list(journal.requests()) == [withdrawn, request(4, ACCEPTED)]
 
 
 def test_executions_are_remembered_in_the_order_in_which_they_were_recorded(journal: ResponderJournal) -> None:
@@ -72,6 +74,8 @@ def test_executions_are_remembered_in_the_order_in_which_they_were_recorded(jour
 def test_what_is_not_there_cannot_change(journal: MemoryJournal | SqliteJournal) -> None:
     with pytest.raises(KeyError):
         journal.concluded(id_of(1), ACCEPTED)
+    with pytest.raises(KeyError):
+        journal.withdrawn(id_of(1))
     with pytest.raises(KeyError):
         journal.reported(id_of(1), DONE)
 

@@ -41,6 +41,8 @@ MISSED_ANSWERS: Final = 3
 LEAST_SILENCE_S: Final = 2.0
 _OFFLINE: Final = "the robot takes no connection for commands; see that it is on and in remote control"
 
+_BROKEN: Final = "the connection broke before the command was sent; ask again when the robot is connected"
+
 TcpSkill = ConfiguredSkill[TcpSkillMapping]
 
 
@@ -86,7 +88,7 @@ class _Source:
 
 
 class DirectSession:
-    """One robot's command socket. `write` sends bytes, `reset` ends the connection for a reason."""
+    """One robot's command socket. `write` sends bytes, False: it did not; `reset` ends the connection for a reason."""
 
     def __init__(
         self,
@@ -94,7 +96,7 @@ class DirectSession:
         skills: Sequence[TcpSkill],
         data: Sequence[RobotData],
         put: Put,
-        write: Callable[[bytes], None],
+        write: Callable[[bytes], bool],
         reset: Callable[[str], None],
         now: float,
     ) -> None:
@@ -218,9 +220,10 @@ class DirectSession:
             self._waiting = (command, execution, data)
 
     def _tell(self, command: _Command, execution: Execution, data: bytes) -> None:
-        self._awaiting = (command, execution) if command.done is not None else self._awaiting
-        self._write(data)
-        if command.done is not None:
+        if not self._write(data):
+            self._executing.end(execution.execution_id, Ended(StatusCode.BAD_NO_COMMUNICATION, (), _BROKEN))
+        elif command.done is not None:
+            self._awaiting = (command, execution)
             self._executing.progress(execution.execution_id, 0.0)
         else:
             self._executing.end(execution.execution_id, Ended(StatusCode.GOOD, (), "it was sent to the robot"))
@@ -248,7 +251,8 @@ class DirectSession:
         command = self._commands[execution.topic]
         if command.halt is None:
             raise SkillRejected(f"{command.skill.label} cannot be stopped: it has no `halt`")
-        self._write(self._encoded(command.halt.render(_arguments(command.skill, execution))))
+        if not self._write(self._encoded(command.halt.render(_arguments(command.skill, execution)))):
+            raise RobotOffline(_BROKEN)
         self._ended(execution.execution_id, halted)
 
     def _ended(self, execution_id: bytes, ended: Ended) -> None:
@@ -272,10 +276,9 @@ class DirectSession:
         except SkillRejected as error:
             self._sources.dropped(Drop.CONVERSION, f"{data.label}: {error}")
             return False
-        if not self._is_connected:
+        if not self._is_connected or not self._write(written):
             self._sources.dropped(Drop.NOT_CONNECTED, f"{data.label}: {_OFFLINE}")
             return False
-        self._write(written)
         return True
 
     def writes(self, topic: Any) -> bool:

@@ -63,7 +63,7 @@ class InterpreterSession:
         link: InterpreterLink,
         sources: Sequence[RobotData],
         put: Put,
-        write: Callable[[bytes], None],
+        write: Callable[[bytes], object],
         reset: Callable[[str], None],
         now: float,
     ) -> None:

@@ -21,6 +21,8 @@ APPEARS_S: Final = 3.0
 """What is begun while the robot is not connected waits so long from the start, or the loss, for the connection."""
 FIRST_PAUSE_S: Final = 0.1
 LONGEST_PAUSE_S: Final = 5.0
+STEADY_S: Final = 2.0
+"""A connection that is lost sooner does not end the growing of the pauses."""
 MISTAKE_PAUSE_S: Final = 1.0
 CONNECT_S: Final = 5.0
 """A connection that is not there by then is tried anew."""
@@ -66,6 +68,7 @@ class Link:
         self._listener: socket.socket | None = None
         self._socket: socket.socket | None = None
         self._is_up = False
+        self._up_at = 0.0
         self._unsent = bytearray()
         self._pause_s = FIRST_PAUSE_S
         self._timers: dict[Callable[[], None], asyncio.TimerHandle] = {}
@@ -250,7 +253,7 @@ class Link:
     def _up(self) -> None:
         assert self._socket is not None
         assert self._session is not None
-        self._is_up, self._pause_s = True, FIRST_PAUSE_S
+        self._is_up, self._up_at = True, time.monotonic()
         self._unsent.clear()
         self._loop.add_reader(self._socket.fileno(), self._do, self._readable)
         self._say(f"connected to {self._where()}" if not self._listens else f"{self._peer} is connected")
@@ -262,9 +265,13 @@ class Link:
         if self._is_up:
             self._is_up = False
             if not self._is_stopped:
-                self._say(f"the connection to the robot is lost: {why}")
-                if not self._listens:
-                    self._in(FIRST_PAUSE_S, self._again)
+                if time.monotonic() >= self._up_at + STEADY_S:
+                    self._pause_s = FIRST_PAUSE_S
+                lost = f"the connection to the robot is lost: {why}"
+                if self._listens:
+                    self._say(lost)
+                else:
+                    self._later(lost)
             assert self._session is not None
             self._session.lost(time.monotonic())
 
@@ -288,11 +295,11 @@ class Link:
         self._session.received(data, time.monotonic(), time.time_ns())
         self._turn()
 
-    def write(self, data: bytes) -> None:
-        """Send bytes, at once where the kernel takes them."""
+    def write(self, data: bytes) -> bool:
+        """Send bytes, at once where the kernel takes them; False where the connection is over."""
         made = self._socket
         if made is None or not self._is_up:
-            return
+            return False
         if self._unsent:
             self._unsent += data
         else:
@@ -302,13 +309,15 @@ class Link:
                 sent = 0
             except OSError as error:
                 self._loop.call_soon(self._do, self._broken, made, _reason(error))
-                return
+                return False
             if sent == len(data):
-                return
+                return True
             self._unsent += data[sent:]
             self._loop.add_writer(made.fileno(), self._do, self._writable)
         if len(self._unsent) > MOST_UNSENT:
             self._loop.call_soon(self._do, self._broken, made, "it does not read what it is sent")
+            return False
+        return True
 
     def _broken(self, made: socket.socket, why: str) -> None:
         if self._socket is made:

@@ -26,7 +26,7 @@ class Encoded(NamedTuple):
 class Outbox:
     """Messages in their order, never one within another."""
 
-    def __init__(self, link: InterpreterLink, write: Callable[[bytes], None]) -> None:
+    def __init__(self, link: InterpreterLink, write: Callable[[bytes], object]) -> None:
         self._writer, self._write = FieldWriter(link), write
         self._one_by_one = link.framing is Framing.ACKNOWLEDGED
         self._waiting: deque[Encoded] = deque()

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import asyncio
 import socket
+import struct
+from contextlib import suppress
 
 import pytest
 
@@ -11,7 +13,15 @@ from tests.contract.harness import until
 from tests.integration.tcp.conftest import StartRobot, direct_fleet, running
 from tests.integration.tcp.test_interpreter import METADATA, SPEED, message
 from tests.system import free_tcp_port
-from ua_fleet.bridge.driver import ExecutionEnded, ExecutionForgotten, ExecutionProgressed, SampleRead, SourceLost
+from ua_fleet.bridge.driver import (
+    ExecutionEnded,
+    ExecutionForgotten,
+    ExecutionProgressed,
+    SampleRead,
+    SourceFound,
+    SourceLost,
+)
+from ua_fleet.counters import Drop
 from ua_fleet.values import Quality, quality_of
 
 ID, OTHER, THIRD = bytes(range(16)), bytes(range(16, 32)), bytes(range(32, 48))
@@ -51,6 +61,28 @@ async def test_each_address_of_a_robot_is_tried(start_robot: StartRobot, monkeyp
     async with running(direct_fleet(f"robot.test:{port}")) as one:
         await until(lambda: one.facts(SampleRead), "a position")
         assert one.driver.status().connected
+
+
+async def test_what_is_said_into_a_broken_connection_is_dropped_and_counted() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        async with running(direct_fleet(f"127.0.0.1:{listener.getsockname()[1]}")) as one:
+            robot, _ = await asyncio.to_thread(listener.accept)
+            await until(lambda: one.driver.status().connected, "the connection")
+            robot.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
+            robot.close()  # with a reset, which the bridge has not seen yet
+            assert not one.driver.publish(SPEED, METADATA, message(0.25))
+            assert one.recorder.dropped(Drop.NOT_CONNECTED) == 1
+
+
+async def test_a_robot_that_ends_each_connection_is_tried_more_and_more_rarely() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        async with running(direct_fleet(f"127.0.0.1:{listener.getsockname()[1]}")) as one:
+            ending = asyncio.get_running_loop().time() + 1.2
+            while asyncio.get_running_loop().time() < ending:
+                with suppress(TimeoutError):
+                    listener.settimeout(0.1)
+                    (await asyncio.to_thread(listener.accept))[0].close()
+            assert 2 <= len(one.facts(SourceFound)) <= 4  # after 0.1, 0.3 and 0.7 s
 
 
 async def test_a_robot_that_goes_away_leaves_it_unknown_and_comes_back(start_robot: StartRobot) -> None:

@@ -43,13 +43,14 @@ class Robot:
         self.sent: list[bytes] = []
         self.resets: list[str] = []
         self.now = 0.0
+        self.takes = True
         self.skills = {skill.name: skill for skill in configured_skills(config, "cell", TcpSkillMapping)}
         self.session = DirectSession(
             bridge.direct,
             list(self.skills.values()),
             [*configured_sources(config, "cell", TcpSource), *configured_sinks(config, "cell", TcpSink)],
             self.told.append,
-            self.sent.append,
+            self._write,
             self._reset,
             self.now,
         )
@@ -57,6 +58,11 @@ class Robot:
             self.session.connected(self.now)
             assert self.sent == [b"COUNT?\n"]
             self.sent.clear()
+
+    def _write(self, data: bytes) -> bool:
+        if self.takes:
+            self.sent.append(data)
+        return self.takes
 
     def _reset(self, why: str) -> None:
         self.resets.append(why)
@@ -105,6 +111,36 @@ def test_without_an_answer_it_is_done_when_it_is_sent() -> None:
     robot.execute("home", execution_id=OTHER)
     assert robot.sent[-1] == b"home()\n"
     assert robot.facts(ExecutionEnded)[0][:2] == (OTHER, 0)
+
+
+def test_what_could_not_be_sent_is_not_done() -> None:
+    robot = Robot()
+    robot.execute("move", 0.5, "left")
+    robot.takes = False
+    robot.execute("home", execution_id=OTHER)
+    (ended,) = robot.facts(ExecutionEnded)
+    assert ended[:2] == (OTHER, StatusCode.BAD_NO_COMMUNICATION)
+    assert "broke before" in ended.message
+    assert not robot.session.inform(SPEED, (0.5,))
+    assert robot.drops(Drop.NOT_CONNECTED) == 1
+
+
+def test_a_command_that_could_not_be_sent_awaits_no_answer() -> None:
+    robot = Robot()
+    robot.takes = False
+    robot.execute("move", 0.5, "left")
+    assert robot.facts(ExecutionEnded)[0][:2] == (ID, StatusCode.BAD_NO_COMMUNICATION)
+    robot.session.lost(robot.now)
+    assert robot.facts(ExecutionForgotten) == []
+
+
+def test_a_halt_that_could_not_be_sent_is_told() -> None:
+    robot = Robot()
+    execution = robot.execute("move", 0.5, "left")
+    robot.takes = False
+    with pytest.raises(RobotOffline, match="broke before"):
+        robot.session.halt(execution, robot.now)
+    assert robot.facts(ExecutionEnded) == []
 
 
 def test_one_answer_is_awaited_at_a_time() -> None:

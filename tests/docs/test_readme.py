@@ -11,6 +11,7 @@ from tests.docs.walkthrough import Walk
 from tests.unit.docs.pages import ROOT
 
 
+@pytest.mark.timeout(300)
 @pytest.mark.needs("ros2")
 def test_a_fleet_of_your_own(
     folder: Path, environment: dict[str, str], processes: system.Processes, ros_domain: int

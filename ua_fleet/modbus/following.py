@@ -12,7 +12,7 @@ from ua_fleet.skill.executions import ExecutionState
 from ua_fleet.skill.status import read_result
 from ua_fleet.values import Quality, StatusCode, quality_of
 
-__all__ = ["Followed", "follow_run", "follow_skill"]
+__all__ = ["Followed", "Patience", "follow_run", "follow_skill"]
 
 _STATES: Final = {
     ExecutionState.REFUSED: CommandState.REFUSED,
@@ -40,6 +40,22 @@ class Followed(NamedTuple):
     results: Mapping[str, Any] = {}
     patience_s: float | None = None
     """So long it is believed to run although nobody tells of it; None where it is told of."""
+
+
+class Patience:
+    """How long one command of which nobody tells is believed to run. Pure."""
+
+    def __init__(self) -> None:
+        self._since: float | None = None
+
+    def is_over(self, followed: Followed, now: float) -> bool:
+        """Whether it was not told of for too long by now (s, monotonic); ask after each look."""
+        if followed.patience_s is None:
+            self._since = None
+            return False
+        if self._since is None:
+            self._since = now
+        return now - self._since > followed.patience_s
 
 
 async def follow_skill(client: FleetClient, config: FleetConfig, robot: str, skill: str, execution_id: str) -> Followed:

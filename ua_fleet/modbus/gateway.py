@@ -7,7 +7,7 @@ comes meanwhile is refused, and one that runs is followed again afterwards.
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import AbstractAsyncContextManager, aclosing
 from typing import Any, Final
 
@@ -18,7 +18,7 @@ from ua_fleet.config.schema import FleetConfig
 from ua_fleet.errors import AccessRefused, NotConnected, SendTimeout, SkillError, UaFleetError
 from ua_fleet.modbus.commands import Asked, CommandDesk
 from ua_fleet.modbus.decisions import DecisionDesk
-from ua_fleet.modbus.following import Followed, follow_run, follow_skill
+from ua_fleet.modbus.following import Followed, Patience, follow_run, follow_skill
 from ua_fleet.modbus.image import Image
 from ua_fleet.modbus.memory import CommandMemory
 from ua_fleet.modbus.table import MappedValue, map_rows, modbus_commands, modbus_values
@@ -54,8 +54,7 @@ class Gateway:
         self._sets = {value.path: value for value in self._values if value.is_written}
         self._to_set: dict[str, MappedValue] = {}
         self._work = asyncio.Event()
-        self._untold_since: float | None = None
-        """Since when nobody tells of the command that runs, by the loop's clock."""
+        self._patience = Patience()
         self._told: set[str] = set()
         self.problem = "it has not reached the OPC UA server yet"
         """Why the OPC UA server is not there; empty while it is."""
@@ -115,6 +114,7 @@ class Gateway:
         for value in self._values:
             if value.quality is not None:
                 self.image.put(value.quality, False)
+        self._work.set()  # what was asked for and not begun is refused now
 
     async def _beat(self) -> None:
         count = 0
@@ -149,13 +149,29 @@ class Gateway:
         by_node: dict[str, list[MappedValue]] = {}
         for value in self._values:
             by_node.setdefault(value.node_id, []).append(value)
-        if not by_node:
+        known = await self._known(client, by_node, list(by_node))
+        if not known:
             return
-        async with aclosing(client.watch(list(by_node))) as changes:
+        async with aclosing(client.watch(known)) as changes:
             async for change in changes:
                 for value in by_node[change.node_id]:
                     if not (value.is_written and value.path in self._to_set):
                         self._show(value, change.value, change.status)
+
+    async def _known(
+        self, client: FleetClient, by_node: Mapping[str, list[MappedValue]], nodes: list[str]
+    ) -> list[str]:
+        """Those of the nodes that the server has: its fleet.yaml may be another one. The others are told of."""
+        try:
+            if nodes:
+                await client.read(nodes)
+        except NodeNotFound as error:
+            if len(nodes) == 1:
+                self._tell(f"{by_node[nodes[0]][0].path} cannot be shown: {error}")
+                return []
+            half = len(nodes) // 2
+            return [node for part in (nodes[:half], nodes[half:]) for node in await self._known(client, by_node, part)]
+        return nodes
 
     def _show(self, value: MappedValue, shown: Any, code: int) -> None:
         is_good = False
@@ -170,12 +186,12 @@ class Gateway:
 
     async def _command(self, client: FleetClient) -> None:
         scenarios = ScenarioClient(client)
-        self._untold_since = None  # nobody was listened to meanwhile
+        self._patience = Patience()  # nobody was listened to meanwhile
         while True:
             is_asked = self._desk.last.state is CommandState.ASKING
             await self._set_all(client)  # what was written before the command is set before it is begun
             if is_asked and (asked := self._desk.take()) is not None:
-                self._untold_since = None
+                self._patience = Patience()
                 await self._begin(client, scenarios, asked)
             if self._desk.last.state is CommandState.RUNNING:
                 await self._follow(client, scenarios)
@@ -199,7 +215,7 @@ class Gateway:
                 assert config.skill is not None
                 execution = await client.start_skill(config.robot, config.skill, **asked.arguments)
                 self._desk.began(execution.id)
-        except (NotConnected, SendTimeout):
+        except (NotConnected, SendTimeout, asyncio.CancelledError):  # cancelled: another task saw first that it is away
             text = "the answer was lost; see whether it was begun"
             self._desk.end(CommandState.UNKNOWN, StatusCode.UNCERTAIN, text)
             raise
@@ -223,14 +239,10 @@ class Gateway:
     def _told_of(self, followed: Followed, now: float) -> None:
         if followed.state is not CommandState.RUNNING:
             self._desk.end(followed.state, followed.status, followed.message, followed.results)
-            return
-        if followed.patience_s is None:
-            self._desk.progress(followed.progress)
-            self._untold_since = None
-        elif self._untold_since is None:
-            self._untold_since = now
-        elif now - self._untold_since > followed.patience_s:
+        elif self._patience.is_over(followed, now):
             self._desk.end(CommandState.UNKNOWN, StatusCode.UNCERTAIN, followed.message)
+        elif followed.patience_s is None:
+            self._desk.progress(followed.progress)
 
     async def _set_all(self, client: FleetClient) -> None:
         for path, value in list(self._to_set.items()):
@@ -253,9 +265,13 @@ class Gateway:
                     self._decisions.answered(answer, is_taken=False)
                 else:
                     self._decisions.answered(answer, is_taken=True)
-            decisions: list[DecisionInfo] = await scenarios.decisions()
-            faults: list[FaultInfo] = await scenarios.faults()
-            self._decisions.show(decisions, faults)
+            try:
+                decisions: list[DecisionInfo] = await scenarios.decisions()
+                faults: list[FaultInfo] = await scenarios.faults()
+            except NodeNotFound:
+                pass  # one of them went while they were read; the next look shows those that are there
+            else:
+                self._decisions.show(decisions, faults)
             await asyncio.sleep(POLL_S)
 
     def _tell(self, text: str) -> None:

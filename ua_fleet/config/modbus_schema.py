@@ -78,7 +78,8 @@ class ModbusServerConfig(Model, frozen=True):
     writers: tuple[Network, ...] = ()
     """Addresses, or networks, of the PLCs that may write; all others may read. Empty: nobody."""
     most_connections: int = Field(default=16, ge=1, le=1000)
-    """Connections at once; one more is closed."""
+    """Connections at once. One more is closed, or takes the place of the one that is silent longest, where that is so
+    for 10 s; a PLC of `writers` takes the place of any other client at once."""
     control: Address = 0
     """First of the holding registers with which a PLC commands; see docs/plc.md."""
     status: Address = 0

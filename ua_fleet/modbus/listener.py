@@ -4,14 +4,18 @@
 
 from __future__ import annotations
 
+import asyncio
 import ipaddress
 import logging
+import socket
 from collections import Counter
 from collections.abc import Callable, Sequence
-from typing import Final, Self
+from typing import Any, Final, Self
 
 from pymodbus.constants import ExcCodes
 from pymodbus.exceptions import NoSuchIdException
+from pymodbus.pdu import ExceptionResponse, ModbusPDU
+from pymodbus.pdu.register_message import ReadWriteMultipleRegistersRequest
 from pymodbus.server import ModbusTcpServer
 from pymodbus.server.requesthandler import ServerRequestHandler
 from pymodbus.simulator import DataType, SimData, SimDevice
@@ -39,6 +43,22 @@ _TABLES: Final = {
     23: Table.HOLDING,
 }
 """Which table each function is about (MODBUS Application Protocol 1.1b3, 6)."""
+
+
+IDLE_S: Final = 10.0
+"""A connection on which nothing came for so long is closed where there is no room for another one."""
+_HEADER: Final = 6
+"""Bytes up to the length."""
+_LONGEST: Final = 260
+"""Bytes of the longest request, with its header (MODBUS Messaging on TCP/IP 1.0b, 4.3.2)."""
+_KEEP_ALIVE: Final = (
+    (socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1),
+    (socket.IPPROTO_TCP, socket.TCP_KEEPIDLE, 2),
+    (socket.IPPROTO_TCP, socket.TCP_KEEPINTVL, 1),
+    (socket.IPPROTO_TCP, socket.TCP_KEEPCNT, 3),
+    (socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, 5000),
+)
+"""A client whose cable is out is gone within five seconds."""
 
 
 class _Tables:
@@ -70,7 +90,7 @@ class _Tables:
     ) -> ExcCodes | None:
         """What a client writes."""
         span = self._span(device_id, func_code, address, len(values))
-        if not self._may_write():
+        if not self.may_write(self.peer):
             self.refused["writer"] += 1
             return ExcCodes.ILLEGAL_FUNCTION
         if not self._image.can_write(span):
@@ -86,24 +106,54 @@ class _Tables:
             raise NoSuchIdException
         return Span(_TABLES[function], address, count)
 
-    def _may_write(self) -> bool:
+    def may_write(self, peer: str) -> bool:
+        """Whether a client at this address may write."""
         try:
-            peer = ipaddress.ip_address(self.peer)
+            address = ipaddress.ip_address(peer)
         except ValueError:
             return False
-        return any(peer in network for network in self._networks)
+        return any(address in network for network in self._networks)
+
+
+class _ReadWrite(ReadWriteMultipleRegistersRequest):
+    """Function 23, which writes nothing where what it reads is refused."""
+
+    async def datastore_update(self, context: Any, device_id: int) -> ModbusPDU:
+        """See ModbusPDU."""
+        if 1 <= self.read_count <= self.MAX_READ_COUNT:
+            read = await context.async_getValues(device_id, self.function_code, self.read_address, self.read_count)
+            if isinstance(read, ExcCodes):
+                return ExceptionResponse(self.function_code, read)
+        return await super().datastore_update(context, device_id)
 
 
 class _Handler(ServerRequestHandler):
-    """One connection."""
+    """One connection. Its requests are answered one after the other, also where several come at once.
+
+    pymodbus forgets with each answer, and with each request, what else had come; so it is given one request at a time.
+    """
 
     def __init__(self, owner: _Server, tables: _Tables) -> None:
         super().__init__(owner, None, None, None)  # type: ignore[no-untyped-call]
         self._tables = tables
+        self._peer = ""
+        self._unread = b""
+        self._is_answering = self._is_full = False
+        self.heard = 0.0
+        """When something was received last, or it was connected; by the loop's clock."""
+
+    @property
+    def may_write(self) -> bool:
+        """Whether it is a PLC that may write."""
+        return self._tables.may_write(self._peer)
 
     def callback_connected(self) -> None:
         """Too many connections are closed at once."""
         super().callback_connected()
+        self._peer = str((self.transport.get_extra_info("peername") or ("",))[0])
+        self.heard = self.loop.time()
+        for level, option, value in _KEEP_ALIVE:
+            self.transport.get_extra_info("socket").setsockopt(level, option, value)
         if not self.server.admit(self):
             self.close()
 
@@ -112,11 +162,56 @@ class _Handler(ServerRequestHandler):
         self.server.leave(self)
         super().callback_disconnected(exc)
 
+    def data_received(self, data: bytes) -> None:
+        """Take what has come."""
+        self.heard = self.loop.time()
+        self._unread += data
+        self._go_on()
+
+    def pause_writing(self) -> None:
+        """The client does not read its answers: it gets no more until it does."""
+        self._is_full = True
+
+    def resume_writing(self) -> None:
+        """It reads them again."""
+        self._is_full = False
+        self._go_on()
+
     async def handle_request(self) -> None:
         """Answer a request; whose it is decides whether it may write."""
-        name = self.transport.get_extra_info("peername") if self.transport else None
-        self._tables.peer = str(name[0]) if name else ""
-        await super().handle_request()  # type: ignore[no-untyped-call]
+        self._tables.peer = self._peer
+        try:
+            await super().handle_request()  # type: ignore[no-untyped-call]
+        finally:
+            self._is_answering = False
+            self._go_on()
+
+    def _go_on(self) -> None:
+        """Have pymodbus answer the next request, where one is there and none is being answered."""
+        while self.transport and not self._is_answering and not self._is_full and (request := self._request()):
+            self.callback_data(request)
+            self._is_answering = self.last_pdu is not None
+        if isinstance(self.transport, asyncio.ReadTransport):  # it is None after the end
+            (self.transport.pause_reading if len(self._unread) > _LONGEST else self.transport.resume_reading)()
+
+    def _request(self) -> bytes:
+        """The next whole request, taken away; empty where there is none yet.
+
+        What is no header of MODBUS (MODBUS Messaging on TCP/IP 1.0b, 3.1.3) tells not where the next one begins.
+        """
+        if len(self._unread) < _HEADER:
+            return b""
+        protocol, length = int.from_bytes(self._unread[2:4]), int.from_bytes(self._unread[4:6])
+        if protocol != 0 or not 2 <= length <= _LONGEST - _HEADER:
+            self._tables.refused["frame"] += 1
+            self.server.leave(self)
+            self.close()
+            return b""
+        request = self._unread[: _HEADER + length]
+        if len(request) < _HEADER + length:
+            return b""
+        self._unread = self._unread[len(request) :]
+        return request
 
 
 class _Server(ModbusTcpServer):
@@ -124,7 +219,8 @@ class _Server(ModbusTcpServer):
 
     def __init__(self, config: ModbusServerConfig, tables: _Tables) -> None:
         nothing = SimDevice(0, [SimData(0, values=0, datatype=DataType.REGISTERS)])
-        super().__init__(nothing, address=(config.host, config.port), ignore_missing_devices=True)
+        address = config.host, config.port
+        super().__init__(nothing, address=address, ignore_missing_devices=True, custom_pdu=[_ReadWrite])
         self.context = tables  # type: ignore[assignment]  # it uses these three methods alone
         self._tables, self._most = tables, config.most_connections
         self._there: set[_Handler] = set()
@@ -134,10 +230,18 @@ class _Server(ModbusTcpServer):
         return _Handler(self, self._tables)
 
     def admit(self, handler: _Handler) -> bool:
-        """Whether there is room for one more."""
+        """Whether there is room for one more; the longest idle one makes it, where it is idle or keeps a PLC out."""
         if len(self._there) >= self._most:
             self._tables.refused["connections"] += 1
-            return False
+            idle_since = self.loop.time() - IDLE_S
+            giving = [
+                each for each in self._there if each.heard < idle_since or (handler.may_write and not each.may_write)
+            ]
+            if not giving:
+                return False
+            longest = min(giving, key=lambda each: each.heard)
+            self.leave(longest)
+            longest.close()
         self._there.add(handler)
         return True
 
@@ -161,7 +265,7 @@ class Listener:
 
     @property
     def refused(self) -> Counter[str]:
-        """Requests that were refused, by cause: writer, address, unit, connections."""
+        """Requests that were refused, by cause: writer, address, unit, frame; and connections."""
         return self._tables.refused
 
     @property

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import asyncio
+import socket
 import struct
 from collections.abc import AsyncGenerator
 from contextlib import asynccontextmanager
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -15,9 +17,10 @@ from pymodbus.client import AsyncModbusTcpClient
 from tests.contract.harness import until
 from ua_fleet.config.modbus_schema import ModbusServerConfig
 from ua_fleet.errors import ServerStartError
+from ua_fleet.modbus import listener
 from ua_fleet.modbus.image import Image
 from ua_fleet.modbus.listener import Listener
-from ua_fleet.registers import Register, RegisterType, Span, Table
+from ua_fleet.registers import Cell, Register, RegisterType, Span, Table
 
 WORDS = [Register(Table.HOLDING, address, RegisterType.UINT16) for address in range(4)]
 COILS = [Register(Table.COIL, address, RegisterType.BOOL) for address in range(4)]
@@ -40,7 +43,7 @@ class Device:
 
 @pytest.fixture
 async def device(tcp_port: int) -> AsyncGenerator[Device]:
-    config = ModbusServerConfig(port=tcp_port, writers=("127.0.0.0/8",), most_connections=2)
+    config = ModbusServerConfig(port=tcp_port, writers=("127.0.0.0/16",), most_connections=2)
     image, written = Image(SHOWN, [*WORDS, *COILS]), list[Span]()
     async with Listener(image, config, written.append) as listener:
         yield Device(image, listener, written, tcp_port)
@@ -84,10 +87,123 @@ async def test_connections_are_bounded_and_come_free_again(device: Device) -> No
             assert (await client.read_holding_registers(0, count=1)).registers == [0]
         async with device.client() as third:
             await until(lambda: not third.connected, "the end of the third")
+        assert (one.connected, two.connected) == (True, True)
     assert device.listener.refused["connections"] == 1
     await asyncio.sleep(0.1)
     async with device.client() as again:
         assert (await again.read_holding_registers(0, count=1)).registers == [0]
+
+
+async def test_connections_on_which_nothing_comes_keep_nobody_out(
+    device: Device, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(listener, "IDLE_S", 0.2)
+    async with device.client() as silent, device.client() as asking, device.client() as _:
+        await until(lambda: device.listener.refused["connections"] == 1, "the end of the third")
+        await asyncio.sleep(0.3)
+        assert (await asking.read_holding_registers(0, count=1)).registers == [0]
+        async with device.client() as third:
+            assert (await third.read_holding_registers(0, count=1)).registers == [0]
+            await until(lambda: not silent.connected, "the end of the silent one")
+            assert (await asking.read_holding_registers(0, count=1)).registers == [0]
+        assert device.listener.refused["connections"] == 2
+
+
+async def test_plcs_that_may_write_go_before_all_others(device: Device) -> None:
+    readers = [await asyncio.open_connection("127.0.0.1", device.port, local_addr=("127.1.0.1", 0)) for _ in range(2)]
+    async with device.client() as plc:
+        assert not (await plc.write_register(0, 1)).isError()
+        assert await asyncio.wait_for(readers[0][0].read(), 5) == b"", "the end of the reader that came first"
+        reader, writer = await asyncio.open_connection("127.0.0.1", device.port, local_addr=("127.1.0.1", 0))
+        assert await asyncio.wait_for(reader.read(), 5) == b"", "it keeps no PLC and no reader out"
+        assert not (await plc.write_register(0, 2)).isError()
+    for _, each in (*readers, (reader, writer)):
+        each.close()
+        await each.wait_closed()
+    assert device.listener.refused["connections"] == 2
+
+
+async def test_connections_are_asked_whether_they_are_still_there(device: Device) -> None:
+    async with device.client():
+        await until(lambda: device.listener.connections == 1, "the connection")
+        lines = [line.split() for line in Path("/proc/net/tcp").read_text().splitlines()]
+    (timer,) = [line[5] for line in lines if line[1].endswith(f":{device.port:04X}") and line[3] == "01"]
+    assert timer.startswith("02:"), "2 is the timer of keep-alives"
+
+
+def request(number: int, function: int, *words: int) -> bytes:
+    body = struct.pack(f">BB{len(words)}H", 1, function, *words)
+    return struct.pack(">HHH", number, 0, len(body)) + body
+
+
+@pytest.mark.parametrize("count", [2, 30, 3000])
+async def test_requests_that_come_at_once_are_each_done_once_in_their_order(device: Device, count: int) -> None:
+    reader, writer = await asyncio.open_connection("127.0.0.1", device.port)
+    writer.write(b"".join(request(number, 6, number % 4, number) for number in range(count)))
+    writer.write(request(count, 3, 0, 4))
+    for number in range(count):
+        answer = await asyncio.wait_for(reader.readexactly(12), 5)
+        assert answer == request(number, 6, number % 4, number)
+    assert (await asyncio.wait_for(reader.readexactly(17), 5))[:2] == struct.pack(">H", count)
+    assert [span.address for span in device.written] == [number % 4 for number in range(count)]
+    writer.close()
+    await writer.wait_closed()
+
+
+class Counting(Image):
+    """Counts what is read."""
+
+    count = 0
+
+    def cells(self, span: Span) -> list[Cell]:
+        self.count += 1
+        return super().cells(span)
+
+
+async def test_client_that_reads_no_answers_gets_no_more_until_it_does(
+    tcp_port: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(listener, "_KEEP_ALIVE", ((socket.SOL_SOCKET, socket.SO_SNDBUF, 4096),))
+    image = Counting([Register(Table.INPUT, 124, RegisterType.UINT16)], [])
+    async with Listener(image, ModbusServerConfig(port=tcp_port), lambda _: None):
+        with socket.socket() as connection:
+            connection.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+            connection.connect(("127.0.0.1", tcp_port))
+            connection.setblocking(False)
+            reader, writer = await asyncio.open_connection(sock=connection, limit=1024)
+            writer.write(request(1, 4, 0, 125) * 2000)
+            answered = -1
+            while image.count != answered:
+                answered = image.count
+                await asyncio.sleep(0.3)
+            assert 0 < answered < 1000
+            for _ in range(2000):
+                assert len(await asyncio.wait_for(reader.readexactly(259), 5)) == 259
+            assert image.count == 2000
+            writer.close()
+            await writer.wait_closed()
+
+
+async def test_function_23_writes_nothing_where_its_read_is_refused(device: Device) -> None:
+    async with device.client() as client:
+        both = await client.readwrite_registers(read_address=100, read_count=1, write_address=0, values=[9])
+        assert both.exception_code == 2
+        none = await client.readwrite_registers(read_address=0, read_count=1, write_address=100, values=[9])
+        assert none.exception_code == 2
+        assert (await client.read_holding_registers(0, count=1)).registers == [0]
+    assert device.written == []
+    assert device.listener.refused["address"] == 2
+
+
+async def test_what_is_no_modbus_ends_its_connection(device: Device) -> None:
+    for number, rubbish in enumerate((b"GET / HTTP/1.1\r\n\r\n", struct.pack(">HHHBB", 1, 0, 1, 1, 3)), start=1):
+        reader, writer = await asyncio.open_connection("127.0.0.1", device.port)
+        writer.write(request(1, 6, 0, number) + rubbish)
+        assert await asyncio.wait_for(reader.read(), 5) == request(1, 6, 0, number)
+        assert device.listener.refused["frame"] == number
+        assert device.listener.connections == 0
+        writer.close()
+        await writer.wait_closed()
 
 
 @pytest.mark.parametrize(

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import asyncio
 import json
 import subprocess
 import threading
 import time
-from collections.abc import Callable, Generator, Mapping, Sequence
+from collections.abc import Generator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -276,15 +275,6 @@ def broken(method: str) -> Generator[None]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(method, fail)
         yield
-
-
-async def until(condition: Callable[[], Any], what: str, timeout_s: float = WAIT_S) -> None:
-    """Wait for a condition, and say what did not come."""
-    deadline = time.monotonic() + timeout_s
-    while not condition():
-        if time.monotonic() > deadline:
-            raise AssertionError(f"{what} did not come within {timeout_s:g} s")
-        await asyncio.sleep(0.005)
 
 
 class RobotProcess:

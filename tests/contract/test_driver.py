@@ -11,7 +11,8 @@ from typing import Any
 
 import pytest
 
-from tests.contract.harness import NUMBER, TEXT, TWIST, UNKNOWN, Kind, Recorder, Space, broken, message_of, until
+from tests.contract.harness import NUMBER, TEXT, TWIST, UNKNOWN, Kind, Recorder, Space, broken, message_of
+from tests.waiting import until
 from ua_fleet.bridge import Driver, SampleRead, SourceFound
 from ua_fleet.counters import Drop
 from ua_fleet.pubsub.metadata import field_property

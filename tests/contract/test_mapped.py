@@ -9,8 +9,9 @@ from typing import Any
 
 import pytest
 
-from tests.contract.harness import NUMBER, TEXT, TWIST, Kind, MappedSpace, Recorder, broken, message_of, until
+from tests.contract.harness import NUMBER, TEXT, TWIST, Kind, MappedSpace, Recorder, broken, message_of
 from tests.contract.test_driver import started
+from tests.waiting import until
 from ua_fleet.bridge import SampleRead, SourceFound
 from ua_fleet.counters import Drop
 from ua_fleet.topics import Topic

@@ -10,7 +10,8 @@ from typing import Any
 
 import pytest
 
-from tests.contract.harness import Recorder, SkilledSpace, until
+from tests.contract.harness import Recorder, SkilledSpace
+from tests.waiting import until
 from ua_fleet.bridge import (
     Driver,
     Execution,

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import asyncio
 import json
 import sys
 import time
-from collections.abc import AsyncGenerator, Callable
+from collections.abc import AsyncGenerator
 from contextlib import asynccontextmanager
 from pathlib import Path
 from typing import Any
@@ -96,10 +95,3 @@ async def work(requestor: Requesting, *values: Any, action: Topic = ACTION, **op
     """Ask the machine for something."""
     timeout_s = options.pop("timeout_s", TIMEOUT_S)
     return await requestor.commands.invoke(action, TARGET, values, timeout_s, **options)
-
-
-async def until(condition: Callable[[], Any], timeout_s: float = 20) -> None:
-    """Wait for what other processes do."""
-    async with asyncio.timeout(timeout_s):
-        while not condition():
-            await asyncio.sleep(0.02)

@@ -11,9 +11,10 @@ from pathlib import Path
 import pytest
 
 from tests.contract.skilled import DEADLY_BEGUN_WORK, DEADLY_WORK, ENDLESS_WORK
-from tests.integration.actions.conftest import QUICK_ACTION, Cell, until, work
+from tests.integration.actions.conftest import QUICK_ACTION, Cell, work
 from tests.integration.actions.requesting import LossyTransport, Requesting
 from tests.system import Child, Processes, clean_environment
+from tests.waiting import until
 from ua_fleet.skill.executions import ExecutionState, Outcome, OutcomeKind
 
 ASKING = Path(__file__).parent / "asking.py"

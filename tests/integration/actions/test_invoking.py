@@ -7,7 +7,8 @@ from typing import Any
 import pytest
 
 from tests.contract.skilled import ENDLESS_WORK, FAILING_WORK, REFUSED_WORK, STATUS, WORK
-from tests.integration.actions.conftest import QUICK_ACTION, SPACE, Cell, until, work
+from tests.integration.actions.conftest import QUICK_ACTION, SPACE, Cell, work
+from tests.waiting import until
 from ua_fleet.errors import RobotOffline, SkillRejected
 from ua_fleet.skill.executions import ExecutionState, OutcomeKind, unpack
 from ua_fleet.skill.status import read_result

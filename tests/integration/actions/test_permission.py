@@ -7,8 +7,9 @@ import time
 from typing import Any
 
 from tests.contract.skilled import TARGET
-from tests.integration.actions.conftest import ACTION, SPACE, Cell, until, work
+from tests.integration.actions.conftest import ACTION, SPACE, Cell, work
 from tests.integration.actions.requesting import Requesting
+from tests.waiting import until
 from ua_fleet.bridge import STATUS_FIELDS
 from ua_fleet.counters import Counters, Drop
 from ua_fleet.pubsub.security.envelope import Envelope

@@ -9,9 +9,10 @@ from contextlib import asynccontextmanager
 import pytest
 
 from tests.integration.key_service.harness import INVALIDATE, ROTATE
-from tests.integration.security.conftest import COUNTER_ONE, COUNTER_TWO, Site, heard, holes, secured, until
+from tests.integration.security.conftest import COUNTER_ONE, COUNTER_TWO, Site, heard, holes, secured
 from tests.integration.server_security.harness import CHEAP
 from tests.system import Child
+from tests.waiting import until
 from ua_fleet.client.fleet_client import FleetClient
 from ua_fleet.client.identity import ClientIdentity
 from ua_fleet.config.security import all_groups

@@ -8,8 +8,9 @@ from typing import Any
 
 import pytest
 
-from tests.contract.harness import NUMBER, message_of, until
+from tests.contract.harness import NUMBER, message_of
 from tests.integration.modbus.conftest import Behave, Device, Start, of, silent_at, words
+from tests.waiting import until
 from ua_fleet.counters import Drop
 from ua_fleet.topics import Topic
 

@@ -12,9 +12,10 @@ from ua_bridges.modbus.driver import create_driver
 from ua_bridges.modbus.memory import HandshakeMemory
 from ua_bridges.modbus.session import ModbusDriver
 
-from tests.contract.harness import Recorder, until
+from tests.contract.harness import Recorder
 from tests.contract.modbus import FLEET, PlcProcess
 from tests.system import free_tcp_port
+from tests.waiting import until
 from ua_fleet.bridge.driver import (
     Execution,
     ExecutionEnded,

@@ -8,9 +8,10 @@ from typing import Any
 
 import pytest
 
-from tests.contract.harness import NUMBER, message_of, until
+from tests.contract.harness import NUMBER, message_of
 from tests.integration.modbus.conftest import Start
 from tests.system import Processes
+from tests.waiting import until
 from ua_fleet.counters import Drop
 from ua_fleet.topics import Topic
 

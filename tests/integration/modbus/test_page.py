@@ -6,10 +6,11 @@ from pathlib import Path
 
 from ua_bridges.modbus.driver import create_driver
 
-from tests.contract.harness import NUMBER, Recorder, message_of, until
+from tests.contract.harness import NUMBER, Recorder, message_of
 from tests.contract.modbus import PlcProcess
 from tests.system import free_tcp_port
 from tests.unit.docs.pages import ROOT, blocks
+from tests.waiting import until
 from ua_fleet.bridge.driver import Execution, ExecutionEnded
 from ua_fleet.config.load import load_content
 from ua_fleet.topics import Topic

@@ -15,8 +15,9 @@ import yaml
 from ua_bridges.modbus.driver import create_driver
 from ua_bridges.modbus.session import ModbusDriver
 
-from tests.contract.harness import NUMBER, Recorder, message_of, until
+from tests.contract.harness import NUMBER, Recorder, message_of
 from tests.integration.modbus.conftest import Behave, Bench, Device, Start, of, silent_at, words
+from tests.waiting import until
 from ua_fleet.bridge.driver import Execution, ExecutionEnded, ExecutionForgotten
 from ua_fleet.config.load import load_content
 from ua_fleet.counters import Drop

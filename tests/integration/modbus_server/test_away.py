@@ -13,7 +13,7 @@ from typing import Any, cast
 
 import pytest
 
-from tests.contract.harness import until
+from tests.waiting import until
 from ua_fleet.client import FleetClient, NodeInfo
 from ua_fleet.client.fleet_client import Reading
 from ua_fleet.config.load import load_content

@@ -14,7 +14,7 @@ import pytest
 from pymodbus import ModbusException
 from pymodbus.client import AsyncModbusTcpClient
 
-from tests.contract.harness import until
+from tests.waiting import until
 from ua_fleet.config.modbus_schema import ModbusServerConfig
 from ua_fleet.errors import ServerStartError
 from ua_fleet.modbus import listener

@@ -15,8 +15,9 @@ from typing import Any
 import pytest
 from ua_bridges.plugged.driver import PluggedDriver
 
-from tests.contract.harness import Recorder, until
+from tests.contract.harness import Recorder
 from tests.system import ROOT, Processes, clean_environment
+from tests.waiting import until
 from ua_fleet.bridge.driver import Execution, ExecutionEnded, ExecutionForgotten
 from ua_fleet.config.load import load_content
 from ua_fleet.topics import Topic

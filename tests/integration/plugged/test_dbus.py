@@ -15,8 +15,9 @@ from dbus_fast import BusType, DBusError, ErrorType, Message, MessageType
 from dbus_fast.aio import MessageBus
 from ua_bridges.plugged import bus as bus_module
 
-from tests.contract.harness import NUMBER, message_of, until
+from tests.contract.harness import NUMBER, message_of
 from tests.integration.plugged.conftest import BusDaemon, started
+from tests.waiting import until
 from ua_fleet.bridge.driver import ExecutionEnded
 from ua_fleet.counters import Drop
 from ua_fleet.errors import RobotOffline

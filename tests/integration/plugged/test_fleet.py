@@ -9,7 +9,7 @@ import contextlib
 import signal
 import sys
 import time
-from collections.abc import AsyncGenerator, Callable
+from collections.abc import AsyncGenerator
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +18,7 @@ from asyncua import ua
 
 from tests.plugged_device import PtyDevice
 from tests.system import Child, Processes, clean_environment
+from tests.waiting import until
 from ua_fleet.client import ClientIdentity, FleetClient
 from ua_fleet.client.scenarios import RunInfo, ScenarioClient
 from ua_fleet.errors import SkillRejected
@@ -127,13 +128,6 @@ async def fleet(tmp_path: Path, udp_url: str, tcp_port: int, processes: Processe
     made.start_bridge()
     with made.thermometer:
         yield made
-
-
-async def until(condition: Callable[[], object], what: str, timeout_s: float = 15) -> None:
-    deadline = time.monotonic() + timeout_s
-    while not condition():
-        assert time.monotonic() < deadline, f"{what} did not come within {timeout_s:g} s"
-        await asyncio.sleep(0.02)
 
 
 async def status_of(client: FleetClient) -> int:

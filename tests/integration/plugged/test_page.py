@@ -9,11 +9,12 @@ from typing import Any
 import pytest
 from ua_bridges.plugged.driver import PluggedDriver
 
-from tests.contract.harness import Recorder, until
+from tests.contract.harness import Recorder
 from tests.integration.plugged.conftest import BusDaemon
 from tests.plugged_device import PtyDevice
 from tests.system import Processes, clean_environment
 from tests.unit.docs.pages import ROOT, blocks
+from tests.waiting import until
 from ua_fleet.bridge.driver import Execution, ExecutionEnded
 from ua_fleet.config.load import load_content
 from ua_fleet.topics import Topic

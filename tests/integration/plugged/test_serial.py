@@ -12,9 +12,9 @@ from typing import Any
 
 import pytest
 
-from tests.contract.harness import until
 from tests.integration.plugged.conftest import Bridge, started
 from tests.plugged_device import PtyDevice
+from tests.waiting import until
 from ua_fleet.counters import Drop
 from ua_fleet.values import StatusCode
 

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from tests.contract.harness import until
 from tests.integration.plugged.conftest import UdevBench
 from tests.plugged_device import PtyDevice
+from tests.waiting import until
 
 pytestmark = pytest.mark.needs("umockdev")
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import sys
-from collections.abc import Callable, Generator
+from collections.abc import Generator
 from typing import Final
 
 import pytest
@@ -15,6 +15,7 @@ from tests.integration.robot_to_robot.conftest import PASSWORD, USER, Hall, done
 from tests.integration.ros2.conftest import Ros2Space, heard
 from tests.system import clean_environment, free_tcp_port
 from tests.ur_controller import UrController
+from tests.waiting import until
 from ua_fleet.demo.talkrobots.setting import ROBOTS
 from ua_fleet.modbus.words import CommandState
 
@@ -28,15 +29,6 @@ else:
 end
 """
 TAKE_OFF, LAND = 1, 2
-
-
-async def until(condition: Callable[[], object], what: str) -> None:
-    try:
-        async with asyncio.timeout(15):
-            while not condition():
-                await asyncio.sleep(0.05)
-    except TimeoutError:
-        raise AssertionError(f"{what} did not come") from None
 
 
 @pytest.mark.needs("ros2", "ur")

@@ -11,11 +11,11 @@ from typing import Any
 
 import pytest
 
-from tests.integration.actions.conftest import until
 from tests.integration.actions.requesting import Requesting, requesting
 from tests.integration.ros1.ros1_graph import Ros1Graph
 from tests.integration.ros1.skilled import COUNT, DRIVE, FAIL, HOLD, MOVE, NO, ROBOTS, SPACE, STATUS
 from tests.system import Child
+from tests.waiting import until
 from ua_fleet.config.schema import FleetConfig
 from ua_fleet.skill.executions import OPEN, ExecutionState, Outcome, OutcomeKind
 from ua_fleet.skill.status import read_result

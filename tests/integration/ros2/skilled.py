@@ -12,7 +12,8 @@ from ua_bridges.ros2.config import Ros2BridgeConfig
 from ua_bridges.ros2.driver import create_driver
 from ua_bridges.ros2.skills.driver import SkilledRos2Driver
 
-from tests.contract.harness import Recorder, until
+from tests.contract.harness import Recorder
+from tests.waiting import until
 from ua_fleet.bridge import Execution, ExecutionEnded, ExecutionFact, ExecutionForgotten, ExecutionProgressed
 from ua_fleet.bridge.driver import Driver
 from ua_fleet.config.schema import FleetConfig

@@ -11,11 +11,11 @@ from typing import Any
 import pytest
 from ua_bridges.ros2.skills import action
 
-from tests.contract.harness import until
 from tests.integration.actions.requesting import requesting
 from tests.integration.ros2.conftest import Ros2Space
 from tests.integration.ros2.skilled import skilled_driver
 from tests.system import Child
+from tests.waiting import until
 from ua_fleet.bridge import ExecutionEnded, ExecutionForgotten, ExecutionProgressed
 from ua_fleet.config.schema import FleetConfig
 from ua_fleet.skill.executions import ExecutionState, OutcomeKind, unpack

@@ -11,11 +11,11 @@ import time
 import pytest
 from ua_bridges.ros2.environment import PROFILES_VARIABLE, profile_path
 
-from tests.contract.harness import until
 from tests.integration.ros2.conftest import Ros2Space
 from tests.integration.ros2.skilled import skilled_driver
 from tests.system import Child, Processes
 from tests.unit.docs.pages import ROOT, blocks
+from tests.waiting import until
 from ua_fleet.bridge import ExecutionEnded, ExecutionForgotten, ExecutionProgressed, SourceFound
 from ua_fleet.counters import Drop
 from ua_fleet.errors import RobotOffline, SkillRejected

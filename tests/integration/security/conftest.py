@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import asyncio
 import itertools
 import json
 import sys
 import time
-from collections.abc import AsyncGenerator, Callable
+from collections.abc import AsyncGenerator
 from contextlib import asynccontextmanager
 from pathlib import Path
 from typing import Any
@@ -103,10 +102,3 @@ def heard(child: Child, topic: Topic) -> list[int]:
 def holes(numbers: list[int]) -> list[tuple[int, int]]:
     """Where numbers do not follow each other."""
     return [(a, b) for a, b in itertools.pairwise(numbers) if b != a + 1]
-
-
-async def until(condition: Callable[[], Any], timeout_s: float = 20) -> None:
-    """Wait for what other processes do."""
-    async with asyncio.timeout(timeout_s):
-        while not condition():
-            await asyncio.sleep(0.02)

@@ -13,9 +13,10 @@ from typing import Any
 from asyncua.client.client import Client
 
 from tests.integration.peer import Peer
-from tests.integration.security.conftest import COUNTER_ONE, ONE, POLICY, STATUS_TWO, Site, heard, holes, until
+from tests.integration.security.conftest import COUNTER_ONE, ONE, POLICY, STATUS_TWO, Site, heard, holes
 from tests.integration.server_model.harness import OBSERVER, reader, serving
 from tests.integration.server_model.harness import until as until_read
+from tests.waiting import until
 from ua_fleet.counters import Drop
 from ua_fleet.pubsub.metadata import make_field
 from ua_fleet.storage.key_files import KeyFile, KeyFolder

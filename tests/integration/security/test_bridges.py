@@ -6,16 +6,8 @@ import signal
 import time
 
 from tests.integration.peer import Peer
-from tests.integration.security.conftest import (
-    COUNTER_ONE,
-    COUNTER_TWO,
-    STATUS_ONE,
-    STATUS_TWO,
-    Site,
-    heard,
-    holes,
-    until,
-)
+from tests.integration.security.conftest import COUNTER_ONE, COUNTER_TWO, STATUS_ONE, STATUS_TWO, Site, heard, holes
+from tests.waiting import until
 from ua_fleet.counters import Drop
 from ua_fleet.wire.security import SecurityMode, read_security
 

@@ -9,11 +9,12 @@ import pytest
 from asyncua import ua
 from asyncua.server.server import Server
 
-from tests.integration.security.conftest import COUNTER_ONE, Site, heard, holes, until
+from tests.integration.security.conftest import COUNTER_ONE, Site, heard, holes
 from tests.integration.security.test_service import say, trust
 from tests.integration.server_model.harness import serving
 from tests.integration.server_security.harness import make_certificate
 from tests.system import free_tcp_port
+from tests.waiting import until
 from ua_fleet.client import FleetClient
 from ua_fleet.client.identity import ClientIdentity
 from ua_fleet.errors import AccessRefused

@@ -9,10 +9,11 @@ from pathlib import Path
 import pytest
 
 from tests.integration.peer import Peer
-from tests.integration.security.conftest import COUNTER_ONE, ONE, TWO, Site, heard, holes, until
+from tests.integration.security.conftest import COUNTER_ONE, ONE, TWO, Site, heard, holes
 from tests.integration.server_model.harness import OBSERVER, reader, serving
 from tests.integration.server_model.harness import until as until_read
 from tests.system import ROS1_PYTHON, Child
+from tests.waiting import until
 from ua_fleet.client.identity import ClientIdentity
 from ua_fleet.server.certificates import trust_bridge
 from ua_fleet.wire.security import read_security

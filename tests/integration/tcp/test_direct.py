@@ -9,10 +9,10 @@ from contextlib import suppress
 
 import pytest
 
-from tests.contract.harness import until
 from tests.integration.tcp.conftest import StartRobot, direct_fleet, running
 from tests.integration.tcp.test_interpreter import METADATA, SPEED, message
 from tests.system import free_tcp_port
+from tests.waiting import until
 from ua_fleet.bridge.driver import (
     ExecutionEnded,
     ExecutionForgotten,

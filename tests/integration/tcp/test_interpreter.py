@@ -10,9 +10,9 @@ from pathlib import Path
 
 import pytest
 
-from tests.contract.harness import until
 from tests.integration.tcp.conftest import StartRobot, interpreter_fleet, running
 from tests.system import free_tcp_port
+from tests.waiting import until
 from ua_fleet.bridge.driver import (
     AnsweringDriver,
     Dropped,

@@ -6,9 +6,10 @@ import sys
 
 from ua_bridges.tcp.driver import TcpDriver
 
-from tests.contract.harness import Recorder, until
+from tests.contract.harness import Recorder
 from tests.system import Processes, clean_environment, free_tcp_port
 from tests.unit.docs.pages import ROOT, blocks
+from tests.waiting import until
 from ua_fleet.bridge.driver import Execution, ExecutionEnded, SampleRead
 from ua_fleet.config.load import load_content
 

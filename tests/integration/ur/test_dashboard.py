@@ -6,9 +6,9 @@ import asyncio
 
 import pytest
 
-from tests.contract.harness import until
 from tests.integration.ur.test_driver import bad, good, started
 from tests.ur_controller import UrController
+from tests.waiting import until
 from ua_fleet.values import StatusCode
 
 pytestmark = pytest.mark.needs("ur")

@@ -17,9 +17,10 @@ from structlog.testing import capture_logs
 from ua_bridges.ur.config import UrBridgeConfig, UrSink, UrSource
 from ua_bridges.ur.driver import UrDriver, create_driver
 
-from tests.contract.harness import Recorder, message_of, until
+from tests.contract.harness import Recorder, message_of
 from tests.system import Processes
 from tests.ur_controller import UrController
+from tests.waiting import until
 from ua_fleet.bridge import (
     Execution,
     ExecutionEnded,

@@ -20,7 +20,8 @@ from ua_bridges.ur.link import CommandLink
 from ua_bridges.ur.tasks import DashboardTask
 from ua_bridges.ur.telemetry import Telemetry
 
-from tests.contract.harness import Recorder, until
+from tests.contract.harness import Recorder
+from tests.waiting import until
 from ua_fleet.bridge.driver import Execution, ExecutionEnded, ExecutionForgotten
 from ua_fleet.bridge.executing import Ended
 from ua_fleet.config.load import load_content

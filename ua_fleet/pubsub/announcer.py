@@ -7,14 +7,14 @@ least half a second apart: many who ask at once get one answer, and what changes
 
 from __future__ import annotations
 
-import heapq
 from collections.abc import Callable, Iterable, Sequence
-from itertools import count, islice
+from itertools import islice
 from typing import Final, NamedTuple
 
 from ua_fleet.errors import LocalWireError
 from ua_fleet.pubsub.application import UDP_UADP, Application
 from ua_fleet.pubsub.configuring import Groups, connection, writer_group
+from ua_fleet.pubsub.due import DueTimes
 from ua_fleet.pubsub.pacing import Pace
 from ua_fleet.pubsub.timing import PubSubTiming
 from ua_fleet.values import TICKS_PER_SECOND, StatusCode
@@ -94,10 +94,8 @@ class Announcer:
         self._groups = Groups()
         self._actions: dict[int, tuple[int, ActionMetaDataAnnouncement]] = {}
         """With the WriterGroupId. A retired one stays, without targets, so that who missed it still learns it."""
-        self._due: dict[_Key, float] = {}
+        self._due = DueTimes[_Key]()
         self._said_at: dict[_Key, float] = {}
-        self._heap: list[tuple[float, int, _Key]] = []
-        self._order = count()
         self._writers_asked: dict[_Key, dict[int, None]] = {}
         """DataSetWriterIds that a due announcement is about."""
         self._parts_asked: dict[_Key, tuple[bool, bool]] = {}
@@ -186,38 +184,29 @@ class Announcer:
         """Send what is due, as far as receivers can follow."""
         self._now = now
         datagrams: list[bytes] = []
-        heap = self._heap
-        while heap and heap[0][0] <= now and self._pace.allows(now):
-            due, _, key = heapq.heappop(heap)
-            if self._due.get(key) != due:
-                continue
-            del self._due[key]
+        while self._due.is_due(now) and self._pace.allows(now):
+            key = self._due.pop()
             self._said_at[key] = now
             for announcement in self._announcements(key, now):
                 datagram = self._encode(announcement)
                 self._pace.take(len(datagram), datagrams=1)
                 datagrams.append(datagram)
             if self._writers_asked.get(key):  # the rest of the same answer
-                self._enter(key, now)
+                self._due.put(key, now)
             self._want_again(key, now)
         return datagrams
 
     def next_deadline(self) -> float | None:
         """When `poll` is to be called next, or None."""
-        while self._heap and self._due.get(self._heap[0][2]) != self._heap[0][0]:
-            heapq.heappop(self._heap)
-        return self._heap[0][0] if self._heap else None
+        return self._due.next()
 
     def _want(self, key: _Key, due: float, writer_ids: Iterable[int] = ()) -> None:
         if writer_ids:
             self._writers_asked.setdefault(key, {}).update(dict.fromkeys(writer_ids))
         due = max(due, self._said_at.get(key, float("-inf")) + ANSWER_INTERVAL_S)
-        if due < self._due.get(key, float("inf")):
-            self._enter(key, due)
-
-    def _enter(self, key: _Key, due: float) -> None:
-        self._due[key] = due
-        heapq.heappush(self._heap, (due, next(self._order), key))
+        known = self._due.get(key)
+        if known is None or due < known:
+            self._due.put(key, due)
 
     def _want_denied(self, key: _Key, writer_ids: list[int], now: float) -> None:
         writer_ids = writer_ids[: _MOST_DENIALS - len(self._writers_asked.get(key, ()))]

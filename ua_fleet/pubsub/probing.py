@@ -6,10 +6,10 @@ answer has not come by itself. The next follow after 500 ms and then twice as lo
 
 from __future__ import annotations
 
-import heapq
-from itertools import count
 from random import Random
 from typing import Final
+
+from ua_fleet.pubsub.due import DueTimes
 
 __all__ = ["ProbeSchedule"]
 
@@ -26,16 +26,14 @@ class ProbeSchedule:
 
     def __init__(self, random: Random) -> None:
         self._random = random
-        self._due: dict[_Key, float] = {}
+        self._due = DueTimes[_Key]()
         self._period: dict[_Key, float] = {}
-        self._heap: list[tuple[float, int, _Key]] = []
-        self._order = count()
 
     def want(self, key: _Key, now: float) -> None:
         """Ask for this one, unless it is being asked for already."""
-        if key not in self._due:
+        if self._due.get(key) is None:
             period = self._period.get(key)
-            self._enter(key, now + (self._random.uniform(*_FIRST_DELAY_S) if period is None else period))
+            self._due.put(key, now + (self._random.uniform(*_FIRST_DELAY_S) if period is None else period))
 
     def asked_by_another(self, publisher_id: int, writer_ids: tuple[int, ...], now: float) -> None:
         """Somebody asks for these, or with no id for all of a publisher: wait for that answer."""
@@ -45,36 +43,28 @@ class ProbeSchedule:
         for key in keys:
             due = self._due.get(key)
             if due is not None and due < now + _FIRST_PERIOD_S:
-                self._enter(key, now + _FIRST_PERIOD_S)
+                self._due.put(key, now + _FIRST_PERIOD_S)
 
     def answered(self, key: _Key) -> None:
         """An announcement came. If it does not help, the next `want` goes on with the longer period."""
-        self._due.pop(key, None)
+        self._due.discard(key)
 
     def settled(self, key: _Key) -> None:
         """All is known: forget the period."""
-        self._due.pop(key, None)
+        self._due.discard(key)
         self._period.pop(key, None)
 
     def take_due(self, now: float) -> list[_Key]:
         """The keys to probe for now; each is entered again for its next time."""
         keys: list[_Key] = []
-        while self._heap and self._heap[0][0] <= now:
-            due, _, key = heapq.heappop(self._heap)
-            if self._due.get(key) != due:
-                continue
+        while self._due.is_due(now):
+            key = self._due.pop()
             keys.append(key)
             period = self._period.get(key, _FIRST_PERIOD_S)
             self._period[key] = min(2 * period, _LONGEST_PERIOD_S)
-            self._enter(key, now + period)
+            self._due.put(key, now + period)
         return keys
 
     def next_deadline(self) -> float | None:
         """When the next probe is due, or None."""
-        while self._heap and self._due.get(self._heap[0][2]) != self._heap[0][0]:
-            heapq.heappop(self._heap)
-        return self._heap[0][0] if self._heap else None
-
-    def _enter(self, key: _Key, due: float) -> None:
-        self._due[key] = due
-        heapq.heappush(self._heap, (due, next(self._order), key))
+        return self._due.next()

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import asyncio
+import json
 import struct
 
 import pytest
 
-from tests.integration.modbus_server.conftest import ModbusPlant
+from tests.integration.modbus_server.conftest import WORK, ModbusPlant, modbus
 from tests.integration.modbus_server.test_gateway import message, warmed_up
 from tests.integration.server_model.harness import OPERATOR
 from ua_fleet.client import ClientIdentity, FleetClient
 from ua_fleet.client.fleet_client import Reading
+from ua_fleet.config.schema import FleetConfig
 from ua_fleet.modbus.words import CommandState
 
 pytestmark = pytest.mark.needs("mbpoll")
@@ -62,3 +64,30 @@ async def test_value_written_while_the_one_before_is_on_its_way_is_set_too(
             while await panel.read("input", 100, 2) != [0, 6]:
                 await asyncio.sleep(0.05)
         assert await panel.read("holding", 60, 2) == [0, 6]
+
+
+async def test_value_and_robot_that_the_server_lacks_end_nothing(
+    plant: ModbusPlant, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The device has a newer fleet.yaml than the server."""
+    newer = json.loads((plant.folder / "fleet.json").read_text())
+    newer["robots"]["left"]["data"]["later"] = {"id": 1301, "type": "Int32"}
+    newer["robots"]["later"] = {**newer["robots"]["right"], "skill_status_id": 1299}
+    section = modbus()
+    more = {
+        "values": {"left.later": {"table": "input", "address": 102}, **section["values"]},
+        "commands": {"work": {"code": WORK, "robot": "later", "skill": "work"}},
+    }
+    async with plant.server() as running:
+        plant.config = FleetConfig.model_validate(newer)
+        async with plant.device(running, **more) as panel:
+            await panel.until(lambda words: words[0] == 1, "connected")
+            async with asyncio.timeout(10):
+                while await panel.read("discrete", 0, 2) != [0, 1]:
+                    await asyncio.sleep(0.05)
+            assert await panel.read("input", 100, 2) == [0, 1]
+            assert await panel.ended(await panel.command(WORK)) is CommandState.REFUSED
+            assert await panel.word("connected") == 1
+    told = [line for line in capsys.readouterr().out.splitlines() if "cannot be shown" in line]
+    assert len(told) == 1
+    assert "left.later cannot be shown: there is no node ns=2;i=1301; look with: ua-fleet browse" in told[0]

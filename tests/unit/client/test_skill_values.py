@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import inspect
 import math
+from collections.abc import Callable
 from typing import Any
 
 import pytest
 from asyncua import ua
 
+from ua_fleet.client import FleetClient
 from ua_fleet.client.skills import fitting
 
 KIND = ua.VariantType
@@ -41,3 +44,10 @@ def test_values_fit_exactly_or_not_at_all(value: Any, kind: ua.VariantType, expe
     fitted = fitting(value, kind)
     assert fitted == expected
     assert type(fitted) is type(expected)
+
+
+@pytest.mark.parametrize("call", [FleetClient.start_skill, FleetClient.call_skill])
+def test_arguments_may_have_the_names_of_what_is_called(call: Callable[..., Any]) -> None:
+    given = {"self": 1, "robot": "cart", "skill": 2.5}
+    bound = inspect.signature(call).bind(None, "arm", "turn", **given)
+    assert bound.arguments["arguments"] == given

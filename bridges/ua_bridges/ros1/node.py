@@ -123,6 +123,8 @@ class RosNode:
         thread = threading.Thread(target=server.run, name="ros1-slave", daemon=True)
         thread.start()
         while not handler._is_registered():  # noqa: SLF001 - true as soon as its own thread runs, without a master
+            if not thread.is_alive():
+                raise BridgeUnavailable("the ROS 1 node cannot be reached: its server did not start; see the log")
             time.sleep(0.001)
         return server, thread
 
@@ -140,6 +142,11 @@ class RosNode:
     def was_shut_down(self) -> bool:
         """Whether somebody else ended the node: a new node took its name, or `rosnode kill`."""
         return bool(rospy.core.is_shutdown())
+
+    @property
+    def is_reachable(self) -> bool:
+        """Whether other nodes can call this one; rospy does not mind when its server has ended."""
+        return self._thread.is_alive()
 
     def connect(self, topic: str, publisher_uris: list[str]) -> None:
         """Link a subscription to the publishers that it has no link to yet; returns at once."""

@@ -117,6 +117,8 @@ class Watch:
                 if self._node.was_shut_down:
                     self._evicted()
                     return
+                if not self._node.is_reachable:
+                    raise RuntimeError("the server of the ROS 1 node has ended")
                 self._look()
                 self._wake.wait(LOOK_PERIOD_S)
                 self._wake.clear()

@@ -2,15 +2,21 @@
 from __future__ import annotations
 
 import socket
+import threading
 from collections.abc import Iterator
 from contextlib import closing
 from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
 pytest.importorskip("rospy", reason="needs the Python that has rospy")
 
-from ua_bridges.ros1.node import is_up
+import rosgraph.xmlrpc
+import rospy.impl.tcpros
+from ua_bridges.ros1.node import RosNode, is_up
+
+from ua_fleet.errors import BridgeUnavailable
 
 
 @pytest.fixture
@@ -37,3 +43,26 @@ def test_link_that_was_lost_is_not_up_while_it_is_made_anew(link: SimpleNamespac
     with socket.socket() as waiting:
         link.socket = waiting
         assert not is_up(link)
+
+
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
+def test_node_whose_server_does_not_start_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(*_: object) -> None:
+        raise OSError(24, "Too many open files")
+
+    monkeypatch.setattr(rosgraph.xmlrpc, "ThreadingXMLRPCServer", full)
+    monkeypatch.setattr(rospy.impl.tcpros, "init_tcpros", lambda: None)
+    monkeypatch.setattr(rospy.names, "_set_caller_id", lambda name: None)
+    errors: list[Exception] = []
+    node: Any = SimpleNamespace(name="/ua_bridge")
+
+    def start() -> None:
+        try:
+            RosNode._start_server(node, "http://127.0.0.1:1")
+        except BridgeUnavailable as error:
+            errors.append(error)
+
+    starting = threading.Thread(target=start, daemon=True)
+    starting.start()
+    starting.join(5)
+    assert "its server did not start" in str(errors[0])

@@ -15,11 +15,10 @@ from ua_fleet.demo.layout import Layout, check_same_fleet
 from ua_fleet.demo.processes import free_tcp_port, udp_port_in_use
 from ua_fleet.demo.ros_environment import ros2_environment
 
-__all__ = ["KEY_LIFETIME_S", "OPC_UA_PORT", "ROS_MASTER_PORT", "USER", "Site", "choose_site"]
+__all__ = ["KEY_LIFETIME_S", "OPC_UA_PORT", "USER", "Site", "choose_site"]
 
 USER: Final = "operator"
 OPC_UA_PORT: Final = 4840
-ROS_MASTER_PORT: Final = 11311
 KEY_LIFETIME_S: Final = 5
 _DEFAULT_GROUP: Final = "224.0.2.14"
 

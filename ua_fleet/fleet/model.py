@@ -17,7 +17,6 @@ from ua_fleet.values import BuiltinType, NodeId
 
 __all__ = [
     "BRIDGE_FIELDS",
-    "FIRST_GROUP",
     "GROUP_SIZE",
     "TRAFFIC_FIELDS",
     "BridgeModel",
@@ -33,7 +32,6 @@ __all__ = [
 
 GROUP_SIZE: Final = 100
 """Most children of one folder: asyncua and clients alike go through all of them for each."""
-FIRST_GROUP: Final = "G00"
 
 TRAFFIC_FIELDS: Final = ("MessagesIn", "MessagesOut", "Gaps", "Looped")
 """Variables of TrafficType beside its drops."""

@@ -66,11 +66,6 @@ class Sensor:
         """Whether it is to be read now."""
         return self._is_plugged and (self._is_wanted or bool(self._reads) or not self._is_there)
 
-    @property
-    def is_read_once(self) -> bool:
-        """Whether a reading waits."""
-        return bool(self._reads)
-
     # What happens to it
 
     def plugged(self, now: float, time_ns: int) -> None:

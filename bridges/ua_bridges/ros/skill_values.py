@@ -203,11 +203,6 @@ class StatusReader:
         self._done, self._failed = condition(status.done), condition(status.failed)
         self._running, self._progress = condition(status.running), condition(status.progress)
 
-    @property
-    def must_have_run(self) -> bool:
-        """Whether an end counts only after the robot was seen at it."""
-        return self._running is not None
-
     def runs(self, message: Any, arguments: Arguments) -> bool:
         """Whether the robot is at it; raises ValueUnknown."""
         return self._running is None or self._running.holds(message, arguments)

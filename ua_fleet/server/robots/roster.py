@@ -11,7 +11,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Iterator
 from dataclasses import replace
-from typing import Any, Final, Protocol
+from typing import Any, Protocol
 
 import structlog
 
@@ -28,9 +28,6 @@ from ua_fleet.values import StatusCode
 __all__ = ["RobotFixed", "RobotInUse", "RobotUnknown", "Roster", "Taking"]
 
 _log: Any = structlog.get_logger("ua_fleet.server")
-
-TRY_AGAIN_S: Final = 1.0
-"""An announcement that came while the robot was at work is looked at again after so long."""
 
 
 class RobotUnknown(UaFleetError):

@@ -111,9 +111,13 @@ def _check_kinds(parts: Parts) -> None:
     for robot, config in parts.robots.items():
         data = {data: dataset for (owner, data), dataset in parts.data.items() if owner == robot}
         robots[robot] = config.model_copy(update={"data": data})
+    told = [problem.key for problem in parts.document.problems]
     for name, bridge in parts.bridges.items():
         for path, text, suggestion in bridge.fleet_problems(name, robots):
-            parts.document.problem(path, text, suggestion)
+            key = key_text(path)
+            # A `source` or `sink` with a mistake in it has been left out. It is not missing.
+            if path[-1] not in ("source", "sink") or not any(f"{each}.".startswith(f"{key}.") for each in told):
+                parts.document.problem(path, text, suggestion)
 
 
 def _absolute(topic: str) -> str:

@@ -79,13 +79,17 @@ class RegisterConfig(
             raise ValueError("a bool in a word needs its `bit`, 0 to 15")
         if self.type is RegisterType.STRING and self.length is None:
             raise ValueError("a string needs its `length` in words")
-        if self.type not in (None, RegisterType.STRING) and self.length is not None:
-            raise ValueError("length: only a string has one")
-        if self.type not in (None, RegisterType.BOOL) and self.bit is not None:
-            raise ValueError("bit: only a bool has one")
-        if self.type in (RegisterType.BOOL, RegisterType.STRING) and (self.is_scaled or self.deadband):
-            raise ValueError("scale, offset and deadband are for numbers")
+        if self.type is not None:
+            self._check_kind(self.type)
         return self
+
+    def _check_kind(self, kind: RegisterType) -> None:
+        if kind is not RegisterType.STRING and self.length is not None:
+            raise ValueError("length: only a string has one")
+        if kind is not RegisterType.BOOL and self.bit is not None:
+            raise ValueError("bit: only a bool has one")
+        if kind in (RegisterType.BOOL, RegisterType.STRING) and (self.is_scaled or self.deadband):
+            raise ValueError("scale, offset and deadband are for numbers")
 
     def _check_bits(self) -> None:
         if self.type not in (None, RegisterType.BOOL):
@@ -112,6 +116,7 @@ class RegisterConfig(
             raise ValueError("a Boolean in a word needs its `bit`, 0 to 15")
         if kind is RegisterType.STRING and self.length is None:
             raise ValueError("a String needs its `length` in words")
+        self._check_kind(kind)
         return Register(
             self.table,
             self.address,

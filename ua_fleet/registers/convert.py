@@ -10,6 +10,7 @@ import math
 import struct
 import sys
 from collections.abc import Callable, Sequence
+from decimal import Decimal
 from typing import Final
 
 from ua_fleet.registers.model import Order, Register, RegisterType
@@ -53,6 +54,8 @@ _INTEGERS: Final[dict[int, tuple[int, int]]] = {
 }
 _MAX_FLOAT: Final = 3.4028234663852886e38
 """Greatest finite IEEE 754 single."""
+_LONG: Final = 10**20
+"""Numbers from here on are not written out."""
 _WHOLE: Final = 1e-9
 """1 / scale that is so near to a whole number was meant as one: 0.1 is a tenth."""
 
@@ -79,6 +82,8 @@ def _words_of(content: bytes, order: Order, *, turn_words: bool = True) -> tuple
 def _divisor(scale: float) -> float | None:
     """10 for a scale of 0.1: dividing by it gives 0.3 where multiplying gives 0.30000000000000004."""
     inverse = 1 / scale
+    if not math.isfinite(inverse):
+        return None
     whole = round(inverse)
     return float(whole) if abs(whole) > 1 and abs(inverse - whole) < _WHOLE * abs(whole) else None
 
@@ -200,7 +205,8 @@ def _raw(register: Register, value: Value) -> int | float:
         if not least <= whole <= greatest:
             raise RegisterUnfit(StatusCode.BAD_OUT_OF_RANGE, f"{value} does not fit into {register.type}")
         return whole
-    if register.type is RegisterType.FLOAT32 and _is_beyond_float(number):
+    has_overflown = math.isinf(number) and math.isfinite(value)
+    if has_overflown or (register.type is RegisterType.FLOAT32 and _is_beyond_float(number)):
         raise RegisterUnfit(StatusCode.BAD_OUT_OF_RANGE, f"{value} does not fit into {register.type}")
     return float(number)
 
@@ -259,11 +265,12 @@ def fit_problem(register: Register, wanted: int) -> str:
         return f"{register.type} has fractions, which {name} has not; use Float or Double"
     if not (register.scale.is_integer() and register.offset.is_integer()):
         return f"scale and offset make fractions, which {name} has not; use Float or Double"
-    ends = sorted(int(end * register.scale + register.offset) for end in register.type.integer_range)
+    ends = sorted(end * int(register.scale) + int(register.offset) for end in register.type.integer_range)
     least, greatest = _INTEGERS[wanted]
     if ends[0] < least or ends[1] > greatest:
         scaled = " as scaled" if register.is_scaled else ""
-        return f"{register.type}{scaled} goes from {ends[0]} to {ends[1]}, {name} from {least} to {greatest}"
+        first, last = (str(end) if abs(end) < _LONG else f"{Decimal(end):.3g}" for end in ends)
+        return f"{register.type}{scaled} goes from {first} to {last}, {name} from {least} to {greatest}"
     return ""
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from pydantic import ValidationError
@@ -21,7 +21,16 @@ from ua_fleet.config.schema import DataSetConfig, FieldConfig, RobotConfig
 from ua_fleet.config.skill_schema import SkillConfig
 from ua_fleet.document import KeyPath, key_text
 from ua_fleet.names import closest, listed
-from ua_fleet.registers import Register, RegisterType, Table, fit_problem, fits_device
+from ua_fleet.registers import (
+    LAST_ADDRESS,
+    Register,
+    RegisterType,
+    RegisterUnfit,
+    Table,
+    encode,
+    fit_problem,
+    fits_device,
+)
 
 __all__ = ["fleet_problems"]
 
@@ -45,22 +54,24 @@ def fleet_problems(config: ModbusBridgeConfig, name: str, robots: Mapping[str, R
     """See `BridgeConfig.fleet_problems`."""
     found: list[Problem] = []
     uses: list[_Use] = []
+    skills: dict[tuple[str, int], list[tuple[KeyPath, HandshakeSkill]]] = {}
     for robot, robot_config in robots.items():
         if robot_config.bridge != name:
             continue
         for data, data_set in robot_config.data.items():
             path: KeyPath = ("robots", robot, "data", data)
             if data_set.origin == "robot" and data_set.source is None:
-                found.append((path, "`source` is missing", "say which registers it is read from: source: {at: ...}"))
+                text = "say which registers it is read from: source: {at: ...}"
+                found.append(((*path, "source"), "`source` is missing", text))
             for side, mapping in (("source", data_set.source), ("sink", data_set.sink)):
                 if isinstance(mapping, RegisterMapping):
                     uses += _mapped(config, (*path, side), mapping, data_set, found)
         for skill, skill_config in robot_config.skills.items():
-            uses += _skill(config, ("robots", robot, "skills", skill), skill_config, found)
+            uses += _skill(config, ("robots", robot, "skills", skill), skill_config, skills, found)
     uses += _mirrors(config, name, robots, found)
     for use in uses:
         found += _outside(config.devices[use.device], use)
-    return found + list(_overlaps(uses))
+    return [*found, *_overlaps(uses), *_without_command(skills)]
 
 
 def _device(config: ModbusBridgeConfig, path: KeyPath, name: str | None, found: list[Problem]) -> str | None:
@@ -150,7 +161,13 @@ _WORD = (("request", True), ("accepted", False), ("halt", True))
 _FLAGS = ("busy", "done", "error")
 
 
-def _skill(config: ModbusBridgeConfig, path: KeyPath, skill: SkillConfig, found: list[Problem]) -> list[_Use]:
+def _skill(
+    config: ModbusBridgeConfig,
+    path: KeyPath,
+    skill: SkillConfig,
+    skills: dict[tuple[str, int], list[tuple[KeyPath, HandshakeSkill]]],
+    found: list[Problem],
+) -> list[_Use]:
     if not skill.via:
         found.append((path, "`via` is missing", "say how the device does it; see docs/plc.md"))
         return []
@@ -164,6 +181,7 @@ def _skill(config: ModbusBridgeConfig, path: KeyPath, skill: SkillConfig, found:
     if device is None:
         return uses
     handshake = via.request.address
+    skills.setdefault((device, handshake), []).append((path, via))
 
     def use(key: str, register: RegisterConfig | None, field: ScalarType, writes: bool) -> None:
         if register is not None:
@@ -181,6 +199,11 @@ def _skill(config: ModbusBridgeConfig, path: KeyPath, skill: SkillConfig, found:
     use("error_code", via.error_code, ScalarType.INT64, False)
     use("progress", via.progress, ScalarType.DOUBLE, False)
     use("command", via.command, ScalarType.INT64, True)
+    if uses and uses[-1].path[-1] == "command" and via.code is not None:
+        try:
+            encode(uses[-1].register, via.code)
+        except RegisterUnfit as unfit:
+            found.append(((*path, "code"), unfit.reason, ""))
     for key, named, known in (
         ("arguments", via.arguments, skill.arguments),
         ("results", via.results, skill.results),
@@ -198,11 +221,21 @@ def _skill(config: ModbusBridgeConfig, path: KeyPath, skill: SkillConfig, found:
     return uses
 
 
+def _without_command(skills: Mapping[tuple[str, int], Sequence[tuple[KeyPath, HandshakeSkill]]]) -> Iterator[Problem]:
+    """Skills for which the program would do what another one with the same `request` has left in `command`."""
+    for sharing in skills.values():
+        having = next((path for path, via in sharing if via.command is not None), None)
+        for path, via in sharing:
+            if having is not None and via.command is None:
+                text = f"`command` is missing; {key_text(having)} has the same `request` and leaves its code there"
+                yield path, text, "give each of them its `code`"
+
+
 def _outside(device: DeviceConfig, use: _Use) -> Iterator[Problem]:
     span, limits = use.register.span, device.limits
     if not fits_device(limits, span):
-        there = limits.ranges.get(span.table)
-        names = ", ".join(f"{first} to {last}" for first, last in there or ((0, 65535),)) or "none"
+        there = limits.ranges.get(span.table, [(0, LAST_ADDRESS)])
+        names = ", ".join(f"{first} to {last}" for first, last in there) or "none"
         yield use.path, f"{span.text} is outside of the device {use.device}", f"its {span.table} addresses: {names}"
         return
     most = limits.most_written(span.table) if use.writes else limits.most_read(span.table)
@@ -233,7 +266,8 @@ def _clash(other: _Use, use: _Use) -> str:
         return ""
     if span != others:
         return f"{span.text} overlaps {others.text} of {key_text(other.path)}"
-    if use.writes and other.writes and (use.register.bit is None or use.register.bit == other.register.bit):
+    bits = {use.register.bit, other.register.bit}
+    if use.writes and other.writes and (None in bits or len(bits) == 1):
         return f"{span.text} is written by {key_text(other.path)} already"
     return ""
 

@@ -329,7 +329,7 @@ def _data_problems(path: KeyPath, data: DataSetConfig) -> Iterator[Problem]:
         yield from _sink_problems(path, data)
         return
     if data.source is None:
-        yield path, "it has no `source`", "add `source: {}`, and the variable as `path`"
+        yield (*path, "source"), "it has no `source`", "add `source: {}`, and the variable as `path`"
     for name, field in data.all_fields().items():
         key = (*path, "fields", name) if name else path
         reading = read_path(field_path(name, field))
@@ -346,7 +346,7 @@ def _data_problems(path: KeyPath, data: DataSetConfig) -> Iterator[Problem]:
 
 def _sink_problems(path: KeyPath, data: DataSetConfig) -> Iterator[Problem]:
     if not isinstance(data.sink, UrSink):
-        yield path, "it has no `sink`", "name the output that it sets"
+        yield (*path, "sink"), "it has no `sink`", "name the output that it sets"
     elif len(data.all_fields()) != 1:
         yield (*path, "fields"), "an output takes one value", "write data for each output"
     else:

@@ -106,7 +106,14 @@ def test_coil_is_a_bit() -> None:
 
 @pytest.mark.parametrize(
     ("scale", "offset", "raw", "value"),
-    [(0.1, 0.0, 3, 0.3), (0.1, 0.0, 123, 12.3), (0.001, 0.0, 7, 0.007), (2.0, -40.0, 50, 60.0), (-0.5, 1.0, 4, -1.0)],
+    [
+        (0.1, 0.0, 3, 0.3),
+        (0.1, 0.0, 123, 12.3),
+        (0.001, 0.0, 7, 0.007),
+        (2.0, -40.0, 50, 60.0),
+        (-0.5, 1.0, 4, -1.0),
+        (1e-310, 0.0, 3, 3e-310),
+    ],
 )
 def test_scaled_values_are_the_decimals_that_were_meant(scale: float, offset: float, raw: int, value: float) -> None:
     register = holding(RegisterType.INT16, scale=scale, offset=offset)
@@ -121,6 +128,7 @@ REFUSED: list[tuple[Register, Any, str]] = [
     (holding(RegisterType.INT32), math.nan, "nan does not fit into int32"),
     (holding(RegisterType.INT32), math.inf, "inf does not fit into int32"),
     (holding(RegisterType.FLOAT32), 1e39, "1e+39 does not fit into float32"),
+    (holding(RegisterType.FLOAT64, scale=1e-320), 3.0, "3.0 does not fit into float64"),
     (holding(RegisterType.INT16), "5", "'5' is no number"),
     (holding(RegisterType.INT16), [5], "[5] is no number"),
     (holding(RegisterType.FLOAT64), 10**400, "the number does not fit into float64"),
@@ -181,6 +189,8 @@ def test_values_become_those_of_their_field(value: Any, wanted: BuiltinType, res
     [
         (holding(RegisterType.INT16), BuiltinType.INT16, ""),
         (holding(RegisterType.INT16), BuiltinType.INT32, ""),
+        (holding(RegisterType.INT64), BuiltinType.INT64, ""),
+        (holding(RegisterType.UINT64), BuiltinType.UINT64, ""),
         (holding(RegisterType.INT64), BuiltinType.DOUBLE, ""),
         (holding(RegisterType.FLOAT64), BuiltinType.FLOAT, ""),
         (holding(RegisterType.BOOL, bit=0), BuiltinType.BOOLEAN, ""),
@@ -192,6 +202,11 @@ def test_values_become_those_of_their_field(value: Any, wanted: BuiltinType, res
             "int16 as scaled goes from -327680 to 327670, Int16 from -32768 to 32767",
         ),
         (holding(RegisterType.INT16, scale=-1.0), BuiltinType.INT32, ""),
+        (
+            holding(RegisterType.UINT64, scale=1e300),
+            BuiltinType.INT16,
+            "uint64 as scaled goes from 0 to 1.84e+319, Int16 from -32768 to 32767",
+        ),
         (
             holding(RegisterType.INT16, scale=0.1),
             BuiltinType.INT16,

@@ -107,6 +107,44 @@ WRONG: list[tuple[str, str, str]] = [
         ),
     ),
     (
+        "a word and then a bit of it",
+        HEAD + sink(10, "table: holding, address: 7") + sink(11, "table: holding, address: 7, bit: 3", "Boolean", "z"),
+        (
+            "21:robots.press.data.z.sink.at: holding 7 is written by robots.press.data.y.sink.at already; "
+            "one of the two addresses or types is wrong"
+        ),
+    ),
+    (
+        "a bit and then its word",
+        HEAD
+        + sink(10, "table: holding, address: 7, bit: 3", "Boolean")
+        + sink(11, "table: holding, address: 7", name="z"),
+        (
+            "21:robots.press.data.z.sink.at: holding 7 is written by robots.press.data.y.sink.at already; "
+            "one of the two addresses or types is wrong"
+        ),
+    ),
+    (
+        "no address at all",
+        HEAD.replace("[[0, 99]]", "[]") + at(10, "table: holding, address: 7"),
+        f"{PLACE}x.source.at: holding 7 is outside of the device plc; its holding addresses: none",
+    ),
+    (
+        "deadband of a bit",
+        HEAD + at(10, "table: holding, address: 7, bit: 3, deadband: 1", "Boolean"),
+        f"{PLACE}x.source.at: scale, offset and deadband are for numbers",
+    ),
+    (
+        "bit of a number",
+        HEAD + at(10, "table: holding, address: 7, bit: 3"),
+        f"{PLACE}x.source.at: bit: only a bool has one",
+    ),
+    (
+        "scale beyond everything",
+        HEAD + at(10, "table: holding, address: 7, type: uint64, scale: 1e300"),
+        f"{PLACE}x.source.at: uint64 as scaled goes from 0 to 1.84e+319, UInt16 from 0 to 65535",
+    ),
+    (
         "wrong type",
         HEAD + at(10, "table: holding, address: 7, type: float32"),
         f"{PLACE}x.source.at: float32 has fractions, which UInt16 has not; use Float or Double",
@@ -149,7 +187,7 @@ WRONG: list[tuple[str, str, str]] = [
     (
         "no source",
         HEAD + "      x: {id: 10, type: UInt16}\n",
-        f"{PLACE}x: `source` is missing; say which registers it is read from: source: {{at: ...}}",
+        f"{PLACE}x.source: `source` is missing; say which registers it is read from: source: {{at: ...}}",
     ),
     (
         "field without a register",
@@ -223,6 +261,15 @@ WRONG: list[tuple[str, str, str]] = [
 ]
 
 
+def test_mistake_within_a_source_is_told_alone() -> None:
+    text = HEAD + at(10, "table: holding, address: 70000") + sink(11, "table: holding, adress: 1")
+    assert [each.split(":")[1].split(" ")[0] for each in problems(text)] == [
+        "robots.press.data.x.source.at.address",
+        "robots.press.data.y.sink.at.address",
+        "robots.press.data.y.sink.at.adress",
+    ]
+
+
 @pytest.mark.parametrize(("text", "problem"), [each[1:] for each in WRONG], ids=[each[0] for each in WRONG])
 def test_each_mistake_is_said_with_its_line(text: str, problem: str) -> None:
     assert problem in problems(text)
@@ -280,6 +327,16 @@ def test_skill_that_is_right() -> None:
         ),
         ("request: {table: holding, address: 10}", "code: 3", "via.request: `request` is missing"),
         ("          arguments:", "          code: 3\n          arguments:", "via: command and code belong together"),
+        (
+            "          arguments:",
+            "          command: {table: coil, address: 20}\n          code: 7\n          arguments:",
+            "via.command: bool is no Int64",
+        ),
+        (
+            "          accepted:",
+            "          command: {table: holding, address: 9, type: uint16}\n          code: 70000\n          accepted:",
+            "via.code: 70000 does not fit into uint16",
+        ),
     ],
 )
 def test_skill_that_is_wrong(old: str, new: str, problem: str) -> None:
@@ -292,6 +349,10 @@ def test_skills_of_one_handshake_share_its_registers() -> None:
     second = SKILL.replace("    skills:\n", "").replace("close:", "open:").replace("id: 20", "id: 21")
     shared = (SKILL + second).replace("type: float32", "type: float32")
     assert problems(SKILLED.replace(SKILL, shared)) == []
+    command = "          command: {table: holding, address: 20}\n          code: 1\n"
+    found = problems(SKILLED.replace(SKILL, SKILL + command + second))
+    text = "`command` is missing; robots.press.skills.close.via has the same `request` and leaves its code there"
+    assert found == [f"38:robots.press.skills.open.via: {text}; give each of them its `code`"]
     apart = second.replace("request: {table: holding, address: 10}", "request: {table: holding, address: 30}")
     found = problems(SKILLED.replace(SKILL, SKILL + apart))
     assert any("via.arguments.force: holding 11 is written by" in each for each in found), found

@@ -13,7 +13,7 @@ pytest.importorskip("rospy", reason="needs the Python that has rospy")
 from ua_bridges.ros1.master import SystemState
 from ua_bridges.ros1.watch import Watch
 
-from tests.contract.harness import until
+from tests.waiting import until
 
 
 class Master:

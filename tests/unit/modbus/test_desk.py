@@ -192,7 +192,7 @@ def test_any_progress_of_a_robot_is_shown(device: Device, fraction: float, perce
     assert device.image.get(status("progress", 0)) == percent
 
 
-@pytest.mark.parametrize("reached", [[1.0], {"at": 1.0}, "far", 10**400])
+@pytest.mark.parametrize("reached", [[1.0], {"at": 1.0}, "far", 10**400], ids=["array", "object", "text", "huge"])
 def test_result_that_is_no_value_of_its_type_is_said(device: Device, reached: Any) -> None:
     device.command(1)
     device.desk.take()

@@ -141,7 +141,7 @@ REFUSED: list[tuple[Register, Any, str]] = [
 ]
 
 
-@pytest.mark.parametrize(("register", "value", "reason"), REFUSED)
+@pytest.mark.parametrize(("register", "value", "reason"), REFUSED, ids=[reason for *_, reason in REFUSED])
 def test_what_does_not_fit_is_refused(register: Register, value: Any, reason: str) -> None:
     with pytest.raises(RegisterUnfit) as caught:
         encode(register, value)

@@ -350,7 +350,10 @@ class Orchestrator:
         if isinstance(fact, TaskOver):
             task_run = self.runs[run_id].state.tasks[fact.step]
             self._executions.pop(task_run.execution_id, None)
-            if fact.then is Then.REPLACE and fact.outcome in _FAULTY:
+            stands_still = fact.outcome is TaskOutcome.BUSY and task_run.tries > 0  # with an attempt of ours
+            if fact.then is Then.REPLACE and stands_still:
+                self._fault(task_run.robot, SKILL_SOURCE, f"{task_run.skill} took too long, and does not stop", now)
+            elif fact.then is Then.REPLACE and fact.outcome in _FAULTY:
                 self._fault(task_run.robot, SKILL_SOURCE, f"{task_run.skill} {_FAULTY[fact.outcome]}", now)
         elif isinstance(fact, RunEnded):
             self._end(run_id, now)

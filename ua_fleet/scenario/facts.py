@@ -52,6 +52,8 @@ class TaskOutcome(StrEnum):
     DONE = "done"
     FAILED = "failed"
     REFUSED = "refused"
+    BUSY = "busy"
+    """The robot would not begin it now, while it is at something else."""
     TIMED_OUT = "timed_out"
     UNKNOWN = "unknown"
     """Nobody can tell whether it was done."""

@@ -6,6 +6,7 @@ a task's execution id follows from the run, the step and the attempt.
 
     task:  waits for `after`, then for its robot --granted--> assigned --accepted--> accepted --done--> over
            assigned, accepted --failed, refused, timed out--> once more while retries are left, then a replacement
+                              --busy--> asked again for a while, then a replacement
                               --robot's fault--> a replacement is wanted
                               --unknown--> by `on_unknown`: asked, once more, or a replacement
            replacement wanted --replaced--> waits for that robot
@@ -404,7 +405,7 @@ class Run:
         results: Mapping[str, Value],
         moment: Moment,
     ) -> None:
-        then = task_run.then(self.task(step), outcome, is_closing=self.state.closing is not None)
+        then = task_run.then(self.task(step), outcome, moment.now, is_closing=self.state.closing is not None)
         message = message or ("" if then is Then.DONE else f"{task_run.skill} on {task_run.robot}: {outcome.value}")
         self._note(TaskOver(moment.now, step, task_run.attempt, outcome, then, message, results), moment)
         moment.effects.append(ReleaseRobot(step))

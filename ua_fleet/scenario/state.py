@@ -36,6 +36,8 @@ from ua_fleet.scenario.model import OnUnknown, Task
 
 __all__ = ["RunState", "TaskPhase", "TaskRun"]
 
+BUSY_S: Final = 10.0
+"""So long a robot that is at something else is asked again; then it has refused."""
 MOST_TASKS: Final = 500
 """Tasks of iterations that are over and still known; of twice as many the older half is forgotten."""
 
@@ -64,7 +66,9 @@ class TaskRun:
     attempt: int = 0
     """Numbers all attempts of the task, on whatever robot."""
     tries: int = 0
-    """Attempts on this robot."""
+    """Attempts on this robot, without those for which it was busy."""
+    busy_since: float | None = None
+    """When it was first asked for this attempt, and was at something else."""
     robot: str = ""
     execution_id: str = ""
     skill: str = ""
@@ -75,7 +79,7 @@ class TaskRun:
     refused_by: tuple[str, ...] = ()
     """Robots that would not even begin it; nobody asks them again."""
 
-    def then(self, task: Task, outcome: TaskOutcome, *, is_closing: bool) -> Then:
+    def then(self, task: Task, outcome: TaskOutcome, now: float, *, is_closing: bool) -> Then:
         """What follows from how the attempt has ended; a run that is closing begins nothing more."""
         if outcome is TaskOutcome.DONE:
             return Then.DONE
@@ -83,6 +87,9 @@ class TaskRun:
             return Then.FAILED
         if outcome is TaskOutcome.UNKNOWN:
             return _AFTER_UNKNOWN[task.on_unknown]
+        if outcome is TaskOutcome.BUSY:
+            since = self.assigned_at if self.busy_since is None else self.busy_since
+            return Then.RETRY if now < since + BUSY_S else Then.REPLACE
         if outcome is not TaskOutcome.FAULT and self.tries <= task.retries:
             return Then.RETRY
         return Then.REPLACE
@@ -217,8 +224,14 @@ class RunState:
                 task.phase = TaskPhase.ACCEPTED
             case TaskOver():
                 task.reason = fact.message
-                if fact.outcome is TaskOutcome.REFUSED:
+                is_busy = fact.outcome is TaskOutcome.BUSY
+                if fact.outcome is TaskOutcome.REFUSED or (is_busy and fact.then is Then.REPLACE):
                     task.refused_by = (*task.refused_by, task.robot)
+                if not is_busy:
+                    task.busy_since = None
+                else:
+                    task.tries -= 1
+                    task.busy_since = task.assigned_at if task.busy_since is None else task.busy_since
                 if fact.then is Then.DONE:
                     self.results[task.name] = fact.results
                 self._follow(fact.step, task, fact.then)

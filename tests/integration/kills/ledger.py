@@ -12,7 +12,7 @@ from ua_fleet.storage.run_journal import RunJournal
 
 __all__ = ["Ledger", "facts_of", "keep"]
 
-NEVER_BEGUN = (TaskOutcome.REFUSED, TaskOutcome.TIMED_OUT)
+NEVER_BEGUN = (TaskOutcome.REFUSED, TaskOutcome.BUSY, TaskOutcome.TIMED_OUT)
 """Tasks of these tests have no timeout of their own: it is the responder that says so."""
 
 

@@ -167,6 +167,10 @@ class Owner:
             self._known[execution_id] = (skill.outcome, {})
             self._report(execution_id, skill.outcome, {}, after_s=0.0)
             return
+        if skill.outcome is TaskOutcome.BUSY:
+            self._known[execution_id] = (skill.outcome, {})
+            self._report(execution_id, skill.outcome, {}, after_s=0.5)
+            return
         self.begun[f"{task.task}"] += 1
         self._begun_by[execution_id] = task.robot
         self._known[execution_id] = None

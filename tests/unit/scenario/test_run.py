@@ -6,6 +6,7 @@ import pytest
 
 from tests.unit.scenario.owner import Owner, Skill
 from ua_fleet.errors import ScenarioError
+from ua_fleet.scenario.effects import Effect
 from ua_fleet.scenario.facts import (
     Replaced,
     RobotReturned,
@@ -193,6 +194,34 @@ def test_an_operator_decides_later() -> None:
     world.tell(world.run.replaced(decision.step, "drone", "bert", 60))  # the first has decided
     world.go()
     assert world.log == ["60 ur3 pick", "61 done"]
+
+
+def test_a_robot_that_is_at_something_else_is_asked_again() -> None:
+    world = owner("  - {task: a, robot: ned, skill: pick}\n")
+    busy, free = Skill(outcome=TaskOutcome.BUSY), Skill()
+    world.skills["ned", "pick"] = busy
+
+    def done() -> list[Effect]:
+        world.skills["ned", "pick"] = free
+        return []
+
+    world.at(3.2, done)
+    world.go()
+    assert world.log == ["3.5 ned pick", "4.5 done"]
+    assert not world.decisions
+
+
+def test_a_robot_that_stays_at_something_else_has_refused_and_no_retry_is_lost_to_that() -> None:
+    world = owner("  - {task: a, robot: ned, skill: pick, retries: 1}\n")
+    world.skills["ned", "pick"] = Skill(outcome=TaskOutcome.BUSY)
+    world.restart()
+    world.stand_in = lambda decision: "ur3"
+    world.go()
+    assert world.log == ["10 ur3 pick", "11 done"]
+    (decision,) = world.decisions
+    assert decision.robot == "ned"
+    (task_run,) = world.run.state.tasks.values()
+    assert task_run.refused_by == ("ned",)
 
 
 def test_a_task_for_whoever_has_the_capacity() -> None:

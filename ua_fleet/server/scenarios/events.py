@@ -126,7 +126,7 @@ def _of_run(record: RunRecord) -> dict[str, Variant]:
 def _severity(fact: Fact) -> int:
     match fact:
         case TaskOver(outcome=outcome):
-            return _USUAL if outcome is TaskOutcome.DONE else _GRAVE
+            return _USUAL if outcome in (TaskOutcome.DONE, TaskOutcome.BUSY) else _GRAVE
         case StepEnded(state=StepState.FAILED):
             return _GRAVE
         case Replaced() | ReplacementWanted() | RobotReturned():

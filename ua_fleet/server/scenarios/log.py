@@ -82,9 +82,9 @@ class RunLog:
         elif isinstance(fact, TaskOver):
             ids = self._tasks.pop((run_id, fact.step), {})
             said = {"reason": fact.message} if fact.message else {}
-            is_done = fact.outcome is TaskOutcome.DONE
+            is_done = fact.outcome in (TaskOutcome.DONE, TaskOutcome.BUSY)  # who is busy is asked again
             tell = _log.info if is_done else _log.warning
-            follows = {} if is_done else {"then": fact.then.value}
+            follows = {} if fact.outcome is TaskOutcome.DONE else {"then": fact.then.value}
             tell("task ended", run_id=run_id, step=fact.step, outcome=fact.outcome.value, **ids, **follows, **said)
         elif isinstance(fact, ReplacementWanted):
             _log.warning(

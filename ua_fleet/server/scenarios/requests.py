@@ -32,6 +32,10 @@ __all__ = ["START_WITHIN_S", "Requests", "TaskRequests"]
 
 START_WITHIN_S: Final = 10.0
 """A robot that has not begun by then has refused. Immediate skills have their own timeout: they answer at their end."""
+BUSY_PAUSE_S: Final = 0.5
+"""Before a robot that is at something else is asked again."""
+_BUSY: Final = (StatusCode.BAD_TOO_MANY_OPERATIONS, StatusCode.BAD_SERVER_TOO_BUSY)
+"""What a robot refuses now it may take later."""
 ASK_AGAIN_S: Final = 0.2
 """Pause before an Action that nobody has announced is looked for again."""
 MOST_EXECUTIONS: Final = 10_000
@@ -41,7 +45,6 @@ _ENDED: Final = {
     ExecutionState.DONE: TaskOutcome.DONE,
     ExecutionState.FAILED: TaskOutcome.FAILED,
     ExecutionState.UNKNOWN: TaskOutcome.UNKNOWN,
-    ExecutionState.REFUSED: TaskOutcome.REFUSED,
     ExecutionState.TIMED_OUT: TaskOutcome.TIMED_OUT,
 }
 
@@ -242,9 +245,11 @@ class TaskRequests:
                 self._ended(hex_id, TaskOutcome.DONE, message, _usable(dict(zip(names, values, strict=False))))
             elif (end := _outcome_of(report.state, report.status)) is not None:
                 self._ended(hex_id, end, message, {})
+        elif outcome.kind is OutcomeKind.REFUSED:
+            self._ended(hex_id, _refusal(report.status), message, {})
         else:
-            ended = {OutcomeKind.REFUSED: TaskOutcome.REFUSED, OutcomeKind.TIMED_OUT: TaskOutcome.TIMED_OUT}
-            self._ended(hex_id, ended.get(outcome.kind, TaskOutcome.UNKNOWN), message, {})
+            timed_out = outcome.kind is OutcomeKind.TIMED_OUT
+            self._ended(hex_id, TaskOutcome.TIMED_OUT if timed_out else TaskOutcome.UNKNOWN, message, {})
 
     def poll(self) -> None:
         """Ask those who could not be asked before."""
@@ -267,6 +272,8 @@ class TaskRequests:
             self._ended(execution_id, outcome, message, results)
 
     def _ended(self, execution_id: str, outcome: TaskOutcome, message: str, results: Mapping[str, Value]) -> None:
+        if outcome is TaskOutcome.BUSY and execution_id in self._skills:
+            self._free_at[self._node_of(execution_id)] = self._clock() + BUSY_PAUSE_S
         if outcome is not TaskOutcome.UNKNOWN:  # what nobody can tell may be told later
             self._skills.pop(execution_id, None)
             self._told_by.pop(execution_id, None)
@@ -286,7 +293,11 @@ def _outcome_of(state: ExecutionState, status: int) -> TaskOutcome | None:
     """What an execution has come to; None while it is under way."""
     if state is ExecutionState.FAILED and status == StatusCode.BAD_TIMEOUT:
         return TaskOutcome.TIMED_OUT
-    return _ENDED.get(state)
+    return _refusal(status) if state is ExecutionState.REFUSED else _ENDED.get(state)
+
+
+def _refusal(status: int) -> TaskOutcome:
+    return TaskOutcome.BUSY if status in _BUSY else TaskOutcome.REFUSED
 
 
 def _with_status(message: str, status: int) -> str:

@@ -197,6 +197,37 @@ def test_a_number_that_no_double_holds_is_no_result(tmp_path: Path) -> None:
     assert "a.weight" in world.ended()[0]
 
 
+@pytest.mark.parametrize("status", [StatusCode.BAD_TOO_MANY_OPERATIONS, StatusCode.BAD_SERVER_TOO_BUSY])
+def test_a_robot_that_is_at_something_else_is_asked_again_a_little_later(tmp_path: Path, status: StatusCode) -> None:
+    """It may still be stopping what took too long, or do what an operator has asked for."""
+    world = World(tmp_path)
+    world.start()
+    for number in range(1, 4):
+        assert [robot for robot, _, _ in world.robots.asked] == ["left"] * number
+        report = Report(ExecutionState.REFUSED, status, "1 such executions are under way")
+        world.service.concluded(world.robots.asked[-1][2], Outcome(OutcomeKind.REFUSED, report))
+        world.pass_time(0.4)
+        assert len(world.robots.asked) == number, "not at once"
+        world.pass_time(0.2)
+    world.service.concluded(world.robots.asked[-1][2], IMMEDIATE)
+    assert (world.ended(), world.faults()) == (["done"], [])
+    assert len({execution_id for _, _, execution_id in world.robots.asked}) == 4
+
+
+def test_a_robot_that_does_not_stop_what_took_too_long_has_a_fault(tmp_path: Path) -> None:
+    world = World(tmp_path)
+    world.start(ONE.replace("angle: 5}", "angle: 5}, timeout_s: 1, retries: 1"))
+    world.service.concluded(world.robots.asked[-1][2], ACCEPTED)
+    world.pass_time(1.0)
+    report = Report(ExecutionState.REFUSED, StatusCode.BAD_TOO_MANY_OPERATIONS, "1 such executions are under way")
+    while world.robots.asked[-1][0] == "left" and world.now < 120:
+        world.service.concluded(world.robots.asked[-1][2], Outcome(OutcomeKind.REFUSED, report))
+        world.pass_time(0.5)
+    assert world.now == pytest.approx(111.0, abs=0.6)
+    assert [fault.reason for fault in world.service.faults] == ["grab took too long, and does not stop"]
+    assert world.robots.asked[-1][0] == "right"
+
+
 def test_a_task_whose_robot_stands_waits_and_nobody_is_asked_in_its_place(tmp_path: Path) -> None:
     world = World(tmp_path)
     world.start()

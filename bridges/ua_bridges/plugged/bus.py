@@ -113,7 +113,7 @@ class Bus:
         self._is_stopped = False
         self._lock = threading.Lock()
         """Over what both threads touch: the three that follow."""
-        self._waiting: deque[tuple[Signal, Sequence[Any], int]] = deque()
+        self._waiting: dict[Signal, deque[tuple[Sequence[Any], int]]] = {}
         self._lost: dict[Signal, int] = {}
         self._is_flushing = False
         # Of the bus's own thread:
@@ -156,14 +156,15 @@ class Bus:
     def _flush(self) -> None:
         with self._lock:
             self._is_flushing = False
-            waiting, self._waiting = self._waiting, deque()
+            waiting, self._waiting = self._waiting, {}
             lost, self._lost = self._lost, {}
         if self._is_stopped:
             return
         for signal, count in lost.items():
             self._dropped(signal, count)
-        for heard in waiting:
-            self._heard(*heard)
+        for signal, kept in waiting.items():
+            for body, time_ns in kept:
+                self._heard(signal, body, time_ns)
 
     # Of the thread
 
@@ -315,10 +316,10 @@ class Bus:
     def _keep(self, signal: Signal, body: Sequence[Any]) -> None:
         """Hand a signal to the bridge's loop; of a flood the latest."""
         with self._lock:
-            if len(self._waiting) >= MOST_WAITING:
-                oldest = self._waiting.popleft()[0]
-                self._lost[oldest] = self._lost.get(oldest, 0) + 1
-            self._waiting.append((signal, body, time.time_ns()))
+            kept = self._waiting.setdefault(signal, deque(maxlen=MOST_WAITING))
+            if len(kept) == MOST_WAITING:
+                self._lost[signal] = self._lost.get(signal, 0) + 1
+            kept.append((body, time.time_ns()))
             if self._is_flushing:
                 return
             self._is_flushing = True

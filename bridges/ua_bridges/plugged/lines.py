@@ -74,7 +74,10 @@ class _Source:
 
 
 class Lines:
-    """One serial port. `write` sends bytes, `reset` closes and opens the port for a reason, `listen` sees `listens`."""
+    """One serial port.
+
+    `write` sends bytes, False: it did not; `reset` closes and opens the port for a reason; `listen` sees `listens`.
+    """
 
     def __init__(
         self,
@@ -85,7 +88,7 @@ class Lines:
         sinks: Sequence[ConfiguredData[PluggedSink]],
         put: Put,
         executing: Executing,
-        write: Callable[[bytes], None],
+        write: Callable[[bytes], bool],
         reset: Callable[[str], None],
         listen: Callable[[], None],
     ) -> None:
@@ -100,6 +103,7 @@ class Lines:
             for data in sinks
             if data.side.command is not None
         }
+        self._gone = f"{device} was pulled out, or failed, before it was written to; plug it in, and ask again"
         self._asked: tuple[_Source, float] | None = None
         """Who was asked last, and until when an answer is waited for."""
         self._awaiting: tuple[_Command, Execution] | None = None
@@ -154,8 +158,10 @@ class Lines:
             self._dropped(Drop.MALFORMED, f"it says a line of more than {LONGEST_LINE} bytes; see port.terminator")
             self._left, self._skips_line = self._left[-len(self._terminator) :], True
         if len(lines) > MOST_LINES:
-            self._dropped(Drop.RATE_LIMITED, "it says more lines than can be looked at", len(lines) - MOST_LINES)
-            del lines[:-MOST_LINES]
+            flood, lines = lines[:-MOST_LINES], lines[-MOST_LINES:]
+            # The answer to a command comes once.
+            answered = sum(self._awaiting is not None and self._answers(self._text(raw)) for raw in flood)
+            self._dropped(Drop.RATE_LIMITED, "it says more lines than can be looked at", len(flood) - answered)
         for raw in lines:
             self._line(self._text(raw), now, time_ns)
 
@@ -225,8 +231,11 @@ class Lines:
             self._awaiting = (command, execution)
             self._executing.progress(execution.execution_id, 0.0)
             self._listen()
-        self._write(data)
-        if command.done is None:
+        if not self._write(data):
+            if command.done is not None:
+                self._awaiting = None
+            self._executing.end(execution.execution_id, Ended(StatusCode.BAD_NO_COMMUNICATION, (), self._gone))
+        elif command.done is None:
             self._executing.end(execution.execution_id, Ended(StatusCode.GOOD, (), "it was sent to the device"))
 
     def halt(self, execution: Execution) -> None:
@@ -241,7 +250,8 @@ class Lines:
             raise SkillRejected(f"{command.skill.label} cannot be stopped: it has no `halt`")
         if not self._is_open:
             raise RobotOffline(f"{self._device} is not plugged in")
-        self._write(self._encoded(command.halt.render(_arguments(command.skill, execution))))
+        if not self._write(self._encoded(command.halt.render(_arguments(command.skill, execution)))):
+            raise RobotOffline(self._gone)
         self.end(execution.execution_id, Ended(StatusCode.BAD_REQUEST_CANCELLED_BY_CLIENT, (), "it was halted"))
 
     def end(self, execution_id: bytes, ended: Ended) -> bool:
@@ -279,7 +289,9 @@ class Lines:
         if not self._is_open:
             self._dropped(Drop.NOT_CONNECTED, f"{data.label}: the device is not plugged in")
             return False
-        self._write(written)
+        if not self._write(written):
+            self._dropped(Drop.NOT_CONNECTED, f"{data.label}: {self._gone}")
+            return False
         return True
 
     def writes(self, topic: Topic) -> bool:

@@ -202,11 +202,11 @@ class Port:
         self._lines.received(data, time.monotonic(), time.time_ns())
         self._turned()
 
-    def write(self, data: bytes) -> None:
-        """Send bytes, at once where the kernel takes them."""
+    def write(self, data: bytes) -> bool:
+        """Send bytes, at once where the kernel takes them; False where the port is over."""
         port = self._serial
         if port is None:
-            return
+            return False
         sent = 0
         if not self._unsent:
             try:
@@ -215,13 +215,15 @@ class Port:
                 sent = 0
             except OSError as error:
                 self.reset(f"it was pulled out, or failed ({error.strerror})")
-                return
+                return False
             if sent == len(data):
-                return
+                return True
             self._loop.add_writer(port.fd, self._writable)
         self._unsent += data[sent:]
         if len(self._unsent) > MOST_UNSENT:
             self.reset("it does not read what it is sent")
+            return False
+        return True
 
     def _writable(self) -> None:
         port = self._serial

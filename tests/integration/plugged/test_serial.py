@@ -37,6 +37,7 @@ robots:
         results: {loud: {type: Double}}
         timeout_s: 0.5
         via: {device: box, command: "BEEP {ms}\n", done: "BEEPED {loud}", failed: "ERR {message}", halt: "HUSH\n"}
+      hush: {id: 21, via: {device: box, command: "HUSH\n"}}
 """
 
 
@@ -132,6 +133,18 @@ async def test_a_command_is_answered_fails_or_is_given_up(tmp_path: Path, box: P
         lost = bridge.begin(20, 4)
         box.unplug()
         assert "see what it did" in (await bridge.end(lost)).message
+
+
+async def test_a_command_into_a_port_that_is_gone_was_not_sent(tmp_path: Path, box: PtyDevice) -> None:
+    async with started(fleet(tmp_path)) as bridge:
+        sent: Any = await bridge.end(bridge.begin(21))
+        assert (sent.status, sent.message) == (0, "it was sent to the device")
+        box.unplug()
+        begun = [bridge.begin(21), bridge.begin(20, 1)]  # the bridge has not looked yet
+        for execution in begun:
+            gone: Any = await bridge.end(execution)
+            assert gone.status == StatusCode.BAD_NO_COMMUNICATION
+            assert "before it was written to" in gone.message
 
 
 async def test_a_port_that_may_not_be_opened_says_what_to_do(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

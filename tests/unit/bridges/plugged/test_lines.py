@@ -1,0 +1,112 @@
+"""What is said on a serial port: commands, their answers, and more lines than can be looked at."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+from ua_bridges.plugged.config import PluggedBridgeConfig, PluggedSink, PluggedSkill, PluggedSource
+from ua_bridges.plugged.lines import MOST_LINES, Lines
+from ua_bridges.plugged.sensor import Sensor
+
+from ua_fleet.bridge import DriverEvent, Dropped, Execution, ExecutionEnded, SampleRead
+from ua_fleet.bridge.configured import configured_sinks, configured_skills, configured_sources
+from ua_fleet.bridge.executing import Executing
+from ua_fleet.config.load import load_content
+from ua_fleet.counters import Drop
+from ua_fleet.errors import RobotOffline
+from ua_fleet.topics import Topic
+from ua_fleet.values import StatusCode
+
+FLEET = r"""
+version: 1
+pubsub: {security: none}
+bridges: {pc: {kind: plugged, space: 300, status_id: 1, devices: {box: {path: /dev/box}}}}
+robots:
+  rover_pc:
+    bridge: pc
+    skill_status_id: 2
+    data:
+      level: {id: 10, type: Double, source: {device: box, line: "L {value}", when: always}}
+      light: {id: 11, type: Double, origin: server, sink: {device: box, command: "LIGHT {value}\n"}}
+    skills:
+      open: {id: 20, via: {device: box, command: "OPEN\n", done: "OK", failed: "ERR {message}", halt: "HUSH\n"}}
+      close: {id: 21, via: {device: box, command: "CLOSE\n"}}
+"""
+
+
+class Bench:
+    def __init__(self) -> None:
+        config = load_content(FLEET.encode(), "f.yaml", {})
+        bridge = config.bridges["pc"]
+        assert isinstance(bridge, PluggedBridgeConfig)
+        self.told: list[DriverEvent] = []
+        self.sent: list[bytes] = []
+        self.takes = True
+        self.skills = {skill.name: skill for skill in configured_skills(config, "pc", PluggedSkill)}
+        executing = Executing(self.told.append)
+        self.lines = Lines(
+            "box",
+            bridge.devices["box"].port,
+            [Sensor(data, self.told.append, executing) for data in configured_sources(config, "pc", PluggedSource)],
+            list(self.skills.values()),
+            configured_sinks(config, "pc", PluggedSink),
+            self.told.append,
+            executing,
+            self._write,
+            self._reset,
+            lambda: None,
+        )
+        self.lines.opened(0.0, 1)
+        self.lines.begin_listening()
+        self.lines.received(b"L 0\n", 0.1, 1)
+
+    def _write(self, data: bytes) -> bool:
+        if self.takes:
+            self.sent.append(data)
+        return self.takes
+
+    def _reset(self, why: str) -> None:
+        self.lines.closed(why, 1.0)
+
+    def execute(self, name: str) -> Execution:
+        skill = self.skills[name]
+        execution = Execution(name.encode().ljust(16), skill.topic, 1, (), 5.0)
+        self.lines.execute(skill, execution, 0.2)
+        return execution
+
+    def facts(self, kind: type[Any]) -> list[Any]:
+        return [event for event in self.told if isinstance(event, kind)]
+
+    def drops(self, cause: Drop) -> int:
+        return sum(event.count for event in self.facts(Dropped) if event.cause is cause)
+
+
+@pytest.mark.parametrize(("said", "status"), [(b"OK\n", 0), (b"ERR stuck\n", StatusCode.BAD_UNEXPECTED_ERROR)])
+def test_an_answer_is_found_in_a_flood(said: bytes, status: int) -> None:
+    bench = Bench()
+    bench.execute("open")
+    bench.lines.received(said + b"".join(b"L %d\n" % number for number in range(100)), 0.3, 1)
+    assert [ended.status for ended in bench.facts(ExecutionEnded)] == [status]
+    assert bench.drops(Drop.RATE_LIMITED) >= 101 - MOST_LINES - 1
+    bench.lines.received(b"L 7\n", 5.0, 1)
+    assert bench.facts(SampleRead)[-1].values == (7.0,)
+
+
+def test_what_could_not_be_written_is_not_done() -> None:
+    bench = Bench()
+    bench.takes = False
+    bench.execute("close")
+    bench.execute("open")
+    ended = bench.facts(ExecutionEnded)
+    assert [each.status for each in ended] == [StatusCode.BAD_NO_COMMUNICATION] * 2
+    assert all("before it was written to" in each.message for each in ended)
+    assert not bench.lines.inform(Topic(0, 2, 11), (0.5,))
+    assert bench.drops(Drop.NOT_CONNECTED) == 1
+    bench.takes = True
+    execution = bench.execute("open")  # it waits for no answer to the one before
+    bench.takes = False
+    with pytest.raises(RobotOffline, match="before it was written to"):
+        bench.lines.halt(execution)
+    assert len(bench.facts(ExecutionEnded)) == 2
+    assert bench.sent == [b"OPEN\n"]

@@ -37,7 +37,7 @@ from ua_fleet.bridge.driver import (
 )
 from ua_fleet.bridge.inlet import BoundedInlet
 from ua_fleet.bridge.registry import load_driver
-from ua_fleet.bridge.runner import run_bridge, timing_of
+from ua_fleet.bridge.runner import run_bridge
 from ua_fleet.bridge.status import STATUS_FIELDS, status_topic, status_values
 
 __all__ = [
@@ -74,5 +74,4 @@ __all__ = [
     "run_bridge",
     "status_topic",
     "status_values",
-    "timing_of",
 ]

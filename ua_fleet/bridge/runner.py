@@ -38,7 +38,7 @@ from ua_fleet.bridge.status import STATUS_FIELDS, STATUS_INTERVAL_S, status_topi
 from ua_fleet.bridge.wanted import Wants
 from ua_fleet.config.applications import bridge_application
 from ua_fleet.config.registration import announced_robots
-from ua_fleet.config.schema import FleetConfig, PubSubConfig
+from ua_fleet.config.schema import FleetConfig
 from ua_fleet.config.security import envelope_of, keys_needed, weaknesses
 from ua_fleet.counters import Counters, Drop
 from ua_fleet.errors import DriverFailed, UaFleetError
@@ -49,32 +49,21 @@ from ua_fleet.monitoring import Monitor
 from ua_fleet.pubsub.publisher import Publisher
 from ua_fleet.pubsub.security.groups import telemetry_group
 from ua_fleet.pubsub.subscriber import Subscriber
-from ua_fleet.pubsub.timing import PubSubTiming
 from ua_fleet.skill.journal import MemoryJournal, ResponderJournal
 from ua_fleet.storage.journal import SqliteJournal
 from ua_fleet.topics import loop_verdict
 from ua_fleet.transport.base import Address, Transport
+from ua_fleet.transport.sealed import SealedSender, Sent
 from ua_fleet.values import ticks_from_unix_ns
 from ua_fleet.wire import Codec
 from ua_fleet.wire.security import SecurityMode
 
-__all__ = ["run_bridge", "timing_of"]
+__all__ = ["run_bridge"]
 
 JOURNAL: Final = "executions.db"
 """In a bridge's state folder: what its robots were asked to do."""
-Sent = Callable[[bytes, int], None]
-"""Told of each message that is sent: as it was before it was secured, and its bytes on the wire."""
 _TOLD: Final = 256
 """Different reasons of drops that are logged; the counters go on."""
-
-
-def timing_of(config: PubSubConfig) -> PubSubTiming:
-    """The periods of PubSub that `fleet.yaml` says."""
-    return PubSubTiming(
-        keep_alive_s=config.keep_alive_s,
-        receive_timeout_s=config.receive_timeout_s,
-        repeat_interval_s=config.repeat_interval_s,
-    )
 
 
 def _wall_ticks() -> int:
@@ -95,13 +84,13 @@ class _Shell:
         rule: Rule,
         sent: Sent | None,
     ) -> None:
-        self._loop, self._sent = asyncio.get_running_loop(), sent
+        self._loop = asyncio.get_running_loop()
         self._name, self._bridge = bridge_name, config.bridges[bridge_name]
         self._log: Any = structlog.get_logger("ua_fleet.bridge", bridge=bridge_name)
         self._driver, self._transport = driver, transport
         self._status_topic = status_topic(config, self._bridge)
         self.counters = Counters()
-        timing, codec, space = timing_of(config.pubsub), Codec(), self._bridge.space
+        timing, codec, space = config.pubsub.timing(), Codec(), self._bridge.space
         self.envelope = envelope_of(config, space, self.counters, state_dir)
         self.keys = KeysKept()
         self._subscriber = Subscriber(space, timing, self.counters, codec, rule, envelope=self.envelope)
@@ -113,12 +102,13 @@ class _Shell:
             bridge_application(config, bridge_name),
             max_packed_bytes=self.envelope.max_plain_bytes,
         )
+        send = SealedSender(self.envelope, transport, self._loop.time, sent).send
         self._core = BridgeCore(
             space,
             publisher,
             self._subscriber,
             self.counters,
-            send=self._send,
+            send=send,
             publish=driver.publish,
             rule=rule,
         )
@@ -135,8 +125,8 @@ class _Shell:
             requestors=self._bridge.requestors,
             must_be_verified=self.envelope.mode is not SecurityMode.NONE,
             core=self._core,
-            send=self._send,
-            send_to=self._send_to,
+            send=send,
+            send_to=send,
             wall_ticks=_wall_ticks,
             failed=self.failed,
             followed=ExecutionLog(self._log).take,
@@ -183,17 +173,6 @@ class _Shell:
         """Take a datagram from the transport."""
         self._core.from_pubsub(datagram, now=self._loop.time(), sender=sender)
         self._arm()
-
-    def _send(self, datagram: bytes) -> None:
-        self._send_to(datagram, None)
-
-    def _send_to(self, datagram: bytes, address: Address | None) -> None:
-        size = 0
-        for sealed in self.envelope.seal(datagram, self._loop.time()):
-            self._transport.send(sealed, address)
-            size += len(sealed)
-        if self._sent is not None:
-            self._sent(datagram, size)
 
     def failed(self, text: str, error: BaseException | None) -> None:
         """Log what went wrong, with the traceback where there is an exception."""
@@ -243,9 +222,7 @@ class _Shell:
         self._links.take(status)
         for complaint in self._subscriber.complaints(now):
             self._log.warning(complaint.what, cause=complaint.cause, count=complaint.count, detail=complaint.detail)
-        stats = self._transport.stats
-        self.counters.drops[Drop.KERNEL] = stats.kernel_drops
-        self.counters.drops[Drop.SEND_FAILED] = stats.send_failed
+        self._transport.stats.count_drops(self.counters)
         if self._status_topic is not None:
             values = status_values(self._name, self._bridge.kind, status, self.counters)
             self._core.tell(self._status_topic, values, _wall_ticks(), now=now)

@@ -17,7 +17,6 @@ from ua_fleet.errors import SendTimeout
 
 if TYPE_CHECKING:
     from ua_fleet.config import FleetConfig
-    from ua_fleet.pubsub.timing import PubSubTiming
     from ua_fleet.transport.udp import UdpTransport
 
 __all__ = ["EXAMPLES", "listen", "transport_of"]
@@ -44,15 +43,6 @@ def transport_of(fleet: FleetConfig | None, url: str | None, interface: str | No
         ttl=pubsub.ttl,
         receive_buffer_bytes=pubsub.receive_buffer_bytes,
     )
-
-
-def _timing(fleet: FleetConfig | None) -> PubSubTiming:
-    from ua_fleet.pubsub.timing import PubSubTiming
-
-    if fleet is None:
-        return PubSubTiming()
-    pubsub = fleet.pubsub
-    return PubSubTiming(pubsub.keep_alive_s, pubsub.receive_timeout_s, pubsub.repeat_interval_s)
 
 
 def listen(
@@ -88,6 +78,7 @@ def listen(
     from ua_fleet.cli.opening import Opener, lacks_keys, tool_envelope, tool_keys
     from ua_fleet.cli.pubsub_decode import key_of
     from ua_fleet.counters import Counters
+    from ua_fleet.pubsub.timing import PubSubTiming
 
     one_key = None if key is None else key_of(key)
     fleet = None
@@ -102,7 +93,8 @@ def listen(
     else:
         keyed = fleet
     envelope = tool_envelope(keyed, counters)
-    listener = Listener(_timing(fleet), Opener(counters, envelope, one_key), count=count, as_json=as_json)
+    timing = PubSubTiming() if fleet is None else fleet.pubsub.timing()
+    listener = Listener(timing, Opener(counters, envelope, one_key), count=count, as_json=as_json)
     keys_of_fleet = nullcontext() if keyed is None else tool_keys(keyed, envelope, config.resolve().parent, as_bridge)
 
     async def main() -> None:

@@ -21,6 +21,7 @@ from ua_fleet.config.skill_schema import SkillConfig
 from ua_fleet.document import KeyPath
 from ua_fleet.errors import TopicInvalid
 from ua_fleet.fleet.model import UnknownSources
+from ua_fleet.pubsub.timing import PubSubTiming
 from ua_fleet.topics import FIRST_VENDOR_SPACE, SERVER_SPACE, check_space
 
 __all__ = [
@@ -360,6 +361,10 @@ class PubSubConfig(Model, frozen=True):
         if self.receive_timeout_s <= self.keep_alive_s:
             raise ValueError("receive_timeout_s must be greater than keep_alive_s")
         return self
+
+    def timing(self) -> PubSubTiming:
+        """The periods of writers and readers."""
+        return PubSubTiming(self.keep_alive_s, self.receive_timeout_s, self.repeat_interval_s)
 
 
 class ServerConfig(Model, frozen=True):

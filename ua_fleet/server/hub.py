@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Protocol
 
@@ -45,7 +45,6 @@ from ua_fleet.pubsub.metadata import first_property
 from ua_fleet.pubsub.publisher import Publisher
 from ua_fleet.pubsub.security.groups import telemetry_group
 from ua_fleet.pubsub.subscriber import LoopRule, Subscriber
-from ua_fleet.pubsub.timing import PubSubTiming
 from ua_fleet.server.commands_out import SkillCommands
 from ua_fleet.server.projection import Projection
 from ua_fleet.server.scenarios.service import ScenarioService
@@ -57,6 +56,7 @@ from ua_fleet.skill.journal import RequestorJournal
 from ua_fleet.skill.status import ROBOT_PROPERTY
 from ua_fleet.topics import SERVER_SPACE, Topic, loop_verdict
 from ua_fleet.transport.base import Address, Transport
+from ua_fleet.transport.sealed import SealedSender, Sent
 from ua_fleet.values import ticks_from_unix_ns
 from ua_fleet.wire import Codec
 from ua_fleet.wire.discovered import ActionMetaDataAnnouncement, EndpointDescription
@@ -118,7 +118,7 @@ class Hub:
         journal: RequestorJournal,
         keys: KeySource | None = None,
         rule: LoopRule = loop_verdict,
-        sent: Callable[[bytes, int], None] | None = None,
+        sent: Sent | None = None,
     ) -> None:
         """Make a hub.
 
@@ -131,20 +131,20 @@ class Hub:
             journal: what robots were asked to do, through restarts.
             keys: where the keys of message security come from; not needed where it is `none`.
             rule: the loop rule.
-            sent: told of each message that is sent: as it was before it was secured, and its bytes on the wire.
+            sent: told of each message that is sent.
 
         Raises:
             ConfigError: there is no source of keys, or what stands in `state_dir` cannot be used.
         """
         pubsub = config.pubsub
-        timing = PubSubTiming(pubsub.keep_alive_s, pubsub.receive_timeout_s, pubsub.repeat_interval_s)
-        codec = Codec()
+        timing, codec = pubsub.timing(), Codec()
         self.counters = Counters()
-        self._sent = sent
         self.commands = Commands(model)
         self.transport = transport
         self._projection = projection
         self.envelope = envelope_of(config, SERVER_SPACE, self.counters, state_dir)
+        sender = SealedSender(self.envelope, transport, lambda: asyncio.get_running_loop().time(), sent)
+        self._send, self._send_all = sender.send, sender.send_all
         self._keys, self.keys_kept = keys_needed(config, keys), KeysKept()
         self._keys_ahead = pubsub.keys.future_keys
         self._subscriber = Subscriber(SERVER_SPACE, timing, self.counters, codec, rule, envelope=self.envelope)
@@ -166,7 +166,7 @@ class Hub:
         self._coalescer = Coalescer(config.server.analog_rate_hz)
         self.skills = SkillCommands(
             journal,
-            send=lambda datagram: self._send([datagram]),
+            send=self._send,
             want=self._subscriber.want_action,
             sooner=self.check_deadline,
             wall_ticks=wall_ticks,
@@ -251,8 +251,8 @@ class Hub:
             self._scenarios[0].add_robot(robot)
         for data_set in robot.data_sets:
             if data_set.writable:
-                fields = metadata_of(data_set)
-                self._send(self._publisher.announce(data_set.topic, data_set.name, fields, now=now, wall_ticks=wall))
+                topic, name, fields = data_set.topic, data_set.name, metadata_of(data_set)
+                self._send_all(self._publisher.announce(topic, name, fields, now=now, wall_ticks=wall))
         for publication in initial:
             self.publish(publication)
         for data_set in robot.all_data_sets():
@@ -292,7 +292,7 @@ class Hub:
 
     async def close(self) -> None:
         """Say that this ends, and release the transport."""
-        self._send(self._publisher.end())
+        self._send_all(self._publisher.end())
         await self.transport.close()
 
     def publish(self, publication: Publication) -> None:
@@ -308,7 +308,7 @@ class Hub:
         self.state.delivered(topic, timestamp)
         if self._scenarios is not None:
             self._scenarios[0].published(topic, types, values)
-        self._send(datagrams)
+        self._send_all(datagrams)
         self.check_deadline()
 
     def flush_soon(self) -> None:
@@ -324,15 +324,15 @@ class Hub:
 
     async def _announce(self) -> None:
         now = asyncio.get_running_loop().time()
-        self._send(self._publisher.begin(now=now, wall_ticks=wall_ticks()))
+        self._send_all(self._publisher.begin(now=now, wall_ticks=wall_ticks()))
         for number, (data_set, fields) in enumerate(self.commands.sources(), start=1):
             name = data_set.name
-            self._send(self._publisher.announce(data_set.topic, name, fields, now=now, wall_ticks=wall_ticks()))
+            self._send_all(self._publisher.announce(data_set.topic, name, fields, now=now, wall_ticks=wall_ticks()))
             if number % BURST == 0:
                 await asyncio.sleep(BURST_PAUSE_S)
         if self._wanted is not None:
             for name, topic, fields in self._wanted.sources():
-                self._send(self._publisher.announce(topic, name, fields, now=now, wall_ticks=wall_ticks()))
+                self._send_all(self._publisher.announce(topic, name, fields, now=now, wall_ticks=wall_ticks()))
             self._wanted.begin()
         for number, publication in enumerate(self.commands.initial(wall_ticks()), start=1):
             self.publish(publication)
@@ -352,9 +352,9 @@ class Hub:
         for event in events:
             if isinstance(event, SourceUnknown | ProbeDue):
                 if event.datagram:
-                    self._send([event.datagram])
+                    self._send(event.datagram)
             elif isinstance(event, ProbeReceived):
-                self._send(self._publisher.answer(event.probe, now))
+                self._send_all(self._publisher.answer(event.probe, now))
             elif isinstance(event, ActionReceived):
                 self.skills.receive(event, now)
             elif isinstance(event, AnnouncementReceived):
@@ -458,7 +458,7 @@ class Hub:
 
     def _poll(self, now: float) -> None:
         self._handle(self._subscriber.poll(now), now)
-        self._send(self._publisher.poll(now, wall_ticks()))
+        self._send_all(self._publisher.poll(now, wall_ticks()))
         self.skills.poll(now)
         if self._scenarios is not None:
             self._scenarios[0].poll()
@@ -471,21 +471,10 @@ class Hub:
             self._tick(now)
 
     def _tick(self, now: float) -> None:
-        stats = self.transport.stats
-        self.counters.drops[Drop.KERNEL] = stats.kernel_drops
-        self.counters.drops[Drop.SEND_FAILED] = stats.send_failed + self._refused
+        self.transport.stats.count_drops(self.counters)
+        self.counters.drops[Drop.SEND_FAILED] += self._refused
         self._take(self.state.tick(wall_ticks()), now)
         if self._roster is not None:
             self._roster.tick()
         for complaint in self._subscriber.complaints(now):
             _log.warning(complaint.what, cause=complaint.cause, count=complaint.count, detail=complaint.detail)
-
-    def _send(self, datagrams: Iterable[bytes]) -> None:
-        now = asyncio.get_running_loop().time()
-        for datagram in datagrams:
-            size = 0
-            for sealed in self.envelope.seal(datagram, now):
-                self.transport.send(sealed)
-                size += len(sealed)
-            if self._sent is not None:
-                self._sent(datagram, size)

@@ -45,8 +45,7 @@ from ua_fleet.simulator.robot import VirtualRobot
 from ua_fleet.skill.executions import Outcome
 from ua_fleet.skill.journal import MemoryJournal
 from ua_fleet.topics import SERVER_SPACE
-from ua_fleet.traffic import Traffic
-from ua_fleet.transport import Address, MemoryEndpoint
+from ua_fleet.transport import Address, SealedSender
 from ua_fleet.values import TICKS_PER_SECOND
 from ua_fleet.wire import Codec
 from ua_fleet.wire.discovered import ActionMetaDataAnnouncement
@@ -75,22 +74,11 @@ class Place:
     counters: Counters
     envelope: Envelope
     """With its keys."""
-    endpoint: MemoryEndpoint
-    traffic: Traffic
-    """Counts what all processes send."""
+    sender: SealedSender
     clock: Callable[[], float]
     """Seconds."""
     random: Random
     """Spreads probes."""
-
-    def send(self, datagram: bytes, address: Address | None = None) -> None:
-        """Seal a plain message, count it, and put it on its way to all or to one."""
-        now = self.clock()
-        sealed = self.envelope.seal(datagram, now)
-        if sealed:
-            self.traffic.take(datagram, sum(map(len, sealed)), now)
-        for part in sealed:
-            self.endpoint.send(part, address)
 
     def publisher(self, space: int, application: Application) -> Publisher:
         """Its DataSetWriters."""
@@ -127,7 +115,7 @@ class VirtualBridge:
             publisher,
             place.subscriber(bridge.space),
             place.counters,
-            send=place.send,
+            send=place.sender.send,
             publish=lambda _topic, _metadata, _message: True,
         )
         self._actions = self._core.actions = Actions(
@@ -139,8 +127,8 @@ class VirtualBridge:
             requestors=bridge.requestors,
             must_be_verified=True,
             core=self._core,
-            send=place.send,
-            send_to=place.send,
+            send=place.sender.send,
+            send_to=place.sender.send,
             wall_ticks=place.wall_ticks,
             failed=_raise,
             definitions=announced_robots(config, name),
@@ -210,13 +198,14 @@ class VirtualServer:
             place: where it lives.
             show: told of everything that happens.
         """
-        self.counters, self._clock, self._send = place.counters, place.clock, place.send
+        self.counters, self._clock = place.counters, place.clock
+        self._send, self._send_all = place.sender.send, place.sender.send_all
         self._show, self._scenario = show, scenario
         self._subscriber = place.subscriber(SERVER_SPACE)
         self._publisher = place.publisher(SERVER_SPACE, server_application(config))
         self._commands = SkillCommands(
             MemoryJournal(),
-            send=place.send,
+            send=place.sender.send,
             want=self._subscriber.want_action,
             sooner=_nothing,
             wall_ticks=place.wall_ticks,
@@ -304,10 +293,6 @@ class VirtualServer:
             elif isinstance(event, AnnouncementReceived) and isinstance(event.announcement, ActionMetaDataAnnouncement):
                 self._commands.announced(event.announcement)
                 self._missing.discard((event.announcement.publisher_id, event.announcement.data_set_writer_id))
-
-    def _send_all(self, datagrams: Iterable[bytes]) -> None:
-        for datagram in datagrams:
-            self._send(datagram)
 
     def _concluded(self, execution_id: bytes, outcome: Outcome) -> None:
         self._tasks.concluded(execution_id, outcome)

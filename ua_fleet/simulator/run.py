@@ -32,7 +32,7 @@ from ua_fleet.simulator.robot import VirtualRobot
 from ua_fleet.simulator.world import Route, World
 from ua_fleet.topics import SERVER_SPACE, Topic
 from ua_fleet.traffic import Traffic
-from ua_fleet.transport import MemoryEndpoint
+from ua_fleet.transport import MemoryEndpoint, SealedSender
 from ua_fleet.wire import SecurityMode, SecurityPolicy
 
 __all__ = ["Failure", "Result", "simulate"]
@@ -158,7 +158,11 @@ class _Fleet:
         envelope = Envelope(space, counters, mode=SecurityMode.SIGN_AND_ENCRYPT, nonces=MemoryNonces(), random=random)
         for group_id in groups:
             envelope.install(group_id, GroupKeys(POLICY, 1, (self._keys[group_id],), _LIFETIME_S, _LIFETIME_S), 0.0)
-        return Place(self._timing, counters, envelope, endpoint, self._traffic, self.world.clock, random)
+        sender = SealedSender(envelope, endpoint, self.world.clock, self._sent)
+        return Place(self._timing, counters, envelope, sender, self.world.clock, random)
+
+    def _sent(self, datagram: bytes, size: int) -> None:
+        self._traffic.take(datagram, size, self.world.clock())
 
 
 def _skill_of(robot: RobotModel) -> Skill:

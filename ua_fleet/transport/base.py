@@ -6,6 +6,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
+from ua_fleet.counters import Counters, Drop
+
 __all__ = ["Address", "Receive", "Transport", "TransportStats"]
 
 Address = tuple[str, int]
@@ -29,6 +31,11 @@ class TransportStats:
     """Size of the receive buffer that the kernel gave."""
     problem: str = ""
     """Why nothing can be sent or received now, where the transport can tell; empty while all is well."""
+
+    def count_drops(self, counters: Counters) -> None:
+        """Put what the kernel dropped or did not take into a process's counters."""
+        counters.drops[Drop.KERNEL] = self.kernel_drops
+        counters.drops[Drop.SEND_FAILED] = self.send_failed
 
 
 class Transport(Protocol):

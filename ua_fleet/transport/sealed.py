@@ -1,0 +1,36 @@
+"""How a process sends: each message is secured, handed to the transport, and told."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+
+from ua_fleet.pubsub.security.envelope import Envelope
+from ua_fleet.transport.base import Address, Transport
+
+__all__ = ["SealedSender", "Sent"]
+
+Sent = Callable[[bytes, int], None]
+"""Told of each message that is sent: as it was before it was secured, and its bytes on the wire."""
+
+
+class SealedSender:
+    """See the module."""
+
+    def __init__(
+        self, envelope: Envelope, transport: Transport, clock: Callable[[], float], sent: Sent | None = None
+    ) -> None:
+        """`clock` is in seconds, and `sent` is told of each message."""
+        self._envelope, self._transport, self._clock, self._sent = envelope, transport, clock, sent
+
+    def send(self, datagram: bytes, address: Address | None = None) -> None:
+        """Send a plain message to all, or to one address alone; without a key it is dropped and counted."""
+        sealed = self._envelope.seal(datagram, self._clock())
+        if sealed and self._sent is not None:
+            self._sent(datagram, sum(map(len, sealed)))
+        for part in sealed:
+            self._transport.send(part, address)
+
+    def send_all(self, datagrams: Iterable[bytes]) -> None:
+        """Send plain messages to all."""
+        for datagram in datagrams:
+            self.send(datagram)

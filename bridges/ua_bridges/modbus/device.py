@@ -6,8 +6,8 @@
     there     it answers: commands go first, but not without end, then handshakes, then what is to be read, the group
               that is due longest
 
-A request that is not answered makes its own values Bad_Timeout. Then the one that was answered last is asked again: where
-that is silent too, the device is away.
+A request that is not answered makes its own values Bad_Timeout. Then the one that was answered last is asked again:
+where that is silent too, the device is away.
 """
 
 from __future__ import annotations

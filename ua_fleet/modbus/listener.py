@@ -23,27 +23,12 @@ from pymodbus.simulator import DataType, SimData, SimDevice
 from ua_fleet.config.modbus_schema import ModbusServerConfig
 from ua_fleet.errors import ServerStartError
 from ua_fleet.modbus.image import Image
-from ua_fleet.registers import Cell, Span, Table
+from ua_fleet.registers import TABLE_OF_FUNCTION, Cell, Span
 
 __all__ = ["Listener"]
 
 # What a PLC does wrong is counted here; it would be said once for each request.
 logging.getLogger("pymodbus").setLevel(logging.CRITICAL)
-
-_TABLES: Final = {
-    1: Table.COIL,
-    2: Table.DISCRETE,
-    3: Table.HOLDING,
-    4: Table.INPUT,
-    5: Table.COIL,
-    6: Table.HOLDING,
-    15: Table.COIL,
-    16: Table.HOLDING,
-    22: Table.HOLDING,
-    23: Table.HOLDING,
-}
-"""Which table each function is about (MODBUS Application Protocol 1.1b3, 6)."""
-
 
 IDLE_S: Final = 10.0
 """A connection on which nothing came for so long is closed where there is no room for another one."""
@@ -80,7 +65,7 @@ class _Tables:
     ) -> list[Cell] | ExcCodes:
         """What a client reads."""
         span = self._span(device_id, func_code, address, count)
-        if not self._image.can_read(span):
+        if not self._image.has(span):
             self.refused["address"] += 1
             return ExcCodes.ILLEGAL_ADDRESS
         return self._image.cells(span)
@@ -101,10 +86,10 @@ class _Tables:
         return None
 
     def _span(self, unit: int, function: int, address: int, count: int) -> Span:
-        if unit != self._unit or function not in _TABLES:
+        if unit != self._unit or function not in TABLE_OF_FUNCTION:
             self.refused["unit"] += 1
             raise NoSuchIdException
-        return Span(_TABLES[function], address, count)
+        return Span(TABLE_OF_FUNCTION[function], address, count)
 
     def may_write(self, peer: str) -> bool:
         """Whether a client at this address may write."""

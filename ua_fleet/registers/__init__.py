@@ -17,9 +17,11 @@ from ua_fleet.registers.convert import (
 )
 from ua_fleet.registers.model import LAST_ADDRESS, Order, Register, RegisterType, Span, Table
 from ua_fleet.registers.plan import Limits, fits_device, plan_reads
+from ua_fleet.registers.tables import TABLE_OF_FUNCTION, Tables
 
 __all__ = [
     "LAST_ADDRESS",
+    "TABLE_OF_FUNCTION",
     "Cell",
     "Limits",
     "Order",
@@ -28,6 +30,7 @@ __all__ = [
     "RegisterUnfit",
     "Span",
     "Table",
+    "Tables",
     "cast",
     "decode",
     "encode",

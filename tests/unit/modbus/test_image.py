@@ -32,7 +32,7 @@ INPUT = Register(Table.INPUT, 2, RegisterType.UINT16)
 )
 def test_what_may_be_read_and_written(span: Span, reads: bool, writes: bool) -> None:
     image = Image([INPUT], [WORD, BIT])
-    assert image.can_read(span) is reads
+    assert image.has(span) is reads
     assert image.can_write(span) is writes
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ssl
 from collections.abc import Mapping
-from typing import Final, Protocol
+from typing import Protocol
 
 from pymodbus import FramerType
 from pymodbus.constants import ExcCodes
@@ -13,23 +13,9 @@ from pymodbus.server import ModbusSerialServer, ModbusTcpServer, ModbusTlsServer
 from pymodbus.simulator import DataType, SimData, SimDevice
 
 from ua_bridges.modbus.simulator.memory import Memory
-from ua_fleet.registers import Cell, Span, Table
+from ua_fleet.registers import TABLE_OF_FUNCTION, Cell, Span
 
 __all__ = ["PlcServer", "make_server"]
-
-_TABLES: Final = {
-    1: Table.COIL,
-    2: Table.DISCRETE,
-    3: Table.HOLDING,
-    4: Table.INPUT,
-    5: Table.COIL,
-    6: Table.HOLDING,
-    15: Table.COIL,
-    16: Table.HOLDING,
-    22: Table.HOLDING,
-    23: Table.HOLDING,
-}
-"""Which table each function is about (MODBUS Application Protocol 1.1b3, 6)."""
 
 
 class PlcServer(Protocol):
@@ -58,7 +44,7 @@ class _Memories:
         self, device_id: int, func_code: int, address: int, count: int = 1
     ) -> list[Cell] | ExcCodes:
         """What lies at the addresses."""
-        memory, span = self._units.get(device_id), Span(_TABLES[func_code], address, count)
+        memory, span = self._units.get(device_id), Span(TABLE_OF_FUNCTION[func_code], address, count)
         if memory is None:
             raise NoSuchIdException
         if not memory.has(span):
@@ -71,7 +57,7 @@ class _Memories:
         self, device_id: int, func_code: int, address: int, values: list[int] | list[bool]
     ) -> ExcCodes | None:
         """Lay values at the addresses."""
-        memory, span = self._units.get(device_id), Span(_TABLES[func_code], address, len(values))
+        memory, span = self._units.get(device_id), Span(TABLE_OF_FUNCTION[func_code], address, len(values))
         if memory is None:
             raise NoSuchIdException
         if not memory.has(span):

@@ -449,6 +449,8 @@ def refusal_of(task: RobotTask, state: State, remote_control: bool | None) -> st
         return wrong
     if state.safety_mode is SafetyMode.UNDEFINED or state.robot_mode is not RobotMode.RUNNING:
         return f"robot mode {state.robot_mode.name}: switch the power on and release the brakes first"
+    if state.runtime is RuntimeState.PAUSED:  # a program that is sent would take its place
+        return "a program is paused on the controller: let it go on, or stop it, first"
     return ""
 
 

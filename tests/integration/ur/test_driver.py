@@ -6,6 +6,7 @@ import asyncio
 import os
 import secrets
 import signal
+import socket
 import threading
 from collections.abc import AsyncGenerator
 from contextlib import asynccontextmanager
@@ -91,6 +92,7 @@ ROBOT: dict[str, Any] = {
         "power_on": {"id": 8, "via": {"dashboard": {"command": "power_on"}}},
         "release": {"id": 9, "via": {"dashboard": {"command": "brake_release"}}},
         "unlock": {"id": 10, "via": {"dashboard": {"command": "unlock_protective_stop"}}},
+        "pause": {"id": 17, "via": {"dashboard": {"command": "pause"}}},
         "stop": {"id": 15, "via": {"stop": {"deceleration": 8}}},
     },
 }
@@ -350,25 +352,21 @@ async def test_emergency_stop_and_local_control_are_faults_with_their_reasons(co
 async def test_program_of_somebody_else_is_left_alone(
     controller: UrController, before: tuple[str, *tuple[Any, ...]] | None
 ) -> None:
-    from tests.integration.ur.conftest import wait_until
-
-    def run() -> None:
-        import socket
-
-        with socket.create_connection((controller.host, 30002), 5) as connection:
-            connection.sendall(b"def theirs():\n  sleep(60)\nend\n")
-            wait_until(lambda: controller.state()["program"] == "theirs", "the program")
-
     async with started(controller.host) as one:
         if before is not None:
             good(await one.do(*before))
-        await asyncio.to_thread(run)
+        with socket.create_connection((controller.host, 30002), 5) as connection:
+            connection.sendall(b"def theirs():\n  sleep(60)\nend\n")
+            await until(lambda: controller.state()["program"] == "theirs", "the program")
         count = len(one.recorder.samples(JOINTS))
         await until(lambda: len(one.recorder.samples(JOINTS)) > count + 1, "a state with it")
         for ask in (("turn", 0.3, 2.0), ("measure", "mine", 0.1)):
             message = bad(await one.do(*ask), StatusCode.BAD_UNEXPECTED_ERROR)
             assert "another program runs on the controller" in message
             assert controller.state()["program"] == "theirs"
+        good(await one.do("pause"))
+        with pytest.raises(SkillRejected, match="a program is paused"):
+            one.begin("turn", 0.3, 2.0)
 
 
 async def test_dropped_link_is_told_and_comes_back(controller: UrController) -> None:

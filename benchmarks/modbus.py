@@ -23,9 +23,8 @@ from typing import Any
 from pymodbus.client import AsyncModbusTcpClient
 from ua_bridges.modbus.config import DeviceConfig
 from ua_bridges.modbus.device import Device
-from ua_bridges.modbus.driver import create_driver
+from ua_bridges.modbus.driver import ModbusDriver, create_driver
 from ua_bridges.modbus.link import Line
-from ua_bridges.modbus.session import ModbusDriver
 from ua_bridges.modbus.sources import SourceSpec, source_specs
 
 from benchmarks.harness import FEWEST_ROUNDS, Failed, Figure, at_most, shown

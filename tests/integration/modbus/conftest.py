@@ -10,8 +10,7 @@ from typing import Any
 
 import pytest
 import yaml
-from ua_bridges.modbus.driver import create_driver
-from ua_bridges.modbus.session import ModbusDriver
+from ua_bridges.modbus.driver import ModbusDriver, create_driver
 
 from tests.contract.harness import Recorder
 from ua_fleet.bridge import SampleRead

@@ -8,9 +8,8 @@ from collections.abc import AsyncGenerator
 from pathlib import Path
 
 import pytest
-from ua_bridges.modbus.driver import create_driver
+from ua_bridges.modbus.driver import ModbusDriver, create_driver
 from ua_bridges.modbus.memory import HandshakeMemory
-from ua_bridges.modbus.session import ModbusDriver
 
 from tests.contract.harness import Recorder
 from tests.contract.modbus import FLEET, PlcProcess

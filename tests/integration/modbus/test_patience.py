@@ -12,8 +12,7 @@ from typing import Any
 
 import pytest
 import yaml
-from ua_bridges.modbus.driver import create_driver
-from ua_bridges.modbus.session import ModbusDriver
+from ua_bridges.modbus.driver import ModbusDriver, create_driver
 
 from tests.contract.harness import NUMBER, Recorder, message_of
 from tests.integration.modbus.conftest import Behave, Bench, Device, Start, of, silent_at, words

@@ -36,16 +36,6 @@ def test_what_may_be_read_and_written(span: Span, reads: bool, writes: bool) -> 
     assert image.can_write(span) is writes
 
 
-def test_bits_of_a_word_do_not_touch_each_other() -> None:
-    other = Register(Table.HOLDING, 8, RegisterType.BOOL, bit=0)
-    image = Image([], [BIT, other])
-    image.put(other, True)
-    image.put(BIT, True)
-    assert image.cells(Span(Table.HOLDING, 8, 1)) == [0b1001]
-    image.put(other, False)
-    assert image.cells(Span(Table.HOLDING, 8, 1)) == [0b1000]
-
-
 FLEET = """\
 version: 1
 pubsub: {security: none}

@@ -35,6 +35,8 @@ class DecisionDesk:
         self._open: dict[int, DecisionInfo] = {}
         self._choice: Choice | None = None
         self._decided = 0
+        self._is_over = False
+        """Whether what was decided last is open no more: when it is again, another choice is wanted."""
 
     def written(self, span: Span) -> None:
         """A PLC has written; perhaps a choice. Each number is answered once, unless the answer was refused."""
@@ -70,6 +72,10 @@ class DecisionDesk:
         put = self._image.put
         waiting = [decision for decision in decisions if decision.state == _OPEN]
         self._open = {self._memory.decision_number(decision.decision_id): decision for decision in waiting}
+        if self._decided not in self._open:
+            self._is_over = True
+        elif self._is_over:
+            self._say(0, Outcome.NONE)
         number = min(self._open, default=0)
         decision = self._open.get(number)
         ranked = [] if decision is None else list(zip(decision.robots, decision.scores, strict=False))
@@ -88,7 +94,7 @@ class DecisionDesk:
         put(self._status("faults_17"), bits >> 16)
 
     def _say(self, number: int, outcome: Outcome) -> None:
-        self._decided = number if outcome is Outcome.TAKEN else 0
+        self._decided, self._is_over = (number if outcome is Outcome.TAKEN else 0), False
         self._image.put(self._status("outcome"), outcome)
         self._image.put(self._status("decided"), number)
 

@@ -9,12 +9,14 @@ What has to be carried out is StartTask and CancelTask; all else is for people a
 from ua_fleet.orchestrator.candidates import CriterionSource, DistanceFrom, ResilienceSettings, TasksAhead, ValueOf
 from ua_fleet.orchestrator.conditions import FaultConditions, FaultFound, FaultRule
 from ua_fleet.orchestrator.faults import Fault, FaultChange, Faults
-from ua_fleet.orchestrator.orchestrator import Forecast, Orchestrator
+from ua_fleet.orchestrator.orchestrator import Orchestrator
 from ua_fleet.orchestrator.outputs import (
     DecisionChanged,
     FaultChanged,
+    Forecast,
     OperatorAsked,
     Output,
+    RunBroken,
     RunChanged,
     TaskCancelled,
     TaskStarted,
@@ -36,6 +38,7 @@ __all__ = [
     "Orchestrator",
     "Output",
     "ResilienceSettings",
+    "RunBroken",
     "RunChanged",
     "TaskCancelled",
     "TaskStarted",

@@ -81,6 +81,8 @@ class TaskToDo:
     """The robot that cannot do it; empty where there was none."""
     refused_by: Collection[str] = ()
     """Robots that would not begin it."""
+    is_repaired: bool = False
+    """Whether the robot that could not do it works again, and may have it back."""
 
     def problems(self, robot: RobotView) -> list[str]:
         """Why a robot that has the skill cannot be asked with these arguments."""
@@ -124,7 +126,7 @@ def rank_robots(
             excluded.append(Excluded(robot.name, reason))
         elif robot.name in task.refused_by:
             excluded.append(Excluded(robot.name, "has refused it"))
-        elif robot.name == task.failed:
+        elif robot.name == task.failed and not task.is_repaired:
             excluded.append(Excluded(robot.name, "is to be replaced"))
         elif problems := task.problems(robot):
             excluded.append(Excluded(robot.name, f"cannot be asked: {'; '.join(problems)}"))

@@ -50,8 +50,9 @@ class FaultConditions:
         return frozenset(rule.name for rule in self._rules)
 
     def restored(self, robot: str, source: str) -> None:
-        """A fault of a run before is active still."""
-        self._active.add((robot, source))
+        """A fault of a run before is active still; it is left alone where no rule can end it any more."""
+        if any(rule.name == source and robot in rule.robots for rule in self._rules):
+            self._active.add((robot, source))
 
     def is_active(self, robot: str, source: str) -> bool:
         """Whether a condition was true when it was looked at last."""

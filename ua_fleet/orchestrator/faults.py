@@ -62,6 +62,14 @@ class Faults:
         """What keeps a robot from working, the first first."""
         return [fault for fault in self._faults.values() if fault.robot == robot and fault.active]
 
+    def unfit(self) -> dict[str, str]:
+        """The robots that cannot work now, with the reason."""
+        unfit: dict[str, str] = {}
+        for fault in self._faults.values():
+            if fault.active:
+                unfit.setdefault(fault.robot, f"has a fault: {fault.reason}")
+        return unfit
+
     def raise_fault(self, robot: str, source: str, reason: str, now: float) -> tuple[Fault, FaultChange] | None:
         """A fault was found; None where it is known already."""
         fault_id = f"{robot}.{source}"

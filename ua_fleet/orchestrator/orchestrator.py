@@ -5,9 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, TypeVarTuple
-
-import structlog
+from typing import TypeVarTuple
 
 from ua_fleet.errors import ScenarioError, UaFleetError
 from ua_fleet.orchestrator.candidates import ResilienceSettings, TaskToDo, rank_robots
@@ -15,8 +13,10 @@ from ua_fleet.orchestrator.faults import FaultChange, Faults
 from ua_fleet.orchestrator.outputs import (
     DecisionChanged,
     FaultChanged,
+    Forecast,
     OperatorAsked,
     Output,
+    RunBroken,
     RunChanged,
     TaskCancelled,
     TaskStarted,
@@ -39,9 +39,7 @@ from ua_fleet.scenario.model import Task
 from ua_fleet.scenario.parameters import known_arguments
 from ua_fleet.scenario.state import TaskPhase
 
-__all__ = ["Forecast", "Orchestrator"]
-
-_log: Any = structlog.get_logger("ua_fleet.scenarios")
+__all__ = ["Orchestrator"]
 
 _Told = TypeVarTuple("_Told")
 
@@ -57,15 +55,6 @@ SKILL_SOURCE = "skill"
 """Source of the fault that a failed task is. Nobody can see whether its cause is gone: acknowledging it clears it."""
 
 
-@dataclass(frozen=True, slots=True)
-class Forecast:
-    """What would happen to one task if a robot failed now."""
-
-    run_id: str
-    task: str
-    ranking: Ranking
-
-
 @dataclass(slots=True)
 class _Open:
     """A decision with what it is about."""
@@ -73,6 +62,8 @@ class _Open:
     run_id: str
     asked: OpenDecision
     decision: Decision
+    is_repaired: bool = False
+    """Whether the robot that failed works again."""
 
 
 class Orchestrator:
@@ -116,6 +107,11 @@ class Orchestrator:
             if fault.active:
                 self._tell(run_id, now, Run.robot_faulted, fault.robot, fault.reason, now)
         self._tell(run_id, now, Run.poll, self._lookup, now)
+        return self._taken()
+
+    def take_back(self, run_id: str, now: float) -> list[Output]:
+        """Undo `start`: the run cannot be written down. What others get of its robots follows."""
+        self._end(run_id, now)
         return self._taken()
 
     def restore(self, run_id: str, scenario: Scenario, facts: list[Fact], now: float) -> list[Output]:
@@ -254,9 +250,8 @@ class Orchestrator:
         for run_id in list(self.runs):
             self._tell(run_id, now, Run.poll, self._lookup, now)
         for opened in list(self._open.values()):
-            self._decided(
-                opened, opened.decision.rank_again(self._ranked(self._todo(opened.run_id, opened.asked))), now
-            )
+            ranking = self._ranked(self._todo(opened.run_id, opened.asked, is_repaired=opened.is_repaired))
+            self._decided(opened, opened.decision.rank_again(ranking), now)
             self._decided(opened, opened.decision.poll(now), now)
         return self._taken()
 
@@ -299,9 +294,8 @@ class Orchestrator:
         except UaFleetError:
             raise
         except Exception as error:  # noqa: BLE001 - the other runs, and the server, go on
-            _log.exception("a run cannot go on", run_id=run_id)
-            reason = f"a mistake of ua_fleet ({type(error).__name__}: {error}); report the log"
-            effects = run.broken(reason, now)
+            self._outputs.append(RunBroken(run_id, error))
+            effects = run.broken(f"a mistake of ua_fleet ({type(error).__name__}: {error}); report the log", now)
         self._carry_out(run_id, effects, now)
 
     def _carry_out(self, run_id: str, effects: list[Effect], now: float) -> None:
@@ -361,8 +355,8 @@ class Orchestrator:
     def _end(self, run_id: str, now: float) -> None:
         run = self.runs.pop(run_id)
         del self._scenarios[run_id]
-        for decision_id in [key for key, opened in self._open.items() if opened.run_id == run_id]:
-            del self._open[decision_id]
+        for opened in [opened for opened in self._open.values() if opened.run_id == run_id]:
+            self._decided(opened, opened.decision.give_up("the run has ended"), now)
         for execution_id in [key for key, owner in self._executions.items() if owner == run_id]:
             del self._executions[execution_id]
         for step in run.state.tasks:
@@ -385,7 +379,7 @@ class Orchestrator:
 
     def _least_busy(self, todo: TaskToDo) -> str | None:
         """Who can do a task though it cannot be ranked: a criterion that nobody knows must not stop the work."""
-        unfit, ahead = {*self._unfit(), *todo.refused_by}, self._count_ahead()
+        unfit, ahead = {*self.faults.unfit(), *todo.refused_by}, self._count_ahead()
         able = self._fleet.able(todo.task.skill, todo.capacities)
         fit = [robot.name for robot in able if robot.name not in unfit and not todo.problems(robot)]
         return min(fit, key=lambda robot: (ahead[robot], robot), default=None)
@@ -412,6 +406,8 @@ class Orchestrator:
             return
         self._outputs.append(FaultChanged(*change))
         if not self.faults.active(robot):
+            for opened in self._open.values():
+                opened.is_repaired |= opened.asked.robot == robot
             for run_id in list(self.runs):
                 self._tell(run_id, now, Run.robot_returned, robot, now)
 
@@ -445,11 +441,12 @@ class Orchestrator:
                 self._open.pop(event.decision_id, None)
                 self._tell(opened.run_id, now, Run.not_replaced, asked.step, event.reason, now)
 
-    def _todo(self, run_id: str, asked: OpenDecision) -> TaskToDo:
+    def _todo(self, run_id: str, asked: OpenDecision, *, is_repaired: bool = False) -> TaskToDo:
         needs = self._needs(asked.skill, asked.robot, asked.capacities)
         refused_by = self.runs[run_id].state.tasks[asked.step].refused_by
         task = self.runs[run_id].task(asked.step)
-        return TaskToDo(task, needs, self._arguments(run_id, asked.step), asked.robot, refused_by)
+        arguments = self._arguments(run_id, asked.step)
+        return TaskToDo(task, needs, arguments, asked.robot, refused_by, is_repaired)
 
     def _arguments(self, run_id: str, step: str) -> Mapping[str, Value]:
         """As they were written; what is computed as a task was begun with it, or would be now."""
@@ -468,17 +465,10 @@ class Orchestrator:
             todo,
             self._fleet,
             self.settings,
-            unfit=self._unfit(),
+            unfit=self.faults.unfit(),
             tasks_ahead=self._count_ahead().__getitem__,
             lookup=self._lookup,
         )
-
-    def _unfit(self) -> dict[str, str]:
-        unfit: dict[str, str] = {}
-        for fault in self.faults:
-            if fault.active:
-                unfit.setdefault(fault.robot, f"has a fault: {fault.reason}")
-        return unfit
 
     def _count_ahead(self) -> Counter[str | None]:
         """How many tasks of all runs each robot has ahead."""

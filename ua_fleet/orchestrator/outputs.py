@@ -6,11 +6,21 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from ua_fleet.orchestrator.faults import Fault, FaultChange
-from ua_fleet.resilience import DecisionEvent
+from ua_fleet.resilience import DecisionEvent, Ranking
 from ua_fleet.scenario import Value
 from ua_fleet.scenario.facts import Fact
 
-__all__ = ["DecisionChanged", "FaultChanged", "OperatorAsked", "Output", "RunChanged", "TaskCancelled", "TaskStarted"]
+__all__ = [
+    "DecisionChanged",
+    "FaultChanged",
+    "Forecast",
+    "OperatorAsked",
+    "Output",
+    "RunBroken",
+    "RunChanged",
+    "TaskCancelled",
+    "TaskStarted",
+]
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,6 +51,14 @@ class RunChanged:
 
     run_id: str
     fact: Fact
+
+
+@dataclass(frozen=True, slots=True)
+class RunBroken:
+    """A mistake of ours has ended a run, for the log."""
+
+    run_id: str
+    error: Exception
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,4 +94,13 @@ class FaultChanged:
     change: FaultChange
 
 
-Output = TaskStarted | TaskCancelled | RunChanged | DecisionChanged | OperatorAsked | FaultChanged
+@dataclass(frozen=True, slots=True)
+class Forecast:
+    """What would happen to one task if a robot failed now; an answer, and no output."""
+
+    run_id: str
+    task: str
+    ranking: Ranking
+
+
+Output = TaskStarted | TaskCancelled | RunBroken | RunChanged | DecisionChanged | OperatorAsked | FaultChanged

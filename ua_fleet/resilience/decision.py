@@ -134,6 +134,10 @@ class Decision:
             raise NoCandidate(f"{self.id}: {robot} cannot take over: {reason}")
         return Confirmation.TAKEN, [self._choose(robot, by)]
 
+    def give_up(self, reason: str) -> list[DecisionEvent]:
+        """End it without a choice: nobody needs one any more."""
+        return [self._abort(reason)] if self.outcome is None else []
+
     def poll(self, now: float) -> list[DecisionEvent]:
         """End the decision when its limit is over."""
         if self.outcome is not None or now < self._limit_at:

@@ -241,7 +241,9 @@ class RunState:
                 task.phase, task.reason, task.robot = TaskPhase.REPLACING, fact.reason, fact.robot
             case Replaced():
                 task.phase, task.tries, task.robot = TaskPhase.WANTED, 0, fact.robot
-                if fact.failed:
+                if fact.failed == fact.robot:  # it was repaired before anybody had taken over
+                    self.stand_ins.pop(fact.failed, None)
+                elif fact.failed:
                     self.stand_ins[fact.failed] = fact.robot
 
     def _follow(self, step: str, task: TaskRun, then: Then) -> None:

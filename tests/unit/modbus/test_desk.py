@@ -292,6 +292,26 @@ def test_refused_choice_may_be_made_again(decisions: Decisions) -> None:
     assert again.robot == "drone"
 
 
+def test_the_second_decision_of_a_step_can_be_answered_as_the_first(decisions: Decisions) -> None:
+    """The replacement has failed as well: the decision is open again, under its name and number."""
+    decisions.desk.show([OPEN], [])
+    decisions.choose(1, 2)
+    choice = decisions.desk.take()
+    assert choice is not None
+    decisions.desk.answered(choice, is_taken=True)
+    decisions.desk.show([OPEN], [])
+    assert decisions.words("decided", "outcome") == (1, Outcome.TAKEN), "the server shows it as open a little longer"
+    decisions.desk.show([], [])
+    decisions.choose(1, 2)
+    assert decisions.words("decided", "outcome") == (1, Outcome.TAKEN)
+    decisions.desk.show([OPEN], [])
+    assert decisions.words("decision", "decided", "outcome") == (1, 0, Outcome.NONE)
+    decisions.choose(1, 3)
+    again = decisions.desk.take()
+    assert again is not None
+    assert again.robot == "drone"
+
+
 def test_decisions_keep_their_numbers(decisions: Decisions) -> None:
     numbers = [decisions.memory.decision_number(name) for name in ("a", "b", "a", "c")]
     assert numbers == [1, 2, 1, 3]

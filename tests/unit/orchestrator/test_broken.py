@@ -5,7 +5,15 @@ from __future__ import annotations
 import pytest
 
 from ua_fleet.fleet.skills import SkillModel
-from ua_fleet.orchestrator import Orchestrator, Output, ResilienceSettings, RunChanged, TaskCancelled, TasksAhead
+from ua_fleet.orchestrator import (
+    Orchestrator,
+    Output,
+    ResilienceSettings,
+    RunBroken,
+    RunChanged,
+    TaskCancelled,
+    TasksAhead,
+)
 from ua_fleet.resilience import Criterion, CriterionKind
 from ua_fleet.scenario import FleetView, RobotView, Value, scenario_of
 from ua_fleet.scenario.facts import Fact, RunEnded, RunOutcome
@@ -55,6 +63,7 @@ def test_it_ends_failed_and_cancels_what_its_robots_are_at(journal: list[tuple[s
     end = ended(outputs)["a"]
     assert (end.outcome, "Broken: bad" in end.reason) == (RunOutcome.FAILED, True)
     assert [each.robot for each in outputs if isinstance(each, TaskCancelled)] == ["ned"]
+    assert [type(each.error) for each in outputs if isinstance(each, RunBroken)] == [Broken]
     assert list(orchestrator.runs) == ["b"]
     assert orchestrator.poll(2.0) == []
 

@@ -443,3 +443,19 @@ def test_robots_that_refuse_a_task_are_not_asked_again_and_there_is_an_end() -> 
     reasons = {left.robot: left.reason for left in last.ranking.excluded}
     assert [reasons[robot] for robot in mobile] == ["has refused it"] * 3
     assert not world.make.faults.active("ridgeback"), "who refuses is not broken"
+
+
+def test_a_robot_that_is_repaired_while_somebody_decides_may_have_its_task_back() -> None:
+    world = World(Mode.OPERATOR)
+    world.start("a", "  - {task: t, robot: ur3, skill: grab}\n")
+    world.take(world.make.fault_raised("ridgeback", "robot", "stuck", 0.1))
+    world.take(world.make.fault_raised("ur3", "robot", "stuck", 0.2))
+    (decision,) = world.make.decisions.values()
+    assert not decision.ranking.ranked
+    world.take(world.make.fault_cleared("ur3", "robot", 0.3))
+    world.take(world.make.poll(0.4))
+    assert [place.robot for place in decision.ranking.ranked] == ["ur3"]
+    world.take(world.make.confirm(decision.id, "ur3", "anna", 0.5)[1])
+    world.go()
+    assert world.log[-2:] == ["0 a ur3 grab", "1 a done"]
+    assert not [change for change in world.decisions() if isinstance(change.event, Aborted)]

@@ -58,8 +58,7 @@ class FaultFinder:
 
     def restored(self, fault: Fault) -> None:
         """A fault of a run before the restart."""
-        if fault.source in self._conditions.names:
-            self._conditions.restored(fault.robot, fault.source)
+        self._conditions.restored(fault.robot, fault.source)
 
     def knows(self, change: ValueChanged) -> bool:
         """Whether a node is about faults alone, and no condition can be about it."""

@@ -66,7 +66,8 @@ def restore_faults(
         outputs += orchestrator.fault_raised(fault.robot, fault.source, fault.reason, fault.since)
         if fault.acknowledged:
             outputs += orchestrator.acknowledge(fault.id, fault.acknowledged_by, now)
-        finder.restored(fault)
-        if not fault.active:
+        if fault.active:
+            finder.restored(fault)
+        else:
             outputs += orchestrator.fault_cleared(fault.robot, fault.source, now)
     return outputs

@@ -42,14 +42,7 @@ from ua_fleet.scenario.dry_run import DryRun, dry_run
 from ua_fleet.scenario.facts import Fact, RunEnded, TaskOutcome
 from ua_fleet.server.scenarios.finding import FaultFinder
 from ua_fleet.server.scenarios.kept_settings import KeptSettings
-from ua_fleet.server.scenarios.library import (
-    Checked,
-    Library,
-    Listed,
-    ScenarioUnknown,
-    parameters_of,
-    read_values,
-)
+from ua_fleet.server.scenarios.library import Checked, Library, Listed, ScenarioUnknown, parameters_of, read_values
 from ua_fleet.server.scenarios.records import RunRecord
 from ua_fleet.server.scenarios.requests import Requests, TaskRequests
 from ua_fleet.server.scenarios.restart import restore_faults, scenario_to_go_on
@@ -227,7 +220,7 @@ class ScenarioService:
 
         Raises:
             ScenarioError: a parameter does not fit, or too many runs are under way.
-            StorageUnavailable: it cannot be written down; it begins when that is possible again.
+            StorageUnavailable: it cannot be written down, and there is no run.
         """
         most = self._config.scenarios.most_runs
         if len(self._orchestrator.runs) >= most:
@@ -237,9 +230,21 @@ class ScenarioService:
         run_id = f"{stamp}-{secrets.token_hex(3)}"  # never used twice: execution ids follow from it
         outputs = self._orchestrator.start(run_id, scenario, parameters_of(scenario, names, values), by=by, now=now)
         created = next(fact for owner, fact in self._unwritten if owner == run_id)
+        try:
+            self._do([RunChanged(run_id, created), *outputs], must_be_written=True)
+        except StorageUnavailable:
+            if (run_id, created) in self._unwritten:
+                self._take_back(run_id, now)
+                raise
         _log.info("run started", run_id=run_id, scenario=scenario.name, by=by)
-        self._do([RunChanged(run_id, created), *outputs], must_be_written=True)
         return run_id
+
+    def _take_back(self, run_id: str, now: float) -> None:
+        """A run of which nothing is written down and nothing was carried out."""
+        outputs = self._orchestrator.take_back(run_id, now)
+        self._unwritten = [(owner, fact) for owner, fact in self._unwritten if owner != run_id]
+        self._held = [output for output in self._held if getattr(output, "run_id", "") != run_id]
+        self._do([output for output in outputs if getattr(output, "run_id", "") != run_id])
 
     def rehearse(
         self,

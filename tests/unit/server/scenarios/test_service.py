@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 
 from ua_fleet.config.nodes import fleet_model
+from ua_fleet.config.resilience_schema import ModeName
 from ua_fleet.config.schema import FleetConfig
 from ua_fleet.config.skill_schema import SkillLimitsConfig
 from ua_fleet.errors import RobotOffline, ScenarioError, ScenarioInvalid, SkillRejected, StorageUnavailable
@@ -16,6 +17,7 @@ from ua_fleet.fleet.changes import ValueChanged
 from ua_fleet.fleet.model import RobotState
 from ua_fleet.orchestrator import DecisionChanged, FaultChanged, OperatorAsked, Output, RunChanged
 from ua_fleet.pubsub.events import DataReceived
+from ua_fleet.resilience import Aborted
 from ua_fleet.scenario.facts import RunEnded, TaskOutcome, TaskOver
 from ua_fleet.server.scenarios.requests import START_WITHIN_S
 from ua_fleet.server.scenarios.service import COALESCE_S, ScenarioService
@@ -315,17 +317,75 @@ def test_a_skill_is_asked_for_again_after_its_interval(tmp_path: Path, *, is_sta
     assert [values for _, values, _ in world.robots.asked] == [(5.0,), (6.0,)]
 
 
-def test_what_cannot_be_written_is_not_carried_out_until_it_is(tmp_path: Path) -> None:
+def test_a_run_that_cannot_be_written_down_is_none(tmp_path: Path) -> None:
+    """Whoever is told so may start it again, and must not get two."""
     world = World(tmp_path)
     world.journal.fails = True
-    with pytest.raises(StorageUnavailable):
-        world.start()
-    assert world.robots.asked == []
+    for _ in range(2):
+        with pytest.raises(StorageUnavailable):
+            world.start()
+    assert world.service.run_ids == []
+    world.journal.fails = False
     world.pass_time(5)
-    assert world.robots.asked == []
+    assert (world.robots.asked, world.said) == ([], [])
+    world.start()
+    assert [robot for robot, _, _ in world.robots.asked] == ["left"], "it was given back"
+
+
+def test_what_cannot_be_written_is_not_carried_out_until_it_is(tmp_path: Path) -> None:
+    world = World(tmp_path)
+    run_id = world.start(f"{ONE}  - {{task: b, skill: grab, robot: right}}\n")
+    world.journal.fails = True
+    world.service.concluded(world.robots.asked[0][2], IMMEDIATE)
+    with pytest.raises(StorageUnavailable):
+        world.service.pause(run_id, "anna")
+    world.pass_time(5)
+    assert [robot for robot, _, _ in world.robots.asked] == ["left"]
     world.journal.fails = False
     world.pass_time(2)
-    assert [robot for robot, _, _ in world.robots.asked] == ["left"]
+    assert [robot for robot, _, _ in world.robots.asked] == ["left", "right"]
+
+
+def test_a_battery_that_was_low_before_the_restart_is_seen_to_be_low_again(tmp_path: Path) -> None:
+    world = World(tmp_path)
+    for percent in (15.0, 50.0):
+        world.value(1000, percent)
+        world.pass_time(1.0)
+    assert world.faults() == ["left.battery_low RAISED", "left.battery_low CLEARED"]
+    world.journal.close()
+    again = World(tmp_path)
+    again.said.clear()
+    again.start()
+    for percent in (50.0, 15.0):
+        again.value(1000, percent)
+        again.pass_time(1.0)
+    assert "left.battery_low RAISED" in again.faults()
+
+
+def test_a_fault_that_no_rule_can_end_any_more_can_be_cleared(tmp_path: Path) -> None:
+    world = World(tmp_path)
+    world.value(1000, 15.0)
+    world.pass_time(1.0)
+    others = {"battery_low": {"robots": ["right"], "when": "battery < 20"}}
+    resilience = CONFIG.resilience.model_validate({"mode": "automatic", "faults": others})
+    world.journal.close()
+    again = World(tmp_path, config=CONFIG.model_copy(update={"resilience": resilience}))
+    assert [fault.id for fault in again.service.faults] == ["left.battery_low"]
+    again.service.clear_fault("left")
+    assert not [fault for fault in again.service.faults if fault.active]
+
+
+def test_a_decision_ends_with_its_run(tmp_path: Path) -> None:
+    operator = CONFIG.resilience.model_copy(update={"mode": ModeName.OPERATOR})
+    world = World(tmp_path, config=CONFIG.model_copy(update={"resilience": operator}))
+    run_id = world.start()
+    world.service.raise_fault("left", "stuck")
+    assert world.service.open_decisions == 1
+    world.service.abort(run_id, "", "anna")
+    world.pass_time(20.0)
+    events = [output.event for output in world.said if isinstance(output, DecisionChanged)]
+    assert isinstance(events[-1], Aborted)
+    assert (events[-1].reason, world.service.open_decisions) == ("the run has ended", 0)
 
 
 def test_a_silent_robot_is_a_fault_until_it_is_heard(tmp_path: Path) -> None:

@@ -114,7 +114,7 @@ class Gateway:
         for value in self._values:
             if value.quality is not None:
                 self.image.put(value.quality, False)
-        self._work.set()  # what was asked for and not begun is refused now
+        self._refuse()
 
     async def _beat(self) -> None:
         count = 0
@@ -128,13 +128,15 @@ class Gateway:
         while True:
             await self._work.wait()
             if not self.image.get(self._status("connected")):
-                if self._desk.take() is not None:
-                    text = "the OPC UA server is away"
-                    self._desk.end(CommandState.REFUSED, StatusCode.BAD_NOT_CONNECTED, text)
-                self._decisions.refuse()
-                self._to_set.clear()
+                self._refuse()
                 self._work.clear()
             await asyncio.sleep(POLL_S)
+
+    def _refuse(self) -> None:
+        while self._desk.take() is not None:  # another one may have waited for the end of the first
+            self._desk.end(CommandState.REFUSED, StatusCode.BAD_NOT_CONNECTED, "the OPC UA server is away")
+        self._decisions.refuse()
+        self._to_set.clear()
 
     # There
 

@@ -21,8 +21,8 @@ def create_driver(config: FleetConfig, bridge_name: str) -> Driver:
         from ua_bridges.ros1.skills.driver import SkilledRos1Driver
     except ImportError as error:
         raise BridgeUnavailable(
-            f"rospy cannot be imported ({error}); install the package python3-rospy, and run the bridge with the "
-            "system's Python or .venv-ros1/bin/python"
+            f"rospy cannot be imported ({error}); ROS 1 has an environment of its own (docs/install.md), in a clone: "
+            f".venv-ros1/bin/ua-fleet bridge {bridge_name}"
         ) from error
     specs = skill_specs(config, bridge_name)
     return SkilledRos1Driver(config, bridge_name, specs) if specs else Ros1Driver(config, bridge_name)

@@ -175,7 +175,7 @@ async def client(config: FleetConfig, folder: Path, journal: str) -> None:
         requestor.receive = note  # type: ignore[method-assign]  # to see how long a response is
         requestor.commands.receive = note_response  # type: ignore[method-assign]  # as above
         transport.is_measuring = True
-        await requestor.commands.invoke(ACTION, TARGET, VALUES, 5.0)
+        await requestor.invoke(ACTION, VALUES, 5.0)
         transport.is_measuring = False
         requestor.receive, requestor.commands.receive = receive, take  # type: ignore[method-assign]  # as above
         echoing = EchoClient()
@@ -190,7 +190,7 @@ async def client(config: FleetConfig, folder: Path, journal: str) -> None:
                 if line[0] == "echo":
                     await echoing.ask(bytes(int(line[2])), int(line[3]))
                 else:
-                    outcome = await requestor.commands.invoke(ACTION, TARGET, VALUES, 5.0)
+                    outcome = await requestor.invoke(ACTION, VALUES, 5.0)
                     assert outcome.kind == "accepted", outcome
                 times.append(time.perf_counter() - started)
             print(json.dumps([round(one * 1e6, 1) for one in times]), flush=True)

@@ -144,7 +144,7 @@ class Asking:
     """One requestor that asks the robot."""
 
     def __init__(self, requestor: Any, random: Random) -> None:
-        self._commands, self._random = requestor.commands, random
+        self._requestor, self._random = requestor, random
         self._now = asyncio.get_running_loop().time
 
     async def ask(self, asked: Asked, topic: Topic, characters: int, since: float | None = None) -> None:
@@ -152,7 +152,7 @@ class Asking:
         text = chr(self._random.randint(97, 122)) * characters
         since = self._now() if since is None else since
         asked.ids.append(execution_id.hex())
-        outcome = await self._commands.invoke(topic, TARGET, (text,), TIMEOUT_S, execution_id=execution_id)
+        outcome = await self._requestor.invoke(topic, (text,), TIMEOUT_S, execution_id)
         asked.outcomes[outcome.kind.value] += 1
         if outcome.kind == "accepted":
             asked.accepted.append(execution_id.hex())

@@ -1,7 +1,7 @@
 """Commands to robots: skills are invoked by Actions, and each request gets one outcome, through restarts too.
 
-    invoke -> requestor (journal) -> ActionRequest ‖ responder
-    ActionResponse ‖ receive -> requestor (journal) -> outcome -> who waits, who listens
+    request -> requestor (journal) -> ActionRequest ‖ responder
+    ActionResponse ‖ receive -> requestor (journal) -> outcome -> `told`
 
 What the robot does after it has accepted is not waited for: it is data (SkillStatus) like any other.
 """
@@ -33,7 +33,7 @@ from ua_fleet.skill.executions import (
     halt_id,
 )
 from ua_fleet.skill.journal import RequestorJournal
-from ua_fleet.skill.requestor import Concluded, OutcomeCorrected, Requestor, RequestorEffect, RequestPace, Send
+from ua_fleet.skill.requestor import OutcomeCorrected, Requestor, RequestorEffect, RequestPace, Send
 from ua_fleet.topics import SERVER_SPACE, Topic
 from ua_fleet.values import BuiltinType, StatusCode
 from ua_fleet.wire.actions import encode_action
@@ -85,7 +85,7 @@ class SkillCommands:
             space: of this process.
             instance: of this process; with the space its RequestorId.
             pace: of repetition.
-            told: learns of every outcome, also of requests that nobody waits for.
+            told: learns of every outcome.
             clock: monotonic seconds; the event loop's without.
         """
         self.outcomes: Counter[str] = Counter()
@@ -99,49 +99,14 @@ class SkillCommands:
         self._catalog = ActionCatalog()
         self._send, self._want, self._sooner, self._wall_ticks, self._told = send, want, sooner, wall_ticks, told
         self._clock = clock or _loop_time
-        self._waiting: dict[bytes, list[asyncio.Future[Outcome]]] = {}
         self._controls: dict[bytes, tuple[str, str]] = {}
         """Who is asked to stop, stand or go on, and which of these, by the id of the request."""
-        self._announced = asyncio.Event()
         self._retry_at = 0.0
         self._is_failing = False
 
     def resume(self, now: float) -> None:
         """Ask on for what was requested before a restart."""
         self._do(self._requestor.resume(now, self._wall_ticks()))
-
-    async def invoke(
-        self,
-        topic: Topic,
-        action_target_id: int,
-        values: tuple[Any, ...],
-        timeout_s: float,
-        *,
-        execution_id: bytes | None = None,
-    ) -> Outcome:
-        """Have a robot do a skill, once, and wait until it is known whether it was told to.
-
-        Who gives up waiting changes nothing: the request goes on, and its outcome is in the journal.
-
-        Args:
-            topic: (space, WriterGroupId, DataSetWriterId) of the Action.
-            action_target_id: the robot.
-            values: the arguments, in the order of the Action's request fields.
-            timeout_s: the robot does not begin later than that.
-            execution_id: 16 bytes that were never used before; said again, the same request is meant. Random without.
-
-        Raises:
-            RobotOffline: nobody announces the Action within the timeout.
-            SkillRejected: there is no such target, or the arguments do not fit.
-            StorageUnavailable: the request could not be recorded, and was not sent.
-        """
-        action = await self._announcement_of(topic, timeout_s)
-        execution_id = execution_id or secrets.token_bytes(EXECUTION_ID_BYTES)
-        effects = self._start(action, topic, action_target_id, values, timeout_s, execution_id)
-        waiting = self._wait(execution_id)
-        self._do(effects)
-        self._sooner()
-        return await waiting
 
     def request(self, topic: Topic, robot: str, values: tuple[Any, ...], timeout_s: float, execution_id: bytes) -> None:
         """Have a robot do a skill, once, and wait for nothing: `told` learns of the outcome.
@@ -163,8 +128,15 @@ class SkillCommands:
             self._want(topic.space, topic.id, self._clock())
             self._sooner()
             raise _not_announced(topic)
-        target_id = _target_of(action, robot)
-        self._do(self._start(action, topic, target_id, values, timeout_s, execution_id))
+        target, types = Target(*topic, _target_of(action, robot)), type_codes(action.request.fields)
+        if len(values) != len(types):
+            raise SkillRejected(f"{action.request.name} takes {len(types)} arguments, not {len(values)}")
+        now, wall = self._clock(), self._wall_ticks()
+        try:
+            effects = self._requestor.start(execution_id, target, types, values, timeout_s, now, wall)
+        except LocalWireError as error:
+            raise SkillRejected(f"{action.request.name}: {error}") from error
+        self._do(effects)
         self._sooner()
 
     def halt(self, topic: Topic, robot: str, execution_id: bytes) -> None:
@@ -210,34 +182,9 @@ class SkillCommands:
             self._want(topic.space, topic.id, self._clock())
             self._sooner()
 
-    def _start(
-        self,
-        action: ActionMetaDataAnnouncement,
-        topic: Topic,
-        action_target_id: int,
-        values: tuple[Any, ...],
-        timeout_s: float,
-        execution_id: bytes,
-    ) -> list[RequestorEffect]:
-        types = type_codes(action.request.fields)
-        if len(values) != len(types):
-            raise SkillRejected(f"{action.request.name} takes {len(types)} arguments, not {len(values)}")
-        if action_target_id not in [target.action_target_id for target in action.targets]:
-            raise SkillRejected(f"{action.request.name} has no target {action_target_id}")
-        now, target = self._clock(), Target(*topic, action_target_id)
-        try:
-            return self._requestor.start(execution_id, target, types, values, timeout_s, now, self._wall_ticks())
-        except LocalWireError as error:
-            raise SkillRejected(f"{action.request.name}: {error}") from error
-
     def known_outcome(self, execution_id: bytes) -> Outcome | None:
         """What is known of a request now; None while it is asked for, KeyError where it was never made."""
         return self._requestor.outcome(execution_id)
-
-    async def outcome(self, execution_id: bytes) -> Outcome:
-        """Wait for the outcome of a request that this run or one before has made. KeyError where there is none."""
-        known = self._requestor.outcome(execution_id)
-        return known if known is not None else await self._wait(execution_id)
 
     def receive(self, event: ActionReceived, now: float) -> None:
         """Take responses."""
@@ -246,7 +193,6 @@ class SkillCommands:
     def announced(self, announcement: ActionMetaDataAnnouncement) -> None:
         """Learn of an Action that can be invoked."""
         self._catalog.apply(announcement)
-        self._announced.set()
 
     def action(self, topic: Topic) -> ActionMetaDataAnnouncement | None:
         """What was announced of an Action."""
@@ -262,23 +208,6 @@ class SkillCommands:
         due = self._requestor.next_deadline()
         return due if due is None else max(due, self._retry_at)
 
-    async def _announcement_of(self, topic: Topic, timeout_s: float) -> ActionMetaDataAnnouncement:
-        try:
-            async with asyncio.timeout(timeout_s):
-                while (action := self.action(topic)) is None:
-                    self._want(topic.space, topic.id, self._clock())
-                    self._sooner()
-                    self._announced.clear()
-                    await self._announced.wait()
-        except TimeoutError:
-            raise _not_announced(topic) from None
-        return action
-
-    def _wait(self, execution_id: bytes) -> asyncio.Future[Outcome]:
-        waiting: asyncio.Future[Outcome] = asyncio.get_running_loop().create_future()
-        self._waiting.setdefault(execution_id, []).append(waiting)
-        return waiting
-
     def _try(self, step: Callable[[], Iterable[RequestorEffect]], now: float) -> None:
         """Do a step. What the journal cannot write has not happened, and is tried again."""
         try:
@@ -289,14 +218,9 @@ class SkillCommands:
             if not self._is_failing:
                 _log.error("outcomes of commands are not recorded", reason=str(error))
             self._is_failing = True
-            effects = [
-                Concluded(execution_id, outcome)
-                for execution_id in self._waiting
-                if (outcome := self._requestor.outcome(execution_id)) is not None
-            ]
         else:
             self._is_failing = False
-        self._do(effects)
+            self._do(effects)
 
     def _do(self, effects: Iterable[RequestorEffect]) -> None:
         for effect in effects:
@@ -314,9 +238,6 @@ class SkillCommands:
         if asked and outcome.kind is not OutcomeKind.ACCEPTED:
             reason = outcome.report.message
             _log.warning("a robot did not do it", what=what, asked=asked, outcome=outcome.kind.value, reason=reason)
-        for waiting in self._waiting.pop(execution_id, ()):
-            if not waiting.done():
-                waiting.set_result(outcome)
         if self._told is not None:
             self._told(execution_id, outcome)
 

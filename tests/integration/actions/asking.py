@@ -6,7 +6,6 @@ import asyncio
 import sys
 from pathlib import Path
 
-from tests.contract.skilled import TARGET
 from tests.integration.actions.conftest import QUICK_ACTION, TIMEOUT_S
 from tests.integration.actions.requesting import requesting
 from ua_fleet.config.schema import FleetConfig
@@ -15,9 +14,7 @@ from ua_fleet.config.schema import FleetConfig
 async def main(fleet: Path, folder: Path, execution_id: bytes, work: str, seconds: float) -> None:
     config = FleetConfig.model_validate_json(fleet.read_text())
     async with requesting(config, folder) as requestor:
-        outcome = await requestor.commands.invoke(
-            QUICK_ACTION, TARGET, (work, seconds), TIMEOUT_S, execution_id=execution_id
-        )
+        outcome = await requestor.invoke(QUICK_ACTION, (work, seconds), TIMEOUT_S, execution_id)
         print(outcome.kind, flush=True)
 
 

@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 
-from tests.contract.skilled import QUICK, TARGET, WORK, Machine
+from tests.contract.skilled import QUICK, WORK, Machine
 from tests.integration.actions.requesting import Requesting, requesting
 from tests.system import Child, Processes, clean_environment
 from ua_fleet.config.schema import FleetConfig
@@ -94,4 +94,4 @@ def secured_cell(tmp_path: Path, udp_url: str, processes: Processes) -> Cell:
 async def work(requestor: Requesting, *values: Any, action: Topic = ACTION, **options: Any) -> Outcome:
     """Ask the machine for something."""
     timeout_s = options.pop("timeout_s", TIMEOUT_S)
-    return await requestor.commands.invoke(action, TARGET, values, timeout_s, **options)
+    return await requestor.invoke(action, values, timeout_s, **options)

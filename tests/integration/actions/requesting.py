@@ -8,7 +8,9 @@ from collections.abc import AsyncGenerator, Callable
 from contextlib import asynccontextmanager
 from pathlib import Path
 from random import Random
+from typing import Any
 
+from tests.outcomes import Outcomes
 from ua_fleet.config.schema import FleetConfig, PubSubSecurity
 from ua_fleet.config.security import envelope_of, file_keys_of
 from ua_fleet.counters import Counters
@@ -25,6 +27,7 @@ from ua_fleet.pubsub.security.envelope import Envelope
 from ua_fleet.pubsub.subscriber import Subscriber
 from ua_fleet.pubsub.timing import PubSubTiming
 from ua_fleet.server.commands_out import SkillCommands
+from ua_fleet.skill.executions import Outcome
 from ua_fleet.skill.journal import RequestorJournal
 from ua_fleet.storage.journal import SqliteJournal
 from ua_fleet.topics import Topic
@@ -84,6 +87,7 @@ class Requesting:
         )
         self.status: dict[Topic, DataSetMessage] = {}
         """The latest message of each data source."""
+        self._outcomes = Outcomes()
         self.commands = SkillCommands(
             journal,
             send=self.send,
@@ -92,7 +96,18 @@ class Requesting:
             wall_ticks=lambda: ticks_from_unix_ns(time.time_ns()),
             must_be_verified=self.envelope.mode is not SecurityMode.NONE,
             space=space,
+            told=self._outcomes.tell,
         )
+
+    async def invoke(
+        self, topic: Topic, values: tuple[Any, ...], timeout_s: float, execution_id: bytes | None = None
+    ) -> Outcome:
+        """Have the robot do a skill, and wait until it is known whether it was told to."""
+        return await self._outcomes.invoke(self.commands, topic, values, timeout_s, execution_id=execution_id)
+
+    async def outcome(self, execution_id: bytes) -> Outcome:
+        """Wait for the outcome of a request that this run or one before has made."""
+        return await self._outcomes.of(self.commands, execution_id)
 
     def send(self, datagram: bytes) -> None:
         for sealed in self.envelope.seal(datagram, self._now()):

@@ -88,10 +88,10 @@ async def test_requestor_killed_while_it_waits_goes_on(cell: Cell, processes: Pr
     await until(cell.told)
     asking.end(signal.SIGKILL)
     async with cell.requestor() as requestor:
-        outcome = await requestor.commands.outcome(execution_id)
+        outcome = await requestor.outcome(execution_id)
     assert (outcome.kind, outcome.report.state) == (OutcomeKind.ACCEPTED, ExecutionState.DONE)
     async with cell.requestor() as requestor:
-        assert await requestor.commands.outcome(execution_id) == outcome, "it is in the journal"
+        assert await requestor.outcome(execution_id) == outcome, "it is in the journal"
         assert (await work(requestor, "weld", 1.5, action=QUICK_ACTION, execution_id=execution_id)) == outcome
     assert cell.told() == ["weld"]
 

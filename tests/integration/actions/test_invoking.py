@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from tests.contract.skilled import ENDLESS_WORK, FAILING_WORK, REFUSED_WORK, STATUS, WORK
+from tests.contract.skilled import ENDLESS_WORK, FAILING_WORK, REFUSED_WORK, STATUS
 from tests.integration.actions.conftest import QUICK_ACTION, SPACE, Cell, work
 from tests.waiting import until
 from ua_fleet.errors import RobotOffline, SkillRejected
@@ -53,8 +53,6 @@ async def test_what_the_robot_refuses_is_refused_and_never_begun(cell: Cell) -> 
             await work(requestor, "weld")
         with pytest.raises(SkillRejected, match="work"):
             await work(requestor, "weld", "not a number")
-        with pytest.raises(SkillRejected, match="work has no target 8"):
-            await requestor.commands.invoke(Topic(SPACE, 2, WORK), 8, ("weld", 0.0), 5.0)
     assert cell.told() == []
 
 

@@ -146,7 +146,7 @@ async def test_an_unknown_skill_is_refused_with_its_reason(cell: Cell) -> None:
         known = commands.action(ACTION)
         assert known is not None
         commands.announced(known._replace(data_set_writer_id=4711))
-        outcome = await commands.invoke(Topic(SPACE, 2, 4711), TARGET, ("weld", 0.0), 5.0)
+        outcome = await requestor.invoke(Topic(SPACE, 2, 4711), ("weld", 0.0), 5.0)
     assert outcome.kind is OutcomeKind.REFUSED
     assert (outcome.report.status, outcome.report.message) == (
         StatusCode.BAD_NOT_SUPPORTED,

@@ -43,7 +43,7 @@ class Robot:
 
     async def ask(self, skill: int, *values: Any, execution_id: bytes | None = None) -> Outcome:
         topic = Topic(SPACE, 2, skill)
-        return await self._requestor.commands.invoke(topic, 1, values, 20.0, execution_id=execution_id)
+        return await self._requestor.invoke(topic, values, 20.0, execution_id)
 
     async def begin(self, skill: int, *values: Any) -> bytes:
         """Have it begin something, and wait until it was told."""

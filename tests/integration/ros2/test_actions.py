@@ -133,7 +133,7 @@ async def test_killed_bridge_learns_the_truth_when_it_is_back(ros2: Ros2Space, t
     config = FleetConfig.model_validate({"version": 1, "pubsub": ros2.fleet()["pubsub"]})
     async with requesting(config, ros2.folder) as requestor:
         target = Topic(ros2.domain, 2, TURN)
-        asking = asyncio.ensure_future(requestor.commands.invoke(target, 1, (20.0, 3.0), 15.0))
+        asking = asyncio.ensure_future(requestor.invoke(target, (20.0, 3.0), 15.0))
         await until(lambda: told(turner), "the robot's beginning")
         bridge.end(signal.SIGKILL)
         ros2.bridge(robots)

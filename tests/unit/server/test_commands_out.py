@@ -5,6 +5,7 @@ from typing import Any
 
 import pytest
 
+from tests.outcomes import Outcomes
 from ua_fleet.errors import RobotOffline, SkillRejected, StorageUnavailable
 from ua_fleet.pubsub.events import ActionReceived
 from ua_fleet.pubsub.metadata import make_field
@@ -50,6 +51,7 @@ class Bench:
         self.wanted: list[tuple[int, int]] = []
         self.told: list[OutcomeKind] = []
         self.journal = journal or FullDisk()
+        self._outcomes = Outcomes()
         self.commands = SkillCommands(
             self.journal,
             send=self.sent.append,
@@ -57,7 +59,7 @@ class Bench:
             sooner=lambda: None,
             wall_ticks=lambda: WALL,
             must_be_verified=must_be_verified,
-            told=lambda _, outcome: self.told.append(outcome.kind),
+            told=self._tell,
         )
 
     def _want(self, space: int, data_set_writer_id: int, now: float) -> bool:
@@ -80,8 +82,15 @@ class Bench:
         response = answer(request, ActionState.DONE, report, None).message
         self.commands.receive(ActionReceived(response, ("192.0.2.1", 1), verified), now)
 
-    def invoke(self, *values: Any, target: int = 1, timeout_s: float = 5.0, **rest: Any) -> asyncio.Task[Outcome]:
-        return asyncio.ensure_future(self.commands.invoke(ACTION, target, values, timeout_s, **rest))
+    def invoke(self, *values: Any, timeout_s: float = 5.0, **rest: Any) -> asyncio.Task[Outcome]:
+        return asyncio.ensure_future(self._outcomes.invoke(self.commands, ACTION, values, timeout_s, **rest))
+
+    def outcome(self, execution_id: bytes) -> asyncio.Task[Outcome]:
+        return asyncio.ensure_future(self._outcomes.of(self.commands, execution_id))
+
+    def _tell(self, execution_id: bytes, outcome: Outcome) -> None:
+        self.told.append(outcome.kind)
+        self._outcomes.tell(execution_id, outcome)
 
 
 def announced(bench: Bench) -> Bench:
@@ -113,17 +122,18 @@ async def test_an_action_that_nobody_announces_is_told() -> None:
 
 
 @pytest.mark.parametrize(
-    ("values", "target", "reason"),
+    ("values", "robot", "reason"),
     [
-        ((), 1, "pick takes 1 arguments, not 0"),
-        ((5,), 1, "pick: "),
-        (("bin",), 2, "pick has no target 2"),
+        ((), "arm", "pick takes 1 arguments, not 0"),
+        ((5,), "arm", "pick: "),
+        (("bin",), "leg", "pick has no target 'leg'"),
     ],
 )
-async def test_what_cannot_be_asked_is_not_sent(values: tuple[Any, ...], target: int, reason: str) -> None:
-    bench = announced(Bench())
+async def test_what_cannot_be_asked_is_not_sent(values: tuple[Any, ...], robot: str, reason: str) -> None:
+    bench = Bench()
+    bench.commands.announced(ANNOUNCED._replace(targets=(*ANNOUNCED.targets, ActionTarget(2, "hand"))))
     with pytest.raises(SkillRejected, match=reason):
-        await bench.invoke(*values, target=target)
+        await bench.invoke(*values, robot=robot)
     assert bench.sent == []
 
 
@@ -177,13 +187,13 @@ async def test_requests_of_a_run_before_are_asked_again() -> None:
         request.timestamp,
         request.values,
     )
-    waiting = asyncio.ensure_future(after.commands.outcome(b"x" * 16))
+    waiting = after.outcome(b"x" * 16)
     await asyncio.sleep(0)
     after.respond(again)
     assert (await waiting).kind is OutcomeKind.ACCEPTED
-    assert (await after.commands.outcome(b"x" * 16)).kind is OutcomeKind.ACCEPTED
+    assert (await after.outcome(b"x" * 16)).kind is OutcomeKind.ACCEPTED
     with pytest.raises(KeyError):
-        await after.commands.outcome(b"y" * 16)
+        await after.outcome(b"y" * 16)
 
 
 async def test_an_unsigned_response_is_not_taken_when_there_are_keys() -> None:

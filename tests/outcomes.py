@@ -1,0 +1,58 @@
+"""Waiting for what becomes of requests, which the server does not do: it is told."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import secrets
+from typing import Any
+
+from ua_fleet.server.commands_out import SkillCommands
+from ua_fleet.skill.executions import EXECUTION_ID_BYTES, Outcome
+from ua_fleet.topics import Topic
+
+
+class Outcomes:
+    """The outcomes of one SkillCommands, for which `tell` is its `told`."""
+
+    def __init__(self) -> None:
+        self._waiting: dict[bytes, list[asyncio.Future[Outcome]]] = {}
+
+    def tell(self, execution_id: bytes, outcome: Outcome) -> None:
+        for waiting in self._waiting.pop(execution_id, ()):
+            if not waiting.done():
+                waiting.set_result(outcome)
+
+    async def invoke(
+        self,
+        commands: SkillCommands,
+        topic: Topic,
+        values: tuple[Any, ...],
+        timeout_s: float,
+        *,
+        robot: str = "robot",
+        execution_id: bytes | None = None,
+    ) -> Outcome:
+        """Request a skill once it is announced, and wait until it is known whether the robot was told.
+
+        An Action with one target is that robot's whatever the name. The execution id is a random one without.
+        """
+        commands.want(topic)
+        with contextlib.suppress(TimeoutError):  # `request` says what is wrong then
+            async with asyncio.timeout(timeout_s):
+                while commands.action(topic) is None:
+                    await asyncio.sleep(0.001)
+        execution_id = execution_id or secrets.token_bytes(EXECUTION_ID_BYTES)
+        waiting = self._wait(execution_id)
+        commands.request(topic, robot, values, timeout_s, execution_id)
+        return await waiting
+
+    async def of(self, commands: SkillCommands, execution_id: bytes) -> Outcome:
+        """The outcome of a request that this run or one before has made; KeyError where there is none."""
+        known = commands.known_outcome(execution_id)
+        return known if known is not None else await self._wait(execution_id)
+
+    def _wait(self, execution_id: bytes) -> asyncio.Future[Outcome]:
+        waiting: asyncio.Future[Outcome] = asyncio.get_running_loop().create_future()
+        self._waiting.setdefault(execution_id, []).append(waiting)
+        return waiting

@@ -15,7 +15,7 @@ from ua_fleet.cli.endings import UsageError
 from ua_fleet.cli.options import Connection, Json, connecting
 from ua_fleet.cli.output import message, print_json, print_line, print_table
 from ua_fleet.cli.process import run as run_until_done
-from ua_fleet.errors import ScenarioError, ScenarioInvalid
+from ua_fleet.errors import NotConnected, ScenarioError, ScenarioInvalid
 
 if TYPE_CHECKING:
     from ua_fleet.client import RunInfo, ScenarioClient
@@ -281,6 +281,19 @@ class _Invalid(UsageError, ScenarioInvalid):
 
 
 async def _follow(scenarios: ScenarioClient, run_id: str, *, as_json: bool) -> None:
+    try:
+        last = await _print_changes(scenarios, run_id, as_json=as_json)
+    except NotConnected:
+        message(f"the run goes on without us; see: ua-fleet scenario watch {run_id}")
+        raise
+    if last is None or not last.is_over:
+        message(f"the connection has ended; see: ua-fleet scenario watch {run_id}")
+    elif last.state != "done":
+        raise ScenarioError(f"run {run_id} {last.state}: {last.reason}")
+
+
+async def _print_changes(scenarios: ScenarioClient, run_id: str, *, as_json: bool) -> RunInfo | None:
+    """Print a run whenever it changes; how it was last."""
     last: RunInfo | None = None
     async with aclosing(scenarios.follow(run_id)) as changes:
         async for info in changes:
@@ -293,10 +306,7 @@ async def _follow(scenarios: ScenarioClient, run_id: str, *, as_json: bool) -> N
                     for task, robot, state in zip(info.tasks, info.robots, info.states, strict=False)
                 ]
                 print_line(f"{info.state}: {', '.join(tasks) or 'no task yet'}")
-    if last is None or not last.is_over:
-        message(f"the connection has ended; see: ua-fleet scenario watch {run_id}")
-    elif last.state != "done":
-        raise ScenarioError(f"run {run_id} {last.state}: {last.reason}")
+    return last
 
 
 def _given(scenario: str) -> str:

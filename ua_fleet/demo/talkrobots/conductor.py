@@ -97,6 +97,8 @@ class Conductor:
         self._deadline: float | None = None
         self._to_press: tuple[float, str] | None = None
         """When, and what, the mechanic says by the panel of Ridgeback."""
+        self._ranked: Sequence[str] = ()
+        """Who could take over now, the best first."""
         self._asking: asyncio.Task[None] | None = None
 
     async def follow(self, client: FleetClient, *, stay: bool) -> None:
@@ -261,22 +263,24 @@ class Conductor:
     def _ask_for(
         self, decision_id: str, robots: Sequence[str], scenarios: ScenarioClient, tasks: asyncio.TaskGroup
     ) -> None:
-        if self._asking is None and self._mode == "operator":
-            self._asking = tasks.create_task(self._choose(decision_id, robots, scenarios))
+        self._ranked = robots
+        if robots and self._asking is None and self._mode == "operator":
+            self._asking = tasks.create_task(self._choose(decision_id, scenarios))
 
     def _stop_asking(self) -> None:
         if self._asking is not None:
             self._asking.cancel()
             self._asking = None
 
-    async def _choose(self, decision_id: str, robots: Sequence[str], scenarios: ScenarioClient) -> None:
-        robot = await self._ask(decision_id, robots)
-        if robot is None:
-            return
-        try:
-            await scenarios.confirm(decision_id, robot)
-        except NotDone as error:
-            self._say(f"{'':11}not done: {error}")
+    async def _choose(self, decision_id: str, scenarios: ScenarioClient) -> None:
+        """Ask until a choice is taken; the candidates may be others by then."""
+        while (robot := await self._ask(decision_id, self._ranked)) is not None:
+            try:
+                await scenarios.confirm(decision_id, robot)
+            except NotDone as error:
+                self._say(f"{'':11}not done: {error}")
+            else:
+                return
 
     # After a run.
 

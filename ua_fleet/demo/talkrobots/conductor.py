@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections.abc import AsyncIterator, Awaitable, Callable, Iterable, Sequence
+from collections.abc import AsyncIterator, Callable, Iterable
 from pathlib import Path
 from typing import Final
 
@@ -13,7 +13,6 @@ from ua_fleet.client import (
     FaultTold,
     FleetClient,
     NodeNotFound,
-    NotDone,
     RunTold,
     ScenarioClient,
     StepTold,
@@ -23,12 +22,13 @@ from ua_fleet.config.schema import FleetConfig
 from ua_fleet.demo.failing import first_failure
 from ua_fleet.demo.processes import DemoFailed
 from ua_fleet.demo.result import DemoResult
+from ua_fleet.demo.talkrobots.chooser import Ask, Chooser
 from ua_fleet.demo.talkrobots.costs import Costs, cost_lines
 from ua_fleet.demo.talkrobots.course import Course, TaskRow
 from ua_fleet.demo.talkrobots.setting import ACTORS, SCENARIO, Mode
 from ua_fleet.storage.traffic_log import read_traffic
 
-__all__ = ["Ask", "Conductor"]
+__all__ = ["Conductor"]
 
 BROKEN: Final = "ridgeback"
 REPAIRED: Final = "repaired"
@@ -45,10 +45,6 @@ SAY_S: Final = 10.0
 """After so long it is said who is waited for."""
 REST_S: Final = 1.0
 """After the end of a run its last answers are still under way."""
-
-Ask = Callable[[str, Sequence[str]], Awaitable[str | None]]
-"""Has an operator choose one of some robots, the best first, for the decision of this id; None where nobody is there.
-Cancelled when somebody else has decided."""
 
 
 class Conductor:
@@ -87,7 +83,7 @@ class Conductor:
             remedy: what people are told to do after that.
         """
         self._config, self._speed, self._mode, self._traffic = config, speed, mode, traffic
-        self._say, self._ask, self._check = say, ask, check
+        self._say, self._check = say, check
         self._started, self._finished = started, finished
         self._is_to_run, self._patience_s, self._remedy = runs, patience_s, remedy
         self._units = {name: criterion.unit for name, criterion in config.resilience.criteria.items()}
@@ -97,9 +93,7 @@ class Conductor:
         self._deadline: float | None = None
         self._to_press: tuple[float, str] | None = None
         """When, and what, the mechanic says by the panel of Ridgeback."""
-        self._ranked: Sequence[str] = ()
-        """Who could take over now, the best first."""
-        self._asking: asyncio.Task[None] | None = None
+        self._chooser = Chooser(ask, say)
 
     async def follow(self, client: FleetClient, *, stay: bool) -> None:
         """Run the scenario, or wait until somebody does, and follow it to its end; with `stay` go on with the next.
@@ -119,7 +113,7 @@ class Conductor:
                 try:
                     await self._follow(client, scenarios, told, tasks, stay=stay)
                 finally:
-                    self._stop_asking()
+                    self._chooser.stop()
 
     # Before a run.
 
@@ -173,8 +167,8 @@ class Conductor:
         if REPAIRED_DURING in course.rows:
             self._send_mechanic(course.rows[REPAIRED_DURING])
         for decision in decisions:
-            if decision.state == "open":
-                self._ask_for(decision.decision_id, decision.robots, scenarios, tasks)
+            if decision.state == "open" and self._mode == "operator":
+                self._chooser.choose(decision.decision_id, decision.robots, scenarios, tasks)
 
     async def _start(self, scenarios: ScenarioClient) -> None:
         problems = await scenarios.validate(SCENARIO)
@@ -231,10 +225,10 @@ class Conductor:
             self._send_mechanic(self._course.rows[one.task])
         elif isinstance(one, DecisionTold):
             if one.state != "open":
-                self._stop_asking()
-            else:
+                self._chooser.stop()
+            elif self._mode == "operator":
                 robots = [place.robot for place in one.ranking.ranked]
-                self._ask_for(one.decision_id, robots, scenarios, tasks)
+                self._chooser.choose(one.decision_id, robots, scenarios, tasks)
 
     def _look_s(self) -> float:
         if self._to_press is None:
@@ -259,28 +253,6 @@ class Conductor:
         self._to_press = None
         if value == "true":  # until the robot says that it is well: its program may just have been started again
             self._press("true", PRESS_AGAIN_S)
-
-    def _ask_for(
-        self, decision_id: str, robots: Sequence[str], scenarios: ScenarioClient, tasks: asyncio.TaskGroup
-    ) -> None:
-        self._ranked = robots
-        if robots and self._asking is None and self._mode == "operator":
-            self._asking = tasks.create_task(self._choose(decision_id, scenarios))
-
-    def _stop_asking(self) -> None:
-        if self._asking is not None:
-            self._asking.cancel()
-            self._asking = None
-
-    async def _choose(self, decision_id: str, scenarios: ScenarioClient) -> None:
-        """Ask until a choice is taken; the candidates may be others by then."""
-        while (robot := await self._ask(decision_id, self._ranked)) is not None:
-            try:
-                await scenarios.confirm(decision_id, robot)
-            except NotDone as error:
-                self._say(f"{'':11}not done: {error}")
-            else:
-                return
 
     # After a run.
 

@@ -11,7 +11,8 @@ from ua_fleet.demo.launch import START_TIMEOUT_S, Launch
 from ua_fleet.demo.lines import read_line
 from ua_fleet.demo.processes import Processes
 from ua_fleet.demo.result import DemoResult
-from ua_fleet.demo.talkrobots.conductor import Ask, Conductor
+from ua_fleet.demo.talkrobots.chooser import Ask
+from ua_fleet.demo.talkrobots.conductor import Conductor
 from ua_fleet.demo.talkrobots.setting import ACTORS, Setting
 
 __all__ = ["run_talkrobots"]

@@ -51,6 +51,9 @@ def test_node_whose_server_does_not_start_says_so(monkeypatch: pytest.MonkeyPatc
         raise OSError(24, "Too many open files")
 
     monkeypatch.setattr(rosgraph.xmlrpc, "ThreadingXMLRPCServer", full)
+    # A test before this one may have had a node, and ended it.
+    monkeypatch.setattr(rospy.core, "_shutdown_flag", False)
+    monkeypatch.setattr(rospy.core, "_preshutdown_hooks", [])
     monkeypatch.setattr(rospy.impl.tcpros, "init_tcpros", lambda: None)
     monkeypatch.setattr(rospy.names, "_set_caller_id", lambda name: None)
     errors: list[Exception] = []

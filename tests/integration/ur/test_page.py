@@ -92,7 +92,7 @@ async def test_the_pages_fleet_runs_secured(
         # A bridge that is killed takes ur-rtde with it, and the arm goes on; the next one sees where it ends.
         await client.call_skill("ur5", "turn", base=0.0)
         children = children_of(bridge.process.pid)
-        assert len(children) == 2
+        assert len(children) >= 2  # one reads, one commands, one asks unless it is put off
         execution = await client.start_skill("ur5", "turn", base=2.0)
         async with asyncio.timeout(10):
             while controller.state()["q"][0] < 0.1:

@@ -306,7 +306,7 @@ def test_messages_have_their_sizes() -> None:
 
 def test_provoking_says_what_it_cannot_do() -> None:
     robot = controller()
-    provoking = Provoking(robot, lambda: None, lambda on: None)
+    provoking = Provoking(robot, lambda: None, lambda on, port: None)
     assert provoking.answer('{"do": "digital_input", "bit": 3, "on": true}') == '{"done": true}'
     assert robot.digital_inputs == 8
     for line in ("x", "[]", "{}", '{"do": "fly"}', '{"do": "digital_input", "bit": 99, "on": true}', '{"do": []}'):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TypeVarTuple
 
@@ -35,7 +35,6 @@ from ua_fleet.scenario.effects import (
 )
 from ua_fleet.scenario.expression import Expression
 from ua_fleet.scenario.facts import Fact, RunEnded, TaskOutcome, TaskOver, Then
-from ua_fleet.scenario.model import Task
 from ua_fleet.scenario.parameters import known_arguments
 from ua_fleet.scenario.state import TaskPhase
 
@@ -227,8 +226,8 @@ class Orchestrator:
     def what_if(self, robot: str) -> list[Forecast]:
         """Who would take over each task that a robot has ahead, without effect."""
         forecasts: list[Forecast] = []
-        for run_id, run in self.runs.items():
-            for task in self._tasks_ahead(run_id, robot):
+        for run in self.runs.values():
+            for task in [task for wanted, task in run.ahead() if wanted == robot]:
                 arguments = known_arguments(task, run.look_up)
                 todo = TaskToDo(task, self._needs(task.skill, robot, task.capacities), arguments, robot)
                 forecasts.append(Forecast(run.state.run_id, task.name, self._ranked(todo)))
@@ -472,17 +471,4 @@ class Orchestrator:
 
     def _count_ahead(self) -> Counter[str | None]:
         """How many tasks of all runs each robot has ahead."""
-        return Counter(robot for run_id in self.runs for robot, _ in self._ahead(run_id))
-
-    def _tasks_ahead(self, run_id: str, robot: str) -> list[Task]:
-        """Tasks of a run that name a robot, or that it stands in for, and are not over."""
-        return [task for wanted, task in self._ahead(run_id) if wanted == robot]
-
-    def _ahead(self, run_id: str) -> Iterator[tuple[str | None, Task]]:
-        """The tasks of a run that are not over, with their robots; None where any will do."""
-        state = self.runs[run_id].state
-        over = {task_run.name for step, task_run in state.tasks.items() if step in state.ended}
-        doing = {task_run.name: task_run.robot for task_run in state.tasks.values() if task_run.robot}
-        for task in self._scenarios[run_id].tasks():
-            if task.name not in over:
-                yield doing.get(task.name) or state.stand_ins.get(task.robot or "", task.robot), task
+        return Counter(robot for run in self.runs.values() for robot, _ in run.ahead())

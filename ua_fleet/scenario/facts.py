@@ -172,6 +172,9 @@ class ReplacementWanted:
     step: str
     robot: str
     reason: str
+    task: str = ""
+    """Its name; empty, like its skill, in the journal of an earlier version."""
+    skill: str = ""
 
 
 @dataclass(frozen=True, slots=True)

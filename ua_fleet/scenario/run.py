@@ -19,21 +19,13 @@ A paused run starts no task; what robots are at goes on. A run that is aborted c
 from __future__ import annotations
 
 import uuid
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import Final
 
 from ua_fleet.errors import ScenarioError
 from ua_fleet.fleet.skills import SkillModel
-from ua_fleet.scenario.effects import (
-    AskOperator,
-    CancelTask,
-    Effect,
-    Happened,
-    OpenDecision,
-    ReleaseRobot,
-    StartTask,
-    WantRobot,
-)
+from ua_fleet.scenario.asking import asked_for
+from ua_fleet.scenario.effects import CancelTask, Effect, Happened, ReleaseRobot
 from ua_fleet.scenario.expression import Lookup, Value, ValueUnknown
 from ua_fleet.scenario.facts import (
     EventSeen,
@@ -57,6 +49,7 @@ from ua_fleet.scenario.facts import (
     Then,
 )
 from ua_fleet.scenario.model import Scenario, Task
+from ua_fleet.scenario.order import Order, ahead
 from ua_fleet.scenario.parameters import arguments_for, checked_parameters
 from ua_fleet.scenario.state import RunState, TaskPhase, TaskRun
 from ua_fleet.scenario.walk import Moment, Walk
@@ -83,6 +76,7 @@ class Run:
         """Use `create` for a new run and `restore` for one of the journal."""
         self._scenario, self._journal, self.state = scenario, journal, state
         self._tasks = {task.key: task for task in scenario.tasks()}
+        self._order = Order(self._tasks.values())
         self._faulted: dict[str, str] = {}
         """Robots that cannot work now, with the reason."""
         self._lookup: Lookup = _nothing_known
@@ -132,12 +126,10 @@ class Run:
         if self.state.outcome is not None:
             return []
         for step, task_run in self.state.tasks.items():
-            if task_run.phase in _ACTIVE:
-                moment.effects.append(self._start(step, task_run))
-                if self.state.closing is not None:
-                    moment.effects.append(CancelTask(task_run.execution_id, task_run.robot))
-            elif self.state.closing is None:
-                self._ask_once_more(step, task_run, moment)
+            if task_run.phase in _ACTIVE or self.state.closing is None:
+                self._ask(step, moment)
+            if task_run.phase in _ACTIVE and self.state.closing is not None:
+                moment.effects.append(CancelTask(task_run.execution_id, task_run.robot))
         return moment.effects
 
     def granted(self, step: str, robot: str, now: float, skill: SkillModel | None = None) -> list[Effect]:
@@ -208,18 +200,27 @@ class Run:
                 if task_run.robot == robot and task_run.phase in _ACTIVE:
                     moment.effects.append(CancelTask(task_run.execution_id, robot))
                     self._over(step, task_run, TaskOutcome.FAULT, reason, {}, moment)
-                elif task_run.phase is TaskPhase.WANTED and self._robot_for(step) == robot:
+                elif task_run.phase is TaskPhase.WANTED and self._robot_for(self.task(step), task_run) == robot:
                     self._replace(step, robot, reason, moment)
 
         return self._after(now, take)
 
     def robot_returned(self, robot: str, now: float) -> list[Effect]:
-        """A robot works again, and takes its later tasks back."""
+        """A robot works again, and takes its later tasks back, also those that still wait for who stands in."""
 
         def take(moment: Moment) -> None:
             self._faulted.pop(robot, None)
-            if robot in self.state.stand_ins:
-                self._note(RobotReturned(now, robot), moment)
+            if robot not in self.state.stand_ins:
+                return
+            waiting = [
+                (step, self.task(step), self.state.tasks[step]) for step in self.state.in_phase(TaskPhase.WANTED)
+            ]
+            before = [self._robot_for(task, task_run) for _, task, task_run in waiting]
+            self._note(RobotReturned(now, robot), moment)
+            for (step, task, task_run), stand_in in zip(waiting, before, strict=True):
+                if self._robot_for(task, task_run) != stand_in:
+                    moment.effects.append(ReleaseRobot(step))
+                    self._ask(step, moment)
 
         return self._after(now, take)
 
@@ -229,7 +230,7 @@ class Run:
         def take(moment: Moment) -> None:
             if self.state.phase(step) is TaskPhase.REPLACING:
                 self._note(Replaced(now, step, self.state.tasks[step].robot, robot, by), moment)
-                self._want(step, moment)
+                self._ask(step, moment)
 
         return self._after(now, take)
 
@@ -238,7 +239,8 @@ class Run:
 
         def take(moment: Moment) -> None:
             if self.state.phase(step) is TaskPhase.REPLACING:
-                self._note(StepEnded(now, step, StepState.FAILED, reason), moment)
+                why = f"task {self.task(step).name}: {self.state.tasks[step].reason}; {reason}"
+                self._note(StepEnded(now, step, StepState.FAILED, why), moment)
 
         return self._after(now, take)
 
@@ -255,7 +257,7 @@ class Run:
 
         def take(moment: Moment) -> None:
             self._note(TaskAnswered(now, step, ANSWERS[answer], by), moment)
-            self._ask_once_more(step, self.state.tasks[step], moment)
+            self._ask(step, moment)
 
         return self._after(now, take)
 
@@ -286,7 +288,7 @@ class Run:
             if self.state.paused:
                 self._note(RunResumed(now, by), moment)
                 for step in self.state.in_phase(TaskPhase.WANTED):
-                    self._want(step, moment)
+                    self._ask(step, moment)
 
         return self._after(now, take)
 
@@ -360,26 +362,27 @@ class Run:
 
     def _take_task(self, task: Task, step: str, moment: Moment) -> StepState | None:
         task_run = self.state.tasks.get(step)
-        if task_run is None and not self.state.paused and self.state.tasks_done.issuperset(task.after):
-            self.state.tasks[step] = TaskRun(task.name)
-            robot = self._robot_for(step)
+        if task_run is None and (lost := self._order.lost(step, self.state)) is not None:
+            why = f"task {task.name} comes after {lost}, which was not done"
+            self._note(StepEnded(moment.now, step, StepState.FAILED, why), moment)
+        elif task_run is None and not self.state.paused and self._order.is_turn(step, self.state):
+            task_run = self.state.tasks[step] = TaskRun(task.name)
+            robot = self._robot_for(task, task_run)
             if robot is not None and robot in self._faulted:
                 self._replace(step, robot, self._faulted[robot], moment)
             else:
-                self._want(step, moment)
+                self._ask(step, moment)
         elif task_run is not None and task_run.phase is TaskPhase.ACCEPTED and task.timeout_s is not None:
             moment.deadlines.append(task_run.assigned_at + task.timeout_s)
         return self.state.ended.get(step)
 
-    def _robot_for(self, step: str) -> str | None:
-        """The robot that a task has been given or names, or who stands in for that one."""
-        task_run, task = self.state.tasks[step], self.task(step)
-        robot = task_run.robot if task_run.robot and task.robot is None else task.robot
-        seen: set[str] = set()
-        while robot is not None and robot in self.state.stand_ins and robot not in seen:
-            seen.add(robot)
-            robot = self.state.stand_ins[robot]
-        return robot
+    def _robot_for(self, task: Task, task_run: TaskRun | None) -> str | None:
+        """Who is to do a task: the robot that has been given to it or that it names, or who stands in for that one."""
+        given = task_run.robot if task_run is not None else ""
+        robot = self.state.stand_in_for(given if given and task.robot is None else task.robot or "")
+        if task_run is not None and robot in task_run.refused_by:
+            robot = self.state.stand_in_for(given)
+        return robot or None
 
     def _assign(self, step: str, task_run: TaskRun, robot: str, skill: SkillModel | None, moment: Moment) -> None:
         task = self.task(step)
@@ -394,7 +397,7 @@ class Run:
         self._note(
             TaskAssigned(moment.now, step, task.name, attempt, robot, execution_id, task.skill, arguments), moment
         )
-        moment.effects.append(self._start(step, self.state.tasks[step]))
+        self._ask(step, moment)
 
     def _over(
         self,
@@ -409,28 +412,21 @@ class Run:
         message = message or ("" if then is Then.DONE else f"{task_run.skill} on {task_run.robot}: {outcome.value}")
         self._note(TaskOver(moment.now, step, task_run.attempt, outcome, then, message, results), moment)
         moment.effects.append(ReleaseRobot(step))
-        self._ask_once_more(step, task_run, moment)
+        self._ask(step, moment)
 
-    def _ask_once_more(self, step: str, task_run: TaskRun, moment: Moment) -> None:
-        """Ask for what a task waits for."""
-        if task_run.phase is TaskPhase.WANTED:
-            self._want(step, moment)
-        elif task_run.phase is TaskPhase.REPLACING:
-            task = self.task(step)
-            moment.effects.append(
-                OpenDecision(step, task.name, task.skill, task.capacities, task_run.robot, task_run.reason)
-            )
-        elif task_run.phase is TaskPhase.ASKED:
-            question = f"was {task_run.name} ({task_run.skill} on {task_run.robot}) done? {task_run.reason}"
-            moment.effects.append(
-                AskOperator(step, task_run.name, task_run.robot, question, task_run.skill, task_run.execution_id)
-            )
+    def _ask(self, step: str, moment: Moment) -> None:
+        """Ask for what a task waits for, also once more."""
+        task, task_run = self.task(step), self.state.tasks[step]
+        asked = asked_for(step, task, task_run, self._robot_for(task, task_run))
+        if asked is not None and not (self.state.paused and task_run.phase is TaskPhase.WANTED):
+            moment.effects.append(asked)
 
     def _replace(self, step: str, robot: str, reason: str, moment: Moment) -> None:
         """Look for another robot for a task that waits."""
         moment.effects.append(ReleaseRobot(step))
-        self._note(ReplacementWanted(moment.now, step, robot, reason), moment)
-        self._ask_once_more(step, self.state.tasks[step], moment)
+        task = self.task(step)
+        self._note(ReplacementWanted(moment.now, step, robot, reason, task.name, task.skill), moment)
+        self._ask(step, moment)
 
     def _end_overdue_tasks(self, moment: Moment) -> None:
         for step, task_run in list(self.state.tasks.items()):
@@ -447,26 +443,18 @@ class Run:
             return step, None
         return step, task_run
 
-    def _want(self, step: str, moment: Moment) -> None:
-        if not self.state.paused:
-            task = self.task(step)
-            robot = self._robot_for(step)
-            moment.effects.append(WantRobot(step, task.name, task.skill, robot, task.capacities))
-
-    def _start(self, step: str, task_run: TaskRun) -> StartTask:
-        return StartTask(
-            step,
-            task_run.name,
-            task_run.execution_id,
-            task_run.robot,
-            task_run.skill,
-            task_run.arguments,
-            self.task(step).timeout_s,
-        )
-
     def task(self, step: str) -> Task:
         """The task of a step's key, without the numbers of its repetitions."""
         return self._tasks[step.partition("@")[0]]
+
+    def ahead(self) -> Iterator[tuple[str | None, Task]]:
+        """The tasks that are not over, with their robots; None where any will do."""
+        for step, task in ahead(self._scenario.body, self.state):
+            task_run = self.state.tasks.get(step)
+            if task_run is None or task_run.phase is TaskPhase.WANTED:
+                yield self._robot_for(task, task_run), task
+            else:
+                yield task_run.robot or None, task
 
     # Values and facts.
 

@@ -108,6 +108,8 @@ class RunState:
     iterations: dict[str, int] = field(default_factory=dict[str, int])
     tasks: dict[str, TaskRun] = field(default_factory=dict[str, TaskRun])
     tasks_done: set[str] = field(default_factory=set[str])
+    """Keys of the tasks that were done; within repetitions with the numbers of those, of all but the inmost, and so
+    on to none. Of a repetition that is over only what is without its number stays."""
     executions: dict[str, str] = field(default_factory=dict[str, str])
     """The step of each execution id, those of earlier attempts included."""
     results: dict[str, Mapping[str, Value]] = field(default_factory=dict[str, Mapping[str, Value]])
@@ -129,6 +131,14 @@ class RunState:
         """Where a task stands; None before its turn."""
         task_run = self.tasks.get(step)
         return None if task_run is None else task_run.phase
+
+    def stand_in_for(self, robot: str) -> str:
+        """Who does what a robot is to do: itself, or the last of those that stand in for each other."""
+        seen: set[str] = set()
+        while robot in self.stand_ins and robot not in seen:
+            seen.add(robot)
+            robot = self.stand_ins[robot]
+        return robot
 
     def in_phase(self, *phases: TaskPhase) -> list[str]:
         """The steps of the tasks that stand there."""
@@ -180,6 +190,7 @@ class RunState:
                 self.waiting_for_events.pop(key, None)
                 self.events_seen.discard(key)
 
+        self.tasks_done = {key for key in self.tasks_done if not is_gone(key)}
         gone = [key for key in self.started if is_gone(key)]
         forget([key for key in gone if key not in self.tasks])
         self.gone_tasks.update(dict.fromkeys([key for key in gone if key in self.tasks]))
@@ -206,7 +217,8 @@ class RunState:
     def _end_task(self, step: str, task: TaskRun, state: StepState, reason: str) -> None:
         task.phase = TaskPhase.OVER
         if state is StepState.DONE:
-            self.tasks_done.add(task.name)
+            key, *numbers = step.split("@")
+            self.tasks_done.update("@".join((key, *numbers[:depth])) for depth in range(len(numbers) + 1))
         self._end(step, state, reason)
 
     def _task_changed(
@@ -238,6 +250,7 @@ class RunState:
             case TaskAnswered():
                 self._follow(fact.step, task, fact.then)
             case ReplacementWanted():
+                task.name, task.skill = fact.task or task.name, fact.skill or task.skill
                 task.phase, task.reason, task.robot = TaskPhase.REPLACING, fact.reason, fact.robot
             case Replaced():
                 task.phase, task.tries, task.robot = TaskPhase.WANTED, 0, fact.robot

@@ -201,7 +201,7 @@ def test_replacements_fail_until_none_is_left_and_the_run_ends_clearly() -> None
     world.start("a", "  - {task: t1, robot: ridgeback, skill: go}\n")
     world.go()
     assert [line.split()[2] for line in world.log[:3]] == ["ridgeback", "pioneer_1", "pioneer_2"]
-    assert world.log[3] == "3 a failed no robot is left that can take over"
+    assert world.log[3] == "3 a failed task t1: go on pioneer_2: failed; no robot is left that can take over"
     assert isinstance(world.decisions()[-1].event, Aborted)
     assert world.make.next_deadline() is None
     assert world.make.runs == {}
@@ -246,7 +246,7 @@ def test_a_changed_value_and_a_changed_judgement_rank_an_open_decision_again() -
 
 @pytest.mark.parametrize(
     ("on_limit", "last"),
-    [(OnLimit.BEST, "31 a done"), (OnLimit.ABORT, "30 a failed no operator chose in time")],
+    [(OnLimit.BEST, "31 a done"), (OnLimit.ABORT, "30 a failed task t1: stuck; no operator chose in time")],
 )
 def test_the_limit_of_an_operator(on_limit: OnLimit, last: str) -> None:
     world = World(Mode.OPERATOR, on_limit)
@@ -270,6 +270,32 @@ def test_what_if_says_who_would_take_over_without_effect() -> None:
     assert (world.journal, len(world.said)) == (journal, said)
     assert world.make.decisions == {}
     assert [forecast.task for forecast in world.make.what_if("ur3")] == ["t3"]
+
+
+def test_what_if_in_a_repetition() -> None:
+    world = World()
+    world.start("a", "  - {repeat: [{task: t, robot: ridgeback, skill: go}], times: 3}\n")
+    world.go(1.5)
+    assert [(forecast.task, forecast.ranking.best) for forecast in world.make.what_if("ridgeback")] == [
+        ("t", "pioneer_1")
+    ]
+    world.go(3.5)
+    assert world.make.what_if("ridgeback") == []
+
+
+def test_a_robot_that_is_back_takes_a_task_that_waits_for_who_stands_in() -> None:
+    world = World()
+    world.values["pioneer_2.battery"] = 1.0
+    world.start("b", "  - {task: t, robot: pioneer_1, skill: go}\n")
+    world.take(world.make.fault_raised("ridgeback", "robot", "stuck", 0.0))
+    world.start("a", "  - {task: t, robot: ridgeback, skill: go}\n")
+    world.start("c", "  - {task: t, robot: pioneer_1, skill: go}\n")
+    world.at(0.3, lambda: world.make.fault_cleared("ridgeback", "robot", 0.3))
+    world.go()
+    assert world.log == [
+        *("0 b pioneer_1 go", "0.3 a ridgeback go", "1 c pioneer_1 go"),
+        *("1 b done", "1.3 a done", "2 c done"),
+    ]
 
 
 def test_availability_falls_with_the_tasks_that_a_robot_has_ahead() -> None:
@@ -304,7 +330,9 @@ def test_without_any_fit_robot_the_reason_is_said() -> None:
     world.start("a", "  - {task: t1, capacity: grab, skill: grab}\n")
     decision = world.decisions()[0]
     assert "ur3 has a fault: nothing heard for 3 s" in decision.reason
-    assert world.log == ["0 a failed the mode is Abort"]
+    (line,) = world.log
+    assert line.startswith("0 a failed task t1: no robot can do grab: ")
+    assert line.endswith("; the mode is Abort")
 
 
 def test_an_unknown_end_is_asked_about() -> None:
@@ -437,7 +465,8 @@ def test_robots_that_refuse_a_task_are_not_asked_again_and_there_is_an_end() -> 
     mobile = ["pioneer_1", "pioneer_2", "ridgeback"]
     assert sorted(asked) == [["a", robot] for robot in mobile] + [["b", robot] for robot in mobile]
     assert [line for line in world.log if "failed" in line] == [
-        f"3 {run} failed no robot is left that can take over" for run in "ab"
+        f"3 {run} failed task t: go on {last}: refused; no robot is left that can take over"
+        for run, last in (("a", "pioneer_2"), ("b", "ridgeback"))
     ]
     last = [change.event for change in world.decisions() if isinstance(change.event, RankingChanged)][-1]
     reasons = {left.robot: left.reason for left in last.ranking.excluded}

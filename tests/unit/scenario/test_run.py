@@ -158,7 +158,12 @@ def test_replacements_may_fail_again_and_again_until_none_is_left() -> None:
         world.skills[robot, "pick"] = Skill(outcome=TaskOutcome.FAILED)
     world.stand_in = lambda decision: {"r1": "r2", "r2": "r3"}.get(decision.robot)
     world.go()
-    assert world.log == ["0 r1 pick", "1 r2 pick", "2 r3 pick", "3 failed no robot is left that can take over"]
+    assert world.log == [
+        "0 r1 pick",
+        "1 r2 pick",
+        "2 r3 pick",
+        "3 failed task a: pick on r3: failed; no robot is left that can take over",
+    ]
 
 
 def test_a_stand_in_keeps_later_tasks_until_the_robot_is_back() -> None:
@@ -235,7 +240,7 @@ def test_without_any_robot_a_replacement_is_asked_for() -> None:
     world = owner("  - {task: a, capacity: fly, skill: look}\n")
     world.stand_in = lambda decision: None
     world.go()
-    assert world.log == ["0 failed no robot is left that can take over"]
+    assert world.log == ["0 failed task a: no robot has fly; no robot is left that can take over"]
     assert world.decisions[0].reason == "no robot has fly"
 
 
@@ -246,7 +251,7 @@ def test_a_task_that_takes_too_long_is_halted_and_tried_again() -> None:
     world.go()
     assert world.log == [
         *("0 ned pick", "3 ned halted", "3 ned pick", "6 ned halted"),
-        "6 failed no robot is left that can take over",
+        "6 failed task a: not done in 3 s; no robot is left that can take over",
     ]
     over = [fact.outcome for fact in world.facts(TaskOver) if isinstance(fact, TaskOver)]
     assert over == [TaskOutcome.TIMED_OUT, TaskOutcome.TIMED_OUT]

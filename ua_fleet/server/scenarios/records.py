@@ -10,7 +10,7 @@ from typing import Final, NamedTuple
 from ua_fleet.orchestrator import DecisionChanged
 from ua_fleet.resilience import Aborted, Ranking, RankingChanged, ReplacementChosen
 from ua_fleet.scenario import Value, read_scenario
-from ua_fleet.scenario.facts import Fact, RunCreated, RunEnded, TaskOver
+from ua_fleet.scenario.facts import Fact, ReplacementWanted, RunCreated, RunEnded, TaskOver
 from ua_fleet.scenario.state import RunState, TaskPhase
 
 __all__ = ["DecisionRecord", "RunRecord", "TaskRow"]
@@ -63,6 +63,8 @@ class RunRecord:
                 self.ended = fact.at
             case TaskOver():
                 self._messages[fact.step] = fact.message
+            case ReplacementWanted():
+                self._messages[fact.step] = fact.reason
             case _:
                 pass
 

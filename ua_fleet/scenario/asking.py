@@ -1,0 +1,42 @@
+"""What is to be asked for a task, by where it stands."""
+
+from __future__ import annotations
+
+from ua_fleet.scenario.effects import AskOperator, OpenDecision, StartTask, WantRobot
+from ua_fleet.scenario.model import Task
+from ua_fleet.scenario.state import TaskPhase, TaskRun
+
+__all__ = ["asked_for"]
+
+
+def asked_for(
+    step: str, task: Task, task_run: TaskRun, robot: str | None
+) -> WantRobot | StartTask | OpenDecision | AskOperator | None:
+    """What a task waits for, to be asked for now or once more; None where it is over.
+
+    Args:
+        step: its key, with the repetition.
+        task: as it is written.
+        task_run: where it stands.
+        robot: that it is for, while it waits for one; None: any.
+    """
+    match task_run.phase:
+        case TaskPhase.WANTED:
+            return WantRobot(step, task.name, task.skill, robot, task.capacities)
+        case TaskPhase.ASSIGNED | TaskPhase.ACCEPTED:
+            return StartTask(
+                step,
+                task.name,
+                task_run.execution_id,
+                task_run.robot,
+                task_run.skill,
+                task_run.arguments,
+                task.timeout_s,
+            )
+        case TaskPhase.REPLACING:
+            return OpenDecision(step, task.name, task.skill, task.capacities, task_run.robot, task_run.reason)
+        case TaskPhase.ASKED:
+            question = f"was {task.name} ({task_run.skill} on {task_run.robot}) done? {task_run.reason}"
+            return AskOperator(step, task.name, task_run.robot, question, task_run.skill, task_run.execution_id)
+        case TaskPhase.OVER:
+            return None

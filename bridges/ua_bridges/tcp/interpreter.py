@@ -56,14 +56,14 @@ class _Told:
 
 
 class InterpreterSession:
-    """One robot's program. `write` sends bytes, `reset` ends the connection for a reason."""
+    """One robot's program. `write` sends bytes, False: it did not; `reset` ends the connection for a reason."""
 
     def __init__(
         self,
         link: InterpreterLink,
         sources: Sequence[RobotData],
         put: Put,
-        write: Callable[[bytes], object],
+        write: Callable[[bytes], bool],
         reset: Callable[[str], None],
         now: float,
     ) -> None:
@@ -268,10 +268,9 @@ class InterpreterSession:
         except SkillRejected as error:
             self._sources.dropped(Drop.CONVERSION, f"{data.label}: {error}")
             return False
-        if not self._is_connected:
+        if not self._is_connected or not self._post(encoded, now):
             self._sources.dropped(Drop.NOT_CONNECTED, f"{data.label}: {_NO_PROGRAM}")
             return False
-        self._post(encoded, now)
         return True
 
     def _number(self, execution_id: bytes) -> int:
@@ -284,10 +283,11 @@ class InterpreterSession:
     def _send(self, message: Message, now: float) -> None:
         self._post(self._outbox.encode(message), now)
 
-    def _post(self, encoded: Encoded, now: float) -> None:
-        self._outbox.send(encoded, now)
+    def _post(self, encoded: Encoded, now: float) -> bool:
+        is_sent = self._outbox.send(encoded, now)
         if self._outbox.is_full:
             self._reset("it does not take what it is sent")
+        return is_sent
 
     # Time
 

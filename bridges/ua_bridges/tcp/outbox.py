@@ -26,7 +26,7 @@ class Encoded(NamedTuple):
 class Outbox:
     """Messages in their order, never one within another."""
 
-    def __init__(self, link: InterpreterLink, write: Callable[[bytes], object]) -> None:
+    def __init__(self, link: InterpreterLink, write: Callable[[bytes], bool]) -> None:
         self._writer, self._write = FieldWriter(link), write
         self._one_by_one = link.framing is Framing.ACKNOWLEDGED
         self._waiting: deque[Encoded] = deque()
@@ -43,20 +43,21 @@ class Outbox:
         """The bytes of a message; raises SkillRejected for what cannot be sent."""
         return Encoded(message, self._writer.encode_all(message.fields()))
 
-    def send(self, encoded: Encoded, now: float) -> None:
-        """Send it, or have it wait. Of information that waits, the latest of its subtype counts."""
+    def send(self, encoded: Encoded, now: float) -> bool:
+        """Send it, or have it wait; False where the connection is over.
+
+        Of information that waits, the latest of its subtype counts.
+        """
         if not self._one_by_one:
-            self._write(b"".join(encoded.fields))
-            return
+            return self._write(b"".join(encoded.fields))
         message = encoded.message
         if message.type is Type.INFORMATION and message.number == 0:
             for index, (waiting, _) in enumerate(self._waiting):
                 if (waiting.type, waiting.subtype, waiting.number) == (message.type, message.subtype, 0):
                     self._waiting[index] = encoded
-                    return
+                    return True
         self._waiting.append(encoded)
-        if self.waits_since is None:
-            self._next(now)
+        return self.waits_since is not None or self._next(now)
 
     def acknowledged(self, now: float) -> bool:
         """The robot has read a field; False where none was sent."""
@@ -72,9 +73,10 @@ class Outbox:
         self._fields.clear()
         self.waits_since = None
 
-    def _next(self, now: float) -> None:
+    def _next(self, now: float) -> bool:
         if not self._fields and self._waiting:
             self._fields.extend(self._waiting.popleft().fields)
-        if self._fields:
-            self.waits_since = now
-            self._write(self._fields.popleft())
+        if not self._fields:
+            return True
+        self.waits_since = now
+        return self._write(self._fields.popleft())

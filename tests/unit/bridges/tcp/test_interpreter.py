@@ -50,13 +50,14 @@ class Robot:
         self.sent: list[bytes] = []
         self.resets: list[str] = []
         self.now = 0.0
+        self.takes = True
         sources = configured_sources(self.config, "cell", TcpSource, TcpSource())
         sources = tuple([data for data in sources if subtype_of(data) == "position"])
         self.session = InterpreterSession(
             bridge.interpreter,
             [*sources, *faults_of(self.config, "cell")],
             self.told.append,
-            self.sent.append,
+            self._write,
             self._reset,
             self.now,
         )
@@ -64,6 +65,11 @@ class Robot:
         self.skill: TcpSkill = next(skill for skill in skills if skill.name == "work")
         if connected:
             self.session.connected(self.now)
+
+    def _write(self, data: bytes) -> bool:
+        if self.takes:
+            self.sent.append(data)
+        return self.takes
 
     def _reset(self, why: str) -> None:
         self.resets.append(why)
@@ -269,6 +275,15 @@ def test_a_robot_asks_for_anothers_data() -> None:
         ["information", "other.temperature", "10", "0"],
     ]
     assert (robot.drops(Drop.UNKNOWN_SOURCE), robot.drops(Drop.CONVERSION)) == (1, 1)
+
+
+@pytest.mark.parametrize("framing", ["terminator", "acknowledged"])
+def test_a_value_for_a_connection_that_has_just_broken_is_dropped(framing: str) -> None:
+    robot = Robot(framing)
+    sinks = configured_sinks(robot.config, "cell", TcpSink, TcpSink())
+    robot.takes = False
+    assert not robot.session.inform(next(data for data in sinks if subtype_of(data) == "text"), ("hello",), robot.now)
+    assert robot.drops(Drop.NOT_CONNECTED) == 1
 
 
 def test_the_server_informs_the_robot() -> None:

@@ -19,6 +19,7 @@ from ua_fleet.demo.report import beat
 from ua_fleet.demo.result import DemoResult
 from ua_fleet.demo.site import USER
 from ua_fleet.demo.talkrobots import conductor as talkrobots
+from ua_fleet.demo.talkrobots.chooser import Ask
 from ua_fleet.demo.testbed.growing import GrowingFiles
 from ua_fleet.demo.testbed.plan import EVENTS, FLEET, IDENTITY, OPERATOR, PASSWORD, TRAFFIC, Options, Testbed
 from ua_fleet.errors import AccessRefused, ConfigError, NotConnected, SendTimeout
@@ -50,7 +51,7 @@ async def conduct(
     *,
     say: Callable[[str], None],
     tell: Callable[[DemoResult], None],
-    ask: talkrobots.Ask,
+    ask: Ask,
 ) -> None:
     """Run the demonstration once, unless it was before, and follow all further runs until cancelled.
 

@@ -92,11 +92,15 @@ def checked_parameters(scenario: Scenario, given: Mapping[str, Value]) -> dict[s
         if not isinstance(value, str) and not is_finite(value):
             problems.append(f"the parameter {name!r} is {str(value)[:40]}, and no number")
             continue
-        if default is not None and isinstance(value, str) != isinstance(default, str):
+        if default is not None and _kind(value) is not _kind(default):
             problems.append(f"the parameter {name!r} is {value!r}, and its default {default!r} is of another kind")
-        elif limits is not None and not (isinstance(value, int | float) and limits[0] <= value <= limits[1]):
+        elif limits is not None and (isinstance(value, bool | str) or not limits[0] <= value <= limits[1]):
             problems.append(f"the parameter {name!r} is {value!r}; legal is {limits[0]:g} to {limits[1]:g}")
         values[name] = value
     if problems:
         raise ScenarioInvalid(problems)
     return values
+
+
+def _kind(value: Value) -> type[Value]:
+    return float if type(value) is int else type(value)

@@ -12,7 +12,7 @@ from ua_fleet.errors import ConfigError
 from ua_fleet.fleet.skills import SkillModel
 from ua_fleet.names import closest, listed
 from ua_fleet.scenario.expression import Expression, ValueUnknown, split_index
-from ua_fleet.scenario.model import Condition, End, Parallel, Repeat, Scenario, Step, Task, Wait
+from ua_fleet.scenario.model import Condition, End, OnTimeout, Parallel, Repeat, Scenario, Step, Task, Wait
 from ua_fleet.scenario.model import Sequence as Steps
 from ua_fleet.scenario.parameters import argument_problems
 
@@ -99,18 +99,20 @@ class _Checker:
                 return self._task(step)
             case Steps(steps=steps):
                 for before, after in pairwise(steps):
-                    if isinstance(before, End):
+                    if _ends_run(before):
                         self._problem(after.line, "is never reached: the run ends before", "remove it, or the `end`")
                 return replace(step, steps=tuple(map(self.checked, steps)))
             case Parallel(branches=branches):
                 return replace(step, branches=tuple(self._steps(branch) for branch in branches))
             case Condition(when=when):
-                self._expression(when, step.line)
-                self._constant(when, step)
+                holds = self._condition(when, step.line)
+                never = step.otherwise if holds else step.then
+                if holds is not None and never.steps:
+                    self._never(never, when, holds=holds)
                 return replace(step, then=self._steps(step.then), otherwise=self._steps(step.otherwise))
             case Repeat():
-                if step.while_ is not None:
-                    self._expression(step.while_, step.line)
+                if step.while_ is not None and self._condition(step.while_, step.line) is False and step.body.steps:
+                    self._never(step.body, step.while_, holds=False)
                 return replace(step, body=self._steps(step.body))
             case Wait():
                 self._wait(step)
@@ -124,26 +126,25 @@ class _Checker:
         return checked
 
     def _wait(self, step: Wait) -> None:
-        if step.until is not None:
-            self._expression(step.until, step.line)
+        goes_on = step.timeout_s is not None and step.on_timeout is OnTimeout.CONTINUE
+        if step.until is not None and self._condition(step.until, step.line) is False and not goes_on:
+            self._problem(step.line, f"waits in vain: {step.until.text!r} is always false")
         events = self._fleet.events
         if step.event is not None and events is not None and step.event not in events:
             hint = self._closest(step.event, events) or f"known events: {listed(sorted(events))}"
             self._problem(step.line, f"there is no event {step.event!r}", hint)
 
-    def _constant(self, when: Expression, step: Condition) -> None:
-        if when.names:
-            return
+    def _condition(self, when: Expression, line: int) -> bool | None:
+        """Note what is wrong with a condition; what it always is, None where that depends."""
+        self._expression(when, line)
         try:
-            holds = when.holds(_no_value)
+            return None if when.names else when.holds(_no_value)
         except ValueUnknown as error:
-            self._problem(step.line, str(error))
-            return
-        never = step.otherwise if holds else step.then
-        if never.steps:
-            self._problem(
-                never.steps[0].line, f"is never reached: {when.text!r} is always {'true' if holds else 'false'}"
-            )
+            self._problem(line, str(error))
+            return None
+
+    def _never(self, steps: Steps, when: Expression, *, holds: bool) -> None:
+        self._problem(steps.steps[0].line, f"is never reached: {when.text!r} is always {'true' if holds else 'false'}")
 
     # Tasks.
 
@@ -273,6 +274,21 @@ class _Checker:
 
 def _no_value(name: str) -> bool:
     raise ValueUnknown(f"{name} has no value")
+
+
+def _ends_run(step: Step) -> bool:
+    """Whether the run is over after a step, whatever way it goes."""
+    match step:
+        case End():
+            return True
+        case Steps(steps=inner) | Parallel(branches=inner):
+            return any(_ends_run(part) for part in inner)
+        case Condition(then=then, otherwise=otherwise):
+            return _ends_run(then) and _ends_run(otherwise)
+        case Repeat(body=body, while_=while_):
+            return while_ is None and _ends_run(body)
+        case Task() | Wait():
+            return False
 
 
 def _inner(step: Step) -> tuple[Step, ...]:

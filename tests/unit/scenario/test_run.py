@@ -6,7 +6,7 @@ import pytest
 
 from tests.unit.scenario.owner import Owner, Skill
 from ua_fleet.errors import ScenarioError
-from ua_fleet.scenario.effects import Effect
+from ua_fleet.scenario.effects import Effect, Happened, WantRobot
 from ua_fleet.scenario.facts import (
     Replaced,
     RobotReturned,
@@ -178,6 +178,21 @@ def test_a_stand_in_keeps_later_tasks_until_the_robot_is_back() -> None:
     ]
     assert len(world.decisions) == 1
     assert len(world.facts(Replaced)) == len(world.facts(RobotReturned)) == 1
+
+
+def test_a_robot_that_is_back_is_not_asked_for_what_it_has_refused() -> None:
+    world = owner("  - {task: a, robot: ned, skill: pick}\n")
+    world.skills["ned", "pick"] = Skill(outcome=TaskOutcome.REFUSED)
+    world.go(1)
+    world.tell(world.run.robot_faulted("ned", "hot", 1))
+    effects = world.run.replaced(world.decisions[0].step, "ur3", "anna", 1)
+    assert [effect.robot for effect in effects if isinstance(effect, WantRobot)] == ["ur3"]
+    effects = world.run.robot_returned("ned", 2)  # while the task waits for ur3
+    assert [type(effect) for effect in effects] == [Happened]
+    world.now = 2
+    world.restart()
+    world.go()
+    assert world.log == ["2 ur3 pick", "3 done"]
 
 
 def test_a_robot_that_is_broken_before_its_task_is_replaced_at_once() -> None:
@@ -359,11 +374,15 @@ def test_nothing_changes_a_run_that_has_ended() -> None:
         ({"speed": 2, "x": 1}, "no parameter 'x'"),
         ({"speed": 2, "angle": 91}, "'angle' is 91; legal is -90 to 90"),
         ({"speed": 2, "angle": "much"}, "of another kind"),
+        ({"speed": 2, "angle": True}, "'angle' is True, and its default 0 is of another kind"),
+        ({"speed": 2, "force": True}, "'force' is True; legal is 0 to 9"),
+        ({"speed": 2, "gently": 1}, "'gently' is 1, and its default False is of another kind"),
     ],
 )
 def test_parameters_are_checked(given: dict[str, int | str], said: str) -> None:
     text = (
-        "version: 1\nname: s\nparameters: {angle: {default: 0, range: [-90, 90]}, speed: }\n"
+        "version: 1\nname: s\nparameters:\n"
+        "  {angle: {default: 0, range: [-90, 90]}, force: {range: [0, 9]}, gently: false, speed: }\n"
         "steps: {task: a, robot: r, skill: k}\n"
     )
     with pytest.raises(ScenarioError, match=said):

@@ -115,6 +115,26 @@ def test_defaults_are_those_of_the_robot_that_is_asked() -> None:
         ("  - if: true\n    else: {wait: 1}\n", ["is never reached: 'true' is always true"]),
         ("  - if: 1 > 'a'\n    then: {wait: 1}\n", ["'a' is no number"]),
         (
+            "  - if: temperature > 2\n    then: {end: done}\n    else: [{wait: 1}, {end: failed}]\n  - {wait: 1}\n",
+            ["F:8: is never reached: the run ends before"],
+        ),
+        ("  - sequence: [{end: done}]\n  - {wait: 1}\n", ["F:6: is never reached: the run ends before"]),
+        (
+            "  - parallel:\n      - [{wait: 3}, {end: done}]\n      - {wait: 1}\n  - {wait: 1}\n",
+            ["F:8: is never reached: the run ends before"],
+        ),
+        (
+            "  - repeat: [{wait: 1}, {end: done}]\n    times: 3\n  - {wait: 1}\n",
+            ["F:7: is never reached: the run ends before"],
+        ),
+        ("  - {wait: , until: 1 > 2}\n  - {wait: 1}\n", ["F:5: waits in vain: '1 > 2' is always false"]),
+        (
+            "  - repeat:\n      - {wait: 1}\n    while: 1 > 2\n",
+            ["F:6: is never reached: '1 > 2' is always false"],
+        ),
+        ("  - {repeat: {wait: 1}, while: 1 > 'a'}\n", ["F:5: 'a' is no number"]),
+        ("  - {wait: , until: 1 > 'a'}\n", ["F:5: 'a' is no number"]),
+        (
             "  - {task: a, robot: ur3, skill: measure, after: [bb]}\n",
             ["task 'a' comes after 'bb', which is not there"],
         ),
@@ -157,6 +177,17 @@ def test_all_problems_are_said_at_once() -> None:
         "  - {wait: , event: No}\n"
     )
     assert [problem.line for problem in checked.problems] == [5, 6, 6, 6, 7]
+
+
+def test_what_may_be_reached_is_fine() -> None:
+    checked = check(
+        "  - if: temperature > 1\n    then: {end: done}\n"
+        "  - {repeat: [{wait: 1}, {end: done}], while: temperature > 2}\n"
+        "  - {wait: , until: 1 > 2, timeout_s: 3, on_timeout: continue}\n"
+        "  - {repeat: {wait: 1}, while: 2 > 1, times: 2}\n"
+        "  - {wait: 1}\n"
+    )
+    assert checked.problems == ()
 
 
 def test_after_within_the_same_way_of_a_condition_is_fine() -> None:

@@ -41,7 +41,7 @@ def test_without_matplotlib_it_is_said_what_to_install(invoke: Invoke, monkeypat
     ended = invoke("simulate", "--robots", "1", "--tasks", "1", "--plot", "figures")
     assert ended.code == 2
     assert "--plot needs the package matplotlib" in ended.stderr
-    assert "ua-fleet[plot]" in ended.stderr
+    assert "install ua-fleet with its extra plot" in ended.stderr
     assert ended.stderr.count("\n") == 1
     assert ended.stdout == ""
 

@@ -112,7 +112,7 @@ def test_the_file_of_another_version_is_left_alone(tmp_path: Path) -> None:
     opened(path, version=4).close()
     with pytest.raises(StorageUnavailable, match="has format 4, and this version of ua-fleet knows 5; go back"):
         opened(path, version=5)
-    with pytest.raises(StorageUnavailable, match="has version 4, and this ua-fleet reads version 3; upgrade it"):
+    with pytest.raises(StorageUnavailable, match="has version 4, and this ua-fleet reads version 3; upgrade ua-fleet"):
         opened(path, version=3)
     opened(path, version=4).close()
 

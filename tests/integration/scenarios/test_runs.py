@@ -121,6 +121,7 @@ async def test_roles(plant: Plant) -> None:
 
 async def test_pause_resume_abort_and_the_limit_of_runs(plant: Plant) -> None:
     plant.scenario("slow", "  - {wait: 0.3}\n  - {task: a, skill: work, robot: left}\n")
+    plant.scenario("long", "  - {wait: 60}\n")
     plant.bridge("left")
     async with plant.server() as server, server.client() as client:
         run_id = await run(client, "slow")
@@ -135,7 +136,7 @@ async def test_pause_resume_abort_and_the_limit_of_runs(plant: Plant) -> None:
         await run_is(client, other, "aborted")
         assert await value(client, f"Scenarios.Runs.{other}.Reason") == "enough"
         assert (await call(client, "Scenarios", "Abort", other, "again")).status == 1
-        ids = [await run(client, "slow") for _ in range(plant.config.scenarios.most_runs)]
+        ids = [await run(client, "long") for _ in range(plant.config.scenarios.most_runs)]
         full = await call(client, "Scenarios", "Run", "slow", texts(), texts())
         assert full.status == 3
         assert "more may not be" in full.message

@@ -12,7 +12,7 @@ from asyncua.common.subscription import Subscription
 from tests.integration.robots.conftest import Yard
 from tests.integration.robots.test_client import SKILL, connected
 from tests.integration.server_model.harness import OPERATOR
-from ua_fleet.client import FleetClient, offers
+from ua_fleet.client import FleetClient
 from ua_fleet.errors import NotConnected, RobotOffline
 from ua_fleet.server.endpoint.subscriptions import Subscriptions
 
@@ -106,13 +106,13 @@ async def test_no_subscription_is_left_by_who_does_not_get_it(
 
 
 async def test_an_offer_ends_with_its_context_and_what_nobody_takes_is_counted(
-    yard: Yard, monkeypatch: pytest.MonkeyPatch, open_ones: Callable[[], int]
+    yard: Yard, open_ones: Callable[[], int]
 ) -> None:
-    monkeypatch.setattr(offers, "_QUEUE", 1)
     skill = {**SKILL, "limits": {"requests_at_once": 2}}
 
     async def give_up(host: FleetClient, client: FleetClient) -> None:
         async with host.offer_skill("mechanic", "repair", skill) as offered:
+            offered._queue = asyncio.Queue(1)  # pyright: ignore[reportPrivateUsage]
             await client.start_skill("mechanic", "repair", what="the belt")
             await client.start_skill("mechanic", "repair", what="the roof")
             async with asyncio.timeout(10):

@@ -16,6 +16,7 @@ _PIP = """#!/bin/sh
 echo "$*" >>asked
 case "$*" in
   *sys.version_info*) exit ${NEW_PYTHON:-0} ;;
+  *pip.__version__*) exit ${OLD_PIP:-0} ;;
   *"[$NOT_THERE]"*) exit 1 ;;
 esac
 """
@@ -81,6 +82,15 @@ def test_what_a_broken_network_left_out_is_tried_again(checkout: Checkout, extra
 def test_what_has_no_wheels_is_said_once(checkout: Checkout, machine: str, extra: str, others: dict[str, str]) -> None:
     assert f"there are no wheels of the extra {extra} for this machine" in checkout.set_up(machine, extra, **others)[1]
     assert checkout.set_up(machine, extra, **others) == ([], "")
+
+
+def test_an_environment_whose_making_was_interrupted_is_made_again(checkout: Checkout, tmp_path: Path) -> None:
+    """It is there, with the pip that Python brings, which knows no dependency groups."""
+    python = tmp_path / "python"
+    python.write_text(f'#!/bin/sh\necho "python $*" >>{tmp_path}/made\n', encoding="utf-8")
+    python.chmod(0o755)
+    checkout.set_up("x86_64", "none", OLD_PIP="1", PYTHON=str(python))
+    assert "python -m venv .venv" in (tmp_path / "made").read_text(encoding="utf-8").splitlines()
 
 
 def test_ci_requires_every_part_that_tests_can_lack() -> None:

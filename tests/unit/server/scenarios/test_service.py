@@ -1,167 +1,23 @@
-"""The service with robots that are asked by nobody, a clock that stands still, and a journal that may fail."""
+"""What comes of runs: what robots are asked, and what people are told."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import pytest
 
-from ua_fleet.config.nodes import fleet_model
-from ua_fleet.config.resilience_schema import ModeName
-from ua_fleet.config.schema import FleetConfig
+from tests.unit.server.scenarios.world import ACCEPTED, CONFIG, IMMEDIATE, ONE, World
 from ua_fleet.config.skill_schema import SkillLimitsConfig
-from ua_fleet.errors import RobotOffline, ScenarioError, ScenarioInvalid, SkillRejected, StorageUnavailable
-from ua_fleet.fleet.changes import ValueChanged
+from ua_fleet.errors import RobotOffline, ScenarioError, ScenarioInvalid
 from ua_fleet.fleet.model import RobotState
-from ua_fleet.orchestrator import DecisionChanged, FaultChanged, OperatorAsked, Output, RunChanged
-from ua_fleet.pubsub.events import DataReceived
-from ua_fleet.resilience import Aborted
-from ua_fleet.scenario.facts import RunEnded, TaskOutcome, TaskOver
+from ua_fleet.orchestrator import DecisionChanged, OperatorAsked, RunChanged
+from ua_fleet.scenario.facts import TaskOutcome, TaskOver
 from ua_fleet.server.scenarios.requests import START_WITHIN_S
-from ua_fleet.server.scenarios.service import COALESCE_S, ScenarioService
+from ua_fleet.server.scenarios.service import COALESCE_S
 from ua_fleet.skill.executions import ExecutionState, Outcome, OutcomeKind, Report, pack
-from ua_fleet.skill.status import SKILL_STATUS_FIELDS, ExecutionStatus, SkillStatus
+from ua_fleet.skill.status import ExecutionStatus
 from ua_fleet.storage.run_journal import RunJournal
-from ua_fleet.topics import Topic
-from ua_fleet.values import BuiltinType, NodeId, StatusCode
-from ua_fleet.wire.messages import ConfigurationVersion, DataSetMessage, DataSetMetaData
-
-SKILL = {
-    "arguments": {"angle": {"type": "Double", "default": 0, "range": [-90, 90]}},
-    "results": {"weight": {"type": "Double"}},
-    "timeout_s": 5,
-}
-CONFIG = FleetConfig.model_validate(
-    {
-        "version": 1,
-        "pubsub": {"security": "none"},
-        "bridges": {"cell": {"kind": "virtual", "space": 2, "status_id": 900}},
-        "robots": {
-            robot: {
-                "bridge": "cell",
-                "skill_status_id": 1200 + number,
-                "fault_id": 1300 + number,
-                "skills": {"grab": {"id": 1100 + number, **SKILL}},
-                "data": {
-                    "battery": {"id": 1000 + number, "type": "Double"},
-                    "fault": {"id": 1010 + number, "type": "Boolean"},
-                },
-            }
-            for number, robot in enumerate(("left", "right"))
-        },
-        "resilience": {
-            "mode": "automatic",
-            "faults": {"battery_low": {"robots": ["left", "right"], "when": "battery < 20"}},
-        },
-    }
-)
-ONE = "version: 1\nname: one\nsteps:\n  - {task: a, skill: grab, robot: left, arguments: {angle: 5}}\n"
-ACCEPTED = Outcome(OutcomeKind.ACCEPTED, Report(ExecutionState.RUNNING))
-IMMEDIATE = Outcome(OutcomeKind.ACCEPTED, Report(ExecutionState.DONE))
-
-
-class Robots:
-    """What asks robots."""
-
-    def __init__(self) -> None:
-        self.asked: list[tuple[str, tuple[Any, ...], bytes]] = []
-        self.halted: list[str] = []
-        self.known: dict[bytes, Outcome | None] = {}
-        self.refusal: Exception | None = None
-
-    def request(self, topic: Topic, robot: str, values: tuple[Any, ...], timeout_s: float, execution_id: bytes) -> None:
-        if self.refusal is not None:
-            raise self.refusal
-        assert topic.space == 2
-        assert timeout_s == 5
-        self.asked.append((robot, values, execution_id))
-        self.known[execution_id] = None
-
-    def halt(self, topic: Topic, robot: str, execution_id: bytes) -> None:
-        self.halted.append(robot)
-        raise SkillRejected("it cannot stop")
-
-    def known_outcome(self, execution_id: bytes) -> Outcome | None:
-        return self.known[execution_id]
-
-
-class FailingJournal(RunJournal):
-    fails = False
-
-    def write(self, facts: Any, faults: Any = ()) -> None:
-        if self.fails:
-            raise StorageUnavailable("the disk is full")
-        super().write(facts, faults)
-
-
-class World:
-    def __init__(
-        self,
-        folder: Path,
-        robots: Robots | None = None,
-        *,
-        heard: Sequence[str] = ("left", "right"),
-        config: FleetConfig = CONFIG,
-    ) -> None:
-        self.robots = robots or Robots()
-        self.journal = FailingJournal(folder / "runs.db")
-        self.said: list[Output] = []
-        self.now = 100.0
-        self.service = ScenarioService(
-            config,
-            fleet_model(config),
-            self.journal,
-            self.robots,
-            folder=folder,
-            show=self.said.append,
-            forgotten=lambda run_id: None,
-            requested=lambda key, execution_id: None,
-            sooner=lambda: None,
-            clock=lambda: self.now,
-            wall_s=lambda: self.now,
-        )
-        self.records = self.service.restore()
-        self.service.go_on()
-        for robot in heard:
-            self.state(robot, RobotState.IDLE)
-
-    def state(self, robot: str, state: RobotState) -> None:
-        self.value(f"Robots.{robot}.State", int(state), BuiltinType.INT32)
-
-    def value(self, key: int | str, value: object, kind: BuiltinType = BuiltinType.DOUBLE, status: int = 0) -> None:
-        self.service.value_changed(ValueChanged(NodeId(2, key), int(kind), value, status, 1, False))
-
-    def hear(self, status_id: int, *executions: ExecutionStatus) -> None:
-        """A robot's SkillStatus."""
-        shown = SkillStatus()
-        for execution in executions:
-            shown.show(execution)
-        types, values = shown.fields()
-        message = DataSetMessage(status_id, types=types, values=values)
-        metadata = DataSetMetaData("skill status", SKILL_STATUS_FIELDS, ConfigurationVersion(1, 1))
-        self.service.heard(DataReceived(Topic(2, 2, status_id), message, metadata))
-
-    def start(self, text: str = ONE, names: Sequence[str] = (), values: Sequence[str] = ()) -> str:
-        return self.service.start(self.service.valid(text), names, values, "anna")
-
-    def pass_time(self, seconds: float) -> None:
-        end = self.now + seconds
-        while (due := self.service.next_deadline()) is not None and due <= end:
-            self.now = max(self.now, due)
-            self.service.poll()
-        self.now = end
-
-    def faults(self) -> list[str]:
-        return [f"{output.fault.id} {output.change.name}" for output in self.said if isinstance(output, FaultChanged)]
-
-    def ended(self) -> list[str]:
-        return [
-            f"{output.fact.outcome.value} {output.fact.reason}".strip()
-            for output in self.said
-            if isinstance(output, RunChanged) and isinstance(output.fact, RunEnded)
-        ]
+from ua_fleet.values import BuiltinType, StatusCode
 
 
 def test_a_task_is_asked_for_once_and_its_end_ends_the_run(tmp_path: Path) -> None:
@@ -315,77 +171,6 @@ def test_a_skill_is_asked_for_again_after_its_interval(tmp_path: Path, *, is_sta
     assert len(world.robots.asked) == 1
     world.pass_time(0.01)
     assert [values for _, values, _ in world.robots.asked] == [(5.0,), (6.0,)]
-
-
-def test_a_run_that_cannot_be_written_down_is_none(tmp_path: Path) -> None:
-    """Whoever is told so may start it again, and must not get two."""
-    world = World(tmp_path)
-    world.journal.fails = True
-    for _ in range(2):
-        with pytest.raises(StorageUnavailable):
-            world.start()
-    assert world.service.run_ids == []
-    world.journal.fails = False
-    world.pass_time(5)
-    assert (world.robots.asked, world.said) == ([], [])
-    world.start()
-    assert [robot for robot, _, _ in world.robots.asked] == ["left"], "it was given back"
-
-
-def test_what_cannot_be_written_is_not_carried_out_until_it_is(tmp_path: Path) -> None:
-    world = World(tmp_path)
-    run_id = world.start(f"{ONE}  - {{task: b, skill: grab, robot: right}}\n")
-    world.journal.fails = True
-    world.service.concluded(world.robots.asked[0][2], IMMEDIATE)
-    with pytest.raises(StorageUnavailable):
-        world.service.pause(run_id, "anna")
-    world.pass_time(5)
-    assert [robot for robot, _, _ in world.robots.asked] == ["left"]
-    world.journal.fails = False
-    world.pass_time(2)
-    assert [robot for robot, _, _ in world.robots.asked] == ["left", "right"]
-
-
-def test_a_battery_that_was_low_before_the_restart_is_seen_to_be_low_again(tmp_path: Path) -> None:
-    world = World(tmp_path)
-    for percent in (15.0, 50.0):
-        world.value(1000, percent)
-        world.pass_time(1.0)
-    assert world.faults() == ["left.battery_low RAISED", "left.battery_low CLEARED"]
-    world.journal.close()
-    again = World(tmp_path)
-    again.said.clear()
-    again.start()
-    for percent in (50.0, 15.0):
-        again.value(1000, percent)
-        again.pass_time(1.0)
-    assert "left.battery_low RAISED" in again.faults()
-
-
-def test_a_fault_that_no_rule_can_end_any_more_can_be_cleared(tmp_path: Path) -> None:
-    world = World(tmp_path)
-    world.value(1000, 15.0)
-    world.pass_time(1.0)
-    others = {"battery_low": {"robots": ["right"], "when": "battery < 20"}}
-    resilience = CONFIG.resilience.model_validate({"mode": "automatic", "faults": others})
-    world.journal.close()
-    again = World(tmp_path, config=CONFIG.model_copy(update={"resilience": resilience}))
-    assert [fault.id for fault in again.service.faults] == ["left.battery_low"]
-    again.service.clear_fault("left")
-    assert not [fault for fault in again.service.faults if fault.active]
-
-
-def test_a_decision_ends_with_its_run(tmp_path: Path) -> None:
-    operator = CONFIG.resilience.model_copy(update={"mode": ModeName.OPERATOR})
-    world = World(tmp_path, config=CONFIG.model_copy(update={"resilience": operator}))
-    run_id = world.start()
-    world.service.raise_fault("left", "stuck")
-    assert world.service.open_decisions == 1
-    world.service.abort(run_id, "", "anna")
-    world.pass_time(20.0)
-    events = [output.event for output in world.said if isinstance(output, DecisionChanged)]
-    assert isinstance(events[-1], Aborted)
-    assert (events[-1].reason, world.service.open_decisions) == ("the run has ended", 0)
 
 
 def test_a_silent_robot_is_a_fault_until_it_is_heard(tmp_path: Path) -> None:

@@ -86,16 +86,23 @@ class Subscriptions:
 
 async def subscribe(client: Client, handler: SubscriptionHandler, period_ms: float, begin: Begin) -> Subscription:
     """A subscription that has begun; none is left in the server where that fails or is cancelled."""
-    creating = asyncio.ensure_future(client.create_subscription(period_ms, handler))
+    making = asyncio.ensure_future(_make(client, handler, period_ms, begin))
     try:
+        return await asyncio.shield(making)
+    except asyncio.CancelledError:
         # The server makes it though nobody waits for the answer, which alone says what is to be deleted.
-        subscription = await asyncio.shield(creating)
+        await asyncio.wait([making])
+        if not making.cancelled() and making.exception() is None:
+            await quietly(making.result().delete())
+        raise
+
+
+async def _make(client: Client, handler: SubscriptionHandler, period_ms: float, begin: Begin) -> Subscription:
+    subscription = await client.create_subscription(period_ms, handler)
+    try:
+        # At once: asked for before the first Publish, the values that are there come with its answer.
         await begin(subscription)
     except BaseException:
-        await quietly(_delete(creating))
+        await quietly(subscription.delete())
         raise
     return subscription
-
-
-async def _delete(creating: asyncio.Future[Subscription]) -> None:
-    await (await creating).delete()

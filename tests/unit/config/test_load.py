@@ -546,10 +546,7 @@ def test_one_mistake_hides_no_other(tmp_path: Path) -> None:
 
 def test_a_newer_version_is_one_line_with_the_remedy(tmp_path: Path) -> None:
     assert problems(tmp_path, "version: 2\nnew: {things: 1}\na: 1\na: 2\n") == [
-        (
-            "F:1:version: this file has version 2, and this ua-fleet reads version 1; "
-            "upgrade ua-fleet (docs/install.md)"
-        )
+        ("F:1:version: this file has version 2, and this ua-fleet reads version 1; upgrade ua-fleet (docs/install.md)")
     ]
 
 

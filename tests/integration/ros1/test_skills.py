@@ -148,7 +148,7 @@ async def test_robot_is_halted(robot: Robot, skill: int, values: tuple[Any, ...]
     [
         (MOVE, (4.0,), UNKNOWN, {}),
         (HOLD, (False,), UNKNOWN, {}),
-        (COUNT, (20,), DONE, {"counted": 20}),
+        (COUNT, (40,), DONE, {"counted": 40}),  # longer than a bridge needs to come back
         (DRIVE, ("dock", 2.0), DONE, {"distance": 2.5}),
     ],
 )

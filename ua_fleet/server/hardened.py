@@ -6,7 +6,6 @@
 from __future__ import annotations
 
 import asyncio
-import contextlib
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -122,8 +121,7 @@ class HardenedServer(Server):
         if clock is not None:
             # asyncua would wait for its clock's next second.
             clock.cancel()
-            with contextlib.suppress(asyncio.CancelledError):
-                await clock
+            await asyncio.wait([clock])
             self.iserver.time_task = None
         for subscription in list[Any](self.iserver.subscription_service.subscriptions.values()):
             await subscription.stop()

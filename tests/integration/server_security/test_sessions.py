@@ -240,6 +240,26 @@ async def test_silent_session_ends_with_its_subscriptions(tmp_path: Path, identi
         assert any(line["event"] == "logout" and line["status"] == "BadTimeout" for line in short.audit())
 
 
+async def test_whoever_is_cancelled_while_a_subscription_ends_is_cancelled(hardened: Door) -> None:
+    """The server's housekeeping may be: it would go on for ever, and the server not stop."""
+    client = await hardened.client()
+    await client.connect()
+    await client.create_subscription(100, Changes())
+    (subscription,) = hardened.server.iserver.subscription_service.subscriptions.values()
+
+    async def keep_house() -> None:
+        await subscription.stop()
+        await asyncio.sleep(60)
+
+    keeping = asyncio.create_task(keep_house())
+    await asyncio.sleep(0)
+    keeping.cancel()
+    async with asyncio.timeout(5):
+        await asyncio.wait([keeping])
+    assert keeping.cancelled()
+    await lose(client)
+
+
 async def test_removed_user_loses_the_session(hardened: Door) -> None:
     """A user who is removed, or whose role changes, is so at once."""
     hardened.users.add("paul", "password-1", hardened.users.list()[0].role)

@@ -5,7 +5,6 @@
 from __future__ import annotations
 
 import asyncio
-import contextlib
 import time
 
 import structlog
@@ -66,8 +65,7 @@ class Listener:
             self._server.close()
         if self._housekeeping is not None:
             self._housekeeping.cancel()
-            with contextlib.suppress(asyncio.CancelledError):
-                await self._housekeeping
+            await asyncio.wait([self._housekeeping])
         connections = list(self._connections)
         for connection in connections:
             connection.close()

@@ -170,8 +170,7 @@ class ClientSubscription:
         self._pending.clear()
         if task is not None and task is not asyncio.current_task():
             task.cancel()
-            with contextlib.suppress(asyncio.CancelledError):
-                await task
+            await asyncio.wait([task])  # and not `await task`, where its cancellation could hide that of whoever waits
 
     async def _run(self) -> None:
         try:

@@ -86,10 +86,10 @@ async def test_nodes_of_both_worlds_hear_each_other_once_and_in_order(both: Both
 @pytest.mark.parametrize("space", [1, 2])
 async def test_latched_value_reaches_who_comes_late(both: Both, space: int) -> None:
     topic = FROM_ROS1 if space == 1 else both.from_ros2
+    early = both.listener(3 - space, topic)
     async with Peer.at(both.ros2.udp_url) as peer:
         both.talker(space, topic, "--count", "3", latched=True)
-        await peer.until(lambda: peer.good(Topic.parse(topic))[-1:] == [(2,)])
-        await asyncio.sleep(0.5)
+        await until(peer, early, 2)  # a bridge that has just come up holds messages for a second
         late = both.listener(3 - space, topic, "--transient-local")
         await until(peer, late, 2)
         await asyncio.sleep(0.5)

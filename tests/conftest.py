@@ -6,6 +6,7 @@ import logging
 import sys
 import threading
 from collections.abc import Iterator
+from typing import Any
 
 import pytest
 import structlog
@@ -47,10 +48,12 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
 @pytest.fixture(autouse=True)
 def _logs_of_one_test(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """A command that a test runs in this process sets logs up for its own stderr, and none may outlive that."""
-    configure = structlog.configure
-    monkeypatch.setattr(
-        structlog, "configure", lambda **setup: configure(**setup | {"cache_logger_on_first_use": False})
-    )
+    configure: Any = structlog.configure
+
+    def configure_uncached(**setup: Any) -> None:
+        configure(**setup | {"cache_logger_on_first_use": False})
+
+    monkeypatch.setattr(structlog, "configure", configure_uncached)
     for module in (sys, threading):
         monkeypatch.setattr(module, "excepthook", module.excepthook)
     handlers, level = logging.root.handlers[:], logging.root.level

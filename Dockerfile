@@ -35,13 +35,15 @@ RUN apt-get update -qq \
 ARG PIP_INDEX_URL
 ARG CA_PEM
 ENV PIP_CERT=/etc/ssl/certs/ca-certificates.crt PIP_NO_CACHE_DIR=1 PIP_DISABLE_PIP_VERSION_CHECK=1
-# Debian's own pip takes minutes to resolve the wheels of ROS 2.
-RUN printf '%s\n' "$CA_PEM" >> "$PIP_CERT" \
-    && python3 -m venv /opt/pip \
-    && /opt/pip/bin/pip install --quiet --upgrade 'pip>=25.1'
 WORKDIR /src
 COPY pyproject.toml requirements.lock ./
-COPY scripts/image/add scripts/image/take /usr/local/bin/
+COPY scripts/wanted scripts/image/add scripts/image/take /usr/local/bin/
+# Debian's own pip takes minutes to resolve the wheels of ROS 2, and no hashes from constraints.
+RUN printf '%s\n' "$CA_PEM" >> "$PIP_CERT" \
+    && python3 -m venv /opt/pip \
+    && sed -n '/^pip==/,/[^\\]$/p' requirements.lock >/tmp/pip.lock \
+    && /opt/pip/bin/pip install --quiet --require-hashes --requirement /tmp/pip.lock \
+    && /opt/pip/bin/pip install --quiet --require-hashes --constraint requirements.lock hatchling
 RUN add server client modbus sensors
 
 FROM builder AS package
@@ -50,7 +52,8 @@ COPY nodesets nodesets
 COPY bridges bridges
 COPY ua_fleet ua_fleet
 RUN touch /tmp/mark && sleep 1 \
-    && /opt/pip/bin/pip --python /opt/ua-fleet/bin/python install --quiet --no-deps . \
+    && /opt/pip/bin/pip wheel --quiet --no-deps --no-build-isolation --wheel-dir /tmp/wheel . \
+    && /opt/pip/bin/pip --python /opt/ua-fleet/bin/python install --quiet --no-deps /tmp/wheel/*.whl \
     && take /added
 
 FROM runtime AS environment

@@ -18,10 +18,10 @@ ARGS ?=
 # How pytest ends where ARGS choose no test at all, which one of the two environments may.
 NO_TESTS = $(if $(ARGS),5,0)
 
-# A disturbance, or some: make testbed ONLY="server:killed rosmaster"; KEEP=1 leaves the testbed up
+# A disturbance, or some: make testbed ONLY="server:killed rosmaster", or ONLY=runs; KEEP=1 leaves the testbed up
 KEEP ?=
 
-.PHONY: help setup setup-test demo test testbed testbed-check bench lint format docs docs-serve lock clean
+.PHONY: help setup setup-test demo test test-main test-ros1 testbed testbed-check bench lint format docs docs-serve sbom lock clean
 
 help:
 	@echo "make demo    the fault-tolerant assembly line: OPC UA server, ROS 1 arm, ROS 2 mobile robot;"
@@ -31,6 +31,7 @@ help:
 	@echo "             container disturbed; testbed-check only says what this machine lacks for it"
 	@echo "make lint    ruff, mypy, pyright, import rules"
 	@echo "make docs    the documentation as a site, in build/site; docs-serve shows it while it is edited"
+	@echo "make sbom    what the wheel and the images are made of (CycloneDX), in build/sbom"
 	@echo "make bench   measure against peers and floors; ONLY=codec for one group"
 	@echo "make setup   the two virtual environments alone; demo and test do it themselves"
 
@@ -43,17 +44,27 @@ setup-test:
 demo: setup
 	@.venv/bin/ua-fleet demo $(DEMO) $(ARGS)
 
+# The tests in the one environment, and in the other, which has rospy.
+MAIN_TESTS = $(PYTHON) -m pytest -n $(JOBS) --dist loadfile --no-loadscope-reorder --require="$(REQUIRE)" $(ARGS)
+ROS1_TESTS = $(PYTHON_ROS1) -m pytest tests/contract tests/unit/bridges/ros1 --drivers=ros1 --require="$(REQUIRE)" \
+	-p no:cacheprovider $(ARGS)
+
 test: setup-test
 	@code=0; \
-	$(PYTHON) -m pytest -n $(JOBS) --dist loadfile --no-loadscope-reorder --require="$(REQUIRE)" $(ARGS) || code=$$?; \
+	$(MAIN_TESTS) || code=$$?; \
 	[ $$code -eq 0 ] || [ $$code -eq $(NO_TESTS) ] || exit $$code; \
 	if [ -x $(PYTHON_ROS1) ]; then \
-		$(PYTHON_ROS1) -m pytest tests/contract tests/unit/bridges/ros1 --drivers=ros1 --require="$(REQUIRE)" \
-			-p no:cacheprovider $(ARGS) || [ $$code-$$? = 0-$(NO_TESTS) ]; \
+		$(ROS1_TESTS) || [ $$code-$$? = 0-$(NO_TESTS) ]; \
 	else \
 		echo "skipped: the contract suite for ROS 1, since there is no .venv-ros1 (see make setup)"; \
 		exit $$code; \
 	fi
+
+test-main: setup-test
+	@$(MAIN_TESTS)
+
+test-ros1: setup-test
+	@$(ROS1_TESTS)
 
 testbed: setup-test
 	@ONLY="$(ONLY)" KEEP="$(KEEP)" $(PYTHON) -m tests.testbed
@@ -84,10 +95,17 @@ docs: setup-test
 docs-serve: setup-test
 	.venv/bin/mkdocs serve
 
+# The images that docker compose has built here, if any.
+sbom: setup-test
+	@$(PYTHON) scripts/sbom.py wheel build/sbom
+	@images=$$(docker images --format '{{.Repository}}:{{.Tag}}' 'ua-fleet/*' 2>/dev/null | sort); \
+	if [ -n "$$images" ]; then $(PYTHON) scripts/sbom.py images build/sbom $$images; \
+	else echo "no images of ua-fleet are on this machine (docker compose build makes them): only the wheel's"; fi
+
 lock:
-	uv pip compile pyproject.toml --universal --python-version 3.11 --group dev --group docs \
+	uv pip compile pyproject.toml --universal --python-version 3.11 --group build --group dev --group docs --group ros1-tests \
 		--extra server --extra client --extra ros2 --extra modbus --extra ur --extra sensors --extra plot \
-		--no-emit-index-url --no-emit-find-links --no-annotate --quiet --output-file requirements.lock
+		--no-emit-index-url --no-emit-find-links --no-annotate --no-header --generate-hashes --quiet --output-file requirements.lock
 
 clean:
 	rm -rf .venv .venv-ros1 .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache build dist

@@ -37,6 +37,11 @@ class Node:
         self._name = " ".join(str(arg) for arg in args[1:3])
         self.ready = self.expect("ready")
 
+    @property
+    def pid(self) -> int:
+        """The id of the process."""
+        return self._process.pid
+
     def read(self) -> str:
         assert self._process.stdout is not None
         line = self._process.stdout.readline()

@@ -30,6 +30,7 @@ from ua_bridges.modbus.sources import SourceSpec, source_specs
 from benchmarks.harness import FEWEST_ROUNDS, Failed, Figure, at_most, shown
 from tests import system
 from ua_fleet.bridge.driver import DriverEvent, Dropped, SampleRead
+from ua_fleet.bridge.offenders import Offenders
 from ua_fleet.config.load import load_content
 from ua_fleet.registers import Span, Table
 
@@ -144,7 +145,9 @@ async def our_registers(port: int) -> float:
     config = load_content(fleet(port, 1, 0.005), "fleet.json", {})
     specs: Sequence[SourceSpec] = [replace(spec, period_s=0.0) for spec in source_specs(config, "plcs")]
     device, inlet = DeviceConfig(host="127.0.0.1", port=port), Counting()
-    work = asyncio.create_task(Device("d0", device, Line(device, Path(), 1.0), specs, (), inlet.put).run())
+    work = asyncio.create_task(
+        Device("d0", device, Line(device, Path(), 1.0), specs, (), inlet.put, Offenders(inlet)).run()
+    )
     while not inlet.values:  # noqa: ASYNC110 -- it is told by nobody
         await asyncio.sleep(0.01)
     before, began = inlet.values, time.perf_counter()

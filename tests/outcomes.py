@@ -30,12 +30,12 @@ class Outcomes:
         values: tuple[Any, ...],
         timeout_s: float,
         *,
-        robot: str = "robot",
+        robot: str | None = None,
         execution_id: bytes | None = None,
     ) -> Outcome:
         """Request a skill once it is announced, and wait until it is known whether the robot was told.
 
-        An Action with one target is that robot's whatever the name. The execution id is a random one without.
+        Without `robot` it is the Action's first target. The execution id is a random one without.
         """
         commands.want(topic)
         with contextlib.suppress(TimeoutError):  # `request` says what is wrong then
@@ -44,7 +44,12 @@ class Outcomes:
                     await asyncio.sleep(0.001)
         execution_id = execution_id or secrets.token_bytes(EXECUTION_ID_BYTES)
         waiting = self._wait(execution_id)
-        commands.request(topic, robot, values, timeout_s, execution_id)
+        action = commands.action(topic)
+        names = [field.name for field in action.request.fields] if action is not None else []
+        names += [f"more_{number}" for number in range(len(values) - len(names))]
+        robot = robot or (action.targets[0].name if action is not None else None) or ""
+        skill = (action.request.name if action is not None else None) or ""
+        commands.request(topic, robot, skill, dict(zip(names, values, strict=False)), timeout_s, execution_id)
         return await waiting
 
     async def of(self, commands: SkillCommands, execution_id: bytes) -> Outcome:

@@ -72,10 +72,14 @@ class PtyDevice:
 
     def say(self, text: str) -> None:
         """Say something, with its end of line. What nobody takes is lost, as on a real line."""
+        self.write(text.encode())
+
+    def write(self, content: bytes) -> None:
+        """Say any bytes."""
         with self._lock:
             if self._master is not None:
                 with contextlib.suppress(BlockingIOError):
-                    os.write(self._master, text.encode())
+                    os.write(self._master, content)
 
     def wait_for_reader(self, timeout_s: float = 10.0) -> None:
         """Wait until somebody reads what it says. Empty lines may be thrown away when the port is opened, when it is

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import fcntl
 import functools
 import itertools
 import os
@@ -14,7 +13,6 @@ import socket
 import subprocess
 import sys
 import sysconfig
-import tempfile
 import threading
 import time
 from collections.abc import Callable, Generator, Mapping, Sequence
@@ -124,19 +122,18 @@ def free_multicast_url() -> str:
 
 @contextlib.contextmanager
 def ros_domain() -> Generator[int]:
-    """A ROS 2 domain id of 2..49, locked against other test runs of this machine while the context lasts.
+    """A ROS 2 domain id of 2..49, locked against other test runs in this network namespace while the context lasts.
 
     The UDP ports of these domains lie below those that tests are given.
     """
-    folder = Path(tempfile.gettempdir()) / f"ua-fleet-domains-{os.getuid()}"
-    folder.mkdir(exist_ok=True)
     domains = list(range(2, 50))
     random.shuffle(domains)
     for domain in domains:
-        with (folder / str(domain)).open("w") as lock:
+        # A name and no file: domains are the network's, and each run may have a folder of its own for files.
+        with socket.socket(socket.AF_UNIX) as lock:
             try:
-                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except BlockingIOError:
+                lock.bind(f"\0ua-fleet-test-domain-{domain}")
+            except OSError:
                 continue
             yield domain
             return
@@ -196,10 +193,15 @@ class Child:
                     raise AssertionError(f"{text!r} did not come from {' '.join(self.args)}:\n{output}")
                 self._changed.wait(min(left, 0.2))
 
+    def freeze(self) -> None:
+        """Have it stand still; what it has open stays open."""
+        os.killpg(self.process.pid, signal.SIGSTOP)
+
     def end(self, signal_number: int = signal.SIGTERM, timeout_s: float = 10) -> int:
         """End the process and its children; its exit code."""
         if self.process.poll() is None:
             os.killpg(self.process.pid, signal_number)
+            os.killpg(self.process.pid, signal.SIGCONT)
             try:
                 self.process.wait(timeout_s)
             except subprocess.TimeoutExpired:

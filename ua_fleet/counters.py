@@ -67,7 +67,10 @@ class Drop(StrEnum):
     CONFLICT = "conflict"
     """A second source claims the node of another."""
     INLET_FULL = "inlet_full"
-    """More messages from the robot side than the bridge could send on; the oldest went."""
+    """More messages than the bridge could hand on, from the robot side or, while robots connect, to it; the oldest
+    went."""
+    TOO_OLD = "too_old"
+    """A message that had waited too long in the bridge, and that a newer one of its source has overtaken."""
     KERNEL = "kernel"
     """Datagrams that the kernel dropped because the receive buffer was full."""
     SEND_FAILED = "send_failed"
@@ -90,8 +93,12 @@ class Drop(StrEnum):
     """A robot's controller did not answer a request in time."""
     REJECTED = "rejected"
     """A robot's controller answered a request with an error, or did not take what was written."""
+    MISBEHAVED = "misbehaved"
+    """A source did what no robot should, and was put aside for a while; the bridge says which, and why."""
     UNASKED = "unasked"
     """What a robot said of an execution that nobody waits for: a second time, too late, or of another's."""
+    UNTOLD = "untold"
+    """A state or an event that clients were not told, since too many waited; the latest state is shown."""
 
 
 @dataclass(slots=True)

@@ -12,9 +12,11 @@
         SendTimeout
       SkillError
         SkillRejected | SkillTimeout | SkillFailed | RobotOffline
+          RobotBusy                              a SkillRejected: what is refused now may be taken later
       ScenarioError
         ScenarioInvalid(problems) | NoCandidate | JudgementsInvalid(problems)
       BridgeUnavailable(extra)                   a package or service that a bridge needs is missing
+      FieldMissing                               messages have no field of a name that fleet.yaml gives their DataSet
       DriverFailed                               a mistake of our own ended a bridge's driver: start the bridge again
       ServerStartError                           the server cannot or must not start
       StorageUnavailable                         what must be recorded cannot be: it is then not done either
@@ -39,6 +41,7 @@ __all__ = [
     "ConfigError",
     "ConfigInvalid",
     "DriverFailed",
+    "FieldMissing",
     "JudgementsInvalid",
     "KeySourceUnavailable",
     "KeysRefused",
@@ -46,6 +49,7 @@ __all__ = [
     "NoCandidate",
     "NotConnected",
     "RemoteWireError",
+    "RobotBusy",
     "RobotOffline",
     "ScenarioError",
     "ScenarioInvalid",
@@ -164,10 +168,22 @@ class SkillError(UaFleetError):
     """A skill did not do what was asked."""
 
 
+class FieldMissing(UaFleetError):
+    """A DataSet's messages have no field of a name that `fleet.yaml` gives it."""
+
+    ua_status = StatusCode.BAD_CONFIGURATION_ERROR
+
+
 class SkillRejected(SkillError):
     """The robot refused to start the skill."""
 
     ua_status: int = StatusCode.BAD_REQUEST_NOT_ALLOWED
+
+
+class RobotBusy(SkillRejected):
+    """The robot is at something else: what it does not take now it may take later."""
+
+    ua_status: int = StatusCode.BAD_TOO_MANY_OPERATIONS
 
 
 class SkillTimeout(SkillError):
@@ -199,7 +215,7 @@ class ScenarioInvalid(ScenarioError):
 
     def __init__(self, problems: Sequence[str]) -> None:
         self.problems = tuple(problems)
-        super().__init__("\n".join(self.problems))
+        super().__init__("; ".join(self.problems))
 
 
 class NoCandidate(ScenarioError):
@@ -215,7 +231,7 @@ class JudgementsInvalid(ScenarioError):
 
     def __init__(self, problems: Sequence[str], *, consistency_ratio: float | None = None) -> None:
         self.problems, self.consistency_ratio = tuple(problems), consistency_ratio
-        super().__init__("\n".join(self.problems))
+        super().__init__("; ".join(self.problems))
 
 
 class BridgeUnavailable(UaFleetError):

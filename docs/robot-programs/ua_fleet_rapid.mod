@@ -79,7 +79,7 @@ MODULE UaFleet
         TEST kind
         CASE "command", "request":
             IF job_state = "running" THEN
-                send_text "refused", number, "the robot is at another job";
+                send_text "busy", number, "the robot is at another job";
             ELSE
                 job_skill := subtype;
                 job_size := size;

@@ -61,6 +61,13 @@ def test_a_container_s_log_is_bounded(name: str) -> None:
 
 
 @each_service
+def test_a_container_s_memory_is_bounded(name: str) -> None:
+    service = SERVICES[name]
+    assert service["mem_limit"] == service["memswap_limit"] in ("512m", "1g")
+    assert service["pids_limit"]
+
+
+@each_service
 def test_a_container_comes_back_and_says_how_it_is(name: str) -> None:
     service = SERVICES[name]
     if name in JOBS:

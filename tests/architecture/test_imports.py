@@ -12,25 +12,39 @@ ROOTS = {"ua_fleet": ROOT, "ua_bridges": ROOT / "bridges"}
 PATHS = f"import sys; sys.path[:0] = {[str(path) for path in ROOTS.values()]!r}"
 
 
-def modules() -> list[str]:
+def modules() -> dict[str, Path]:
     """All our modules but programs (`__main__`, and the demonstration's robots, which run when they are imported)."""
-    found: list[str] = []
+    found: dict[str, Path] = {}
     for package, root in ROOTS.items():
         for path in sorted((root / package).rglob("*.py")):
             parts = path.relative_to(root).with_suffix("").parts
             if parts[-1] != "__main__" and "robots" not in parts:
-                found.append(".".join(parts[:-1] if parts[-1] == "__init__" else parts))
+                found[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = path
     return found
 
 
-@pytest.mark.timeout(300)  # a process for each module: a busy machine needs minutes
-def test_each_module_can_be_imported_alone() -> None:
+def refused(files: dict[str, Path], *roots: Path) -> list[str]:
+    """What cannot be imported alone, with the reason."""
     program = Path(__file__).with_name("import_alone.py")
-    environment = {"PYTHONPATH": ":".join(str(path) for path in ROOTS.values()), "PATH": "/usr/bin:/bin"}
-    run = subprocess.run(
-        [sys.executable, program, *modules()], capture_output=True, text=True, check=True, env=environment
-    )
-    assert run.stdout.splitlines() == []
+    environment = {"PYTHONPATH": ":".join(map(str, roots)), "PATH": "/usr/bin:/bin"}
+    words = [f"{module}={file}" for module, file in files.items()]
+    run = subprocess.run([sys.executable, program, *words], capture_output=True, text=True, check=True, env=environment)
+    return run.stdout.splitlines()
+
+
+@pytest.mark.timeout(300)  # a busy machine needs minutes
+def test_each_module_can_be_imported_alone() -> None:
+    assert refused(modules(), *ROOTS.values()) == []
+
+
+def test_a_module_that_cannot_be_the_first_of_its_circle_is_found(tmp_path: Path) -> None:
+    package = {"__init__": "", "front": "from acme.back import X", "back": "import acme.front\nX = 1"}
+    package["broken"] = "from acme.front import Y"
+    files = {f"acme.{name}".removesuffix(".__init__"): tmp_path / "acme" / f"{name}.py" for name in package}
+    (tmp_path / "acme").mkdir()
+    for name, text in package.items():
+        (tmp_path / "acme" / f"{name}.py").write_text(text)
+    assert [line.partition(":")[0] for line in refused(files, tmp_path)] == ["acme.back", "acme.broken"]
 
 
 @pytest.mark.parametrize(

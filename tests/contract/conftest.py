@@ -18,6 +18,7 @@ DRIVERS = {
     "ros1": "tests.contract.ros1",
     "ros2": "tests.contract.ros2",
     "tcp": "tests.contract.tcp",
+    "direct": "tests.contract.direct",
     "ur": "tests.contract.ur",
 }
 """Modules as the package's docstring describes them."""
@@ -25,7 +26,7 @@ OPENS = ("open_space", "open_mapped_space", "open_skilled_space")
 OpenSpace = Callable[[Path, Processes], AbstractAsyncContextManager[Space]]
 OpenMappedSpace = Callable[[Path, Processes], AbstractAsyncContextManager[MappedSpace]]
 OpenSkilledSpace = Callable[[Path, Processes], AbstractAsyncContextManager[SkilledSpace]]
-DEFAULT = "virtual,skilled,modbus,plugged,ros2,tcp,ur"
+DEFAULT = "virtual,skilled,modbus,plugged,ros2,tcp,direct,ur"
 """What can run in the main environment: rospy and rclpy cannot share one interpreter."""
 
 

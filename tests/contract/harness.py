@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import json
+import socket
 import subprocess
 import threading
 import time
 from collections.abc import Generator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final, Protocol, runtime_checkable
@@ -22,6 +23,7 @@ from ua_fleet.values import BuiltinType, ticks_from_unix_ns
 from ua_fleet.wire.messages import ConfigurationVersion, DataSetMessage, DataSetMetaData
 
 __all__ = [
+    "FAULT_ID",
     "NUMBER",
     "TEXT",
     "TWIST",
@@ -34,6 +36,7 @@ __all__ = [
     "Recorder",
     "Robot",
     "RobotProcess",
+    "Rubbish",
     "SkillCase",
     "SkillSpace",
     "Space",
@@ -42,6 +45,8 @@ __all__ = [
 
 WAIT_S: Final = 20.0
 WORK_ID: Final = 1900
+FAULT_ID: Final = 1903
+"""Of the fault topic of a SkilledSpace's robot, where its driver has one."""
 WORK: Final = {
     "id": WORK_ID,
     "arguments": {"work": {"type": "String"}, "seconds": {"type": "Double"}},
@@ -115,6 +120,10 @@ class Robot(Protocol):
         """The messages heard so far, in order."""
         ...
 
+    def misbehave(self, name: str) -> None:
+        """Say once on an advertised topic what is no message of its type."""
+        ...
+
 
 class Space(Protocol):
     """A space with its robots' side, up or not."""
@@ -159,6 +168,14 @@ class MappedRobot(Protocol):
 
     def come_back(self) -> None:
         """Be there again."""
+        ...
+
+    def misbehave(self) -> None:
+        """Say what no robot should, until `behave`."""
+        ...
+
+    def behave(self) -> None:
+        """Be as before."""
         ...
 
 
@@ -230,6 +247,14 @@ class SkilledSpace(Protocol):
 
     def told(self) -> list[str]:
         """The work that the robot was told to do, twice where it was told twice."""
+        ...
+
+    def freeze(self) -> None:
+        """The robot heeds no halt from now on, and says nothing more of it; its link stays."""
+        ...
+
+    def cut(self) -> None:
+        """The link to the robot breaks."""
         ...
 
 
@@ -345,6 +370,10 @@ class RobotProcess:
         """See Robot."""
         return list(self._heard.get(name, []))
 
+    def misbehave(self, name: str) -> None:
+        """See Robot."""
+        self._do("misbehave", name)
+
     def end(self) -> None:
         """End the process, which its end of input asks for."""
         assert self._process.stdin is not None
@@ -357,3 +386,31 @@ class RobotProcess:
         self._reader.join(5)
         if self._process.stdout is not None:
             self._process.stdout.close()
+
+
+class Rubbish:
+    """In the place of a robot's server: whoever connects gets bytes without a sense, and without end."""
+
+    def __init__(self, host: str, port: int, content: bytes) -> None:
+        self._content = content * (1 + 65_536 // len(content))
+        self._links: list[socket.socket] = []
+        self._listener = socket.create_server((host, port))
+        threading.Thread(target=self._accept, daemon=True).start()
+
+    def _accept(self) -> None:
+        with suppress(OSError):
+            while True:
+                self._links.append(self._listener.accept()[0])
+                threading.Thread(target=self._say, args=(self._links[-1],), daemon=True).start()
+
+    def _say(self, link: socket.socket) -> None:
+        with suppress(OSError), link:
+            while True:
+                link.sendall(self._content)
+
+    def end(self) -> None:
+        """Be gone."""
+        for each in (self._listener, *self._links):
+            with suppress(OSError):
+                each.shutdown(socket.SHUT_RDWR)
+        self._listener.close()

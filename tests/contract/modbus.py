@@ -15,7 +15,7 @@ from typing import Any, Final
 from ua_bridges.modbus.driver import create_driver
 
 from tests import system
-from tests.contract.harness import NUMBER, TEXT, TWIST, WAIT_S, Kind
+from tests.contract.harness import NUMBER, TEXT, TWIST, WAIT_S, Kind, Rubbish
 from ua_fleet.bridge import Driver
 from ua_fleet.config.load import load_content
 from ua_fleet.config.schema import FleetConfig
@@ -185,6 +185,8 @@ class PlcRobot:
     """See MappedRobot."""
 
     def __init__(self, port: int) -> None:
+        self._port = port
+        self._rubbish: Rubbish | None = None
         self.plc = PlcProcess("--port", str(port), "--tell-writes")
 
     def show(self, topic: Topic, values: Sequence[Any]) -> None:
@@ -209,6 +211,17 @@ class PlcRobot:
     def come_back(self) -> None:
         """See MappedRobot."""
         self.plc.do("listen")
+
+    def misbehave(self) -> None:
+        """See MappedRobot."""
+        self.leave()
+        self._rubbish = Rubbish("127.0.0.1", self._port, b"\x00\x01\x00\x00\x00\xff\x01\x03")
+
+    def behave(self) -> None:
+        """See MappedRobot."""
+        assert self._rubbish is not None
+        self._rubbish.end()
+        self.come_back()
 
 
 class PlcSpace:
@@ -246,6 +259,14 @@ class PlcSpace:
     def told(self) -> list[str]:
         """See SkilledSpace."""
         return self.robot.plc.told
+
+    def freeze(self) -> None:
+        """See SkilledSpace: the PLC answers, and its program stands."""
+        self.robot.plc.do("stop")
+
+    def cut(self) -> None:
+        """See SkilledSpace."""
+        self.robot.leave()
 
     def end(self) -> None:
         """End the PLC."""

@@ -74,6 +74,7 @@ robots:
           done: "DONE {done} {seconds}"
           failed: "ERR {message}"
           halt: "HALT\n"
+          halted: "STOPPED"
 """
 SAID: Final = {Topic(SPACE, 2, 11): "N", Topic(SPACE, 2, 12): "S", Topic(SPACE, 2, 13): "P"}
 TAKEN: Final = {Topic(SERVER_SPACE, 2, 14): "SPEED", Topic(SERVER_SPACE, 2, 15): "GOAL"}
@@ -85,11 +86,13 @@ class Box:
     def __init__(self, path: Path) -> None:
         self.device = PtyDevice(path, self._obey)
         self.told: list[str] = []
-        self._halted = threading.Event()
+        self.is_stubborn = False
+        """Whether it hears what would halt it, and goes on."""
+        self._said_enough = threading.Event()
 
     def _obey(self, device: PtyDevice, line: str) -> None:
-        if line == "HALT":
-            self._halted.set()
+        if line == "HALT" and not self.is_stubborn:
+            device.say("STOPPED\n")
         if not line.startswith("WORK"):
             return
         _, work, seconds = shlex.split(line)
@@ -116,6 +119,19 @@ class Box:
     def leave(self) -> None:
         """See MappedRobot."""
         self.device.unplug()
+
+    def misbehave(self) -> None:
+        """See MappedRobot."""
+        self._said_enough.clear()
+        threading.Thread(target=self._say_rubbish, daemon=True).start()
+
+    def _say_rubbish(self) -> None:
+        while not self._said_enough.wait(0.01):
+            self.device.write(b"x" * 1000)
+
+    def behave(self) -> None:
+        """See MappedRobot."""
+        self._said_enough.set()
 
     def come_back(self) -> None:
         """See MappedRobot."""
@@ -147,6 +163,14 @@ class PluggedSpace:
     def told(self) -> list[str]:
         """See SkilledSpace."""
         return self.robot.told
+
+    def freeze(self) -> None:
+        """See SkilledSpace."""
+        self.robot.is_stubborn = True
+
+    def cut(self) -> None:
+        """See SkilledSpace."""
+        self.robot.leave()
 
 
 @asynccontextmanager

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 import time
 import xmlrpc.client
 from collections.abc import AsyncGenerator
@@ -126,6 +127,14 @@ class SkilledRos1Space:
     def told(self) -> list[str]:
         """See SkilledSpace."""
         return [line.removeprefix("told: ") for line in self._robot.lines if line.startswith("told: ")]
+
+    def freeze(self) -> None:
+        """See SkilledSpace."""
+        self._robot.freeze()
+
+    def cut(self) -> None:
+        """See SkilledSpace: a graph has no link that breaks alone."""
+        self._robot.end(signal.SIGKILL)
 
 
 @asynccontextmanager

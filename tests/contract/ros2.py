@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 import sys
 from collections.abc import AsyncGenerator
 from contextlib import asynccontextmanager
@@ -99,6 +100,14 @@ class SkilledRos2Space:
     def told(self) -> list[str]:
         """See SkilledSpace."""
         return [line.removeprefix("told: ") for line in self._robot.lines if line.startswith("told: ")]
+
+    def freeze(self) -> None:
+        """See SkilledSpace."""
+        self._robot.freeze()
+
+    def cut(self) -> None:
+        """See SkilledSpace: a graph has no link that breaks alone."""
+        self._robot.end(signal.SIGKILL)
 
 
 @asynccontextmanager

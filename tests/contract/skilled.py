@@ -73,7 +73,7 @@ class Machine:
     def __init__(self, folder: Path) -> None:
         folder.mkdir(exist_ok=True)
         self._log = folder / "told.jsonl"
-        self._forgetful = folder / "forgetful"
+        self._forgetful, self._weak, self._frozen = folder / "forgetful", folder / "weak", folder / "frozen"
 
     def begin(self, execution_id: bytes, work: str, seconds: float) -> Job:
         """Tell the machine to begin."""
@@ -114,6 +114,24 @@ class Machine:
     def is_forgetful(self) -> bool:
         """Whether it remembers nothing of what it was told."""
         return self._forgetful.exists()
+
+    @property
+    def is_frozen(self) -> bool:
+        """Whether it heeds no halt."""
+        return self._frozen.exists()
+
+    def freeze(self) -> None:
+        """Heed no halt from now on."""
+        self._frozen.touch()
+
+    @property
+    def is_weak(self) -> bool:
+        """Whether it fails at heavy work."""
+        return self._weak.exists()
+
+    def weaken(self) -> None:
+        """Fail at heavy work from now on."""
+        self._weak.touch()
 
     def forget(self) -> None:
         """Remember nothing from now on, as most robots do after their power was off."""
@@ -166,6 +184,8 @@ class SkilledDriver(VirtualDriver):
     def halt(self, execution: Execution) -> None:
         """See HaltingDriver. Only endless work can be stopped."""
         self._check_endless(execution)
+        if self._machine.is_frozen:
+            return
         status = int(StatusCode.BAD_REQUEST_CANCELLED_BY_CLIENT)
         self._put(ExecutionEnded(execution.execution_id, status, (), "halted"))
 
@@ -265,3 +285,10 @@ class SkilledVirtualSpace:
     def told(self) -> list[str]:
         """See SkilledSpace."""
         return [job.work for job in self._machine.told()]
+
+    def freeze(self) -> None:
+        """See SkilledSpace."""
+        self._machine.freeze()
+
+    def cut(self) -> None:
+        """See SkilledSpace: the driver has the machine itself, and no link that could break."""

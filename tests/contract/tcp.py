@@ -8,6 +8,7 @@ bridge.
 from __future__ import annotations
 
 import json
+import signal
 import socket
 import sys
 import threading
@@ -21,7 +22,7 @@ from ua_bridges.tcp.config import Framing, InterpreterLink, TcpBridgeConfig
 from ua_bridges.tcp.driver import create_driver
 
 from tests import system
-from tests.contract.harness import NUMBER, TEXT, TWIST, WORK, Kind
+from tests.contract.harness import FAULT_ID, NUMBER, TEXT, TWIST, WORK, Kind
 from ua_fleet.bridge import Driver
 from ua_fleet.config.load import load_content
 from ua_fleet.config.schema import FleetConfig
@@ -93,6 +94,14 @@ class Program:
         self._thread.join(10)
         assert not self._thread.is_alive()
 
+    def misbehave(self) -> None:
+        """See MappedRobot."""
+        assert self._socket is not None
+        self._socket.sendall(b"\xff\xfe\n")
+
+    def behave(self) -> None:
+        """See MappedRobot: it was no more than one line."""
+
     def come_back(self) -> None:
         """See MappedRobot."""
         self._is_gone, self._socket = False, None
@@ -162,15 +171,25 @@ class SkilledTcpSpace:
 
     remembers = True
 
-    def __init__(self, port: int, memory: Path) -> None:
-        self._memory = memory
+    def __init__(self, port: int, memory: Path, robot: system.Child) -> None:
+        self._memory, self._robot = memory, robot
+        self._config = self._configuration(port)
+
+    def _configuration(self, port: int) -> FleetConfig:
         link = InterpreterLink(connect=f"127.0.0.1:{port}", framing=Framing.ACKNOWLEDGED)
-        self._config = FleetConfig.model_validate(
+        return FleetConfig.model_validate(
             {
                 "version": 1,
                 "pubsub": {"security": "none"},
                 "bridges": {"cell": TcpBridgeConfig(kind="tcp", space=SPACE, interpreter=link)},
-                "robots": {"machine": {"bridge": "cell", "skill_status_id": 1902, "skills": {"work": WORK}}},
+                "robots": {
+                    "machine": {
+                        "bridge": "cell",
+                        "skill_status_id": 1902,
+                        "fault_id": FAULT_ID,
+                        "skills": {"work": WORK},
+                    }
+                },
             }
         )
 
@@ -184,6 +203,14 @@ class SkilledTcpSpace:
             return []
         return [json.loads(line)[2][0] for line in self._memory.read_text().splitlines()]
 
+    def freeze(self) -> None:
+        """See SkilledSpace."""
+        self._robot.freeze()
+
+    def cut(self) -> None:
+        """See SkilledSpace."""
+        self._robot.end(signal.SIGKILL)
+
 
 @asynccontextmanager
 async def open_skilled_space(folder: Path, processes: system.Processes) -> AsyncGenerator[SkilledTcpSpace]:
@@ -195,4 +222,4 @@ async def open_skilled_space(folder: Path, processes: system.Processes) -> Async
         env=system.clean_environment(PYTHONPATH="bridges"),
     )
     port = int(robot.wait_for("ready").split()[1])
-    yield SkilledTcpSpace(port, memory)
+    yield SkilledTcpSpace(port, memory, robot)

@@ -239,3 +239,30 @@ async def test_a_new_driver_works_where_another_has_stopped(space: Space) -> Non
     for _ in range(2):
         async with started(space.make_driver()) as recorder:
             await talk(space, recorder, topic, NUMBER, 1.0)
+
+
+async def test_source_that_misbehaves_is_put_aside_alone_and_tried_again(space: Space) -> None:
+    bad, good, driver = source(space, 1001), source(space, 1002), space.make_driver()
+    if not hasattr(space.robot, "misbehave"):
+        pytest.skip("its robots have no wire that could carry rubbish")
+    async with started(driver) as recorder:
+        for topic in (bad, good):
+            space.robot.advertise(topic.name, NUMBER)
+            await talk(space, recorder, topic, NUMBER, 1.0)
+        assert driver.status().aside == {}
+        for number in range(200):
+            space.robot.misbehave(bad.name)
+            space.robot.publish(good.name, NUMBER.values(float(number)))
+            await asyncio.sleep(0.05)
+            if driver.status().aside:
+                break
+        ((name, reason),) = driver.status().aside.items()
+        assert bad.name in name
+        assert reason
+        assert "\n" not in reason
+        assert recorder.dropped(Drop.MISBEHAVED) == 1
+        await until(lambda: recorder.lost(bad) == 1, "SourceLost")
+        await talk(space, recorder, good, NUMBER, 2.0)
+        assert recorder.lost(good) == 0
+        await talk(space, recorder, bad, NUMBER, 3.0)
+        assert recorder.samples(bad)[-1].values == (3.0,)

@@ -14,7 +14,9 @@ from tests.contract.test_driver import started
 from tests.waiting import until
 from ua_fleet.bridge import SampleRead, SourceFound
 from ua_fleet.counters import Drop
+from ua_fleet.errors import FieldMissing
 from ua_fleet.topics import Topic
+from ua_fleet.values import BuiltinType
 
 VALUES: dict[str, tuple[Any, ...]] = {
     NUMBER.ros_type: (1.5,),
@@ -87,6 +89,27 @@ async def test_structure_of_another_space_arrives_with_all_its_values(mapped_spa
         await until(lambda: driver.status().connected, "the connection")
         assert driver.publish(topic, TWIST.metadata(topic.name), message_of(topic, *values, kind=TWIST))
         await until(lambda: values in mapped_space.robot.taken(topic), "the values")
+
+
+async def test_fields_go_by_their_names_whatever_order_their_sender_has(mapped_space: MappedSpace) -> None:
+    topic, driver = of_kind(dict(mapped_space.sinks), TWIST), mapped_space.make_driver()
+    values = VALUES[TWIST.ros_type]
+    turned = Kind(TWIST.ros_type, (("more", BuiltinType.DOUBLE), *reversed(TWIST.fields)))
+    async with started(driver):
+        await until(lambda: driver.status().connected, "the connection")
+        message = message_of(topic, 0.0, *reversed(values), kind=turned)
+        assert driver.publish(topic, turned.metadata(topic.name), message)
+        await until(lambda: values in mapped_space.robot.taken(topic), "the values")
+
+
+async def test_a_message_without_a_field_is_refused_with_its_name(mapped_space: MappedSpace) -> None:
+    topic, driver = of_kind(dict(mapped_space.sinks), TWIST), mapped_space.make_driver()
+    less = Kind(TWIST.ros_type, TWIST.fields[:-1])
+    async with started(driver):
+        await until(lambda: driver.status().connected, "the connection")
+        with pytest.raises(FieldMissing, match=r"no field 'angular\.z', but linear\.x"):
+            driver.publish(topic, less.metadata(topic.name), message_of(topic, *range(5), kind=less))
+        assert mapped_space.robot.taken(topic) == []
 
 
 async def test_data_without_a_place_is_counted_and_goes_nowhere(mapped_space: MappedSpace) -> None:
@@ -165,6 +188,24 @@ async def test_mistake_of_the_driver_is_no_silent_end(mapped_space: MappedSpace)
         if not driver.status().is_over:
             await show(space, recorder, topic, 3.0)
             assert len(recorder.found(topic)) == 2
+
+
+async def test_robot_that_misbehaves_is_put_aside_and_tried_again(mapped_space: MappedSpace) -> None:
+    space, topic = mapped_space, next(iter(mapped_space.sources))
+    driver = space.make_driver()
+    async with started(driver) as recorder:
+        await show(space, recorder, topic, 1.0)
+        assert driver.status().aside == {}
+        await asyncio.to_thread(space.robot.misbehave)
+        await until(lambda: driver.status().aside, "that it is put aside")
+        ((_, reason),) = driver.status().aside.items()
+        assert reason
+        assert "\n" not in reason
+        assert recorder.dropped(Drop.MISBEHAVED) >= 1
+        await until(lambda: recorder.lost(topic) == 1 and not driver.status().connected, "the loss")
+        await asyncio.to_thread(space.robot.behave)
+        await until(lambda: len(recorder.found(topic)) == 2, "that it is tried again", 40)
+        await show(space, recorder, topic, 2.0)
 
 
 async def test_stop_releases_everything_and_may_be_called_twice(mapped_space: MappedSpace) -> None:

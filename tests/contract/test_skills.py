@@ -38,7 +38,7 @@ class Started:
         skilled = skills_of(driver)
         assert skilled is not None
         self.driver: SkillDriver = skilled
-        self._recorder = recorder
+        self.recorder = recorder
 
     def execution(self, *values: Any, execution_id: bytes | None = None) -> Execution:
         """An execution of the skill `work`."""
@@ -53,7 +53,7 @@ class Started:
 
     def facts(self, execution: Execution) -> list[ExecutionFact]:
         """What was told of it."""
-        events = list(self._recorder.events)
+        events = list(self.recorder.events)
         return [event for event in events if isinstance(event, FACTS) and event.execution_id == execution.execution_id]
 
     async def at_it(self, execution: Execution) -> None:

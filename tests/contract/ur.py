@@ -14,7 +14,7 @@ from typing import Any, Final
 
 from ua_bridges.ur.driver import create_driver
 
-from tests.contract.harness import NUMBER, TWIST, Kind
+from tests.contract.harness import NUMBER, TWIST, Kind, Rubbish
 from tests.system import Processes
 from tests.ur_controller import UrController
 from ua_fleet.bridge import Driver
@@ -60,6 +60,7 @@ class UrRobot:
 
     def __init__(self, controller: UrController) -> None:
         self._controller = controller
+        self._rubbish: Rubbish | None = None
         self.come_back()
 
     def show(self, topic: Topic, values: Sequence[Any]) -> None:
@@ -80,6 +81,17 @@ class UrRobot:
         """See MappedRobot."""
         self._controller.start()
         self._controller.do("record", input=INPUT)
+
+    def misbehave(self) -> None:
+        """See MappedRobot."""
+        self.leave()
+        self._rubbish = Rubbish(self._controller.host, 30004, b"\0")
+
+    def behave(self) -> None:
+        """See MappedRobot."""
+        assert self._rubbish is not None
+        self._rubbish.end()
+        self.come_back()
 
 
 class UrSpace:

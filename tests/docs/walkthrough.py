@@ -8,6 +8,7 @@ A comment before a block, which no reader sees, says what the block is:
     <!-- look -->                          a command that may be given again until it shows what follows
     <!-- fails: CODE -->                   a command that ends with this exit code
     <!-- types password -->                a command that asks for a password, on a terminal
+    <!-- types yes -->                     a command that asks whether it is meant, on a terminal
     <!-- terminal: NAME -->                a program that goes on in a terminal of its own
     <!-- terminal: NAME, until: TEXT -->   the same; the reader waits until it says this
     <!-- watch -->                         a command that is ended by Ctrl-C once it has shown what follows
@@ -41,7 +42,20 @@ _STEP = re.compile(
 )
 _FENCE = re.compile(r"^```\w*\n.*?^```$", re.MULTILINE | re.DOTALL)
 KINDS: Final = frozenset(
-    {"file", "append", "run", "look", "fails", "types password", "terminal", "watch", "shows", "tested", "not run"}
+    {
+        "file",
+        "append",
+        "run",
+        "look",
+        "fails",
+        "types password",
+        "types yes",
+        "terminal",
+        "watch",
+        "shows",
+        "tested",
+        "not run",
+    }
     | {"ends"}
 )
 
@@ -120,7 +134,7 @@ class Walk:
             step = todo.pop(0)
             shown = ""
             if (
-                step.kind in ("run", "look", "fails", "watch")
+                step.kind in ("run", "look", "fails", "watch", "types yes")
                 and todo
                 and (todo[0].kind, todo[0].detail) == ("shows", "")
             ):
@@ -144,7 +158,11 @@ class Walk:
             case "look":
                 self._look(step, text, shown)
             case "types password":
-                self._type_password(step, text)
+                self._type(step, text, PASSWORD, ": ")
+            case "types yes":
+                said = self._type(step, text, "y", "[y/N]: ")
+                missing = missing_line(shown, said)
+                assert missing is None, f"{step.place}: nowhere {missing!r} in\n{said}"
             case "terminal":
                 self._open(step, text)
             case "watch":
@@ -218,7 +236,8 @@ class Walk:
             assert time.monotonic() < deadline, f"{step.place}: {line} was not shown:\n" + "\n".join(child.lines)
             time.sleep(0.05)
 
-    def _type_password(self, step: Step, text: str) -> None:
+    def _type(self, step: Step, text: str, answer: str, asked: str) -> str:
+        """Give an answer to each question that ends so; returns all that was said."""
         ours, theirs = os.openpty()
         try:
             environment = {name: value for name, value in self._environment.items() if name != "UA_FLEET_PASSWORD"}
@@ -226,15 +245,17 @@ class Walk:
                 self._bash(text), env=environment, stdin=theirs, stdout=theirs, stderr=theirs, start_new_session=True
             )
             os.close(theirs)
-            said = ""
+            said, answered = "", 0
             # The end of the other side is an error where it is a terminal.
             try:
                 while chunk := os.read(ours, 1024).decode():
                     said += chunk
-                    if chunk.endswith(": "):
-                        os.write(ours, f"{PASSWORD}\n".encode())
+                    if said.endswith(asked) and len(said) > answered:
+                        os.write(ours, f"{answer}\n".encode())
+                        answered = len(said)
             except OSError:
                 pass
             assert process.wait(PATIENCE_S) == 0, f"{step.place}: {text}{said}"
+            return said
         finally:
             os.close(ours)

@@ -7,7 +7,7 @@ import time
 from collections.abc import AsyncGenerator, Callable
 from contextlib import asynccontextmanager
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, Final, Self
 
 from ua_fleet.config.schema import FleetConfig
 from ua_fleet.config.security import envelope_of, groups_of
@@ -19,6 +19,7 @@ from ua_fleet.pubsub.events import (
     ProbeReceived,
     SourceReturned,
     SourceSilent,
+    SourceStale,
     SourceUnknown,
     SubscriberEvent,
 )
@@ -32,18 +33,26 @@ from ua_fleet.values import ticks_from_unix_ns
 from ua_fleet.wire import Codec
 from ua_fleet.wire.messages import DataSetMessage, FieldMetaData
 
+TIMING: Final = PubSubTiming(1.0, 3.0, 5.0)
+
 
 class Peer:
     """All that comes over a multicast group, seen from one space."""
 
-    def __init__(self, url: str, space: int = 0, envelope: Callable[[Counters], Envelope] | None = None) -> None:
+    def __init__(
+        self,
+        url: str,
+        space: int = 0,
+        envelope: Callable[[Counters], Envelope] | None = None,
+        timing: PubSubTiming = TIMING,
+    ) -> None:
         self.counters = Counters()
         self.events: list[SubscriberEvent] = []
         self.datagrams: list[bytes] = []
         """All that came over the network, as it came."""
         self._envelope = envelope(self.counters) if envelope is not None else None
         self._transport = UdpTransport(url, "lo", ttl=1, receive_buffer_bytes=1 << 22)
-        codec, timing = Codec(), PubSubTiming(1.0, 3.0, 5.0)
+        codec = Codec()
         self._publisher = Publisher(space, timing, self.counters, codec)
         self._subscriber = Subscriber(space, timing, self.counters, codec, envelope=self._envelope)
         self._changed = asyncio.Event()
@@ -117,8 +126,17 @@ class Peer:
 
     def is_silent(self, topic: Topic) -> bool:
         """Whether nothing comes from a source any more."""
-        said = [type(e) for e in self.events if isinstance(e, SourceSilent | SourceReturned) and e.topic == topic]
-        return bool(said) and said[-1] is SourceSilent
+        return self._last_said(topic) is SourceSilent
+
+    def is_stale(self, topic: Topic) -> bool:
+        """Whether a source is there, and nothing says that its last value is of now."""
+        return self._last_said(topic) is SourceStale
+
+    def _last_said(self, topic: Topic) -> type | None:
+        for event in reversed(self.events):
+            if isinstance(event, SourceSilent | SourceStale | SourceReturned) and event.topic == topic:
+                return type(event)
+        return None
 
     async def until(self, condition: Callable[[], Any], timeout_s: float = 15) -> None:
         """Wait until a condition on what was received holds."""
@@ -140,9 +158,9 @@ class Peer:
 
     @classmethod
     @asynccontextmanager
-    async def at(cls, url: str, space: int = 0) -> AsyncGenerator[Self]:
+    async def at(cls, url: str, space: int = 0, timing: PubSubTiming = TIMING) -> AsyncGenerator[Self]:
         """A peer without keys that works while the context lasts."""
-        peer = cls(url, space)
+        peer = cls(url, space, timing=timing)
         async with peer._working():
             yield peer
 

@@ -23,7 +23,11 @@ async def main(path: str, name: str) -> int:
     config = load(path, {}, allow_missing_ids=True)
     pubsub = config.pubsub
     transport = UdpTransport(
-        pubsub.url, pubsub.interface, ttl=pubsub.ttl, receive_buffer_bytes=pubsub.receive_buffer_bytes
+        pubsub.url,
+        pubsub.interface,
+        ttl=pubsub.ttl,
+        receive_buffer_bytes=pubsub.receive_buffer_bytes,
+        hears_itself=False,
     )
     state_dir = Path(path).parent / config.state_dir_of(name)
 

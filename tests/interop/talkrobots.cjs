@@ -25,7 +25,8 @@ report(async (session, made) => {
   const chosen = made.ranking.Robots[1];
   made.confirmed = (await call(session, "Resilience", "Confirm", text(open.decision), text(chosen))).output;
   await seen((event) => event.run === runId && event.state === "done");
-  made.repaired = await seen((event) => event.active === false && event.source === "ns=2;s=Robots.ridgeback");
+  made.taken = Array.from(await readValue(session, "ns=2;s=Fleet.Faults.ridgeback.announced.Capacities"));
+  made.robotState = await readValue(session, "ns=2;s=Robots.ridgeback.State");
   made.robots = await readValue(session, `ns=2;s=Fleet.Scenarios.Runs.${runId}.Robots`);
   made.states = await readValue(session, `ns=2;s=Fleet.Scenarios.Runs.${runId}.States`);
   await watching.end();

@@ -11,6 +11,7 @@ import pytest
 from tests.e2e.talkrobots import demonstration
 from tests.interop.test_node_opcua import run_client
 from tests.system import Processes
+from ua_fleet.fleet.model import RobotState
 from ua_fleet.server.nodeset import TypeId
 
 CLIENT = Path(__file__).parent / "talkrobots.cjs"
@@ -38,7 +39,9 @@ async def test_a_foreign_client_runs_the_nine_tasks_and_chooses_who_takes_over(
         f"ns=3;i={kind.value}"
         for kind in (TypeId.RUN_EVENT, TypeId.STEP_EVENT, TypeId.DECISION_EVENT, TypeId.FAULT_ALARM)
     }
-    assert seen["alarm"]["message"] == "ridgeback: the drive does not turn"
+    assert seen["alarm"]["message"] == "ridgeback lacks mobile: the drive does not turn"
+    assert seen["taken"] == ["mobile"]
+    assert seen["robotState"] != RobotState.FAULTED, "its arm works on"
     ranking = seen["ranking"]
     assert ranking["Robots"] == ["pioneer_1", "pioneer_2"]
     assert ranking["Criteria"] == ["battery", "distance", "availability"]
@@ -48,7 +51,7 @@ async def test_a_foreign_client_runs_the_nine_tasks_and_chooses_who_takes_over(
     begun = [event["task"] for event in seen["events"] if event["fact"] == "TaskAssigned"]
     assert len(begun) == 10, "nine tasks, one of them twice"
     assert seen["states"] == ["done"] * 9
-    # Its own choice, and no longer than until Ridgeback was repaired.
+    # Its own choice, and only for what needs the mobility that Ridgeback has lost.
     fault = report["fault"]
     assert (fault["robot"], fault["replacement"]) == ("ridgeback", "pioneer_2")
     robots = {row["task"]: row["robot"] for row in report["tasks"]}

@@ -8,7 +8,8 @@ from typing import Any, Final
 __all__ = ["TASKS", "pal_problems", "talkrobots_problems"]
 
 TASKS: Final = ("fetch", "transport", "grasp", "approach", "take_off", "pick_left", "bring", "land", "load")
-_IN_ORDER: Final = ("fetch", "transport", "grasp", "approach", "pick_left", "bring", "land", "load")
+_IN_ORDER: Final = ("fetch", "transport", "grasp", "approach", "pick_left", "bring")
+_LAST: Final = ("land", "load")
 _REPLACED: Final = ("approach", "bring")
 _REFUSED: Final = ("not_secured", "bad_signature", "replayed", "unknown_token", "no_key", "secured")
 
@@ -59,6 +60,9 @@ def talkrobots_problems(report: dict[str, Any]) -> list[str]:
     if not found:
         late = [f"{b} before {a}" for a, b in pairwise(_IN_ORDER) if by_task[a]["ended_s"] > by_task[b]["started_s"]]
         check(not late, f"order: {late}")
+        for task in _LAST:
+            check(by_task[task]["started_s"] >= by_task["bring"]["ended_s"], f"order: {task} before bring")
+        check(by_task["load"]["robot"] == "ridgeback", f"load was done by {by_task['load']['robot']}")
     fault: dict[str, Any] = report["fault"] or {}
     check(fault.get("robot") == "ridgeback" and fault.get("task") == "approach", f"the fault: {fault}")
     ranking: list[str] = [place["robot"] for place in fault.get("ranking", ())]

@@ -21,6 +21,7 @@ from tests.testbed.disturb import KINDS, Deed, Kind
 from tests.testbed.engine import ROOT, CommandFailed, Compose
 from tests.testbed.healing import Healing, Row, settle
 from tests.testbed.isolation import check_hardening, check_isolation
+from tests.testbed.runs import RunRow, problems_of, run_lines, through_kills
 from tests.testbed.table import failures, into_page, lines, write_json
 from tests.testbed.watching import Login, Watcher, addresses_of
 from ua_fleet.client import ClientIdentity
@@ -31,6 +32,8 @@ __all__ = ["disturbances", "first_looks"]
 
 PAGE: Final = ROOT / "docs" / "testbed.md"
 FIGURES: Final = LOGS / "table.json"
+_RUNS: Final = "runs"
+"""In ONLY: the kills within runs."""
 _COMPLETE_S: Final = 60.0
 _LAST_ENDS_S: Final = 130.0
 """A skill ends by itself after 120 s: by then an end has been told, or it is lost."""
@@ -51,6 +54,8 @@ def first_looks(bed: Bed, compose: Compose) -> list[str]:
 def _wanted(only: str) -> list[tuple[Kind, Deed]]:
     """All, or those of some services; `service:killed` is one of these, and `:killed` that of all."""
     words = only.split() or [""]
+    if words == [_RUNS]:
+        return []
     wanted = [(kind, deed) for kind in KINDS for deed in Deed if any(_is_meant(word, kind, deed) for word in words)]
     if not wanted:
         names = ", ".join(kind.service for kind in KINDS)
@@ -65,25 +70,27 @@ def _is_meant(word: str, kind: Kind, deed: Deed) -> bool:
 
 async def disturbances(bed: Bed, compose: Compose, only: str) -> list[str]:
     """Disturb containers of each kind, and write the table; what is not as it should be."""
-    wanted = _wanted(only)
+    wanted, with_runs = _wanted(only), not only or _RUNS in only.split()
     with tempfile.TemporaryDirectory() as folder:
-        rows = await _disturb_all(bed, compose, wanted, Path(folder))
+        rows, runs = await _disturb_all(bed, compose, wanted, Path(folder), with_runs=with_runs)
     about = {
         "Run of": datetime.now(UTC).date().isoformat(),
         **await asyncio.to_thread(versions, bed),
         "kernel": platform.release().split("-")[0],
         "cores": str(os.cpu_count()),
     }
-    table = lines(rows, about)
+    table = [*lines(rows, about), *(["", *run_lines(runs)] if runs else [])]
     print("\n".join(table), flush=True)
     write_json(FIGURES, rows, about)
     if not only and PAGE.exists():
         PAGE.write_text(into_page(PAGE.read_text(encoding="utf-8"), table), encoding="utf-8")
         say(f"the table stands in {PAGE.relative_to(ROOT)}")
-    return failures(rows)
+    return [*failures(rows), *(problem for row in runs for problem in problems_of(row))]
 
 
-async def _disturb_all(bed: Bed, compose: Compose, wanted: Sequence[tuple[Kind, Deed]], folder: Path) -> list[Row]:
+async def _disturb_all(
+    bed: Bed, compose: Compose, wanted: Sequence[tuple[Kind, Deed]], folder: Path, *, with_runs: bool
+) -> tuple[list[Row], list[RunRow]]:
     containers = compose.containers()
     written = containers["server"].execute("cat", "/var/lib/ua-fleet/fleet/fleet.yaml")
     (folder / "fleet.yaml").write_text(written, encoding="utf-8")
@@ -99,6 +106,7 @@ async def _disturb_all(bed: Bed, compose: Compose, wanted: Sequence[tuple[Kind, 
     commands = Commands(watcher, config)
     working = [asyncio.create_task(watcher.run()), asyncio.create_task(commands.run())]
     rows: list[Row] = []
+    runs: list[RunRow] = []
     try:
         await _complete(watcher)
         healing = Healing(watcher, commands, containers, bed.modbus_port)
@@ -120,11 +128,15 @@ async def _disturb_all(bed: Bed, compose: Compose, wanted: Sequence[tuple[Kind, 
             await asyncio.sleep(1.0)
         await asyncio.to_thread(settle, rows, commands.all, containers)
         _write_commands(commands)
+        if with_runs:
+            runs = await through_kills(watcher, containers)
+            for made in runs:
+                say(f"{made.service} killed within a run: {made.state} after {made.took_s:.1f} s {made.reason}")
     finally:
         for task in working:
             task.cancel()
         await asyncio.wait(working)
-    return rows
+    return rows, runs
 
 
 async def _complete(watcher: Watcher) -> None:

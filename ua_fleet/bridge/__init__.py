@@ -30,12 +30,15 @@ from ua_fleet.bridge.driver import (
     Skill,
     SkillDriver,
     SkillTarget,
+    SourceForgotten,
     SourceFound,
     SourceLost,
+    SourceRead,
     StreamingDriver,
     SuspendingDriver,
 )
 from ua_fleet.bridge.inlet import BoundedInlet
+from ua_fleet.bridge.offenders import Offenders
 from ua_fleet.bridge.registry import load_driver
 from ua_fleet.bridge.runner import run_bridge
 from ua_fleet.bridge.status import STATUS_FIELDS, status_topic, status_values
@@ -60,14 +63,17 @@ __all__ = [
     "ExecutionSuspended",
     "HaltingDriver",
     "Inlet",
+    "Offenders",
     "RememberingDriver",
     "Rule",
     "SampleRead",
     "Skill",
     "SkillDriver",
     "SkillTarget",
+    "SourceForgotten",
     "SourceFound",
     "SourceLost",
+    "SourceRead",
     "StreamingDriver",
     "SuspendingDriver",
     "load_driver",

@@ -36,7 +36,7 @@ from ua_fleet.bridge.skill_status import StatusBoard
 from ua_fleet.counters import Counters, Drop
 from ua_fleet.errors import LocalWireError, SkillError, SkillRejected, StorageUnavailable
 from ua_fleet.pubsub.events import ActionReceived
-from ua_fleet.pubsub.metadata import type_codes
+from ua_fleet.pubsub.metadata import fields_version, type_codes
 from ua_fleet.pubsub.publisher import Publisher
 from ua_fleet.skill import journal as skill_journal
 from ua_fleet.skill.executions import (
@@ -49,7 +49,7 @@ from ua_fleet.skill.executions import (
     Report,
     RequestorName,
     Target,
-    halt_id,
+    is_halted_by,
     pack,
     unpack,
 )
@@ -184,6 +184,12 @@ class Actions:
         else:
             self._record(lambda later: self._taken(fact, later), now)
         self._settle(now)
+
+    def robot_of(self, execution_id: bytes) -> str | None:
+        """The robot that an execution belongs to, where it is known."""
+        execution = self._responder.execution(execution_id)
+        named = None if execution is None else self._board.names_of(execution.target)
+        return None if named is None else named[0]
 
     def poll(self, now: float) -> None:
         """Do what is due."""
@@ -332,7 +338,8 @@ class Actions:
     def _controlled(self, request: skill_journal.Execution) -> skill_journal.Execution:
         """The execution that a request to halt, suspend or resume is about; SkillRejected where it is not under way."""
         if request.target.action_target_id & CONTROL_BITS == HALT_TARGETS:
-            execution = self._responder.execution(halt_id(request.execution_id))
+            known = self._responder.executions()
+            execution = next((one for one in known if is_halted_by(one.execution_id, request.execution_id)), None)
         else:
             (named,) = unpack(request.content)
             execution = self._responder.execution(named.value)
@@ -421,6 +428,7 @@ class Actions:
                 Offer(
                     Target(*skill.topic, target.id),
                     types,
+                    version=fields_version(skill.request, skill.response),
                     immediate=skill.is_immediate,
                     requests_at_once=limits.requests_at_once,
                     spaces=spaces,

@@ -10,6 +10,7 @@ from typing import Any, Final, Generic, TypeVar
 from ua_fleet.bridge.driver import Skill, SkillTarget
 from ua_fleet.config.base import Model, ScalarType
 from ua_fleet.config.schema import DataMapping, DataSetConfig, FleetConfig, SkillConfig
+from ua_fleet.fleet.matching import FieldOrder
 from ua_fleet.fleet.skills import ArgumentModel, SkillLimits, argument_problem
 from ua_fleet.pubsub.metadata import PropertyValue, make_field
 from ua_fleet.topics import SERVER_SPACE, Topic
@@ -25,6 +26,7 @@ __all__ = [
     "configured_skills",
     "configured_sources",
     "every_data_set",
+    "field_order",
 ]
 
 TARGET_ID: Final = 1
@@ -49,16 +51,32 @@ class ConfiguredData(Generic[Side]):
         """How it is named in a line for people."""
         return f"{self.robot}.{self.name}"
 
+    @property
+    def is_aging(self) -> bool:
+        """Whether each reading counts, also one that brings the same values."""
+        return self.config.max_age_s is not None
+
     @cached_property
     def types(self) -> Mapping[str, ScalarType]:
         """Its fields by the names that templates and patterns use: a single one is `value`."""
         return self.config.field_types()
 
     @cached_property
+    def order(self) -> FieldOrder:
+        """Puts the values of its messages into the order of `types`, whatever order their sender has."""
+        return field_order(self.robot, self.name, self.config)
+
+    @cached_property
     def fields(self) -> tuple[FieldMetaData, ...]:
         """Its fields as they are announced; a single one has the name of the data."""
         fields = self.config.all_fields().items()
         return tuple([make_field(name or self.name, each.type.builtin, array=each.array) for name, each in fields])
+
+
+def field_order(robot: str, name: str, config: DataSetConfig) -> FieldOrder:
+    """Puts the values of a DataSet's messages into the order of `config.field_types()`."""
+    fields = config.all_fields().items()
+    return FieldOrder(f"{robot}.{name}", [(field or name, each.path) for field, each in fields])
 
 
 @dataclass(frozen=True)
@@ -127,14 +145,14 @@ def _problem(arguments: tuple[ArgumentModel, ...], values: tuple[Any, ...]) -> s
 
 def configured_skills(config: FleetConfig, bridge_name: str, mapping: type[Via]) -> tuple[ConfiguredSkill[Via], ...]:
     """The skills of the robots behind a bridge. A skill, or a robot, that has no id yet is left out."""
-    space, namespace = config.bridges[bridge_name].space, config.fleet.namespace_index
+    space = config.bridges[bridge_name].space
     return tuple(
         [
             ConfiguredSkill(
                 robot_name,
                 name,
-                Topic(space, namespace, skill.id),
-                Topic(space, namespace, robot.skill_status_id),
+                Topic(space, robot.namespace, skill.id),
+                Topic(space, robot.namespace, robot.skill_status_id),
                 skill,
                 mapping.model_validate(skill.via) if skill.via else None,
             )
@@ -152,7 +170,7 @@ def every_data_set(config: FleetConfig) -> Iterator[tuple[str, str, Topic, DataS
         for name, data in robot.data.items():
             if data.id is not None:
                 space = SERVER_SPACE if data.origin == "server" else config.space_of(robot_name)
-                yield robot_name, name, Topic(space, config.fleet.namespace_index, data.id), data
+                yield robot_name, name, Topic(space, robot.namespace, data.id), data
 
 
 def configured_sources(
@@ -198,9 +216,9 @@ def configured_sinks(
 
 def configured_faults(config: FleetConfig, bridge_name: str) -> dict[str, Topic]:
     """Where the robots behind a bridge say what is wrong with them, by robot; those that have an id for it."""
-    space, namespace = config.bridges[bridge_name].space, config.fleet.namespace_index
+    space = config.bridges[bridge_name].space
     return {
-        name: Topic(space, namespace, robot.fault_id)
+        name: Topic(space, robot.namespace, robot.fault_id)
         for name, robot in config.robots.items()
         if robot.bridge == bridge_name and robot.fault_id is not None
     }

@@ -4,20 +4,30 @@ Time is an argument. What is to be sent and published goes through two callables
 more than the work itself. The rule is asked in two places: here for what the space says, and in the subscriber for
 what PubSub says.
 
-A message whose status is Bad is not published into the space: ROS has no way to say it. The same is true of a source
-that falls silent. Each is seen in the OPC UA server.
+A message whose status is Bad, or that says that a value is too old, is not published into the space: ROS has no way to
+say it. The same is true of a source that falls silent. Each is seen in the OPC UA server.
 """
 
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any, Final, Protocol
 
-from ua_fleet.bridge.driver import DriverEvent, Dropped, ExecutionFact, SampleRead, SourceFound, SourceLost
+from ua_fleet.bridge.driver import (
+    DriverEvent,
+    Dropped,
+    ExecutionFact,
+    SampleRead,
+    SourceForgotten,
+    SourceFound,
+    SourceLost,
+    SourceRead,
+)
+from ua_fleet.bridge.freshness import Freshness
 from ua_fleet.bridge.wanted import Wants
 from ua_fleet.counters import Counters, Drop
-from ua_fleet.errors import LocalWireError
+from ua_fleet.errors import FieldMissing, LocalWireError
 from ua_fleet.pubsub.events import (
     ActionReceived,
     DataReceived,
@@ -26,10 +36,11 @@ from ua_fleet.pubsub.events import (
     ProbeReceived,
     SourceReturned,
     SourceSilent,
+    SourceStale,
     SourceUnknown,
     SubscriberEvent,
 )
-from ua_fleet.pubsub.metadata import first_property, type_codes
+from ua_fleet.pubsub.metadata import first_property, type_codes, with_max_age
 from ua_fleet.pubsub.publisher import Publisher
 from ua_fleet.pubsub.subscriber import Subscriber
 from ua_fleet.topics import Side, Topic, Verdict, loop_verdict
@@ -55,6 +66,8 @@ _REMEMBERED: Final = 16
 """Deliveries of each source that are remembered. Their Timestamps increase but where a source's clock is set back."""
 _STATUS_CODE: Final = int(BuiltinType.STATUS_CODE)
 _BAD: Final = int(StatusCode.BAD)
+_LAST_USABLE: Final = int(StatusCode.UNCERTAIN_NO_COMMUNICATION_LAST_USABLE_VALUE)
+_OLD: Final = _LAST_USABLE >> 16
 
 
 class ActionSide(Protocol):
@@ -90,6 +103,7 @@ class BridgeCore:
         send: SendDatagram,
         publish: PublishIntoSpace,
         rule: Rule = loop_verdict,
+        max_ages: Mapping[Topic, float] | None = None,
     ) -> None:
         """Connect the parts.
 
@@ -101,6 +115,7 @@ class BridgeCore:
             send: sends a datagram over PubSub.
             publish: publishes a message into the space; says whether it could.
             rule: the loop rule.
+            max_ages: maximum ages of sources, in seconds, where they are configured.
         """
         self.space, self.counters = space, counters
         self._publisher, self._subscriber, self._rule = publisher, subscriber, rule
@@ -111,6 +126,8 @@ class BridgeCore:
         """The last timestamp of each source of the space. It was at the space side, and so were all before."""
         self._published: dict[Topic, deque[int]] = {}
         """The latest timestamps of other spaces' sources that were published into the space."""
+        self.freshness = Freshness(max_ages or {})
+        """Which of the space's sources say what is too old."""
         self._node_only: set[Topic] = set()
         self._bad: set[Topic] = set()
         """Other spaces' sources whose last message could not be published since it was Bad."""
@@ -120,20 +137,36 @@ class BridgeCore:
         """What the server wants of this bridge, where that reads on demand."""
         self.stale: Callable[[Topic, bool], None] | None = None
         """Told of other spaces' sources whose last value is not of now, where the driver answers for them."""
+        self.dropped: Callable[[Dropped], None] = lambda event: counters.drop(event.cause, event.count)
+        """Counts what could not be published, and tells of it."""
+        self.caught: Callable[[str, Exception], None] | None = None
+        """Told of a mistake that has cost one message, with the loop that it happened in; without, it is raised."""
 
-    def from_space(self, event: DriverEvent, *, now: float, wall_ticks: int) -> None:
-        """Take in what the driver tells."""
+    def from_space(self, event: DriverEvent, *, now: float, wall_ticks: int, arrived: float | None = None) -> None:
+        """Take in what the driver tells; `arrived` is when it had told it, where that is not now."""
         if isinstance(event, SampleRead):
             self.counters.from_space += 1
             verdict = self._rule(Side.SPACE, event.topic.space, self.space, event.own_publication)
             if verdict is Verdict.TO_PUBSUB:
                 self.tell(event.topic, event.values, ticks_from_unix_ns(event.source_time_ns), event.status, now=now)
+                told_at = now if arrived is None else arrived
+                changed = self.freshness.told(event.topic, event.source_time_ns, event.status, told_at)
+                if changed is not None:
+                    self._found(changed, now, wall_ticks)
             else:
                 self.counters.drop(_DROPS[verdict])
         elif isinstance(event, SourceFound):
             self._found(event, now, wall_ticks)
         elif isinstance(event, SourceLost):
             self._lost(event.topic, now, wall_ticks)
+        elif isinstance(event, SourceForgotten):
+            self._types.pop(event.topic, None)
+            self._publisher.retire(event.topic)
+            self.freshness.forget(event.topic)
+        elif isinstance(event, SourceRead):
+            status = self.freshness.read(event.topic, now)
+            if status is not None:
+                self._restate(event.topic, status, ticks_from_unix_ns(event.source_time_ns), now)
         elif not isinstance(event, Dropped):
             if self.actions is not None:
                 self.actions.from_driver(event, now)
@@ -162,8 +195,7 @@ class BridgeCore:
 
     def from_pubsub(self, datagram: bytes, *, now: float, sender: tuple[str, int] | None = None) -> None:
         """Take in a datagram, and where it came from."""
-        for event in self._subscriber.receive(datagram, now, sender):
-            self._heard(event, now)
+        self._hear(self._subscriber.receive(datagram, now, sender), now)
 
     def begin(self, *, now: float, wall_ticks: int) -> None:
         """Say on PubSub that this bridge is there."""
@@ -177,10 +209,12 @@ class BridgeCore:
 
     def poll(self, now: float, wall_ticks: int | None = None) -> None:
         """Do what is due."""
+        for topic in self.freshness.take_stale(now):
+            self._restate(topic, _LAST_USABLE, 0, now)
         for datagram in self._publisher.poll(now, wall_ticks):
             self._send(datagram)
-        for event in self._subscriber.poll(now):
-            self._heard(event, now)
+        self._subscriber.caught = self.caught
+        self._hear(self._subscriber.poll(now), now)
         if self.actions is not None:
             self.actions.poll(now)
 
@@ -188,6 +222,9 @@ class BridgeCore:
         """When `poll` is to be called next, or None."""
         ours, theirs = self._publisher.next_deadline(), self._subscriber.next_deadline()
         due = ours if theirs is None or (ours is not None and ours < theirs) else theirs
+        stale_at = self.freshness.next_deadline()
+        if stale_at is not None:
+            due = stale_at if due is None else min(due, stale_at)
         if self.actions is not None:
             commands = self.actions.next_deadline()
             if commands is not None:
@@ -197,10 +234,9 @@ class BridgeCore:
     def _found(self, source: SourceFound, now: float, wall_ticks: int) -> None:
         if self._rule(Side.SPACE, source.topic.space, self.space, False) is not Verdict.TO_PUBSUB:
             return
+        fields = with_max_age(source.fields, self.freshness.found(source))
         try:
-            datagrams = self._publisher.announce(
-                source.topic, source.name, source.fields, now=now, wall_ticks=wall_ticks
-            )
+            datagrams = self._publisher.announce(source.topic, source.name, fields, now=now, wall_ticks=wall_ticks)
         except LocalWireError:
             self.counters.drop(Drop.CONVERSION)
             return
@@ -208,11 +244,28 @@ class BridgeCore:
         for datagram in datagrams:
             self._send(datagram)
 
+    def _restate(self, topic: Topic, status: int, timestamp: int, now: float) -> None:
+        """Say the last values of a source with another status, as of now or as of the time that they had."""
+        timestamp = max(timestamp, self._read.get(topic, -1) + 1)
+        for datagram in self._publisher.restate(topic, status=status, timestamp=timestamp, now=now):
+            self._read[topic] = timestamp
+            self._send(datagram)
+
     def _lost(self, topic: Topic, now: float, wall_ticks: int) -> None:
+        self.freshness.lost(topic)
         timestamp = max(wall_ticks, self._read.get(topic, -1) + 1)
         for datagram in self._publisher.source_lost(topic, timestamp=timestamp, now=now):
             self._read[topic] = timestamp
             self._send(datagram)
+
+    def _hear(self, events: Iterable[SubscriberEvent], now: float) -> None:
+        for event in events:
+            try:
+                self._heard(event, now)
+            except Exception as error:  # whatever a driver makes of one message, the others are behind it
+                if self.caught is None:
+                    raise
+                self.caught("messages", error)
 
     def _heard(self, event: SubscriberEvent, now: float) -> None:
         wants = self.wants
@@ -220,9 +273,9 @@ class BridgeCore:
             wants.hear(event)
         elif isinstance(event, DataReceived):
             self._data(event)
-        elif isinstance(event, SourceSilent | SourceReturned):
+        elif isinstance(event, SourceSilent | SourceStale | SourceReturned):
             if self.stale is not None:
-                self.stale(event.topic, isinstance(event, SourceSilent) or event.topic in self._bad)
+                self.stale(event.topic, not isinstance(event, SourceReturned) or event.topic in self._bad)
         elif isinstance(event, SourceUnknown | ProbeDue):
             if event.datagram:
                 self._send(event.datagram)
@@ -242,7 +295,8 @@ class BridgeCore:
         topic, message, metadata = event
         if topic in self._node_only:
             return
-        is_bad, has_bad_field = bool((message.status or 0) & _BAD), _has_bad_field(message, metadata)
+        status = message.status or 0
+        is_bad, has_bad_field = bool(status & _BAD) or status >> 16 == _OLD, _has_bad_field(message, metadata)
         if is_bad or has_bad_field:
             if not is_bad:
                 self.counters.drop(Drop.CONVERSION)
@@ -251,8 +305,12 @@ class BridgeCore:
                 self.stale(topic, True)
             return
         self._bad.discard(topic)
-        if not self._publish(topic, metadata, message):
-            return  # the driver has counted why
+        try:
+            if not self._publish(topic, metadata, message):
+                return  # the driver has counted why
+        except FieldMissing as error:
+            self.dropped(Dropped(Drop.CONVERSION, detail=str(error)))
+            return
         self.counters.to_space += 1
         if message.timestamp is not None:
             self._delivered(topic, message.timestamp)

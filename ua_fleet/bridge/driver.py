@@ -33,13 +33,16 @@ __all__ = [
     "ExecutionSuspended",
     "HaltingDriver",
     "Inlet",
+    "PackingDriver",
     "RememberingDriver",
     "SampleRead",
     "Skill",
     "SkillDriver",
     "SkillTarget",
+    "SourceForgotten",
     "SourceFound",
     "SourceLost",
+    "SourceRead",
     "StreamingDriver",
     "SuspendingDriver",
     "halts_of",
@@ -60,11 +63,21 @@ class SourceFound:
     """Name for people: the mapped robot's topic, or the UA topic itself."""
     fields: tuple[FieldMetaData, ...]
     """The first field carries the properties `RosType` and, from ROS 1, `RosDefinition`."""
+    may_have_period: bool = False
+    """Whether a maximum age is learned from the period of its messages, where none is configured: each of them says
+    what is now, and no late subscriber gets the last one."""
 
 
 @dataclass(frozen=True, slots=True)
 class SourceLost:
     """The source's own publisher is gone: one Bad_NoCommunication frame follows, then silence."""
+
+    topic: Topic
+
+
+@dataclass(frozen=True, slots=True)
+class SourceForgotten:
+    """A source that was lost is not looked for any more, and nothing of it is kept. SourceFound makes it anew."""
 
     topic: Topic
 
@@ -79,6 +92,20 @@ class SampleRead(NamedTuple):
     status: int = 0
     own_publication: bool = False
     """Whether this bridge itself had published it into the space."""
+    waited_s: float = 0.0
+    """How long it had waited for the driver's callback, where the driver can tell."""
+
+
+@dataclass(frozen=True, slots=True)
+class SourceRead:
+    """A polled source was read, and says what its last SampleRead said: that value is of now.
+
+    Only sources with a maximum age need it (`ConfiguredData.is_aging`).
+    """
+
+    topic: Topic
+    source_time_ns: int
+    """When it was read, ns since 1970."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -151,7 +178,7 @@ ExecutionFact = (
     | ExecutionForgotten
     | ExecutionNotBegun
 )
-DriverEvent = SourceFound | SourceLost | SampleRead | Dropped | ExecutionFact
+DriverEvent = SourceFound | SourceLost | SourceForgotten | SampleRead | SourceRead | Dropped | ExecutionFact
 
 
 @dataclass(frozen=True, slots=True)
@@ -163,6 +190,8 @@ class DriverStatus:
     """One line: what it is connected to, or why it is not and what to do."""
     devices: Mapping[str, str] = field(default_factory=dict[str, str])
     """Where several things stand behind the bridge, each by its name: why it is away, empty while it is there."""
+    aside: Mapping[str, str] = field(default_factory=dict[str, str])
+    """The sources that were put aside since they misbehave, each by its name: why (`offenders.Offenders.told`)."""
     is_over: bool = False
     """Whether a mistake of its own has ended the driver, so that nothing in this process makes it work again.
 
@@ -176,7 +205,9 @@ class Inlet(Protocol):
     def put(self, event: DriverEvent) -> None:
         """Hand over an event; callable from any thread, never blocks.
 
-        When full, the oldest SampleRead or ExecutionProgressed is dropped and counted; other facts never are.
+        Facts of executions go before everything else. When full, the oldest SampleRead is dropped and counted;
+        ExecutionProgressed, Suspended and Resumed give way to newer ones of their execution, and what is said of a
+        source that comes and goes faster than is heard to the latest; other facts are never dropped.
         """
         ...
 
@@ -196,7 +227,12 @@ class Driver(Protocol):
         ...
 
     def publish(self, topic: Topic, metadata: DataSetMetaData, message: DataSetMessage) -> bool:
-        """Publish another space's message into this space; False, after an inlet Dropped, when that is not possible."""
+        """Publish another space's message into this space; False, after an inlet Dropped, when that is not possible.
+
+        Raises:
+            FieldMissing: the message lacks a field that `fleet.yaml` gives its DataSet; the bridge counts it. See
+                `ConfiguredData.order`, by which all drivers match fields.
+        """
         ...
 
     def status(self) -> DriverStatus:
@@ -230,6 +266,14 @@ class AnsweringDriver(Protocol):
         Runs in the bridge's event loop. What is published is of now, and is not told here.
         """
         ...
+
+
+@runtime_checkable
+class PackingDriver(Protocol):
+    """What a driver has beside `Driver` where it can take long arrays as views: see `ua_fleet.wire.packed`."""
+
+    takes_packed_arrays: bool
+    """Whether it does."""
 
 
 @runtime_checkable
@@ -305,6 +349,7 @@ class SkillDriver(Protocol):
 
         Raises:
             SkillError: nothing was begun, and nothing will be; the requestor is told the StatusCode and the text.
+                RobotBusy where the robot is at something else: it is asked again.
         """
         ...
 
@@ -324,8 +369,8 @@ class HaltingDriver(SkillDriver, Protocol):
     def halt(self, execution: Execution) -> None:
         """Have a robot stop an execution that was begun and has not ended, as far as the bridge knows.
 
-        ExecutionEnded follows through the inlet once it has stopped, Bad_RequestCancelledByClient is its usual status;
-        an execution that ends by itself meanwhile ends as ever.
+        ExecutionEnded follows through the inlet once somebody has seen that it stands, Bad_RequestCancelledByClient is
+        its usual status; ExecutionForgotten where nobody has. What ends by itself meanwhile ends as ever.
 
         Raises:
             SkillError: it cannot be stopped, and goes on; the requestor is told the StatusCode and the text.

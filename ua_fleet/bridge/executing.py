@@ -5,6 +5,7 @@
     open      suspended                      ExecutionSuspended; suspended
     suspended progress                       ExecutionResumed, and as above; open
     open      end, forget                    ExecutionEnded, ExecutionForgotten; ended
+    open      told_to_stop                   HALTED_S to say that the robot stands, or how it has ended; then forget
     open      never                          ExecutionNotBegun; as if it had not been there
     ended     an answer                      counted: the robot said it twice, or too late
     (none)    an answer                      counted: it belongs to another execution
@@ -30,8 +31,13 @@ from ua_fleet.bridge.driver import (
     ExecutionSuspended,
 )
 from ua_fleet.counters import Drop
+from ua_fleet.values import StatusCode
 
-__all__ = ["Ended", "Executing", "Open", "ended_text"]
+__all__ = ["HALTED_S", "Ended", "Executing", "Open", "ended_text", "halted"]
+
+HALTED_S: Final = 5.0
+"""So long a robot that was told to stop may take to say that it stands; then nobody knows. A run waits for 10 s."""
+NOT_SEEN_TO_STAND: Final = "it was told to stop, and nobody has seen that it stands; see what the robot does"
 
 _MOST_REMEMBERED: Final = 1000
 _MOST_TEXT: Final = 200
@@ -53,22 +59,43 @@ def ended_text(text: str) -> str:
     return line if len(line) <= _MOST_TEXT else f"{line[: _MOST_TEXT - 3]}..."
 
 
+def halted(said: str = "") -> Ended:
+    """The end of what has stopped because it was told to: somebody has seen that it stands, or it was never told."""
+    return Ended(StatusCode.BAD_REQUEST_CANCELLED_BY_CLIENT, (), said or "it was halted")
+
+
 class Open:
     """One execution under way."""
 
-    __slots__ = ("arguments", "deadline", "execution_id", "is_suspended", "said", "skill", "told")
+    __slots__ = (
+        *("_timeout_s", "arguments", "deadline", "execution_id", "is_suspended", "is_told_to_stop"),
+        *("said", "skill", "told"),
+    )
 
     def __init__(self, spec: ConfiguredSkill[Any], execution: Execution, deadline: float) -> None:
         self.skill = f"{spec.robot}.{spec.name}"
         self.execution_id = execution.execution_id
         self.arguments: Mapping[str, Any] = dict(zip(spec.arguments, execution.values, strict=True))
         self.deadline = deadline
+        self._timeout_s = spec.config.timeout_s
         self.told: float | None = None
         """The progress that was told last."""
         self.said = ""
         """What the robot said with it."""
         self.is_suspended = False
         """Whether the robot stands in the middle of it."""
+        self.is_told_to_stop = False
+        """Whether it is over when the robot says that it stands. What is overdue then is forgotten."""
+
+    def too_long(self, *, is_halted: bool, otherwise: str = "see what the robot does") -> Ended:
+        """How it ends when its time is over.
+
+        Args:
+            is_halted: whether the robot was told to stop.
+            otherwise: what people are to know where it was not.
+        """
+        what_then = "it was told to stop" if is_halted else otherwise
+        return Ended(StatusCode.BAD_TIMEOUT, (), f"it took longer than {self._timeout_s:g} s; {what_then}")
 
 
 class Executing:
@@ -118,6 +145,12 @@ class Executing:
         opened.told, opened.said = fraction, said
         self._put(ExecutionProgressed(opened.execution_id, fraction, said))
 
+    def told_to_stop(self, execution_id: bytes, now: float) -> None:
+        """The robot was told to stop, which does not say that it has. Told again, its time does not begin anew."""
+        opened = self._open.get(execution_id)
+        if opened is not None and not opened.is_told_to_stop:
+            opened.is_told_to_stop, opened.deadline = True, now + HALTED_S
+
     def end(self, execution_id: bytes, ended: Ended) -> bool:
         """It is over; False, and counted, where it was not under way."""
         if not self._close(execution_id):
@@ -125,8 +158,8 @@ class Executing:
         self._put(ExecutionEnded(execution_id, ended.status, ended.values, ended.message))
         return True
 
-    def forget(self, execution_id: bytes, why: str) -> None:
-        """Nobody can tell what became of it."""
+    def forget(self, execution_id: bytes, why: str = NOT_SEEN_TO_STAND) -> None:
+        """Nobody can tell what became of it. `why` may be left out for what was told to stop."""
         if self._close(execution_id):
             self._put(ExecutionForgotten(execution_id, why))
 

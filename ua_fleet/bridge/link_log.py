@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Mapping
+from typing import Any, Final
 
 from ua_fleet.bridge.driver import DriverStatus
 
 __all__ = ["LinkLog"]
+
+MOST_LINES: Final = 5
+"""Sources that have a line of their own at one look; the others are counted."""
 
 
 class LinkLog:
@@ -23,9 +27,12 @@ class LinkLog:
         self._connected: bool | None = None
         self._there: dict[str, bool] = {}
         """What was said of each device."""
+        self._aside: frozenset[str] = frozenset()
+        """The sources that were said to be put aside."""
 
     def take(self, status: DriverStatus) -> None:
         """Say what has changed."""
+        self._take_aside(status.aside)
         is_first, self._has_looked = not self._has_looked, True
         if not status.devices:
             if status.connected is not self._connected and (status.connected or not is_first):
@@ -42,3 +49,15 @@ class LinkLog:
                     self._log.warning("device is away", device=name, reason=reason)
                 else:
                     self._log.info("device is there", device=name)
+
+    def _take_aside(self, aside: Mapping[str, str]) -> None:
+        names = frozenset(aside)
+        if names == self._aside:
+            return
+        came, went, self._aside = sorted(names - self._aside), sorted(self._aside - names), names
+        for name in came[:MOST_LINES]:
+            self._log.warning("source is put aside", source=name, reason=aside[name])
+        for name in went[:MOST_LINES]:
+            self._log.info("source has gone, or behaves again", source=name)
+        if (others := max(0, len(came) - MOST_LINES)) or len(went) > MOST_LINES:
+            self._log.warning("more sources", put_aside=others, gone_or_behave=max(0, len(went) - MOST_LINES))

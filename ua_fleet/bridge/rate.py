@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import asyncio
+import threading
 from collections.abc import Callable
 from typing import Generic, TypeVar
 
-__all__ = ["RateGate", "RateLimit"]
+__all__ = ["RateGate", "RateLimit", "ThreadedGate"]
 
 T = TypeVar("T")
 
@@ -100,3 +101,58 @@ class RateGate(Generic[T]):
         self._schedule()
         if item is not None:
             self._deliver(item)
+
+
+class ThreadedGate(Generic[T]):
+    """A RateGate that is offered items from any thread, and keeps one: nothing queues up while the event loop is busy.
+
+    An item whose turn it is is handed on in the thread that offers it, so `deliver` and `replaced` are called in any
+    thread, one at a time, and must not block; a queue with a bound of its own is meant.
+    """
+
+    def __init__(
+        self,
+        max_rate_hz: float,
+        loop: asyncio.AbstractEventLoop,
+        deliver: Callable[[T], object],
+        replaced: Callable[[], object],
+    ) -> None:
+        """See RateGate; the event loop has its timer alone."""
+        self._limit = RateLimit[T](max_rate_hz)
+        self._loop, self._deliver, self._replaced = loop, deliver, replaced
+        self._lock = threading.Lock()
+        self._has_timer = False
+
+    def offer(self, item: T) -> None:
+        """Hand the item on now, or when its turn comes."""
+        with self._lock:
+            passed, replaced = self._limit.offer(item, self._loop.time())
+            if replaced:
+                self._replaced()
+            if passed is not None:
+                self._deliver(passed)
+            elif not self._has_timer:
+                self._has_timer = True
+                self._loop.call_soon_threadsafe(self._arm)
+
+    def flush(self, then: Callable[[], object]) -> None:
+        """Hand on what waits, and do what comes after it; nothing else is handed on between."""
+        with self._lock:
+            item = self._limit.drain()
+            if item is not None:
+                self._deliver(item)
+            then()
+
+    def _arm(self) -> None:
+        with self._lock:
+            due = self._limit.due
+            self._has_timer = due is not None
+            if due is not None:
+                self._loop.call_at(due, self._fire)
+
+    def _fire(self) -> None:
+        with self._lock:
+            item = self._limit.take(self._loop.time())
+            if item is not None:
+                self._deliver(item)
+        self._arm()

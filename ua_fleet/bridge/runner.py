@@ -9,21 +9,24 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from contextlib import AsyncExitStack
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
 import structlog
 
 from ua_fleet.bridge.actions import Actions
+from ua_fleet.bridge.configured import every_data_set
 from ua_fleet.bridge.core import BridgeCore, Rule
 from ua_fleet.bridge.driver import (
     AnsweringDriver,
     Driver,
     DriverEvent,
     Dropped,
+    PackingDriver,
     RememberingDriver,
     SampleRead,
     SourceFound,
@@ -33,27 +36,32 @@ from ua_fleet.bridge.driver import (
 from ua_fleet.bridge.execution_log import ExecutionLog
 from ua_fleet.bridge.figures import BridgeFigures
 from ua_fleet.bridge.inlet import BoundedInlet
+from ua_fleet.bridge.lag import LagMeter
 from ua_fleet.bridge.link_log import LinkLog
-from ua_fleet.bridge.status import STATUS_FIELDS, STATUS_INTERVAL_S, status_topic, status_values
+from ua_fleet.bridge.status import STATUS_FIELDS, STATUS_INTERVAL_S, aside_text, status_topic, status_values
+from ua_fleet.bridge.told import ToldReasons
 from ua_fleet.bridge.wanted import Wants
 from ua_fleet.config.applications import bridge_application
+from ua_fleet.config.nodes import mapped_sources, max_ages_of
 from ua_fleet.config.registration import announced_robots
 from ua_fleet.config.schema import FleetConfig
 from ua_fleet.config.security import envelope_of, keys_needed, weaknesses
-from ua_fleet.counters import Counters, Drop
+from ua_fleet.counters import Counters
 from ua_fleet.errors import DriverFailed, UaFleetError
 from ua_fleet.fleet.wanted import wanted_topic
 from ua_fleet.keys.keeper import KeysKept, keep_keys
 from ua_fleet.keys.source import KeySource
-from ua_fleet.monitoring import Monitor
+from ua_fleet.monitoring import Mistakes, Monitor
 from ua_fleet.pubsub.publisher import Publisher
 from ua_fleet.pubsub.security.groups import telemetry_group
 from ua_fleet.pubsub.subscriber import Subscriber
 from ua_fleet.skill.journal import MemoryJournal, ResponderJournal
 from ua_fleet.storage.journal import SqliteJournal
-from ua_fleet.topics import loop_verdict
+from ua_fleet.storage.process_lock import process_lock
+from ua_fleet.topics import Topic, loop_verdict
 from ua_fleet.transport.base import Address, Transport
-from ua_fleet.transport.sealed import SealedSender, Sent
+from ua_fleet.transport.paced import PacedSender
+from ua_fleet.transport.sealed import Sent
 from ua_fleet.values import ticks_from_unix_ns
 from ua_fleet.wire import Codec
 from ua_fleet.wire.security import SecurityMode
@@ -62,8 +70,8 @@ __all__ = ["run_bridge"]
 
 JOURNAL: Final = "executions.db"
 """In a bridge's state folder: what its robots were asked to do."""
-_TOLD: Final = 256
-"""Different reasons of drops that are logged; the counters go on."""
+PAUSE_S: Final = 1.0
+"""What was due and has failed is tried again after so long."""
 
 
 def _wall_ticks() -> int:
@@ -83,17 +91,30 @@ class _Shell:
         journal: ResponderJournal,
         rule: Rule,
         sent: Sent | None,
+        mistakes: Mistakes,
     ) -> None:
+        self.mistakes = mistakes
         self._loop = asyncio.get_running_loop()
         self._name, self._bridge = bridge_name, config.bridges[bridge_name]
         self._log: Any = structlog.get_logger("ua_fleet.bridge", bridge=bridge_name)
         self._driver, self._transport = driver, transport
         self._status_topic = status_topic(config, self._bridge)
         self.counters = Counters()
-        timing, codec, space = config.pubsub.timing(), Codec(), self._bridge.space
+        timing, space = config.pubsub.timing(), self._bridge.space
+        codec = Codec(packed_arrays=isinstance(driver, PackingDriver) and driver.takes_packed_arrays)
         self.envelope = envelope_of(config, space, self.counters, state_dir)
         self.keys = KeysKept()
-        self._subscriber = Subscriber(space, timing, self.counters, codec, rule, envelope=self.envelope)
+        max_ages = max_ages_of(config)
+        self._subscriber = Subscriber(
+            space,
+            timing,
+            self.counters,
+            codec,
+            rule,
+            envelope=self.envelope,
+            max_ages=max_ages,
+            mapped=mapped_sources(config),
+        )
         publisher = Publisher(
             space,
             timing,
@@ -102,7 +123,18 @@ class _Shell:
             bridge_application(config, bridge_name),
             max_packed_bytes=self.envelope.max_plain_bytes,
         )
-        send = SealedSender(self.envelope, transport, self._loop.time, sent).send
+        lag = LagMeter()
+        self._sender = PacedSender(
+            self.envelope,
+            transport,
+            self._loop.time,
+            self._loop.call_at,
+            self.counters,
+            sent,
+            arrived=lambda: self.inlet.arrived_at,
+            gone=lag.observe,
+        )
+        send = self._sender.send
         self._core = BridgeCore(
             space,
             publisher,
@@ -111,9 +143,12 @@ class _Shell:
             send=send,
             publish=driver.publish,
             rule=rule,
+            max_ages=max_ages,
         )
+        self._core.caught, self._core.dropped = mistakes.caught, self._from_space
         if isinstance(driver, StreamingDriver) and self._status_topic is not None:
-            self._core.wants = Wants(wanted_topic(self._status_topic), space, driver.want)
+            namespaces = {topic.id: topic.ns for _, _, topic, _ in every_data_set(config) if topic.space == space}
+            self._core.wants = Wants(wanted_topic(self._status_topic), space, driver.want, namespaces)
         if isinstance(driver, AnsweringDriver):
             self._core.stale = driver.stale
         self._actions = self._core.actions = Actions(
@@ -133,11 +168,25 @@ class _Shell:
             rule=rule,
             definitions=announced_robots(config, bridge_name),
         )
-        self.inlet = BoundedInlet(self._loop, config.pubsub.inlet_size, self._from_space)
-        self.figures = BridgeFigures(self.counters, driver, transport, self.inlet, self.envelope, self.keys)
+        self._data_of: dict[str, set[Topic]] = {}
+        """The data of each robot of `fleet.yaml`."""
+        for robot, _, topic, _ in every_data_set(config):
+            self._data_of.setdefault(robot, set()).add(topic)
+        self.inlet = BoundedInlet(
+            self._loop,
+            config.pubsub.inlet_size,
+            self._from_space,
+            max_wait_s=config.pubsub.max_wait_s,
+            max_ages=max_ages,
+            lag=lag,
+            sources_of=self._sources_of,
+        )
+        self.figures = BridgeFigures(
+            self.counters, driver, transport, self.inlet, self.envelope, self.keys, lag, self._sender
+        )
         self._timer: asyncio.TimerHandle | None = None
-        self._status_at = 0.0
-        self._told: set[tuple[Drop, str]] = set()
+        self._status_at = self._not_before = 0.0
+        self._told = ToldReasons()
         self._links = LinkLog(self._log)
         self.over: asyncio.Future[None] = self._loop.create_future()
         """Never done, unless the driver is over: then why."""
@@ -166,35 +215,50 @@ class _Shell:
         """Take nothing in any more, and say so."""
         self._core.end()
         self.inlet.close()
+        self._sender.close()
         if self._timer is not None:
             self._timer.cancel()
 
     def receive(self, datagram: bytes, sender: Address) -> None:
         """Take a datagram from the transport."""
-        self._core.from_pubsub(datagram, now=self._loop.time(), sender=sender)
+        try:
+            self._core.from_pubsub(datagram, now=self._loop.time(), sender=sender)
+        except Exception as error:  # noqa: BLE001 - whatever is wrong with one datagram, others are behind it
+            self.mistakes.caught("datagrams", error, client=f"{sender[0]}:{sender[1]}")
         self._arm()
 
     def failed(self, text: str, error: BaseException | None) -> None:
-        """Log what went wrong, with the traceback where there is an exception."""
+        """Log what went wrong, with the traceback where there is an exception, which is a mistake then."""
         self._log.error(text, exc_info=error)
+        if error is not None:
+            self.mistakes.counted("commands", error)
+
+    def _sources_of(self, execution_id: bytes) -> Collection[Topic]:
+        """The data of the robot that an execution belongs to."""
+        return self._data_of.get(self._actions.robot_of(execution_id) or "", ())
 
     def _from_space(self, event: DriverEvent) -> None:
-        self._core.from_space(event, now=self._loop.time(), wall_ticks=_wall_ticks())
+        try:
+            now = self._loop.time()
+            self._core.from_space(event, now=now, wall_ticks=_wall_ticks(), arrived=self.inlet.arrived_at)
+        except Exception as error:  # noqa: BLE001 - whatever is wrong with one event, facts are behind it
+            self.mistakes.caught("space", error, what=type(event).__name__)
+        if self._core.freshness.is_nearer:
+            self._core.freshness.is_nearer = False
+            self._arm()
         if not isinstance(event, SampleRead):
             self._arm()
             if isinstance(event, Dropped) and event.detail:
                 self._tell(event)
 
     def _tell(self, drop: Dropped) -> None:
-        key = (drop.cause, drop.detail)
-        if key not in self._told and len(self._told) < _TOLD:
-            self._told.add(key)
+        if self._told.is_due(drop.cause, drop.detail, self._loop.time()):
             self._log.warning("dropped", cause=drop.cause.value, detail=drop.detail)
 
     def _arm(self) -> None:
         """Set the one timer to the next deadline, unless it will ring before that."""
         deadline = self._core.next_deadline()
-        at = self._status_at if deadline is None else min(deadline, self._status_at)
+        at = self._status_at if deadline is None else max(min(deadline, self._status_at), self._not_before)
         if self._timer is not None:
             if self._timer.when() <= at:
                 return
@@ -204,13 +268,16 @@ class _Shell:
     def _on_timer(self) -> None:
         self._timer = None
         now = self._loop.time()
-        try:
-            if now >= self._status_at:  # first, since it makes the keep-alive that is due with it needless
-                self._status_at = now + STATUS_INTERVAL_S
+        if now >= self._status_at:  # first, since it makes the keep-alive that is due with it needless
+            self._status_at = now + STATUS_INTERVAL_S
+            with self.mistakes.guard("each second"):
                 self._report(now)
+        try:
             self._core.poll(now, _wall_ticks())
-        finally:
-            self._arm()
+        except Exception as error:  # noqa: BLE001 - what is due stays due: it is tried again, and not all the time
+            self.mistakes.caught("timer", error)
+            self._not_before = now + PAUSE_S
+        self._arm()
 
     def _report(self, now: float) -> None:
         """Log a change of the connection and what is malformed, publish the bridge's status; end with its driver."""
@@ -220,11 +287,16 @@ class _Shell:
         if problem := self.envelope.problem or self.keys.problem() or self._actions.problem:
             status = replace(status, detail=f"{status.detail}; {problem}")
         self._links.take(status)
+        if status.aside:
+            status = replace(status, detail=f"{status.detail}; {aside_text(status.aside)}")
         for complaint in self._subscriber.complaints(now):
             self._log.warning(complaint.what, cause=complaint.cause, count=complaint.count, detail=complaint.detail)
         self._transport.stats.count_drops(self.counters)
         if self._status_topic is not None:
-            values = status_values(self._name, self._bridge.kind, status, self.counters)
+            lag_p99_s, oldest_s = self.figures.lags_s()
+            values = status_values(
+                self._name, self._bridge.kind, status, self.counters, lag_p99_s=lag_p99_s, oldest_s=oldest_s
+            )
             self._core.tell(self._status_topic, values, _wall_ticks(), now=now)
 
 
@@ -261,14 +333,18 @@ async def run_bridge(
         ConfigError: there is no source of keys, or what stands in `state_dir` cannot be used.
         BridgeUnavailable: a library that the driver needs is missing.
         DriverFailed: a mistake of the driver has ended it; a bridge that is started anew goes on where it stopped.
-        StorageUnavailable: the journal of executions cannot be used.
+        StorageUnavailable: the journal of executions cannot be used, or this bridge runs already.
         TransportError: the PubSub side cannot be opened; with the remedy.
     """
     keys = keys_needed(config, keys)
     async with AsyncExitStack() as cleanup:
+        cleanup.enter_context(process_lock(state_dir / f"{bridge_name}.lock", f"bridge {bridge_name}"))
         if journal is None and skills_of(driver) is not None:
             journal = cleanup.enter_context(SqliteJournal(state_dir / JOURNAL))
-        shell = _Shell(config, bridge_name, driver, transport, state_dir, journal or MemoryJournal(), rule, sent)
+        mistakes = monitor.mistakes if monitor is not None else Mistakes()
+        shell = _Shell(
+            config, bridge_name, driver, transport, state_dir, journal or MemoryJournal(), rule, sent, mistakes
+        )
         cleanup.push_async_callback(transport.close)
         cleanup.push_async_callback(driver.stop)
         cleanup.callback(shell.end)
@@ -276,7 +352,8 @@ async def run_bridge(
             async with asyncio.TaskGroup() as tasks:
                 if keys is not None:
                     count = config.pubsub.keys.future_keys + 1
-                    tasks.create_task(keep_keys(shell.envelope, keys, shell.keys, count=count))
+                    keeping = partial(keep_keys, shell.envelope, keys, shell.keys, count=count, mistakes=mistakes)
+                    tasks.create_task(mistakes.keep("keys", keeping))
                     if monitor is not None:
                         monitor.ready_when(
                             lambda: f"it waits for its keys: {shell.keys.problem() or 'they were asked for'}"

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from itertools import islice
 from typing import Any, Final
 
 from ua_fleet.bridge.core import NODE_ONLY
@@ -12,9 +14,11 @@ from ua_fleet.pubsub.metadata import make_field
 from ua_fleet.topics import Topic
 from ua_fleet.values import BuiltinType
 
-__all__ = ["STATUS_FIELDS", "STATUS_INTERVAL_S", "status_topic", "status_values"]
+__all__ = ["STATUS_FIELDS", "STATUS_INTERVAL_S", "aside_text", "status_topic", "status_values"]
 
 STATUS_INTERVAL_S: Final = 1.0
+_MOST_TOLD: Final = 3
+"""Sources that the status names; the others it counts."""
 
 _UINT64: Final = BuiltinType.UINT64
 STATUS_FIELDS: Final = (
@@ -29,6 +33,8 @@ STATUS_FIELDS: Final = (
     make_field("Gaps", _UINT64),
     make_field("Looped", _UINT64),
     *(make_field(f"Drops.{drop.value}", _UINT64) for drop in Drop),
+    make_field("LagP99", BuiltinType.DOUBLE),
+    make_field("OldestWaiting", BuiltinType.DOUBLE),
 )
 """Fields of the status DataSet of every bridge."""
 
@@ -40,8 +46,27 @@ def status_topic(config: FleetConfig, bridge: BridgeConfig) -> Topic | None:
     return Topic.checked(bridge.space, config.fleet.namespace_index, bridge.status_id)
 
 
-def status_values(name: str, kind: str, status: DriverStatus, counters: Counters) -> tuple[Any, ...]:
-    """The values of STATUS_FIELDS now."""
+def aside_text(aside: Mapping[str, str]) -> str:
+    """The part of a status that tells which sources were put aside, and why; at least one was."""
+    told = [f"{name} ({reason})" for name, reason in islice(aside.items(), _MOST_TOLD)]
+    if (others := len(aside) - len(told)) > 0:
+        told.append(f"{others} more")
+    return f"put aside, and tried again later: {', '.join(told)}"
+
+
+def status_values(
+    name: str, kind: str, status: DriverStatus, counters: Counters, *, lag_p99_s: float = 0.0, oldest_s: float = 0.0
+) -> tuple[Any, ...]:
+    """The values of STATUS_FIELDS now.
+
+    Args:
+        name: of the bridge.
+        kind: of the bridge.
+        status: its driver's.
+        counters: its own.
+        lag_p99_s: what 99 of 100 messages needed from the driver's callback to the wire.
+        oldest_s: how long the message has waited that waits longest.
+    """
     return (
         name,
         kind,
@@ -54,4 +79,6 @@ def status_values(name: str, kind: str, status: DriverStatus, counters: Counters
         counters.gaps,
         counters.looped,
         *(counters.drops[drop] for drop in Drop),
+        round(lag_p99_s * 1000, 3),
+        round(oldest_s * 1000, 3),
     )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, cast
 
 from ua_fleet.pubsub.events import DataReceived, SourceSilent
@@ -17,9 +17,23 @@ _NOTHING = frozenset[Topic]()
 class Wants:
     """The data of one bridge that somebody follows."""
 
-    def __init__(self, topic: Topic, space: int, tell: Callable[[frozenset[Topic]], None]) -> None:
-        """`topic` is that of the DataSet, `space` the bridge's own; `tell` is told of each change."""
+    def __init__(
+        self,
+        topic: Topic,
+        space: int,
+        tell: Callable[[frozenset[Topic]], None],
+        namespaces: Mapping[int, int] | None = None,
+    ) -> None:
+        """Make it for one bridge.
+
+        Args:
+            topic: of the DataSet.
+            space: the bridge's own.
+            tell: told of each change.
+            namespaces: of the ids of the space that are not in the DataSet's own; an id is one in its space.
+        """
         self.topic = topic
+        self._namespaces = namespaces or {}
         self._space, self._tell = space, tell
         self._told = _NOTHING
 
@@ -37,7 +51,7 @@ class Wants:
             return _NOTHING
         return frozenset(
             [
-                Topic(self._space, self.topic.ns, wanted)
+                Topic(self._space, self._namespaces.get(wanted, self.topic.ns), wanted)
                 for wanted in cast("Sequence[object]", ids)
                 if isinstance(wanted, int)
             ]

@@ -16,8 +16,9 @@ from typing import Annotated, Any, Final, NoReturn
 import typer
 
 from ua_fleet import __version__
-from ua_fleet.cli.endings import exit_code_of
-from ua_fleet.errors import UaFleetError
+from ua_fleet.cli.endings import UsageProblems, exit_code_of
+from ua_fleet.cli.output import message
+from ua_fleet.errors import ConfigInvalid, JudgementsInvalid, ScenarioInvalid, UaFleetError
 
 __all__ = ["app", "main"]
 
@@ -40,6 +41,7 @@ _GROUPS: Final = {
     "config": "The configuration file: write, check and show it, assign ids, its schema for editors.",
     "user": "Who may use the server, and what they may do.",
     "keys": "Key files of message security, where keys do not come from the server.",
+    "audit": "The server's audit log.",
     "cert": "Certificates of the server and the bridges, and which clients the server trusts.",
     "scenario": "Scenarios and their runs.",
     "fault": "Robots that cannot work.",
@@ -73,6 +75,7 @@ def _add(group: typer.Typer, name: str, command: Callable[..., Any], examples: t
 def _build() -> typer.Typer:
     whole = _new(_HELP)
     from ua_fleet.cli import (
+        audit,
         bridge,
         browse,
         cert,
@@ -121,6 +124,7 @@ def _build() -> typer.Typer:
     _add(groups["cert"], "trust", cert.trust_certificate, cert.TRUST_EXAMPLES)
     _add(groups["cert"], "revoke", cert.revoke_certificate, cert.REVOKE_EXAMPLES)
     _add(groups["cert"], "list", cert.show, cert.LIST_EXAMPLES)
+    _add(groups["audit"], "verify", audit.verify, audit.VERIFY_EXAMPLES)
     _add(groups["keys"], "create", keys.create, keys.CREATE_EXAMPLES)
     _add(groups["keys"], "rotate", keys.rotate, keys.ROTATE_EXAMPLES)
     _add(groups["keys"], "list", keys.show, keys.LIST_EXAMPLES)
@@ -197,6 +201,15 @@ def _end(code: int) -> NoReturn:
     sys.exit(code)
 
 
+def _tell(error: UaFleetError) -> None:
+    """Print an error: one line, or one for each problem of a file."""
+    if isinstance(error, ConfigInvalid | ScenarioInvalid | JudgementsInvalid | UsageProblems):
+        for problem in error.problems:
+            message(str(problem))
+    else:
+        message(f"ua-fleet: {error}")
+
+
 def _interrupt(_number: int, _frame: object) -> NoReturn:
     raise KeyboardInterrupt
 
@@ -212,6 +225,6 @@ def main() -> NoReturn:
     except KeyboardInterrupt:
         _end(EXIT_INTERRUPTED)
     except UaFleetError as error:
-        sys.stderr.write(f"ua-fleet: {error}\n" if "\n" not in str(error) else f"{error}\n")
+        _tell(error)
         _end(exit_code_of(error))
     _end(0)

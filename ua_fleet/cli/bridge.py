@@ -46,7 +46,11 @@ def bridge(
 
     pubsub = fleet.pubsub
     transport = UdpTransport(
-        pubsub.url, pubsub.interface, ttl=pubsub.ttl, receive_buffer_bytes=pubsub.receive_buffer_bytes
+        pubsub.url,
+        pubsub.interface,
+        ttl=pubsub.ttl,
+        receive_buffer_bytes=pubsub.receive_buffer_bytes,
+        hears_itself=without_loop_rule,
     )
     state_dir = config.resolve().parent / fleet.state_dir_of(name)
     source = key_source_of(fleet, name, config.resolve().parent, state_dir)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from ua_fleet.cli.endings import NotFound, UsageError, extra_needed
+from ua_fleet.cli.endings import EXIT_FAILED, NotFound, UsageError, extra_needed
 from ua_fleet.cli.options import DEFAULT_CONFIG, Config, Json, state_folder
 from ua_fleet.cli.output import message, print_json, print_line, print_table
 from ua_fleet.cli.process import run
@@ -16,6 +16,7 @@ from ua_fleet.cli.process import run
 if TYPE_CHECKING:
     from ua_fleet.config import FleetConfig
     from ua_fleet.server.certificates import CertificateFiles, CertificateInfo
+    from ua_fleet.server.rejected import Rejection
 
 __all__ = [
     "CREATE_EXAMPLES",
@@ -36,6 +37,7 @@ CREATE_EXAMPLES = (
 )
 LIST_EXAMPLES = ("ua-fleet cert list", "ua-fleet cert list --json -c hall2.yaml")
 TRUST_EXAMPLES = (
+    "ua-fleet cert trust --last --show",
     "ua-fleet cert trust 3f2a9c",
     "ua-fleet cert trust uaexpert.der",
     "ua-fleet cert trust --bridge cell bridge.der",
@@ -45,8 +47,17 @@ REVOKE_EXAMPLES = ("ua-fleet cert revoke 3f2a9c", "ua-fleet cert revoke --bridge
 _BridgeName = Annotated[str | None, typer.Option("--bridge", help="Name of a bridge of the configuration file.")]
 
 
+def _rejection(info: CertificateInfo) -> Rejection | None:
+    """Who offered it, and when, where it was refused."""
+    from ua_fleet.server.certificates import CertificateState
+    from ua_fleet.server.rejected import rejection_of
+
+    return rejection_of(info.path) if info.state is CertificateState.REJECTED else None
+
+
 def _as_json(info: CertificateInfo) -> dict[str, Any]:
     now = datetime.now(UTC)
+    refused = _rejection(info)
     return {
         "state": info.state.value,
         "bridge": info.bridge or None,
@@ -57,6 +68,9 @@ def _as_json(info: CertificateInfo) -> dict[str, Any]:
         "not_valid_after": info.validity.end.isoformat(),
         "days_left": info.validity.days_left(now),
         "expired": now > info.validity.end,
+        "address": (refused.address or None) if refused else None,
+        "refused_first": datetime.fromtimestamp(refused.first_s, UTC).isoformat() if refused else None,
+        "refused_last": datetime.fromtimestamp(refused.last_s, UTC).isoformat() if refused else None,
         "path": str(info.path),
     }
 
@@ -185,11 +199,12 @@ def show(config: Config = DEFAULT_CONFIG, as_json: Json = False) -> None:
             info.thumbprint,
             f"{info.validity.end:%Y-%m-%d}",
             _days_text(info),
+            refused.address if (refused := _rejection(info)) else "",
             info.subject,
         )
         for info in found
     ]
-    print_table([("state", "thumbprint", "valid until", "days left", "subject"), *rows])
+    print_table([("state", "thumbprint", "valid until", "days left", "address", "subject"), *rows])
 
 
 def _days_text(info: CertificateInfo) -> str:
@@ -200,23 +215,40 @@ def _days_text(info: CertificateInfo) -> str:
 
 
 def trust_certificate(
-    what: Annotated[str, typer.Argument(help="First characters of a rejected one's thumbprint, or a file.")],
+    what: Annotated[
+        str | None, typer.Argument(help="First characters of a rejected one's thumbprint, or a file.")
+    ] = None,
     bridge: _BridgeName = None,
+    last: Annotated[bool, typer.Option("--last", help="The one that was refused last; needs --show.")] = False,
+    show_first: Annotated[
+        bool, typer.Option("--show", help="Show subject, address and thumbprint, and ask before it is trusted.")
+    ] = False,
     config: Config = DEFAULT_CONFIG,
     as_json: Json = False,
 ) -> None:
     """Let a client with this certificate connect; with --bridge, know that bridge by it.
 
     A client that is not trusted yet connects in vain once; then its certificate stands in `ua-fleet cert list` as
-    rejected, and is trusted by the first characters of its thumbprint. Compare these with what the client shows. A
-    bridge is known by one certificate, by which it gets its keys of message security; a new one replaces the old one.
+    rejected, and is trusted by the first characters of its thumbprint. Compare these with what the client shows: anyone
+    may write any subject into a certificate. A bridge is known by one certificate, by which it gets its keys of message
+    security; a new one replaces the old one.
     """
     from ua_fleet.server.certificates import CertificateError, trust, trust_bridge
 
+    if (what is None) != last:
+        raise UsageError("name a certificate, or give --last --show; list them with: ua-fleet cert list")
+    if last and not show_first:
+        raise UsageError("another client may have been refused since; give --last --show, which asks")
     fleet, folder = state_folder(config)
     if bridge is not None:
         _check_bridge(fleet, config, bridge)
+    if last:
+        what = _last_rejected(folder)
+    assert what is not None
     try:
+        if show_first and not _is_meant(folder, what):
+            message("not trusted")
+            raise typer.Exit(EXIT_FAILED)
         info = trust(folder, what) if bridge is None else trust_bridge(folder, bridge, what)
     except CertificateError as error:
         if Path(what).exists():
@@ -226,6 +258,37 @@ def trust_certificate(
         print_json(_as_json(info))
     else:
         print_line(f"trusted {info.thumbprint}  {info.subject}" + (f"  (bridge {bridge})" if bridge else ""))
+
+
+def _last_rejected(folder: Path) -> str:
+    """The thumbprint of the certificate that was refused last."""
+    from ua_fleet.server.certificates import CertificateState, list_certificates
+    from ua_fleet.server.rejected import rejection_of
+
+    waiting = [info for info in list_certificates(folder) if info.state is CertificateState.REJECTED]
+    if not waiting:
+        raise NotFound("no certificate was refused; connect once with the client that is to be trusted")
+    return max(waiting, key=lambda info: rejection_of(info.path).last_s).thumbprint
+
+
+def _is_meant(folder: Path, what: str) -> bool:
+    """Show a certificate, and ask whether it is to be trusted."""
+    from ua_fleet.server.certificates import find_rejected
+    from ua_fleet.server.rejected import rejection_of
+
+    info = find_rejected(folder, what)
+    print_line(f"subject      {info.subject}")
+    if not Path(what).is_file():
+        refused = rejection_of(info.path)
+        print_line(f"address      {refused.address or 'not known'}")
+        print_line(f"refused      {_time_text(refused.last_s)}, first {_time_text(refused.first_s)}")
+    print_line(f"valid until  {info.validity.end:%Y-%m-%d}")
+    print_line(f"thumbprint   {info.thumbprint}")
+    return typer.confirm("Is this what the client shows of itself? Trust it", err=True)
+
+
+def _time_text(time_s: float) -> str:
+    return datetime.fromtimestamp(time_s, UTC).strftime("%Y-%m-%d %H:%M:%S UTC")
 
 
 def revoke_certificate(

@@ -39,7 +39,10 @@ __all__ = [
 
 FAULT_EXAMPLES = ("ua-fleet fault list -u anna",)
 ACK_EXAMPLES = ('ua-fleet fault ack ur3.silent --comment "I look after it" -u anna',)
-RAISE_EXAMPLES = ('ua-fleet fault raise ur3 "gripper stuck" -u anna',)
+RAISE_EXAMPLES = (
+    'ua-fleet fault raise ur3 "gripper stuck" -u anna',
+    'ua-fleet fault raise rover "the drive is hot" --capacity mobile -u anna',
+)
 CLEAR_EXAMPLES = ("ua-fleet fault clear ur3 -u anna",)
 LIST_EXAMPLES = ("ua-fleet decision list -u anna", "ua-fleet decision list -u anna --json")
 CONFIRM_EXAMPLES = ("ua-fleet decision confirm 20300131-120000-a1b2c3.0 ur3 -u anna",)
@@ -62,6 +65,7 @@ class ModeName(StrEnum):
 class LimitName(StrEnum):
     """What happens when an operator takes too long; likewise."""
 
+    BEST_IF_KNOWN = "best_if_known"
     BEST = "best"
     ABORT = "abort"
 
@@ -84,11 +88,12 @@ def faults(
                 fault.fault_id,
                 "active" if fault.active else "over",
                 "acknowledged" if fault.acknowledged else "-",
+                " ".join(fault.capacities) or "all",
                 fault.reason,
             )
             for fault in found
         ]
-        print_table([("fault", "state", "seen", "reason"), *rows])
+        print_table([("fault", "state", "seen", "takes away", "reason"), *rows])
 
     with_scenarios(connection, work)
 
@@ -115,12 +120,15 @@ def raise_fault(
     connection: Connection,
     robot: Annotated[str, typer.Argument(help="The robot that cannot work.")],
     reason: Annotated[str, typer.Argument(help="What others should know.")],
+    capacity: Annotated[
+        list[str] | None, typer.Option(help="A capacity that it has lost; may be given again. Else it has lost all.")
+    ] = None,
     as_json: Json = False,
 ) -> None:
-    """Say that a robot cannot work: its tasks are taken over, as the mode has it."""
+    """Say that a robot cannot work, or not do what needs a capacity: its tasks are taken over, as the mode has it."""
 
     async def work(scenarios: ScenarioClient) -> None:
-        await scenarios.raise_fault(robot, reason)
+        await scenarios.raise_fault(robot, reason, capacity or ())
         if as_json:
             print_json({"robot": robot, "done": True})
 
@@ -158,8 +166,8 @@ def show(
             by = f": {decision.chosen}, by {decision.chosen_by}" if decision.chosen else ""
             print_line(f"{decision.decision_id} {decision.state}{by}")
             print_line(f"  {decision.task}: {decision.failed or 'nobody'}: {decision.reason}")
-            for robot, score in zip(decision.robots, decision.scores, strict=False):
-                print_line(f"  {score:.3f} {robot}")
+            for robot, score, missing in zip(decision.robots, decision.scores, decision.missing, strict=False):
+                print_line("; ".join([f"  {score:.3f} {robot}", *missing]))
             for robot, reason in zip(decision.excluded, decision.reasons, strict=False):
                 print_line(f"  -     {robot} {reason}")
 

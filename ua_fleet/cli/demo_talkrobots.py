@@ -67,8 +67,8 @@ def talkrobots(
 ) -> None:
     """Run the nine tasks of TalkRoBots (Ayaida et al., Future Internet 2022, section 6.1).
 
-    Ridgeback, UR3, two Pioneers, a drone and a conveyor, each with a bridge of its own, move a box; Ridgeback fails on
-    its way, and another robot takes over until it is repaired. Times of the timeline are wall time times --speed.
+    Ridgeback, UR3, two Pioneers, a drone and a conveyor, each with a bridge of its own, move a box; Ridgeback's drive
+    fails on its way, and another robot drives in its place. Times of the timeline are wall time times --speed.
     Exit code 0 if all nine tasks were done once.
     """
     try:

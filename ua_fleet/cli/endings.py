@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Generator
+from collections.abc import Generator, Sequence
 from typing import Final
 
 from ua_fleet.errors import (
@@ -20,7 +20,7 @@ from ua_fleet.errors import (
 )
 from ua_fleet.values import StatusCode
 
-__all__ = ["NotFound", "UsageError", "exit_code_of", "extra_needed"]
+__all__ = ["EXIT_FAILED", "NotFound", "UsageError", "UsageProblems", "exit_code_of", "extra_needed"]
 
 EXIT_FAILED: Final = 1
 EXIT_USAGE: Final = 2
@@ -39,6 +39,14 @@ class UsageError(UaFleetError):
     """The command cannot do anything with what it was given."""
 
     ua_status = StatusCode.BAD_CONFIGURATION_ERROR
+
+
+class UsageProblems(UsageError):
+    """The command cannot do anything with a file that it was given, for several reasons, each with its line."""
+
+    def __init__(self, problems: Sequence[str]) -> None:
+        self.problems = tuple(problems)
+        super().__init__("\n".join(self.problems))
 
 
 def exit_code_of(error: UaFleetError) -> int:

@@ -10,6 +10,8 @@ import time
 from collections.abc import Sequence
 from typing import Any, Final, NamedTuple
 
+from ua_fleet.printing import harmless
+
 __all__ = ["DEFAULT_STATE_DIR", "DEFAULT_TIMEOUT_S", "DEFAULT_WITHIN_S", "Asked", "Verdict", "check", "quick", "tell"]
 
 DEFAULT_STATE_DIR: Final = "state"
@@ -71,7 +73,7 @@ def check(asked: Asked) -> Verdict:
 
 def tell(verdict: Verdict, *, as_json: bool = False) -> int:
     """Print a verdict; returns the exit code."""
-    shown = json.dumps({"well": verdict.is_well, "text": verdict.text}) if as_json else verdict.text
+    shown = json.dumps({"well": verdict.is_well, "text": verdict.text}) if as_json else harmless(verdict.text)
     sys.stdout.write(f"{shown}\n")
     sys.stdout.flush()
     return 0 if verdict.is_well else 1
@@ -112,7 +114,7 @@ def _answers(asked: Asked) -> str:
     path = "/healthz" if asked.live else "/readyz"
     place = f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
     try:
-        code, headers, body = _get(host, port, path, place, asked.timeout_s)
+        code, headers, body = _get(host, port, path, asked.timeout_s)
     except TimeoutError as error:
         text = f"{place} did not answer within {asked.timeout_s:g} s: its event loop is blocked, or the machine is busy"
         raise _Unwell(text) from error
@@ -138,12 +140,15 @@ def _written(state_dir: str) -> tuple[str, int, str]:
         raise _Unwell(f"{path} cannot be read; start the process again") from error
 
 
-def _get(host: str, port: int, path: str, place: str, timeout_s: float) -> tuple[int, str, str]:
+def _get(host: str, port: int, path: str, timeout_s: float) -> tuple[int, str, str]:
     """Status, headers and the first line of the body."""
     until = time.monotonic() + timeout_s
     received = b""
     with socket.create_connection((host, port), timeout_s) as connection:
-        connection.sendall(f"GET {path} HTTP/1.1\r\nHost: {place}\r\nConnection: close\r\n\r\n".encode())
+        # By its address: a process answers to its own names alone.
+        peer = str(connection.getpeername()[0]).partition("%")[0]
+        named = f"[{peer}]" if ":" in peer else peer
+        connection.sendall(f"GET {path} HTTP/1.1\r\nHost: {named}:{port}\r\nConnection: close\r\n\r\n".encode())
         while len(received) < _MOST_BYTES:
             left_s = until - time.monotonic()
             if left_s <= 0:
@@ -155,7 +160,7 @@ def _get(host: str, port: int, path: str, place: str, timeout_s: float) -> tuple
     head, _, body = received.partition(b"\r\n\r\n")
     words = head.split(None, 2)
     if len(words) < 2 or not words[0].startswith(b"HTTP/1.") or not words[1].isdigit():
-        raise _Unwell(f"what answers at {place} is no ua-fleet process")
+        raise _Unwell(f"what answers at {host}:{port} is no ua-fleet process")
     return int(words[1]), head.decode("latin-1"), body.decode("utf-8", "replace").partition("\n")[0]
 
 

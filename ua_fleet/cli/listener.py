@@ -20,6 +20,7 @@ from ua_fleet.pubsub.events import (
     MetaDataReceived,
     SourceReturned,
     SourceSilent,
+    SourceStale,
     SourceUnknown,
     SubscriberEvent,
 )
@@ -31,7 +32,6 @@ from ua_fleet.values import BuiltinType, Variant, datetime_from_ticks, status_na
 from ua_fleet.wire import ActionMessage, Codec
 from ua_fleet.wire.messages import FieldMetaData, FrameKind, MetaDataAnnouncement, NetworkMessage, Probe
 from ua_fleet.wire.security import NONCE_BYTES, SecurityMode
-from ua_fleet.wire.spans import printable
 
 __all__ = ["Listener", "figures_text"]
 
@@ -213,6 +213,8 @@ def _described(event: SubscriberEvent) -> dict[str, Any] | None:
         return {"event": "metadata", "topic": event.topic.name, "name": event.metadata.name, "fields": fields}
     if isinstance(event, SourceSilent):
         return {"event": "silent", "topic": event.topic.name}
+    if isinstance(event, SourceStale):
+        return {"event": "stale", "topic": event.topic.name}
     if isinstance(event, SourceReturned):
         return {"event": "returned", "topic": event.topic.name}
     return None
@@ -253,7 +255,7 @@ def _as_text(shown: dict[str, Any]) -> str:
         parts.append(_security_text(**shown["security"]))
     if shown.get("reason"):
         parts.append(f"({shown['reason']})")
-    return "  ".join(printable(part) for part in parts)
+    return "  ".join(parts)
 
 
 def _security_text(mode: str | None, token_id: int | None, verified: bool | None) -> str:

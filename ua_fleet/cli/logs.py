@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import io
 import logging
 import os
 import sys
 import threading
 from collections.abc import MutableMapping
 from types import TracebackType
-from typing import Any, Final
+from typing import Any, Final, TextIO
 
 from ua_fleet.cli.endings import UsageError
+from ua_fleet.printing import harmless, harmless_lines
 
 __all__ = ["LOG_VARIABLE", "set_up_logging"]
 
@@ -29,6 +31,23 @@ class _Always:
         for name, value in self._names.items():
             event.setdefault(name, value)
         return event
+
+
+def _harmless(_logger: Any, _method: str, event: MutableMapping[str, Any]) -> MutableMapping[str, Any]:
+    """What strangers said does nothing to the terminal; JSON escapes all of it anyway."""
+    for name, value in event.items():
+        if isinstance(value, str):
+            event[name] = harmless(value)
+    return event
+
+
+def _traceback(target: TextIO, exc_info: Any) -> None:
+    """Without the local variables, as the default one shows them: among them there may be a key."""
+    import structlog
+
+    text = io.StringIO()
+    structlog.dev.plain_traceback(text, exc_info)
+    target.write(harmless_lines(text.getvalue()))
 
 
 def set_up_logging(default: str = "info", **names: str) -> None:
@@ -57,8 +76,7 @@ def set_up_logging(default: str = "info", **names: str) -> None:
         structlog.processors.JSONRenderer(),
     ]
     if on_terminal:
-        # The default one shows the local variables of a traceback, and among them there may be a key.
-        last = [structlog.dev.ConsoleRenderer(exception_formatter=structlog.dev.plain_traceback)]
+        last = [_harmless, structlog.dev.ConsoleRenderer(exception_formatter=_traceback)]
     first: list[Any] = [
         structlog.contextvars.merge_contextvars,
         structlog.processors.add_log_level,

@@ -76,6 +76,7 @@ def serve(
         try:
             gateway = Gateway(fleet, memory)
             async with watched as monitor, Listener(gateway.image, modbus, gateway.written) as listener:
+                monitor.mistakes = gateway.mistakes
                 place = f"{modbus.host}:{modbus.port}"
                 if as_json:
                     print_json({"ready": True, "modbus": place})
@@ -97,7 +98,8 @@ def show_map(config: Config = DEFAULT_CONFIG, as_json: Json = False) -> None:
 
     fleet, _ = _modbus_of(config)
     if not as_json:
-        print_line(markdown(fleet))
+        for line in markdown(fleet).splitlines():
+            print_line(line)
         return
     for row in map_rows(fleet):
         register = row.register

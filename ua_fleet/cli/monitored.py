@@ -40,5 +40,5 @@ async def monitored(
         return
     key = "monitoring.port" if port is None else port_key
     wanted = config.port if port is None else port
-    async with MonitoringEndpoint(monitor, config.host, wanted, state_dir, key=key):
+    async with MonitoringEndpoint(monitor, config.host, wanted, state_dir, key=key, names=config.names):
         yield monitor

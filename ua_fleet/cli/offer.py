@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from ua_fleet.cli.connect import connected
-from ua_fleet.cli.endings import UsageError
+from ua_fleet.cli.endings import UsageError, UsageProblems
 from ua_fleet.cli.options import Connection, Json, connecting
 from ua_fleet.cli.output import message, print_json, print_line
 from ua_fleet.cli.process import run
@@ -76,7 +76,7 @@ def offer(
                         await offered.serve(partial(_by_program, command))
             except RobotInvalid as error:
                 lines = [problem.text.replace("definition", str(file), 1) for problem in error.problems]
-                raise UsageError("\n".join(lines)) from None
+                raise UsageProblems(lines) from None
 
     run(main())
 

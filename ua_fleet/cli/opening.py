@@ -120,6 +120,7 @@ def tool_envelope(fleet: FleetConfig | None, counters: Counters) -> Envelope:
         max_datagram_bytes=pubsub.max_datagram_bytes,
         max_message_bytes=pubsub.max_message_bytes,
         past_keys=pubsub.keys.past_keys,
+        asks_for_all=pubsub.keys.source == "files",
     )
     if pubsub.security is not PubSubSecurity.NONE:
         for group_id in all_groups(fleet):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 import os
+import stat
 import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -153,13 +154,23 @@ def state_folder(path: Path) -> tuple[FleetConfig, Path]:
 
 
 def read_secret(path: Path) -> str:
-    """The first line of a file, or of stdin for `-`."""
+    """The first line of a file that nobody else may read, or of stdin for `-`."""
     try:
-        text = sys.stdin.read() if str(path) == "-" else path.read_text(encoding="utf-8")
+        text = sys.stdin.read() if str(path) == "-" else _read_private(path)
     except (OSError, UnicodeDecodeError) as error:
         reason = error.strerror if isinstance(error, OSError) else "it is not UTF-8 text"
         raise UsageError(f"{path}: the password cannot be read: {reason}; name another --password-file") from error
     return text.partition("\n")[0].removesuffix("\r")
+
+
+def _read_private(path: Path) -> str:
+    with path.open(encoding="utf-8") as file:
+        status = os.fstat(file.fileno())
+        mode = stat.S_IMODE(status.st_mode)
+        # A pipe, such as that of <(pass show anna), has no readers but its own.
+        if stat.S_ISREG(status.st_mode) and mode & 0o077:
+            raise UsageError(f"{path}: others may read the password (mode {mode:o}); run: chmod 600 {path}")
+        return file.read()
 
 
 def _password_for(user: str | None, password_file: Path | None) -> str | None:

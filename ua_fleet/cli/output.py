@@ -1,12 +1,13 @@
-"""How commands print: data on stdout, messages on stderr."""
+"""How commands print: data on stdout, messages on stderr, and nothing that a terminal obeys on either."""
 
 from __future__ import annotations
 
 import json
-import re
 import sys
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any
+
+from ua_fleet.printing import harmless, harmless_json
 
 if TYPE_CHECKING:
     from ua_fleet.client import Reading
@@ -14,30 +15,26 @@ if TYPE_CHECKING:
 __all__ = ["message", "print_json", "print_line", "print_reading", "print_table"]
 
 
-_CONTROLS: Final = re.compile("[\x7f-\x9f]")
-"""Control characters that JSON does not escape."""
-
-
 def message(text: str) -> None:
     """Tell the user something that is not data."""
-    sys.stderr.write(text + "\n")
+    sys.stderr.write(harmless(text) + "\n")
     sys.stderr.flush()
 
 
 def print_line(text: str) -> None:
     """Print a line of data at once."""
-    sys.stdout.write(text + "\n")
+    sys.stdout.write(harmless(text) + "\n")
     sys.stdout.flush()
 
 
 def print_json(value: Any) -> None:
-    """Print one object on a line of its own, at once; with nothing in it that a terminal obeys."""
-    text = json.dumps(value, ensure_ascii=False)
-    print_line(_CONTROLS.sub(lambda found: f"\\u{ord(found[0]):04x}", text))
+    """Print one object on a line of its own, at once."""
+    print_line(harmless_json(value))
 
 
 def print_table(rows: Sequence[Sequence[str]]) -> None:
     """Print rows with aligned columns; the first row is the heading."""
+    rows = [[harmless(cell) for cell in row] for row in rows]
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     for row in rows:
         print_line("  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip())

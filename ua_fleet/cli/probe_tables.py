@@ -6,6 +6,7 @@ from collections.abc import Iterable, Iterator
 
 from ua_fleet.cli.kind import Kind
 from ua_fleet.cli.value_json import time_text
+from ua_fleet.printing import harmless
 from ua_fleet.values import BuiltinType, status_name
 from ua_fleet.wire.discovered import (
     ActionMetaDataAnnouncement,
@@ -20,7 +21,6 @@ from ua_fleet.wire.discovered import (
     WriterConfigurationAnnouncement,
 )
 from ua_fleet.wire.messages import DataSetMetaData, MetaDataAnnouncement
-from ua_fleet.wire.spans import printable
 
 __all__ = ["table"]
 
@@ -43,7 +43,7 @@ def table(kind: Kind, announcements: Iterable[AnyAnnouncement]) -> list[list[str
         rows = _applications(heard)
     else:
         rows = [row for announcement in heard for row in _rows(kind, announcement)]
-    unique = sorted({tuple(map(printable, map(str, row))) for row in rows}, key=_natural)
+    unique = sorted({tuple(map(harmless, map(str, row))) for row in rows}, key=_natural)
     return [list(HEADINGS[kind]), *map(list, unique)]
 
 

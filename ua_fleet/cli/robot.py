@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ua_fleet.cli.connect import connected
-from ua_fleet.cli.endings import UsageError
+from ua_fleet.cli.endings import UsageError, UsageProblems
 from ua_fleet.cli.options import Connection, Json, connecting
 from ua_fleet.cli.output import message, print_json, print_line, print_table
 from ua_fleet.cli.process import run
@@ -77,7 +77,7 @@ def register(
             except RobotInvalid as error:
                 # The server does not know the file's name.
                 lines = [problem.text.replace("definition", str(file), 1) for problem in error.problems]
-                raise UsageError("\n".join(lines)) from None
+                raise UsageProblems(lines) from None
             if as_json:
                 print_json({"robot": one, "node_id": node_id})
             else:

@@ -263,7 +263,7 @@ def answer(
     connection: Connection,
     run_id: RunId,
     step: Annotated[str, typer.Argument(help="Key of the step, or name of its task.")],
-    answer: Annotated[str, typer.Argument(help="done, retry, or fail: another robot is looked for.")],
+    answer: Annotated[str, typer.Argument(help="done, retry, fail, or replace: another robot is looked for.")],
     as_json: Json = False,
 ) -> None:
     """Say what became of a task of which nobody else can tell."""

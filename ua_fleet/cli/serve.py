@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -12,7 +13,7 @@ from ua_fleet.cli.logs import set_up_logging
 from ua_fleet.cli.monitored import monitored
 from ua_fleet.cli.options import DEFAULT_CONFIG, Config, Json, WithoutLoopRule, load_config
 from ua_fleet.cli.output import message, print_json, print_line
-from ua_fleet.cli.process import run
+from ua_fleet.cli.process import collection_paused, run
 from ua_fleet.cli.rules import rule_for
 from ua_fleet.cli.traffic_log import TrafficLogFile, traffic_log
 
@@ -34,6 +35,19 @@ def serve(
     Every robot and every data source of the configuration file becomes a node; bridges bring the values. Add a user
     first, with `ua-fleet user add NAME --role operator`, since nobody gets in without one.
     """
+    with collection_paused() as settled:
+        _serve(config, host, port, as_json, traffic_file, without_loop_rule, settled)
+
+
+def _serve(
+    config: Path,
+    host: str | None,
+    port: int | None,
+    as_json: bool,
+    traffic_file: Path | None,
+    without_loop_rule: bool,
+    settled: Callable[[], None],
+) -> None:
     given = {"server.host": host, "server.port": port}
     fleet = load_config(config, overrides={key: value for key, value in given.items() if value is not None})
     set_up_logging(process="server")
@@ -42,6 +56,7 @@ def serve(
     from ua_fleet.monitoring import Process
 
     def ready(endpoint: str) -> None:
+        settled()
         if as_json:
             print_json({"ready": True, "endpoint": endpoint})
         else:
@@ -60,7 +75,7 @@ def serve(
     async def served(sent: Callable[[bytes, int], None] | None) -> None:
         rule = rule_for(without_loop_rule)
         async with watched as monitor:
-            await run_server(fleet, folder, ready=ready, rule=rule, sent=sent, monitor=monitor)
+            await run_server(fleet, folder, ready=ready, rule=rule, sent=sent, monitor=monitor, once=True)
 
     message(f"serving {fleet.fleet.name} of {config}; end it with Ctrl-C")
     with traffic_log(traffic_file, fleet) as sent:

@@ -125,6 +125,5 @@ def login(testbed: _Which, folder: _Folder = _DEFAULT_FOLDER, as_json: Json = Fa
     print_line(f"password:     {found.password}")
     print_line(f"certificate:  {found.server_thumbprint}  (SHA-1 of the server's; compare it)")
     message("The server lets a client in once it knows its certificate: connect once, in vain, and then run")
-    message(f"  {compose} {plan.server} ua-fleet cert list")
-    message(f"  {compose} {plan.server} ua-fleet cert trust THUMBPRINT")
+    message(f"  {compose} {plan.server} ua-fleet cert trust --last --show")
     message(f"Without UaExpert: {compose} {plan.conductor} ua-fleet browse --password-file {found.password_file}")

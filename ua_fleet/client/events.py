@@ -29,8 +29,8 @@ _OWN: Final = (
     *("RunId", "Scenario", "State"),
     *("Fact", "Task", "Robot", "Skill", "Outcome", "Detail"),
     *("DecisionId", "DecisionState", "Failed", "Reason", "Chosen", "ChosenBy"),
-    *("Robots", "Scores", "Criteria", "Weights", "RawValues", "CriterionScores", "Excluded", "Reasons"),
-    *("ConsistencyRatio", "FaultSource"),
+    *("Robots", "Scores", "Criteria", "Weights", "RawValues", "CriterionScores", "Missing", "Excluded", "Reasons"),
+    *("ConsistencyRatio", "FaultSource", "Capacities"),
 )
 """Fields of ours that any of these types has."""
 _STANDARD: Final = ("EventType", "Message", "ConditionName", "ActiveState/Id", "AckedState/Id", "Time")
@@ -46,9 +46,11 @@ class RankedRobot:
     score: float
     """The scores of all candidates together are 1."""
     raw: tuple[float, ...]
-    """Its value of each criterion, in the criterion's unit."""
+    """Its value of each criterion as it counts, in the criterion's unit."""
     scores: tuple[float, ...]
     """What each of these is worth, before its weight."""
+    missing: tuple[str, ...] = ()
+    """For each of these: empty, or why the value is not known, and what counts in its place."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,6 +125,8 @@ class FaultTold:
     acknowledged: bool
     at: float
     """Seconds since 1970."""
+    capacities: tuple[str, ...] = ()
+    """What it takes away; empty: all."""
 
 
 Told = RunTold | StepTold | DecisionTold | FaultTold
@@ -226,17 +230,16 @@ def _told(kind: int, event: Any) -> Told:
         bool(getattr(event, "ActiveState/Id")),
         bool(getattr(event, "AckedState/Id")),
         _seconds(event),
+        tuple(event.Capacities or ()),
     )
 
 
 def _ranking(event: Any) -> RankingInfo:
     criteria = tuple(plain_value(event.Criteria or []))
     width = len(criteria)
-    raw, scores = event.RawValues or [], event.CriterionScores or []
+    columns = event.RawValues or [], event.CriterionScores or [], event.Missing or []
     ranked = tuple(
-        RankedRobot(
-            robot, score, tuple(raw[at * width : (at + 1) * width]), tuple(scores[at * width : (at + 1) * width])
-        )
+        RankedRobot(robot, score, *(tuple(column[at * width : (at + 1) * width]) for column in columns))
         for at, (robot, score) in enumerate(zip(event.Robots or [], event.Scores or [], strict=True))
     )
     excluded = tuple(zip(event.Excluded or [], event.Reasons or [], strict=True))

@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
@@ -19,6 +20,9 @@ if TYPE_CHECKING:
     from ua_fleet.client.fleet_client import FleetClient
 
 __all__ = ["RobotClient", "RobotInfo", "RobotInvalid"]
+
+_NUMBER: Final = re.compile(r"ns=\d+;i=\d+")
+"""The NodeId of a skill; other Objects in its folder are groups, and Methods are those of the types."""
 
 _STATES: Final = ("offline", "idle", "busy", "faulted")
 """RobotStateEnumeration of the UaFleet nodeset."""
@@ -62,7 +66,7 @@ class RobotClient:
             readings = await self._client.read([f"{node.node_id}.{name}" for name in names])
             state, origin, capacities, description = [reading.value for reading in readings]
             below = await self._client.browse(f"{node.node_id}.Skills", depth=2)
-            skills = [one.browse_name for one in below if one.node_id.startswith("ns=2;i=")]
+            skills = [one.browse_name for one in below if one.node_class == "Object" and _NUMBER.fullmatch(one.node_id)]
             found.append(
                 RobotInfo(
                     node.browse_name,

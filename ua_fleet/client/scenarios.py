@@ -30,6 +30,8 @@ __all__ = [
     "WouldHappen",
 ]
 
+_NOT_VALID: Final = 2
+"""ReturnStatus of what the server would refuse."""
 _OVER: Final = ("done", "failed", "aborted")
 _ACKNOWLEDGE: Final = f"i={ua.ObjectIds.AcknowledgeableConditionType_Acknowledge}"
 
@@ -104,6 +106,8 @@ class FaultInfo:
     reason: str
     active: bool
     acknowledged: bool
+    capacities: tuple[str, ...] = ()
+    """What it takes away; empty: all."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,6 +126,8 @@ class DecisionInfo:
     excluded: tuple[str, ...]
     reasons: tuple[str, ...]
     consistency_ratio: float
+    missing: tuple[tuple[str, ...], ...] = ()
+    """For each of the robots: which of its values are not known, why, and what counts in their place."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -189,7 +195,7 @@ class ScenarioClient:
         await self._call("Scenarios", "Abort", text(run_id), text(reason))
 
     async def answer(self, run_id: str, step: str, answer: str) -> None:
-        """Say what became of a task: done, retry or fail."""
+        """Say what became of a task: done, retry, fail or replace."""
         await self._call("Scenarios", "Answer", text(run_id), text(step), text(answer))
 
     async def run_info(self, run_id: str) -> RunInfo:
@@ -219,15 +225,31 @@ class ScenarioClient:
     async def faults(self) -> list[FaultInfo]:
         """Faults that are active, or that nobody has acknowledged."""
         found: list[FaultInfo] = []
-        names = ("Robot", "FaultSource", "Reason", "ActiveState.Id", "AckedState.Id", "Retain")
+        names = ("Robot", "FaultSource", "Reason", "ActiveState.Id", "AckedState.Id", "Capacities", "Retain")
         for fault_id in await self._below("Faults"):
-            *values, retain = await self._read(f"Faults.{fault_id}", names)
+            robot, source, reason, active, seen, capacities, retain = await self._read(f"Faults.{fault_id}", names)
             if retain:
-                found.append(FaultInfo(fault_id, *values))
+                found.append(FaultInfo(fault_id, robot, source, reason, active, seen, tuple(capacities or ())))
         return found
 
-    async def raise_fault(self, robot: str, reason: str) -> None:
-        """Say that a robot cannot work; others take its tasks over, as the mode has it."""
+    async def raise_fault(self, robot: str, reason: str, capacities: Sequence[str] = ()) -> None:
+        """Say that a robot cannot work; others take its tasks over, as the mode has it.
+
+        Args:
+            robot: its name.
+            reason: for people.
+            capacities: what it cannot do any more; empty: anything.
+
+        Raises:
+            NotDone: it has not such a capacity, or the server refuses.
+        """
+        if capacities:
+            (reading,) = await self._client.read([f"ns=2;s=Robots.{robot}.Capacities"])
+            unknown = [name for name in capacities if name not in (reading.value or ())]
+            if unknown:
+                known = ", ".join(reading.value or ()) or "none"
+                raise NotDone(_NOT_VALID, f"{robot} has not the capacity {', '.join(unknown)}; it has: {known}")
+            reason = f"{', '.join(capacities)}: {reason}"
         await self._call("Faults", "RaiseFault", text(robot), text(reason))
 
     async def clear_fault(self, robot: str) -> None:
@@ -247,12 +269,12 @@ class ScenarioClient:
     async def decisions(self) -> list[DecisionInfo]:
         """Decisions that are open, and the last that were made."""
         names = ("State", "Task", "Failed", "Reason", "Chosen", "ChosenBy")
-        arrays = ("Robots", "Scores", "Excluded", "Reasons")
+        arrays = ("Robots", "Scores", "Missing", "Excluded", "Reasons")
         found: list[DecisionInfo] = []
         for decision_id in await self._below("Resilience.Decisions"):
             path = f"Resilience.Decisions.{decision_id}"
             state, task, failed, reason, chosen, by = await self._read(path, names)
-            robots, scores, excluded, reasons, ratio = await self._read(path, (*arrays, "ConsistencyRatio"))
+            robots, scores, missing, excluded, reasons, ratio = await self._read(path, (*arrays, "ConsistencyRatio"))
             found.append(
                 DecisionInfo(
                     decision_id,
@@ -264,6 +286,7 @@ class ScenarioClient:
                     by,
                     robots=tuple(robots or ()),
                     scores=tuple(scores or ()),
+                    missing=_by_robot(len(robots or ()), missing or ()),
                     excluded=tuple(excluded or ()),
                     reasons=tuple(reasons or ()),
                     consistency_ratio=ratio,
@@ -287,7 +310,7 @@ class ScenarioClient:
         Args:
             mode: operator, automatic or abort.
             limit_s: how long an operator may think; None leaves it.
-            on_limit: what happens then, best or abort; empty leaves it.
+            on_limit: what happens then, best_if_known, best or abort; empty leaves it.
         """
         seconds = ua.Variant(float(limit_s or 0.0), ua.VariantType.Double)
         await self._call("Resilience", "SetMode", text(mode), seconds, text(on_limit))
@@ -309,3 +332,8 @@ class ScenarioClient:
     async def _below(self, folder: str) -> list[str]:
         nodes = await self._client.browse(f"ns=2;s=Fleet.{folder}")
         return [node.browse_name for node in nodes if node.node_class == "Object"]
+
+
+def _by_robot(robots: int, missing: Sequence[str]) -> tuple[tuple[str, ...], ...]:
+    width = len(missing) // robots if robots else 0
+    return tuple(tuple(filter(None, missing[at * width : (at + 1) * width])) for at in range(robots))

@@ -22,9 +22,9 @@ _REMEDIES: Final = {
     ua.StatusCodes.BadIdentityTokenRejected: "the server wants a user and a password: --user and --password-file",
     ua.StatusCodes.BadIdentityTokenInvalid: "the server wants a user and a password: --user and --password-file",
     ua.StatusCodes.BadSecurityChecksFailed: "the server does not trust this client's certificate; "
-    "on the server run: ua-fleet cert list, then ua-fleet cert trust THUMBPRINT",
+    "on the server run: ua-fleet cert trust --last --show",
     ua.StatusCodes.BadCertificateUntrusted: "the server does not trust this client's certificate; "
-    "on the server run: ua-fleet cert list, then ua-fleet cert trust THUMBPRINT",
+    "on the server run: ua-fleet cert trust --last --show",
     ua.StatusCodes.BadNotWritable: "clients may not write this node",
     ua.StatusCodes.BadTypeMismatch: "the node has another type",
     ua.StatusCodes.BadOutOfRange: "the value is outside the node's range",

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Mapping
+from collections.abc import Hashable, Mapping
 from pathlib import Path
 from typing import Any, Final
 
@@ -16,6 +16,7 @@ from ua_fleet.config.layers import ENVIRONMENT_PREFIX
 from ua_fleet.config.load import load_content, read_content
 from ua_fleet.document import Document, KeyPath, as_mapping, key_text, read_document
 from ua_fleet.errors import ConfigError, ConfigInvalid
+from ua_fleet.fleet.model import FLEET_NAMESPACE
 from ua_fleet.storage.files import write_whole
 
 __all__ = ["FIRST_ID", "assign_ids", "insert_ids"]
@@ -39,6 +40,36 @@ def _owners(document: Document) -> dict[KeyPath, str]:
         elif len(path) == 2 and path[0] == "robots" and as_mapping(_at(document.data, path).get("skills")):
             owners[path] = "skill_status_id"
     return owners
+
+
+class _Highest:
+    """The highest id of each namespace, and of each space that publishes: an id is one in both."""
+
+    def __init__(self) -> None:
+        self._numbers: dict[Hashable, int] = {}
+
+    def note(self, home: tuple[Hashable, Hashable], number: object) -> None:
+        """An id that the file has."""
+        if isinstance(number, int):
+            for place in home:
+                self._numbers[place] = max(self._numbers.get(place, 0), number)
+
+    def next(self, home: tuple[Hashable, Hashable]) -> int:
+        """An id above all of both."""
+        number = max(FIRST_ID - 1, *(self._numbers.get(place, 0) for place in home)) + 1
+        self.note(home, number)
+        return number
+
+
+def _home(document: Document, path: KeyPath) -> tuple[Hashable, Hashable]:
+    """The namespace of a mapping's id, and the bridge that publishes under it; see `checks`."""
+    if path[0] == "bridges":
+        return ("namespace", FLEET_NAMESPACE), ("bridge", path[1])
+    robot = as_mapping(_at(document.data, ("robots",)).get(str(path[1]))) or {}
+    ns = robot.get("namespace", FLEET_NAMESPACE)
+    is_servers = path[2:3] == ("data",) and _at(document.data, path).get("origin") == "server"
+    publisher = "" if is_servers else str(robot.get("bridge"))
+    return ("namespace", ns if isinstance(ns, int) else FLEET_NAMESPACE), ("bridge", publisher)
 
 
 def _at(data: dict[str, Any], path: KeyPath) -> dict[str, Any]:
@@ -71,25 +102,27 @@ def insert_ids(content: bytes, file: str) -> tuple[bytes, dict[str, int]]:
     if document.problems:
         raise ConfigInvalid(document.problems)
     owners = _owners(document)
-    used = [_at(document.data, path).get(key) for path, key in owners.items()]
-    used += [
-        (as_mapping(robot) or {}).get("fault_id") for robot in (as_mapping(document.data.get("robots")) or {}).values()
-    ]
-    number = max([FIRST_ID - 1, *(value for value in used if isinstance(value, int))])
+    highest = _Highest()
+    for path, key in owners.items():
+        highest.note(_home(document, path), _at(document.data, path).get(key))
+    for name, robot in (as_mapping(document.data.get("robots")) or {}).items():
+        highest.note(_home(document, ("robots", name)), (as_mapping(robot) or {}).get("fault_id"))
     text = content.removeprefix(_BOM).decode("utf-8")
     given: dict[KeyPath, int] = {}
     insertions: list[tuple[int, str]] = []
     for path, key in owners.items():
         if key in _at(document.data, path) or not document.mappings[path].keys:
             continue
-        number += 1
+        number = highest.next(_home(document, path))
         given[(*path, key)] = number
         insertions.append(_insertion(text, document, path, key, number))
-    if number > LAST_ID and given:
+    if given and (largest := max(given.values())) > LAST_ID:
+        owner = key_text(next(path for path, number in given.items() if number == largest))
         problem = ConfigError(
-            f"no ids are left: they are counted upward from the highest one, and end at {LAST_ID}",
+            f"no id is left for {owner}: they are counted upward from the highest one of a namespace, and of a bridge, "
+            f"and end at {LAST_ID}",
             file=file,
-            suggestion="write the missing ids by hand",
+            suggestion="give robots another `namespace` (fleet.namespaces), and another bridge where one has too many",
         )
         raise ConfigInvalid([problem])
     pieces: list[str] = []

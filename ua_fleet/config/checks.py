@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from datetime import datetime
 from typing import Final
 
@@ -13,16 +13,16 @@ from ua_fleet.config.schema import (
     DataSetConfig,
     FieldConfig,
     PubSubSecurity,
-    RobotConfig,
     ScalarType,
     TopicMapping,
 )
 from ua_fleet.document import KeyPath, key_text
 from ua_fleet.errors import TopicInvalid
+from ua_fleet.fleet.model import FLEET_NAMESPACE
 from ua_fleet.names import closest, listed
 from ua_fleet.topics import check_space
 
-__all__ = ["Parts", "check_all", "check_ids_given", "check_robots"]
+__all__ = ["Parts", "check_all", "check_ids_given", "check_namespaces", "check_robots", "no_namespace"]
 
 _UA_TOPIC: Final = re.compile(r"/?ua_[0-9]")
 _BITS: Final = re.compile(r"(U?)(?:Int)(\d+)")
@@ -63,14 +63,20 @@ def _id_paths(parts: Parts) -> list[KeyPath]:
 
 
 def _check_ids(parts: Parts) -> None:
-    """All ids share the fleet's namespace, whatever space their data comes from."""
-    used: dict[int, KeyPath] = {}
+    """An id is one in its namespace, whatever space its data comes from: it is a NodeId.
+
+    And one in its space, whatever its namespace: a DataSetWriterId is unique for a PublisherId (OPC 10000-14 6.2.4.1).
+    """
+    used: dict[tuple[str, int | str, int], KeyPath] = {}
     faults: list[KeyPath] = [("robots", robot, "fault_id") for robot in parts.mapping_at(("robots",))]
     for path in (*_id_paths(parts), *faults):
         number = parts.mapping_at(path[:-1]).get(str(path[-1]))
         if isinstance(number, bool) or not isinstance(number, int):
             continue
-        first = used.setdefault(number, path)
+        ns, space = _home(parts, path)
+        first = used.setdefault(("namespace", ns, number), path)
+        if first == path:
+            first = used.setdefault(("space", space, number), path)
         if first != path:
             line = parts.document.place_of(first).line
             where = f"{key_text(first)}, line {line}" if line else key_text(first)
@@ -81,6 +87,29 @@ def _check_ids(parts: Parts) -> None:
                 if path in faults
                 else f"remove it here and run: ua-fleet config assign-ids {parts.file}",
             )
+
+
+def _home(parts: Parts, path: KeyPath) -> tuple[int, str]:
+    """The namespace of an id, and the space that it is published in, by its bridge's name."""
+    if path[0] == "bridges":
+        return FLEET_NAMESPACE, str(path[1])
+    robot = parts.mapping_at(("robots", str(path[1])))
+    ns = robot.get("namespace", FLEET_NAMESPACE)
+    is_servers = path[2] == "data" and parts.mapping_at(path[:-1]).get("origin") == "server"
+    return ns if isinstance(ns, int) else FLEET_NAMESPACE, "" if is_servers else str(robot.get("bridge"))
+
+
+def no_namespace(indices: Sequence[int]) -> tuple[str, str]:
+    """What is wrong with a robot's namespace that there is not, and what to do."""
+    there = ", ".join(str(index) for index in indices)
+    return "there is no such namespace", f"there are: {there}; add the URI of another one to fleet.namespaces"
+
+
+def check_namespaces(parts: Parts, indices: Sequence[int]) -> None:
+    """Each robot's namespace is one of the fleet's."""
+    for name, robot in parts.robots.items():
+        if robot.namespace not in indices:
+            parts.document.problem(("robots", name, "namespace"), *no_namespace(indices))
 
 
 def check_ids_given(parts: Parts, *, allow_missing: bool) -> None:
@@ -107,10 +136,10 @@ def _check_directions(parts: Parts) -> None:
 
 def _check_kinds(parts: Parts) -> None:
     """What each kind of bridge finds wrong between a bridge and its robots."""
-    robots: dict[str, RobotConfig] = {}
-    for robot, config in parts.robots.items():
-        data = {data: dataset for (owner, data), dataset in parts.data.items() if owner == robot}
-        robots[robot] = config.model_copy(update={"data": data})
+    data: dict[str, dict[str, DataSetConfig]] = {robot: {} for robot in parts.robots}
+    for (robot, name), dataset in parts.data.items():
+        data.setdefault(robot, {})[name] = dataset
+    robots = {robot: config.model_copy(update={"data": data[robot]}) for robot, config in parts.robots.items()}
     told = [problem.key for problem in parts.document.problems]
     for name, bridge in parts.bridges.items():
         for path, text, suggestion in bridge.fleet_problems(name, robots):
@@ -268,6 +297,7 @@ def _check_keys(parts: Parts) -> None:
 
 
 def _check_skills(parts: Parts) -> None:
+    given = _given(parts)
     for name, robot in parts.robots.items():
         bridge = parts.bridges.get(robot.bridge)
         carrier = robot.mounted_on
@@ -276,7 +306,7 @@ def _check_skills(parts: Parts) -> None:
             parts.document.problem(
                 ("robots", name, "mounted_on"), problem, closest(carrier, set(parts.robots) - {name})
             )
-        able = {*robot.capacities, *_given(parts, name)}
+        able = {*robot.capacities, *given.get(name, ())}
         for skill_name, skill in robot.skills.items():
             path: KeyPath = ("robots", name, "skills", skill_name)
             for position, capacity in enumerate(skill.needs):
@@ -292,10 +322,15 @@ def _check_skills(parts: Parts) -> None:
                 )
 
 
-def _given(parts: Parts, name: str) -> set[str]:
-    """Capacities that data gives to a robot while it is there."""
-    givers = {giver for giver, robot in parts.robots.items() if name in (giver, robot.mounted_on)}
-    return {capacity for (robot, _), data in parts.data.items() if robot in givers for capacity in data.gives}
+def _given(parts: Parts) -> dict[str, set[str]]:
+    """Capacities that data gives to each robot while it is there: its own data, and that of what it carries."""
+    given: dict[str, set[str]] = {}
+    for (name, _), data in parts.data.items():
+        robot = parts.robots.get(name)
+        if data.gives and robot is not None:
+            for owner in {name, robot.mounted_on} - {None}:
+                given.setdefault(str(owner), set()).update(data.gives)
+    return given
 
 
 _CHECKS: Final[tuple[Callable[[Parts], None], ...]] = (

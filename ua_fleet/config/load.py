@@ -14,7 +14,7 @@ from typing import Any, Final, TypeVar
 from pydantic import BaseModel, TypeAdapter, ValidationError
 
 from ua_fleet.config.base import Name
-from ua_fleet.config.checks import Parts, check_all, check_ids_given
+from ua_fleet.config.checks import Parts, check_all, check_ids_given, check_namespaces
 from ua_fleet.config.kinds import known_kinds, model_of_kind
 from ua_fleet.config.layers import apply_environment, apply_options
 from ua_fleet.config.modbus_checks import modbus_problems
@@ -28,6 +28,7 @@ from ua_fleet.config.schema import (
     RobotConfig,
     SkillConfig,
 )
+from ua_fleet.config.source_schema import source_problems
 from ua_fleet.config.wording import explain
 from ua_fleet.document import MAX_BYTES, Document, KeyPath, as_mapping, key_text, read_document
 from ua_fleet.errors import ConfigError, ConfigInvalid
@@ -160,7 +161,7 @@ class Loading:
                 self._document.problem((*path, side), f"bridges of kind {kind} have no `{side}`", f"remove `{side}`")
             elif (mapping := self.model(model, self.mapping((*path, side), value), (*path, side))) is not None:
                 mappings[side] = mapping
-        return None if data_set is None else data_set.model_copy(update=mappings)
+        return data_set.model_copy(update=mappings) if data_set is not None and mappings else data_set
 
     def resilience(self, given: Mapping[str, Any]) -> ResilienceConfig:
         """The section with those of its criteria and faults that are valid."""
@@ -203,8 +204,15 @@ def _read(document: Document, file: str, allow_missing_ids: bool) -> FleetConfig
     bridge_of = {name: robot.bridge for name, robot in robots.items()}
     parts = Parts(document, file, shell.pubsub if shell else None, bridges, bridge_of, data, robots, resilience)
     check_all(parts)
+    if shell is not None:
+        check_namespaces(parts, shell.fleet.namespace_indices)
     if shell is not None and shell.modbus is not None:
         for where, text, suggestion in modbus_problems(shell.modbus, robots, data):
+            document.problem(where, text, suggestion)
+    if shell is not None and shell.sources:
+        origins = {name: (one.origin, one.source is not None) for name, one in data.items()}
+        is_secured = shell.pubsub.security != "none"
+        for where, text, suggestion in source_problems(shell.sources, origins, is_secured=is_secured):
             document.problem(where, text, suggestion)
     check_ids_given(parts, allow_missing=allow_missing_ids)
     if shell is None or document.problems:

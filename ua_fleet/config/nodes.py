@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from ua_fleet.config.schema import BridgeConfig, DataSetConfig, FleetConfig, RobotConfig, ScalarType, SkillConfig
+from ua_fleet.config.source_schema import PublishedSourceConfig
 from ua_fleet.counters import Drop
 from ua_fleet.errors import ConfigError
 from ua_fleet.fleet.model import (
@@ -18,11 +19,14 @@ from ua_fleet.fleet.model import (
     drop_field,
 )
 from ua_fleet.fleet.skills import SkillModel
+from ua_fleet.pubsub.mapped import MappedSource, MappedSources, publisher_key
+from ua_fleet.pubsub.metadata import make_field
 from ua_fleet.skill.status import SKILL_STATUS_FIELDS
 from ua_fleet.topics import SERVER_SPACE, Topic
 from ua_fleet.values import ARRAY, BuiltinType, NodeId
+from ua_fleet.wire.messages import ConfigurationVersion, DataSetMetaData
 
-__all__ = ["fleet_model", "robot_model"]
+__all__ = ["fleet_model", "mapped_sources", "max_ages_of", "robot_model"]
 
 
 def fleet_model(config: FleetConfig) -> FleetModel:
@@ -32,8 +36,38 @@ def fleet_model(config: FleetConfig) -> FleetModel:
         _bridge(ns, name, bridge, [robot for robot in config.robots.values() if robot.bridge == name])
         for name, bridge in config.bridges.items()
     )
-    robots = tuple(robot_model(ns, name, robot, config.space_of(name)) for name, robot in config.robots.items())
-    return FleetModel(config.fleet.name, ns, robots, bridges)
+    robots = tuple(robot_model(name, robot, config.space_of(name)) for name, robot in config.robots.items())
+    return FleetModel(config.fleet.name, ns, robots, bridges, config.fleet.namespace_indices)
+
+
+def max_ages_of(config: FleetConfig) -> dict[Topic, float]:
+    """The maximum ages in seconds that are configured, by source."""
+    return {
+        Topic.checked(config.space_of(name), robot.namespace, data.id): data.max_age_s
+        for name, robot in config.robots.items()
+        for data in robot.data.values()
+        if data.id is not None and data.max_age_s is not None
+    }
+
+
+def mapped_sources(config: FleetConfig) -> MappedSources:
+    """The DataSetWriters that `sources` names, as the data of the fleet's robots."""
+    return MappedSources(
+        MappedSource(
+            publisher_key(source.type_code, source.publisher_id),
+            source.writer_group_id,
+            source.data_set_writer_id,
+            Topic.checked(config.space_of(source.robot), config.robots[source.robot].namespace, data_id),
+            _stated(name, source),
+        )
+        for name, source in config.sources.items()
+        if (data_id := config.robots[source.robot].data[source.data].id) is not None
+    )
+
+
+def _stated(name: str, source: PublishedSourceConfig) -> DataSetMetaData | None:
+    fields = tuple([make_field(field, one.type.builtin, array=one.array) for field, one in source.fields.items()])
+    return DataSetMetaData(name, fields, ConfigurationVersion(0, 0)) if fields else None
 
 
 def _bridge(ns: int, name: str, config: BridgeConfig, robots: Sequence[RobotConfig]) -> BridgeModel:
@@ -46,8 +80,9 @@ def _bridge(ns: int, name: str, config: BridgeConfig, robots: Sequence[RobotConf
     return BridgeModel(name, config.kind, config.space, config.description, status, ns, config.reads_on_demand(robots))
 
 
-def robot_model(ns: int, name: str, config: RobotConfig, space: int) -> RobotModel:
+def robot_model(name: str, config: RobotConfig, space: int) -> RobotModel:
     """The model of a robot whose configuration was checked; raises ConfigError for a data source without an id."""
+    ns = config.namespace
     data_sets: list[DataSetModel] = []
     for browse_name, data_set in config.data.items():
         if data_set.id is None:
@@ -130,7 +165,9 @@ def _data_set(topic: Topic, name: str, config: DataSetConfig) -> DataSetModel:
     )
     sink = config.sink_topic
     message_type = sink.type.replace("/msg/", "/") if sink is not None else None
-    return DataSetModel(topic, name, fields, config.description, is_single, message_type, gives=config.gives)
+    return DataSetModel(
+        topic, name, fields, config.description, is_single, message_type, gives=config.gives, max_age_s=config.max_age_s
+    )
 
 
 def _initial(value: Any, wanted: ScalarType) -> Any:

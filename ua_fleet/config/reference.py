@@ -17,6 +17,7 @@ from typing import Any, Final
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
+from ua_fleet.config.audit_schema import AuditConfig, SyslogConfig
 from ua_fleet.config.kinds import known_kinds, model_of_kind
 from ua_fleet.config.modbus_schema import CommandConfig, ModbusServerConfig
 from ua_fleet.config.resilience_schema import CriterionConfig, DistanceConfig, FaultConditionConfig
@@ -37,6 +38,7 @@ from ua_fleet.config.schema import (
     TopicMapping,
 )
 from ua_fleet.config.skill_schema import ArgumentConfig, SkillConfig, SkillLimitsConfig
+from ua_fleet.config.source_schema import PublishedFieldConfig, PublishedSourceConfig
 from ua_fleet.config.wording import choices
 from ua_fleet.document import as_mapping
 
@@ -49,6 +51,8 @@ _SECTIONS: Final[tuple[tuple[str, type[BaseModel]], ...]] = (
     ("Outermost keys", FleetConfig),
     ("`fleet`", FleetInfo),
     ("`server`", ServerConfig),
+    ("`server.audit`", AuditConfig),
+    ("`server.audit.syslog`", SyslogConfig),
     ("`pubsub`", PubSubConfig),
     ("`pubsub.keys`", KeysConfig),
     ("`bridges.<name>`, whatever its kind", BridgeConfig),
@@ -66,6 +70,8 @@ _SECTIONS: Final[tuple[tuple[str, type[BaseModel]], ...]] = (
     ("`distance` of a criterion", DistanceConfig),
     ("`scenarios`", ScenariosConfig),
     ("`monitoring`", MonitoringConfig),
+    ("`sources.<name>`", PublishedSourceConfig),
+    ("`sources.<name>.fields.<name>`", PublishedFieldConfig),
     ("`modbus`", ModbusServerConfig),
     ("`modbus.commands.<name>`", CommandConfig),
 )

@@ -15,7 +15,7 @@ from typing import Any, Final
 from pydantic import TypeAdapter, ValidationError
 
 from ua_fleet.config.base import Name
-from ua_fleet.config.checks import Parts, check_robots
+from ua_fleet.config.checks import Parts, check_robots, no_namespace
 from ua_fleet.config.load import Loading
 from ua_fleet.config.nodes import robot_model
 from ua_fleet.config.schema import BridgeConfig, FleetConfig, RobotConfig
@@ -82,21 +82,21 @@ def definition_text(name: str, config: RobotConfig) -> str:
 
 def announced_robots(fleet: FleetConfig, bridge: str) -> dict[Topic, str]:
     """What the robots of a bridge are, by the topics of their SkillStatus, for the bridge to announce."""
-    space, ns = fleet.bridges[bridge].space, fleet.fleet.namespace_index
+    space = fleet.bridges[bridge].space
     return {
-        Topic(space, ns, robot.skill_status_id): definition_text(name, robot)
+        Topic(space, robot.namespace, robot.skill_status_id): definition_text(name, robot)
         for name, robot in fleet.robots.items()
         if robot.bridge == bridge and robot.skill_status_id is not None
     }
 
 
-def read_robot(said: RobotText, fleet: FleetConfig, owner_of: Callable[[int], Topic | str | None]) -> Definition:
+def read_robot(said: RobotText, fleet: FleetConfig, owner_of: Callable[[Topic], Topic | str | None]) -> Definition:
     """Check what is said of a robot against a fleet.
 
     Args:
         said: the text, with what stands beside it.
         fleet: the configuration.
-        owner_of: whose an id is already, if anybody's; a source that is the robot's own is nobody else's.
+        owner_of: whose a topic's id is already, in its namespace or its space; the robot's own is nobody else's.
 
     Raises:
         ConfigInvalid: all that is wrong, in the order of the lines.
@@ -120,7 +120,9 @@ def read_robot(said: RobotText, fleet: FleetConfig, owner_of: Callable[[int], To
             Parts(document, said.file, None, dict(bridges), {said.name: robot.bridge}, data_of, {said.name: robot})
         )
         robot = robot.model_copy(update={"data": data})
-        ids = _Ids(document, path, owner_of, fleet.fleet.namespace_index, space)
+        if robot.namespace not in fleet.fleet.namespace_indices:
+            document.problem((*path, "namespace"), *no_namespace(fleet.fleet.namespace_indices))
+        ids = _Ids(document, path, owner_of, robot.namespace, space)
         robot = ids.fill(robot) if space == SERVER_SPACE else robot
         ids.check(robot)
         if space == SERVER_SPACE:
@@ -128,7 +130,7 @@ def read_robot(said: RobotText, fleet: FleetConfig, owner_of: Callable[[int], To
     if document.problems or robot is None:
         raise ConfigInvalid(sorted(document.problems, key=lambda problem: problem.line))
     robot = robot.model_copy(update={"bridge": configured or ""})
-    return Definition(robot, robot_model(fleet.fleet.namespace_index, said.name, robot, space), bridge)
+    return Definition(robot, robot_model(said.name, robot, space), bridge)
 
 
 def _document(said: RobotText) -> Document:
@@ -201,14 +203,18 @@ class _Ids:
     """The ids of a robot beside those of the fleet."""
 
     def __init__(
-        self, document: Document, path: KeyPath, owner_of: Callable[[int], Topic | str | None], ns: int, space: int
+        self, document: Document, path: KeyPath, owner_of: Callable[[Topic], Topic | str | None], ns: int, space: int
     ) -> None:
         self._document, self._path, self._owner_of, self._ns, self._space = document, path, owner_of, ns, space
 
     def fill(self, robot: RobotConfig) -> RobotConfig:
         """Give ids to what has none: nobody else needs to know those of a robot of clients."""
         taken = {number for _, _, number in _ids(robot) if number is not None}
-        free = (number for number in range(_FIRST_FREE, _LAST_ID) if number not in taken and not self._owner_of(number))
+        free = (
+            number
+            for number in range(_FIRST_FREE, _LAST_ID)
+            if number not in taken and not self._owner_of(Topic(self._space, self._ns, number))
+        )
         data = {
             name: one if one.id is not None else one.model_copy(update={"id": next(free)})
             for name, one in robot.data.items()
@@ -230,8 +236,8 @@ class _Ids:
                 hint = "write the id that its bridge uses for it"
                 self._document.problem(where, f"`{path[-1]}` is missing", hint)
                 continue
-            owner = self._owner_of(number)
             own = Topic(self._space if space is None else space, self._ns, number)
+            owner = self._owner_of(own)
             if owner is not None and owner != own:
                 name = owner.name if isinstance(owner, Topic) else owner
                 self._document.problem(where, f"{number} is in use already ({name})", "give one of them another id")

@@ -68,8 +68,15 @@ def check_resilience(parts: Parts) -> None:
         return
     is_whole = not any(problem.key.startswith("resilience") for problem in parts.document.problems)
     values = _Values(parts)
+    capacities = {each for robot in parts.robots.values() for each in robot.capacities}
+    capacities |= {each for data_set in parts.data.values() for each in data_set.gives}
+    skills = {each for robot in parts.robots.values() for each in robot.skills}
     for name, criterion in resilience.criteria.items():
-        _check_criterion(parts, values, (*_PATH, "criteria", name), criterion)
+        path: KeyPath = (*_PATH, "criteria", name)
+        _check_criterion(parts, values, path, criterion)
+        if parts.robots:
+            _check_named(parts, (*path, "capacities"), "no robot has the capacity", criterion.capacities, capacities)
+            _check_named(parts, (*path, "skills"), "no robot has the skill", criterion.skills, skills)
     for name, fault in resilience.faults.items():
         _check_fault(parts, values, (*_PATH, "faults", name), name, fault)
     if is_whole:
@@ -81,7 +88,7 @@ def check_resilience(parts: Parts) -> None:
 
 
 def _check_criterion(parts: Parts, values: _Values, path: KeyPath, criterion: CriterionConfig) -> None:
-    """Some robots may lack a value, and are no candidates then; one that all lack is a mistake."""
+    """Some robots may lack a value; one that all lack is a mistake."""
     distance = criterion.distance
     named: list[tuple[KeyPath, str]] = []
     if criterion.value is not None:
@@ -107,6 +114,21 @@ def _check_criterion(parts: Parts, values: _Values, path: KeyPath, criterion: Cr
         parts.document.problem((*path, "distance", there), text, f"add `{missing}`, or remove it")
 
 
+def _capacities(parts: Parts, name: str) -> set[str]:
+    """What a robot can do, always or while its data is there."""
+    robot = parts.robots.get(name)
+    givers = {giver for giver, each in parts.robots.items() if name in (giver, each.mounted_on)}
+    given = {each for (giver, _), data_set in parts.data.items() if giver in givers for each in data_set.gives}
+    return given if robot is None else {*robot.capacities, *given}
+
+
+def _check_named(parts: Parts, path: KeyPath, problem: str, names: Iterable[str], known: set[str]) -> None:
+    for position, name in enumerate(names):
+        if name not in known:
+            hint = closest(name, known) or f"known: {listed(sorted(known)) or 'none'}"
+            parts.document.problem((*path, position), f"{problem} `{name}`", hint)
+
+
 def _check_fault(parts: Parts, values: _Values, path: KeyPath, name: str, fault: FaultConditionConfig) -> None:
     if name in RESERVED_SOURCES:
         parts.document.problem(path, f"`{name}` is found by the program itself", "choose another name")
@@ -114,6 +136,14 @@ def _check_fault(parts: Parts, values: _Values, path: KeyPath, name: str, fault:
         if robot not in values.robots:
             hint = closest(robot, values.robots) or f"robots: {listed(values.robots) or 'none'}"
             parts.document.problem((*path, "robots", position), f"there is no robot `{robot}`", hint)
+        else:
+            able = _capacities(parts, robot)
+            for at, capacity in enumerate(fault.capacities):
+                if capacity not in able:
+                    hint = closest(capacity, able) or f"it has: {listed(sorted(able)) or 'none'}"
+                    parts.document.problem(
+                        (*path, "capacities", at), f"{robot} has not the capacity `{capacity}`", hint
+                    )
     rule = fault.rule(name)
     for key, expression in (("when", rule.when), ("until", rule.until)):
         if expression is not None:

@@ -10,7 +10,7 @@ from pydantic import Field, model_validator
 from ua_fleet.config.base import FieldPath, Model, Name
 from ua_fleet.config.shapes import exactly_one
 from ua_fleet.orchestrator import CriterionSource, DistanceFrom, FaultRule, ResilienceSettings, TasksAhead, ValueOf
-from ua_fleet.resilience import Criterion, CriterionKind, Mode, OnLimit, Synthesis
+from ua_fleet.resilience import Criterion, CriterionKind, Missing, Mode, OnLimit, Synthesis
 from ua_fleet.scenario import parse_expression
 from ua_fleet.scenario.expression import ExpressionInvalid
 
@@ -41,7 +41,8 @@ class CriterionConfig(
     kind: Literal["benefit", "cost"]
     """`benefit`: more is better. `cost`: less is better."""
     range: tuple[float, float]
-    """Least and greatest value to be expected; a cost below 1 % of it counts as 1 %."""
+    """Least and greatest value to be expected; a cost below 1 % of it counts as 1 %. A value that is more than 1,000
+    times as great as its greater end counts as not known."""
     unit: str = ""
     """Unit as shown to people."""
     value: FieldPath | None = None
@@ -50,6 +51,13 @@ class CriterionConfig(
     """The distance between two points."""
     tasks_ahead: bool = False
     """Availability: 100, and less with each task that the robot has ahead."""
+    missing: Literal["worst", "neutral", "exclude"] = "worst"
+    """What it means that a robot's value is not known. `worst`: it counts as the worst end of the range. `neutral`: it
+    counts neither for the robot nor against it. `exclude`: the robot gives way to those whose values are known."""
+    capacities: tuple[Name, ...] = ()
+    """The criterion counts for tasks that need one of these capacities. Neither this nor `skills`: for all tasks."""
+    skills: tuple[Name, ...] = ()
+    """It counts for tasks of these skills."""
 
     @model_validator(mode="after")
     def _check(self) -> CriterionConfig:
@@ -57,7 +65,15 @@ class CriterionConfig(
             raise ValueError("give exactly one of `value`, `distance` and `tasks_ahead: true`")
         if self.range[0] >= self.range[1]:
             raise ValueError("range: the first value must be less than the second")
+        if max(map(abs, self.range)) > 1e100 or self.range[1] - self.range[0] < 1e-100:
+            raise ValueError("range: from -1e100 to 1e100, and at least 1e-100 wide")
         return self
+
+    def criterion(self, name: str) -> Criterion:
+        """By what robots are compared."""
+        missing = Missing(self.missing)
+        kind = CriterionKind(self.kind)
+        return Criterion(name, kind, self.range, self.unit, missing, self.capacities, self.skills)
 
     def source(self) -> CriterionSource:
         """Where the raw value comes from."""
@@ -80,6 +96,8 @@ class FaultConditionConfig(Model, frozen=True):
     """It is over when this is true; left out: when `when` is false."""
     reason: str = ""
     """What people read; the condition itself if left out."""
+    capacities: tuple[Name, ...] = ()
+    """What the fault takes away: tasks that need none of these go on. Left out: all."""
 
     @model_validator(mode="after")
     def _check(self) -> FaultConditionConfig:
@@ -92,7 +110,7 @@ class FaultConditionConfig(Model, frozen=True):
     def rule(self, name: str) -> FaultRule:
         """The rule that the orchestrator goes by."""
         until = None if self.until is None else parse_expression(self.until)
-        return FaultRule(name, self.robots, parse_expression(self.when), until, self.reason)
+        return FaultRule(name, self.robots, parse_expression(self.when), until, self.reason, self.capacities)
 
 
 class ModeName(StrEnum):
@@ -110,8 +128,15 @@ class ResilienceConfig(Model, frozen=True):
     """`operator`: a person chooses. `automatic`: the best candidate. `abort`: nobody takes over."""
     limit_s: float = Field(default=60.0, gt=0)
     """How long an operator may think."""
-    on_limit: Literal["best", "abort"] = "best"
-    """What happens then: the best candidate is taken, or the task is given up."""
+    on_limit: Literal["best_if_known", "best", "abort"] = "best_if_known"
+    """What happens then. `best_if_known`: the best candidate is taken, but where nobody knows whether the first robot
+    is still at it the task fails. `best`: the best candidate in any case, beside the first one if need be. `abort`: the
+    task fails."""
+    silence_s: float = Field(default=30.0, ge=0)
+    """How long a silent robot is waited for, from the server's start at the earliest; then nobody knows what it is at,
+    and another one is looked for where it had begun nothing."""
+    return_s: float = Field(default=300.0, ge=0)
+    """How long a silent robot is waited for that may be at a task with `on_unknown: retry`; then a decision asks."""
     synthesis: Literal["distributive", "ideal"] = "distributive"
     """`ideal`: a further candidate who is nowhere the best changes no order."""
     criteria: Annotated[dict[Name, CriterionConfig], Field(min_length=1)] = {
@@ -130,10 +155,7 @@ class ResilienceConfig(Model, frozen=True):
 
     def settings(self) -> ResilienceSettings:
         """What the orchestrator goes by; raises JudgementsInvalid, never for a file that was loaded."""
-        criteria = tuple(
-            (Criterion(name, CriterionKind(config.kind), config.range, config.unit), config.source())
-            for name, config in self.criteria.items()
-        )
+        criteria = tuple((config.criterion(name), config.source()) for name, config in self.criteria.items())
         judgements = {(one, other): value for one, row in self.judgements.items() for other, value in row.items()}
         return ResilienceSettings(
             criteria,
@@ -142,4 +164,6 @@ class ResilienceConfig(Model, frozen=True):
             mode=Mode(self.mode.value),
             limit_s=self.limit_s,
             on_limit=OnLimit(self.on_limit),
+            silence_s=self.silence_s,
+            return_s=self.return_s,
         )

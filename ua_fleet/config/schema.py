@@ -7,21 +7,21 @@ each problem and checks what one model alone cannot see (ids used twice, a robot
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from enum import StrEnum
-from ipaddress import IPv4Network
 from typing import Annotated, ClassVar, Literal
 
 from pydantic import BaseModel, Field, SerializeAsAny, field_validator, model_validator
 
+from ua_fleet.config.audit_schema import AuditConfig
 from ua_fleet.config.base import RANGED, DataSetId, FieldPath, Model, Name, Port, ScalarType
 from ua_fleet.config.modbus_schema import ModbusServerConfig
+from ua_fleet.config.pubsub_schema import KeysConfig, PubSubConfig, PubSubSecurity
 from ua_fleet.config.resilience_schema import ResilienceConfig
 from ua_fleet.config.shapes import VENDOR_SPACE, all_of, exactly_one, given, implies, limited_to, none_of
 from ua_fleet.config.skill_schema import SkillConfig
+from ua_fleet.config.source_schema import PublishedSourceConfig
 from ua_fleet.document import KeyPath
 from ua_fleet.errors import TopicInvalid
-from ua_fleet.fleet.model import UnknownSources
-from ua_fleet.pubsub.timing import PubSubTiming
+from ua_fleet.fleet.model import FIRST_NAMESPACE, FLEET_NAMESPACE, UnknownSources
 from ua_fleet.topics import FIRST_VENDOR_SPACE, SERVER_SPACE, check_space
 
 __all__ = [
@@ -89,14 +89,17 @@ class DataMapping(Model, frozen=True):
     """What `source` and `sink` of a data source say. Each kind of bridge derives its own from this one."""
 
 
+MessageTypeName = Annotated[
+    str, Field(pattern=r"^[a-z][a-z0-9_]*/(msg/)?[A-Z][A-Za-z0-9]*$", examples=["sensor_msgs/BatteryState"])
+]
+
+
 class TopicMapping(DataMapping, frozen=True):
     """A robot's own topic that a DataSet is read from or written to. For the bridges of ROS 1 and ROS 2."""
 
     topic: Annotated[str, Field(pattern=r"^/?[A-Za-z_][A-Za-z0-9_/]*$", examples=["/battery_state"])]
     """Name of the topic in the robot's space, e.g. `/battery_state`."""
-    type: Annotated[
-        str, Field(pattern=r"^[a-z][a-z0-9_]*/(msg/)?[A-Z][A-Za-z0-9]*$", examples=["sensor_msgs/BatteryState"])
-    ]
+    type: MessageTypeName
     """Message type as `pkg/Name`."""
     max_rate_hz: float | None = Field(default=None, gt=0)
     """At most so many messages a second are carried; the latest wins, and the last one always arrives."""
@@ -116,6 +119,7 @@ class DataSetConfig(
         implies(given("gives", []), {"not": limited_to("origin", "server")}),
         implies(given("source"), {"not": limited_to("origin", "server")}),
         implies(given("sink"), limited_to("origin", "server")),
+        implies(given("max_age_s"), {"not": limited_to("origin", "server")}),
     ),
 ):
     """One data source of a robot: a node with a numeric id, or an object with it and a variable for each field."""
@@ -146,18 +150,29 @@ class DataSetConfig(
     topic `ua_<space>_<ns>_<id>`, where the kind has topics."""
     sink: SerializeAsAny[DataMapping] | None = None
     """What the data is also written to, by the bridge's kind."""
+    ros_type: MessageTypeName | None = None
+    """Message type as `pkg/Name` with which several `fields` reach the ROS spaces that they do not come from; its
+    members have the names of the fields. Left out: a `std_msgs/String` with a JSON object."""
+    max_age_s: float | None = Field(default=None, ge=0.1, le=1e7, allow_inf_nan=False)
+    """For how long a value counts as one of now after it was read: sent by the robot, or read from it again, changed or
+    not. Then it is Uncertain_NoCommunicationLastUsableValue until it is read again. Left out: a topic of ROS that comes
+    with a period and is not latched has ten periods, at least 3 s; all else has no maximum age."""
     gives: tuple[Name, ...] = ()
     """Capacities that the robot has only while this data source is there, e.g. `temperature` of a thermometer that may
     be pulled out. The robot that this one is `mounted_on` has them too."""
 
     @model_validator(mode="after")
     def _check(self) -> DataSetConfig:
+        if self.max_age_s is not None and self.origin == "server":
+            raise ValueError("max_age_s: data that clients write stays until it is written again; remove it")
         if self.gives and self.origin == "server":
             raise ValueError("gives: data that clients write gives no capacity; remove it")
         if self.fields and self.type is not None:
             raise ValueError("give either `type` (one field) or `fields` (several), not both")
         if not self.fields and self.type is None:
             raise ValueError("give `type` (one field) or `fields` (several)")
+        if self.ros_type is not None and not self.fields:
+            raise ValueError("ros_type: give `fields`; a single value has the type of std_msgs")
         if self.fields and (self.array or self.unit or self.range or self.path or self.initial is not None):
             raise ValueError("with `fields`, array, unit, range, path and initial belong to each field")
         self.all_fields()
@@ -193,6 +208,8 @@ class RobotConfig(Model, frozen=True):
 
     bridge: Name
     """The bridge in whose space the robot lives."""
+    namespace: int = Field(default=FLEET_NAMESPACE, ge=FLEET_NAMESPACE, le=0xFFFF)
+    """Namespace of the ids here, and number of the WriterGroup: 2, or the index of one in `fleet.namespaces`."""
     description: str = ""
     """Text for people, the description of the node."""
     capacities: tuple[Name, ...] = ()
@@ -286,87 +303,6 @@ class VendorBridgeConfig(BridgeConfig, frozen=True):
         return space
 
 
-class PubSubSecurity(StrEnum):
-    """Message security of PubSub (MessageSecurityMode, OPC 10000-14 6.2.5.2). `none` has to be written."""
-
-    NONE = "none"
-    SIGN = "sign"
-    SIGN_AND_ENCRYPT = "sign_and_encrypt"
-
-
-class KeysConfig(Model, frozen=True):
-    """Where the keys of PubSub come from, and how long they live (OPC 10000-14 6.2.12 and 8.3)."""
-
-    source: Literal["service", "files"] = "service"
-    """`service`: bridges pull keys from the OPC UA server. `files`: every process reads the same key files."""
-    folder: str = "keys"
-    """Folder of the key files of `source: files`; relative to `fleet.yaml`. Only its owner may read it."""
-    policy: Literal["PubSub-Aes256-CTR", "PubSub-Aes128-CTR"] = "PubSub-Aes256-CTR"
-    """SecurityPolicy of all SecurityGroups (OPC 10000-7)."""
-    lifetime_s: float = Field(default=3600.0, gt=0)
-    """KeyLifetime: the key service changes keys with this period. Key files change by `ua-fleet keys rotate`."""
-    past_keys: int = Field(default=1, ge=0, le=16)
-    """MaxPastKeyCount: keys that were replaced and that readers still take for one more lifetime."""
-    future_keys: int = Field(default=4, ge=1, le=64)
-    """MaxFutureKeyCount: keys handed out ahead; so many lifetimes the bridges go on without the service."""
-    endpoint: Annotated[str, Field(pattern=r"^opc\.tcp://[^/]+")] | None = None
-    """URL by which bridges reach the key service, where `server.host` and `server.port` do not say it."""
-
-
-class PubSubConfig(Model, frozen=True):
-    """OPC UA PubSub between the server and the bridges."""
-
-    security: PubSubSecurity = Field(examples=["sign_and_encrypt"])
-    """`sign_and_encrypt`, or `sign` where all may read. `none` sends and accepts unsigned messages. There is no
-    default."""
-    url: Annotated[str, Field(pattern=r"^opc\.udp://[^/]+:\d{1,5}$")] = "opc.udp://224.0.2.14:4840"
-    """Multicast group (or a unicast address) and port (OPC 10000-14 7.3.2)."""
-    interface: str = "lo"
-    """Name or address of the network interface, or a subnet in which its address is (`192.168.1.0/24`), for machines
-    that get their address from others; `lo` keeps all traffic on this machine."""
-    ttl: int = Field(default=1, ge=0, le=255)
-    """Router hops that a multicast datagram may make."""
-    receive_buffer_bytes: int = Field(default=4 * 1024 * 1024, ge=65_536)
-    """Wanted size of the socket's receive buffer; the kernel may give less, the log says what it gave."""
-    keep_alive_s: float = Field(default=1.0, gt=0)
-    """Period of keep-alive messages while a source lives but says nothing (KeepAliveTime)."""
-    receive_timeout_s: float = Field(default=3.0, gt=0)
-    """A source silent for so long is shown as Bad_NoCommunication (MessageReceiveTimeout)."""
-    repeat_interval_s: float = Field(default=5.0, gt=0)
-    """The last message of each source is sent again with this period, with its Timestamp unchanged."""
-    inlet_size: int = Field(default=10_000, ge=1)
-    """Messages that may wait inside a bridge between its robot side and its PubSub side; then the oldest is dropped."""
-    keys: KeysConfig = KeysConfig()
-    """Keys of message security; without meaning where `security` is `none`."""
-    relaxed_replay: tuple[Annotated[int, Field(ge=0, le=65535)], ...] = ()
-    """Spaces (PublisherIds) whose data, but no command, is taken without a replay check. open62541 1.5 needs it; said
-    at start."""
-    max_datagram_bytes: int = Field(default=65_507, ge=576, le=65_507)
-    """Larger NetworkMessages are sent as chunks of at most this size (OPC 10000-14 7.2.4.4.4)."""
-    max_message_bytes: int = Field(default=4 * 1024 * 1024, ge=65_536)
-    """Largest message that is put together from chunks; also what all unfinished messages together may hold."""
-
-    @field_validator("interface")
-    @classmethod
-    def _interface_is_no_broken_subnet(cls, value: str) -> str:
-        if "/" in value:
-            try:
-                IPv4Network(value)
-            except ValueError as error:
-                raise ValueError(f"{value!r} is no subnet such as 192.168.1.0/24: {error}") from None
-        return value
-
-    @model_validator(mode="after")
-    def _check(self) -> PubSubConfig:
-        if self.receive_timeout_s <= self.keep_alive_s:
-            raise ValueError("receive_timeout_s must be greater than keep_alive_s")
-        return self
-
-    def timing(self) -> PubSubTiming:
-        """The periods of writers and readers."""
-        return PubSubTiming(self.keep_alive_s, self.receive_timeout_s, self.repeat_interval_s)
-
-
 class ServerConfig(Model, frozen=True):
     """The OPC UA server."""
 
@@ -392,16 +328,22 @@ class ServerConfig(Model, frozen=True):
     """TCP connections of all clients together."""
     max_sessions: int = Field(default=50, ge=1)
     """Sessions of all clients together."""
+    max_sessions_per_user: int = Field(default=10, ge=1)
+    """Sessions of one user, or of one address where clients have no user."""
+    reserved_sessions: int = Field(default=10, ge=0)
+    """Of `max_sessions`, those that only engineers and bridges get; at most half of them."""
     max_subscriptions_per_session: int = Field(default=50, ge=1)
     """Subscriptions of one session."""
     max_monitored_items_per_subscription: int = Field(default=20_000, ge=1)
-    """Monitored items of one subscription."""
+    """Monitored items of one subscription; one user, or an address without one, may have three times as many in all."""
     max_nodes_per_request: int = Field(default=10_000, ge=1)
     """Operations of one request, e.g. nodes that are read at once."""
     max_message_bytes: int = Field(default=4 * 1024 * 1024, ge=65_536)
     """Largest request of an authenticated client; before authentication at most 64 KiB are taken."""
     analog_rate_hz: float = Field(default=10.0, gt=0)
     """An analog value's node is written at most so often; the last value always arrives."""
+    audit: AuditConfig = AuditConfig()
+    """The audit log in `state_dir`."""
     monitoring_port: Port | None = None
     """The server's port in place of `monitoring.port`."""
 
@@ -416,6 +358,8 @@ class MonitoringConfig(Model, frozen=True):
     port: Port = 0
     """TCP port of every process, for processes on machines of their own; 0: any free one, which the process writes to
     `monitoring.json` in its `state_dir`."""
+    names: tuple[Annotated[str, Field(pattern=r"^[A-Za-z0-9._-]+$")], ...] = ()
+    """Names of this machine by which Prometheus may ask, besides addresses, `localhost` and the machine's own."""
 
 
 class FleetInfo(Model, frozen=True):
@@ -427,6 +371,14 @@ class FleetInfo(Model, frozen=True):
     """URI of the namespace of all nodes of the fleet. Clients remember it: choose your own, and keep it."""
     namespace_index: Literal[2] = 2
     """Index of the fleet's namespace. Topics carry it, so the server refuses to start when its table disagrees."""
+    namespaces: tuple[Annotated[str, Field(min_length=3)], ...] = ()
+    """URIs of further namespaces, with the indices 4, 5 and so on: each has 65,535 ids for robots whose `namespace` it
+    is."""
+
+    @property
+    def namespace_indices(self) -> tuple[int, ...]:
+        """The namespaces that data may have; between the fleet's and the others lies that of the types."""
+        return (self.namespace_index, *range(FIRST_NAMESPACE, FIRST_NAMESPACE + len(self.namespaces)))
 
 
 class ScenariosConfig(Model, frozen=True):
@@ -461,8 +413,14 @@ class FleetConfig(Model, frozen=True):
     """Scenarios that operators run."""
     monitoring: MonitoringConfig = MonitoringConfig()
     """Health and metrics of every process."""
+    sources: dict[Name, PublishedSourceConfig] = {}
+    """Publishers that are no bridges of the fleet, as the data of its robots."""
     modbus: ModbusServerConfig | None = None
     """The fleet as a Modbus device, for PLCs; left out: it is none."""
+
+    def namespace_of(self, robot_name: str) -> int:
+        """The namespace of a robot's ids."""
+        return self.robots[robot_name].namespace
 
     def space_of(self, robot_name: str) -> int:
         """The space in which a robot lives."""

@@ -81,6 +81,7 @@ def envelope_of(config: FleetConfig, space: int, counters: Counters, state_dir: 
         max_datagram_bytes=pubsub.max_datagram_bytes,
         max_message_bytes=pubsub.max_message_bytes,
         past_keys=pubsub.keys.past_keys,
+        asks_for_all=pubsub.keys.source == "files",
     )
     for group_id in groups_of(config, space) if is_secured else ():
         envelope.want(group_id)

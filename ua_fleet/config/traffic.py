@@ -13,7 +13,7 @@ def known_kinds(config: FleetConfig) -> dict[Topic, Kind]:
     """Where robots announce faults, and the data of sensors: of what has data and can be asked for nothing."""
     known: dict[Topic, Kind] = {}
     for robot in config.robots.values():
-        space, ns = config.bridges[robot.bridge].space, config.fleet.namespace_index
+        space, ns = config.bridges[robot.bridge].space, robot.namespace
         if robot.fault_id is not None:
             known[Topic(space, ns, robot.fault_id)] = Kind.FAULT
         if not robot.skills:

@@ -14,7 +14,7 @@ _ALL_CLIENTS: Final = """\
 # Any client certificate is accepted, so that UaExpert connects at once; users and passwords are still asked for.
   trust_all_clients: true"""
 _KNOWN_CLIENTS: Final = """\
-# A client is let in once its certificate is known: ua-fleet cert list, then ua-fleet cert trust THUMBPRINT.
+# A client is let in once its certificate is known: ua-fleet cert trust --last --show.
   trust_all_clients: false"""
 _UNSECURED: Final = "# Unsigned messages, on loopback only.\n  security: none"
 _SECURED: Final = """\

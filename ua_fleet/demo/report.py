@@ -8,6 +8,7 @@ from __future__ import annotations
 import contextlib
 import json
 import os
+import threading
 import time
 from pathlib import Path
 from typing import Any, Final
@@ -18,17 +19,20 @@ EVENTS_VARIABLE: Final = "UA_FLEET_EVENTS"
 HEARTBEAT_VARIABLE: Final = "UA_FLEET_HEARTBEAT"
 MOST_BYTES: Final = 8 * 1024 * 1024
 """Of the file of events; then it is kept as `<name>.1`, and begun anew."""
+_writing: Final = threading.Lock()
+"""`print` writes a line and its end apart: of two threads at once, neither line could be read."""
 
 
 def report(who: str, what: str, **details: Any) -> None:
-    """Print one event, and append it to the file of events."""
+    """Print one event, and append it to the file of events; from any thread, each on a line of its own."""
     line = json.dumps({"t": time.time(), "who": who, "what": what, **details})
-    print(line, flush=True)
     name = os.environ.get(EVENTS_VARIABLE)
-    if name:
-        # A full disk must not stop a robot: the file is for people.
-        with contextlib.suppress(OSError):
-            _append(Path(name), line)
+    with _writing:
+        print(line, flush=True)
+        if name:
+            # A full disk must not stop a robot: the file is for people.
+            with contextlib.suppress(OSError):
+                _append(Path(name), line)
 
 
 def _append(path: Path, line: str) -> None:

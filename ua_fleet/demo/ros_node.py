@@ -16,6 +16,8 @@ from ua_fleet.demo.report import beat
 __all__ = ["RosNode", "connect"]
 
 BEAT_S = 1.0
+MASTER_S = 0.2
+"""Pause before a ROS master that does not answer is asked again."""
 
 
 class RosNode:
@@ -74,10 +76,15 @@ class Ros1Node(RosNode):
     """A rospy node; ROS_MASTER_URI says where its master is."""
 
     def __init__(self, name: str) -> None:
+        import rosgraph
         import rospy
 
         super().__init__()
         self._rospy = rospy
+        if not rosgraph.is_master_online():  # rospy.init_node ends the program then; the master may be about to start
+            print(f"waiting for the ROS master at {rosgraph.get_master_uri()}", flush=True)
+        while not rosgraph.is_master_online():
+            self.wait(MASTER_S)
         rospy.init_node(name, disable_signals=True, disable_rosout=True)
         # The package is on this robot, and a master that was restarted hears of it again.
         from ua_bridges.robot.ros1_registered import keep_registered

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Final
 
 from ua_fleet.fleet.changes import Change, Noticed, SourceAdded, SourceQuarantined, SourceReleased, SourceRemoved
@@ -9,7 +10,7 @@ from ua_fleet.fleet.model import DataSetModel, FieldModel, UnknownSources
 from ua_fleet.pubsub.metadata import field_property, type_code
 from ua_fleet.topics import Topic
 from ua_fleet.values import ARRAY, DIMENSIONS, BuiltinType, NodeId
-from ua_fleet.wire.messages import DataSetMetaData, FieldMetaData
+from ua_fleet.wire.messages import ConfigurationVersion, DataSetMetaData, FieldMetaData
 
 __all__ = ["Discovery", "data_set_from_metadata"]
 
@@ -17,6 +18,7 @@ MAX_FIELDS: Final = 500
 """Most fields of a source that gets nodes."""
 MAX_NAME: Final = 128
 """Longest name that is shown; what is longer is cut."""
+_NO_METADATA: Final = DataSetMetaData("", (), ConfigurationVersion(0, 0))
 _TYPES: Final = frozenset(BuiltinType) - {BuiltinType.NULL, BuiltinType.DATA_VALUE, BuiltinType.DIAGNOSTIC_INFO}
 
 
@@ -62,11 +64,11 @@ def message_type_of(metadata: DataSetMetaData) -> str:
 class Discovery:
     """Applies the policy for unknown sources, within its bounds."""
 
-    def __init__(self, policy: UnknownSources, max_sources: int, ns: int) -> None:
-        """Make it for a fleet whose namespace has the index `ns`."""
+    def __init__(self, policy: UnknownSources, max_sources: int, namespaces: Sequence[int]) -> None:
+        """Make it for a fleet whose namespaces have these indices."""
         self._policy = policy
         self._max_sources = max_sources
-        self._ns = ns
+        self._namespaces = tuple(namespaces)
         self._known: dict[Topic, tuple[DataSetMetaData, DataSetModel | None]] = {}
         self._is_full = False
 
@@ -80,6 +82,10 @@ class Discovery:
         if known is None and len(self._known) >= self._max_sources:
             return None, self._refuse(topic)
         before = known[1] if known is not None else None
+        late: list[Change] = []
+        if known is not None and known[0] is _NO_METADATA:
+            known = None
+            late.append(SourceReleased(topic))
         made = self._make(topic, metadata)
         if isinstance(made, DataSetModel):
             self._known[topic] = metadata, made
@@ -87,14 +93,27 @@ class Discovery:
                 return before, []
             text = f"{topic.name} ({made.name}) is not in fleet.yaml: it gets nodes"
             added: list[Change] = [SourceAdded(made), Noticed(False, text, topic)]
-            return made, [SourceRemoved(before), *added] if before is not None else added
+            return made, [SourceRemoved(before), *added] if before is not None else [*late, *added]
         self._known[topic] = metadata, None
-        changes: list[Change] = [SourceRemoved(before)] if before is not None else []
+        changes: list[Change] = [SourceRemoved(before)] if before is not None else late
         if known is None or before is not None:
             name = metadata.name[:MAX_NAME]
             changes.append(SourceQuarantined(topic, name, message_type_of(metadata), made))
             changes.append(Noticed(True, f"{topic.name} ({name}) has no nodes: {made}", topic))
         return None, changes
+
+    def unannounced(self, topic: Topic) -> list[Change]:
+        """A source sends data and never says what it is: it is listed, with what to do about it."""
+        if self._policy is UnknownSources.IGNORE or topic in self._known:
+            return []
+        if len(self._known) >= self._max_sources:
+            return self._refuse(topic)
+        self._known[topic] = _NO_METADATA, None
+        why = "it announces no metadata; state its fields in `sources` of fleet.yaml"
+        return [
+            SourceQuarantined(topic, "", "", why),
+            Noticed(True, f"{topic.name} has no nodes: {why}", topic),
+        ]
 
     def forget(self, topic: Topic) -> list[Change]:
         """A robot has this source from now on."""
@@ -112,8 +131,9 @@ class Discovery:
         return [Noticed(True, text, topic)]
 
     def _make(self, topic: Topic, metadata: DataSetMetaData) -> DataSetModel | str:
-        if topic.ns != self._ns:
-            return f"its namespace index is not the fleet's ({self._ns})"
+        if topic.ns not in self._namespaces:
+            there = ", ".join(str(index) for index in self._namespaces)
+            return f"its namespace index is none of the fleet's ({there})"
         if self._policy is UnknownSources.QUARANTINE:
             return "fleet.yaml does not name it (server.unknown_sources: quarantine)"
         return data_set_from_metadata(topic, metadata)

@@ -17,7 +17,10 @@ from ua_fleet.values import BuiltinType, NodeId
 
 __all__ = [
     "BRIDGE_FIELDS",
+    "FIRST_NAMESPACE",
+    "FLEET_NAMESPACE",
     "GROUP_SIZE",
+    "MAX_AGE_PREFIX",
     "TRAFFIC_FIELDS",
     "BridgeModel",
     "DataSetModel",
@@ -30,8 +33,14 @@ __all__ = [
     "drop_field",
 ]
 
+FLEET_NAMESPACE: Final = 2
+"""Index of the namespace of all nodes but those whose ids are of another one."""
+FIRST_NAMESPACE: Final = 4
+"""Index of the first of `fleet.namespaces`; the types have 3."""
 GROUP_SIZE: Final = 100
 """Most children of one folder: asyncua and clients alike go through all of them for each."""
+MAX_AGE_PREFIX: Final = "MaxAge."
+"""What the id of the Property MaxAge begins with; the number of its data source follows."""
 
 TRAFFIC_FIELDS: Final = ("MessagesIn", "MessagesOut", "Gaps", "Looped")
 """Variables of TrafficType beside its drops."""
@@ -40,6 +49,8 @@ BRIDGE_FIELDS: Final[tuple[tuple[str, BuiltinType], ...]] = (
     ("Detail", BuiltinType.STRING),
     ("FromSpace", BuiltinType.UINT64),
     ("ToSpace", BuiltinType.UINT64),
+    ("LagP99", BuiltinType.DOUBLE),
+    ("OldestWaiting", BuiltinType.DOUBLE),
     *((name, BuiltinType.UINT64) for name in TRAFFIC_FIELDS),
 )
 """Fields of a bridge's status DataSet that BridgeType shows, beside its drops."""
@@ -113,6 +124,13 @@ class DataSetModel:
     """Whether clients write it where it originates in the server; else the server itself says it."""
     gives: tuple[str, ...] = ()
     """Capacities that its robot has only while it is there."""
+    max_age_s: float | None = None
+    """The maximum age that is configured; its publisher may know another one."""
+
+    @property
+    def max_age_key(self) -> NodeId:
+        """The Property MaxAge."""
+        return NodeId(self.topic.ns, f"{MAX_AGE_PREFIX}{self.topic.id}")
 
     @property
     def key(self) -> NodeId:
@@ -135,6 +153,7 @@ class RobotModel:
     capacities: tuple[str, ...]
     data_sets: tuple[DataSetModel, ...]
     ns: int
+    """Namespace of the ids of its data and skills; its own object is in the fleet's."""
     skills: tuple[SkillModel, ...] = ()
     skill_status: Topic | None = None
     """DataSet with the robot's last executions; None without skills."""
@@ -148,11 +167,11 @@ class RobotModel:
     @property
     def key(self) -> NodeId:
         """The robot's object."""
-        return NodeId(self.ns, f"Robots.{self.name}")
+        return NodeId(FLEET_NAMESPACE, f"Robots.{self.name}")
 
     def part(self, name: str) -> NodeId:
         """A node of the robot that is no DataSet, e.g. State."""
-        return NodeId(self.ns, f"Robots.{self.name}.{name}")
+        return NodeId(FLEET_NAMESPACE, f"Robots.{self.name}.{name}")
 
     @property
     def skill_status_data(self) -> DataSetModel | None:
@@ -211,6 +230,8 @@ class FleetModel:
     ns: int
     robots: tuple[RobotModel, ...]
     bridges: tuple[BridgeModel, ...]
+    namespaces: tuple[int, ...] = (FLEET_NAMESPACE,)
+    """Those that data may have."""
 
     def data_sets(self) -> Iterator[DataSetModel]:
         """All configured DataSets, those of skills' and bridges' status included."""

@@ -7,16 +7,19 @@ from typing import Any, Final
 from ua_fleet.counters import Counters, Drop
 from ua_fleet.fleet.changes import Change, Noticed, ValueChanged
 from ua_fleet.fleet.check import Misfit, is_analog, misfit, type_name
+from ua_fleet.fleet.matching import find_field
 from ua_fleet.fleet.model import DataSetModel, FieldModel
+from ua_fleet.pubsub.metadata import max_age_s
 from ua_fleet.values import TICKS_PER_SECOND, BuiltinType, StatusCode, status_name
-from ua_fleet.wire.messages import DataSetMessage, DataSetMetaData, FieldMetaData
+from ua_fleet.wire.messages import DataSetMessage, DataSetMetaData
 
 __all__ = ["Field", "Source"]
 
 _WAITING: Final = int(StatusCode.BAD_WAITING_FOR_INITIAL_DATA)
 _NO_COMMUNICATION: Final = int(StatusCode.BAD_NO_COMMUNICATION)
 _REFUSED: Final = int(StatusCode.BAD_SECURITY_CHECKS_FAILED)
-_LAST_USABLE: Final = int(StatusCode.UNCERTAIN_LAST_USABLE_VALUE)
+_LAST_USABLE: Final = int(StatusCode.UNCERTAIN_NO_COMMUNICATION_LAST_USABLE_VALUE)
+_DOUBLE: Final = int(BuiltinType.DOUBLE)
 _STATUS: Final = int(BuiltinType.STATUS_CODE)
 _QUIET_TICKS: Final = 60 * TICKS_PER_SECOND
 _RECENT: Final = 64
@@ -68,12 +71,14 @@ class Field:
 class Source:
     """One data source as the server knows it."""
 
-    __slots__ = ("alive", "fields", "is_refused", "lost", "metadata", "model", "newest", "plan", "recent")
+    __slots__ = ("alive", "fields", "is_refused", "lost", "max_age_s", "metadata", "model", "newest", "plan", "recent")
 
     def __init__(self, model: DataSetModel) -> None:
         self.model = model
         self.fields = tuple(Field(field) for field in model.fields)
         self.metadata: DataSetMetaData | None = None
+        self.max_age_s = model.max_age_s
+        """What its node says: what its publisher announces, or what is configured."""
         self.plan: tuple[tuple[int, Field], ...] = ()
         """Where in a message each field stands."""
         self.alive = False
@@ -89,8 +94,14 @@ class Source:
         self.metadata = metadata
         found: list[tuple[int, Field]] = []
         changes: list[Change] = []
+        announced_s = max_age_s(metadata.fields)
+        age_s = self.model.max_age_s if announced_s is None else announced_s
+        if age_s != self.max_age_s:
+            self.max_age_s = age_s
+            age_ms = 0.0 if age_s is None else age_s * 1000
+            changes.append(ValueChanged(self.model.max_age_key, _DOUBLE, age_ms, 0, wall_ticks, False))
         for field in self.fields:
-            index = self._index_of(field.model, metadata.fields)
+            index = find_field(metadata.fields, field.model.name, field.model.path, is_only=self.model.is_single)
             if index is None:
                 counters.drop(Drop.LAYOUT)
                 names = ", ".join(announced.name for announced in metadata.fields[:8])
@@ -104,15 +115,6 @@ class Source:
                 found.append((index, field))
         self.plan = tuple(found)
         return changes
-
-    def _index_of(self, model: FieldModel, announced: tuple[FieldMetaData, ...]) -> int | None:
-        if self.model.is_single and len(announced) == 1:
-            return 0
-        for name in (model.name, model.path):
-            for index, field in enumerate(announced):
-                if name is not None and field.name == name:
-                    return index
-        return None
 
     def take(self, message: DataSetMessage, counters: Counters, wall_ticks: int) -> list[Change]:
         """The changes that a message with new data makes."""
@@ -238,16 +240,10 @@ class Source:
         return [field.show(_REFUSED) for field in self.fields if field.shown != _REFUSED]
 
     def return_(self) -> list[Change]:
-        """The source is heard again and has said nothing new.
+        """The source says that its last values are of now."""
+        return [field.show(field.status) for field in self.fields if field.shown != field.status]
 
-        After mere silence its last values are valid again. A source that had said that it is gone may have had another
-        life since, so that its last values are only the last usable ones.
-        """
-        changes: list[Change] = []
-        for field in self.fields:
-            status = field.status
-            if self.lost and status >> 30 == 0:
-                status = _LAST_USABLE
-            if field.shown != status:
-                changes.append(field.show(status))
-        return changes
+    def age(self) -> list[Change]:
+        """The source is there, and its last values may be of an earlier life of it, or too old."""
+        shown = [(field, field.status if field.status >> 31 else _LAST_USABLE) for field in self.fields]
+        return [field.show(status) for field, status in shown if field.shown != status]

@@ -3,6 +3,7 @@
     DataReceived       the nodes of the source change; a source nobody knows falls under the policy for unknown sources
     SourceSilent       its nodes become Bad_NoCommunication and keep their last values and times
     SourceRefused      as long as it is not heard, its nodes become Bad_SecurityChecksFailed, also if it never was
+    SourceStale        it is there, and its last values become Uncertain_NoCommunicationLastUsableValue
     SourceReturned     they come back
     tick (each second) what the server says of robots, bridges and itself
 
@@ -12,7 +13,7 @@ conflict that is counted and never shown.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from typing import Final
 
 from ua_fleet.counters import Counters, Drop
@@ -28,6 +29,8 @@ from ua_fleet.pubsub.events import (
     SourceRefused,
     SourceReturned,
     SourceSilent,
+    SourceStale,
+    SourceUnknown,
     SubscriberEvent,
 )
 from ua_fleet.topics import Topic
@@ -35,6 +38,9 @@ from ua_fleet.wire.messages import DataSetMetaData
 
 __all__ = ["FleetState"]
 
+_ASKED_IN_VAIN: Final = 3
+"""Probes after which a source that has not answered is taken for one that never does."""
+_MOST_ASKED: Final = 1000
 _MAX_CONFLICTS: Final = 1000
 """Conflicts that the log is told of."""
 
@@ -59,12 +65,18 @@ class FleetState:
             max_discovered_sources: most of those that are kept.
         """
         self._counters = counters
-        self._discovery = Discovery(unknown_sources, max_discovered_sources, model.ns)
+        self._discovery = Discovery(unknown_sources, max_discovered_sources, model.namespaces)
         self._sources: dict[Topic, Source] = {}
         self._claims: dict[tuple[int, int], Topic] = {}
+        self._skills: set[Topic] = set()
+        """The Actions of all skills: each has the node of its id, and is no source."""
         self._conflicts: set[Topic] = set()
+        self._asked: dict[Topic, int] = {}
+        """How often each source was asked for its metadata."""
         self._discovered: set[Topic] = set()
         self._silent_strangers: set[Topic] = set()
+        self.caught: Callable[[str, Exception], None] | None = None
+        """Told of a mistake that cost one robot or bridge its second; without it, the mistake is raised."""
         self._bridges = [BridgeStatus(bridge) for bridge in model.bridges]
         self._bridge_named = {bridge.model.name: bridge for bridge in self._bridges}
         self._robots: dict[str, RobotStatus] = {}
@@ -122,19 +134,25 @@ class FleetState:
             return changes
         if isinstance(event, SourceSilent):
             return self._silent(event.topic, wall_ticks)
-        if isinstance(event, SourceReturned):
-            return self._returned(event.topic, wall_ticks)
+        if isinstance(event, SourceReturned | SourceStale):
+            return self._there(event, wall_ticks)
         if isinstance(event, SourceRefused):
             return self._refused(event)
+        if isinstance(event, SourceUnknown):
+            return self._unannounced(event.topic)
         return []
 
     def tick(self, wall_ticks: int) -> list[Change]:
         """What the server says by itself; to be called each second."""
         changes: list[Change] = []
-        for bridge in self._bridges:
-            changes += bridge.tick(wall_ticks)
-        for robot in self._robots.values():
-            changes += robot.tick(wall_ticks)
+        ticks = [each.tick for each in self._bridges] + [each.tick for each in self._robots.values()]
+        for tick in ticks:
+            try:
+                changes += tick(wall_ticks)
+            except Exception as error:
+                if self.caught is None:
+                    raise
+                self.caught("each second", error)
         return changes + self._traffic.tick(self._counters, wall_ticks)
 
     def owner(self, ns: int, identifier: int) -> Topic | None:
@@ -147,8 +165,8 @@ class FleetState:
         return source is not None and source.alive
 
     def knows(self, topic: Topic) -> bool:
-        """Whether a source belongs to a robot or a bridge, so that no policy decides on it."""
-        return topic in self._sources and topic not in self._discovered
+        """Whether a source, or an Action, belongs to a robot or a bridge, so that no policy decides on it."""
+        return topic in self._skills or (topic in self._sources and topic not in self._discovered)
 
     def add_robot(self, robot: RobotModel) -> list[Change]:
         """Know a robot from now on. Sources of it that were discovered before are its own now."""
@@ -168,6 +186,9 @@ class FleetState:
             del self._sources[topic], self._claims[topic.ns, topic.id]
             self._robot_of.pop(topic, None)
             self._robot_of_skills.pop(topic, None)
+        for action in status.model.actions():
+            self._skills.discard(action)
+            self._claims.pop((action.ns, action.id), None)
         return [RobotRemoved(status.model), *self.capacities.remove(status.model)]
 
     def set_faulted(self, robot: str, faulted: bool, wall_ticks: int) -> list[Change]:
@@ -198,12 +219,16 @@ class FleetState:
             self._claim(data_set)
         for topic in status.sources:
             self._robot_of[topic] = status
+        for action in robot.actions():
+            self._skills.add(action)
+            self._claims[action.ns, action.id] = action
         if robot.skill_status is not None:
             self._robot_of_skills[robot.skill_status] = status
 
     def _claim(self, data_set: DataSetModel) -> None:
-        self._sources[data_set.topic] = Source(data_set)
-        self._claims[data_set.topic.ns, data_set.topic.id] = data_set.topic
+        topic = data_set.topic
+        self._sources[topic] = Source(data_set)
+        self._claims[topic.ns, topic.id] = topic
 
     def _data(self, event: DataReceived, wall_ticks: int) -> list[Change]:
         topic, message, metadata = event
@@ -238,12 +263,27 @@ class FleetState:
             changes += self._life_changed(source, wall_ticks)
         return changes
 
-    def _returned(self, topic: Topic, wall_ticks: int) -> list[Change]:
-        source = self._sources.get(topic)
-        if source is None or source.alive:
+    def _there(self, event: SourceReturned | SourceStale, wall_ticks: int) -> list[Change]:
+        source = self._sources.get(event.topic)
+        if source is None:
             return []
-        source.alive = True
-        return source.return_() + self._life_changed(source, wall_ticks)
+        changes = source.return_() if isinstance(event, SourceReturned) else source.age()
+        if not source.alive:
+            source.alive = True
+            changes += self._life_changed(source, wall_ticks)
+        return changes
+
+    def _unannounced(self, topic: Topic) -> list[Change]:
+        """A source sends what nobody can read: it was asked for its metadata once more, and has not answered."""
+        if len(self._asked) > _MOST_ASKED:
+            del self._asked[next(iter(self._asked))]
+        asked = self._asked[topic] = self._asked.pop(topic, 0) + 1
+        if asked != _ASKED_IN_VAIN:
+            return []
+        if self.knows(topic):
+            text = f"{topic.name} sends data and announces no metadata: state its fields in `sources` of fleet.yaml"
+            return [Noticed(True, text, topic)]
+        return self._discovery.unannounced(topic)
 
     def _refused(self, event: SourceRefused) -> list[Change]:
         """A source that is not known stays unknown: nothing in a refused message is proved."""
@@ -297,11 +337,12 @@ class FleetState:
         if known is not None and topic not in self._discovered:
             return known, []
         owner = self._claims.get((topic.ns, topic.id))
-        if owner is not None and owner != topic:
+        if owner is not None and (owner != topic or topic in self._skills):
             if topic in self._conflicts or len(self._conflicts) >= _MAX_CONFLICTS:
                 return None, []
             self._conflicts.add(topic)
-            text = f"{topic.name} claims the node of {owner.name}: give one of them another id"
+            whose = f"the skill {owner.name}" if owner in self._skills else owner.name
+            text = f"{topic.name} claims the node of {whose}: give one of them another id"
             return None, [Noticed(True, text, topic)]
         data_set, changes = self._discovery.meet(topic, metadata)
         for change in changes:

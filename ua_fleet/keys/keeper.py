@@ -19,6 +19,7 @@ import structlog
 
 from ua_fleet.errors import KeysRefused, UaFleetError
 from ua_fleet.keys.source import CURRENT_TOKEN, KeySource
+from ua_fleet.monitoring.mistakes import Mistakes, is_cancelled
 from ua_fleet.pubsub.security.keyring import GroupKeys
 
 __all__ = ["KeyUser", "KeysKept", "keep_keys"]
@@ -29,9 +30,9 @@ FIRST_DELAY_S: Final = 0.5
 LONGEST_DELAY_S: Final = 30.0
 LONGEST_DELAY_AT_START_S: Final = 5.0
 """The same for a process that never had a key: it stands still until its source is back, so it looks more often."""
-LONGEST_ANSWERED_DELAY_S: Final = 5.0
+LONGEST_ANSWERED_DELAY_S: Final = 60.0
 """Between two fetches of a group that the source has nothing new of, though it is wanted: an unknown token that
-anybody can write into a message must not make us ask all the time."""
+anybody can write into a message must not make us ask all the time. What is new meanwhile comes by `generation`."""
 
 _MOST_TOLD: Final = 64
 """Reasons that the log names before it names them again, and refused groups that it names in `_TOLD_PERIOD_S`: who
@@ -103,8 +104,11 @@ class _Group:
 
 
 class _Keeper:
-    def __init__(self, envelope: KeyUser, source: KeySource, kept: KeysKept, count: int, random: Random) -> None:
+    def __init__(
+        self, envelope: KeyUser, source: KeySource, kept: KeysKept, count: int, random: Random, mistakes: Mistakes
+    ) -> None:
         self._envelope, self._source, self._kept, self._count, self._random = envelope, source, kept, count, random
+        self._mistakes = mistakes
         self._groups: dict[str, _Group] = {}
         self._source_delay_s = 0.0
         self._source_at = float("-inf")
@@ -143,11 +147,21 @@ class _Keeper:
                     keys = await self._source.fetch(group_id, CURRENT_TOKEN, self._count)
                 except KeysRefused as error:
                     self._refused(group_id, group, str(error), clock())
+                    has_answered = True
+                    continue
                 except UaFleetError as error:
                     self._is_away(str(error), clock())
                     return
-                else:
+                except Exception as error:
+                    if is_cancelled():
+                        raise
+                    # It costs this group its turn, and the others nothing.
+                    self._failed(group_id, group, error, clock())
+                    continue
+                try:
                     self._fetched(group_id, group, keys, group_id in wanted, clock())
+                except Exception as error:  # noqa: BLE001 - as above
+                    self._failed(group_id, group, error, clock())
                 has_answered = True
         if has_answered:  # to all that it was asked for
             self._is_back()
@@ -179,6 +193,10 @@ class _Keeper:
         self._kept.refused[group_id] = reason
         group.refresh_at = self._put_off(group, LONGEST_DELAY_S, now)
         group.keys = None
+
+    def _failed(self, group_id: str, group: _Group, error: Exception, now: float) -> None:
+        self._mistakes.caught("keys", error, group=group_id)
+        group.refresh_at = self._put_off(group, LONGEST_DELAY_S, now)
 
     def _may_tell_refusal(self, now: float) -> bool:
         if now >= self._refusals_since + _TOLD_PERIOD_S:
@@ -221,6 +239,7 @@ async def keep_keys(
     random: Random | None = None,
     clock: Callable[[], float] | None = None,
     sleep: Callable[[float], Awaitable[None]] = asyncio.sleep,
+    mistakes: Mistakes | None = None,
 ) -> None:
     """Keep an Envelope in keys until cancelled.
 
@@ -232,9 +251,11 @@ async def keep_keys(
         random: spreads the delays.
         clock: the time that the envelope goes by; the event loop's if left out.
         sleep: belongs to the clock.
+        mistakes: counts what has cost a group its turn; its own without.
     """
     clock = clock or asyncio.get_running_loop().time
-    keeper = _Keeper(envelope, source, kept, count, random or Random())  # noqa: S311 - spreads delays, keeps no secret
+    spread = random or Random()  # noqa: S311 - spreads delays, keeps no secret
+    keeper = _Keeper(envelope, source, kept, count, spread, mistakes or Mistakes())
     task = asyncio.current_task()
     assert task is not None
     while True:

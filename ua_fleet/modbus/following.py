@@ -66,7 +66,7 @@ async def follow_skill(client: FleetClient, config: FleetConfig, robot: str, ski
     """
     its = config.robots[robot]
     silence_s = its.skills[skill].timeout_s + _GRACE_S
-    node = f"ns={config.fleet.namespace_index};s={its.skill_status_id}"
+    node = f"ns={its.namespace};s={its.skill_status_id}"
     try:
         readings = await client.read([f"{node}.{field}" for field in _FIELDS])
     except NodeNotFound:

@@ -23,6 +23,7 @@ from ua_fleet.modbus.image import Image
 from ua_fleet.modbus.memory import CommandMemory
 from ua_fleet.modbus.table import MappedValue, map_rows, modbus_commands, modbus_values
 from ua_fleet.modbus.words import CommandState, status
+from ua_fleet.monitoring import Mistakes
 from ua_fleet.registers import RegisterUnfit, Span, cast
 from ua_fleet.values import Quality, StatusCode, quality_of
 
@@ -43,6 +44,9 @@ class Gateway:
     def __init__(self, config: FleetConfig, memory: CommandMemory) -> None:
         """Make the tables, with what is remembered."""
         assert config.modbus is not None
+        self.mistakes = Mistakes()
+        """What has cost a value or a command."""
+        self._is_started = False
         self._config, self._modbus = config, config.modbus
         self._values = modbus_values(config)
         rows = map_rows(config)
@@ -63,8 +67,10 @@ class Gateway:
 
     def written(self, span: Span) -> None:
         """A PLC has written something."""
-        self._desk.written(span)
-        self._decisions.written(span)
+        with self.mistakes.guard("writes of PLCs"):
+            self._desk.written(span)
+        with self.mistakes.guard("writes of PLCs"):
+            self._decisions.written(span)
         for value in self._sets.values():
             if value.register.span.overlaps(span):
                 self._to_set[value.path] = value
@@ -72,7 +78,12 @@ class Gateway:
 
     async def run(self, connect: Connect) -> None:
         """Work until cancelled; `connect` makes a connected client."""
-        works = (self._beat(), self._refuse_while_away(), self._stay_connected(connect))
+        keep = self.mistakes.keep
+        works = (
+            keep("heartbeat", self._beat),
+            keep("refusals", self._refuse_while_away),
+            self._stay_connected(connect),
+        )
         running = {asyncio.create_task(work) for work in works}
         try:
             ended, _ = await asyncio.wait(running, return_when=asyncio.FIRST_COMPLETED)
@@ -92,18 +103,24 @@ class Gateway:
             try:
                 async with connect() as client:
                     wait_s = RETRY_S[0]
-                    self.problem = ""
+                    self.problem, self._is_started = "", True
                     self._log.info("the OPC UA server is there", endpoint=client.endpoint)
                     await self._serve(client)
             except ExceptionGroup as failed:
-                away = [error for error in failed.exceptions if isinstance(error, _AWAY)]
-                if len(away) != len(failed.exceptions):
-                    raise
-                self._go_away(str(away[0]))
-            except _AWAY as error:
-                self._go_away(str(error))
+                for error in failed.exceptions:
+                    self._lost(error)
+            except Exception as error:  # noqa: BLE001 - raised again where it is a failed start
+                self._lost(error)
             await asyncio.sleep(wait_s)
             wait_s = min(2 * wait_s, RETRY_S[1])
+
+    def _lost(self, error: Exception) -> None:
+        """A connection has ended; what has ended the first one, and is not that nobody answers, ends the gateway."""
+        if not isinstance(error, _AWAY):
+            if not self._is_started:
+                raise error
+            self.mistakes.caught("connection", error)
+        self._go_away(str(error))
 
     def _go_away(self, reason: str) -> None:
         if not self.problem or not self._has_told_away:
@@ -158,7 +175,8 @@ class Gateway:
             async for change in changes:
                 for value in by_node[change.node_id]:
                     if not (value.is_written and value.path in self._to_set):
-                        self._show(value, change.value, change.status)
+                        with self.mistakes.guard("values", what=value.path):
+                            self._show(value, change.value, change.status)
 
     async def _known(
         self, client: FleetClient, by_node: Mapping[str, list[MappedValue]], nodes: list[str]
@@ -223,6 +241,9 @@ class Gateway:
             raise
         except (SkillError, NotDone, NodeNotFound, AccessRefused) as error:
             self._desk.end(CommandState.REFUSED, error.ua_status, _short(error))
+        except Exception as error:  # noqa: BLE001 - costs this command, and not the gateway
+            self.mistakes.caught("commands", error)
+            self._desk.end(CommandState.UNKNOWN, StatusCode.UNCERTAIN, "a mistake of the gateway; see its log")
 
     async def _follow(self, client: FleetClient, scenarios: ScenarioClient) -> None:
         last = self._desk.last
@@ -254,6 +275,10 @@ class Gateway:
                 await client.write(value.node_id, _text(wanted))
             except (RegisterUnfit, AccessRefused, NodeNotFound) as error:
                 self._tell(f"{path} cannot be set: {error}")
+            except _AWAY:
+                raise
+            except Exception as error:  # noqa: BLE001 - costs this value, and not those behind it
+                self.mistakes.caught("values", error, what=path)
             if self.image.cells(value.register.span) == cells:  # otherwise the PLC has written another one meanwhile
                 self._to_set.pop(path, None)
 
@@ -273,7 +298,8 @@ class Gateway:
             except NodeNotFound:
                 pass  # one of them went while they were read; the next look shows those that are there
             else:
-                self._decisions.show(decisions, faults)
+                with self.mistakes.guard("decisions"):
+                    self._decisions.show(decisions, faults)
             await asyncio.sleep(POLL_S)
 
     def _tell(self, text: str) -> None:

@@ -74,7 +74,7 @@ def _field(config: FleetConfig, path: str) -> tuple[DataSetConfig, FieldConfig, 
     robot, data, *rest = path.split(".", 2)
     data_set = config.robots[robot].data[data]
     name = rest[0] if rest else ""
-    number = f"ns={config.fleet.namespace_index};"
+    number = f"ns={config.namespace_of(robot)};"
     return data_set, data_set.all_fields()[name], number + (f"s={data_set.id}.{name}" if name else f"i={data_set.id}")
 
 

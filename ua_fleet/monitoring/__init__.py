@@ -6,6 +6,7 @@ Nothing is counted here that is counted elsewhere: a Monitor asks when it is ask
 """
 
 from ua_fleet.monitoring.metrics import METRICS, Kind, Metric, Process
+from ua_fleet.monitoring.mistakes import Mistakes
 from ua_fleet.monitoring.monitor import Monitor
 
-__all__ = ["METRICS", "Kind", "Metric", "Monitor", "Process"]
+__all__ = ["METRICS", "Kind", "Metric", "Mistakes", "Monitor", "Process"]

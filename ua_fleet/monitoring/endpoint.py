@@ -9,8 +9,11 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import ipaddress
 import os
 import secrets
+import socket
+from collections.abc import Sequence
 from http import HTTPStatus
 from pathlib import Path
 from types import TracebackType
@@ -46,7 +49,9 @@ class _Answer(NamedTuple):
 class MonitoringEndpoint:
     """Listens while the context lasts."""
 
-    def __init__(self, monitor: Monitor, host: str, port: int, state_dir: Path, *, key: str) -> None:
+    def __init__(
+        self, monitor: Monitor, host: str, port: int, state_dir: Path, *, key: str, names: Sequence[str] = ()
+    ) -> None:
         """Make an endpoint.
 
         Args:
@@ -55,8 +60,11 @@ class MonitoringEndpoint:
             port: TCP port; 0 takes any free one.
             state_dir: folder for the file with the address.
             key: the key of `fleet.yaml` that the port stands in, for an error's remedy.
+            names: by which it may be asked, besides addresses, `localhost`, `host` and the machine's own name.
         """
         self._monitor, self._host, self._wanted_port, self._state_dir, self._key = monitor, host, port, state_dir, key
+        own = ("localhost", host, socket.gethostname(), *names)
+        self._names = frozenset(name.lower().removesuffix(".") for name in own)
         self._instance = secrets.token_hex(8)
         self._server: asyncio.Server | None = None
         self._open: dict[asyncio.Task[None], None] = {}
@@ -115,6 +123,8 @@ class MonitoringEndpoint:
                 await self._exchange(reader, writer)
         except (OSError, TimeoutError, asyncio.CancelledError, h11.ProtocolError):
             pass  # whatever the client did, there is nothing to do for it
+        except Exception as error:  # noqa: BLE001 - nobody waits for this task
+            self._monitor.mistakes.caught("monitoring", error)
         finally:
             self._open.pop(task, None)
             writer.transport.abort()
@@ -129,7 +139,11 @@ class MonitoringEndpoint:
                     return  # it has closed
                 connection.receive_data(await reader.read(_MOST_REQUEST_BYTES))
             is_head = event.method == b"HEAD"
-            answer = self._answer(event)
+            try:
+                answer = self._answer(event)
+            except Exception as error:  # noqa: BLE001 - whoever asks is told that there is no answer
+                self._monitor.mistakes.caught("monitoring", error)
+                answer = _Answer(500, b"a mistake; see the log\n")
         except h11.RemoteProtocolError as error:
             answer = _Answer(error.error_status_hint, b"this is no request that can be answered here\n")
         writer.write(self._bytes(connection, answer, is_head=is_head))
@@ -143,9 +157,11 @@ class MonitoringEndpoint:
     def _answer(self, request: h11.Request) -> _Answer:
         if request.method not in (b"GET", b"HEAD"):
             return _Answer(405, b"only GET and HEAD\n", allow="GET, HEAD")
+        if not self._is_meant(request):
+            return _Answer(421, b"this process has no such name; monitoring.names in fleet.yaml says which it has\n")
         path = request.target.partition(b"?")[0]
         if path == b"/healthz":
-            return _Answer(200, b"ok\n")
+            return _Answer(200, f"{self._monitor.alive_text()}\n".encode())
         if path == b"/readyz":
             if problem := self._monitor.problem():
                 return _Answer(503, f"not ready: {problem}\n".encode())
@@ -155,6 +171,22 @@ class MonitoringEndpoint:
             body, content_type = self._monitor.exposition(accepted.decode("latin-1"))
             return _Answer(200, body, content_type)
         return _Answer(404, b"there are /healthz, /readyz and /metrics\n")
+
+    def _is_meant(self, request: h11.Request) -> bool:
+        """Whether the request names this process (RFC 9110 7.2).
+
+        A web page whose name its owner lets lead here, once it runs in a browser on this machine, still asks by that
+        name. Addresses are as good as ours: nobody can give them another meaning.
+        """
+        named = next((value for name, value in request.headers if name == b"host"), None)
+        if named is None:  # HTTP/1.0, which no browser speaks
+            return True
+        host = named.decode("latin-1").strip().lower()
+        host = host[1:].partition("]")[0] if host.startswith("[") else host.rpartition(":")[0] or host
+        with contextlib.suppress(ValueError):
+            ipaddress.ip_address(host)
+            return True
+        return host.removesuffix(".") in self._names
 
     def _bytes(self, connection: h11.Connection, answer: _Answer, *, is_head: bool) -> bytes:
         headers = [

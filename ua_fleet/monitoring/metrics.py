@@ -88,6 +88,10 @@ BUILD = _metric(
 )  # fmt: skip
 READY = _metric("ready", _G, _ALL, "1 while /readyz answers 200.")
 LOOP_LAG = _metric("loop_lag_seconds", _H, _ALL, "How late the event loop was, looked at once a second.")
+MISTAKES = _metric(
+    "mistakes_total", _C, _ALL, "Mistakes of this program that cost one item of a loop; each stands in the log once.",
+    "loop",
+)  # fmt: skip
 LEFT_OUT = _metric(
     "label_values_left_out", _G, _SERVER, "Robots or skills that have no label of their own, since there are too many.",
     "label",
@@ -115,7 +119,17 @@ SPACE_CONNECTED = _metric("space_connected", _G, _BRIDGE, "1 while the bridge is
 DEVICE_UP = _metric(
     "device_up", _G, _BRIDGE, "1 while the device answers; where several stand behind the bridge.", "device"
 )
+ASIDE = _metric("sources_aside", _G, _BRIDGE, "Sources that are put aside for a while, since they misbehave.")
 INLET = _metric("inlet_messages", _G, _BRIDGE, "Messages from the space that wait to be sent.")
+LAG = _metric(
+    "space_lag_seconds",
+    _G,
+    _BRIDGE,
+    "What 99 of 100 messages of the last 10 s needed at most from the space to PubSub.",
+)
+OLDEST = _metric(
+    "oldest_waiting_seconds", _G, _BRIDGE, "How long the message has waited that waits longest to be sent."
+)
 
 ROBOT_UP = _metric("robot_up", _G, _SERVER, "1 while the robot is heard.", "robot")
 ROBOTS = _metric("robots", _G, _SERVER, "Robots by the state that their node shows.", "state")
@@ -142,6 +156,13 @@ ITEMS = _metric("opcua_monitored_items", _G, _SERVER, "Monitored items of OPC UA
 CONNECTIONS = _metric("opcua_connections_total", _C, _SERVER, "TCP connections that clients have made.")
 REFUSED = _metric("opcua_refused_total", _C, _SERVER, "What clients were refused, by what it was.", "what")
 REQUESTS = _metric("opcua_requests_total", _C, _SERVER, "Requests of OPC UA clients.")
+AUDIT_LINES = _metric(
+    "audit_lines_total",
+    _C,
+    _SERVER,
+    "Lines of the audit log: written, summed up instead, lost (full disk), or not delivered to syslog.",
+    "what",
+)
 
 SERVER_CONNECTED = _metric("server_connected", _G, _MODBUS, "1 while the gateway is connected to the OPC UA server.")
 MODBUS_CONNECTIONS = _metric("modbus_connections", _G, _MODBUS, "PLCs that are connected.")

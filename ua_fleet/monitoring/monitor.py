@@ -11,7 +11,8 @@ from prometheus_client.exposition import choose_encoder
 from prometheus_client.registry import Collector
 
 from ua_fleet import __version__
-from ua_fleet.monitoring.metrics import BUILD, LOOP_LAG, READY, Family, Process
+from ua_fleet.monitoring.metrics import BUILD, LOOP_LAG, MISTAKES, READY, Family, Process
+from ua_fleet.monitoring.mistakes import Mistakes
 
 __all__ = ["Collect", "Monitor"]
 
@@ -35,9 +36,12 @@ class Monitor(Collector):
         disable_created_metrics()  # type: ignore[no-untyped-call]
         self._registry = CollectorRegistry(auto_describe=False)
         self._build = (process.value, name, __version__, platform.python_version())
+        self.mistakes = Mistakes()
+        """Those of the process."""
         self._collects: list[Collect] = []
         self._problem: Callable[[], str] = lambda: _STARTING
         self._ready_text: Callable[[], str] = str
+        self._alive_text: Callable[[], str] = lambda: "ok"
         self._lag = self.histogram(LOOP_LAG.name, LOOP_LAG.help, LAG_BUCKETS_S)
         ProcessCollector(registry=self._registry)
         self._registry.register(self)
@@ -59,6 +63,15 @@ class Monitor(Collector):
         """
         self._problem, self._ready_text = problem, text
 
+    def alive_with(self, text: Callable[[], str]) -> None:
+        """Say this of a process that answers, in one line that begins with `ok` or `degraded`."""
+        self._alive_text = text
+
+    def alive_text(self) -> str:
+        """One line of a process that answers, with the mistakes that were caught in it."""
+        said, mistakes = self._alive_text(), self.mistakes.text()
+        return " ".join((f"{said}; {mistakes}" if mistakes else said).split())
+
     def problem(self) -> str:
         """Why the process is not ready, in one line; empty while it is."""
         return " ".join(self._problem().split())
@@ -77,7 +90,10 @@ class Monitor(Collector):
         yield BUILD.many([(self._build, 1)])
         yield READY.one(not self.problem())
         for collect in self._collects:
-            yield from collect()
+            # One part that cannot tell its figures must not take away those of the others.
+            with self.mistakes.guard("metrics"):
+                yield from list(collect())
+        yield MISTAKES.many(((loop,), count) for loop, count in self.mistakes.counts.items())
 
     def exposition(self, accept: str = "") -> tuple[bytes, str]:
         """The figures in a format that a client accepts, and its content type."""

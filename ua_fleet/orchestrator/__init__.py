@@ -3,7 +3,7 @@
     orchestrator = Orchestrator(settings, robots, lookup, journal)
     orchestrator.start / pause / abort / accepted / ended / fault_raised / confirm / poll / ...    -> outputs in order
 
-What has to be carried out is StartTask and CancelTask; all else is for people and nodes.
+What has to be carried out is TaskStarted, TaskFollowed and TaskCancelled; all else is for people and nodes.
 """
 
 from ua_fleet.orchestrator.candidates import CriterionSource, DistanceFrom, ResilienceSettings, TasksAhead, ValueOf
@@ -14,11 +14,14 @@ from ua_fleet.orchestrator.outputs import (
     DecisionChanged,
     FaultChanged,
     Forecast,
+    Halt,
+    HaltChanged,
     OperatorAsked,
     Output,
     RunBroken,
     RunChanged,
     TaskCancelled,
+    TaskFollowed,
     TaskStarted,
 )
 
@@ -34,6 +37,8 @@ __all__ = [
     "FaultRule",
     "Faults",
     "Forecast",
+    "Halt",
+    "HaltChanged",
     "OperatorAsked",
     "Orchestrator",
     "Output",
@@ -41,6 +46,7 @@ __all__ = [
     "RunBroken",
     "RunChanged",
     "TaskCancelled",
+    "TaskFollowed",
     "TaskStarted",
     "TasksAhead",
     "ValueOf",

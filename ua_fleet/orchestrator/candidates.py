@@ -15,6 +15,7 @@ from ua_fleet.resilience import (
     OnLimit,
     Ranking,
     Synthesis,
+    Weights,
     availability,
     rank,
     weigh,
@@ -62,10 +63,18 @@ class ResilienceSettings:
     mode: Mode = Mode.OPERATOR
     limit_s: float = 60.0
     """How long an operator may think."""
-    on_limit: OnLimit = OnLimit.BEST
+    on_limit: OnLimit = OnLimit.BEST_IF_KNOWN
+    silence_s: float = 30.0
+    """How long a silent robot is waited for."""
+    return_s: float = 300.0
+    """How long a silent robot is waited for that may be at a task with `on_unknown: retry`."""
 
     def __post_init__(self) -> None:
-        weigh([criterion.name for criterion, _ in self.criteria], self.judgements)  # refuses what cannot be weighed
+        self.weights()  # refuses what cannot be weighed
+
+    def weights(self) -> Weights:
+        """Of all criteria."""
+        return weigh([criterion.name for criterion, _ in self.criteria], self.judgements)
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,8 +88,8 @@ class TaskToDo:
     """As they are written, as far as they are known."""
     failed: str
     """The robot that cannot do it; empty where there was none."""
-    refused_by: Collection[str] = ()
-    """Robots that would not begin it."""
+    excluded: Mapping[str, str] = field(default_factory=dict[str, str])
+    """Robots that are not asked for it again, with the reason."""
     is_repaired: bool = False
     """Whether the robot that could not do it works again, and may have it back."""
 
@@ -94,38 +103,46 @@ def rank_robots(
     fleet: FleetView,
     settings: ResilienceSettings,
     *,
-    unfit: Mapping[str, str],
+    unfit: Callable[[str, Collection[str]], str | None],
     tasks_ahead: Callable[[str], int],
     lookup: Lookup,
 ) -> Ranking:
-    """Rank the robots that could do a task. A distance counts only where it is known to where.
+    """Rank the robots that could do a task. A criterion counts where it is about such a task, and a distance only where
+    it is known to where.
+
+    A robot needs the capacities that the task needs, and those that the skill needs on this robot.
 
     Args:
         task: what has to be done.
         fleet: all robots.
         settings: the criteria and their judgements.
-        unfit: robots that cannot work now, with the reason.
+        unfit: why a robot cannot do now what needs some capacities; None where it can.
         tasks_ahead: how many tasks a robot has ahead.
         lookup: values of robots.
     """
-    criteria = [(criterion, source) for criterion, source in settings.criteria if _applies(source, task, lookup)]
-    criteria = criteria or list(settings.criteria)
-    names = [criterion.name for criterion, _ in criteria]
-    weights = weigh(names, {pair: value for pair, value in settings.judgements.items() if set(pair).issubset(names)})
+    skill = task.task.skill
+    own = {robot.name: fleet.needs(robot.name, skill) for robot in fleet.robots.values()}
+    needed = {*task.capacities, *(capacity for needs in own.values() for capacity in needs)}
+    criteria = [
+        (criterion, source)
+        for criterion, source in settings.criteria
+        if criterion.is_about(skill, needed) and _applies(source, task, lookup)
+    ]
     candidates: list[Candidate] = []
     excluded: list[Excluded] = []
     for robot in fleet.robots.values():
-        missing = [capacity for capacity in task.capacities if capacity not in robot.capacities]
-        reason = unfit.get(robot.name)
+        needs = dict.fromkeys((*task.capacities, *own[robot.name]))
+        missing = [capacity for capacity in needs if capacity not in robot.capacities]
+        reason = unfit(robot.name, needs)
         if missing:
             why = "; ".join([f" now: {robot.lacks[name]}" for name in missing if name in robot.lacks][:1])
             excluded.append(Excluded(robot.name, f"has not the capacity {', '.join(missing)}{why}"))
-        elif task.task.skill not in robot.skills:
-            excluded.append(Excluded(robot.name, f"has no skill {task.task.skill}"))
+        elif skill not in robot.skills:
+            excluded.append(Excluded(robot.name, f"has no skill {skill}"))
         elif reason is not None:
             excluded.append(Excluded(robot.name, reason))
-        elif robot.name in task.refused_by:
-            excluded.append(Excluded(robot.name, "has refused it"))
+        elif robot.name in task.excluded:
+            excluded.append(Excluded(robot.name, task.excluded[robot.name]))
         elif robot.name == task.failed and not task.is_repaired:
             excluded.append(Excluded(robot.name, "is to be replaced"))
         elif problems := task.problems(robot):
@@ -138,10 +155,10 @@ def rank_robots(
                     values[criterion.name] = _raw_value(source, robot.name, task, tasks_ahead, lookup)
                 except ValueUnknown as error:
                     unknown[criterion.name] = str(error)
-            candidates.append(Candidate(robot.name, values, unknown))
+            candidates.append(Candidate(robot.name, values, unknown, tasks_ahead(robot.name)))
     return rank(
         [criterion for criterion, _ in criteria],
-        weights,
+        settings.weights().among([criterion.name for criterion, _ in criteria]),
         candidates,
         excluded=excluded,
         synthesis=settings.synthesis,

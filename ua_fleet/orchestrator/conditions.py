@@ -25,6 +25,8 @@ class FaultRule:
     until: Expression | None = None
     """True: it is over. None: when `when` is false."""
     reason: str = ""
+    capacities: tuple[str, ...] = ()
+    """What it takes away; empty: all."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,6 +37,8 @@ class FaultFound:
     source: str
     active: bool
     reason: str
+    capacities: tuple[str, ...] = ()
+    """What it takes away; empty: all."""
 
 
 class FaultConditions:
@@ -72,7 +76,8 @@ class FaultConditions:
                     self._active.add(key)
                 else:
                     self._active.discard(key)
-                found.append(FaultFound(robot, rule.name, now_active, rule.reason or rule.when.text))
+                reason = rule.reason or rule.when.text
+                found.append(FaultFound(robot, rule.name, now_active, reason, rule.capacities))
         return found
 
 

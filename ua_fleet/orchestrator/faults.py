@@ -4,16 +4,19 @@
     active --cleared--> inactive; forgotten once it is acknowledged too
     inactive, not acknowledged --raised--> active, not acknowledged
 
-A robot may have several at once, one for each source (what found it). It can work when none is active.
+A robot may have several at once, one for each source (what found it). Each takes away the capacities that it names, or
+all: a task can be done when no active fault takes one that it needs. Silence takes none (`scenario.consequences`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass, replace
 from enum import Enum, auto
+from typing import Final
 
 from ua_fleet.errors import ScenarioError
+from ua_fleet.scenario.consequences import RAISED, SKILL, meaning_of
 
 __all__ = ["Fault", "FaultChange", "Faults"]
 
@@ -31,6 +34,19 @@ class Fault:
     acknowledged: bool
     since: float
     acknowledged_by: str = ""
+    capacities: tuple[str, ...] = ()
+    """Those that it takes away; empty: all."""
+
+    def takes(self, needs: Collection[str]) -> bool:
+        """Whether it keeps its robot from what needs these capacities."""
+        if not self.active or not meaning_of(self.source).keeps_from_work:
+            return False
+        return not self.capacities or any(capacity in needs for capacity in self.capacities)
+
+
+_ADDING: Final = (RAISED, SKILL)
+"""Sources of which each word is about something more; the others tell all that is wrong each time."""
+_MOST_REASON: Final = 200
 
 
 class FaultChange(Enum):
@@ -59,27 +75,40 @@ class Faults:
         return fault
 
     def active(self, robot: str) -> list[Fault]:
-        """What keeps a robot from working, the first first."""
+        """What is wrong with a robot, the first first."""
         return [fault for fault in self._faults.values() if fault.robot == robot and fault.active]
 
-    def unfit(self) -> dict[str, str]:
-        """The robots that cannot work now, with the reason."""
-        unfit: dict[str, str] = {}
-        for fault in self._faults.values():
-            if fault.active:
-                unfit.setdefault(fault.robot, f"has a fault: {fault.reason}")
-        return unfit
+    def keeping(self, robot: str, needs: Collection[str]) -> list[Fault]:
+        """Those that keep a robot from what needs these capacities."""
+        return [fault for fault in self._faults.values() if fault.robot == robot and fault.takes(needs)]
 
-    def raise_fault(self, robot: str, source: str, reason: str, now: float) -> tuple[Fault, FaultChange] | None:
-        """A fault was found; None where it is known already."""
+    def unfit(self, robot: str, needs: Collection[str]) -> str | None:
+        """Why a robot cannot do now what needs these capacities; None where it can."""
+        faults = self.keeping(robot, needs)
+        if not faults:
+            return None
+        worst = next((fault for fault in faults if not fault.capacities), faults[0])
+        if not worst.capacities:
+            return f"has a fault: {worst.reason}"
+        lacks = [capacity for capacity in worst.capacities if capacity in needs]
+        return f"lacks {', '.join(lacks)}: {worst.reason}"
+
+    def raise_fault(
+        self, robot: str, source: str, reason: str, now: float, capacities: tuple[str, ...] = ()
+    ) -> tuple[Fault, FaultChange] | None:
+        """A fault was found that takes capacities away, or all; None where it is known already."""
         fault_id = f"{robot}.{source}"
         before = self._faults.get(fault_id)
         if before is not None and before.active:
-            if before.reason == reason:
+            if source in _ADDING and before.capacities != capacities:
+                reason = before.reason if reason in before.reason else f"{before.reason}; {reason}"[:_MOST_REASON]
+                both = before.capacities and capacities
+                capacities = tuple(dict.fromkeys((*before.capacities, *capacities))) if both else ()
+            if (before.reason, before.capacities) == (reason, capacities):
                 return None
-            fault = self._faults[fault_id] = replace(before, reason=reason)
+            fault = self._faults[fault_id] = replace(before, reason=reason, capacities=capacities)
             return fault, FaultChange.REASON_CHANGED
-        fault = self._faults[fault_id] = Fault(fault_id, robot, source, reason, True, False, now)
+        fault = self._faults[fault_id] = Fault(fault_id, robot, source, reason, True, False, now, capacities=capacities)
         return fault, FaultChange.RAISED
 
     def clear(self, robot: str, source: str) -> tuple[Fault, FaultChange] | None:

@@ -2,41 +2,59 @@
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TypeVarTuple
 
 from ua_fleet.errors import ScenarioError, UaFleetError
-from ua_fleet.orchestrator.candidates import ResilienceSettings, TaskToDo, rank_robots
-from ua_fleet.orchestrator.faults import FaultChange, Faults
+from ua_fleet.orchestrator.candidates import ResilienceSettings
+from ua_fleet.orchestrator.choosing import Choosing
+from ua_fleet.orchestrator.conditions import FaultFound
+from ua_fleet.orchestrator.faults import Fault, FaultChange, Faults
+from ua_fleet.orchestrator.halts import Halts
+from ua_fleet.orchestrator.knowledge import Knowledge
 from ua_fleet.orchestrator.outputs import (
     DecisionChanged,
     FaultChanged,
     Forecast,
+    Halt,
+    HaltChanged,
     OperatorAsked,
     Output,
     RunBroken,
     RunChanged,
     TaskCancelled,
+    TaskFollowed,
     TaskStarted,
 )
-from ua_fleet.resilience import Aborted, Confirmation, Decision, DecisionEvent, Ranking, ReplacementChosen
+from ua_fleet.resilience import Aborted, Confirmation, Decision, DecisionEvent, ReplacementChosen
 from ua_fleet.scenario import FleetView, Grant, Lookup, Reservations, Run, Scenario, Value
+from ua_fleet.scenario.consequences import LEAST_SILENCE_S, NOT_HALTED, SKILL
 from ua_fleet.scenario.effects import (
     AskOperator,
     CancelTask,
     Effect,
+    FollowTask,
     Happened,
     OpenDecision,
     ReleaseRobot,
     StartTask,
     WantRobot,
 )
-from ua_fleet.scenario.expression import Expression
-from ua_fleet.scenario.facts import Fact, RunEnded, TaskOutcome, TaskOver, Then
-from ua_fleet.scenario.parameters import known_arguments
-from ua_fleet.scenario.state import TaskPhase
+from ua_fleet.scenario.facts import (
+    Fact,
+    RunEnded,
+    TaskAnswered,
+    TaskFound,
+    TaskHalting,
+    TaskOutcome,
+    TaskOver,
+    Then,
+)
+from ua_fleet.scenario.model import Task
+from ua_fleet.scenario.run import HELD_PHASES
+from ua_fleet.scenario.state import TaskPhase, TaskRun
+from ua_fleet.scenario.world import Trouble
 
 __all__ = ["Orchestrator"]
 
@@ -44,14 +62,6 @@ _Told = TypeVarTuple("_Told")
 
 RunJournal = Callable[[str, Fact], None]
 """Writes a fact of a run down; when it returns the fact is there after a crash."""
-
-_FAULTY: dict[TaskOutcome, str] = {
-    TaskOutcome.FAILED: "failed",
-    TaskOutcome.TIMED_OUT: "took too long",
-    TaskOutcome.UNKNOWN: "may or may not have been done",
-}
-SKILL_SOURCE = "skill"
-"""Source of the fault that a failed task is. Nobody can see whether its cause is gone: acknowledging it clears it."""
 
 
 @dataclass(slots=True)
@@ -61,8 +71,17 @@ class _Open:
     run_id: str
     asked: OpenDecision
     decision: Decision
-    is_repaired: bool = False
-    """Whether the robot that failed works again."""
+    is_unknown: bool
+    """Whether it is about what nobody knows, and not about a robot that cannot."""
+
+
+@dataclass(slots=True)
+class _Anybody:
+    """A task that waits for whichever robot can do it."""
+
+    wanted: WantRobot
+    hope_until: float | None = None
+    """So long a robot may still be heard that can, where none is."""
 
 
 class Orchestrator:
@@ -77,16 +96,31 @@ class Orchestrator:
             lookup: values of robots, for conditions and criteria.
             journal: of all runs.
         """
-        self.settings, self._fleet, self._lookup, self._journal = settings, fleet, lookup, journal
+        self._lookup, self._journal = lookup, journal
+        self._known = Knowledge(settings, fleet)
         self.runs: dict[str, Run] = {}
         """Runs that have not ended."""
-        self.faults = Faults()
+        self._choosing = Choosing(self._known, self.runs, lookup)
         self._scenarios: dict[str, Scenario] = {}
         self._reservations = Reservations[tuple[str, str]]()
+        self._halts = Halts(self._reservations)
         self._open: dict[str, _Open] = {}
+        self._anybody: dict[tuple[str, str], _Anybody] = {}
         self._executions: dict[str, str] = {}
         """The run of each execution that is under way."""
         self._outputs: list[Output] = []
+        self._has_news = False
+        """Whether something became known of robots that runs have not looked at."""
+
+    @property
+    def settings(self) -> ResilienceSettings:
+        """How replacements are chosen now."""
+        return self._known.settings
+
+    @property
+    def faults(self) -> Faults:
+        """The faults of all robots."""
+        return self._known.faults
 
     # Runs.
 
@@ -100,42 +134,66 @@ class Orchestrator:
         """
         if run_id in self.runs:
             raise ScenarioError(f"there is a run {run_id!r} already")
-        run = Run.create(run_id, scenario, parameters, self._journal_of(run_id), by=by, now=now)
+        run = Run.create(run_id, scenario, parameters, self._journal_of(run_id), by=by, now=now, world=self._known)
         self.runs[run_id], self._scenarios[run_id] = run, scenario
-        for fault in self.faults:
-            if fault.active:
-                self._tell(run_id, now, Run.robot_faulted, fault.robot, fault.reason, now)
         self._tell(run_id, now, Run.poll, self._lookup, now)
-        return self._taken()
+        return self._taken(now)
 
     def take_back(self, run_id: str, now: float) -> list[Output]:
         """Undo `start`: the run cannot be written down. What others get of its robots follows."""
         self._end(run_id, now)
-        return self._taken()
+        return self._taken(now)
 
     def restore(self, run_id: str, scenario: Scenario, facts: list[Fact], now: float) -> list[Output]:
-        """Go on with a run of the journal. Raise what faults there are before."""
+        """Go on with a run of the journal. Tell what is known of robots before."""
         return self.restore_all([(run_id, scenario, facts)], now)
 
-    def restore_all(self, stored: Sequence[tuple[str, Scenario, list[Fact]]], now: float) -> list[Output]:
-        """Go on with all runs of the journal. Robots stay with the tasks that they are at, before others get any."""
+    def restore_all(
+        self, stored: Sequence[tuple[str, Scenario, list[Fact]]], now: float, halts: Iterable[Halt] = ()
+    ) -> list[Output]:
+        """Go on with all runs of the journal. Tell what is known of robots before.
+
+        Robots stay with the tasks that they are at, and with the halts that they have not confirmed, before others get
+        any.
+        """
         restored: list[str] = []
         for run_id, scenario, facts in stored:
-            run = Run.restore(scenario, facts, self._journal_of(run_id))
+            run = Run.restore(scenario, facts, self._journal_of(run_id), self._known)
             if run.state.outcome is not None:
                 continue
             self.runs[run_id], self._scenarios[run_id] = run, scenario
             restored.append(run_id)
             for step, task_run in run.state.tasks.items():
-                if task_run.phase in (TaskPhase.ASSIGNED, TaskPhase.ACCEPTED):
+                if task_run.phase in HELD_PHASES:
                     self._reservations.want((run_id, step), task_run.robot)
+        self._halts.restore(halts, now)
+        self._has_news = True
         for run_id in restored:
-            self._tell(run_id, now, Run.again, now)
-            for fault in self.faults:
-                if fault.active:
-                    self._tell(run_id, now, Run.robot_faulted, fault.robot, fault.reason, now)
+            self._tell(run_id, now, Run.again, self._lookup, now)
+        for run_id in restored:
             self._tell(run_id, now, Run.poll, self._lookup, now)
-        return self._taken()
+        return self._taken(now)
+
+    def must_not_begin(self) -> list[str]:
+        """Executions that were asked for and must not begin any more, by their ids: their robots have a fault, or were
+        told to stop, or their runs are to end.
+        """
+        to_stop = [halt.execution_id for halt in self._halts.all()]
+        to_stop += [
+            task_run.execution_id
+            for run in self.runs.values()
+            for step, task_run in run.state.tasks.items()
+            if task_run.phase in HELD_PHASES
+            and (
+                run.state.closing is not None
+                or task_run.phase is TaskPhase.HALTING
+                or self._trouble(task_run.robot, run.task(step)) is not None
+            )
+        ]
+        return list(dict.fromkeys(to_stop))
+
+    def _trouble(self, robot: str, task: Task) -> Trouble | None:
+        return self._known.trouble(robot, self._known.needs(robot, task))
 
     def pause(self, run_id: str, by: str, now: float) -> list[Output]:
         """Let a run start no further task; raises ScenarioError where there is no such run."""
@@ -157,7 +215,7 @@ class Orchestrator:
         """An event has happened that steps may wait for."""
         for run_id in list(self.runs):
             self._tell(run_id, now, Run.event, name, now)
-        return self._taken()
+        return self._taken(now)
 
     # Robots.
 
@@ -175,32 +233,54 @@ class Orchestrator:
         results: Mapping[str, Value] | None = None,
     ) -> list[Output]:
         """A robot's execution has ended."""
+        if outcome is not TaskOutcome.UNKNOWN:
+            self._settle(execution_id, now)
         return self._of_execution(
             execution_id, lambda run: run.ended(execution_id, outcome, now, message=message, results=results), now
         )
 
     def fleet_changed(self, fleet: FleetView, now: float) -> list[Output]:
         """Robots, skills or capacities have come or gone."""
-        self._fleet = fleet
+        self._known.fleet = fleet
         return self.poll(now)
 
-    def fault_raised(self, robot: str, source: str, reason: str, now: float) -> list[Output]:
-        """A robot cannot work: it says so, or something has found it."""
-        self._fault(robot, source, reason, now)
-        return self._taken()
+    def told(self, found: Iterable[FaultFound], now: float) -> list[Output]:
+        """What has become known of robots. All of it is taken in before anything follows from it."""
+        for one in found:
+            self._take_in(one, now)
+        return self._taken(now)
+
+    def not_heard(self, robots: Iterable[str], now: float) -> list[Output]:
+        """Nothing is heard of robots, from now on: so it is at a start. A fault `silent` is another matter."""
+        self._known.not_heard(robots, now)
+        self._has_news = True
+        return self._taken(now)
+
+    def is_silent(self, robot: str) -> bool:
+        """Whether nothing is heard of a robot."""
+        return self._known.silent_since(robot) is not None
+
+    def forget(self, robot: str) -> None:
+        """A robot that no run uses is gone, its faults cleared before."""
+        self._known.forget(robot)
+
+    def fault_raised(
+        self, robot: str, source: str, reason: str, now: float, capacities: tuple[str, ...] = ()
+    ) -> list[Output]:
+        """A robot cannot work, or do what needs some capacities: it says so, or something has found it."""
+        return self.told([FaultFound(robot, source, True, reason, capacities)], now)
 
     def fault_cleared(self, robot: str, source: str, now: float) -> list[Output]:
         """A fault's cause is gone; without any other the robot takes its later tasks back."""
-        self._clear(robot, source, now)
-        return self._taken()
+        return self.told([FaultFound(robot, source, False, "")], now)
 
     def acknowledge(self, fault_id: str, by: str, now: float) -> list[Output]:
         """An operator has seen a fault; raises ScenarioError where there is none, or it was acknowledged before."""
         fault, change = self.faults.acknowledge(fault_id, by)
         self._outputs.append(FaultChanged(fault, change))
-        if fault.source == SKILL_SOURCE:
-            self._clear(fault.robot, SKILL_SOURCE, now)
-        return self._taken()
+        if fault.source == SKILL:
+            self._take_in(FaultFound(fault.robot, SKILL, False, ""), now)
+        return self._taken(now)
 
     # Decisions.
 
@@ -214,24 +294,23 @@ class Orchestrator:
         opened = self._open.get(decision_id)
         if opened is None:
             raise ScenarioError(f"there is no decision {decision_id!r}")
+        self._rank_again(opened, now)
         confirmation, events = opened.decision.confirm(robot, by)
         self._decided(opened, events, now)
-        return confirmation, self._taken()
+        return confirmation, self._taken(now)
 
     def set_settings(self, settings: ResilienceSettings, now: float) -> list[Output]:
         """Other criteria, judgements or modes; open decisions are ranked again."""
-        self.settings = settings
+        self._known.settings = settings
         return self.poll(now)
 
-    def what_if(self, robot: str) -> list[Forecast]:
-        """Who would take over each task that a robot has ahead, without effect."""
-        forecasts: list[Forecast] = []
-        for run in self.runs.values():
-            for task in [task for wanted, task in run.ahead() if wanted == robot]:
-                arguments = known_arguments(task, run.look_up)
-                todo = TaskToDo(task, self._needs(task.skill, robot, task.capacities), arguments, robot)
-                forecasts.append(Forecast(run.state.run_id, task.name, self._ranked(todo)))
-        return forecasts
+    def what_if(self, robot: str) -> tuple[int, Iterator[Forecast]]:
+        """How many tasks a robot has ahead, and who would take over each of them, one by one and without effect."""
+        return self._choosing.forecasts(robot)
+
+    def runs_with(self, robot: str) -> list[str]:
+        """Ids of the runs in which a robot has tasks ahead."""
+        return self._choosing.runs_with(robot)
 
     def needed_names(self) -> set[str]:
         """The names that conditions and arguments of all runs mention."""
@@ -246,18 +325,15 @@ class Orchestrator:
 
     def poll(self, now: float) -> list[Output]:
         """Go on with everything: time has passed, or values have changed."""
-        for run_id in list(self.runs):
-            self._tell(run_id, now, Run.poll, self._lookup, now)
-        for opened in list(self._open.values()):
-            ranking = self._ranked(self._todo(opened.run_id, opened.asked, is_repaired=opened.is_repaired))
-            self._decided(opened, opened.decision.rank_again(ranking), now)
-            self._decided(opened, opened.decision.poll(now), now)
-        return self._taken()
+        self._has_news = True
+        return self._taken(now)
 
     def next_deadline(self) -> float | None:
         """When `poll` is to be called next even if nothing changes, or None."""
         deadlines = [run.next_deadline() for run in self.runs.values()]
         deadlines += [opened.decision.next_deadline() for opened in self._open.values()]
+        deadlines.append(self._halts.next_deadline())
+        deadlines += [waiting.hope_until for waiting in self._anybody.values()]
         return min((deadline for deadline in deadlines if deadline is not None), default=None)
 
     # Within.
@@ -265,23 +341,37 @@ class Orchestrator:
     def _journal_of(self, run_id: str) -> Callable[[Fact], None]:
         return lambda fact: self._journal(run_id, fact)
 
-    def _taken(self) -> list[Output]:
+    def _taken(self, now: float) -> list[Output]:
+        """What follows, with what follows from what became known meanwhile."""
+        while self._has_news:
+            self._has_news = False
+            self._go_on(now)
         outputs, self._outputs = self._outputs, []
         return outputs
+
+    def _go_on(self, now: float) -> None:
+        self._look_after_halts(now)
+        for run_id in list(self.runs):
+            self._tell(run_id, now, Run.poll, self._lookup, now)
+        for claim, waiting in list(self._anybody.items()):
+            self._look_for_anybody(claim, waiting, now)
+        for opened in list(self._open.values()):
+            self._rank_again(opened, now)
+            self._decided(opened, opened.decision.poll(now), now)
 
     def _on(self, run_id: str, what: Callable[[Run], list[Effect]], now: float) -> list[Output]:
         run = self.runs.get(run_id)
         if run is None:
             raise ScenarioError(f"there is no run {run_id!r} under way")
         self._tell(run_id, now, what)
-        return self._taken()
+        return self._taken(now)
 
     def _of_execution(self, execution_id: str, what: Callable[[Run], list[Effect]], now: float) -> list[Output]:
         run_id = self._executions.get(execution_id)
         run = self.runs.get(run_id or "")
         if run_id is not None and run is not None:
             self._tell(run_id, now, what)
-        return self._taken()
+        return self._taken(now)
 
     def _tell(self, run_id: str, now: float, what: Callable[[Run, *_Told], list[Effect]], *told: *_Told) -> None:
         """Tell a run something, and carry out what follows. A run that cannot go on ends, and takes nothing along."""
@@ -305,7 +395,8 @@ class Orchestrator:
                 case WantRobot():
                     self._want(run_id, effect, now)
                 case ReleaseRobot(step=step):
-                    self._grant(self._reservations.release((run_id, step)), now)
+                    self._anybody.pop((run_id, step), None)
+                    self._let_go((run_id, step), now)
                 case StartTask():
                     self._executions[effect.execution_id] = run_id
                     self._outputs.append(
@@ -320,10 +411,18 @@ class Orchestrator:
                             effect.timeout_s,
                         )
                     )
+                case FollowTask():
+                    self._executions[effect.execution_id] = run_id
+                    self._outputs.append(
+                        TaskFollowed(effect.execution_id, effect.robot, effect.skill, effect.may_be_unasked)
+                    )
                 case CancelTask():
-                    self._outputs.append(TaskCancelled(effect.execution_id, effect.robot))
+                    halt = Halt(effect.execution_id, effect.robot, effect.skill, now)
+                    if self._halts.order(halt):
+                        self._outputs.append(HaltChanged(halt, is_owed=True))
+                    self._outputs.append(TaskCancelled(halt.execution_id, halt.robot, halt.skill))
                 case OpenDecision():
-                    self._decide(run_id, effect, now)
+                    self._decide(run_id, effect, now, is_unknown=False)
                 case AskOperator():
                     self._executions[effect.execution_id] = run_id  # its robot may tell later
                     self._outputs.append(
@@ -337,19 +436,55 @@ class Orchestrator:
                             effect.execution_id,
                         )
                     )
+                    asked = OpenDecision(
+                        effect.step, effect.task, effect.skill, effect.capacities, effect.robot, effect.question
+                    )
+                    self._decide(run_id, asked, now, is_unknown=True)
 
     def _happened(self, run_id: str, fact: Fact, now: float) -> None:
         self._outputs.append(RunChanged(run_id, fact))
+        if isinstance(fact, TaskOver | TaskAnswered | TaskFound | TaskHalting):
+            self._close_question(run_id, fact, now)
         if isinstance(fact, TaskOver):
             task_run = self.runs[run_id].state.tasks[fact.step]
             self._executions.pop(task_run.execution_id, None)
-            stands_still = fact.outcome is TaskOutcome.BUSY and task_run.tries > 0  # with an attempt of ours
-            if fact.then is Then.REPLACE and stands_still:
-                self._fault(task_run.robot, SKILL_SOURCE, f"{task_run.skill} took too long, and does not stop", now)
-            elif fact.then is Then.REPLACE and fact.outcome in _FAULTY:
-                self._fault(task_run.robot, SKILL_SOURCE, f"{task_run.skill} {_FAULTY[fact.outcome]}", now)
+            self._blame(task_run, fact, now)
+        elif isinstance(fact, TaskAnswered):
+            if (
+                fact.then is not Then.REPLACE
+            ):  # that one consents to a second robot, the others say that the first is not at it
+                self._settle(self.runs[run_id].state.tasks[fact.step].execution_id, now)
         elif isinstance(fact, RunEnded):
             self._end(run_id, now)
+
+    def _blame(self, task_run: TaskRun, fact: TaskOver, now: float) -> None:
+        """Whoever fails at a task may be right: a fault is what the robot says, or what another one has shown."""
+        skill = task_run.skill
+        if fact.outcome is TaskOutcome.STOPPED:
+            named = self._known.fleet.named_first(task_run.robot, fact.message)[0]
+            self._take_in(FaultFound(task_run.robot, SKILL, True, f"{skill} failed: {fact.message}", named), now)
+        elif fact.outcome is TaskOutcome.DONE:
+            for robot, said in task_run.failed_on.items():
+                if robot != task_run.robot:
+                    reason = f"{skill} failed ({said}), and {task_run.robot} has done it"
+                    lost = self._known.fleet.named_first(robot, said)[0] or self._known.fleet.needs(robot, skill)
+                    self._take_in(FaultFound(robot, SKILL, True, reason, lost), now)
+
+    def _close_question(self, run_id: str, fact: TaskOver | TaskAnswered | TaskFound | TaskHalting, now: float) -> None:
+        """It is known what a robot was at, or somebody has said what follows: nobody has to choose any more."""
+        opened = self._open.get(f"{run_id}.{fact.step}")
+        if opened is None:
+            return
+        del self._open[opened.decision.id]
+        if isinstance(fact, TaskAnswered):
+            why = f"{fact.by} has answered: {fact.then.value}"
+        elif isinstance(fact, TaskFound):
+            why = f"{opened.asked.robot} has told: it is still at it"
+        elif isinstance(fact, TaskHalting):
+            why = f"{opened.asked.robot} stands: {fact.reason}"
+        else:
+            why = fact.message or fact.outcome.value
+        self._say(opened, opened.decision.give_up(why))
 
     def _end(self, run_id: str, now: float) -> None:
         run = self.runs.pop(run_id)
@@ -359,116 +494,133 @@ class Orchestrator:
         for execution_id in [key for key, owner in self._executions.items() if owner == run_id]:
             del self._executions[execution_id]
         for step in run.state.tasks:
-            self._grant(self._reservations.release((run_id, step)), now)
+            self._anybody.pop((run_id, step), None)
+            self._let_go((run_id, step), now)
+
+    def _let_go(self, claim: tuple[str, str], now: float) -> None:
+        """A run needs a robot no more, or waits for it no more."""
+        self._grant(self._halts.let_go(claim), now)
+        self._has_news = self._has_news or bool(self._halts.all())
+
+    def _settle(self, execution_id: str, now: float) -> None:
+        """A robot has stopped, or has ended what it was to stop, or a person says so."""
+        settled = self._halts.settle(execution_id)
+        if settled is None:
+            return
+        halt, grants = settled
+        self._outputs.append(HaltChanged(halt, is_owed=False))
+        if not self._halts.of(halt.robot):
+            self._take_in(FaultFound(halt.robot, NOT_HALTED, False, ""), now)
+        self._grant(grants, now)
+
+    def _look_after_halts(self, now: float) -> None:
+        """Tell robots again that have not stopped, and people of those about which no run asks."""
+        for halt in self._halts.all():
+            trouble = self._known.trouble(halt.robot, self._known.fleet.needs(halt.robot, halt.skill))
+            if trouble is not None and trouble.stands:
+                self._settle(halt.execution_id, now)
+        self._outputs += self._halts.told_again(now)
+        for halt in self._halts.unanswered(now):
+            if not any(fault.source == NOT_HALTED for fault in self.faults.active(halt.robot)):
+                said = f"it was told to stop {halt.skill}, and has not said that it has; look, then call ClearFault"
+                self._take_in(FaultFound(halt.robot, NOT_HALTED, True, said), now)
 
     def _want(self, run_id: str, wanted: WantRobot, now: float) -> None:
-        robot = wanted.robot
-        if robot is None:
-            refused_by = self.runs[run_id].state.tasks[wanted.step].refused_by
-            task = self.runs[run_id].task(wanted.step)
-            todo = TaskToDo(task, wanted.capacities, self._arguments(run_id, wanted.step), "", refused_by)
-            ranking = self._ranked(todo)
-            robot = ranking.best or self._least_busy(todo)
-            if robot is None:
-                reasons = "; ".join(f"{left.robot} {left.reason}" for left in ranking.excluded)
-                reason = f"no robot can do {wanted.skill}: {reasons or 'there is none'}"
-                self._tell(run_id, now, Run.nobody, wanted.step, reason, now)
-                return
-        self._grant(self._reservations.want((run_id, wanted.step), robot), now)
+        if wanted.robot is None:
+            self._want_anybody(run_id, wanted, now)
+        else:
+            self._grant(self._reservations.want((run_id, wanted.step), wanted.robot), now)
 
-    def _least_busy(self, todo: TaskToDo) -> str | None:
-        """Who can do a task though it cannot be ranked: a criterion that nobody knows must not stop the work."""
-        unfit, ahead = {*self.faults.unfit(), *todo.refused_by}, self._count_ahead()
-        able = self._fleet.able(todo.task.skill, todo.capacities)
-        fit = [robot.name for robot in able if robot.name not in unfit and not todo.problems(robot)]
-        return min(fit, key=lambda robot: (ahead[robot], robot), default=None)
+    def _want_anybody(self, run_id: str, wanted: WantRobot, now: float) -> None:
+        claim = run_id, wanted.step
+        todo = self._choosing.wanted(run_id, wanted)
+        ranking = self._choosing.ranked(todo)
+        robot = ranking.best
+        if robot is not None:
+            self._anybody[claim] = _Anybody(wanted)
+            self._grant(self._reservations.want(claim, robot), now)
+            return
+        self._grant(self._reservations.release(claim), now)
+        hope_until = self._known.hope_until(todo, now)
+        if hope_until is not None:
+            self._anybody[claim] = _Anybody(wanted, hope_until)
+            return
+        self._anybody.pop(claim, None)
+        reasons = "; ".join(f"{left.robot} {left.reason}" for left in ranking.excluded)
+        reason = f"no robot can do {wanted.skill}: {reasons or 'there is none'}"
+        self._tell(run_id, now, Run.nobody, wanted.step, reason, now)
+
+    def _look_for_anybody(self, claim: tuple[str, str], waiting: _Anybody, now: float) -> None:
+        """Look again where nobody was there, or who was to do it cannot be asked now."""
+        run_id, step = claim
+        run = self.runs.get(run_id)
+        if run is None or run.state.phase(step) is not TaskPhase.WANTED:
+            self._anybody.pop(claim, None)
+            return
+        robot = self._reservations.robot_of(claim)
+        task = run.task(step)
+        if robot is None or self._known.unfit(robot, self._known.needs(robot, task)) is not None:
+            self._want_anybody(run_id, waiting.wanted, now)
 
     def _grant(self, grants: list[Grant[tuple[str, str]]], now: float) -> None:
         for (run_id, step), robot in grants:
             run = self.runs.get(run_id)
             if run is not None:
-                skill = self._fleet.declared(robot, run.task(step).skill)
+                skill = self._known.fleet.declared(robot, run.task(step).skill)
                 self._tell(run_id, now, Run.granted, step, robot, now, skill)
 
-    def _fault(self, robot: str, source: str, reason: str, now: float) -> None:
-        change = self.faults.raise_fault(robot, source, reason, now)
-        if change is None:
-            return
-        self._outputs.append(FaultChanged(*change))
-        if change[1] is FaultChange.RAISED:
-            for run_id in list(self.runs):
-                self._tell(run_id, now, Run.robot_faulted, robot, reason, now)
-
-    def _clear(self, robot: str, source: str, now: float) -> None:
-        change = self.faults.clear(robot, source)
-        if change is None:
-            return
-        self._outputs.append(FaultChanged(*change))
-        if not self.faults.active(robot):
-            for opened in self._open.values():
-                opened.is_repaired |= opened.asked.robot == robot
-            for run_id in list(self.runs):
-                self._tell(run_id, now, Run.robot_returned, robot, now)
+    def _take_in(self, found: FaultFound, now: float) -> None:
+        """Know it from now on; `_taken` has runs look at it."""
+        change: tuple[Fault, FaultChange] | None
+        if found.active:
+            change = self._known.raised(found.robot, found.source, found.reason, now, found.capacities)
+        else:
+            change = self._known.cleared(found.robot, found.source)
+            if found.source == NOT_HALTED:
+                for halt in self._halts.of(found.robot):
+                    self._settle(halt.execution_id, now)
+        self._has_news = True
+        if change is not None:
+            self._outputs.append(FaultChanged(*change))
 
     # Decisions.
 
-    def _decide(self, run_id: str, asked: OpenDecision, now: float) -> None:
+    def _decide(self, run_id: str, asked: OpenDecision, now: float, *, is_unknown: bool) -> None:
         decision_id = f"{run_id}.{asked.step}"
-        todo = self._todo(run_id, asked)
+        todo = self._choosing.asked(run_id, asked, is_unknown=is_unknown)
         settings = self.settings
         decision = Decision(
             decision_id,
             settings.mode,
-            self._ranked(todo),
+            self._choosing.ranked(todo),
             limit_s=settings.limit_s,
             on_limit=settings.on_limit,
             now=now,
+            is_unknown=is_unknown,
+            hope_until=self._known.hope_until(todo, now),
+            not_before=now + LEAST_SILENCE_S if asked.may_be_done else None,
         )
-        opened = self._open[decision_id] = _Open(run_id, asked, decision)
+        opened = self._open[decision_id] = _Open(run_id, asked, decision, is_unknown)
         self._decided(opened, decision.begin(), now)
 
+    def _rank_again(self, opened: _Open, now: float) -> None:
+        todo = self._choosing.asked(opened.run_id, opened.asked, is_unknown=opened.is_unknown)
+        events = opened.decision.rank_again(self._choosing.ranked(todo), self._known.hope_until(todo, now))
+        self._decided(opened, events, now)
+
     def _decided(self, opened: _Open, events: list[DecisionEvent], now: float) -> None:
-        asked = opened.asked
+        self._say(opened, events)
+        step = opened.asked.step
         for event in events:
-            self._outputs.append(
-                DecisionChanged(opened.run_id, asked.step, asked.task, asked.robot, asked.reason, event)
-            )
             if isinstance(event, ReplacementChosen):
                 self._open.pop(event.decision_id, None)
-                self._tell(opened.run_id, now, Run.replaced, asked.step, event.robot, event.by, now)
+                self._tell(opened.run_id, now, Run.replaced, step, event.robot, event.by, now)
             elif isinstance(event, Aborted):
                 self._open.pop(event.decision_id, None)
-                self._tell(opened.run_id, now, Run.not_replaced, asked.step, event.reason, now)
+                self._tell(opened.run_id, now, Run.not_replaced, step, event.reason, now)
 
-    def _todo(self, run_id: str, asked: OpenDecision, *, is_repaired: bool = False) -> TaskToDo:
-        needs = self._needs(asked.skill, asked.robot, asked.capacities)
-        refused_by = self.runs[run_id].state.tasks[asked.step].refused_by
-        task = self.runs[run_id].task(asked.step)
-        arguments = self._arguments(run_id, asked.step)
-        return TaskToDo(task, needs, arguments, asked.robot, refused_by, is_repaired)
-
-    def _arguments(self, run_id: str, step: str) -> Mapping[str, Value]:
-        """As they were written; what is computed as a task was begun with it, or would be now."""
-        run = self.runs[run_id]
-        task, begun = run.task(step), run.state.tasks[step].arguments
-        computed = {name for name, value in task.arguments.items() if isinstance(value, Expression)}
-        return known_arguments(task, run.look_up) | {name: begun[name] for name in computed & begun.keys()}
-
-    def _needs(self, skill: str, robot: str, capacities: tuple[str, ...]) -> tuple[str, ...]:
-        """The capacities that a task needs: those that it names, and those that the skill needs on its robot."""
-        declared = self._fleet.declared(robot, skill)
-        return tuple(dict.fromkeys((*capacities, *(declared.capacities if declared is not None else ()))))
-
-    def _ranked(self, todo: TaskToDo) -> Ranking:
-        return rank_robots(
-            todo,
-            self._fleet,
-            self.settings,
-            unfit=self.faults.unfit(),
-            tasks_ahead=self._count_ahead().__getitem__,
-            lookup=self._lookup,
-        )
-
-    def _count_ahead(self) -> Counter[str | None]:
-        """How many tasks of all runs each robot has ahead."""
-        return Counter(robot for run in self.runs.values() for robot, _ in run.ahead())
+    def _say(self, opened: _Open, events: list[DecisionEvent]) -> None:
+        asked = opened.asked
+        self._outputs += [
+            DecisionChanged(opened.run_id, asked.step, asked.task, asked.robot, asked.reason, event) for event in events
+        ]

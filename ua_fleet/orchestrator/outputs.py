@@ -14,11 +14,14 @@ __all__ = [
     "DecisionChanged",
     "FaultChanged",
     "Forecast",
+    "Halt",
+    "HaltChanged",
     "OperatorAsked",
     "Output",
     "RunBroken",
     "RunChanged",
     "TaskCancelled",
+    "TaskFollowed",
     "TaskStarted",
 ]
 
@@ -38,11 +41,41 @@ class TaskStarted:
 
 
 @dataclass(frozen=True, slots=True)
-class TaskCancelled:
-    """Have a robot stop an execution."""
+class TaskFollowed:
+    """Listen for what became of an execution; have nobody begin it."""
 
     execution_id: str
     robot: str
+    skill: str
+    may_be_unasked: bool
+    """Whether the robot may never have been asked for it: then it has ended, as refused."""
+
+
+@dataclass(frozen=True, slots=True)
+class TaskCancelled:
+    """Have a robot stop an execution; said again while it has not said that it has."""
+
+    execution_id: str
+    robot: str
+    skill: str
+
+
+@dataclass(frozen=True, slots=True)
+class Halt:
+    """A robot was told to stop an execution, or not to begin it."""
+
+    execution_id: str
+    robot: str
+    skill: str
+    since: float
+
+
+@dataclass(frozen=True, slots=True)
+class HaltChanged:
+    """A halt is owed from now on, also after a restart; or no more."""
+
+    halt: Halt
+    is_owed: bool
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,4 +136,14 @@ class Forecast:
     ranking: Ranking
 
 
-Output = TaskStarted | TaskCancelled | RunBroken | RunChanged | DecisionChanged | OperatorAsked | FaultChanged
+Output = (
+    TaskStarted
+    | TaskFollowed
+    | TaskCancelled
+    | RunBroken
+    | RunChanged
+    | DecisionChanged
+    | OperatorAsked
+    | FaultChanged
+    | HaltChanged
+)

@@ -23,6 +23,7 @@ from ua_fleet.pubsub.events import (
     SourceRefused,
     SourceReturned,
     SourceSilent,
+    SourceStale,
     SourceUnknown,
     SubscriberEvent,
 )
@@ -50,6 +51,7 @@ __all__ = [
     "SourceRefused",
     "SourceReturned",
     "SourceSilent",
+    "SourceStale",
     "SourceUnknown",
     "Subscriber",
     "SubscriberEvent",

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from typing import Final
 
+from ua_fleet.pubsub.mapped import PublisherKey
 from ua_fleet.pubsub.remote_writer import UNBOUND, RemoteWriter
 from ua_fleet.wire.messages import ConfigurationVersion, DataSetMessage, DataSetMetaData
 
@@ -16,7 +17,7 @@ __all__ = ["Catalog"]
 _VERSIONS: Final = 4
 """Versions of one DataSetWriter that are remembered: messages of the one before may still be on their way."""
 
-_Key = tuple[int, int]
+_Key = tuple[PublisherKey, int]
 
 
 class _Entry:

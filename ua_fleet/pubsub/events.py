@@ -20,6 +20,7 @@ __all__ = [
     "SourceRefused",
     "SourceReturned",
     "SourceSilent",
+    "SourceStale",
     "SourceUnknown",
     "SubscriberEvent",
 ]
@@ -49,13 +50,22 @@ class SourceUnknown(NamedTuple):
 
 
 class SourceSilent(NamedTuple):
-    """Nothing was heard of a source for MessageReceiveTimeout. Said once until it returns."""
+    """Nothing of a source was taken for MessageReceiveTimeout. Said once until it returns."""
+
+    topic: Topic
+
+
+class SourceStale(NamedTuple):
+    """A source is there, but nothing says that its last value is of now: it was started anew, or a message is missing.
+
+    Said once until it returns or is silent.
+    """
 
     topic: Topic
 
 
 class SourceReturned(NamedTuple):
-    """A silent source was heard again (data, a repeat or a keep-alive): its last value is fresh again.
+    """The last value of a silent or stale source is of now again (data, a repeat, or a keep-alive that says so).
 
     A DataReceived, where there is one, follows.
     """
@@ -112,6 +122,7 @@ SubscriberEvent = (
     | MetaDataReceived
     | SourceUnknown
     | SourceSilent
+    | SourceStale
     | SourceReturned
     | SourceRefused
     | ProbeReceived

@@ -2,14 +2,31 @@
 
 from __future__ import annotations
 
+import json
+import math
 import uuid
+import zlib
 from collections.abc import Mapping
 from typing import Any, Final
 
 from ua_fleet.values import ARRAY, DIMENSIONS, BuiltinType, QualifiedName
 from ua_fleet.wire.messages import DataSetMetaData, FieldMetaData
 
-__all__ = ["PropertyValue", "field_property", "first_property", "make_field", "type_code", "type_codes"]
+__all__ = [
+    "MAX_AGE",
+    "PropertyValue",
+    "field_property",
+    "fields_version",
+    "first_property",
+    "make_field",
+    "max_age_s",
+    "type_code",
+    "type_codes",
+    "with_max_age",
+]
+
+MAX_AGE: Final = "MaxAge"
+"""Property of a DataSet's first field: for how long a value counts as one of now after it was read, a Duration (ms)."""
 
 PropertyValue = bool | int | float | str | tuple[float, ...]
 """What a property of ours may hold."""
@@ -74,3 +91,29 @@ def type_code(field: FieldMetaData) -> int:
 def type_codes(fields: tuple[FieldMetaData, ...]) -> tuple[int, ...]:
     """The type codes of all fields."""
     return tuple(type_code(field) for field in fields)
+
+
+def fields_version(request: tuple[FieldMetaData, ...], response: tuple[FieldMetaData, ...]) -> int:
+    """A version of an Action's fields that only their names, order and types make: the same after each restart, and on
+    both sides. Never 0.
+    """
+    said = [[[field.name, type_code(field)] for field in fields] for fields in (request, response)]
+    return zlib.crc32(json.dumps(said).encode()) or 1
+
+
+def with_max_age(fields: tuple[FieldMetaData, ...], max_age_s: float | None) -> tuple[FieldMetaData, ...]:
+    """The fields with this maximum age; None is none."""
+    if not fields:
+        return fields
+    properties = tuple([known for known in fields[0].properties if known[0].name != MAX_AGE])
+    if max_age_s is not None:
+        properties += ((QualifiedName(0, MAX_AGE), int(BuiltinType.DOUBLE), max_age_s * 1000),)
+    return (fields[0]._replace(properties=properties), *fields[1:])
+
+
+def max_age_s(fields: tuple[FieldMetaData, ...]) -> float | None:
+    """The maximum age that a publisher announces; None for none, and for what is no time."""
+    age_ms = field_property(fields[0], MAX_AGE) if fields else None
+    if isinstance(age_ms, bool) or not isinstance(age_ms, int | float) or not 0 < age_ms < math.inf:
+        return None
+    return age_ms / 1000

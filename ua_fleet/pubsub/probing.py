@@ -10,6 +10,7 @@ from random import Random
 from typing import Final
 
 from ua_fleet.pubsub.due import DueTimes
+from ua_fleet.pubsub.mapped import PublisherKey
 
 __all__ = ["ProbeSchedule"]
 
@@ -18,7 +19,7 @@ _FIRST_PERIOD_S: Final = 0.5
 _LONGEST_PERIOD_S: Final = 30.0
 """The specification leaves it to the subscriber."""
 
-_Key = tuple[int, int]
+_Key = tuple[PublisherKey, int]
 
 
 class ProbeSchedule:
@@ -35,9 +36,9 @@ class ProbeSchedule:
             period = self._period.get(key)
             self._due.put(key, now + (self._random.uniform(*_FIRST_DELAY_S) if period is None else period))
 
-    def asked_by_another(self, publisher_id: int, writer_ids: tuple[int, ...], now: float) -> None:
+    def asked_by_another(self, publisher_id: PublisherKey, writer_ids: tuple[int, ...], now: float) -> None:
         """Somebody asks for these, or with no id for all of a publisher: wait for that answer."""
-        keys = [(publisher_id, writer_id) for writer_id in writer_ids] or [
+        keys: list[_Key] = [(publisher_id, writer_id) for writer_id in writer_ids] or [
             key for key in self._due if key[0] == publisher_id
         ]
         for key in keys:

@@ -20,6 +20,7 @@ from ua_fleet.counters import Counters
 from ua_fleet.errors import LocalWireError
 from ua_fleet.pubsub.announcer import ANSWER_INTERVAL_S, Announcer
 from ua_fleet.pubsub.application import MAX_DATAGRAM_BYTES, PRODUCT_URI, Application, describe
+from ua_fleet.pubsub.metadata import fields_version, with_max_age
 from ua_fleet.pubsub.pacing import Pace
 from ua_fleet.pubsub.packing import HEADER_BYTES, MAX_PACKED_BYTES, pack
 from ua_fleet.pubsub.sequence import MASK
@@ -47,6 +48,8 @@ _EARLY: Final = 0.05
 """Part of its period that a message may go early, to share a NetworkMessage with one that is due."""
 _MOST_AT_ONCE: Final = 256
 """Writers that one call serves, about a millisecond of work; `next_deadline` then asks for the next call at once."""
+_REPEATED_BYTES_PER_SECOND: Final = 50_000
+"""What the repeats of one writer may take."""
 _UINT16: Final = PublisherIdType.UINT16.value
 
 _Batches = dict[int, list[tuple[DataSetMessage, int]]]
@@ -115,7 +118,7 @@ class Publisher:
         """Make or update the writer of a source that is alive.
 
         Returns its metadata announcement, and a keep-alive, which tells readers the WriterGroup. Other fields than
-        before get a new major version, another name alone a new minor version (OPC 10000-14 6.2.3.2.6).
+        before get a new major version, another name or maximum age alone a new minor version (OPC 10000-14 6.2.3.2.6).
 
         Raises:
             LocalWireError: a source of another space, or metadata that cannot be encoded.
@@ -184,11 +187,21 @@ class Publisher:
         writer.status = status
         writer.size = size - HEADER_BYTES
         writer.sent_at = now
-        writer.repeat_at = now + self._timing.repeat_interval_s
+        writer.repeat_at = now + self._repeat_after_s(writer)
         if is_first or not writer.alive:
             self._revive(writer, now)
         self._counters.messages_out += 1
         return [datagram]
+
+    def restate(self, topic: Topic, *, status: int, timestamp: int = 0, now: float) -> list[bytes]:
+        """Say the last values of a source that is alive with another status, as of `timestamp` if that is later.
+
+        Nothing where there are none.
+        """
+        writer = self._writers.get(topic)
+        if writer is None or not writer.alive or writer.values is None:
+            return []
+        return self.publish(topic, writer.values, timestamp=timestamp, status=status, now=now, types=writer.sent_types)
 
     def source_lost(self, topic: Topic, *, timestamp: int, now: float) -> list[bytes]:
         """Say once that the source is gone, with its last values; then be silent until `announce` or `publish`."""
@@ -233,8 +246,8 @@ class Publisher:
             response: the fields of an ActionResponse.
             methods: none, or for each target the Method that does the same in the OPC UA server.
             now: the time.
-            wall_ticks: the wall clock, from which a version is made. Other fields than before get a new major version,
-                another name or other targets a new minor one.
+            wall_ticks: the wall clock, from which a minor version is made. The major one says which names and types the
+                fields have; another name, other targets or other fields than before get a new minor one.
 
         Raises:
             LocalWireError: an Action of another space, an id that a DataSet has, or what cannot be encoded.
@@ -245,12 +258,16 @@ class Publisher:
             raise LocalWireError(f"{topic.name} is a DataSet, and cannot be an Action as well")
         before = self._announcer.action(topic.id)
         version = ConfigurationVersion(0, 0) if before is None else before.request.configuration_version
-        if before is None or (before.request.fields, before.response.fields) != (request, response):
-            major = max(self._majors.get(topic.id, 0) + 1, version_time(wall_ticks))
-            self._majors[topic.id] = major
-            version = ConfigurationVersion(major, major)
-        elif (before.request.name, before.targets, before.methods) != (name, targets, methods):
-            version = ConfigurationVersion(version.major, max(version.minor + 1, version_time(wall_ticks)))
+        said = (name, request, targets, response, methods)
+        if before is None or said != (
+            before.request.name,
+            before.request.fields,
+            before.targets,
+            before.response.fields,
+            before.methods,
+        ):
+            minor = max(version.minor + 1, version_time(wall_ticks))
+            version = ConfigurationVersion(fields_version(request, response), minor)
         metadata = DataSetMetaData(name, request, version)
         action = ActionMetaDataAnnouncement(
             self._id, _UINT16, 0, topic.id, targets, metadata, metadata._replace(fields=response), methods
@@ -318,7 +335,7 @@ class Publisher:
                 datagrams.append(self._announce_again(writer, now))
             if writer.values is not None and writer.repeat_at <= horizon:
                 self._add_repeat(batches, writer, now)
-            elif writer.sent_at + self._timing.keep_alive_s <= horizon:
+            elif writer.keep_alive_at(self._timing.keep_alive_s) <= horizon:
                 self._add_keep_alive(batches, writer, now)
             self._queue(writer)
         return datagrams + self._send(batches)
@@ -344,8 +361,8 @@ class Publisher:
     ) -> DataSetMetaData:
         before = writer.metadata
         version = before.configuration_version
-        if version.major and before.fields == fields:
-            if before.name == name:
+        if version.major and with_max_age(before.fields, None) == with_max_age(fields, None):
+            if before.name == name and before.fields == fields:
                 return before
             minor = max(version.minor + 1, version_time(wall_ticks))
             return DataSetMetaData(name, fields, ConfigurationVersion(version.major, minor))
@@ -409,9 +426,13 @@ class Publisher:
     def _add_repeat(self, batches: _Batches, writer: Writer, now: float) -> None:
         message = writer.repeat()
         writer.sent_at = now
-        writer.repeat_at = now + self._timing.repeat_interval_s
+        writer.repeat_at = now + self._repeat_after_s(writer)
         batches.setdefault(writer.topic.ns, []).append(message)
         self._pace.take(message[1])
+
+    def _repeat_after_s(self, writer: Writer) -> float:
+        """Images are repeated less often, so that a robot that rests costs little; who asks gets them at once."""
+        return max(self._timing.repeat_interval_s, writer.size / _REPEATED_BYTES_PER_SECOND)
 
     def _add_keep_alive(self, batches: _Batches, writer: Writer, now: float) -> None:
         message = writer.keep_alive()

@@ -10,6 +10,9 @@ Sequences are tracked for each DataSetWriter, never for the group. Of a message 
     not newer                dropped as a duplicate
 
 Of what is taken, only a message with a later Timestamp than the last one handed on is handed on.
+
+A writer is *sure* while the value that was handed on last is what it has, as far as was heard: nothing came after it
+that was missed or dropped, and it was not started anew since.
 """
 
 from __future__ import annotations
@@ -18,6 +21,7 @@ from enum import Enum
 from typing import Final
 
 from ua_fleet.counters import Counters
+from ua_fleet.pubsub.mapped import PublisherKey
 from ua_fleet.pubsub.sequence import MASK, NEWEST_STEP, MissingNumbers
 from ua_fleet.topics import Topic
 from ua_fleet.values import StatusCode
@@ -41,7 +45,7 @@ class Step(Enum):
 
 
 class RemoteWriter:
-    """One DataSetWriter that was heard. The attributes up to `silent` are there for status displays."""
+    """One DataSetWriter that was heard. The attributes up to `stale` are there for status displays."""
 
     __slots__ = (
         "_back_since",
@@ -49,23 +53,34 @@ class RemoteWriter:
         "_counters",
         "_handed_on_alive",
         "_missing",
+        "alive_at",
+        "attested_at",
         "confirmed_number",
+        "doubted",
         "duplicates",
+        "entry",
         "expected",
         "gaps",
         "handed_on",
+        "has_said",
         "heard_major",
         "heard_timestamp",
+        "is_gone",
         "key",
         "last_frame",
         "last_heard",
         "late",
         "major",
+        "max_age_s",
         "metadata",
         "minor",
         "received",
         "restarts",
+        "said_at",
+        "says_max_age",
         "silent",
+        "stale",
+        "stated",
         "topic",
         "types",
     )
@@ -83,10 +98,33 @@ class RemoteWriter:
         self.duplicates = 0
         self.restarts = 0
         self.last_heard = now
+        """When a message came that fitted the sequence, whatever became of it."""
         self.silent = False
-        """Whether nothing was heard for MessageReceiveTimeout."""
+        """Whether nothing was taken for MessageReceiveTimeout."""
+        self.stale = False
+        """Whether it is there, but nothing says that its last value is of now."""
 
-        self.key = (topic.space, topic.id)
+        self.entry = 0
+        """Number of its valid deadline."""
+        self.alive_at = now
+        self.attested_at = now
+        """When its last value was of now."""
+        self.max_age_s: float | None = None
+        """How long its value counts as one of now; None for as long as it is attested."""
+        self.says_max_age = False
+        """Whether the writer knows its maximum age itself, and says when its value is too old."""
+        self.said_at = now
+        """When a value was handed on."""
+        self.has_said = False
+        """Whether a value was handed on."""
+        self.doubted = False
+        """Whether it may have another value than the last one handed on: something was dropped, or it began anew."""
+        self.is_gone = False
+        """Whether what was handed on last is the news that the source is gone."""
+        self.key: tuple[PublisherKey, int] = (topic.space, topic.id)
+        """PublisherId and DataSetWriterId, as announcements and probes name it."""
+        self.stated: DataSetMetaData | None = None
+        """What its messages hold, where that is configured: then it announces nothing."""
         self.major: int | None = UNBOUND
         """Version in the header of the messages that `metadata` describes; None where the header has none."""
         self.minor: int | None = UNBOUND
@@ -190,7 +228,36 @@ class RemoteWriter:
                 self._handed_on_alive = timestamp
             self._back_since = None
         self.last_frame = message
+        self.is_gone = (message.status or 0) >> 16 == NO_COMMUNICATION
+        self.has_said = True
+        self.doubted = False
         self.confirmed_number = message.sequence_number
+
+    def repeats(self, frame: DataSetMessage) -> bool:
+        """Whether a message that is not new says the value that was handed on last, and not that its source is gone.
+
+        Another old Timestamp says nothing: it may be that of a clock that was set back, and the value another one.
+        """
+        timestamp = frame.timestamp
+        if timestamp != self.handed_on and timestamp != self._handed_on_alive:
+            return False
+        self.is_gone = (frame.status or 0) >> 16 == NO_COMMUNICATION
+        self.doubted = False
+        self.confirmed_number = frame.sequence_number
+        return not self.is_gone
+
+    def is_sure(self, number: int | None) -> bool:
+        """Whether the value that was handed on last, if any was, is what the writer has before it sends `number`."""
+        if not self.has_said:
+            return True
+        if self.doubted or self.is_gone:
+            return False
+        return number is None or self.confirmed_number == (number - 1) & MASK
+
+    def is_of_another_version(self, message: DataSetMessage) -> bool:
+        """Whether a message is of another life of the publisher than what was taken last, though its number fits."""
+        taken = None if self.last_frame is None else self.last_frame.major_version
+        return None not in (taken, message.major_version) and taken != message.major_version
 
     def confirm(self, number: int | None) -> None:
         """Note a message that changes nothing, so that a delta frame after it fits."""
@@ -216,6 +283,7 @@ class RemoteWriter:
 
     def _start(self, number: int, message: DataSetMessage) -> None:
         self.expected = (number + 1) & MASK
+        self.doubted = True
         self.heard_timestamp = _NEVER
         self._hear(message)
         self.last_frame = None

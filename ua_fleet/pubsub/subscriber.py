@@ -2,14 +2,13 @@
 
 A datagram is opened first, where there is an envelope: what is refused there reaches none of the following. A
 DataSetMessage passes these gates in this order: the loop rule, a legal source, the valid flag, the sequence of its
-writer, the Timestamp, metadata of its version, and the types of its fields.
+writer, the Timestamp, metadata of its version, and the types of its fields. Only what passes all of them, or repeats
+what did, says that a value is of now.
 """
 
 from __future__ import annotations
 
-import heapq
 from collections.abc import Callable, Mapping
-from itertools import count
 from random import Random
 from types import MappingProxyType
 from typing import Any, Final
@@ -26,15 +25,17 @@ from ua_fleet.pubsub.events import (
     ProbeDue,
     ProbeReceived,
     SourceRefused,
-    SourceReturned,
     SourceSilent,
+    SourceStale,
     SourceUnknown,
     SubscriberEvent,
 )
 from ua_fleet.pubsub.frames import merge_delta, types_fit
-from ua_fleet.pubsub.metadata import type_codes
+from ua_fleet.pubsub.liveness import Liveness
+from ua_fleet.pubsub.mapped import MappedSources, PublisherKey, publisher_key
+from ua_fleet.pubsub.metadata import max_age_s, type_codes, with_max_age
 from ua_fleet.pubsub.probing import ProbeSchedule
-from ua_fleet.pubsub.remote_writer import NO_COMMUNICATION, RemoteWriter, Step
+from ua_fleet.pubsub.remote_writer import RemoteWriter, Step
 from ua_fleet.pubsub.security.envelope import Envelope
 from ua_fleet.pubsub.security.refused import Refused
 from ua_fleet.pubsub.sequence import MASK
@@ -47,6 +48,7 @@ from ua_fleet.wire.actions import ActionMessage
 from ua_fleet.wire.discovered import AnyAnnouncement
 from ua_fleet.wire.messages import (
     DataSetMessage,
+    DataSetMetaData,
     FieldEncoding,
     FrameKind,
     MetaDataAnnouncement,
@@ -64,6 +66,10 @@ LoopRule = Callable[[Side, int, int, bool], Verdict]
 
 _MOST_REFUSED: Final = 1024
 """Refused sources that we have told of. Anybody can write any PublisherId and DataSetWriterId."""
+_OWN_HEAD_BYTES: Final = 5
+"""Flags, PublisherId and GroupFlags of a data message of ours, with or without security."""
+_COUNT_AT: Final = 7
+"""Where the number of its DataSetMessages stands."""
 _UINT16: Final = PublisherIdType.UINT16.value
 _KEY: Final = FrameKind.KEY.value
 _DELTA: Final = FrameKind.DELTA.value
@@ -85,6 +91,8 @@ class Subscriber:
         *,
         envelope: Envelope | None = None,
         max_writers: int = 50_000,
+        max_ages: Mapping[Topic, float] | None = None,
+        mapped: MappedSources | None = None,
         random: Random | None = None,
     ) -> None:
         """Make a subscriber that knows no writers.
@@ -98,8 +106,12 @@ class Subscriber:
             envelope: opens what is received; without one, what is secured or a chunk is dropped.
             max_writers: most writers to know. Beyond, the longest silent one is forgotten; while all of them live, what
                 others send is counted as of an unknown source.
+            max_ages: maximum ages in seconds of the values of writers that announce none themselves.
+            mapped: DataSetWriters of publishers that are no bridges.
             random: where the random delay of probes comes from.
         """
+        self.caught: Callable[[str, Exception], None] | None = None
+        """Told of a mistake that cost one writer what time has brought it; without it, the mistake is raised."""
         self._own_space = own_space
         self._timeout = timing.receive_timeout_s
         self._counters = counters
@@ -109,16 +121,19 @@ class Subscriber:
         self._refused: dict[tuple[int, int, int], None] = {}
         """Sources told of as refused, the longest known first."""
         self._verdicts: dict[int, bool] = {}
+        own = own_space.to_bytes(2, "little") if own_space >= 0 else b""
+        self._own_heads = frozenset((b"\xf1\x01" + own + b"\x01", b"\xf1\x11" + own + b"\x01") if own else ())
+        """How the data that we send ourselves begins: it comes back by multicast, and is dropped unread. A tool has no
+        space, and sends none."""
         self._max_writers = max_writers
+        self._max_ages = max_ages or {}
+        self._mapped = mapped or MappedSources()
         self._writers: dict[tuple[int, int | None, int], RemoteWriter] = {}
         self._catalog = Catalog(max_writers)
         random = random or Random()  # noqa: S311 - spreads probes, keeps no secret
         self._probes = ProbeSchedule(random)
         self._wishes = Wishes(random)
-        self._silences: list[tuple[float, int, RemoteWriter]] = []
-        self._silent: dict[RemoteWriter, None] = {}
-        """The longest silent first."""
-        self._order = count()
+        self._liveness = Liveness(self._timeout)
         self._complaints = Complaints()
 
     @property
@@ -128,6 +143,14 @@ class Subscriber:
 
     def receive(self, datagram: bytes, now: float, sender: tuple[str, int] | None = None) -> list[SubscriberEvent]:
         """Take one datagram, and where it came from: a request may be answered there."""
+        if (
+            datagram[:_OWN_HEAD_BYTES] in self._own_heads
+            and len(datagram) > _COUNT_AT
+            and not self._comes_in(self._own_space)
+        ):
+            self._counters.messages_in += datagram[_COUNT_AT]
+            self._counters.drop(Drop.LOOP, datagram[_COUNT_AT])
+            return []
         try:
             if self._envelope is not None:
                 plain = self._envelope.open(datagram, now)
@@ -159,8 +182,8 @@ class Subscriber:
         events: list[SubscriberEvent] = [MetaDataReceived(topic, writer.metadata)]
         if writer.last_frame is not None:
             events.append(DataReceived(topic, writer.last_frame, writer.metadata))
-        if writer.silent:
-            events.append(SourceSilent(topic))
+        if writer.silent or writer.stale:
+            events.append(SourceSilent(topic) if writer.silent else SourceStale(topic))
         return events
 
     def want_action(self, publisher_id: int, data_set_writer_id: int, now: float) -> bool:
@@ -177,25 +200,29 @@ class Subscriber:
     def poll(self, now: float) -> list[SubscriberEvent]:
         """What time has brought: silent sources and probes that are due."""
         events: list[SubscriberEvent] = []
+        # What is due in one of them is lost by a mistake there, and in no other.
+        for step in (self._poll_envelope, self._poll_liveness, self._poll_probes):
+            try:
+                step(now, events)
+            except Exception as error:
+                if self.caught is None:
+                    raise
+                self.caught("silences", error)
+        return events
+
+    def _poll_envelope(self, now: float, _events: list[SubscriberEvent]) -> None:
         if self._envelope is not None:
             self._envelope.poll(now)
-        silences = self._silences
-        while silences and silences[0][0] <= now:
-            _, order, writer = silences[0]
-            deadline = writer.last_heard + self._timeout
-            if deadline > now:
-                heapq.heapreplace(silences, (deadline, order, writer))
-                continue
-            heapq.heappop(silences)
-            if writer.metadata is None:
-                self._forget(writer)
-            else:
-                writer.silent = True
-                self._silent[writer] = None
-                events.append(SourceSilent(writer.topic))
-        self._probe(self._probes.take_due(now), events)
+
+    def _poll_liveness(self, now: float, events: list[SubscriberEvent]) -> None:
+        found, nameless = self._liveness.poll(now, self.caught)
+        events += found
+        for writer in nameless:
+            self._forget(writer)
+
+    def _poll_probes(self, now: float, events: list[SubscriberEvent]) -> None:
+        self._probe(self._probes.take_due(now), now, events)
         events += map(ProbeDue, self._wishes.take_due(now))
-        return events
 
     def next_deadline(self) -> float | None:
         """When `poll` is to be called next, or None. It may have nothing to say then."""
@@ -203,8 +230,8 @@ class Subscriber:
         wish = self._wishes.next_deadline()
         if wish is not None:
             due = wish if due is None else min(due, wish)
-        if self._silences:
-            silence = self._silences[0][0]
+        silence = self._liveness.next_deadline()
+        if silence is not None:
             due = silence if due is None else min(due, silence)
         if self._envelope is not None:
             chunks = self._envelope.next_deadline()
@@ -220,31 +247,76 @@ class Subscriber:
         parts = message.messages
         self._counters.messages_in += len(parts)
         publisher_id = message.publisher_id
+        events: list[SubscriberEvent] = []
+        if self._mapped:
+            parts = self._receive_mapped(message, now, events)
+            if not parts:
+                return events
         if message.publisher_id_type != _UINT16 or type(publisher_id) is not int:
             self._counters.drop(Drop.UNKNOWN_SOURCE, len(parts))
-            return []
+            self._complaints.add_unknown(message)
+            return events
         if not (self._verdicts.get(publisher_id) or self._comes_in(publisher_id)):
             self._counters.drop(Drop.LOOP, len(parts))
-            return []
-        events: list[SubscriberEvent] = []
+            return events
         group_id = message.writer_group_id
         for part in parts:
-            if not part.valid:
-                self._counters.drop(Drop.INVALID)
-                continue
             writer = self._writers.get((publisher_id, group_id, part.data_set_writer_id))
-            if writer is None:
+            if writer is None and part.valid:
                 writer = self._meet(publisher_id, group_id, part.data_set_writer_id, now)
                 if writer is None:
                     self._counters.drop(Drop.UNKNOWN_SOURCE)
+                    self._complaints.add_unknown(message)
                     continue
-            if part.kind == _KEEP_ALIVE:
-                self._receive_keep_alive(writer, part, now, events)
-            else:
-                if part.timestamp is None and message.timestamp:
-                    part = part._replace(timestamp=message.timestamp)
-                self._receive_frame(writer, part, now, events)
+            self._receive_part(writer, part, message.timestamp, now, events)
         return events
+
+    def _receive_part(
+        self,
+        writer: RemoteWriter | None,
+        part: DataSetMessage,
+        timestamp: int | None,
+        now: float,
+        events: list[SubscriberEvent],
+    ) -> None:
+        if writer is None or not part.valid:
+            self._counters.drop(Drop.INVALID)
+            if writer is not None:
+                writer.doubted = True
+        elif part.kind == _KEEP_ALIVE:
+            self._receive_keep_alive(writer, part, now, events)
+        else:
+            if part.timestamp is None and timestamp:
+                part = part._replace(timestamp=timestamp)
+            self._receive_frame(writer, part, now, events)
+
+    def _receive_mapped(
+        self, message: NetworkMessage, now: float, events: list[SubscriberEvent]
+    ) -> tuple[DataSetMessage, ...]:
+        """Take what `sources` of `fleet.yaml` names; the rest of the message, which it does not."""
+        publisher_id, group_id = message.publisher_id, message.writer_group_id
+        if publisher_id is None:
+            return message.messages
+        publisher = publisher_key(message.publisher_id_type, publisher_id)
+        rest: list[DataSetMessage] = []
+        for part in message.messages:
+            source = self._mapped.find(publisher, group_id, part.data_set_writer_id)
+            if source is None:
+                if (publisher, group_id, part.data_set_writer_id) in self._mapped.topics:
+                    self._counters.drop(Drop.CONFLICT)  # the address is that of a source that others send
+                else:
+                    rest.append(part)
+            elif not self._comes_in(source.topic.space):
+                self._counters.drop(Drop.LOOP)
+            else:
+                writer = self._writers.get(source.topic)
+                if writer is None and part.valid:
+                    writer = self._know(source.topic, now, (publisher, part.data_set_writer_id), source.metadata)
+                    if writer is None:
+                        self._counters.drop(Drop.UNKNOWN_SOURCE)
+                        continue
+                self._receive_part(writer, part, message.timestamp, now, events)
+        return tuple(rest)
 
     def _receive_frame(
         self, writer: RemoteWriter, frame: DataSetMessage, now: float, events: list[SubscriberEvent]
@@ -258,29 +330,50 @@ class Subscriber:
         elif (step := writer.follow(frame, now, self._timeout)) is not Step.TAKEN:
             self._counters.drop(Drop.LATE if step is Step.LATE else Drop.DUPLICATE)
             return
+        writer.last_heard = now
         is_new = timestamp is None or timestamp > writer.handed_on or writer.is_new(timestamp, now, self._timeout)
-        if is_new or (frame.status or 0) >> 16 != NO_COMMUNICATION:  # repeated, that one attests nothing
-            writer.last_heard = now
-            if writer.silent:
-                self._attest(writer, now, events)
         if (frame.major_version != writer.major or frame.minor_version != writer.minor) and not self._bind(
             writer, frame, now, events
         ):
+            writer.doubted = True
             self._counters.drop(Drop.NO_METADATA)
             return
         writer.received += 1
         if not is_new:
-            writer.confirm(number)
             self._counters.drop(Drop.REPEATED)
+            if writer.repeats(frame):
+                self._attest(writer, now, events)
+            elif number is None:  # a keep-alive after it has no number either that would tell of it
+                writer.doubted = True
             return
         if frame.kind != _KEY or frame.encoding != _VARIANT or frame.types != writer.types:
+            if frame.kind == _KEY and frame.encoding != _RAW and not frame.types and writer.types:
+                self._receive_heartbeat(writer, number, now, events)
+                return
             checked = self._check(writer, frame, now)
             if checked is None:
+                writer.doubted = True
                 return
             frame = checked
+        is_first = not writer.has_said
         writer.hand_on(frame)
+        writer.alive_at = writer.attested_at = writer.said_at = now
+        if writer.silent or writer.stale:
+            self._attest(writer, now, events)
+        elif is_first and writer.max_age_s is not None:
+            self._liveness.add(writer)
         assert writer.metadata is not None
         events.append(DataReceived(writer.topic, frame, writer.metadata))
+
+    def _receive_heartbeat(
+        self, writer: RemoteWriter, number: int | None, now: float, events: list[SubscriberEvent]
+    ) -> None:
+        """Take a key frame without fields (OPC 10000-14 5.3.3): it says what a keep-alive says."""
+        if writer.is_sure(number):
+            writer.confirm(number)
+            self._attest(writer, now, events)
+        else:
+            self._liveness.live(writer, now, events)
 
     def _check(self, writer: RemoteWriter, frame: DataSetMessage, now: float) -> DataSetMessage | None:
         """The key frame that a frame of any form stands for; None, after counting why, if there is none."""
@@ -305,9 +398,6 @@ class Subscriber:
                 self._counters.drop(Drop.LAYOUT)
                 return None
             frame = merged
-        elif not frame.types and metadata.fields:  # a heartbeat (OPC 10000-14 5.3.3)
-            writer.confirm(frame.sequence_number)
-            return None
         if frame.types != writer.types and not types_fit(frame.types, metadata.fields):
             self._counters.drop(Drop.LAYOUT)
             self._probes.want(writer.key, now)  # it may be the metadata that is wrong
@@ -317,27 +407,43 @@ class Subscriber:
     def _receive_keep_alive(
         self, writer: RemoteWriter, message: DataSetMessage, now: float, events: list[SubscriberEvent]
     ) -> None:
+        gaps = writer.gaps
         if not writer.follow_keep_alive(message, now, self._timeout):
             writer.duplicates += 1
             self._counters.drop(Drop.DUPLICATE)
             return
         writer.received += 1
-        self._attest(writer, now, events)
-        if message.major_version != writer.major or message.minor_version != writer.minor:
-            self._bind(writer, message, now, events)
+        writer.last_heard = now
+        if (message.major_version != writer.major or message.minor_version != writer.minor) and not self._bind(
+            writer, message, now, events
+        ):
+            if not writer.has_said:
+                self._attest(writer, now, events)
+            return
+        if writer.is_sure(message.sequence_number) and not writer.is_of_another_version(message):
+            self._attest(writer, now, events)
+            return
+        self._liveness.live(writer, now, events)
+        if writer.gaps != gaps:
+            self._probes.want(writer.key, now)  # who is asked says its last message again
 
     def _receive_announcement(self, announcement: AnyAnnouncement) -> list[SubscriberEvent]:
         publisher_id = announcement.publisher_id
-        if announcement.publisher_id_type != _UINT16 or not isinstance(publisher_id, int):
+        if publisher_id is None:
             self._counters.drop(Drop.UNKNOWN_SOURCE)
             return []
-        if not self._comes_in(publisher_id):
+        publisher = publisher_key(announcement.publisher_id_type, publisher_id)
+        if not isinstance(publisher, int):
+            if not self._mapped.knows(publisher) or not isinstance(announcement, MetaDataAnnouncement):
+                self._counters.drop(Drop.UNKNOWN_SOURCE)
+                return []
+        elif not self._comes_in(publisher):
             self._counters.drop(Drop.LOOP)
             return []
         self._wishes.heard(announcement)
         if not isinstance(announcement, MetaDataAnnouncement):
             return [AnnouncementReceived(announcement)]
-        key = (publisher_id, announcement.data_set_writer_id)
+        key = (publisher, announcement.data_set_writer_id)
         if quality_of(announcement.status) is not Quality.BAD:  # otherwise there is no such writer (7.2.4.6.4)
             self._catalog.announced(key, announcement.metadata)
         self._probes.answered(key)
@@ -407,38 +513,44 @@ class Subscriber:
             topic = Topic.checked(publisher_id, group_id or 0, writer_id)
         except TopicInvalid:
             return None
+        return self._know(topic, now)
+
+    def _know(
+        self,
+        topic: Topic,
+        now: float,
+        key: tuple[PublisherKey, int] | None = None,
+        stated: DataSetMetaData | None = None,
+    ) -> RemoteWriter | None:
+        """Begin to know a writer, a mapped one with its own name and what is stated of it; None if one too many."""
         if len(self._writers) >= self._max_writers:
-            if not self._silent:
+            oldest = self._liveness.longest_silent
+            if oldest is None:
                 return None
-            self._forget(next(iter(self._silent)))
+            self._forget(oldest)
         self._refused.pop(topic, None)
         writer = self._writers[topic] = RemoteWriter(topic, now, self._counters)
+        if key is not None:
+            writer.key, writer.stated = key, stated
         self._catalog.add_writer(writer)
-        self._watch(writer)
+        self._liveness.add(writer)
         return writer
 
     def _forget(self, writer: RemoteWriter) -> None:
         """Forget a silent writer: one that never said what it sends, or the longest silent where there are too many."""
         del self._writers[writer.topic]
-        self._silent.pop(writer, None)
+        self._liveness.forget(writer)
         self._catalog.remove_writer(writer)
         self._probes.settled(writer.key)
 
-    def _watch(self, writer: RemoteWriter) -> None:
-        heapq.heappush(self._silences, (writer.last_heard + self._timeout, next(self._order), writer))
-
     def _attest(self, writer: RemoteWriter, now: float, events: list[SubscriberEvent]) -> None:
-        writer.last_heard = now
         if writer.silent:
-            writer.silent = False
             self._refused.pop(writer.topic, None)
-            del self._silent[writer]
-            self._watch(writer)
-            events.append(SourceReturned(writer.topic))
+        self._liveness.attest(writer, now, events)
 
     def _bind(self, writer: RemoteWriter, message: DataSetMessage, now: float, events: list[SubscriberEvent]) -> bool:
         """Find the metadata of a message's version; if it is not known, see to it that it is probed for."""
-        metadata = self._catalog.find(writer.key, message)
+        metadata = writer.stated or self._catalog.find(writer.key, message)
         if metadata is None:
             self._probes.want(writer.key, now)
             return False
@@ -448,27 +560,38 @@ class Subscriber:
         self._probes.settled(writer.key)
         before = writer.metadata
         if metadata != before:
-            if before is None or before.fields != metadata.fields:
+            if before is None or with_max_age(before.fields, None) != with_max_age(metadata.fields, None):
                 writer.last_frame = None
                 writer.types = type_codes(metadata.fields)
             writer.metadata = metadata
+            said = max_age_s(metadata.fields)
+            writer.says_max_age = said is not None
+            writer.max_age_s = self._max_ages.get(writer.topic) if said is None else said
+            if writer.max_age_s is not None and not writer.silent:
+                self._liveness.add(writer)
             events.append(MetaDataReceived(writer.topic, metadata))
         return True
 
-    def _probe(self, keys: list[tuple[int, int]], events: list[SubscriberEvent]) -> None:
+    def _probe(self, keys: list[tuple[PublisherKey, int]], now: float, events: list[SubscriberEvent]) -> None:
         """Probe for what is not known; one probe asks a publisher for many writers."""
-        asked: dict[int, list[RemoteWriter]] = {}
+        asked: dict[PublisherKey, list[RemoteWriter]] = {}
         for key in keys:
-            living = [writer for writer in self._catalog.writers(key) if not writer.silent]
+            living = [
+                writer
+                for writer in self._catalog.writers(key)
+                if now - writer.last_heard < self._timeout
+                and (writer.metadata is None or writer.doubted or not writer.is_sure(writer.expected))
+            ]
             if living:
                 asked.setdefault(key[0], []).extend(living)
             else:
                 self._probes.settled(key)
-        for publisher_id, writers in asked.items():
+        for publisher, writers in asked.items():
+            kind, publisher_id = (_UINT16, publisher) if isinstance(publisher, int) else publisher
             for start in range(0, len(writers), IDS_IN_PROBE):
                 part = writers[start : start + IDS_IN_PROBE]
-                ids = tuple(sorted({writer.topic.id for writer in part}))
-                datagram = encode_probe(Probe(publisher_id, _UINT16, ProbeKind.DATA_SET_META_DATA.value, ids))
+                ids = tuple(sorted({writer.key[1] for writer in part}))
+                datagram = encode_probe(Probe(publisher_id, kind, ProbeKind.DATA_SET_META_DATA.value, ids))
                 for writer in part:
                     events.append(SourceUnknown(writer.topic, datagram))
                     datagram = b""

@@ -22,8 +22,8 @@ from ua_fleet.wire.messages import MetaDataAnnouncement, Probe, ProbeKind, Publi
 
 __all__ = ["IDS_IN_PROBE", "Wishes"]
 
-IDS_IN_PROBE: Final = 600
-"""DataSetWriterIds that fit a probe of 1400 bytes."""
+IDS_IN_PROBE: Final = 256
+"""DataSetWriterIds of one probe, which fits the smallest datagram that may be configured: a probe has no chunks."""
 _UINT16: Final = PublisherIdType.UINT16.value
 _ANSWERS: Final[dict[type, ProbeKind]] = {
     EndpointsAnnouncement: ProbeKind.ENDPOINTS,
@@ -93,6 +93,7 @@ class Wishes:
         probes: list[Probe] = []
         actions: dict[int, list[int]] = {}
         for publisher_id, code in self._schedule.take_due(now):
+            assert isinstance(publisher_id, int)  # nothing else is wanted of others
             if code >= 0:
                 actions.setdefault(publisher_id, []).append(code)
             else:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, Final
 
-from ua_fleet.pubsub.metadata import type_codes
+from ua_fleet.pubsub.metadata import max_age_s, type_codes, with_max_age
 from ua_fleet.pubsub.packing import KEEP_ALIVE_BYTES
 from ua_fleet.pubsub.sequence import MASK
 from ua_fleet.topics import Topic
@@ -31,6 +31,7 @@ class Writer:
         "answered_at",
         "encode",
         "entry",
+        "max_age_s",
         "metadata",
         "next_number",
         "repeat_at",
@@ -66,13 +67,15 @@ class Writer:
         self.announce_at = 0.0
         self.answered_at = float("-inf")
         self.answer_pending = False
+        self.max_age_s: float | None = None
         self.entry = 0
         """Number of the writer's valid entry in the publisher's heap of deadlines."""
 
     def lay_out(self, metadata: DataSetMetaData, codec: Codec) -> None:
         """Take new metadata. What was sent with other fields is not repeated any more."""
-        if metadata.fields != self.metadata.fields:
+        if with_max_age(metadata.fields, None) != with_max_age(self.metadata.fields, None):
             self.values = None
+        self.max_age_s = max_age_s(metadata.fields)
         self.metadata = metadata
         self.types = type_codes(metadata.fields)
         self.encode = self.encoder(self.types, codec)
@@ -89,9 +92,14 @@ class Writer:
         self.values = None
         self.encode = None
 
+    def keep_alive_at(self, keep_alive_s: float) -> float:
+        """When this writer has to say that it lives: twice within a maximum age, since that is what it attests."""
+        period = keep_alive_s if self.max_age_s is None else min(keep_alive_s, self.max_age_s / 2)
+        return self.sent_at + period
+
     def deadline(self, keep_alive_s: float) -> float:
         """When this writer has to send something next."""
-        due = min(self.sent_at + keep_alive_s, self.announce_at)
+        due = min(self.keep_alive_at(keep_alive_s), self.announce_at)
         return due if self.values is None else min(due, self.repeat_at)
 
     def repeat(self) -> tuple[DataSetMessage, int]:

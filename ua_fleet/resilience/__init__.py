@@ -15,7 +15,7 @@ from ua_fleet.resilience.ahp import (
     Weights,
     weigh,
 )
-from ua_fleet.resilience.criteria import Criterion, CriterionKind, availability
+from ua_fleet.resilience.criteria import Criterion, CriterionKind, Missing, availability
 from ua_fleet.resilience.decision import (
     Aborted,
     Confirmation,
@@ -41,6 +41,7 @@ __all__ = [
     "DecisionEvent",
     "Excluded",
     "Judgements",
+    "Missing",
     "Mode",
     "OnLimit",
     "Ranked",

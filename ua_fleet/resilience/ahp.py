@@ -10,8 +10,8 @@ a_ij * w_j / w_i lies farthest from 1 (T. L. Saaty, European Journal of Operatio
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import Final
 
@@ -52,6 +52,20 @@ class Weights:
     def of(self, name: str) -> float:
         """The weight of one element."""
         return self.weights[self.names.index(name)]
+
+    def among(self, names: Collection[str]) -> Weights:
+        """The weights where only some elements count: in the same proportions, and together 1.
+
+        The consistency ratio stays that of all judgements. Weighed by themselves, some of the judgements that are
+        consistent enough together may not be.
+        """
+        kept = [(name, weight) for name, weight in zip(self.names, self.weights, strict=True) if name in names]
+        total = math.fsum(weight for _, weight in kept)
+        return replace(
+            self,
+            names=tuple(name for name, _ in kept),
+            weights=tuple(weight / total for _, weight in kept),
+        )
 
 
 def weigh(names: Sequence[str], judgements: Judgements) -> Weights:

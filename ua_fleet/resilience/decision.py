@@ -4,10 +4,15 @@
     open --limit with `abort`, no candidate left, mode Abort--> aborted
 
 In mode Operator a ranking without candidates stays open until the limit, since a robot may become free or be repaired.
+In mode Automatic it stays open while a robot may still be heard that was silent for a short time.
+
+Where nobody knows what the first robot is at, a second one beside it is dangerous: then nothing is chosen at once, in
+whatever mode, and the limit chooses only with the consent that is written as `best`.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from enum import StrEnum
 
@@ -37,8 +42,11 @@ class Mode(StrEnum):
 class OnLimit(StrEnum):
     """What happens when no operator has chosen in time."""
 
+    BEST_IF_KNOWN = "best_if_known"
+    """The best candidate of then is taken, without one the task is aborted; and also where nobody knows what the first
+    robot is at."""
     BEST = "best"
-    """The best candidate of then is taken; without one the task is aborted."""
+    """The best candidate of then is taken in any case: it is consented to that two robots may be at one task."""
     ABORT = "abort"
 
 
@@ -84,7 +92,17 @@ class Decision:
     """A choice that is to be made for one task of one failed robot."""
 
     def __init__(
-        self, decision_id: str, mode: Mode, ranking: Ranking, *, limit_s: float, on_limit: OnLimit, now: float
+        self,
+        decision_id: str,
+        mode: Mode,
+        ranking: Ranking,
+        *,
+        limit_s: float,
+        on_limit: OnLimit,
+        now: float,
+        is_unknown: bool = False,
+        hope_until: float | None = None,
+        not_before: float | None = None,
     ) -> None:
         """Open a decision; `begin` says what follows at once.
 
@@ -95,22 +113,32 @@ class Decision:
             limit_s: how long an operator may think.
             on_limit: what happens then.
             now: the time.
+            is_unknown: whether nobody knows what the first robot is at.
+            hope_until: so long a candidate may still be heard.
+            not_before: so long the first robot may still say that it has done it; only a person chooses meanwhile.
         """
+        self._now, self._not_before = now, -math.inf if not_before is None else not_before
         self.id, self.mode, self.ranking = decision_id, mode, ranking
-        self._limit_at, self._on_limit = now + limit_s, on_limit
+        self._limit_at, self._on_limit, self._is_unknown = now + limit_s, on_limit, is_unknown
+        self._hope_until = -math.inf if hope_until is None else hope_until
         self.outcome: ReplacementChosen | Aborted | None = None
 
     def begin(self) -> list[DecisionEvent]:
         """What is known at the start: the ranking, and in the modes without an operator the choice."""
         events: list[DecisionEvent] = [RankingChanged(self.id, self.ranking)]
+        if self._is_unknown:
+            return events
         if self.mode is Mode.ABORT:
             events.append(self._abort("the mode is Abort"))
-        elif self.mode is Mode.AUTOMATIC:
+        elif self._now < self._not_before:
+            pass
+        elif self.mode is Mode.AUTOMATIC and (self.ranking.best is not None or self._hope_until == -math.inf):
             events.append(self._best("automatic"))
         return events
 
-    def rank_again(self, ranking: Ranking) -> list[DecisionEvent]:
+    def rank_again(self, ranking: Ranking, hope_until: float | None = None) -> list[DecisionEvent]:
         """Take a new ranking; says so where it differs from the one before. Nothing changes what is decided."""
+        self._hope_until = -math.inf if hope_until is None else hope_until
         if self.outcome is not None or ranking == self.ranking:
             return []
         self.ranking = ranking
@@ -139,16 +167,31 @@ class Decision:
         return [self._abort(reason)] if self.outcome is None else []
 
     def poll(self, now: float) -> list[DecisionEvent]:
-        """End the decision when its limit is over."""
-        if self.outcome is not None or now < self._limit_at:
+        """End the decision when its limit is over; in mode Automatic as soon as there is a candidate, or no hope."""
+        if self.outcome is not None:
             return []
-        if self._on_limit is OnLimit.BEST:
-            return [self._best("limit")]
-        return [self._abort("no operator chose in time")]
+        if self._is_by_itself:
+            is_known = self.ranking.best is not None or now >= self._hope_until
+            return [self._best("automatic")] if is_known and now >= self._not_before else []
+        if now < self._limit_at:
+            return []
+        if self._on_limit is OnLimit.ABORT:
+            return [self._abort("no operator chose in time")]
+        if self._is_unknown and self._on_limit is not OnLimit.BEST:
+            return [self._abort("nobody consented in time to a second robot beside the first")]
+        return [self._best("limit")]
 
     def next_deadline(self) -> float | None:
         """When `poll` is to be called next, or None."""
-        return self._limit_at if self.outcome is None else None
+        if self.outcome is not None:
+            return None
+        if not self._is_by_itself:
+            return self._limit_at
+        return self._not_before if self.ranking.best is not None else max(self._hope_until, self._not_before)
+
+    @property
+    def _is_by_itself(self) -> bool:
+        return self.mode is Mode.AUTOMATIC and not self._is_unknown
 
     def _best(self, by: str) -> DecisionEvent:
         robot = self.ranking.best

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from ua_fleet.scenario.effects import AskOperator, OpenDecision, StartTask, WantRobot
+from ua_fleet.scenario.effects import AskOperator, CancelTask, FollowTask, OpenDecision, StartTask, WantRobot
 from ua_fleet.scenario.model import Task
 from ua_fleet.scenario.state import TaskPhase, TaskRun
 
-__all__ = ["asked_for"]
+__all__ = ["asked_for", "cancel", "follow"]
 
 
 def asked_for(
     step: str, task: Task, task_run: TaskRun, robot: str | None
-) -> WantRobot | StartTask | OpenDecision | AskOperator | None:
+) -> WantRobot | StartTask | FollowTask | OpenDecision | AskOperator | None:
     """What a task waits for, to be asked for now or once more; None where it is over.
 
     Args:
@@ -35,8 +35,30 @@ def asked_for(
             )
         case TaskPhase.REPLACING:
             return OpenDecision(step, task.name, task.skill, task.capacities, task_run.robot, task_run.reason)
+        case TaskPhase.HALTING | TaskPhase.LOST:
+            return follow(step, task_run)
         case TaskPhase.ASKED:
-            question = f"was {task.name} ({task_run.skill} on {task_run.robot}) done? {task_run.reason}"
-            return AskOperator(step, task.name, task_run.robot, question, task_run.skill, task_run.execution_id)
+            done = f"was {task.name} ({task_run.skill} on {task_run.robot}) done? {task_run.reason}"
+            danger = f"{task_run.robot} may still be at it, and a second robot would do it beside it, or twice"
+            return AskOperator(
+                step,
+                task.name,
+                task_run.robot,
+                f"{done}; {danger}",
+                task_run.skill,
+                task_run.execution_id,
+                task.capacities,
+            )
         case TaskPhase.OVER:
             return None
+
+
+def cancel(task_run: TaskRun) -> CancelTask:
+    """Have the robot of an attempt stop, or not begin."""
+    return CancelTask(task_run.execution_id, task_run.robot, task_run.skill)
+
+
+def follow(step: str, task_run: TaskRun) -> FollowTask:
+    """Listen for what became of an attempt, and begin nothing."""
+    may_be_unasked = task_run.phase is TaskPhase.ASSIGNED
+    return FollowTask(step, task_run.execution_id, task_run.executed_by, task_run.skill, may_be_unasked)

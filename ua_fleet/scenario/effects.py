@@ -8,7 +8,17 @@ from dataclasses import dataclass
 from ua_fleet.scenario.expression import Value
 from ua_fleet.scenario.facts import Fact
 
-__all__ = ["AskOperator", "CancelTask", "Effect", "Happened", "OpenDecision", "ReleaseRobot", "StartTask", "WantRobot"]
+__all__ = [
+    "AskOperator",
+    "CancelTask",
+    "Effect",
+    "FollowTask",
+    "Happened",
+    "OpenDecision",
+    "ReleaseRobot",
+    "StartTask",
+    "WantRobot",
+]
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,11 +60,24 @@ class StartTask:
 
 
 @dataclass(frozen=True, slots=True)
+class FollowTask:
+    """Listen for what became of an execution, and have nobody begin it: said of one that may have been begun."""
+
+    step: str
+    execution_id: str
+    robot: str
+    skill: str
+    may_be_unasked: bool = False
+    """Whether the robot may never have been asked for it: then it has ended, as refused."""
+
+
+@dataclass(frozen=True, slots=True)
 class CancelTask:
-    """Have a robot stop what it is at."""
+    """Have a robot stop what it is at. It is not free before it says what became of that, or a person does."""
 
     execution_id: str
     robot: str
+    skill: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,11 +91,15 @@ class OpenDecision:
     robot: str
     """Which one failed; empty where none could be found in the first place."""
     reason: str
+    may_be_done: bool = False
+    """Whether that one may have done it, and could not tell yet: the server was started anew meanwhile."""
 
 
 @dataclass(frozen=True, slots=True)
 class AskOperator:
-    """Only a person can tell. Answer: `answered`; or `ended`, where the robot can tell after all."""
+    """Only a person can tell, or consent to another robot. Answer: `answered`, `replaced` or `not_replaced`; or `ended`
+    or `accepted`, where the robot can tell after all.
+    """
 
     step: str
     task: str
@@ -80,6 +107,7 @@ class AskOperator:
     question: str
     skill: str
     execution_id: str
+    capacities: tuple[str, ...] = ()
 
 
-Effect = Happened | WantRobot | ReleaseRobot | StartTask | CancelTask | OpenDecision | AskOperator
+Effect = Happened | WantRobot | ReleaseRobot | StartTask | FollowTask | CancelTask | OpenDecision | AskOperator

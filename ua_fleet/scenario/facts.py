@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Any, Final, get_type_hints
@@ -31,6 +31,8 @@ __all__ = [
     "TaskAccepted",
     "TaskAnswered",
     "TaskAssigned",
+    "TaskFound",
+    "TaskHalting",
     "TaskOutcome",
     "TaskOver",
     "Then",
@@ -51,9 +53,14 @@ class TaskOutcome(StrEnum):
 
     DONE = "done"
     FAILED = "failed"
+    """The robot could not do this; nothing says that it could not do something else."""
+    STOPPED = "stopped"
+    """The robot failed, and stands in an error state, as its driver says."""
     REFUSED = "refused"
     BUSY = "busy"
     """The robot would not begin it now, while it is at something else."""
+    UNREACHED = "unreached"
+    """It was not begun: the bridge did not reach the robot."""
     TIMED_OUT = "timed_out"
     UNKNOWN = "unknown"
     """Nobody can tell whether it was done."""
@@ -69,6 +76,8 @@ class Then(StrEnum):
     RETRY = "retry"
     ASK = "ask"
     """An operator is asked."""
+    AWAIT = "await"
+    """The robot is waited for, until it is heard and known not to be at it; then it is asked once more."""
     REPLACE = "replace"
     """Another robot is looked for."""
 
@@ -142,6 +151,27 @@ class TaskAccepted:
 
 
 @dataclass(frozen=True, slots=True)
+class TaskHalting:
+    """The robot is told to stop; what follows waits until it says that it has stopped."""
+
+    at: float
+    step: str
+    attempt: int
+    outcome: TaskOutcome
+    """What the attempt has ended with once it has: FAULT or TIMED_OUT."""
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class TaskFound:
+    """A robot of which nobody knew what it was at says that it still does this."""
+
+    at: float
+    step: str
+    attempt: int
+
+
+@dataclass(frozen=True, slots=True)
 class TaskOver:
     """An attempt has ended, and what follows: one fact, so that no crash can come between the two."""
 
@@ -179,13 +209,18 @@ class ReplacementWanted:
 
 @dataclass(frozen=True, slots=True)
 class Replaced:
-    """Another robot stands in for one that failed, for this task and later ones, until that one is back."""
+    """Another robot takes a task over."""
 
     at: float
     step: str
     failed: str
     robot: str
     by: str
+    lasting: bool = True
+    """Whether it stands in for later tasks too, until the one that failed is back; else that one only failed at this
+    task."""
+    capacities: Sequence[str] = ()
+    """It stands in for tasks that need one of these; empty: for all."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -194,6 +229,8 @@ class RobotReturned:
 
     at: float
     robot: str
+    capacity: str = ""
+    """Only those that need this; empty: those for which no capacity was named."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -257,6 +294,8 @@ Fact = (
     | IterationStarted
     | TaskAssigned
     | TaskAccepted
+    | TaskHalting
+    | TaskFound
     | TaskOver
     | TaskAnswered
     | ReplacementWanted
@@ -286,6 +325,12 @@ def encode_fact(fact: Fact) -> str:
     return json.dumps({"fact": type(fact).__name__, **dataclasses.asdict(fact)}, ensure_ascii=False)
 
 
+def _frozen(value: Any) -> Any:
+    """A list of JSON as the tuple that it was."""
+    items: Any = value
+    return tuple(items) if isinstance(value, list) else value
+
+
 def decode_fact(line: str) -> Fact:
     """The fact in a line.
 
@@ -295,6 +340,7 @@ def decode_fact(line: str) -> Fact:
     try:
         data: dict[str, Any] = json.loads(line)
         name = data.pop("fact")
+        data = {key: _frozen(value) for key, value in data.items()}
         for key, kind in _ENUMS[name].items():
             data[key] = kind(data[key])
         fact: Fact = _KINDS[name](**data)

@@ -40,11 +40,16 @@ Argument = Value | Expression
 
 
 class OnUnknown(StrEnum):
-    """What to do when nobody can tell whether a task was done."""
+    """What to do when nobody can tell whether a task was done, or still is."""
 
     ASK = "ask"
+    """A person decides; at the limit what `on_limit` says."""
     RETRY = "retry"
+    """The same robot once more, when it is heard and known not to be at it."""
     FAIL = "fail"
+    """The task fails, and nobody takes it over."""
+    REPLACE = "replace"
+    """Another robot begins, though the first one may still be at it: the author consents to that."""
 
 
 class OnTimeout(StrEnum):

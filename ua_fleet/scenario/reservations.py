@@ -52,10 +52,21 @@ class Reservations(Generic[Claim]):
             return [Grant(queue[0], robot)]
         return []
 
+    def hand_over(self, claim: Claim, to: Claim) -> None:
+        """Have another claim stand where this one stands."""
+        robot = self._robots.pop(claim)
+        queue = self._queues[robot]
+        queue[queue.index(claim)] = to
+        self._robots[to] = robot
+
     def holder(self, robot: str) -> Claim | None:
         """Who has a robot."""
         queue = self._queues.get(robot)
         return queue[0] if queue else None
+
+    def robot_of(self, claim: Claim) -> str | None:
+        """The robot that a claim has, or waits for."""
+        return self._robots.get(claim)
 
     def tasks_ahead(self, robot: str) -> int:
         """How many claims a robot has to serve."""

@@ -4,14 +4,22 @@ What a run decides is first journaled as a fact, then applied, then its effects 
 killed at any moment builds the same state from the journal and asks for the same effects again, which do no harm twice:
 a task's execution id follows from the run, the step and the attempt.
 
-    task:  waits for `after`, then for its robot --granted--> assigned --accepted--> accepted --done--> over
-           assigned, accepted --failed, refused, timed out--> once more while retries are left, then a replacement
-                              --busy--> asked again for a while, then a replacement
-                              --robot's fault--> a replacement is wanted
-                              --unknown--> by `on_unknown`: asked, once more, or a replacement
-           replacement wanted --replaced--> waits for that robot
+    task:  waits for `after`, then for its robot, which may be silent --granted--> assigned --accepted--> accepted
+           assigned, accepted --ended--> over, once more, a replacement, ... as `consequences` says
+                              --fault of a robot that stands--> a replacement is wanted
+                              --fault, time-out--> halting --ended--> a replacement, once more
+                              --silent for too long--> unknown: by `on_unknown` asked, lost, failed, or a replacement
+           halting            --not ended in time--> unknown
+           replacement wanted --ended, as done: before anybody was chosen--> done
+                              --replaced--> waits for that robot
                               --not replaced--> failed, and with it the run
-           asked --answered--> done, once more, or a replacement
+           asked              --answered--> done, once more, failed, or a replacement
+                              --replaced, not replaced--> as above: somebody consents, or time decides
+           asked, lost        --ended: the robot can tell after all--> as above
+                              --accepted: it is still at it--> accepted, unless somebody is asked since it did not halt
+
+What is known of robots (`World`) is asked for at each step and never kept: whatever order it became known in, a robot
+that must not be asked for a task is not.
 
 A paused run starts no task; what robots are at goes on. A run that is aborted cancels it, and ends when all is over.
 """
@@ -20,12 +28,14 @@ from __future__ import annotations
 
 import uuid
 from collections.abc import Callable, Iterator, Mapping
+from dataclasses import replace
 from typing import Final
 
 from ua_fleet.errors import ScenarioError
 from ua_fleet.fleet.skills import SkillModel
-from ua_fleet.scenario.asking import asked_for
-from ua_fleet.scenario.effects import CancelTask, Effect, Happened, ReleaseRobot
+from ua_fleet.scenario.asking import asked_for, cancel, follow
+from ua_fleet.scenario.consequences import after_end
+from ua_fleet.scenario.effects import Effect, Happened, OpenDecision, ReleaseRobot
 from ua_fleet.scenario.expression import Lookup, Value, ValueUnknown
 from ua_fleet.scenario.facts import (
     EventSeen,
@@ -44,6 +54,7 @@ from ua_fleet.scenario.facts import (
     TaskAccepted,
     TaskAnswered,
     TaskAssigned,
+    TaskFound,
     TaskOutcome,
     TaskOver,
     Then,
@@ -52,40 +63,56 @@ from ua_fleet.scenario.model import Scenario, Task
 from ua_fleet.scenario.order import Order, ahead
 from ua_fleet.scenario.parameters import arguments_for, checked_parameters
 from ua_fleet.scenario.state import RunState, TaskPhase, TaskRun
+from ua_fleet.scenario.tending import Tending
 from ua_fleet.scenario.walk import Moment, Walk
+from ua_fleet.scenario.world import AllWell, Trouble, World
 
-__all__ = ["ANSWERS", "Journal", "Run"]
+__all__ = ["ANSWERS", "HELD_PHASES", "Journal", "Run"]
 
 Journal = Callable[[Fact], None]
 """Writes a fact down; when it returns the fact is there after a crash."""
 
-ANSWERS: Final = {"done": Then.DONE, "retry": Then.RETRY, "fail": Then.REPLACE}
+ANSWERS: Final = {"done": Then.DONE, "retry": Then.RETRY, "fail": Then.FAILED, "replace": Then.REPLACE}
 """What an operator may say of a task of which nobody can tell whether it was done."""
 CLOSING_GRACE_S: Final = 10.0
 """A run that is to end waits so long for what robots are at."""
 
+_ALL_WELL: Final = AllWell()
 _NAMESPACE: Final = uuid.UUID("6f2c4f0e-4f6c-5d0e-9a57-0b8c5d3f7a11")
-_ACTIVE: Final = (TaskPhase.ASSIGNED, TaskPhase.ACCEPTED)
-_ANSWERABLE: Final = (*_ACTIVE, TaskPhase.ASKED)
+_ASKED_FOR: Final = (TaskPhase.ASSIGNED, TaskPhase.ACCEPTED)
+_ACTIVE: Final = (*_ASKED_FOR, TaskPhase.HALTING)
+_UNCERTAIN: Final = (TaskPhase.ASKED, TaskPhase.LOST)
+_DECIDABLE: Final = (TaskPhase.REPLACING, TaskPhase.ASKED)
+_NOT_BEGUN: Final = (TaskPhase.REPLACING, TaskPhase.WANTED)
+"""Nobody is at it; one that was may say that it is done."""
+HELD_PHASES: Final = (*_ACTIVE, *_UNCERTAIN)
+"""While a task stands there nobody else gets its robot."""
 
 
 class Run:
     """A run. Every method that takes something in returns the effects to carry out, in order."""
 
-    def __init__(self, scenario: Scenario, state: RunState, journal: Journal) -> None:
+    def __init__(self, scenario: Scenario, state: RunState, journal: Journal, world: World) -> None:
         """Use `create` for a new run and `restore` for one of the journal."""
-        self._scenario, self._journal, self.state = scenario, journal, state
+        self._scenario, self._journal, self.state, self._world = scenario, journal, state, world
         self._tasks = {task.key: task for task in scenario.tasks()}
         self._order = Order(self._tasks.values())
-        self._faulted: dict[str, str] = {}
-        """Robots that cannot work now, with the reason."""
         self._lookup: Lookup = _nothing_known
         self._deadline: float | None = None
-        self._walk = Walk(state, self._note, self._close, self._take_task)
+        self._walk = Walk(state, self.note, self._close, self._take_task)
+        self._tending = Tending(world, self)
 
     @classmethod
     def create(
-        cls, run_id: str, scenario: Scenario, parameters: Mapping[str, Value], journal: Journal, *, by: str, now: float
+        cls,
+        run_id: str,
+        scenario: Scenario,
+        parameters: Mapping[str, Value],
+        journal: Journal,
+        *,
+        by: str,
+        now: float,
+        world: World = _ALL_WELL,
     ) -> Run:
         """A new run; `poll` begins it.
 
@@ -94,20 +121,20 @@ class Run:
         """
         fact = RunCreated(now, run_id, scenario.text, checked_parameters(scenario, parameters), by)
         journal(fact)
-        return cls.restore(scenario, [fact], journal)
+        return cls.restore(scenario, [fact], journal, world)
 
     @classmethod
-    def restore(cls, scenario: Scenario, facts: list[Fact], journal: Journal) -> Run:
+    def restore(cls, scenario: Scenario, facts: list[Fact], journal: Journal, world: World = _ALL_WELL) -> Run:
         """A run as its journal has it; `again` says what is to be asked for once more."""
         state = RunState()
         for fact in facts:
             state.apply(fact)
-        return cls(scenario, state, journal)
+        return cls(scenario, state, journal, world)
 
     # What the owner tells.
 
     def poll(self, lookup: Lookup, now: float) -> list[Effect]:
-        """Go on as far as possible: time has passed, or values have changed.
+        """Go on as far as possible: time has passed, values have changed, or more is known of robots.
 
         Args:
             lookup: values of robots, for conditions. The run adds parameters and results.
@@ -120,16 +147,22 @@ class Run:
         """When `poll` is to be called next even if nothing changes, or None."""
         return self._deadline
 
-    def again(self, now: float) -> list[Effect]:
+    def again(self, lookup: Lookup, now: float) -> list[Effect]:
         """After a restart: everything that was asked for and has no answer yet. Call it once, before anything else."""
+        self._lookup = lookup
         moment = Moment(now, self.look_up)
         if self.state.outcome is not None:
             return []
         for step, task_run in self.state.tasks.items():
-            if task_run.phase in _ACTIVE or self.state.closing is None:
-                self._ask(step, moment)
-            if task_run.phase in _ACTIVE and self.state.closing is not None:
-                moment.effects.append(CancelTask(task_run.execution_id, task_run.robot))
+            if task_run.phase in _ASKED_FOR and self._trouble(task_run.robot, step) is not None:
+                moment.effects.append(follow(step, task_run))  # what was not begun yet must not be now
+            elif task_run.phase in _ACTIVE or self.state.closing is None:
+                if task_run.phase in _NOT_BEGUN and task_run.execution_id:
+                    moment.effects.append(follow(step, task_run))  # what it said meanwhile was not heard
+                self.ask(step, moment, is_again=True)
+            is_to_stop = self.state.closing is not None or task_run.phase is TaskPhase.HALTING
+            if task_run.phase in _ACTIVE and is_to_stop:
+                moment.effects.append(cancel(task_run))
         return moment.effects
 
     def granted(self, step: str, robot: str, now: float, skill: SkillModel | None = None) -> list[Effect]:
@@ -143,10 +176,15 @@ class Run:
             wanted = task_run is not None and task_run.phase is TaskPhase.WANTED
             if task_run is None or not wanted or self.state.paused or self.state.closing is not None:
                 moment.effects.append(ReleaseRobot(step))
-            elif robot in self._faulted:
-                self._replace(step, robot, self._faulted[robot], moment)
-            else:
+            elif (trouble := self._trouble(robot, step)) is not None:
+                self.replace(step, robot, trouble.reason, moment)
+            elif self._world.silent_since(robot) is None:
                 self._assign(step, task_run, robot, skill, moment)
+            elif self.robot_for(self.task(step), task_run) is None:  # it is for anybody who is heard
+                moment.effects.append(ReleaseRobot(step))
+                self.ask(step, moment)
+            else:
+                self._tending.held(step)
 
         return self._after(now, take)
 
@@ -155,17 +193,23 @@ class Run:
 
         def take(moment: Moment) -> None:
             if self.state.phase(step) is TaskPhase.WANTED:
-                self._replace(step, "", reason, moment)
+                self.replace(step, "", reason, moment)
 
         return self._after(now, take)
 
     def accepted(self, execution_id: str, now: float) -> list[Effect]:
-        """A robot has taken a task."""
+        """A robot has taken a task, or is found to be still at it."""
 
         def take(moment: Moment) -> None:
-            step, task_run = self._active(execution_id)
-            if task_run is not None and task_run.phase is TaskPhase.ASSIGNED:
-                self._note(TaskAccepted(now, step, task_run.attempt), moment)
+            step, task_run = self._known(execution_id)
+            if task_run is None:
+                return
+            if task_run.phase is TaskPhase.ASSIGNED:
+                self.note(TaskAccepted(now, step, task_run.attempt), moment)
+            elif task_run.phase in _UNCERTAIN and task_run.halting is not None:
+                return  # it was told to stop, and did not: that it goes on answers nothing
+            elif task_run.phase in _UNCERTAIN:
+                self.note(TaskFound(now, step, task_run.attempt), moment)
 
         return self._after(now, take)
 
@@ -181,46 +225,20 @@ class Run:
         """A robot's execution has ended; an open question about it is answered. Too late, or twice: it is ignored."""
 
         def take(moment: Moment) -> None:
-            step, task_run = self._active(execution_id, _ACTIVE if outcome is TaskOutcome.UNKNOWN else _ANSWERABLE)
-            if task_run is None:
+            step, task_run = self._known(execution_id, is_done=outcome is TaskOutcome.DONE)
+            if task_run is None or (outcome is TaskOutcome.UNKNOWN and self._is_unknown(task_run)):
                 return
-            said = message
-            if task_run.phase is TaskPhase.ASKED:
-                said = f"{task_run.robot} has told after all: {message or outcome.value}; nobody need answer"
-            self._over(step, task_run, outcome, said, results or {}, moment)
-
-        return self._after(now, take)
-
-    def robot_faulted(self, robot: str, reason: str, now: float) -> list[Effect]:
-        """A robot cannot work any more."""
-
-        def take(moment: Moment) -> None:
-            self._faulted[robot] = reason
-            for step, task_run in list(self.state.tasks.items()):
-                if task_run.robot == robot and task_run.phase in _ACTIVE:
-                    moment.effects.append(CancelTask(task_run.execution_id, robot))
-                    self._over(step, task_run, TaskOutcome.FAULT, reason, {}, moment)
-                elif task_run.phase is TaskPhase.WANTED and self._robot_for(self.task(step), task_run) == robot:
-                    self._replace(step, robot, reason, moment)
-
-        return self._after(now, take)
-
-    def robot_returned(self, robot: str, now: float) -> list[Effect]:
-        """A robot works again, and takes its later tasks back, also those that still wait for who stands in."""
-
-        def take(moment: Moment) -> None:
-            self._faulted.pop(robot, None)
-            if robot not in self.state.stand_ins:
-                return
-            waiting = [
-                (step, self.task(step), self.state.tasks[step]) for step in self.state.in_phase(TaskPhase.WANTED)
-            ]
-            before = [self._robot_for(task, task_run) for _, task, task_run in waiting]
-            self._note(RobotReturned(now, robot), moment)
-            for (step, task, task_run), stand_in in zip(waiting, before, strict=True):
-                if self._robot_for(task, task_run) != stand_in:
-                    moment.effects.append(ReleaseRobot(step))
-                    self._ask(step, moment)
+            how, said, halting = outcome, message, task_run.halting
+            if task_run.execution_id != execution_id:  # another robot was asked for it a moment ago
+                moment.effects.append(cancel(task_run))
+                said = f"it was done before {task_run.robot} began: {message or outcome.value}"
+            elif task_run.phase not in _ACTIVE:
+                said = f"{task_run.executed_by} has told after all: {message or outcome.value}; nobody need answer"
+            if halting is not None and outcome not in (TaskOutcome.DONE, TaskOutcome.UNKNOWN):
+                how = outcome if outcome is TaskOutcome.STOPPED else halting.outcome
+                if task_run.phase is TaskPhase.HALTING:
+                    said = f"{halting.reason}; it was halted: {message or outcome.value}"
+            self.over(step, task_run, how, said, results or {}, moment, is_told=True)
 
         return self._after(now, take)
 
@@ -228,9 +246,18 @@ class Run:
         """A decision was made: this robot takes the task over."""
 
         def take(moment: Moment) -> None:
-            if self.state.phase(step) is TaskPhase.REPLACING:
-                self._note(Replaced(now, step, self.state.tasks[step].robot, robot, by), moment)
-                self._ask(step, moment)
+            task_run = self.state.tasks.get(step)
+            if task_run is None or task_run.phase not in _DECIDABLE:
+                return
+            failed = task_run.robot
+            needs = self._world.needs(failed, self.task(step))
+            lasts = not failed or self._tending.is_away(failed, needs)
+            taken: tuple[str, ...] = ()
+            if not self._tending.is_away(failed):
+                taken = tuple(name for name in needs if failed == robot or self._world.trouble(failed, (name,)))
+            self._let_go(step, task_run, moment)
+            self.note(Replaced(now, step, failed, robot, by, lasts, taken), moment)
+            self.ask(step, moment)
 
         return self._after(now, take)
 
@@ -238,9 +265,15 @@ class Run:
         """Nobody takes the task over."""
 
         def take(moment: Moment) -> None:
-            if self.state.phase(step) is TaskPhase.REPLACING:
-                why = f"task {self.task(step).name}: {self.state.tasks[step].reason}; {reason}"
-                self._note(StepEnded(now, step, StepState.FAILED, why), moment)
+            task_run = self.state.tasks.get(step)
+            if task_run is None or task_run.phase not in _DECIDABLE:
+                return
+            self._let_go(step, task_run, moment)
+            said = "; ".join(f"{robot}: {text}" for robot, text in task_run.said.items() if text != task_run.reason)
+            last = next((robot for robot, text in task_run.said.items() if text == task_run.reason), "")
+            first = task_run.reason if last in task_run.reason else f"{last}: {task_run.reason}"
+            why = f"task {self.task(step).name}: {first}; {reason}{f' ({said})' if said else ''}"
+            self.note(StepEnded(now, step, StepState.FAILED, why), moment)
 
         return self._after(now, take)
 
@@ -256,8 +289,13 @@ class Run:
             raise ScenarioError(f"{answer!r} is no answer; known answers: {', '.join(ANSWERS)}")
 
         def take(moment: Moment) -> None:
-            self._note(TaskAnswered(now, step, ANSWERS[answer], by), moment)
-            self._ask(step, moment)
+            task_run, then = self.state.tasks[step], ANSWERS[answer]
+            if then is Then.RETRY and self._world.silent_since(task_run.robot) is not None:
+                then = Then.AWAIT
+            else:
+                self._let_go(step, task_run, moment)
+            self.note(TaskAnswered(now, step, then, by), moment)
+            self.ask(step, moment)
 
         return self._after(now, take)
 
@@ -267,7 +305,7 @@ class Run:
         def take(moment: Moment) -> None:
             for step, wanted in list(self.state.waiting_for_events.items()):
                 if wanted == name:
-                    self._note(EventSeen(now, step, name), moment)
+                    self.note(EventSeen(now, step, name), moment)
 
         return self._after(now, take)
 
@@ -276,7 +314,7 @@ class Run:
 
         def take(moment: Moment) -> None:
             if not self.state.paused:
-                self._note(RunPaused(now, by), moment)
+                self.note(RunPaused(now, by), moment)
                 moment.effects += [ReleaseRobot(step) for step in self.state.in_phase(TaskPhase.WANTED)]
 
         return self._after(now, take)
@@ -286,9 +324,9 @@ class Run:
 
         def take(moment: Moment) -> None:
             if self.state.paused:
-                self._note(RunResumed(now, by), moment)
+                self.note(RunResumed(now, by), moment)
                 for step in self.state.in_phase(TaskPhase.WANTED):
-                    self._ask(step, moment)
+                    self.ask(step, moment)
 
         return self._after(now, take)
 
@@ -305,10 +343,9 @@ class Run:
         """End the run at once, which cannot go on; what robots are at is cancelled."""
         moment = Moment(now, self.look_up)
         if self.state.outcome is None:
-            for step in self.state.in_phase(*_ACTIVE):
-                task_run = self.state.tasks[step]
-                moment.effects.append(CancelTask(task_run.execution_id, task_run.robot))
-            self._note(RunEnded(now, RunOutcome.FAILED, reason), moment)
+            for step in self.state.in_phase(*HELD_PHASES):
+                moment.effects.append(cancel(self.state.tasks[step]))
+            self.note(RunEnded(now, RunOutcome.FAILED, reason), moment)
         return moment.effects
 
     # Going on.
@@ -318,12 +355,27 @@ class Run:
         moment = Moment(now, self.look_up)
         if self.state.outcome is None:
             take(moment)
+            if self.state.closing is None:
+                self._take_back(moment)
             self._advance(moment)
         self._deadline = min(moment.deadlines, default=None)
         return moment.effects
 
+    def _take_back(self, moment: Moment) -> None:
+        """Robots that are back take their later tasks back, also those that still wait for who stands in."""
+        waiting = [(step, self.task(step), self.state.tasks[step]) for step in self.state.in_phase(TaskPhase.WANTED)]
+        failed = [(robot, capacity) for robot, named in self.state.stand_ins.items() for capacity in named]
+        for robot, capacity in failed:
+            if self._tending.is_away(robot, (capacity,) if capacity else ()):
+                continue
+            before = [self.robot_for(task, task_run) for _, task, task_run in waiting]
+            self.note(RobotReturned(moment.now, robot, capacity), moment)
+            for (step, task, task_run), stand_in in zip(waiting, before, strict=True):
+                if self.robot_for(task, task_run) != stand_in:
+                    moment.effects.append(ReleaseRobot(step))
+                    self.ask(step, moment)
+
     def _advance(self, moment: Moment) -> None:
-        self._end_overdue_tasks(moment)
         before = -1
         while before != len(moment.effects) and self.state.closing is None:
             before = len(moment.effects)  # once more where a task that ended lets another branch go on (`after`)
@@ -331,17 +383,17 @@ class Run:
             ended = self._walk.go(self._scenario.body, moment)
             if ended is not None:
                 outcome = RunOutcome.FAILED if ended is StepState.FAILED else RunOutcome.DONE
-                self._note(RunEnded(moment.now, outcome, self.state.first_failure), moment)
+                self.note(RunEnded(moment.now, outcome, self.state.first_failure), moment)
                 return
         if self.state.closing is not None:
             self._finish(self.state.closing, moment)
 
     def _close(self, fact: RunClosing, moment: Moment) -> None:
-        self._note(fact, moment)
+        self.note(fact, moment)
         for step, task_run in self.state.tasks.items():
-            if task_run.phase in _ACTIVE:
-                moment.effects.append(CancelTask(task_run.execution_id, task_run.robot))
-            elif task_run.phase is not TaskPhase.OVER:
+            if task_run.phase in HELD_PHASES:
+                moment.effects.append(cancel(task_run))
+            if task_run.phase not in (*_ACTIVE, TaskPhase.OVER):
                 moment.effects.append(ReleaseRobot(step))
 
     def _finish(self, closing: RunClosing, moment: Moment) -> None:
@@ -356,7 +408,7 @@ class Run:
             robots = ", ".join(sorted({task_run.robot for _, task_run in left}))
             reason = f"{reason}; {robots} did not say that it has stopped"
             moment.effects += [ReleaseRobot(step) for step, _ in left]
-        self._note(RunEnded(moment.now, closing.outcome, reason), moment)
+        self.note(RunEnded(moment.now, closing.outcome, reason), moment)
 
     # Tasks.
 
@@ -364,25 +416,30 @@ class Run:
         task_run = self.state.tasks.get(step)
         if task_run is None and (lost := self._order.lost(step, self.state)) is not None:
             why = f"task {task.name} comes after {lost}, which was not done"
-            self._note(StepEnded(moment.now, step, StepState.FAILED, why), moment)
+            self.note(StepEnded(moment.now, step, StepState.FAILED, why), moment)
         elif task_run is None and not self.state.paused and self._order.is_turn(step, self.state):
             task_run = self.state.tasks[step] = TaskRun(task.name)
-            robot = self._robot_for(task, task_run)
-            if robot is not None and robot in self._faulted:
-                self._replace(step, robot, self._faulted[robot], moment)
-            else:
-                self._ask(step, moment)
-        elif task_run is not None and task_run.phase is TaskPhase.ACCEPTED and task.timeout_s is not None:
-            moment.deadlines.append(task_run.assigned_at + task.timeout_s)
+            if not self._tending.is_tended(step, task, task_run, moment):
+                self.ask(step, moment)
+        elif task_run is not None:
+            self._tending.is_tended(step, task, task_run, moment)
         return self.state.ended.get(step)
 
-    def _robot_for(self, task: Task, task_run: TaskRun | None) -> str | None:
+    def robot_for(self, task: Task, task_run: TaskRun | None) -> str | None:
         """Who is to do a task: the robot that has been given to it or that it names, or who stands in for that one."""
         given = task_run.robot if task_run is not None else ""
-        robot = self.state.stand_in_for(given if given and task.robot is None else task.robot or "")
-        if task_run is not None and robot in task_run.refused_by:
-            robot = self.state.stand_in_for(given)
+        is_given = given and (task.robot is None or (task_run is not None and task_run.is_own))
+
+        def needs(robot: str) -> tuple[str, ...]:
+            return self._world.needs(robot, task)
+
+        robot = self.state.stand_in_for(given if is_given else task.robot or "", needs)
+        if task_run is not None and robot in task_run.excluded:
+            robot = self.state.stand_in_for(given, needs)
         return robot or None
+
+    def _trouble(self, robot: str, step: str) -> Trouble | None:
+        return self._world.trouble(robot, self._world.needs(robot, self.task(step)))
 
     def _assign(self, step: str, task_run: TaskRun, robot: str, skill: SkillModel | None, moment: Moment) -> None:
         task = self.task(step)
@@ -390,16 +447,16 @@ class Run:
             arguments = arguments_for(task, skill, moment.lookup)
         except ValueUnknown as error:
             moment.effects.append(ReleaseRobot(step))
-            self._note(StepEnded(moment.now, step, StepState.FAILED, f"task {task.name}: {error}"), moment)
+            self.note(StepEnded(moment.now, step, StepState.FAILED, f"task {task.name}: {error}"), moment)
             return
         attempt = task_run.attempt + 1
         execution_id = uuid.uuid5(_NAMESPACE, f"{self.state.run_id}/{step}/{attempt}").hex
-        self._note(
+        self.note(
             TaskAssigned(moment.now, step, task.name, attempt, robot, execution_id, task.skill, arguments), moment
         )
-        self._ask(step, moment)
+        self.ask(step, moment)
 
-    def _over(
+    def over(
         self,
         step: str,
         task_run: TaskRun,
@@ -407,41 +464,72 @@ class Run:
         message: str,
         results: Mapping[str, Value],
         moment: Moment,
+        *,
+        is_told: bool = False,
     ) -> None:
-        then = task_run.then(self.task(step), outcome, moment.now, is_closing=self.state.closing is not None)
+        """An attempt has ended; `is_told` by the robot's side."""
+        then = after_end(
+            self.task(step),
+            task_run,
+            outcome,
+            moment.now,
+            is_silent=self._world.silent_since(task_run.robot) is not None,
+            silence_s=self._world.silence_s,
+            return_s=self._world.return_s,
+            is_closing=self.state.closing is not None,
+        )
         message = message or ("" if then is Then.DONE else f"{task_run.skill} on {task_run.robot}: {outcome.value}")
-        self._note(TaskOver(moment.now, step, task_run.attempt, outcome, then, message, results), moment)
-        moment.effects.append(ReleaseRobot(step))
-        self._ask(step, moment)
+        if outcome is TaskOutcome.UNKNOWN and then is Then.FAILED:
+            message = (
+                f"task {task_run.name}: {message}; nobody knows whether it is done, and nobody else is to begin it"
+            )
+        if outcome is TaskOutcome.UNKNOWN and then in (Then.REPLACE, Then.FAILED):
+            moment.effects.append(cancel(task_run))
+        self.note(TaskOver(moment.now, step, task_run.attempt, outcome, then, message, results), moment)
+        is_open = outcome is TaskOutcome.UNKNOWN or (outcome is TaskOutcome.FAULT and not is_told)
+        if then is Then.REPLACE and is_open:
+            moment.effects.append(follow(step, task_run))  # its robot may say that it was done
+        if then not in (Then.ASK, Then.AWAIT):  # nobody else gets a robot of which it is not known what it is at
+            moment.effects.append(ReleaseRobot(step))
+        self.ask(step, moment)
 
-    def _ask(self, step: str, moment: Moment) -> None:
-        """Ask for what a task waits for, also once more."""
+    def _let_go(self, step: str, task_run: TaskRun, moment: Moment) -> None:
+        """Nobody waits any more for what a robot is at: it is to stop, or not to begin, when it is heard again."""
+        if task_run.phase is TaskPhase.ASKED:
+            moment.effects += [cancel(task_run), ReleaseRobot(step)]
+
+    def ask(self, step: str, moment: Moment, *, is_again: bool = False) -> None:
+        """Ask for what a task waits for, also once more: `is_again` after a restart."""
         task, task_run = self.task(step), self.state.tasks[step]
-        asked = asked_for(step, task, task_run, self._robot_for(task, task_run))
+        asked = asked_for(step, task, task_run, self.robot_for(task, task_run))
+        if is_again and isinstance(asked, OpenDecision) and task_run.execution_id:
+            asked = replace(asked, may_be_done=True)
         if asked is not None and not (self.state.paused and task_run.phase is TaskPhase.WANTED):
             moment.effects.append(asked)
 
-    def _replace(self, step: str, robot: str, reason: str, moment: Moment) -> None:
+    def replace(self, step: str, robot: str, reason: str, moment: Moment) -> None:
         """Look for another robot for a task that waits."""
         moment.effects.append(ReleaseRobot(step))
         task = self.task(step)
-        self._note(ReplacementWanted(moment.now, step, robot, reason, task.name, task.skill), moment)
-        self._ask(step, moment)
+        self.note(ReplacementWanted(moment.now, step, robot, reason, task.name, task.skill), moment)
+        self.ask(step, moment)
 
-    def _end_overdue_tasks(self, moment: Moment) -> None:
-        for step, task_run in list(self.state.tasks.items()):
-            timeout_s = self.task(step).timeout_s
-            overdue = timeout_s is not None and moment.now >= task_run.assigned_at + timeout_s
-            if overdue and task_run.phase is TaskPhase.ACCEPTED:
-                moment.effects.append(CancelTask(task_run.execution_id, task_run.robot))
-                self._over(step, task_run, TaskOutcome.TIMED_OUT, f"not done in {timeout_s:g} s", {}, moment)
-
-    def _active(self, execution_id: str, phases: tuple[TaskPhase, ...] = _ACTIVE) -> tuple[str, TaskRun | None]:
+    def _known(self, execution_id: str, *, is_done: bool = False) -> tuple[str, TaskRun | None]:
+        """The task that waits for the end of an execution; what is done need not be done by who is looked for."""
         step = self.state.executions.get(execution_id, "")
         task_run = self.state.tasks.get(step)
-        if task_run is None or task_run.execution_id != execution_id or task_run.phase not in phases:
+        if task_run is None:
             return step, None
-        return step, task_run
+        is_now = task_run.execution_id == execution_id
+        if is_now and task_run.phase in ((*HELD_PHASES, *_NOT_BEGUN) if is_done else HELD_PHASES):
+            return step, task_run
+        is_before = is_done and task_run.execution_before == execution_id
+        return step, task_run if is_before and task_run.phase is TaskPhase.ASSIGNED else None
+
+    def _is_unknown(self, task_run: TaskRun) -> bool:
+        """Whether that nobody can tell is nothing new."""
+        is_silent = self._world.silent_since(task_run.robot) is not None
+        return task_run.phase is TaskPhase.ASKED or (task_run.phase is TaskPhase.LOST and is_silent)
 
     def task(self, step: str) -> Task:
         """The task of a step's key, without the numbers of its repetitions."""
@@ -452,7 +540,7 @@ class Run:
         for step, task in ahead(self._scenario.body, self.state):
             task_run = self.state.tasks.get(step)
             if task_run is None or task_run.phase is TaskPhase.WANTED:
-                yield self._robot_for(task, task_run), task
+                yield self.robot_for(task, task_run), task
             else:
                 yield task_run.robot or None, task
 
@@ -469,7 +557,8 @@ class Run:
             return results[result]
         return self._lookup(name)
 
-    def _note(self, fact: Fact, moment: Moment) -> None:
+    def note(self, fact: Fact, moment: Moment) -> None:
+        """Journal a fact, then apply it, then tell it."""
         self._journal(fact)
         self.state.apply(fact)
         moment.effects.append(Happened(fact))

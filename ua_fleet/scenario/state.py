@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, field
 from enum import Enum, auto
 from typing import Final
@@ -28,20 +28,29 @@ from ua_fleet.scenario.facts import (
     TaskAccepted,
     TaskAnswered,
     TaskAssigned,
+    TaskFound,
+    TaskHalting,
     TaskOutcome,
     TaskOver,
     Then,
 )
-from ua_fleet.scenario.model import OnUnknown, Task
 
 __all__ = ["RunState", "TaskPhase", "TaskRun"]
 
-BUSY_S: Final = 10.0
-"""So long a robot that is at something else is asked again; then it has refused."""
 MOST_TASKS: Final = 500
 """Tasks of iterations that are over and still known; of twice as many the older half is forgotten."""
 
-_AFTER_UNKNOWN: Final = {OnUnknown.ASK: Then.ASK, OnUnknown.RETRY: Then.RETRY, OnUnknown.FAIL: Then.REPLACE}
+_EXCLUDED: Final = {
+    TaskOutcome.REFUSED: "has refused it",
+    TaskOutcome.BUSY: "was at something else",
+    TaskOutcome.UNREACHED: "was not reached",
+    TaskOutcome.FAILED: "failed at it",
+    TaskOutcome.TIMED_OUT: "took too long for it",
+    TaskOutcome.UNKNOWN: "may still be at it",
+}
+"""Why a robot is not asked for this task again; one that is repaired is."""
+_NOT_BEGUN: Final = (TaskOutcome.BUSY, TaskOutcome.UNREACHED)
+_BLAMED: Final = (TaskOutcome.FAILED, TaskOutcome.TIMED_OUT)
 
 
 class TaskPhase(Enum):
@@ -51,9 +60,14 @@ class TaskPhase(Enum):
     """It waits for its robot."""
     ASSIGNED = auto()
     ACCEPTED = auto()
+    HALTING = auto()
+    """Its robot was told to stop, and has not said that it has."""
     REPLACING = auto()
     """A replacement is looked for."""
     ASKED = auto()
+    """Nobody knows what its robot is at; a person is asked."""
+    LOST = auto()
+    """Nobody knows what its robot is at; the robot is waited for."""
     OVER = auto()
 
 
@@ -71,28 +85,29 @@ class TaskRun:
     """When it was first asked for this attempt, and was at something else."""
     robot: str = ""
     execution_id: str = ""
+    executed_by: str = ""
+    """The robot of that execution; another one is looked for, or was found, where `robot` is not the same."""
+    execution_before: str = ""
+    """The one before it: its robot may still tell that it was done."""
     skill: str = ""
     arguments: Mapping[str, Value] = field(default_factory=dict[str, Value])
     assigned_at: float = 0.0
     reason: str = ""
     """Why a replacement is wanted, or what is known where an operator is asked."""
-    refused_by: tuple[str, ...] = ()
-    """Robots that would not even begin it; nobody asks them again."""
-
-    def then(self, task: Task, outcome: TaskOutcome, now: float, *, is_closing: bool) -> Then:
-        """What follows from how the attempt has ended; a run that is closing begins nothing more."""
-        if outcome is TaskOutcome.DONE:
-            return Then.DONE
-        if is_closing:
-            return Then.FAILED
-        if outcome is TaskOutcome.UNKNOWN:
-            return _AFTER_UNKNOWN[task.on_unknown]
-        if outcome is TaskOutcome.BUSY:
-            since = self.assigned_at if self.busy_since is None else self.busy_since
-            return Then.RETRY if now < since + BUSY_S else Then.REPLACE
-        if outcome is not TaskOutcome.FAULT and self.tries <= task.retries:
-            return Then.RETRY
-        return Then.REPLACE
+    halting: TaskHalting | None = None
+    """What it was told to stop for; kept while nobody knows whether it has."""
+    lost_since: float | None = None
+    """Since when nobody knows what its robot is at, and it is waited for."""
+    is_agreed: bool = False
+    """Whether a person has agreed to that the robot does it once more, though nobody knows what it is at."""
+    excluded: dict[str, str] = field(default_factory=dict[str, str])
+    """Robots that are not asked for this task again, with the reason."""
+    said: dict[str, str] = field(default_factory=dict[str, str])
+    """What each robot that did not do it said."""
+    failed_on: dict[str, str] = field(default_factory=dict[str, str])
+    """What robots said that began it and failed at it."""
+    is_own: bool = False
+    """Whether its robot has it though another one, which only failed at this task, is to do the later ones."""
 
 
 @dataclass(slots=True)
@@ -113,7 +128,8 @@ class RunState:
     executions: dict[str, str] = field(default_factory=dict[str, str])
     """The step of each execution id, those of earlier attempts included."""
     results: dict[str, Mapping[str, Value]] = field(default_factory=dict[str, Mapping[str, Value]])
-    stand_ins: dict[str, str] = field(default_factory=dict[str, str])
+    stand_ins: dict[str, dict[str, str]] = field(default_factory=dict[str, dict[str, str]])
+    """Who does what a robot is to do, by the capacity that a task needs; for the empty one, all of its tasks."""
     events_seen: set[str] = field(default_factory=set[str])
     first_failure: str = ""
     paused: bool = False
@@ -132,12 +148,20 @@ class RunState:
         task_run = self.tasks.get(step)
         return None if task_run is None else task_run.phase
 
-    def stand_in_for(self, robot: str) -> str:
-        """Who does what a robot is to do: itself, or the last of those that stand in for each other."""
+    def stand_in_for(self, robot: str, needs: Callable[[str], Collection[str]]) -> str:
+        """Who does what a robot is to do: itself, or the last of those that stand in for each other.
+
+        Args:
+            robot: the robot.
+            needs: the capacities that this needs on a robot.
+        """
         seen: set[str] = set()
-        while robot in self.stand_ins and robot not in seen:
+        while robot not in seen and (by_capacity := self.stand_ins.get(robot)) is not None:
+            stand_in = next((by_capacity[name] for name in ("", *needs(robot)) if name in by_capacity), None)
+            if stand_in is None:
+                break
             seen.add(robot)
-            robot = self.stand_ins[robot]
+            robot = stand_in
         return robot
 
     def in_phase(self, *phases: TaskPhase) -> list[str]:
@@ -162,7 +186,7 @@ class RunState:
             case StepEnded():
                 self._step_ended(fact)
             case RobotReturned():
-                self.stand_ins.pop(fact.robot, None)
+                self._let_back(fact.robot, (fact.capacity,))
             case RunPaused():
                 self.paused = True
             case RunResumed():
@@ -222,42 +246,91 @@ class RunState:
         self._end(step, state, reason)
 
     def _task_changed(
-        self, fact: TaskAssigned | TaskAccepted | TaskOver | TaskAnswered | ReplacementWanted | Replaced
+        self,
+        fact: TaskAssigned
+        | TaskAccepted
+        | TaskHalting
+        | TaskFound
+        | TaskOver
+        | TaskAnswered
+        | ReplacementWanted
+        | Replaced,
     ) -> None:
         task = self.tasks.setdefault(fact.step, TaskRun())
         match fact:
             case TaskAssigned():
                 task.tries = task.tries + 1 if task.robot == fact.robot else 1
                 task.name, task.attempt, task.robot = fact.task, fact.attempt, fact.robot
-                task.execution_id, task.skill, task.arguments = fact.execution_id, fact.skill, fact.arguments
-                task.assigned_at, task.phase = fact.at, TaskPhase.ASSIGNED
+                task.execution_before, task.execution_id = task.execution_id, fact.execution_id
+                task.executed_by, task.skill, task.arguments = fact.robot, fact.skill, fact.arguments
+                task.assigned_at, task.phase, task.halting = fact.at, TaskPhase.ASSIGNED, None
+                task.lost_since, task.is_agreed = None, False
                 self.executions[fact.execution_id] = fact.step
-            case TaskAccepted():
-                task.phase = TaskPhase.ACCEPTED
+            case TaskAccepted() | TaskFound():
+                task.phase, task.halting = TaskPhase.ACCEPTED, None
+                task.lost_since, task.is_agreed = None, False
+            case TaskHalting():
+                task.phase, task.halting = TaskPhase.HALTING, fact
             case TaskOver():
-                task.reason = fact.message
-                is_busy = fact.outcome is TaskOutcome.BUSY
-                if fact.outcome is TaskOutcome.REFUSED or (is_busy and fact.then is Then.REPLACE):
-                    task.refused_by = (*task.refused_by, task.robot)
-                if not is_busy:
-                    task.busy_since = None
-                else:
-                    task.tries -= 1
-                    task.busy_since = task.assigned_at if task.busy_since is None else task.busy_since
-                if fact.then is Then.DONE:
-                    self.results[task.name] = fact.results
+                self._attempt_over(task, fact)
                 self._follow(fact.step, task, fact.then)
             case TaskAnswered():
+                if fact.then is Then.REPLACE:
+                    task.excluded[task.robot] = _EXCLUDED[TaskOutcome.UNKNOWN]
+                elif fact.then is Then.AWAIT:
+                    task.lost_since, task.is_agreed = fact.at, True
                 self._follow(fact.step, task, fact.then)
             case ReplacementWanted():
                 task.name, task.skill = fact.task or task.name, fact.skill or task.skill
                 task.phase, task.reason, task.robot = TaskPhase.REPLACING, fact.reason, fact.robot
+                if fact.robot:
+                    task.said[fact.robot] = fact.reason
             case Replaced():
-                task.phase, task.tries, task.robot = TaskPhase.WANTED, 0, fact.robot
-                if fact.failed == fact.robot:  # it was repaired before anybody had taken over
-                    self.stand_ins.pop(fact.failed, None)
-                elif fact.failed:
-                    self.stand_ins[fact.failed] = fact.robot
+                self._replaced(task, fact)
+
+    def _attempt_over(self, task: TaskRun, fact: TaskOver) -> None:
+        was_begun = task.phase is not TaskPhase.ASSIGNED
+        task.reason = fact.message
+        if fact.then not in (Then.ASK, Then.AWAIT):
+            task.halting = None
+        if fact.then is not Then.AWAIT:
+            task.lost_since, task.is_agreed = None, False
+        elif task.lost_since is None:
+            task.lost_since = fact.at
+        if fact.outcome in _NOT_BEGUN:
+            task.tries -= 1
+            task.busy_since = task.assigned_at if task.busy_since is None else task.busy_since
+        else:
+            task.busy_since = None
+        if fact.then is Then.DONE:
+            self.results[task.name] = fact.results
+            return
+        task.said[task.robot] = fact.message
+        if was_begun and fact.outcome in _BLAMED:
+            task.failed_on[task.robot] = fact.message
+        if fact.then is Then.REPLACE and fact.outcome in _EXCLUDED:
+            task.excluded[task.robot] = _EXCLUDED[fact.outcome]
+
+    def _replaced(self, task: TaskRun, fact: Replaced) -> None:
+        if task.phase is TaskPhase.ASKED:
+            task.excluded[fact.failed] = _EXCLUDED[TaskOutcome.UNKNOWN]
+        task.phase, task.tries, task.robot = TaskPhase.WANTED, 0, fact.robot
+        task.busy_since = None  # that was another robot
+        capacities = tuple(fact.capacities) or ("",)
+        if fact.failed == fact.robot:  # it was repaired before anybody had taken over
+            self._let_back(fact.failed, ("", *capacities))
+        elif not fact.lasting:
+            task.is_own = True
+        elif fact.failed:
+            self.stand_ins.setdefault(fact.failed, {}).update(dict.fromkeys(capacities, fact.robot))
+
+    def _let_back(self, robot: str, capacities: Iterable[str]) -> None:
+        """Nobody stands in for a robot any more where these are needed."""
+        by_capacity = self.stand_ins.get(robot, {})
+        for capacity in capacities:
+            by_capacity.pop(capacity, None)
+        if not by_capacity:
+            self.stand_ins.pop(robot, None)
 
     def _follow(self, step: str, task: TaskRun, then: Then) -> None:
         match then:
@@ -269,5 +342,7 @@ class RunState:
                 task.phase = TaskPhase.WANTED
             case Then.ASK:
                 task.phase = TaskPhase.ASKED
+            case Then.AWAIT:
+                task.phase = TaskPhase.LOST
             case Then.REPLACE:
                 task.phase = TaskPhase.REPLACING

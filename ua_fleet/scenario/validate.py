@@ -50,6 +50,23 @@ class FleetView:
         view = self.robots.get(robot)
         return None if view is None else view.skills.get(skill)
 
+    def needs(self, robot: str, skill: str) -> tuple[str, ...]:
+        """The capacities that a skill needs on a robot; none where there is no such skill."""
+        declared = self.declared(robot, skill)
+        return () if declared is None else declared.capacities
+
+    def named_first(self, robot: str, text: str) -> tuple[tuple[str, ...], str]:
+        """The capacities that a word about a fault begins with, and the rest: `mobile, grab: it is stuck`.
+
+        They count only where the robot has all of them, or could have them; else there are none, and all of the text.
+        """
+        head, colon, rest = text.partition(":")
+        names = tuple(dict.fromkeys(name.strip() for name in head.split(",")))
+        view = self.robots.get(robot)
+        if not colon or view is None or not all(name in view.capacities or name in view.lacks for name in names):
+            return (), text
+        return names, rest.strip()
+
     def able(self, skill: str, capacities: Sequence[str]) -> list[RobotView]:
         """The robots that have a skill and capacities now."""
         return [

@@ -12,16 +12,19 @@ Fleet
 
 from __future__ import annotations
 
-from typing import Final
+from collections.abc import Callable
+from typing import Any, Final
 
 from asyncua import ua
 from asyncua.server.address_space import AddressSpace
 from asyncua.ua.object_ids import ObjectIds
 
 from ua_fleet.counters import Drop
-from ua_fleet.fleet.changes import SourceQuarantined
+from ua_fleet.errors import ServerStartError
+from ua_fleet.fleet.changes import SourceQuarantined, ValueChanged
 from ua_fleet.fleet.model import (
     GROUP_SIZE,
+    MAX_AGE_PREFIX,
     TRAFFIC_FIELDS,
     BridgeModel,
     DataSetModel,
@@ -31,7 +34,10 @@ from ua_fleet.fleet.model import (
     RobotState,
     drop_field,
 )
+from ua_fleet.monitoring.mistakes import Mistakes
+from ua_fleet.server.built import Held
 from ua_fleet.server.convert import data_value, node_id, raw_id
+from ua_fleet.server.mistake_nodes import MistakeNodes
 from ua_fleet.server.nodes import ORGANIZES, paused_collection
 from ua_fleet.server.nodeset import TypeId
 from ua_fleet.server.parts import STANDARD, NodeParts
@@ -57,12 +63,15 @@ class FleetNodes:
         self.ns = model.ns
         self._parts = NodeParts(space, model.ns)
         self.values = self._parts.values
-        """What holds the value of a node."""
+        """What holds the value of a node; see `value`."""
         self._parents: dict[NodeId, ua.NodeId] = {}
         self._quarantined: dict[Topic, ua.NodeId] = {}
         self._capabilities: dict[str, ua.NodeId] = {}
         self._held: dict[str, tuple[str, ...]] = {}
         """What robots can do now, where that has changed."""
+        self._max_ages: dict[NodeId, float] = {}
+        """In ms, of the data sources that have one configured."""
+        self._make_later = self._make_max_age  # one bound method for all nodes
         self._skills = SkillNodes(self._parts)
 
     def build(self) -> None:
@@ -89,14 +98,45 @@ class FleetNodes:
             for robot in self._model.robots:
                 self._add_robot(robot)
 
-    def add_source(self, data_set: DataSetModel) -> None:
-        """Make the nodes of a source that the model does not name."""
-        self._add_data_set(data_set, self._parts.group(_SOURCES), data_set.topic.name)
+    def value(self, key: NodeId) -> Held | None:
+        """What holds the value of a node, which is made now if it was not wanted before; None without such a node."""
+        held = self.values.get(key)
+        if held is None and self._parts.has(node_id(key)):
+            held = self.values.get(key)
+        return held
+
+    async def add_source(self, data_set: DataSetModel) -> None:
+        """Make the nodes of a source that the model does not name: all of them, or none where one cannot be made."""
+        group = self._parts.group(_SOURCES)
+        if self._parts.has(node_id(data_set.key)):
+            self._parts.leave(_SOURCES, group)
+            raise ServerStartError(f"{data_set.topic.name} gets no nodes: {data_set.key} is another's")
+        try:
+            self._add_data_set(data_set, group, data_set.topic.name)
+        except Exception:
+            await self._parts.remove(node_id(data_set.key))
+            self._parents.pop(data_set.key, None)
+            self._parts.leave(_SOURCES, group)
+            raise
 
     async def remove_source(self, data_set: DataSetModel) -> None:
         """Remove the nodes of a source that had been added."""
+        group = self._parents.pop(data_set.key, None)
+        if group is None:
+            return  # they could not be made
         await self._parts.remove(node_id(data_set.key))
-        self._parts.leave(_SOURCES, self._parents.pop(data_set.key))
+        self._max_ages.pop(data_set.key, None)
+        self._parts.leave(_SOURCES, group)
+
+    def show_mistakes(
+        self,
+        mistakes: Mistakes,
+        put: Callable[[ValueChanged], None],
+        clock: Callable[[], float],
+        wall_ticks: Callable[[], int],
+    ) -> MistakeNodes:
+        """Make the nodes of the server's own mistakes, and what keeps them true."""
+        return MistakeNodes(self._parts, mistakes, put, clock=clock, wall_ticks=wall_ticks)
 
     def add_robot(self, robot: RobotModel) -> None:
         """Make the nodes of a robot that the model does not name."""
@@ -108,6 +148,7 @@ class FleetNodes:
         self._parts.leave(_ROBOTS, self._parents.pop(robot.key))
         for data_set in robot.all_data_sets():
             del self._parents[data_set.key]
+            self._max_ages.pop(data_set.key, None)
         for capacity in self._held.pop(robot.name, robot.capacities):
             known = self._capabilities[capacity]
             if not self._parts.builder.is_referenced(known, self._parts.types[TypeId.PROVIDES_CAPABILITY]):
@@ -219,6 +260,8 @@ class FleetNodes:
             ("Detail", BuiltinType.STRING),
             ("FromSpace", BuiltinType.UINT64),
             ("ToSpace", BuiltinType.UINT64),
+            ("LagP99", BuiltinType.DOUBLE),
+            ("OldestWaiting", BuiltinType.DOUBLE),
         ):
             self._parts.variable(bridge.part(name), name, node, raw_id(int(kind)), self._parts.waiting)
         self._add_traffic(prefix, node)
@@ -237,6 +280,7 @@ class FleetNodes:
         if data_set.is_single:
             field = data_set.fields[0]
             self._add_field(field, browse_name, parent, data_set.writable, data_set.description)
+            self._add_max_age(data_set)
             return
         node = node_id(data_set.key)
         self._parts.builder.add_object(
@@ -249,9 +293,31 @@ class FleetNodes:
         )
         topic = data_set.topic
         # Not below `<id>.`, where a field may have any name.
-        self._parts.property(f"Topics.{topic.id}", "Topic", node, BuiltinType.STRING, topic.name)
+        self._parts.within(topic.ns).property(f"Topics.{topic.id}", "Topic", node, BuiltinType.STRING, topic.name)
         for field in data_set.fields:
             self._add_field(field, field.name, node, data_set.writable, "")
+        self._add_max_age(data_set)
+
+    def _add_max_age(self, data_set: DataSetModel) -> None:
+        """Of what others say: for how long their value counts as one of now; 0 for as long as they live."""
+        if data_set.writable or not data_set.for_clients:
+            return
+        if data_set.max_age_s is not None:
+            self._max_ages[data_set.key] = data_set.max_age_s * 1000
+        self._parts.builder.add_later(node_id(data_set.key), self._make_later)
+
+    def _make_max_age(self, owner: ua.NodeId) -> None:
+        number: Any = owner.Identifier
+        key = NodeId(int(owner.NamespaceIndex), number)
+        path = f"{MAX_AGE_PREFIX}{number}"
+        self._parts.values[NodeId(key.namespace, path)] = self._parts.within(key.namespace).property(
+            path,
+            "MaxAge",
+            owner,
+            BuiltinType.DOUBLE,
+            self._max_ages.get(key, 0.0),
+            data_type=STANDARD["Duration"],
+        )
 
     def _add_field(
         self, field: FieldModel, browse_name: str, parent: ua.NodeId, writable: bool, description: str

@@ -40,6 +40,7 @@ from ua_fleet.server.skills.ends import SkillEnds
 from ua_fleet.server.skills.events import tell_transition
 from ua_fleet.server.skills.methods import SkillMethods
 from ua_fleet.server.skills.tracker import SkillTransitioned
+from ua_fleet.server.standard_nodes import forget_makers
 from ua_fleet.server.wanted import WantedData
 from ua_fleet.server.writes import ClientWrites
 from ua_fleet.storage.journal import SqliteJournal
@@ -75,6 +76,7 @@ async def run_server(
     rule: LoopRule = loop_verdict,
     sent: Callable[[bytes, int], None] | None = None,
     monitor: Monitor | None = None,
+    once: bool = False,
 ) -> None:
     """Serve a fleet until cancelled.
 
@@ -86,6 +88,7 @@ async def run_server(
         rule: the loop rule.
         sent: told of each PubSub message that is sent, with its bytes on the wire.
         monitor: tells of the server.
+        once: this process makes no other server, so what is needed to make one need not stay in memory.
 
     Raises:
         ConfigError: a data source has no id, or the key files cannot be used.
@@ -94,21 +97,29 @@ async def run_server(
         TransportError: PubSub has no route, no permission or no such interface.
     """
     configured = fleet_model(config)
+    monitor = monitor or Monitor(Process.SERVER)
+    mistakes = monitor.mistakes
     state_dir = config_dir / config.server.state_dir
     has_key_service = _has_key_service(config.pubsub)
     server = await create_server(
         config.server,
         state_dir,
         application_uri=application_uri(config),
+        files_dir=config_dir,
         bridges={bridge_application_uri(config.fleet.name, name): name for name in config.bridges}
         if has_key_service
         else None,
     )
+    if once:
+        forget_makers()
     stack = ExitStack()
+    loop = asyncio.get_running_loop()
+    handler_before = loop.get_exception_handler()
+    loop.set_exception_handler(mistakes.in_loop)
     try:
         roster = Roster(config, configured, stack.enter_context(Registry(state_dir / REGISTRY)), time.time)
         model = roster.restore()
-        await load_types(server, config.fleet.namespace_uri, config.fleet.namespace_index)
+        await load_types(server, config.fleet.namespace_uri, config.fleet.namespace_index, config.fleet.namespaces)
         nodes = FleetNodes(server.iserver.aspace, model)
         nodes.build()
         keys: KeySource | None = None
@@ -120,7 +131,6 @@ async def run_server(
             keys = file_keys_of(config, SERVER_SPACE, config_dir)
         journal = stack.enter_context(SqliteJournal(state_dir / JOURNAL))
         events = ServerEvents(server.iserver)
-        monitor = monitor or Monitor(Process.SERVER)
         ends, run_log = SkillEnds(monitor), RunLog()
 
         async def tell_skill(change: SkillTransitioned) -> None:
@@ -131,6 +141,7 @@ async def run_server(
             nodes,
             tell=tell_skill,
             tell_capacities=lambda change, gained, lost: tell_capacities(events, change, gained, lost, wall_ticks()),
+            mistakes=mistakes,
         )
         hub = Hub(
             config,
@@ -142,6 +153,7 @@ async def run_server(
             keys=keys,
             rule=rule,
             sent=sent,
+            mistakes=mistakes,
         )
         offers = make_offers(hub, stack.enter_context(SqliteJournal(state_dir / OFFERS_JOURNAL)))
         requests = SkillRouter(hub.skills, offers)
@@ -170,6 +182,8 @@ async def run_server(
         )
         hub.add_wanted(wanted)
         hub.add_clock(CertificateWatch(state_dir, asyncio.get_running_loop().time))
+        hub.add_clock(nodes.show_mistakes(mistakes, projection.put, asyncio.get_running_loop().time, wall_ticks))
+        server.context.mistakes = mistakes
         server.gate = ClientWrites(hub.commands, nodes, hub.publish, hub.flush_soon, wall_ticks)
         try:
             await hub.start()
@@ -185,6 +199,7 @@ async def run_server(
     finally:
         stack.close()
         await server.stop()
+        loop.set_exception_handler(handler_before)
 
 
 def _has_key_service(config: PubSubConfig) -> bool:

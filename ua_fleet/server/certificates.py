@@ -32,6 +32,7 @@ from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
 from ua_fleet.errors import ServerStartError, UaFleetError
 from ua_fleet.storage.files import write_whole
+from ua_fleet.transport.interfaces import machine_addresses
 from ua_fleet.validity import Validity
 from ua_fleet.values import StatusCode
 
@@ -44,6 +45,7 @@ __all__ = [
     "create_certificate",
     "ensure_application_certificate",
     "ensure_client_certificate",
+    "find_rejected",
     "host_names",
     "list_certificates",
     "load_certificate",
@@ -247,7 +249,8 @@ def ensure_application_certificate(
     With `renew` it is made anew, with the key that there is.
     """
     files = own_files(state_dir)
-    hosts = [*hostnames, socket.gethostname(), "localhost", "127.0.0.1"]
+    everywhere = machine_addresses() if {"0.0.0.0", "::"} & set(hostnames) else []
+    hosts = [*hostnames, *everywhere, socket.gethostname(), "localhost", "127.0.0.1"]
     return _ensure(files, application_uri, "ua_fleet server", hosts, server=True, renew=renew)
 
 
@@ -371,6 +374,12 @@ def _find(state_dir: Path, what: str | Path, states: Sequence[CertificateState])
     return load_certificate(matches[0].path), [info.path for info in matches]
 
 
+def find_rejected(state_dir: Path, what: str | Path) -> CertificateInfo:
+    """A certificate that `trust` would trust: a file, or one from `rejected/` by its thumbprint's first characters."""
+    _, paths = _find(state_dir, what, (CertificateState.REJECTED,))
+    return _info(paths[0] if paths else Path(what), CertificateState.REJECTED)
+
+
 def _move(
     certificate: x509.Certificate, sources: Sequence[Path], target: Path, state: CertificateState
 ) -> CertificateInfo:
@@ -378,6 +387,7 @@ def _move(
     for source in sources:
         if source != target:
             source.unlink(missing_ok=True)
+            source.with_suffix(".json").unlink(missing_ok=True)  # of `rejected/`: who offered it
     return _info(target, state)
 
 

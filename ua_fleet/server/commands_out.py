@@ -11,7 +11,8 @@ from __future__ import annotations
 import asyncio
 import secrets
 from collections import Counter
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Collection, Iterable, Mapping
+from dataclasses import replace
 from typing import Any, Final
 
 import structlog
@@ -19,11 +20,12 @@ import structlog
 from ua_fleet.errors import LocalWireError, RobotOffline, SkillRejected, StorageUnavailable
 from ua_fleet.pubsub.action_catalog import ActionCatalog
 from ua_fleet.pubsub.events import ActionReceived
-from ua_fleet.pubsub.metadata import type_codes
+from ua_fleet.pubsub.metadata import field_property, type_codes
 from ua_fleet.skill.executions import (
     CONTROL_BITS,
     EXECUTION_ID_BYTES,
     HALT_TARGETS,
+    MOST_HALTS,
     RESUME_TARGETS,
     SUSPEND_TARGETS,
     Outcome,
@@ -37,14 +39,18 @@ from ua_fleet.skill.requestor import OutcomeCorrected, Requestor, RequestorEffec
 from ua_fleet.topics import SERVER_SPACE, Topic
 from ua_fleet.values import BuiltinType, StatusCode
 from ua_fleet.wire.actions import encode_action
-from ua_fleet.wire.discovered import ActionMetaDataAnnouncement
+from ua_fleet.wire.discovered import ActionMetaDataAnnouncement, ActionTarget
 
 __all__ = ["REQUESTOR_INSTANCE", "SkillCommands"]
 
 REQUESTOR_INSTANCE: Final = "server"
 """Second part of the RequestorId. The journal's requests belong to it: it is the same in each run."""
 CONTROL_TIMEOUT_S: Final = 5.0
-"""A robot is not halted, suspended or resumed later than that: things may have changed since."""
+"""A robot is not suspended or resumed later than that: things may have changed since."""
+HALT_TIMEOUT_S: Final = 60.0
+"""So long it is tried to halt an execution: whenever its bridge is back, what was taken back is to stop."""
+MOST_REMEMBERED: Final = 1000
+"""Executions of which it is known how often they were to be halted."""
 _CONTROLS: Final = {HALT_TARGETS: "stop", SUSPEND_TARGETS: "suspend", RESUME_TARGETS: "resume"}
 RETRY_S: Final = 1.0
 """After a journal that could not be written, it is tried again after so long."""
@@ -101,26 +107,36 @@ class SkillCommands:
         self._clock = clock or _loop_time
         self._controls: dict[bytes, tuple[str, str]] = {}
         """Who is asked to stop, stand or go on, and which of these, by the id of the request."""
+        self._halts: dict[bytes, int] = {}
+        """The number of the last request to halt each execution."""
         self._retry_at = 0.0
         self._is_failing = False
 
-    def resume(self, now: float) -> None:
-        """Ask on for what was requested before a restart."""
-        self._do(self._requestor.resume(now, self._wall_ticks()))
+    def resume(self, now: float, withdrawn: Collection[bytes] = ()) -> None:
+        """Ask on for what was requested before a restart; these executions must not begin any more."""
+        self._do(self._requestor.resume(now, self._wall_ticks(), withdrawn))
 
-    def request(self, topic: Topic, robot: str, values: tuple[Any, ...], timeout_s: float, execution_id: bytes) -> None:
+    def inquire(self, execution_id: bytes) -> None:
+        """Ask once more what became of a request that nobody has answered; `told` learns of it."""
+        self._do(self._requestor.inquire(execution_id, self._clock()))
+        self._sooner()
+
+    def request(
+        self, topic: Topic, robot: str, skill: str, arguments: Mapping[str, Any], timeout_s: float, execution_id: bytes
+    ) -> None:
         """Have a robot do a skill, once, and wait for nothing: `told` learns of the outcome.
 
         Args:
             topic: (space, WriterGroupId, DataSetWriterId) of the Action.
-            robot: name of the Action's target; an Action with one target is that robot's whatever the name.
-            values: the arguments, in the order of the Action's request fields.
+            robot: name of the Action's target.
+            skill: name of the Action.
+            arguments: by their names; the bridge may have another order, or defaults for those that are not here.
             timeout_s: the robot does not begin later than that.
             execution_id: 16 bytes that were never used before; said again, the same request is meant.
 
         Raises:
             RobotOffline: nobody has announced the Action. It is asked for then: a later call may find it.
-            SkillRejected: the robot does not have the skill, or the arguments do not fit.
+            SkillRejected: another skill or robot is announced there, or the arguments do not fit.
             StorageUnavailable: the request could not be recorded, and was not sent.
         """
         action = self._catalog.find(topic.space, topic.id)
@@ -128,12 +144,13 @@ class SkillCommands:
             self._want(topic.space, topic.id, self._clock())
             self._sooner()
             raise _not_announced(topic)
+        _check_names(action, topic, robot, skill)
         target, types = Target(*topic, _target_of(action, robot)), type_codes(action.request.fields)
-        if len(values) != len(types):
-            raise SkillRejected(f"{action.request.name} takes {len(types)} arguments, not {len(values)}")
+        values = _arranged(action, arguments)
         now, wall = self._clock(), self._wall_ticks()
         try:
-            effects = self._requestor.start(execution_id, target, types, values, timeout_s, now, wall)
+            version = action.request.configuration_version.major if values else 0
+            effects = self._requestor.start(execution_id, target, types, values, timeout_s, now, wall, version=version)
         except LocalWireError as error:
             raise SkillRejected(f"{action.request.name}: {error}") from error
         self._do(effects)
@@ -142,7 +159,8 @@ class SkillCommands:
     def halt(self, topic: Topic, robot: str, execution_id: bytes) -> None:
         """Have a robot stop an execution, or not begin it any more, where it has not answered yet.
 
-        How it ends is told as ever; said again, the same request is meant.
+        How it ends is told as ever. Said again while the robot is asked, the same request is meant; after that another
+        one is made, since it has not stopped.
 
         Raises:
             RobotOffline: nobody has announced the Action.
@@ -150,7 +168,19 @@ class SkillCommands:
             StorageUnavailable: the request could not be recorded, and was not sent.
         """
         self._do(self._requestor.withdraw(execution_id, self._clock()))
-        self._control(HALT_TARGETS, topic, robot, halt_id(execution_id), None)
+        number = self._halts.pop(execution_id, 0)
+        while self._has_ended(halt_id(execution_id, number)):
+            number = (number + 1) % MOST_HALTS
+        self._halts[execution_id] = number
+        if len(self._halts) > MOST_REMEMBERED:
+            del self._halts[next(iter(self._halts))]
+        self._control(HALT_TARGETS, topic, robot, halt_id(execution_id, number), None)
+
+    def _has_ended(self, request_id: bytes) -> bool:
+        try:
+            return self._requestor.outcome(request_id) is not None
+        except KeyError:
+            return False
 
     def suspend_execution(self, topic: Topic, robot: str, execution_id: bytes) -> None:
         """Have a robot stand in the middle of an execution; that it does is told as ever. Raises as `halt` does."""
@@ -171,7 +201,8 @@ class SkillCommands:
             raise error
         types, values = ((), ()) if named is None else ((int(BuiltinType.BYTE_STRING),), (named,))
         now, wall, target = self._clock(), self._wall_ticks(), Target(*topic, target_id)
-        effects = self._requestor.start(request_id, target, types, values, CONTROL_TIMEOUT_S, now, wall)
+        timeout_s = HALT_TIMEOUT_S if purpose == HALT_TARGETS else CONTROL_TIMEOUT_S
+        effects = self._requestor.start(request_id, target, types, values, timeout_s, now, wall)
         self._controls[request_id] = f"{robot}: {action.request.name}", _CONTROLS[purpose]
         self._do(effects)
         self._sooner()
@@ -184,7 +215,8 @@ class SkillCommands:
 
     def known_outcome(self, execution_id: bytes) -> Outcome | None:
         """What is known of a request now; None while it is asked for, KeyError where it was never made."""
-        return self._requestor.outcome(execution_id)
+        outcome = self._requestor.outcome(execution_id)
+        return None if outcome is None else self._named(execution_id, outcome)
 
     def receive(self, event: ActionReceived, now: float) -> None:
         """Take responses."""
@@ -238,8 +270,56 @@ class SkillCommands:
         if asked and outcome.kind is not OutcomeKind.ACCEPTED:
             reason = outcome.report.message
             _log.warning("a robot did not do it", what=what, asked=asked, outcome=outcome.kind.value, reason=reason)
+        if outcome.report.status == StatusCode.BAD_CONFIGURATION_ERROR:  # the bridge has announced something else since
+            target = self._requestor.target(execution_id)
+            self._want(target.publisher_id, target.data_set_writer_id, self._clock())
+            self._sooner()
         if self._told is not None:
-            self._told(execution_id, outcome)
+            self._told(execution_id, self._named(execution_id, outcome))
+
+    def _named(self, execution_id: bytes, outcome: Outcome) -> Outcome:
+        """An outcome with the names of its results, where there are some."""
+        if not outcome.report.result:
+            return outcome
+        try:
+            target = self._requestor.target(execution_id)
+        except KeyError:
+            return outcome
+        action = self._catalog.find(target.publisher_id, target.data_set_writer_id)
+        if action is None:
+            return outcome
+        return replace(outcome, names=tuple([field.name for field in action.response.fields]))
+
+
+def _arranged(action: ActionMetaDataAnnouncement, arguments: Mapping[str, Any]) -> tuple[Any, ...]:
+    """The arguments in the order that the bridge announces; raises SkillRejected with the names that differ."""
+    fields, name = action.request.fields, action.request.name
+    values = [arguments.get(field.name, field_property(field, "Default")) for field in fields]
+    missing = [field.name for field, value in zip(fields, values, strict=True) if value is None]
+    announced = {field.name for field in fields}
+    unknown = [argument for argument in arguments if argument not in announced]
+    if missing or unknown:
+        said = [f"takes {named!r}, which is not given" for named in missing]
+        said += [f"does not take {named!r}" for named in unknown]
+        raise SkillRejected(f"{name} {', and '.join(said)}: the bridge's fleet.yaml and the server's differ")
+    return tuple(values)
+
+
+def _check_names(action: ActionMetaDataAnnouncement, topic: Topic, robot: str, skill: str) -> None:
+    """The ids are in the files of both sides, and may have been given to other skills there."""
+    name, targets = action.request.name, [each.name for each in action.targets if _is_robot(each)]
+    if name != skill or robot not in targets:
+        said = f"{name} of {', '.join(filter(None, targets)) or 'nobody'}"
+        error = SkillRejected(
+            f"the bridge announces {said} at {topic.name}, and the server's fleet.yaml has {skill} of {robot} there; "
+            f"give both the same ids"
+        )
+        error.ua_status = StatusCode.BAD_CONFIGURATION_ERROR
+        raise error
+
+
+def _is_robot(target: ActionTarget) -> bool:
+    return not target.action_target_id & CONTROL_BITS
 
 
 def _loop_time() -> float:
@@ -248,7 +328,7 @@ def _loop_time() -> float:
 
 def _target_of(action: ActionMetaDataAnnouncement, robot: str) -> int:
     """The target of that name; an Action with one target is that robot's whatever the name."""
-    targets = [target for target in action.targets if not target.action_target_id & CONTROL_BITS]
+    targets = [target for target in action.targets if _is_robot(target)]
     named = [target.action_target_id for target in targets if target.name == robot or not targets[1:]]
     if not named:
         raise SkillRejected(f"{action.request.name} has no target {robot!r}")

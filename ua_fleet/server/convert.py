@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from datetime import UTC
+from datetime import UTC, datetime
 from functools import lru_cache
 from typing import Any, Final
 
@@ -87,6 +87,8 @@ def _data_value(value: DataValue) -> ua.DataValue:
     return ua.DataValue(variant, to_status(value.status), source, server)
 
 
+NO_TIME: Final = datetime(1601, 1, 1, tzinfo=UTC)
+"""A DateTime that is not known: 0 on the wire (OPC 10000-6 5.2.2.5), for which asyncua takes no None."""
 _OUT: Final[dict[int, Callable[[Any], Any]]] = {
     BuiltinType.DATETIME: datetime_from_ticks,
     BuiltinType.NODE_ID: node_id,
@@ -119,13 +121,17 @@ def to_variant(type_code: int, value: Any) -> ua.Variant:
     if kind == BuiltinType.XML_ELEMENT:
         value = tuple(item or "" for item in value) if type(value) is tuple else value or ""
     if not type_code & ARRAY:
-        return ua.Variant(value if convert is None or value is None else convert(value), variant_type, None, False)
+        if value is not None:
+            return ua.Variant(value if convert is None else convert(value), variant_type, None, False)
+        none: Any = NO_TIME if kind == BuiltinType.DATETIME else None
+        return ua.Variant(none, variant_type, None, False)
     dimensions: list[Any] | None = None
     if type_code & DIMENSIONS:
         dimensions = list(value.dimensions)
         value = value.values
     if value is not None:
-        value = list(value) if convert is None else [None if item is None else convert(item) for item in value]
+        missing = NO_TIME if kind == BuiltinType.DATETIME else None
+        value = list(value) if convert is None else [missing if item is None else convert(item) for item in value]
     return ua.Variant(value, variant_type, dimensions, True)
 
 

@@ -122,9 +122,20 @@ class ServerFigures:
         yield metrics.REFUSED.many(
             [
                 (("connection",), statistics.connections_refused + statistics.connections_evicted),
+                (("computing_time",), statistics.strangers_refused),
                 (("handshake",), statistics.handshake_timeouts),
                 (("frame",), statistics.frames_refused),
                 (("certificate",), statistics.certificates_rejected),
                 (("request",), statistics.requests_refused),
+                (("session",), statistics.sessions_refused + statistics.sessions_evicted),
+            ]
+        )
+        audit = self._server.context.audit
+        yield metrics.AUDIT_LINES.many(
+            [
+                (("written",), audit.lines),
+                (("summed_up",), audit.omitted),
+                (("lost",), audit.lost),
+                (("undelivered",), audit.undelivered),
             ]
         )

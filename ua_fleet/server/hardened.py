@@ -14,9 +14,13 @@ import structlog
 from asyncua import ua
 from asyncua.server.server import Server
 
+from ua_fleet.config.audit_schema import AuditConfig
 from ua_fleet.config.schema import ServerConfig
 from ua_fleet.errors import ServerStartError
 from ua_fleet.server.audit import AuditLog
+from ua_fleet.server.audit.log import LOG_FILE
+from ua_fleet.server.audit.syslog_message import parse_destination
+from ua_fleet.server.audit.syslog_sender import SyslogSender, tls_context
 from ua_fleet.server.bridges import BridgeTrust
 from ua_fleet.server.certificates import ensure_application_certificate
 from ua_fleet.server.endpoint.attributes import WRITE
@@ -24,10 +28,11 @@ from ua_fleet.server.endpoint.context import Context, NodeGate, Statistics
 from ua_fleet.server.endpoint.limits import CHUNK_BYTES, Limits
 from ua_fleet.server.endpoint.listener import Listener
 from ua_fleet.server.endpoint.processor import Services
-from ua_fleet.server.endpoint.stack import AttributeIds
+from ua_fleet.server.endpoint.stack import AttributeIds, ObjectIds, ns0
 from ua_fleet.server.endpoint.subscriptions import Subscriptions
 from ua_fleet.server.internals import check_internals
 from ua_fleet.server.nodes import paused_collection, release_collection
+from ua_fleet.server.standard_nodes import share_attributes
 from ua_fleet.server.trust import TrustList
 from ua_fleet.server.users import USERS_FILE, Role, User, UserStore
 
@@ -93,13 +98,18 @@ class HardenedServer(Server):
     async def prepare(self, context: Context, host: str, port: int) -> None:
         """Put our services over asyncua's; `init` has been called."""
         self._context = context
-        subscriptions = Subscriptions(self.iserver.aspace, self.iserver)
+        subscriptions = Subscriptions(self.iserver.aspace, self.iserver, context.misfit)
         self.iserver.subscription_service = subscriptions
         # asyncua's own session was made before, with the registry that we replace.
         self.iserver.isession.subscription_service = subscriptions
+        # Looked up when it happens: the process may have put its own in place of the context's.
+        subscriptions.failed = lambda error, number: self.context.mistakes.caught(
+            "subscriptions", error, subscription=number
+        )
         self._services = Services(context, subscriptions)
         self._listener = Listener(self._services, host, port)
         await context.limits.advertise(self)
+        await self.get_node(ns0(ObjectIds.Server_Auditing)).write_value(True)
         _close_standard_nodes(self)
 
     async def start(self) -> None:
@@ -162,6 +172,29 @@ def _warn(context: Context) -> None:
         _log.warning("nobody can log in yet; add a user with: ua-fleet user add NAME", file=str(context.users.path))
 
 
+def _audit_log(config: AuditConfig, state_dir: Path, files_dir: Path) -> AuditLog:
+    """The audit log, with a copy at a syslog server if there is one; raises ServerStartError."""
+    copy: SyslogSender | None = None
+    if (syslog := config.syslog) is not None:
+        try:
+            to = parse_destination(syslog.url)
+        except ValueError as error:
+            raise ServerStartError(f"server.audit.syslog.url: {syslog.url}: {error}") from error
+        names = (syslog.ca_file, syslog.certificate_file, syslog.key_file)
+        ca_file, certificate_file, key_file = (files_dir / name if name is not None else None for name in names)
+        copy = SyslogSender(to, tls_context(ca_file, certificate_file, key_file) if to.scheme == "tls" else None)
+        if to.scheme in ("tcp", "udp"):
+            _log.warning(
+                "the audit log goes to syslog in plain text: it can be read and changed on the way", to=str(to)
+            )
+    try:
+        return AuditLog(state_dir / LOG_FILE, max_bytes=config.max_file_bytes, backups=config.files - 1, copy=copy)
+    except ServerStartError:
+        if copy is not None:
+            copy.close()
+        raise
+
+
 async def create_server(
     config: ServerConfig,
     state_dir: Path,
@@ -170,6 +203,7 @@ async def create_server(
     limits: Limits | None = None,
     users: UserStore | None = None,
     bridges: Mapping[str, str] | None = None,
+    files_dir: Path | None = None,
 ) -> HardenedServer:
     """A server that is initialised and not started, with its certificates, users and limits in place.
 
@@ -180,6 +214,7 @@ async def create_server(
         limits: in place of those of the configuration.
         users: in place of the file in `state_dir`.
         bridges: names of bridges that may log in by a certificate, by their ApplicationUris.
+        files_dir: what paths in the configuration are relative to; `state_dir` if left out.
 
     Raises ServerStartError, in one line, for what must not be started.
     """
@@ -218,11 +253,13 @@ async def create_server(
         limits=limits or Limits.from_config(config),
         trust=trust,
         users=store,
-        audit=AuditLog(state_dir / "audit.log"),
+        audit=_audit_log(config.audit, state_dir, files_dir or state_dir),
         private_key=server.iserver.private_key,
         allow_none_security=config.allow_none_security,
         allow_anonymous=config.allow_anonymous,
+        server_id=application_uri,
         bridges=BridgeTrust(state_dir, names) if names else None,
     )
     await server.prepare(context, config.host, config.port)
+    share_attributes(server.iserver.aspace)
     return server

@@ -9,13 +9,15 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
+from functools import partial
 from pathlib import Path
 from typing import Protocol
 
 import structlog
 
 from ua_fleet.config.applications import server_application
+from ua_fleet.config.nodes import mapped_sources, max_ages_of
 from ua_fleet.config.schema import FleetConfig
 from ua_fleet.config.security import envelope_of, keys_needed, weaknesses
 from ua_fleet.counters import Counters, Drop
@@ -24,10 +26,11 @@ from ua_fleet.fleet.capacities import Capacities
 from ua_fleet.fleet.changes import CapacitiesChanged, Change, Noticed, RobotRemoved, SourceRemoved, ValueChanged
 from ua_fleet.fleet.coalesce import Coalescer
 from ua_fleet.fleet.commands import Commands, Publication, metadata_of
-from ua_fleet.fleet.model import FleetModel, RobotModel
+from ua_fleet.fleet.model import FleetModel, RobotModel, RobotState
 from ua_fleet.fleet.state import FleetState
 from ua_fleet.keys.keeper import KeysKept, keep_keys
 from ua_fleet.keys.source import KeySource
+from ua_fleet.monitoring.mistakes import Mistakes
 from ua_fleet.pubsub.events import (
     ActionReceived,
     AnnouncementReceived,
@@ -38,6 +41,7 @@ from ua_fleet.pubsub.events import (
     SourceRefused,
     SourceReturned,
     SourceSilent,
+    SourceStale,
     SourceUnknown,
     SubscriberEvent,
 )
@@ -48,8 +52,8 @@ from ua_fleet.pubsub.subscriber import LoopRule, Subscriber
 from ua_fleet.server.commands_out import SkillCommands
 from ua_fleet.server.projection import Projection
 from ua_fleet.server.scenarios.service import ScenarioService
-from ua_fleet.server.scenarios.view import ScenarioView
 from ua_fleet.server.skills.tracker import SkillChange, SkillTracker
+from ua_fleet.server.timetable import Timetable
 from ua_fleet.server.wanted import WantedData
 from ua_fleet.skill.executions import Outcome
 from ua_fleet.skill.journal import RequestorJournal
@@ -119,6 +123,7 @@ class Hub:
         keys: KeySource | None = None,
         rule: LoopRule = loop_verdict,
         sent: Sent | None = None,
+        mistakes: Mistakes | None = None,
     ) -> None:
         """Make a hub.
 
@@ -132,6 +137,7 @@ class Hub:
             keys: where the keys of message security come from; not needed where it is `none`.
             rule: the loop rule.
             sent: told of each message that is sent.
+            mistakes: counts what has cost an item; its own without.
 
         Raises:
             ConfigError: there is no source of keys, or what stands in `state_dir` cannot be used.
@@ -139,6 +145,7 @@ class Hub:
         pubsub = config.pubsub
         timing, codec = pubsub.timing(), Codec()
         self.counters = Counters()
+        self.mistakes = mistakes or Mistakes()
         self.commands = Commands(model)
         self.transport = transport
         self._projection = projection
@@ -147,7 +154,16 @@ class Hub:
         self._send, self._send_all = sender.send, sender.send_all
         self._keys, self.keys_kept = keys_needed(config, keys), KeysKept()
         self._keys_ahead = pubsub.keys.future_keys
-        self._subscriber = Subscriber(SERVER_SPACE, timing, self.counters, codec, rule, envelope=self.envelope)
+        self._subscriber = Subscriber(
+            SERVER_SPACE,
+            timing,
+            self.counters,
+            codec,
+            rule,
+            envelope=self.envelope,
+            max_ages=max_ages_of(config),
+            mapped=mapped_sources(config),
+        )
         self._config = config
         self._publisher = Publisher(
             SERVER_SPACE,
@@ -163,6 +179,7 @@ class Hub:
             unknown_sources=config.server.unknown_sources,
             max_discovered_sources=config.server.max_discovered_sources,
         )
+        self._subscriber.caught = self.state.caught = self.mistakes.caught
         self._coalescer = Coalescer(config.server.analog_rate_hz)
         self.skills = SkillCommands(
             journal,
@@ -175,9 +192,8 @@ class Hub:
         )
         self.tracker = SkillTracker(model)
         """What is known of executions."""
-        self._scenarios: tuple[ScenarioService, ScenarioView] | None = None
+        self._scenarios: ScenarioService | None = None
         self._roster: Announced | None = None
-        self._clocks: list[Clock] = []
         self._wanted: WantedData | None = None
         self._sooner = asyncio.Event()
         self._wake_at = 0.0
@@ -185,21 +201,33 @@ class Hub:
         self._flush_is_due = False
         self._refused = 0
         """Publications that could not be encoded."""
+        self._timetable = Timetable(self.mistakes)
+        self._timetable.add("subscriber", self._poll_subscriber, lambda _: self._subscriber.next_deadline())
+        self._timetable.add("publisher", self._poll_publisher, lambda _: self._publisher.next_deadline())
+        self._timetable.add("actions", self.skills.poll, lambda _: self.skills.next_deadline())
+        self._timetable.add("values", self._poll_values, lambda _: self._coalescer.next_deadline())
+        self._timetable.add("each second", self._poll_tick, lambda _: self._next_tick)
         for weakness in weaknesses(config):
             _log.warning(weakness)
 
-    def add_scenarios(self, service: ScenarioService, view: ScenarioView) -> None:
+    def add_scenarios(self, service: ScenarioService) -> None:
         """Run scenarios too; before `start`."""
-        self._scenarios = service, view
+        self._scenarios = service
+        self._timetable.add("scenarios", lambda _: service.poll(), lambda _: service.next_deadline())
 
     def add_clock(self, clock: Clock) -> None:
         """Call something in time; before `start`."""
-        self._clocks.append(clock)
+
+        def due_at(now: float) -> float | None:
+            due_in_s = clock.due_in_s()
+            return None if due_in_s is None else now + due_in_s
+
+        self._timetable.add(type(clock).__name__, lambda _: clock.poll(), due_at)
 
     def add_wanted(self, wanted: WantedData) -> None:
         """Tell bridges which data is wanted; before `start`."""
         self._wanted = wanted
-        self._clocks.append(wanted)
+        self.add_clock(wanted)
 
     @property
     def capacities(self) -> Capacities:
@@ -224,22 +252,32 @@ class Hub:
         await self.transport.start(self._receive)
 
     async def run(self) -> None:
-        """Announce what originates here, then carry data until cancelled."""
+        """Announce what originates here, then carry data until cancelled. Nothing but that ends it."""
+        keep, guard = self.mistakes.keep, self.mistakes.guard
         async with asyncio.TaskGroup() as tasks:
-            tasks.create_task(self._projection.run())
-            tasks.create_task(self._keep_time())
-            if self._scenarios is not None:
-                tasks.create_task(self._scenarios[1].run())
+            tasks.create_task(keep("projection", self._projection.run))
+            tasks.create_task(keep("timer", self._keep_time))
             if self._keys is not None:
-                count = self._keys_ahead + 1
-                tasks.create_task(keep_keys(self.envelope, self._keys, self.keys_kept, count=count))
+                tasks.create_task(keep("keys", partial(self._keep_keys, self._keys)))
                 await self.keys_kept.wait_for([telemetry_group(SERVER_SPACE)])
-            self.skills.resume(asyncio.get_running_loop().time())
-            for action in self.tracker.actions():
-                self._want(action)
+            withdrawn: Collection[bytes] = ()
             if self._scenarios is not None:
-                self._scenarios[0].go_on()
-            await self._announce()
+                with guard("scenarios"):
+                    withdrawn = self._scenarios.must_not_begin()
+            with guard("actions"):
+                self.skills.resume(asyncio.get_running_loop().time(), withdrawn)
+            for action in self.tracker.actions():
+                with guard("actions", topic=action.name):
+                    self._want(action)
+            if self._scenarios is not None:
+                with guard("scenarios"):
+                    self._scenarios.go_on()
+            with guard("announcements"):
+                await self._announce()
+
+    async def _keep_keys(self, keys: KeySource) -> None:
+        count = self._keys_ahead + 1
+        await keep_keys(self.envelope, keys, self.keys_kept, count=count, mistakes=self.mistakes)
 
     def add_robot(self, robot: RobotModel) -> None:
         """Know a robot from now on, with what was heard of it before; its nodes follow in order with all else."""
@@ -248,7 +286,8 @@ class Hub:
         self.tracker.add(robot)
         initial = self.commands.add(robot, wall)
         if self._scenarios is not None:
-            self._scenarios[0].add_robot(robot)
+            is_heard = self.state.robot_states[robot.name] is not RobotState.OFFLINE
+            self._scenarios.add_robot(robot, is_heard=is_heard)
         for data_set in robot.data_sets:
             if data_set.writable:
                 topic, name, fields = data_set.topic, data_set.name, metadata_of(data_set)
@@ -264,7 +303,7 @@ class Hub:
     def remove_robot(self, robot: RobotModel) -> None:
         """Forget a robot that does nothing."""
         if self._scenarios is not None:
-            self._scenarios[0].remove_robot(robot.name)
+            self._scenarios.remove_robot(robot.name)
         self.commands.remove(robot)
         self.tracker.remove(robot)
         for data_set in robot.data_sets:
@@ -307,7 +346,7 @@ class Hub:
             return
         self.state.delivered(topic, timestamp)
         if self._scenarios is not None:
-            self._scenarios[0].published(topic, types, values)
+            self._scenarios.published(topic, types, values)
         self._send_all(datagrams)
         self.check_deadline()
 
@@ -320,14 +359,16 @@ class Hub:
     def _flush(self) -> None:
         self._flush_is_due = False
         for publication in self.commands.flush():
-            self.publish(publication)
+            with self.mistakes.guard("writes", topic=publication.topic.name):
+                self.publish(publication)
 
     async def _announce(self) -> None:
         now = asyncio.get_running_loop().time()
         self._send_all(self._publisher.begin(now=now, wall_ticks=wall_ticks()))
         for number, (data_set, fields) in enumerate(self.commands.sources(), start=1):
-            name = data_set.name
-            self._send_all(self._publisher.announce(data_set.topic, name, fields, now=now, wall_ticks=wall_ticks()))
+            with self.mistakes.guard("announcements", topic=data_set.topic.name):
+                told = self._publisher.announce(data_set.topic, data_set.name, fields, now=now, wall_ticks=wall_ticks())
+                self._send_all(told)
             if number % BURST == 0:
                 await asyncio.sleep(BURST_PAUSE_S)
         if self._wanted is not None:
@@ -335,14 +376,19 @@ class Hub:
                 self._send_all(self._publisher.announce(topic, name, fields, now=now, wall_ticks=wall_ticks()))
             self._wanted.begin()
         for number, publication in enumerate(self.commands.initial(wall_ticks()), start=1):
-            self.publish(publication)
+            with self.mistakes.guard("announcements", topic=publication.topic.name):
+                self.publish(publication)
             if number % BURST == 0:
                 await asyncio.sleep(BURST_PAUSE_S)
         self.check_deadline()
 
     def _receive(self, datagram: bytes, sender: Address) -> None:
         now = asyncio.get_running_loop().time()
-        events = self._subscriber.receive(datagram, now, sender)
+        try:
+            events = self._subscriber.receive(datagram, now, sender)
+        except Exception as error:  # noqa: BLE001 - what a peer sends is refused without one: this is ours
+            self.mistakes.caught("datagrams", error, client=f"{sender[0]}:{sender[1]}")
+            return
         if events:
             self._handle(events, now)
         self.check_deadline()
@@ -350,23 +396,35 @@ class Hub:
     def _handle(self, events: Iterable[SubscriberEvent], now: float) -> None:
         wall = wall_ticks()
         for event in events:
-            if isinstance(event, SourceUnknown | ProbeDue):
-                if event.datagram:
-                    self._send(event.datagram)
-            elif isinstance(event, ProbeReceived):
-                self._send_all(self._publisher.answer(event.probe, now))
-            elif isinstance(event, ActionReceived):
-                self.skills.receive(event, now)
-            elif isinstance(event, AnnouncementReceived):
-                if isinstance(event.announcement, ActionMetaDataAnnouncement):
-                    self.skills.announced(event.announcement)
-            else:
-                if isinstance(event, MetaDataReceived):
-                    self._look_for_robot(event)
+            try:
+                self._handle_one(event, now, wall)
+            except Exception as error:  # noqa: BLE001 - the events behind it have nothing to do with it
+                self.mistakes.caught("messages", error, what=type(event).__name__)
+        if self._scenarios is not None:
+            with self.mistakes.guard("scenarios"):
+                self._scenarios.take_news()
+
+    def _handle_one(self, event: SubscriberEvent, now: float, wall: int) -> None:
+        if isinstance(event, SourceUnknown | ProbeDue):
+            if event.datagram:
+                self._send(event.datagram)
+            if isinstance(event, SourceUnknown):
                 self._take(self.state.apply(event, wall), now)
-                self._follow_skills(event, wall)
-                if self._scenarios is not None and isinstance(event, DataReceived):
-                    self._scenarios[0].heard(event)
+        elif isinstance(event, ProbeReceived):
+            self._send_all(self._publisher.answer(event.probe, now))
+        elif isinstance(event, ActionReceived):
+            self.skills.receive(event, now)
+        elif isinstance(event, AnnouncementReceived):
+            if isinstance(event.announcement, ActionMetaDataAnnouncement):
+                self.skills.announced(event.announcement)
+        else:
+            if isinstance(event, MetaDataReceived):
+                self._look_for_robot(event)
+            self._take(self.state.apply(event, wall), now)
+            self._follow_skills(event, wall)
+            if self._scenarios is not None and isinstance(event, DataReceived):
+                with self.mistakes.guard("scenarios", topic=event.topic.name):
+                    self._scenarios.heard(event)
 
     def _want(self, action: Topic) -> None:
         """See to it that a bridge announces an Action; nobody announces what clients do."""
@@ -377,7 +435,8 @@ class Hub:
         """A robot's SkillStatus may say what the robot is."""
         text = first_property(event.metadata, ROBOT_PROPERTY)
         if self._roster is not None and isinstance(text, str):
-            self._roster.announced(event.topic, text)
+            with self.mistakes.guard("announced robots", topic=event.topic.name):
+                self._roster.announced(event.topic, text)
 
     def hear(self, event: SubscriberEvent) -> None:
         """Take what would have come by PubSub from a robot whose skills clients do."""
@@ -386,16 +445,20 @@ class Hub:
 
     def concluded(self, execution_id: bytes, outcome: Outcome) -> None:
         """The outcome of a request is known, or known better."""
-        self.show_skills(self.tracker.concluded(execution_id, outcome, wall_ticks()))
+        named = execution_id.hex()
+        with self.mistakes.guard("outcomes", execution_id=named):
+            self.show_skills(self.tracker.concluded(execution_id, outcome, wall_ticks()))
         if self._scenarios is not None:
-            self._scenarios[0].concluded(execution_id, outcome)
+            with self.mistakes.guard("scenarios", execution_id=named):
+                self._scenarios.concluded(execution_id, outcome)
 
     def _follow_skills(self, event: SubscriberEvent, wall: int) -> None:
         """Take a robot's SkillStatus."""
-        if not isinstance(event, DataReceived | SourceSilent | SourceReturned | SourceRefused):
+        if not isinstance(event, DataReceived | SourceSilent | SourceStale | SourceReturned | SourceRefused):
             return
         if self.tracker.knows(event.topic):
-            self.show_skills(self.tracker.apply(event, wall))
+            with self.mistakes.guard("outcomes", topic=event.topic.name):
+                self.show_skills(self.tracker.apply(event, wall))
 
     def show_skills(self, changes: Iterable[SkillChange]) -> None:
         """Show what has become of executions, in the order in which it happened."""
@@ -406,24 +469,30 @@ class Hub:
 
     def _take(self, changes: Iterable[Change], now: float) -> None:
         for change in changes:
-            if isinstance(change, ValueChanged):
-                if self._scenarios is not None:
-                    self._scenarios[0].value_changed(change)
-                if (ready := self._coalescer.offer(change, now)) is not None:
-                    self._projection.put(ready)
-            elif isinstance(change, Noticed):
-                (_log.warning if change.is_problem else _log.info)(change.text, **change.ids)
-            elif isinstance(change, CapacitiesChanged):
-                self._projection.put(change)
-                if self._scenarios is not None:
-                    self._scenarios[0].fleet_changed()
-            else:
-                gone = [change.data_set] if isinstance(change, SourceRemoved) else []
-                if isinstance(change, RobotRemoved):
-                    gone += change.robot.all_data_sets()
-                for data_set in gone:
-                    self._coalescer.forget(field.key for field in data_set.fields)
-                self._projection.put(change)
+            try:
+                self._take_one(change, now)
+            except Exception as error:  # noqa: BLE001 - the other changes are as true as before
+                self.mistakes.caught("changes", error, what=type(change).__name__)
+
+    def _take_one(self, change: Change, now: float) -> None:
+        if isinstance(change, ValueChanged):
+            if (ready := self._coalescer.offer(change, now)) is not None:
+                self._projection.put(ready)
+            if self._scenarios is not None:  # last: who does not understand a value must not keep it from its node
+                self._scenarios.value_changed(change)
+        elif isinstance(change, Noticed):
+            (_log.warning if change.is_problem else _log.info)(change.text, **change.ids)
+        elif isinstance(change, CapacitiesChanged):
+            self._projection.put(change)
+            if self._scenarios is not None:
+                self._scenarios.fleet_changed()
+        else:
+            gone = [change.data_set] if isinstance(change, SourceRemoved) else []
+            if isinstance(change, RobotRemoved):
+                gone += change.robot.all_data_sets()
+            for data_set in gone:
+                self._coalescer.forget(field.key for field in data_set.fields)
+            self._projection.put(change)
 
     async def _keep_time(self) -> None:
         loop = asyncio.get_running_loop()
@@ -435,46 +504,39 @@ class Hub:
             except TimeoutError:
                 pass
             self._sooner.clear()
-            self._poll(loop.time())
+            self._timetable.poll(loop.time())
 
     def _deadline(self) -> float:
-        now = asyncio.get_running_loop().time()
-        due = [due_in_s for clock in self._clocks if (due_in_s := clock.due_in_s()) is not None]
-        deadlines = (
-            min(now + due_in_s for due_in_s in due) if due else None,
-            self._subscriber.next_deadline(),
-            self._publisher.next_deadline(),
-            self._coalescer.next_deadline(),
-            self.skills.next_deadline(),
-            self._scenarios[0].next_deadline() if self._scenarios is not None else None,
-            self._next_tick,
-        )
-        return min(deadline for deadline in deadlines if deadline is not None)
+        return self._timetable.next_deadline(asyncio.get_running_loop().time())
 
     def check_deadline(self) -> None:
         """Wake the timer where something has to be done before it would wake by itself."""
         if self._deadline() < self._wake_at - SHORTEST_WAIT_S:
             self._sooner.set()
 
-    def _poll(self, now: float) -> None:
+    def _poll_subscriber(self, now: float) -> None:
         self._handle(self._subscriber.poll(now), now)
+
+    def _poll_publisher(self, now: float) -> None:
         self._send_all(self._publisher.poll(now, wall_ticks()))
-        self.skills.poll(now)
-        if self._scenarios is not None:
-            self._scenarios[0].poll()
-        for clock in self._clocks:
-            clock.poll()
+
+    def _poll_values(self, now: float) -> None:
         for change in self._coalescer.poll(now):
             self._projection.put(change)
-        if now >= self._next_tick:
-            self._next_tick = now + TICK_S
-            self._tick(now)
 
-    def _tick(self, now: float) -> None:
-        self.transport.stats.count_drops(self.counters)
-        self.counters.drops[Drop.SEND_FAILED] += self._refused
-        self._take(self.state.tick(wall_ticks()), now)
+    def _poll_tick(self, now: float) -> None:
+        if now < self._next_tick:
+            return
+        self._next_tick = now + TICK_S
+        guard = self.mistakes.guard
+        with guard("each second"):
+            self.transport.stats.count_drops(self.counters)
+            self.counters.drops[Drop.SEND_FAILED] += self._refused
+            self.counters.drops[Drop.UNTOLD] = self._projection.untold
+            self._take(self.state.tick(wall_ticks()), now)
         if self._roster is not None:
-            self._roster.tick()
-        for complaint in self._subscriber.complaints(now):
-            _log.warning(complaint.what, cause=complaint.cause, count=complaint.count, detail=complaint.detail)
+            with guard("announced robots"):
+                self._roster.tick()
+        with guard("each second"):
+            for complaint in self._subscriber.complaints(now):
+                _log.warning(complaint.what, cause=complaint.cause, count=complaint.count, detail=complaint.detail)

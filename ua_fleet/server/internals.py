@@ -16,6 +16,9 @@ ASYNCUA_VERSION: Final = "2.1.0"
 
 _USED: Final[Mapping[str, tuple[str, ...]]] = {
     "asyncua.common.connection": (
+        "SecureConnection._check_incoming_chunk(chunk)",
+        "SecureConnection._drop_incoming_parts()",
+        "SecureConnection._receive(msg)",
         "SecureConnection.receive_from_header_and_body(header, body)",
         "SecureConnection.message_to_binary(message, message_type, request_id)",
         "SecureConnection.open(params, server)",
@@ -50,11 +53,22 @@ _USED: Final[Mapping[str, tuple[str, ...]]] = {
         "SubscriptionService.condition_refresh(parent, subscription_id, mid)",
     ),
     "asyncua.ua.ua_binary": (
+        "from_binary(uatype, data)",
+        "get_safe_type_hints(cls, extra_ns)",
         "header_from_binary(data)",
         "nodeid_from_binary(data)",
-        "struct_from_binary(objtype, data)",
+        "resolve_uatype(ftype)",
         "struct_to_binary(obj)",
         "uatcp_to_binary(message_type, message)",
+    ),
+    "asyncua.ua.uatypes": (
+        "type_allow_subclass(uatype)",
+        "type_from_list(uatype)",
+        "type_from_optional(uatype)",
+        "type_is_list(uatype)",
+        "type_is_optional(uatype)",
+        "type_is_union(uatype)",
+        "types_or_list_from_union(uatype)",
     ),
 }
 """Module to the functions and classes that we hook or call, each with its parameters."""

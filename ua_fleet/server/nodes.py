@@ -2,8 +2,8 @@
 
 asyncua's AddNodes service looks at every reference of the parent for each child and makes a dozen objects for each
 attribute. Here attributes that many nodes have in common (AccessLevel, DataType, an often used name) are one object,
-which nobody writes to, and the only own objects of a Variable are its NodeId and its Value. A test compares what
-clients see of such nodes with what AddNodes makes.
+which nobody writes to, and the only own objects of a Variable are its NodeId and its Value (see `server.built`). A test
+compares what clients see of such nodes with what AddNodes makes.
 """
 
 # pyright: reportUnknownMemberType=false, reportUnknownVariableType=false, reportUnknownArgumentType=false
@@ -12,16 +12,18 @@ clients see of such nodes with what AddNodes makes.
 from __future__ import annotations
 
 import gc
-from collections.abc import Generator
+from collections.abc import Callable, Generator
 from contextlib import contextmanager
 from typing import Any, Final
 
 from asyncua import ua
-from asyncua.server.address_space import AddressSpace, AttributeValue, NodeData
+from asyncua.server.address_space import AddressSpace, NodeData
 from asyncua.ua.attribute_ids import AttributeIds
 from asyncua.ua.object_ids import ObjectIds
 
 from ua_fleet.errors import ServerStartError
+from ua_fleet.fleet.model import MAX_AGE_PREFIX
+from ua_fleet.server.built import BuiltNode, Held
 from ua_fleet.server.convert import raw_id, to_status
 from ua_fleet.values import QualifiedName, StatusCode
 
@@ -37,23 +39,27 @@ READ: Final = 1
 WRITE: Final = 2
 """Bit CurrentWrite of AccessLevel."""
 
+_DIGITS: Final = 5
+"""Of the largest number that a data source has."""
+
 _TRUE: Final[Any] = True
 
-_Attributes = dict[AttributeIds, AttributeValue]
+_Attributes = dict[AttributeIds, Held]
 
 
 @contextmanager
 def paused_collection() -> Generator[None]:
     """No garbage collection while many objects are made that stay; afterwards it never looks at them again."""
-    was_enabled = gc.isenabled()
+    if not gc.isenabled():  # who has paused it for longer sees to the rest
+        yield
+        return
     gc.collect()  # what is garbage already must not stay too
     gc.disable()
     try:
         yield
     finally:
         gc.freeze()
-        if was_enabled:
-            gc.enable()
+        gc.enable()
 
 
 def release_collection() -> None:
@@ -64,13 +70,40 @@ def release_collection() -> None:
     gc.unfreeze()
 
 
+class _Nodes(dict[ua.NodeId, Any]):
+    """The nodes of an address space, those included that are made when somebody wants them."""
+
+    def __missing__(self, key: ua.NodeId) -> Any:
+        text = key.Identifier
+        if isinstance(text, str) and text.startswith(MAX_AGE_PREFIX):
+            number = text[len(MAX_AGE_PREFIX) :]
+            if len(number) <= _DIGITS and number.isascii() and number.isdecimal():
+                owner = super().get(raw_id(int(number), key.NamespaceIndex))
+                if isinstance(owner, BuiltNode) and owner.references and (made := super().get(key)) is not None:
+                    return made
+        raise KeyError(key)
+
+    def get(self, key: ua.NodeId, default: Any = None) -> Any:
+        """The node with an id."""
+        try:
+            return self[key]
+        except KeyError:
+            return default
+
+    def __contains__(self, key: object) -> bool:
+        return self.get(key) is not None  # type: ignore[arg-type]  # as a dict's
+
+
 class NodeBuilder:
     """Adds Objects, Variables and Methods to an address space, and removes them."""
 
     def __init__(self, space: AddressSpace) -> None:
         self._space = space
-        self._shared: dict[tuple[str, Any], AttributeValue] = {}
-        self._objects: dict[str, _Attributes] = {}
+        if not isinstance(space._nodes, _Nodes):  # noqa: SLF001 - see the module's description
+            space._nodes = _Nodes(space._nodes)  # noqa: SLF001
+        self._shared: dict[tuple[str, Any], Held] = {}
+        self._kinds: dict[Any, _Attributes] = {}
+        """What the nodes of a kind have in common, by all that makes it differ."""
         self._type_references: dict[ua.NodeId, ua.ReferenceDescription] = {}
         self._parent_references: dict[ua.NodeId, dict[ua.NodeId, ua.ReferenceDescription]] = {}
 
@@ -86,14 +119,13 @@ class NodeBuilder:
         display_name: str | None = None,
     ) -> None:
         """Add an Object."""
-        attributes = self._objects.get(description)
+        kind = ua.NodeClass.Object
+        attributes = self._kinds.get(kind)
         if attributes is None:
-            attributes = self._objects[description] = self._common(ua.NodeClass.Object, description) | {
-                AttributeIds.EventNotifier: self._share("Byte", 0, ua.VariantType.Byte)
-            }
-        self._add(
-            node_id, name, parent, type_definition, reference, ua.NodeClass.Object, dict(attributes), display_name
-        )
+            attributes = self._kinds[kind] = self._common(kind)
+            attributes[AttributeIds.EventNotifier] = self._share("Byte", 0, ua.VariantType.Byte)
+        names = (name, description, display_name)
+        self._add(node_id, names, parent, type_definition, reference, ua.NodeClass.Object, attributes, None)
 
     def add_variable(
         self,
@@ -109,22 +141,26 @@ class NodeBuilder:
         writable: bool = False,
         reference: ua.NodeId = HAS_COMPONENT,
         description: str = "",
-    ) -> AttributeValue:
+    ) -> Held:
         """Add a Variable; returns what holds its value."""
-        attributes = self._common(ua.NodeClass.Variable, description)
-        access = self._share("Byte", READ | WRITE if writable else READ, ua.VariantType.Byte)
-        attributes[AttributeIds.AccessLevel] = access
-        attributes[AttributeIds.UserAccessLevel] = access
-        attributes[AttributeIds.DataType] = self._share("DataType", data_type, ua.VariantType.NodeId)
-        attributes[AttributeIds.ValueRank] = self._share("Int32", value_rank, ua.VariantType.Int32)
-        attributes[AttributeIds.Historizing] = self._share("Boolean", False, ua.VariantType.Boolean)
-        if value_rank > 0:
-            dimensions = [array_length] * value_rank
-            attributes[AttributeIds.ArrayDimensions] = self._share(
-                "ArrayDimensions", tuple(dimensions), ua.VariantType.UInt32, dimensions
-            )
-        held = attributes[AttributeIds.Value] = AttributeValue(value)
-        self._add(node_id, name, parent, type_definition, reference, ua.NodeClass.Variable, attributes, None)
+        kind = (ua.NodeClass.Variable, data_type, value_rank, array_length, writable)
+        attributes = self._kinds.get(kind)
+        if attributes is None:
+            attributes = self._kinds[kind] = self._common(ua.NodeClass.Variable)
+            access = self._share("Byte", READ | WRITE if writable else READ, ua.VariantType.Byte)
+            attributes[AttributeIds.AccessLevel] = access
+            attributes[AttributeIds.UserAccessLevel] = access
+            attributes[AttributeIds.DataType] = self._share("DataType", data_type, ua.VariantType.NodeId)
+            attributes[AttributeIds.ValueRank] = self._share("Int32", value_rank, ua.VariantType.Int32)
+            attributes[AttributeIds.Historizing] = self._share("Boolean", False, ua.VariantType.Boolean)
+            if value_rank > 0:
+                dimensions = [array_length] * value_rank
+                attributes[AttributeIds.ArrayDimensions] = self._share(
+                    "ArrayDimensions", tuple(dimensions), ua.VariantType.UInt32, dimensions
+                )
+        held = Held(value)
+        names = (name, description, None)
+        self._add(node_id, names, parent, type_definition, reference, ua.NodeClass.Variable, attributes, held)
         return held
 
     def add_method(
@@ -137,11 +173,27 @@ class NodeBuilder:
         executable: bool = True,
     ) -> None:
         """Add a Method; what it does is linked later."""
-        attributes = self._common(ua.NodeClass.Method, description)
-        attributes[AttributeIds.Executable] = attributes[AttributeIds.UserExecutable] = self._share(
-            "Boolean", executable, ua.VariantType.Boolean
-        )
-        self._add(node_id, name, parent, None, HAS_COMPONENT, ua.NodeClass.Method, attributes, None)
+        kind = (ua.NodeClass.Method, executable)
+        attributes = self._kinds.get(kind)
+        if attributes is None:
+            attributes = self._kinds[kind] = self._common(ua.NodeClass.Method)
+            attributes[AttributeIds.Executable] = attributes[AttributeIds.UserExecutable] = self._share(
+                "Boolean", executable, ua.VariantType.Boolean
+            )
+        names = (name, description, None)
+        self._add(node_id, names, parent, None, HAS_COMPONENT, ua.NodeClass.Method, attributes, None)
+
+    def add_later(self, node_id: ua.NodeId, make: Callable[[ua.NodeId], None]) -> None:
+        """Have `make` add the node `MaxAge.<id>` below the node with this number when somebody wants it.
+
+        It is looked for by its own id, or by who browses its parent. Each data source has one, and few are ever read.
+        """
+        owner: Any = self._space[node_id]
+        owner.expect(make)
+
+    def has(self, node_id: ua.NodeId) -> bool:
+        """Whether there is such a node."""
+        return node_id in self._space
 
     def add_reference(self, source: ua.NodeId, reference: ua.NodeId, target: ua.NodeId) -> None:
         """Add a reference between two nodes that are there, in both directions."""
@@ -218,54 +270,48 @@ class NodeBuilder:
     def _add(
         self,
         node_id: ua.NodeId,
-        name: QualifiedName,
+        names: tuple[QualifiedName, str, str | None],
         parent: ua.NodeId,
         type_definition: ua.NodeId | None,
         reference: ua.NodeId,
         node_class: ua.NodeClass,
         attributes: _Attributes,
-        display_name: str | None,
+        value: Held | None,
     ) -> None:
+        """Add a node; `names` are its BrowseName, its description, and what it is shown as where that differs."""
         if node_id in self._space:
             raise ServerStartError(f"two nodes would have the id {node_id.to_string()}; rename one of them")
         parent_data = self._space[parent]
+        name, description, display_name = names
         text = display_name if display_name is not None else name.name
-        attributes[AttributeIds.NodeId] = AttributeValue(ua.DataValue(ua.Variant(node_id, ua.VariantType.NodeId)))
         browse_name = ua.QualifiedName(name.name, name.namespace)
-        named = attributes[AttributeIds.BrowseName] = self._share(
-            "BrowseName", name, ua.VariantType.QualifiedName, browse_name
-        )
-        shown = attributes[AttributeIds.DisplayName] = self._share(
-            "LocalizedText", text, ua.VariantType.LocalizedText, ua.LocalizedText(text)
-        )
-        data = NodeData(node_id)
-        data.attributes = attributes
+        named = self._share("BrowseName", name, ua.VariantType.QualifiedName, browse_name)
+        shown = self._share("LocalizedText", text, ua.VariantType.LocalizedText, ua.LocalizedText(text))
         target: Any = node_id
         own_type: Any = type_definition or raw_id(0)
         parent_data.references.append(
             ua.ReferenceDescription(reference, _TRUE, target, _held(named), _held(shown), node_class, own_type)
         )
-        data.references = [self._to_parent(reference, parent_data)]
+        references = [self._to_parent(reference, parent_data)]
         if type_definition is not None:
-            data.references.append(self._to_type(type_definition))
+            references.append(self._to_type(type_definition))
+        told = self._share("LocalizedText", description, ua.VariantType.LocalizedText, ua.LocalizedText(description))
+        data: Any = BuiltNode(node_id, named, shown, told, attributes, value, references)
         self._space[node_id] = data
 
-    def _common(self, node_class: ua.NodeClass, description: str) -> _Attributes:
+    def _common(self, node_class: ua.NodeClass) -> _Attributes:
         no_mask = self._share("UInt32", 0, ua.VariantType.UInt32)
         return {
             AttributeIds.NodeClass: self._share("NodeClass", node_class, ua.VariantType.Int32),
-            AttributeIds.Description: self._share(
-                "LocalizedText", description, ua.VariantType.LocalizedText, ua.LocalizedText(description)
-            ),
             AttributeIds.WriteMask: no_mask,
             AttributeIds.UserWriteMask: no_mask,
         }
 
-    def _share(self, kind: str, key: Any, variant_type: ua.VariantType, value: Any = None) -> AttributeValue:
+    def _share(self, kind: str, key: Any, variant_type: ua.VariantType, value: Any = None) -> Held:
         shared = self._shared.get((kind, key))
         if shared is None:
             variant = ua.Variant(key if value is None else value, variant_type)
-            shared = self._shared[kind, key] = AttributeValue(ua.DataValue(variant))
+            shared = self._shared[kind, key] = Held(ua.DataValue(variant))
         return shared
 
     def _to_parent(self, reference: ua.NodeId, parent: NodeData) -> ua.ReferenceDescription:
@@ -301,7 +347,7 @@ class NodeBuilder:
         )
 
 
-def _held(attribute: AttributeValue) -> Any:
+def _held(attribute: Any) -> Any:
     assert attribute.value is not None
     assert attribute.value.Value is not None
     return attribute.value.Value.Value

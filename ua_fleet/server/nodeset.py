@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from enum import IntEnum
 from importlib.resources import files
 from importlib.resources.abc import Traversable
@@ -13,6 +14,7 @@ from typing import Final
 from asyncua.server.server import Server
 
 from ua_fleet.errors import ServerStartError
+from ua_fleet.fleet.model import FIRST_NAMESPACE
 from ua_fleet.topics import TYPES_URI
 
 __all__ = ["TYPES_INDEX", "TypeId", "load_types", "nodeset_file"]
@@ -55,17 +57,20 @@ def nodeset_file(name: str) -> Path | Traversable:
     return in_repository if in_repository.exists() else files("ua_fleet") / "nodesets" / name
 
 
-async def load_types(server: Server, fleet_uri: str, fleet_index: int) -> None:
-    """Register the fleet's namespace and load the types.
+async def load_types(server: Server, fleet_uri: str, fleet_index: int, others: Sequence[str] = ()) -> None:
+    """Register the fleet's namespaces, the others behind that of the types, and load the types.
 
     Raises:
         ServerStartError: a namespace would get another index than topics and nodes are addressed with.
     """
     text = nodeset_file("UaFleet.NodeSet2.xml").read_text(encoding="utf-8")
-    for uri, wanted in ((fleet_uri, fleet_index), (TYPES_URI, TYPES_INDEX)):
+    uris = [(fleet_uri, fleet_index), (TYPES_URI, TYPES_INDEX)]
+    uris += [(uri, FIRST_NAMESPACE + place) for place, uri in enumerate(others)]
+    for uri, wanted in uris:
         index = await server.register_namespace(uri)
         if index != wanted:
             raise ServerStartError(
-                f"namespace {uri!r} would have the index {index}, not {wanted}; give fleet.namespace_uri another name"
+                f"namespace {uri!r} would have the index {index}, not {wanted}; give it another name in "
+                f"fleet.namespace_uri or fleet.namespaces"
             )
     await server.import_xml(xmlstring=text)

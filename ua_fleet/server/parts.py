@@ -4,14 +4,16 @@
 
 from __future__ import annotations
 
+from copy import copy
 from datetime import UTC, datetime
 from typing import Any, Final
 
 from asyncua import ua
-from asyncua.server.address_space import AddressSpace, AttributeValue
+from asyncua.server.address_space import AddressSpace
 from asyncua.ua.object_ids import ObjectIds
 
 from ua_fleet.fleet.model import GROUP_SIZE, FieldModel
+from ua_fleet.server.built import Held
 from ua_fleet.server.convert import data_value, node_id, raw_id, to_status
 from ua_fleet.server.nodes import HAS_COMPONENT, HAS_PROPERTY, ORGANIZES, NodeBuilder
 from ua_fleet.server.nodeset import TYPES_INDEX, TypeId
@@ -46,9 +48,11 @@ class NodeParts:
 
     def __init__(self, space: AddressSpace, ns: int) -> None:
         """Prepare to make nodes in a namespace; the types have to be loaded."""
-        self.ns = ns
+        self.ns = self.names_ns = ns
+        """Of the ids, and of the BrowseNames: these are in the fleet's, whatever namespace the ids are of."""
+        self._within: dict[int, NodeParts] = {}
         self.builder = NodeBuilder(space)
-        self.values: dict[NodeId, AttributeValue] = {}
+        self.values: dict[NodeId, Held] = {}
         """What holds the value of a node."""
         self.waiting = ua.DataValue(StatusCode=to_status(StatusCode.BAD_WAITING_FOR_INITIAL_DATA))
         """The value of a node before its first one."""
@@ -56,6 +60,16 @@ class NodeParts:
         self.now: Any = datetime.now(UTC)
         """Time of the values that stay."""
         self._groups: dict[str, list[int]] = {}
+
+    def within(self, ns: int) -> NodeParts:
+        """The same for ids of another namespace; the nodes have their BrowseNames in the fleet's all the same."""
+        if ns == self.ns:
+            return self
+        made = self._within.get(ns)
+        if made is None:
+            made = self._within[ns] = copy(self)
+            made.ns = ns
+        return made
 
     def field(
         self,
@@ -74,7 +88,7 @@ class NodeParts:
         is_plain = field.unit is None and field.range is None
         held = self.builder.add_variable(
             node_id(field.key),
-            QualifiedName(self.ns, browse_name),
+            QualifiedName(self.names_ns, browse_name),
             parent,
             STANDARD["BaseDataVariableType" if is_plain else name],
             data_type=raw_id(code & 0x3F),
@@ -99,7 +113,7 @@ class NodeParts:
     def _structure(self, field: FieldModel, name: str, data_type: ua.NodeId, value: Any) -> None:
         variant = ua.Variant(value, ua.VariantType.ExtensionObject)
         self.builder.add_variable(
-            self.id(f"{field.key.identifier!s}.{name}"),
+            raw_id(f"{field.key.identifier!s}.{name}", field.key.namespace),
             QualifiedName(0, name),
             node_id(field.key),
             STANDARD["PropertyType"],
@@ -117,7 +131,7 @@ class NodeParts:
             used.append(0)
             self.builder.add_object(
                 self.id(f"{folder}.{name}"),
-                QualifiedName(self.ns, name),
+                QualifiedName(self.names_ns, name),
                 self.id(folder),
                 STANDARD["FolderType"],
                 reference=ORGANIZES,
@@ -129,6 +143,10 @@ class NodeParts:
         """A child of a group is gone: another one may have its place."""
         number = str(group.Identifier).removeprefix(f"{folder}.G")
         self._groups[folder][int(number)] -= 1
+
+    def has(self, node: ua.NodeId) -> bool:
+        """Whether there is such a node, whoever made it."""
+        return self.builder.has(node)
 
     async def remove(self, node: ua.NodeId) -> None:
         """Remove a node with all that is below it."""
@@ -163,7 +181,7 @@ class NodeParts:
         node = self.id(path)
         self.builder.add_object(
             node,
-            QualifiedName(self.ns if own_name else TYPES_INDEX, name),
+            QualifiedName(self.names_ns if own_name else TYPES_INDEX, name),
             parent,
             self.types[kind],
             description=description,
@@ -186,7 +204,7 @@ class NodeParts:
         """A Variable that is a member of a type, or (`own_name`) is named in the fleet."""
         self.values[key] = self.builder.add_variable(
             node_id(key),
-            QualifiedName(self.ns if own_name else TYPES_INDEX, name),
+            QualifiedName(self.names_ns if own_name else TYPES_INDEX, name),
             parent,
             STANDARD["BaseDataVariableType"],
             data_type=data_type,
@@ -226,7 +244,7 @@ class NodeParts:
         *,
         namespace: int = TYPES_INDEX,
         data_type: ua.NodeId | None = None,
-    ) -> AttributeValue:
+    ) -> Held:
         """A Property, and what holds its value."""
         return self.builder.add_variable(
             self.id(path),

@@ -32,6 +32,7 @@ __all__ = [
     "NOT_VALID",
     "Argument",
     "NotValid",
+    "Noted",
     "PlainMethods",
     "caller",
 ]
@@ -53,7 +54,15 @@ _NODE: Final = int(BuiltinType.NODE_ID)
 
 _log: Any = structlog.get_logger("ua_fleet.server")
 
-Work = Callable[..., Awaitable[Sequence[Any]]]
+
+class Noted(NamedTuple):
+    """Outputs of what was done, with a Message that says what to know of them."""
+
+    outputs: Sequence[Any]
+    message: str
+
+
+Work = Callable[..., Awaitable[Sequence[Any] | Noted]]
 """Takes the arguments as plain values; gives the outputs before ReturnStatus."""
 
 
@@ -120,7 +129,8 @@ class PlainMethods:
             code, message = DONE, ""
             values: Sequence[Any] = [_nothing(output.type) for output in outputs]
             try:
-                values = await work(*[_plain(argument) for argument in arguments])
+                done = await work(*[_plain(argument) for argument in arguments])
+                values, message = (done.outputs, done.message) if isinstance(done, Noted) else (done, "")
             except UaFleetError as error:
                 code, message = self._status_of(error), str(error)[:MOST_MESSAGE]
                 values = (error.outputs if isinstance(error, NotValid) else None) or values

@@ -7,7 +7,6 @@ running server.
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
@@ -17,11 +16,11 @@ from typing import Final
 import structlog
 from cryptography import x509
 from cryptography.exceptions import InvalidSignature
-from cryptography.hazmat.primitives import hashes, serialization
+from cryptography.hazmat.primitives import hashes
 from cryptography.hazmat.primitives.asymmetric import rsa
 from cryptography.x509.oid import ExtendedKeyUsageOID
 
-from ua_fleet.errors import UaFleetError
+from ua_fleet.errors import ServerStartError, UaFleetError
 from ua_fleet.server.certificates import (
     UNREADABLE,
     CertificateError,
@@ -33,7 +32,8 @@ from ua_fleet.server.certificates import (
     load_certificate,
     thumbprint,
 )
-from ua_fleet.storage.files import write_whole
+from ua_fleet.server.rejected import RejectedCertificates
+from ua_fleet.storage.files import open_to_others
 from ua_fleet.validity import Validity
 
 __all__ = ["CertificateFolder", "CertificateRefused", "TrustList", "split_chain"]
@@ -45,7 +45,6 @@ MAX_KEY_BITS: Final = 4096
 """Key lengths of all policies that we offer (OPC 10000-7, MinAsymmetricKeyLength and MaxAsymmetricKeyLength)."""
 MAX_CHAIN: Final = 5
 MAX_CHAIN_BYTES: Final = 16_384
-MAX_REJECTED: Final = 32
 _WEAK_HASHES: Final = (hashes.MD5, hashes.SHA1)
 
 
@@ -110,11 +109,19 @@ class CertificateFolder:
     names: dict[bytes, str] = field(default_factory=dict[bytes, str])
     """Names of the files, without their ending."""
     signature: tuple[int, int] | None = None
+    problem: str = ""
+    """Why nothing there is trusted; empty while it is."""
 
     def refresh(self) -> dict[bytes, x509.Certificate]:
-        """The certificates that are there now, by fingerprint."""
+        """The certificates that are there now, by fingerprint; none while others could have put them there."""
         try:
             status = self.path.stat()
+            problem, before = open_to_others(self.path, status), self.problem
+            self.problem = problem
+            if problem:
+                if problem != before:
+                    _log.error("no certificate of a folder is trusted", reason=problem)
+                raise PermissionError(problem)
             signature = (status.st_mtime_ns, status.st_ino)
             paths = certificate_paths(self.path) if signature != self.signature else []
         except OSError:
@@ -125,8 +132,10 @@ class CertificateFolder:
             self.certificates, self.names = {}, {}
             for path in paths:
                 try:
+                    if problem := open_to_others(path):
+                        raise CertificateError(problem)
                     certificate = load_certificate(path)
-                except CertificateError as error:
+                except (CertificateError, OSError) as error:
                     _log.warning("certificate left out", reason=str(error))
                     continue
                 fingerprint = certificate.fingerprint(hashes.SHA256())
@@ -145,6 +154,9 @@ class TrustList:
             state_dir: the server's.
             trust_all: accept every sound certificate.
             bridges: names of bridges that may log in, by their ApplicationUris; they only make hints better.
+
+        Raises:
+            ServerStartError: others may write into one of the folders.
         """
         self._bridge_names = bridges or {}
         folder = certificates_folder(state_dir)
@@ -153,9 +165,13 @@ class TrustList:
         self._bridges = CertificateFolder(folder / CertificateState.BRIDGE)
         self._issuers = CertificateFolder(folder / CertificateState.ISSUER)
         self._revocations = folder / "crl"
-        self._rejected = folder / CertificateState.REJECTED
-        for path in (self._trusted.path, self._bridges.path, self._issuers.path, self._revocations, self._rejected):
+        rejected = folder / CertificateState.REJECTED
+        self._rejected = RejectedCertificates(rejected)
+        for path in (self._trusted.path, self._bridges.path, self._issuers.path, self._revocations, rejected):
             path.mkdir(parents=True, exist_ok=True, mode=0o700)
+        for path in (state_dir, folder, self._trusted.path, self._bridges.path, self._issuers.path, self._revocations):
+            if problem := open_to_others(path):
+                raise ServerStartError(f"{problem} (whoever writes there decides who is trusted)")
 
     @property
     def trusts_all(self) -> bool:
@@ -199,18 +215,9 @@ class TrustList:
         if application_uri not in application_uris(certificate):
             raise CertificateRefused(URI_INVALID, f"the certificate is not that of {application_uri[:100]!r}")
 
-    def reject(self, certificate: x509.Certificate) -> None:
-        """Keep a refused certificate, so that it can be trusted later; the oldest of too many goes."""
-        path = self._rejected / f"{thumbprint(certificate)}.der"
-        if path.exists():
-            return
-        try:
-            write_whole(path, certificate.public_bytes(serialization.Encoding.DER), 0o644)
-            kept = sorted(certificate_paths(self._rejected), key=lambda entry: entry.stat().st_mtime_ns)
-            for old in kept[: max(0, len(kept) - MAX_REJECTED)]:
-                old.unlink(missing_ok=True)
-        except OSError as error:
-            _log.error("rejected certificate cannot be kept", path=str(path), reason=os.strerror(error.errno or 0))
+    def reject(self, certificate: x509.Certificate, address: str) -> None:
+        """Keep a refused certificate, so that it can be trusted later; `address` is where it was offered from."""
+        self._rejected.keep(certificate, address)
 
     def _check_sound(self, certificate: x509.Certificate, time_status: int) -> None:
         try:
@@ -260,6 +267,8 @@ class TrustList:
 
     def _load_revocations(self) -> list[x509.CertificateRevocationList]:
         found: list[x509.CertificateRevocationList] = []
+        if self._revocations.is_dir() and (problem := open_to_others(self._revocations)):
+            raise CertificateRefused(INVALID, problem)
         for path in sorted(self._revocations.iterdir()) if self._revocations.is_dir() else []:
             try:
                 data = path.read_bytes()

@@ -21,7 +21,9 @@ import os
 import re
 import secrets
 import threading
+from collections import Counter
 from collections.abc import Generator
+from concurrent.futures import ThreadPoolExecutor
 from contextvars import ContextVar
 from dataclasses import dataclass, replace
 from enum import StrEnum
@@ -41,8 +43,12 @@ VERSION: Final = 1
 MIN_PASSWORD: Final = 8
 MAX_PASSWORD: Final = 1024
 """Longest password that is hashed: what is longer is no password, and costs time."""
+_AT_A_TIME: Final = 2
+"""Passwords that are checked at the same time."""
 MAX_WAITING: Final = 32
 """Logins that may wait for their password check; then the server is too busy for more."""
+MAX_WAITING_OF_ORIGIN: Final = 8
+"""Of these, those that may come from one address."""
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.@-]{0,63}")
 
 
@@ -155,7 +161,9 @@ class UserStore:
         self._lock = threading.Lock()
         self._decoy = _Entry(User("", Role.OBSERVER), cost, secrets.token_bytes(16), secrets.token_bytes(32))
         self._slots: asyncio.Semaphore | None = None
-        self._waiting = 0
+        # Of their own: whatever else is computed in the background keeps no login waiting.
+        self._threads = ThreadPoolExecutor(_AT_A_TIME, thread_name_prefix="asyncio_passwords")
+        self._waiting = Counter[str]()
         self.generation = 0
         """Grows whenever the users have changed."""
 
@@ -222,6 +230,8 @@ class UserStore:
             raise UserFileError(f"{name!r} is no user name; use 1 to 64 letters, digits and _ . @ -")
         if not MIN_PASSWORD <= len(password) <= MAX_PASSWORD:
             raise UserFileError(f"the password must have {MIN_PASSWORD} to {MAX_PASSWORD} characters")
+        if "\0" in password:
+            raise UserFileError("the password has a NUL character; choose one without")
         salt = secrets.token_bytes(16)
         entry = _Entry(User(name, role), self._cost, salt, self._cost.hash(password, salt))
         with self._exclusive():
@@ -254,7 +264,8 @@ class UserStore:
         self.refresh()
         entry = self._entries.get(name)
         known = entry if entry is not None else replace(self._decoy, cost=self._usual_cost())
-        usable = len(password) <= MAX_PASSWORD
+        # PBKDF2, which scrypt begins with, fills a short key up with zeros: with a NUL another text has the same hash.
+        usable = len(password) <= MAX_PASSWORD and "\0" not in password
         digest = known.cost.hash(password if usable else "", known.salt)
         right = hmac.compare_digest(digest, known.hash)
         return entry.user if entry is not None and right and usable else None
@@ -263,18 +274,26 @@ class UserStore:
         """The cost of the file's users, so that an unknown name is not told apart by its time."""
         return max((entry.cost for entry in self._entries.values()), key=lambda c: c.n * c.r * c.p, default=self._cost)
 
-    async def authenticate(self, name: str, password: str) -> User | None:
-        """`verify` in a thread, two at a time; raises UserFileError when too many wait."""
+    async def authenticate(self, name: str, password: str, *, origin: str = "") -> User | None:
+        """`verify` in a thread, two at a time; raises UserFileError when too many wait.
+
+        Args:
+            name: of the user.
+            password: to be checked.
+            origin: the client's address, as it counts; one that has many waiting keeps no other out.
+        """
         if self._slots is None:
-            self._slots = asyncio.Semaphore(2)
-        if self._waiting >= MAX_WAITING:
+            self._slots = asyncio.Semaphore(_AT_A_TIME)
+        if self._waiting.total() >= MAX_WAITING or self._waiting[origin] >= MAX_WAITING_OF_ORIGIN:
             raise UserFileError("too many logins at once")
-        self._waiting += 1
+        self._waiting[origin] += 1
         try:
             async with self._slots:
-                return await asyncio.to_thread(self.verify, name, password)
+                return await asyncio.get_running_loop().run_in_executor(self._threads, self.verify, name, password)
         finally:
-            self._waiting -= 1
+            self._waiting[origin] -= 1
+            if not self._waiting[origin]:
+                del self._waiting[origin]
 
     @contextlib.contextmanager
     def _exclusive(self) -> Generator[None]:

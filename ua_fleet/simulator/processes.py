@@ -22,7 +22,7 @@ from ua_fleet.config.schema import FleetConfig
 from ua_fleet.counters import Counters
 from ua_fleet.errors import ScenarioError
 from ua_fleet.fleet.model import FleetModel
-from ua_fleet.orchestrator import Orchestrator, Output, TaskCancelled, TaskStarted
+from ua_fleet.orchestrator import OperatorAsked, Orchestrator, Output, TaskCancelled, TaskFollowed, TaskStarted
 from ua_fleet.pubsub.application import Application
 from ua_fleet.pubsub.events import (
     ActionReceived,
@@ -213,20 +213,21 @@ class VirtualServer:
             told=self._concluded,
             clock=place.clock,
         )
-        self._tasks = TaskRequests(
-            {robot.name: robot for robot in model.robots},
-            self._commands,
-            requested=lambda _node, _execution_id: None,
-            clock=place.clock,
-            accepted=self._accepted,
-            ended=self._ended,
-        )
         self._facts: list[tuple[str, Fact]] = []
         self._orchestrator = Orchestrator(
             config.resilience.settings(),
             view,
             _no_value,
             lambda run_id, fact: self._facts.append((run_id, fact)),
+        )
+        self._tasks = TaskRequests(
+            {robot.name: robot for robot in model.robots},
+            self._commands,
+            requested=lambda _node, _execution_id: None,
+            clock=place.clock,
+            is_silent=self._orchestrator.is_silent,
+            accepted=self._accepted,
+            ended=self._ended,
         )
         self._missing: set[tuple[int | str | None, int]] = {
             (robot.skill_status.space, skill.id)
@@ -314,6 +315,8 @@ class VirtualServer:
                 output = self._held.popleft()
                 if isinstance(output, TaskStarted):
                     self._tasks.begin(output)
+                elif isinstance(output, TaskFollowed | OperatorAsked):
+                    self._tasks.follow(output)
                 elif isinstance(output, TaskCancelled):
                     self._tasks.cancel(output)
                 self._show(output)

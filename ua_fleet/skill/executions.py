@@ -9,6 +9,8 @@ old executions and still do nothing twice (`responder.py`).
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 from enum import IntEnum, StrEnum
 from typing import Any, Final, NamedTuple
 
@@ -21,9 +23,12 @@ __all__ = [
     "CONTROL_BITS",
     "EXECUTION_ID_BYTES",
     "HALT_TARGETS",
+    "MOST_HALTS",
     "NEVER_BEGUN",
+    "NOT_REACHED",
     "OPEN",
     "RESUME_TARGETS",
+    "ROBOT_STANDS",
     "SUSPEND_TARGETS",
     "ExecutionState",
     "Outcome",
@@ -32,6 +37,8 @@ __all__ = [
     "RequestorName",
     "Target",
     "halt_id",
+    "is_halted_by",
+    "named_results",
     "pack",
     "unpack",
 ]
@@ -49,12 +56,24 @@ CONTROL_BITS: Final = HALT_TARGETS | SUSPEND_TARGETS | RESUME_TARGETS
 """What of an ActionTargetId says which of these it is; none of them: a target that executes."""
 
 
-def halt_id(execution_id: bytes) -> bytes:
-    """The id of the request to halt an execution, and back: each bit the other way.
+_NUMBER_BYTES: Final = 2
+"""Of the id of a request to halt: which of the requests about one execution it is."""
+MOST_HALTS: Final = 1 << 8 * _NUMBER_BYTES
 
-    So a request to halt names its execution without an argument, and is made once however often it is repeated.
+
+def halt_id(execution_id: bytes, number: int = 0) -> bytes:
+    """The id of a request to halt an execution: each bit the other way, and the number in its last bytes.
+
+    So it names its execution without an argument, and is made once however often it is repeated. A robot that has not
+    stopped is told again by the next number.
     """
-    return bytes([byte ^ 0xFF for byte in execution_id])
+    inverted = int.from_bytes(bytes([byte ^ 0xFF for byte in execution_id]))
+    return (inverted ^ number).to_bytes(EXECUTION_ID_BYTES)
+
+
+def is_halted_by(execution_id: bytes, request_id: bytes) -> bool:
+    """Whether a request to halt is about an execution, whatever its number."""
+    return halt_id(execution_id)[:-_NUMBER_BYTES] == request_id[:-_NUMBER_BYTES]
 
 
 class ExecutionState(IntEnum):
@@ -77,6 +96,12 @@ class ExecutionState(IntEnum):
     """The robot stands in the middle of it until it is told to go on, or to stop."""
 
 
+ROBOT_STANDS: Final = frozenset({StatusCode.BAD_DEVICE_FAILURE, StatusCode.BAD_OUT_OF_SERVICE})
+"""StatusCodes of an end with which a driver says more than that the skill failed: the robot itself stands in an error
+state (an emergency or protective stop, a device failure), and can do nothing else either."""
+NOT_REACHED: Final = frozenset({StatusCode.BAD_NO_COMMUNICATION, StatusCode.BAD_NOT_CONNECTED})
+"""StatusCodes of an end with which a driver says that it did not reach the robot, so that nothing was begun. What it
+had told and then lost, it forgets (ExecutionForgotten)."""
 OPEN: Final = frozenset({ExecutionState.RUNNING, ExecutionState.ASKING, ExecutionState.SUSPENDED})
 """States from which another follows."""
 NEVER_BEGUN: Final = frozenset({ExecutionState.REFUSED, ExecutionState.TIMED_OUT})
@@ -113,11 +138,17 @@ class Report(NamedTuple):
     result: bytes = b""
 
 
-class Outcome(NamedTuple):
+@dataclass(frozen=True, slots=True)
+class Outcome:
     """What a requestor ends with. `report` is the responder's last word; its state is UNKNOWN where none came."""
 
     kind: OutcomeKind
     report: Report
+    names: tuple[str, ...] | None = field(default=None, compare=False)
+    """Of the results in `report`, in their order, as the responder announces them; None where that is not known.
+
+    It says how to read an outcome, and is no part of it: no journal keeps it.
+    """
 
 
 _NAME: Final = re.compile(r"(0|[1-9][0-9]{0,4})\.([A-Za-z0-9_-]{1,64})", re.ASCII)
@@ -168,3 +199,16 @@ def unpack(content: bytes) -> tuple[Variant, ...]:
     while cursor.remaining:
         values.append(decode_variant(cursor))
     return tuple(values)
+
+
+def named_results(outcome: Outcome, declared: Sequence[str]) -> dict[str, Any]:
+    """The results of an outcome by their names.
+
+    Where nobody knows the responder's names (its announcement was not heard since a restart) the one result that is
+    declared is the one that came; of several it is not known which is which, and SkillStatus tells them by name.
+    """
+    values = [variant.value for variant in unpack(outcome.report.result)]
+    names = outcome.names
+    if names is None:
+        names = tuple(declared) if len(declared) == 1 else ()
+    return dict(zip(names, values, strict=False))

@@ -37,6 +37,8 @@ class Request(NamedTuple):
     timeout_ms: int
     """0: it was withdrawn, and only asks."""
     outcome: Outcome | None = None
+    version: int = 0
+    """Of the announcement by which the arguments were put in order; 0: it is not said."""
 
 
 class Execution(NamedTuple):

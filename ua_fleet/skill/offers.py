@@ -42,6 +42,8 @@ class Offer:
     target: Target
     types: tuple[int, ...] | None = None
     """Of the arguments; None takes any."""
+    version: int | None = None
+    """Major version of the announcement; a request that was made by another one is refused."""
     immediate: bool = False
     """Whether the answer waits for the end."""
     requests_at_once: int = 1
@@ -108,6 +110,8 @@ class Offers:
         under_way: Collection[Execution],
         now: float,
         utc: int,
+        *,
+        version: int | None = None,
     ) -> Decision:
         """RUNNING where a new request of a space that may ask can begin; else why not. See `accepted`.
 
@@ -118,6 +122,7 @@ class Offers:
             under_way: executions of all offers.
             now: monotonic seconds.
             utc: ticks.
+            version: of the announcement by which the arguments were put in order, where the request says it.
         """
         offer = self._offers.get(execution.target)
         if offer is None:
@@ -126,6 +131,9 @@ class Offers:
         if largest is not None and size > largest:
             said = f"the arguments have {size} bytes; the skill takes {largest}"
             return _refused(StatusCode.BAD_REQUEST_TOO_LARGE, said, Drop.TOO_LARGE)
+        if None not in (version, offer.version) and version != offer.version:
+            said = "the arguments were put in order for another announcement of this skill than the present one"
+            return _refused(StatusCode.BAD_CONFIGURATION_ERROR, said, Drop.REFUSED)
         if offer.types is not None and types != offer.types:
             return _refused(StatusCode.BAD_TYPE_MISMATCH, "the arguments are of other types", Drop.REFUSED)
         problem = offer.problem(values) if offer.problem is not None else None

@@ -13,6 +13,7 @@ A request is journaled, then sent as ActionState Executing, and repeated (OPC 10
     CLOSING  Idle heard                                                                                  -> closed
     closed   Done heard                                                send Idle; where the outcome was Unknown and is
                                                                        known now: journal it, tell the correction
+    closed   `inquire`, the outcome Unknown because no answer came     ask with TimeoutHint 0            -> ASKING
     any      restart                                                   requests without an outcome       -> ASKING
 
 A TimeoutHint of 0 only asks: a responder that does not know the execution never begins it, and says and records so.
@@ -27,7 +28,7 @@ All that is sent for an execution is the same in each run of the requestor: its 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from enum import Enum
 from typing import Any, Final
@@ -153,10 +154,23 @@ class Requestor:
         """What is known of a request; None while it is asked for, KeyError where it was never made or is forgotten."""
         return self._requests[execution_id].outcome
 
-    def resume(self, now: float, utc: int) -> list[RequestorEffect]:
-        """After a restart: ask on for all requests without an outcome."""
+    def target(self, execution_id: bytes) -> Target:
+        """What a request was asked of; KeyError where it was never made or is forgotten."""
+        return self._requests[execution_id].target
+
+    def resume(self, now: float, utc: int, withdrawn: Collection[bytes] = ()) -> list[RequestorEffect]:
+        """After a restart: ask on for all requests without an outcome.
+
+        Args:
+            now: monotonic seconds.
+            utc: ticks.
+            withdrawn: executions that must not begin any more; of them it is only asked what they have come to.
+        """
         effects: list[RequestorEffect] = []
-        for request in self._requests.values():
+        for request in list(self._requests.values()):
+            if request.outcome is None and request.execution_id in withdrawn and request.timeout_ms > 0:
+                self._journal.withdrawn(request.execution_id)
+                request = self._requests[request.execution_id] = request._replace(timeout_ms=0)
             if request.outcome is None:
                 timeout_s = request.timeout_ms / 1000
                 left_s = (request.issued - utc) / TICKS_PER_SECOND + timeout_s
@@ -172,8 +186,12 @@ class Requestor:
         timeout_s: float,
         now: float,
         utc: int,
+        *,
+        version: int = 0,
     ) -> list[RequestorEffect]:
         """Ask for an execution. Said again for an id that is known, it asks for nothing: the outcome is what it was.
+
+        `version` is the major one of the announcement by which the values were put in order; 0 says none.
 
         Raises:
             SkillRejected: the id has not 16 bytes, or belongs to another request, or the timeout is none.
@@ -191,7 +209,7 @@ class Requestor:
                 raise SkillRejected(f"execution {execution_id.hex()} is another request already")
             return [] if known.outcome is None else [Concluded(execution_id, known.outcome)]
         self._make_room()
-        request = Request(execution_id, target, content, max(utc, self._last_issued + 1), timeout_ms)
+        request = Request(execution_id, target, content, max(utc, self._last_issued + 1), timeout_ms, version=version)
         self._journal.requested(request)
         self._last_issued = request.issued
         self._requests[execution_id] = request
@@ -209,6 +227,17 @@ class Requestor:
         self._journal.withdrawn(execution_id)
         request = self._requests[execution_id] = self._requests[execution_id]._replace(timeout_ms=0)
         return [self._say(request, exchange, now)]
+
+    def inquire(self, execution_id: bytes, now: float) -> list[RequestorEffect]:
+        """Ask once more what became of a request that nobody has answered, and have it begun no more.
+
+        The outcome is told again, also where it is Unknown still. Nothing happens where another one is known, or while
+        it is asked for; KeyError where it was never made or is forgotten.
+        """
+        request = self._requests[execution_id]
+        if execution_id in self._exchanges or request.outcome != _NO_ANSWER:
+            return []
+        return self._ask(request, now, now)
 
     def receive(self, message: ActionMessage, now: float, *, verified: bool = False) -> list[RequestorEffect]:
         """Take a response with its `others`. What is not for us is left alone."""
@@ -229,7 +258,8 @@ class Requestor:
             request = self._requests[execution_id]
             if now >= exchange.give_up:
                 try:
-                    effects += self._conclude(request, _NO_ANSWER)
+                    again = request.outcome is not None  # an inquiry: it is as unknown as it was
+                    effects += [Concluded(execution_id, _NO_ANSWER)] if again else self._conclude(request, _NO_ANSWER)
                 except StorageUnavailable:
                     exchange.give_up = exchange.next_at = now + self._pace.longest_interval_s
                     if not effects:
@@ -272,6 +302,7 @@ class Requestor:
                 types=tuple([argument.type for argument in exchange.arguments]),
                 values=tuple([argument.value for argument in exchange.arguments]),
                 timestamp=request.issued,
+                major_version=request.version or None,
             )
         )
 

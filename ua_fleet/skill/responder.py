@@ -365,7 +365,9 @@ class Responder:
             said = f"it was issued {ahead_s:.3f} s ahead of this clock; set the clocks of both sides"
             return Decision(Report(_S.REFUSED, StatusCode.BAD_INVALID_TIMESTAMP, said), Drop.REFUSED)
         under_way = [self._executions[key] for key in self._under_way]
-        decision = self._offers.decide(execution, message.types, message.values, under_way, now, utc)
+        decision = self._offers.decide(
+            execution, message.types, message.values, under_way, now, utc, version=message.major_version
+        )
         if decision.report.state is _S.RUNNING and len(under_way) >= self._limits.requests_at_once:
             said = f"{len(under_way)} executions are under way"
             return Decision(Report(_S.REFUSED, StatusCode.BAD_TOO_MANY_OPERATIONS, said), Drop.TOO_MANY)

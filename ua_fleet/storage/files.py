@@ -7,7 +7,7 @@ import os
 import secrets
 from pathlib import Path
 
-__all__ = ["write_whole"]
+__all__ = ["open_to_others", "write_whole"]
 
 
 def write_whole(path: Path, data: bytes, mode: int = 0o600, *, like: os.stat_result | None = None) -> None:
@@ -41,6 +41,20 @@ def write_whole(path: Path, data: bytes, mode: int = 0o600, *, like: os.stat_res
         temporary.unlink(missing_ok=True)
         raise
     _sync_folder(path.parent)
+
+
+def open_to_others(path: Path, status: os.stat_result | None = None) -> str:
+    """Why somebody else could change what stands in a folder or file, with the remedy; empty when nobody can.
+
+    Raises:
+        OSError: it cannot be looked at.
+    """
+    status = status or path.stat()
+    if status.st_mode & 0o022:
+        return f"{path}: others may write there (mode {status.st_mode & 0o777:o}); run: chmod go-w {path}"
+    if status.st_uid not in (os.geteuid(), 0):
+        return f"{path}: belongs to another user; run: chown $USER {path}"
+    return ""
 
 
 def _sync_folder(path: Path) -> None:

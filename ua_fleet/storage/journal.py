@@ -33,6 +33,9 @@ _SCHEMA: Final = (
     state INTEGER NOT NULL, status INTEGER NOT NULL, message TEXT NOT NULL, result BLOB NOT NULL) STRICT""",
     "CREATE TABLE forgotten (space INTEGER PRIMARY KEY, issued INTEGER NOT NULL) STRICT",
 )
+_VERSIONS: Final = """CREATE TABLE IF NOT EXISTS request_versions (
+    execution_id BLOB PRIMARY KEY, version INTEGER NOT NULL) STRICT"""
+"""Made at each opening, since files of version 1 without it are about; a request that is not here says no version."""
 
 
 class SqliteJournal:
@@ -41,6 +44,7 @@ class SqliteJournal:
     def __init__(self, path: Path) -> None:
         """Open a journal, or begin one; no other process can use it until `close`."""
         self._database = Database(path, version=_VERSION, schema=_SCHEMA)
+        self._database.commit((_VERSIONS, ()))
 
     def close(self) -> None:
         """Give the file free. Safe to call twice."""
@@ -63,7 +67,12 @@ class SqliteJournal:
             request.timeout_ms,
             *(outcome or (None,) * 5),
         )
-        self._database.commit(_insert("requests", _REQUEST_COLUMNS, row))
+        statements = [_insert("requests", _REQUEST_COLUMNS, row)]
+        if request.version:
+            statements.append(
+                _insert("request_versions", "execution_id, version", (request.execution_id, request.version))
+            )
+        self._database.commit(*statements)
 
     def withdrawn(self, execution_id: bytes) -> None:
         """See RequestorJournal."""
@@ -79,12 +88,16 @@ class SqliteJournal:
     def requests(self) -> Collection[Request]:
         """See RequestorJournal."""
         rows = self._database.read(f"SELECT {_REQUEST_COLUMNS} FROM requests ORDER BY issued")  # noqa: S608 - constant
-        return self._records(_request, rows)
+        versions = dict(self._database.read("SELECT execution_id, version FROM request_versions"))
+        return [
+            request._replace(version=versions.get(request.execution_id, 0)) for request in self._records(_request, rows)
+        ]
 
     def forget_requests(self, execution_ids: Collection[bytes]) -> None:
         """See RequestorJournal."""
         if execution_ids:
-            self._database.commit(*(_delete("requests", execution_id) for execution_id in execution_ids))
+            tables = ("requests", "request_versions")
+            self._database.commit(*(_delete(table, each) for each in execution_ids for table in tables))
 
     def recorded(self, execution: Execution) -> None:
         """See ResponderJournal."""

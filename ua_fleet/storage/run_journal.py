@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any, Final, NamedTuple, Self
 
 from ua_fleet.errors import StorageUnavailable
-from ua_fleet.orchestrator import Fault
+from ua_fleet.orchestrator import Fault, Halt, HaltChanged
 from ua_fleet.scenario.facts import Fact, RunEnded, decode_fact, encode_fact
 from ua_fleet.storage.database import Database
 
@@ -30,6 +30,14 @@ _SCHEMA: Final = (
 _SETTINGS: Final = """CREATE TABLE IF NOT EXISTS settings (name TEXT PRIMARY KEY, value TEXT NOT NULL,
     instead_of TEXT NOT NULL, set_by TEXT NOT NULL, set_at REAL NOT NULL) STRICT"""
 """Made at each opening, since files of version 1 without it are about."""
+
+_FAULT_CAPACITIES: Final = """CREATE TABLE IF NOT EXISTS fault_capacities (robot TEXT NOT NULL, source TEXT NOT NULL,
+    capacities TEXT NOT NULL, PRIMARY KEY (robot, source)) STRICT"""
+"""Likewise. A fault that is not here takes all capacities away: so an earlier version reads them all."""
+
+_HALTS: Final = """CREATE TABLE IF NOT EXISTS halts (execution_id TEXT PRIMARY KEY, robot TEXT NOT NULL,
+    skill TEXT NOT NULL, since REAL NOT NULL) STRICT"""
+"""Likewise. An earlier version leaves them alone."""
 
 _Statement = tuple[str, Sequence[Any]]
 
@@ -58,7 +66,7 @@ class RunJournal:
         """Open a journal, or begin one; no other process can use it until `close`."""
         self._database = Database(path, version=_VERSION, schema=_SCHEMA)
         try:
-            self._database.commit((_SETTINGS, ()))
+            self._database.commit((_SETTINGS, ()), (_FAULT_CAPACITIES, ()), (_HALTS, ()))
         except BaseException:
             self._database.close()
             raise
@@ -73,15 +81,27 @@ class RunJournal:
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    def write(self, facts: Iterable[tuple[str, Fact]], faults: Iterable[Fault] = ()) -> None:
-        """Write facts of runs, in order, and how faults are now: all or nothing."""
+    def write(
+        self,
+        facts: Iterable[tuple[str, Fact]],
+        faults: Iterable[Fault] = (),
+        halts: Iterable[HaltChanged] = (),
+    ) -> None:
+        """Write facts of runs, in order, how faults are now, and what robots are to stop: all or nothing."""
         statements: list[_Statement] = []
         for run_id, fact in facts:
             statements.append(("INSERT OR IGNORE INTO runs (run_id, ended) VALUES (?, 0)", (run_id,)))
             statements.append(("INSERT INTO facts (run_id, line) VALUES (?, ?)", (run_id, encode_fact(fact))))
             if isinstance(fact, RunEnded):
                 statements.append(("UPDATE runs SET ended = 1 WHERE run_id = ?", (run_id,)))
-        statements += [_of_fault(fault) for fault in faults]
+        statements += [statement for fault in faults for statement in _of_fault(fault)]
+        for changed in halts:
+            halt = changed.halt
+            if changed.is_owed:
+                row = (halt.execution_id, halt.robot, halt.skill, halt.since)
+                statements.append(("INSERT OR REPLACE INTO halts VALUES (?, ?, ?, ?)", row))
+            else:
+                statements.append(("DELETE FROM halts WHERE execution_id = ?", (halt.execution_id,)))
         if statements:
             self._database.commit(*statements)
 
@@ -104,12 +124,28 @@ class RunJournal:
     def faults(self) -> list[Fault]:
         """The faults that were active, or not acknowledged."""
         rows = self._database.read(
-            "SELECT robot, source, reason, active, acknowledged, since, acknowledged_by FROM faults ORDER BY since"
+            "SELECT robot, source, reason, active, acknowledged, since, acknowledged_by, capacities FROM faults"
+            " LEFT JOIN fault_capacities USING (robot, source) ORDER BY since"
         )
         return [
-            Fault(f"{robot}.{source}", robot, source, reason, bool(active), bool(acknowledged), since, by)
-            for robot, source, reason, active, acknowledged, since, by in rows
+            Fault(
+                f"{robot}.{source}",
+                robot,
+                source,
+                reason,
+                bool(active),
+                bool(acknowledged),
+                since,
+                by,
+                tuple(capacities.split()) if capacities else (),
+            )
+            for robot, source, reason, active, acknowledged, since, by, capacities in rows
         ]
+
+    def halts(self) -> list[Halt]:
+        """What robots were told to stop, and have not said that they have."""
+        rows = self._database.read("SELECT execution_id, robot, skill, since FROM halts ORDER BY since")
+        return [Halt(*row) for row in rows]
 
     def settings(self) -> dict[str, StoredSetting]:
         """What users have set, by its name."""
@@ -137,18 +173,25 @@ class RunJournal:
         return forgotten
 
 
-def _of_fault(fault: Fault) -> _Statement:
+def _of_fault(fault: Fault) -> list[_Statement]:
+    key = fault.robot, fault.source
+    statements: list[_Statement] = [("DELETE FROM fault_capacities WHERE robot = ? AND source = ?", key)]
     if not fault.active and fault.acknowledged:
-        return "DELETE FROM faults WHERE robot = ? AND source = ?", (fault.robot, fault.source)
-    return (
-        "INSERT OR REPLACE INTO faults VALUES (?, ?, ?, ?, ?, ?, ?)",
+        return [*statements, ("DELETE FROM faults WHERE robot = ? AND source = ?", key)]
+    statements.append(
         (
-            fault.robot,
-            fault.source,
-            fault.reason,
-            int(fault.active),
-            int(fault.acknowledged),
-            fault.since,
-            fault.acknowledged_by,
-        ),
+            "INSERT OR REPLACE INTO faults VALUES (?, ?, ?, ?, ?, ?, ?)",
+            (
+                *key,
+                fault.reason,
+                int(fault.active),
+                int(fault.acknowledged),
+                fault.since,
+                fault.acknowledged_by,
+            ),
+        )
     )
+    if fault.capacities:  # names without blanks, as fleet.yaml has them
+        row = (*key, " ".join(fault.capacities))
+        statements.append(("INSERT INTO fault_capacities VALUES (?, ?, ?)", row))
+    return statements

@@ -8,7 +8,7 @@ from typing import Protocol
 
 from ua_fleet.counters import Counters, Drop
 
-__all__ = ["Address", "Receive", "Transport", "TransportStats"]
+__all__ = ["Address", "Receive", "Sends", "Transport", "TransportStats"]
 
 Address = tuple[str, int]
 """IP address and port of a sender."""
@@ -38,8 +38,22 @@ class TransportStats:
         counters.drops[Drop.SEND_FAILED] = self.send_failed
 
 
-class Transport(Protocol):
-    """A way for datagrams to all members of a PubSub connection, the sender included, and back to one of them."""
+class Sends(Protocol):
+    """What sends datagrams to all members of a PubSub connection."""
+
+    def send(self, datagram: bytes, address: Address | None = None) -> None:
+        """Send to all members, or to one address alone. Never blocks; what the kernel refuses is counted, not raised.
+
+        The address that members see as the sender of a datagram is one that this transport receives at.
+        """
+        ...
+
+
+class Transport(Sends, Protocol):
+    """A way for datagrams to all members of a PubSub connection, and back to one of them.
+
+    The sender may hear itself, too, and need not.
+    """
 
     stats: TransportStats
 
@@ -48,13 +62,6 @@ class Transport(Protocol):
 
         Raises:
             TransportError: no such interface, no route, no permission, address in use; with the remedy.
-        """
-        ...
-
-    def send(self, datagram: bytes, address: Address | None = None) -> None:
-        """Send to all members, or to one address alone. Never blocks; what the kernel refuses is counted, not raised.
-
-        The address that members see as the sender of a datagram is one that this transport receives at.
         """
         ...
 

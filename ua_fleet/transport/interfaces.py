@@ -9,17 +9,19 @@ import ipaddress
 import socket
 import struct
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Final
 
 from ua_fleet.errors import TransportError
 
-__all__ = ["Interface", "find_interface", "list_interfaces"]
+__all__ = ["Interface", "find_interface", "interface_state", "list_interfaces", "machine_addresses"]
 
 _SIOCGIFCONF: Final = 0x8912
 _SIOCGIFFLAGS: Final = 0x8913
 _IFF_UP: Final = 0x1
 _REQUEST_BYTES: Final = 40
 """Size of `struct ifreq` on 64-bit machines."""
+_INET6: Final = Path("/proc/net/if_inet6")
 _MOST_ADDRESSES: Final = 256
 _LOOPBACK: Final = ipaddress.IPv4Network("127.0.0.0/8")
 
@@ -52,6 +54,33 @@ def list_interfaces() -> list[Interface]:
                 address = socket.inet_ntoa(request[20:24])
                 interfaces.append(Interface(name, socket.if_nametoindex(name), address, bool(flags & _IFF_UP)))
     return interfaces
+
+
+def interface_state(probe: socket.socket, name: str) -> bytes:
+    """What has to change before `find_interface` finds another interface in place of this one; of any socket.
+
+    Four calls of the kernel, and nothing is read of their answers: a tenth of what it takes to look.
+    """
+    buffer = array.array("B", bytes(_REQUEST_BYTES * _MOST_ADDRESSES))
+    start, size = buffer.buffer_info()
+    try:
+        answer = fcntl.ioctl(probe, _SIOCGIFCONF, struct.pack("iL", size, start))
+        flags = fcntl.ioctl(probe, _SIOCGIFFLAGS, struct.pack(f"{_REQUEST_BYTES}s", name.encode()))
+        index = socket.if_nametoindex(name)
+    except OSError:  # it is gone
+        return b""
+    used: int = struct.unpack_from("i", answer)[0]
+    return struct.pack("iH", index, struct.unpack_from("H", flags, 16)[0]) + buffer[:used].tobytes()
+
+
+def machine_addresses() -> list[str]:
+    """All addresses at which other machines may reach this one, IPv4 first; without those of one link alone."""
+    found = [interface.address for interface in list_interfaces() if interface.is_up]
+    with contextlib.suppress(OSError):  # a kernel without IPv6
+        lines = _INET6.read_text(encoding="ascii").splitlines()
+        found += [str(ipaddress.IPv6Address(int(line.split()[0], 16))) for line in lines]
+    addresses = [ipaddress.ip_address(address) for address in dict.fromkeys(found)]
+    return [str(address) for address in addresses if not (address.is_loopback or address.is_link_local)]
 
 
 def find_interface(wanted: str) -> Interface:

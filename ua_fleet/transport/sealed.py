@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 
 from ua_fleet.pubsub.security.envelope import Envelope
-from ua_fleet.transport.base import Address, Transport
+from ua_fleet.transport.base import Address, Sends
 
 __all__ = ["SealedSender", "Sent"]
 
@@ -17,7 +17,7 @@ class SealedSender:
     """See the module."""
 
     def __init__(
-        self, envelope: Envelope, transport: Transport, clock: Callable[[], float], sent: Sent | None = None
+        self, envelope: Envelope, transport: Sends, clock: Callable[[], float], sent: Sent | None = None
     ) -> None:
         """`clock` is in seconds, and `sent` is told of each message."""
         self._envelope, self._transport, self._clock, self._sent = envelope, transport, clock, sent

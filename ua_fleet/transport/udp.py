@@ -1,7 +1,8 @@
 """UDP over IPv4, multicast and unicast (OPC 10000-14 7.3.2).
 
-Multicast: every member sends to the group and hears the group, itself included. The receiving socket is bound to the
-group's address, so it gets nothing of other groups on the same port, and shares the port with other processes.
+Multicast: every member sends to the group and hears the group, itself included unless it is told not to (see
+`own_filter.py`). The receiving socket is bound to the group's address, so it gets nothing of other groups on the same
+port, and shares the port with other processes.
 Unicast: we listen on the interface's address and send to the URL's host; only one process can listen on an address.
 
 Two sockets share the port that we send from. One is connected, so that the kernel need not look up the way for each
@@ -27,7 +28,9 @@ import structlog
 from ua_fleet.errors import TransportError
 from ua_fleet.transport.addresses import parse_url
 from ua_fleet.transport.base import Address, Receive, TransportStats
-from ua_fleet.transport.interfaces import Interface, find_interface
+from ua_fleet.transport.interfaces import Interface, find_interface, interface_state
+from ua_fleet.transport.own_filter import attach_own_filter
+from ua_fleet.wire.outline import is_action
 
 __all__ = ["UdpTransport"]
 
@@ -50,7 +53,15 @@ _log = structlog.get_logger(__name__)
 class UdpTransport:
     """A Transport over one UDP port and one interface."""
 
-    def __init__(self, url: str, interface: str, *, ttl: int = 1, receive_buffer_bytes: int = 4 * 1024 * 1024) -> None:
+    def __init__(
+        self,
+        url: str,
+        interface: str,
+        *,
+        ttl: int = 1,
+        receive_buffer_bytes: int = 4 * 1024 * 1024,
+        hears_itself: bool = True,
+    ) -> None:
         """Prepare a transport; nothing is opened before `start`.
 
         Args:
@@ -58,7 +69,9 @@ class UdpTransport:
             interface: name or IPv4 address of the network interface, or an IPv4 subnet with an address of it.
             ttl: router hops that a multicast datagram may make.
             receive_buffer_bytes: wanted size of the receive buffer; `stats` says what the kernel gave.
+            hears_itself: whether what it sends to a group comes back; otherwise not, where the kernel can keep it out.
         """
+        self._hears_itself = hears_itself
         self.stats = TransportStats()
         self._url = url
         self._host, self._port = parse_url(url)
@@ -73,12 +86,18 @@ class UdpTransport:
         self._sender: socket.socket | None = None
         self._direct: socket.socket | None = None
         """At the sender's port: hears answers, sends to one address."""
+        self._state = b""
+        """The interface's state when it was last looked up; empty where it is to be looked up."""
         self._timer: asyncio.TimerHandle | None = None
         self._joined_index: int | None = None
         """Index of the interface on which the group was joined."""
         self._send_failing = False
         self._earlier_drops = 0
         """Kernel drops of receivers that were closed."""
+        self._is_filtered = False
+        """Whether the receiver's filter drops what the sender sends."""
+        self._filtered = 0
+        """Datagrams that it has dropped, which the kernel counts among the receiver's drops."""
         self._warned_at = float("-inf")
         self._warned_drops = 0
 
@@ -114,6 +133,7 @@ class UdpTransport:
             self._send_again(sender, datagram, error)
         else:
             self.stats.sent += 1
+            self._filtered += self._is_filtered
 
     async def close(self) -> None:
         """Release everything. Safe to call twice."""
@@ -134,6 +154,7 @@ class UdpTransport:
 
     def _open(self, interface: Interface) -> None:
         """Open both sockets for an interface as it is now."""
+        self._state = b""
         if not interface.is_up:
             name = interface.name
             raise TransportError(f"network interface {name} is down; bring it up: ip link set {name} up")
@@ -226,6 +247,8 @@ class UdpTransport:
             direct.close()
             raise self._route_error(interface, error) from error
         self._sender, self._direct = sender, direct
+        if self._is_multicast and self._receiver is not None and not self._hears_itself:
+            self._is_filtered = attach_own_filter(self._receiver, sender)
         self._read(direct)
         self._send_failing = False
 
@@ -240,16 +263,22 @@ class UdpTransport:
         return TransportError(f"cannot send to {place}: {error.strerror}")
 
     def _drain(self, receiver: socket.socket) -> None:
-        """Read what is there, up to a bound; the event loop calls again while there is more."""
+        """Read what is there, up to a bound, Actions first; the event loop calls again while there is more."""
         receive, stats = self._receive, self.stats
         assert receive is not None
         recvfrom = receiver.recvfrom
+        values: list[tuple[bytes, Address]] = []
         for _ in range(_BATCH):
             try:
                 datagram, sender = recvfrom(_LARGEST_DATAGRAM)
             except OSError:  # no more, or closed by `receive`; a broken interface is seen by the check
-                return
+                break
             stats.received += 1
+            if is_action(datagram):
+                receive(datagram, sender)
+            else:
+                values.append((datagram, sender))
+        for datagram, sender in values:
             receive(datagram, sender)
 
     def _send_again(self, sender: socket.socket, datagram: bytes, error: OSError) -> None:
@@ -261,6 +290,7 @@ class UdpTransport:
                 error = again
             else:
                 self.stats.sent += 1
+                self._filtered += self._is_filtered
                 return
         self.stats.send_failed += 1
         if error.errno not in (errno.EAGAIN, errno.ENOBUFS, errno.EMSGSIZE, errno.ECONNREFUSED):
@@ -280,10 +310,15 @@ class UdpTransport:
         assert self._loop is not None
         self._timer = self._loop.call_later(_CHECK_PERIOD_S, self._check)
         self._count_kernel_drops()
-        before = self._interface
+        before, sender = self._interface, self._sender
+        is_working = sender is not None and not self._send_failing
         try:
+            state = b"" if sender is None or before is None else interface_state(sender, before.name)
+            if is_working and state and state == self._state:
+                return
             interface = find_interface(self._interface_name)
-            if interface == before and not self._send_failing and self._sender is not None:
+            if is_working and interface == before:
+                self._state = state
                 return
             self._open(interface)
         except (TransportError, OSError) as error:
@@ -317,7 +352,8 @@ class UdpTransport:
     def _count_kernel_drops(self) -> None:
         """SO_MEMINFO costs half a microsecond; /proc/net/udp 47, and SO_RXQ_OVFL 0.3 for each datagram."""
         drops = sum(_drops(opened) for opened in (self._receiver, self._direct) if opened is not None)
-        self.stats.kernel_drops = self._earlier_drops + drops
+        drops += self._earlier_drops - self._filtered
+        self.stats.kernel_drops = max(self.stats.kernel_drops, drops)  # what was sent just now may not be there yet
         assert self._loop is not None
         now = self._loop.time()
         if self.stats.kernel_drops > self._warned_drops and now - self._warned_at >= _WARNING_PERIOD_S:

@@ -30,7 +30,7 @@ Security and chunks are transforms of whole datagrams around the codec, which kn
     heard = read_security(datagram)                                      # claims: sender, mode, token, nonce
     plain = key.unprotect(heard)                                         # or RemoteWireError(Cause.SIGNATURE)
     chunk = read_chunk(plain)                                            # None: it is a whole message
-    join(chunk, payload)                                                 -> bytes, once the data of all chunks is there
+    join(chunk, *parts)                                                  -> bytes, once the data of all chunks is there
 """
 
 from ua_fleet.wire.actions import ActionMessage, ActionState, encode_action

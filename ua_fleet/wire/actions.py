@@ -54,6 +54,7 @@ from ua_fleet.wire.cursor import Cursor
 from ua_fleet.wire.data_set_message import (
     FIRST_ACTION_KIND,
     HAS_FLAGS_2,
+    HAS_MAJOR_VERSION,
     HAS_STATUS,
     HAS_TIMESTAMP,
     IS_VALID,
@@ -117,6 +118,8 @@ class ActionMessage(NamedTuple):
     timestamp: int | None = None
     """Ticks, of the DataSetMessage header; in a request of ours, when it was issued."""
     publisher_id_type: int = PublisherIdType.UINT16
+    major_version: int | None = None
+    """Of the announcement by which the fields were put in order."""
     others: tuple[ActionMessage, ...] = ()
     """The further requests or responses of the same NetworkMessage, in their order."""
 
@@ -147,6 +150,7 @@ def decode_action(cursor: Cursor, header: Header) -> ActionMessage:
             head.status,
             head.timestamp,
             header.publisher_id_type,
+            head.major_version,
         )
         messages.append(message)
     if not messages:
@@ -316,13 +320,18 @@ def _encode_message(out: bytearray, message: ActionMessage) -> None:
         raise LocalWireError(f"{message.action_state} is no ActionState")
     if len(message.types) != len(message.values):
         raise LocalWireError(f"{len(message.types)} types for {len(message.values)} values")
-    out.append(IS_VALID | HAS_FLAGS_2 | (HAS_STATUS if message.status is not None else 0))
+    flags = IS_VALID | HAS_FLAGS_2
+    flags |= HAS_STATUS if message.status is not None else 0
+    flags |= HAS_MAJOR_VERSION if message.major_version is not None else 0
+    out.append(flags)
     kind = ACTION_REQUEST if message.is_request else ACTION_RESPONSE
     out.append(kind | (HAS_TIMESTAMP if message.timestamp is not None else 0))
     if message.timestamp is not None:
         encode_number(out, BuiltinType.DATETIME, message.timestamp)
     if message.status is not None:
         encode_number(out, BuiltinType.UINT16, message.status >> 16)
+    if message.major_version is not None:
+        encode_number(out, BuiltinType.UINT32, message.major_version)
     out += _BODY.pack(message.action_target_id, message.request_id, message.action_state)
     encode_number(out, BuiltinType.UINT16, len(message.types))
     for code, value in zip(message.types, message.values, strict=True):

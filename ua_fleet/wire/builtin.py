@@ -22,6 +22,7 @@ from ua_fleet.values import (
 )
 from ua_fleet.wire.causes import Cause
 from ua_fleet.wire.cursor import Cursor
+from ua_fleet.wire.packed import is_packed
 
 __all__ = [
     "FIXED",
@@ -111,7 +112,7 @@ def encode_byte_string(out: bytearray, value: Any) -> None:
     if value is None:
         out += _NULL_LENGTH
         return
-    if not isinstance(value, bytes | bytearray):
+    if not isinstance(value, bytes | bytearray) and not is_packed(value, "B"):
         raise LocalWireError(f"{value!r:.80} is no ByteString")
     encode_length(out, len(value))
     out += value

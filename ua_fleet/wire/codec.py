@@ -41,9 +41,11 @@ _Writer = tuple[int | str | None, int | None, int]
 class Codec:
     """Encodes and decodes UADP messages. Compiled plans make known layouts fast; the result is the same."""
 
-    __slots__ = ("_credit", "_layouts", "_plans", "_seen", "_writer_plans")
+    __slots__ = ("_credit", "_layouts", "_packed_arrays", "_plans", "_seen", "_writer_plans")
 
-    def __init__(self) -> None:
+    def __init__(self, *, packed_arrays: bool = False) -> None:
+        """Make one; with `packed_arrays` arrays and ByteStrings may be views of the message (see `packed.py`)."""
+        self._packed_arrays = packed_arrays
         self._plans: dict[bytes, DecodePlan] = {}
         self._seen: dict[bytes, Layout] = {}
         self._layouts: dict[Layout, PlanFactory] = {}
@@ -100,7 +102,7 @@ class Codec:
         if self._credit < COST_OF_A_LAYOUT:
             return None
         self._credit -= COST_OF_A_LAYOUT
-        make = compile_layout(layout)
+        make = compile_layout(layout, packed_arrays=self._packed_arrays)
         _remember(self._layouts, layout, make, MOST_LAYOUTS)
         return make
 

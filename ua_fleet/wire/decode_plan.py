@@ -19,6 +19,7 @@ from ua_fleet.values import ARRAY, DIMENSIONS, BuiltinType
 from ua_fleet.wire.builtin import FIXED
 from ua_fleet.wire.cursor import Cursor
 from ua_fleet.wire.messages import DataSetMessage, NetworkMessage
+from ua_fleet.wire.packed import LETTERS, octets, packed_array
 from ua_fleet.wire.variant import decode_typed
 
 __all__ = [
@@ -121,9 +122,12 @@ class ArrayUnpackers(dict[int, Callable[..., tuple[Any, ...]]]):
 _ARRAYS: Final = {kind: ArrayUnpackers(kind) for kind in FIXED}
 
 
-def compile_layout(layout: Layout) -> PlanFactory:
-    """Generate the function for a layout: it takes what differs between writers and gives a plan."""
-    source, names = _Source(layout).write()
+def compile_layout(layout: Layout, *, packed_arrays: bool = False) -> PlanFactory:
+    """Generate the function for a layout: it takes what differs between writers and gives a plan.
+
+    With `packed_arrays` arrays of numbers are views of the message's bytes (see `packed.py`), and ByteStrings too.
+    """
+    source, names = _Source(layout, packed_arrays=packed_arrays).write()
     code = compile(source, "<decode plan>", "exec")
     exec(code, names)  # noqa: S102 - the source is made of our own words and of type codes
     make: PlanFactory = names["make"]
@@ -163,8 +167,8 @@ OF_A_PLAN: Final = (
 class _Source:
     """Writes the function for a layout."""
 
-    def __init__(self, layout: Layout) -> None:
-        self._layout = layout
+    def __init__(self, layout: Layout, *, packed_arrays: bool) -> None:
+        self._layout, self._packed_arrays = layout, packed_arrays
         self._lines: list[str] = []
         self._names: dict[str, Any] = {
             "new": tuple.__new__,  # pyright: ignore[reportUnknownMemberType]
@@ -172,6 +176,8 @@ class _Source:
             "DataSetMessage": DataSetMessage,
             "Cursor": Cursor,
             "decode_typed": decode_typed,
+            "octets": octets,
+            "packed_array": packed_array,
         }
         self._format = ""
         self._targets: list[str] = []
@@ -231,14 +237,23 @@ class _Source:
         if type_code in (BuiltinType.STRING, BuiltinType.XML_ELEMENT, BuiltinType.BYTE_STRING):
             self._take("I", "size")  # null, -1, is a size that no datagram has
             start = self._end_segment()
-            text = "" if type_code == BuiltinType.BYTE_STRING else ".decode()"
-            self._lines += [f"end{index} = {start} + size", f"{value} = data[{start}:end{index}]{text}"]
+            self._lines.append(f"end{index} = {start} + size")
+            if type_code != BuiltinType.BYTE_STRING:
+                self._lines.append(f"{value} = data[{start}:end{index}].decode()")
+            elif self._packed_arrays:
+                self._lines.append(f"{value} = octets(data, {start}, end{index})")
+            else:
+                self._lines.append(f"{value} = data[{start}:end{index}]")
             self._position = f"end{index}"
         elif type_code & ARRAY and not type_code & DIMENSIONS and kind in FIXED:
-            self._names[f"array{kind}"] = _ARRAYS[kind]
             self._take("I", "size")
             start = self._end_segment()
-            self._lines.append(f"{value} = array{kind}[size](data, {start})")
+            letter = LETTERS.get(kind) if self._packed_arrays else None
+            if letter is None:
+                self._names[f"array{kind}"] = _ARRAYS[kind]
+                self._lines.append(f"{value} = array{kind}[size](data, {start})")
+            else:
+                self._lines.append(f"{value} = packed_array(data, {start}, size, {letter!r})")
             self._position = f"{start} + {FIXED[kind].size} * size"
         else:
             start = self._end_segment()

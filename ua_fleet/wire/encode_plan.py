@@ -17,6 +17,7 @@ from ua_fleet.values import ARRAY, DIMENSIONS, BuiltinType
 from ua_fleet.wire.builtin import FIXED
 from ua_fleet.wire.generic import encode_message
 from ua_fleet.wire.messages import DataSetMessage, FieldEncoding, FrameKind, NetworkMessage, PublisherIdType
+from ua_fleet.wire.packed import LETTERS, is_packed
 from ua_fleet.wire.variant import encode_typed
 
 __all__ = ["EncodeFields", "WriterPlan"]
@@ -29,6 +30,7 @@ MOST_NAMED_FIELDS: Final = 16
 MOST_PLANNED_FIELDS: Final = 128
 """Generating the function for more fields takes longer than it is worth."""
 
+_ARRAY_HEAD: Final = Struct("<Bi")
 MOST_ARRAY_PACKERS: Final = 64
 LONGEST_PLANNED_ARRAY: Final = 16_384
 
@@ -135,6 +137,15 @@ class ArrayPackers(dict[int, Callable[..., bytes]]):
     def __init__(self, kind: int) -> None:
         super().__init__()
         self._code = FIXED[kind].format[1:]
+        self._letter = LETTERS.get(kind)
+
+    def encode(self, code: int, value: Any) -> bytes:
+        """The Variant of an array; raises one of GIVE_UP for what is none."""
+        if value.__class__ is tuple:
+            return self[len(value)](code, len(value), *value)
+        if is_packed(value, self._letter):
+            return b"".join((_ARRAY_HEAD.pack(code, len(value)), value))
+        raise TypeError
 
     def __missing__(self, count: int) -> Callable[..., bytes]:
         if count > LONGEST_PLANNED_ARRAY:
@@ -153,6 +164,7 @@ def _function_for(types: tuple[int, ...]) -> Callable[..., EncodeFields]:
     names: dict[str, Any] = {
         "GIVE_UP": (struct.error, KeyError, TypeError, ValueError, AttributeError, OverflowError, LocalWireError),
         "encode_typed": encode_typed,
+        "is_packed": is_packed,
         "join": b"".join,
     }
     if len(types) > MOST_NAMED_FIELDS and all(code in FIXED for code in types):
@@ -223,7 +235,7 @@ def _write_segments(types: tuple[int, ...], names: dict[str, Any]) -> list[str]:
             arguments += f"{type_code[1]}, {value}"
         elif code in (BuiltinType.STRING, BuiltinType.XML_ELEMENT, BuiltinType.BYTE_STRING):
             if code == BuiltinType.BYTE_STRING:
-                lines.append(f"if {value}.__class__ is not bytes: raise TypeError")
+                lines.append(f"if {value}.__class__ is not bytes and not is_packed({value}, 'B'): raise TypeError")
             else:
                 lines.append(f"{value} = {value}.encode()")
             layout += type_code[0] + "i"
@@ -231,11 +243,10 @@ def _write_segments(types: tuple[int, ...], names: dict[str, Any]) -> list[str]:
             end_segment()
             parts.append(value)
         elif index and _is_planned_array(code):
-            lines.append(f"if {value}.__class__ is not tuple: raise TypeError")
             end_segment()
             kind = code & ~ARRAY
-            names[f"array{kind}"] = _ARRAYS[kind]
-            parts.append(f"array{kind}[len({value})]({code}, len({value}), *{value})")
+            names[f"array{kind}"] = _ARRAYS[kind].encode
+            parts.append(f"array{kind}({code}, {value})")
         else:
             lines += [f"x{index} = bytearray()", f"encode_typed(x{index}, {code}, {value})"]
             end_segment()

@@ -33,7 +33,7 @@ from ua_fleet.wire.header import (
 )
 from ua_fleet.wire.messages import PublisherIdType
 
-__all__ = ["Outline", "encode_flags", "read_outline"]
+__all__ = ["Outline", "encode_flags", "is_action", "read_outline"]
 
 GUID_BYTES: Final = 16
 TIMESTAMP_BYTES: Final = 8
@@ -71,6 +71,16 @@ class Outline(NamedTuple):
     def is_discovery(self) -> bool:
         """Whether it is a probe or an announcement."""
         return self.message_type is not MessageType.DATA_SET
+
+
+def is_action(datagram: bytes) -> bool:
+    """Whether a datagram says that it is an ActionRequest or ActionResponse, secured or not; 0.1 us."""
+    return (
+        len(datagram) > 2
+        and bool(datagram[0] & HAS_EXTENDED_FLAGS_1)
+        and bool(datagram[1] & HAS_EXTENDED_FLAGS_2)
+        and bool(datagram[2] & HAS_ACTION_HEADER)
+    )
 
 
 def read_outline(cursor: Cursor) -> Outline:

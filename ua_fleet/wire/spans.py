@@ -11,6 +11,7 @@ from collections.abc import Callable, Sequence
 from struct import Struct
 from typing import Any, Final, NamedTuple
 
+from ua_fleet.printing import harmless
 from ua_fleet.values import (
     ARRAY,
     DIMENSIONS,
@@ -37,7 +38,7 @@ from ua_fleet.wire.variant import (
     TYPE_BITS,
 )
 
-__all__ = ["Flag", "Span", "Walk", "flags_text", "printable", "type_name", "value_text"]
+__all__ = ["Flag", "Span", "Walk", "flags_text", "type_name", "value_text"]
 
 Flag = tuple[int, str]
 """A bit and what it says when it is set."""
@@ -89,11 +90,6 @@ def flags_text(value: int, flags: Sequence[Flag]) -> str:
     return ", ".join(name for bit, name in flags if value & bit) or "none"
 
 
-def printable(text: str) -> str:
-    """A peer's text with everything escaped that a terminal might obey."""
-    return "".join([char if char.isprintable() else char.encode("unicode_escape").decode("ascii") for char in text])
-
-
 def _number_text(kind: int, value: Any) -> str:
     if kind == BuiltinType.BOOLEAN:
         return "true" if value else "false"
@@ -109,21 +105,21 @@ def value_text(kind: int, value: Any) -> str:
     if kind in FIXED:
         return _number_text(kind, value)
     if isinstance(value, str):
-        return f'"{printable(value)}"'
+        return f'"{harmless(value)}"'
     if isinstance(value, bytes):
         return f"{len(value)} bytes"
     if isinstance(value, NodeId):
         letter = {int: "i", str: "s", uuid.UUID: "g", bytes: "b"}[type(value.identifier)]
         identifier = value.identifier.hex() if isinstance(value.identifier, bytes) else value.identifier
-        return f"ns={value.namespace};{letter}={printable(str(identifier))}"
+        return f"ns={value.namespace};{letter}={harmless(str(identifier))}"
     if isinstance(value, ExpandedNodeId):
         namespace = f"nsu={value.namespace_uri};" if value.namespace_uri is not None else ""
-        return f"svr={value.server_index};{printable(namespace)}{value_text(BuiltinType.NODE_ID, value.node_id)}"
+        return f"svr={value.server_index};{harmless(namespace)}{value_text(BuiltinType.NODE_ID, value.node_id)}"
     if isinstance(value, QualifiedName):
-        return f"{value.namespace}:{printable(str(value.name))}"
+        return f"{value.namespace}:{harmless(str(value.name))}"
     if isinstance(value, LocalizedText):
-        return value_text(kind, value.text) + (f" ({printable(value.locale)})" if value.locale else "")
-    return printable(str(value))
+        return value_text(kind, value.text) + (f" ({harmless(value.locale)})" if value.locale else "")
+    return harmless(str(value))
 
 
 class Span(NamedTuple):

@@ -13,6 +13,7 @@ from ua_fleet.wire import builtin
 from ua_fleet.wire.builtin import FIXED, Decoder, Encoder, encode_length, encode_number
 from ua_fleet.wire.causes import Cause
 from ua_fleet.wire.cursor import DEEPEST_NESTING, Cursor
+from ua_fleet.wire.packed import LETTERS, is_packed
 
 __all__ = [
     "DECODERS",
@@ -156,6 +157,9 @@ def _encode_array(out: bytearray, code: int, value: Any, depth: int) -> None:
     out.append(code)
     if elements is None:
         encode_length(out, -1)
+    elif is_packed(elements, LETTERS.get(kind, "")):
+        encode_length(out, len(elements))
+        out += elements.cast("B")
     elif not isinstance(elements, tuple | list):
         raise LocalWireError(f"{value!r:.80} is no array")
     else:

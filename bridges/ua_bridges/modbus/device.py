@@ -7,7 +7,7 @@
               that is due longest
 
 A request that is not answered makes its own values Bad_Timeout. Then the one that was answered last is asked again:
-where that is silent too, the device is away.
+where that is silent too, the device is away. One that says what no device should is put aside, for longer and longer.
 """
 
 from __future__ import annotations
@@ -18,12 +18,15 @@ from collections import deque
 from collections.abc import Awaitable, Callable, Mapping, Sequence
 from typing import Any, Final, NamedTuple, TypeVar
 
+import structlog
+
 from ua_bridges.modbus.config import DeviceConfig
 from ua_bridges.modbus.job import Handshake
 from ua_bridges.modbus.link import ILLEGAL_ADDRESS, Line, NoAnswer, RequestFailed
 from ua_bridges.modbus.sinks import BitWrite, SinkSpec, Writing, writes_of
 from ua_bridges.modbus.sources import Answer, Failed, PolledSource, ReadPlan, SourceSpec
 from ua_fleet.bridge.driver import DriverEvent, Dropped
+from ua_fleet.bridge.offenders import Offenders
 from ua_fleet.counters import Drop
 from ua_fleet.registers import Cell, RegisterUnfit, Span, Table
 
@@ -31,13 +34,21 @@ __all__ = ["Device", "SinkWrite", "check_fits"]
 
 MOST_WAITING: Final = 100
 """Messages of one sink that may wait to be written; then the oldest is dropped."""
+MOST_BAD: Final = 10
+"""So many answers in a row that are none, and the device is put aside."""
 _WRITING_S: Final = 0.2
 """So long writes go before everything else."""
 _T = TypeVar("_T")
 
+_log = structlog.get_logger("ua_bridges.modbus")
+
 
 class _Away(Exception):
     """The device is not reached, or answers nothing: why."""
+
+
+class _Misbehaves(Exception):
+    """The device does what no device should: what."""
 
 
 class SinkWrite(NamedTuple):
@@ -79,9 +90,10 @@ class Device:
         sources: Sequence[SourceSpec],
         handshakes: Sequence[Handshake],
         put: Callable[[DriverEvent], None],
+        offenders: Offenders,
     ) -> None:
         """Make a device that is away."""
-        self.name, self._config, self._line, self._put = name, config, line, put
+        self.name, self._config, self._line, self._put, self._offenders = name, config, line, put, offenders
         line.devices += 1
         periods = sorted({spec.period_s for spec in sources})
         self._groups = [_Group(p, [spec for spec in sources if spec.period_s == p], config) for p in periods]
@@ -96,6 +108,8 @@ class Device:
         """Which request tells whether it is back."""
         self._wake = asyncio.Event()
         self._retry_s = config.retry_s[0]
+        self._bad = 0
+        """Answers in a row that are none."""
         self.asked = asyncio.Event()
         """Set when it was asked for the first time, whatever it answered."""
         self.is_there = False
@@ -126,16 +140,31 @@ class Device:
     async def run(self) -> None:
         """Work until cancelled."""
         while True:
+            wait_s = 0.0
             try:
                 if not self.is_there:
                     await self._come_back()
                     self.asked.set()
                 await self._turn()
             except _Away as away:
-                self._go_away(str(away))
+                self._go_away(f"{away}; look at its power, cable, address and unit")
+                wait_s = self._retry_s
+                self._retry_s = min(2 * self._retry_s, self._config.retry_s[1])
+            except _Misbehaves as offence:
+                wait_s = self._put_aside(str(offence))
+            except Exception as error:  # noqa: BLE001 - one device, one mistake
+                _log.exception("a device made the bridge fail", device=self.name)
+                wait_s = self._put_aside(f"a mistake of the bridge ({error!r}); report its log")
             self.asked.set()
             if not self.is_there:
-                await self._wait_to_retry()
+                await self._wait_to_retry(wait_s)
+
+    def _put_aside(self, offence: str) -> float:
+        """Let go of it; how long."""
+        self._bad = 0
+        pause_s = self._offenders.put_aside(self.name, offence, time.monotonic())
+        self._go_away(f"{offence}; it is put aside for {pause_s:g} s")
+        return pause_s
 
     async def read_plan(self, plan: ReadPlan) -> Mapping[Span, Sequence[Cell]]:
         """See DeviceRequests."""
@@ -171,12 +200,30 @@ class Device:
         left = self._config.retries
         while True:
             try:
-                return await request()
+                answer = await request()
             except NoAnswer as silent:
                 self._put(Dropped(Drop.NO_ANSWER, 1, f"{self.name}: {silent.reason}"))
+                self._look_at_offences()
                 if not left or not self._line.connected:
                     raise
                 left -= 1
+            except RequestFailed as failed:
+                self._bad = self._bad + 1 if failed.cause is Drop.MALFORMED else 0
+                if self._bad >= MOST_BAD:
+                    raise _Misbehaves(f"{MOST_BAD} answers in a row are none, the last: {failed.reason}") from failed
+                raise
+            else:
+                self._bad = 0
+                return answer
+
+    def _look_at_offences(self) -> None:
+        """Whether what came in place of an answer is more than can be borne; raises _Misbehaves."""
+        offence = self._line.take_offence()
+        if not offence:
+            return
+        self._bad += 1
+        if self._bad >= MOST_BAD or not self._line.connected:
+            raise _Misbehaves(offence)
 
     async def _check_there(self, silent: NoAnswer) -> None:
         """Raises _Away where the device does not answer what it has answered last either."""
@@ -218,7 +265,7 @@ class Device:
 
     def _go_away(self, reason: str) -> None:
         self.is_there = False
-        self.detail = f"{self.name} ({self._config.where}): {reason}; look at its power, cable, address and unit"
+        self.detail = f"{self.name} ({self._config.where}): {reason}"
         self._written.clear()
         self._answering.clear()
         for group in self._groups:
@@ -233,9 +280,8 @@ class Device:
         if self._line.devices == 1:
             self._line.close()  # a connection of which the other side knows nothing heals only so
 
-    async def _wait_to_retry(self) -> None:
-        until = time.monotonic() + self._retry_s
-        self._retry_s = min(2 * self._retry_s, self._config.retry_s[1])
+    async def _wait_to_retry(self, wait_s: float) -> None:
+        until = time.monotonic() + wait_s
         while (left := until - time.monotonic()) > 0:
             for handshake in self._handshakes:
                 handshake.check_time(time.monotonic())

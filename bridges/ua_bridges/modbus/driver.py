@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import threading
+import time
 import traceback
 from collections.abc import Callable, Sequence
 from functools import partial
@@ -24,9 +25,10 @@ from ua_bridges.modbus.sources import source_specs
 from ua_fleet.bridge.configured import ConfiguredSkill, configured_skills
 from ua_fleet.bridge.driver import DriverStatus, Dropped, Execution, Inlet, Skill
 from ua_fleet.bridge.executing import Executing
+from ua_fleet.bridge.offenders import Offenders
 from ua_fleet.config.schema import FleetConfig
 from ua_fleet.counters import Drop
-from ua_fleet.errors import DriverFailed, RobotOffline, SkillRejected, UaFleetError
+from ua_fleet.errors import DriverFailed, RobotBusy, RobotOffline, SkillRejected, UaFleetError
 from ua_fleet.registers import RegisterUnfit
 from ua_fleet.topics import Topic
 from ua_fleet.wire.messages import DataSetMessage, DataSetMetaData
@@ -80,7 +82,7 @@ class ModbusDriver:
             BridgeUnavailable: a file of TLS cannot be used.
             StorageUnavailable: what has to be remembered of skills cannot be.
         """
-        self._inlet = inlet
+        self._inlet, self._offenders = inlet, Offenders(inlet)
         started: asyncio.Future[None] = asyncio.get_running_loop().create_future()
         tell = asyncio.get_running_loop().call_soon_threadsafe
 
@@ -106,10 +108,8 @@ class ModbusDriver:
         if sink is None:
             self._inlet.put(Dropped(Drop.UNMAPPED))
             return False
-        values = sink.values_of([field.name for field in metadata.fields], message.values)
+        values = sink.order.arranged(metadata, message.values)
         try:
-            if values is None:
-                raise RegisterUnfit(0, f"{sink.name}: the message has other fields than fleet.yaml says")
             check_fits(sink, values)
         except RegisterUnfit as unfit:
             self._inlet.put(Dropped(Drop.CONVERSION, 1, unfit.reason))
@@ -130,12 +130,13 @@ class ModbusDriver:
         away = [device.detail for device in self._devices.values() if not device.is_there]
         each = {name: "" if device.is_there else device.detail for name, device in self._devices.items()}
         several = each if len(each) > 1 else {}
+        aside = self._offenders.told(time.monotonic())
         if not away:
-            return DriverStatus(True, "; ".join(device.detail for device in self._devices.values()), several)
+            return DriverStatus(True, "; ".join(device.detail for device in self._devices.values()), several, aside)
         more = f" and {len(away) - _LISTED} more" if len(away) > _LISTED else ""
         there = len(self._devices) - len(away)
         counted = f"{there} of {len(self._devices)} devices answer; " if len(self._devices) > 1 else ""
-        return DriverStatus(False, counted + "; ".join(away[:_LISTED]) + more, several)
+        return DriverStatus(False, counted + "; ".join(away[:_LISTED]) + more, several, aside)
 
     async def stop(self) -> None:
         """See Driver."""
@@ -157,7 +158,7 @@ class ModbusDriver:
         if not device.is_there:
             raise RobotOffline(f"{registers.skill.robot} cannot be reached: {device.detail}")
         if name in self._taken:
-            raise SkillRejected(f"{registers.skill.robot} is busy; its device takes one skill at a time")
+            raise RobotBusy(f"{registers.skill.robot} is busy; its device takes one skill at a time")
         try:
             writes = registers.writes(execution.values)
         except RegisterUnfit as unfit:
@@ -295,6 +296,7 @@ class ModbusDriver:
             [source for source in self._sources if source.device == name],
             [handshake for where, handshake in self._handshakes.items() if where.startswith(f"{name}:")],
             self._inlet.put,
+            self._offenders,
         )
 
 

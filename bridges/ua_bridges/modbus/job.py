@@ -56,6 +56,8 @@ class _Job:
         self.accept_by: float | None = None
         self.is_withdrawn = False
         self.is_halting = False
+        self.is_overdue = False
+        """Whether it is halted since it took too long."""
         self.halt_written = False
         self.is_done = False
         """Whether the device has said so; its results may be to come."""
@@ -170,7 +172,7 @@ class Handshake:
 
     async def _give(self, device: DeviceRequests, job: _Job, words: StatusWords, now: float) -> None:
         if words.busy:
-            self._end(job, Ended(StatusCode.BAD_INVALID_STATE, (), "the device is busy with something else"))
+            self._end(job, Ended(StatusCode.BAD_TOO_MANY_OPERATIONS, (), "the device is busy with something else"))
             return
         if job.is_halting:
             self._end(job, Ended(StatusCode.BAD_REQUEST_CANCELLED_BY_CLIENT, (), "stopped before it began"))
@@ -203,6 +205,10 @@ class Handshake:
             await self._done(device, job)
         elif phase is Phase.FAILED:
             text = job.registers.error(await device.read_plan(job.registers.after_error))
+            opened = self._executing.get(job.id)
+            if job.is_overdue and opened is not None:
+                self._end(job, opened.too_long(is_halted=True))
+                return
             status = StatusCode.BAD_REQUEST_CANCELLED_BY_CLIENT if job.halt_written else StatusCode.BAD_UNEXPECTED_ERROR
             self._end(job, Ended(status, (), ended_text(text)))
         elif phase is Phase.WAITING:
@@ -230,14 +236,14 @@ class Handshake:
             self._executing.never(job.id)
             self._finish(job)
         else:
-            self._end(job, Ended(StatusCode.BAD_TIMEOUT, (), "the request did not arrive in the device"))
+            self._end(job, Ended(StatusCode.BAD_NO_COMMUNICATION, (), "the request did not arrive in the device"))
 
     def _not_taken(self, job: _Job) -> None:
         if job.is_halting:
             self._end(job, Ended(StatusCode.BAD_REQUEST_CANCELLED_BY_CLIENT, (), "stopped before it began"))
         else:
             text = f"the device did not begin within {job.registers.via.accept_s:g} s; is its program running?"
-            self._end(job, Ended(StatusCode.BAD_TIMEOUT, (), text))
+            self._end(job, Ended(StatusCode.BAD_NO_COMMUNICATION, (), text))
 
     async def _done(self, device: DeviceRequests, job: _Job) -> None:
         job.is_done = True
@@ -260,17 +266,21 @@ class Handshake:
         if opened is None or now < opened.deadline:
             return False
         if job.is_begun and job.registers.halt is not None and not job.is_halting:
-            job.is_halting = True
+            job.is_halting = job.is_overdue = True
             opened.deadline = now + _HALTED_S
             return False
         timeout_s = job.registers.skill.config.timeout_s
         status = StatusCode.BAD_TIMEOUT
         if not job.is_begun:
+            status = StatusCode.BAD_NO_COMMUNICATION
             text = f"the device could not be given it within {timeout_s:g} s"
         elif job.is_done:
             status, text = StatusCode.UNCERTAIN, f"it is done; {job.trouble or 'its results cannot be read'}"
         else:
-            text = f"it takes longer than {timeout_s:g} s; {job.trouble or 'see what the device does'}"
+            what_then = job.trouble or "see what the device does"
+            if job.halt_written:
+                what_then = f"it was told to stop, and does not; {what_then}"
+            text = f"it takes longer than {timeout_s:g} s; {what_then}"
         self._end(job, Ended(status, (), text))
         return True
 

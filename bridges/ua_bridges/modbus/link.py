@@ -26,18 +26,20 @@ from ua_fleet.errors import BridgeUnavailable
 from ua_fleet.registers import Cell, Span, Table
 from ua_fleet.values import StatusCode
 
-__all__ = ["Line", "NoAnswer", "RequestFailed"]
+__all__ = ["MOST_BYTES", "Line", "NoAnswer", "RequestFailed"]
 
 # What it says of each attempt is said here once, by its effect.
 logging.getLogger("pymodbus").setLevel(logging.CRITICAL)
 
+MOST_BYTES: Final = 1 << 16
+"""From one request to the next; an answer has 260. Who sends more is not read on."""
 ILLEGAL_FUNCTION: Final = 1
 ILLEGAL_ADDRESS: Final = 2
 _EXCEPTIONS: Final = {
     ILLEGAL_FUNCTION: (StatusCode.BAD_NOT_SUPPORTED, "has no such function"),
     ILLEGAL_ADDRESS: (StatusCode.BAD_CONFIGURATION_ERROR, "has no such address"),
     3: (StatusCode.BAD_OUT_OF_RANGE, "does not take this value or length"),
-    4: (StatusCode.BAD_SENSOR_FAILURE, "has failed"),
+    4: (StatusCode.BAD_DEVICE_FAILURE, "has failed"),
     5: (StatusCode.BAD_RESOURCE_UNAVAILABLE, "needs longer"),
     6: (StatusCode.BAD_RESOURCE_UNAVAILABLE, "is busy"),
     8: (StatusCode.BAD_SENSOR_FAILURE, "has a memory error"),
@@ -109,6 +111,9 @@ class Line:
         self._client: ModbusBaseClient | None = None
         self._connecting = asyncio.Lock()
         self._why = ""
+        self._received = 0
+        """Bytes since the last request."""
+        self._offence = ""
         self.devices = 0
         """How many share it."""
 
@@ -125,6 +130,7 @@ class Line:
             self.close()
             self._client, self._why = self._make(), "there was no answer in time"
             self._note_errors(self._client)
+            self._count_bytes(self._client)
             return "" if await self._client.connect() else self._why
 
     def close(self) -> None:
@@ -132,6 +138,11 @@ class Line:
         if self._client is not None:
             self._client.close()
             self._client = None
+
+    def take_offence(self) -> str:
+        """What came since this was asked last and is no answer; empty where nothing did."""
+        offence, self._offence = self._offence, ""
+        return offence
 
     async def read(self, unit: int, span: Span) -> Sequence[Cell]:
         """The cells of a span; raises RequestFailed."""
@@ -213,12 +224,31 @@ class Line:
 
         client.ctx.call_create = noting
 
+    def _count_bytes(self, client: ModbusBaseClient) -> None:
+        """The library reads on for ever, and does not say what it could not decode."""
+        take: Callable[[bytes], None] = client.ctx.data_received
+
+        def received(data: bytes) -> None:
+            self._received += len(data)
+            if self._received > MOST_BYTES:
+                self._offence = f"it sent more than {MOST_BYTES} bytes where an answer has 260"
+                client.close()
+                return
+            try:
+                take(data)
+            except Exception as error:
+                self._offence = f"an answer that cannot be decoded ({' '.join(str(error).split())[:120]})"
+                raise
+
+        client.ctx.data_received = received  # type: ignore[method-assign]
+
     def _connected(self) -> ModbusBaseClient:
         if self._client is None or not self._client.connected:
             raise NoAnswer("the connection is lost")
         return self._client
 
     async def _ask(self, request: Awaitable[ModbusPDU], span: Span) -> ModbusPDU:
+        self._received, self._offence = 0, ""
         try:
             answer = await request
         except ModbusException as error:

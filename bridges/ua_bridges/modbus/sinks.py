@@ -10,6 +10,7 @@ from ua_bridges.modbus.config import ModbusBridgeConfig, RegisterSink
 from ua_bridges.modbus.sources import differs
 from ua_fleet.bridge.configured import ConfiguredData, configured_sinks
 from ua_fleet.config.schema import FleetConfig
+from ua_fleet.fleet.matching import FieldOrder
 from ua_fleet.registers import Cell, Register, RegisterType, Span, Table, encode
 from ua_fleet.topics import Topic
 
@@ -35,14 +36,8 @@ class SinkSpec:
     fields: tuple[WriteField, ...]
     read_back: bool
     rewrite: bool
-
-    def values_of(self, names: Sequence[str], values: Sequence[Any]) -> tuple[Any, ...] | None:
-        """The values in the order of `fields`, from a message with these names; None where one is missing."""
-        if len(self.fields) == 1 and len(values) == 1:
-            return tuple(values)
-        by_name = dict(zip(names, values, strict=False))
-        found = [by_name.get(field.name) for field in self.fields]
-        return None if None in found else tuple(found)
+    order: FieldOrder
+    """Puts the values of a message into the order of `fields`."""
 
     def is_same(self, values: Sequence[Any], before: Sequence[Any] | None) -> bool:
         """Whether nothing differs by more than its deadband, in a sink that has some."""
@@ -87,7 +82,7 @@ def _spec(bridge: ModbusBridgeConfig, data: ConfiguredData[RegisterSink]) -> Sin
             for name, field in data.config.all_fields().items()
         ]
     )
-    return SinkSpec(data.topic, data.label, device, fields, sink.read_back, sink.rewrite)
+    return SinkSpec(data.topic, data.label, device, fields, sink.read_back, sink.rewrite, data.order)
 
 
 def writes_of(

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 from ua_bridges.modbus.config import ModbusBridgeConfig, RegisterSource
 from ua_fleet.bridge.configured import configured_sources
-from ua_fleet.bridge.driver import DriverEvent, Dropped, SampleRead, SourceFound, SourceLost
+from ua_fleet.bridge.driver import DriverEvent, Dropped, SampleRead, SourceFound, SourceLost, SourceRead
 from ua_fleet.config.schema import FleetConfig
 from ua_fleet.counters import Drop
 from ua_fleet.pubsub.metadata import make_field
@@ -43,6 +43,8 @@ class SourceSpec:
     device: str
     period_s: float
     fields: tuple[ReadField, ...]
+    is_aging: bool = False
+    """Whether a reading that brings the same values counts, too."""
 
 
 class Failed(NamedTuple):
@@ -78,7 +80,7 @@ def source_specs(config: FleetConfig, bridge_name: str) -> tuple[SourceSpec, ...
             ]
         )
         period_s = bridge.poll_s if source.poll is None else bridge.polls[source.poll].period_s
-        specs.append(SourceSpec(data.topic, data.label, device, period_s, fields))
+        specs.append(SourceSpec(data.topic, data.label, device, period_s, fields, data.is_aging))
     return tuple(specs)
 
 
@@ -155,6 +157,8 @@ class PolledSource:
         if self._last is None or self._has_changed(values, self._last):
             self._last = values
             events.append(SampleRead(self.spec.topic, tuple(values), time_ns))
+        elif self.spec.is_aging and not all(isinstance(value, Variant) for value in values):
+            events.append(SourceRead(self.spec.topic, time_ns))
         return events
 
     def lose(self) -> list[DriverEvent]:

@@ -31,6 +31,8 @@ from dbus_fast import (
 )
 from dbus_fast.aio import MessageBus
 
+from ua_fleet.bridge.offenders import Offenders
+
 __all__ = ["Answer", "Bus", "Method", "Signal"]
 
 RETRY_S: Final = 1.0
@@ -44,6 +46,10 @@ _REPLIES: Final = (MessageType.METHOD_RETURN, MessageType.ERROR)
 _TYPES: Final = {"system": BusType.SYSTEM, "session": BusType.SESSION}
 
 logger = logging.getLogger(__name__)
+
+
+class _NoMessage(Exception):
+    """The bus sends what is none; a bus has to check what it forwards."""
 
 
 class Signal(NamedTuple):
@@ -97,6 +103,7 @@ class Bus:
         owned: Callable[[str, bool], None],
         heard: Callable[[Signal, Sequence[Any], int], None],
         dropped: Callable[[Signal, int], None],
+        offenders: Offenders,
     ) -> None:
         """Make a connection that is not begun.
 
@@ -106,9 +113,10 @@ class Bus:
             owned: told when a name has got an owner, or has none any more.
             heard: told of a signal that is followed: its arguments and the time, ns since 1970.
             dropped: told how many signals came too quickly.
+            offenders: has the bus by the name `D-Bus` while it is put aside.
         """
         self._address, self._names = address, sorted(set(names))
-        self._owned, self._heard, self._dropped = owned, heard, dropped
+        self._owned, self._heard, self._dropped, self._offenders = owned, heard, dropped, offenders
         self._thread: threading.Thread | None = None
         self._is_stopped = False
         self._lock = threading.Lock()
@@ -182,6 +190,7 @@ class Bus:
 
     async def _connect_for_ever(self) -> None:
         while True:
+            pause_s = RETRY_S
             try:
                 async with asyncio.timeout(CONNECT_S):
                     bus = await self._connected()
@@ -189,13 +198,17 @@ class Bus:
                 why = "it is lost"
             except _FAILURES as error:
                 why = _reason(error)
+            except _NoMessage as error:
+                why = f"{error}; it is put aside, and tried again"
+                pause_s = self._offenders.put_aside("D-Bus", str(error), time.monotonic())
             except Exception as error:  # whatever it is, the bus is tried again
                 why = f"a mistake of the bridge ({error!r}); report its log; it tries again"
+                pause_s = self._offenders.put_aside("D-Bus", why, time.monotonic())
                 if why != self._mistake:
                     self._mistake = why
                     logger.exception("D-Bus: the connection was not kept")
             self._say(f"D-Bus: no connection to {self._address}: {why}", is_good=False)
-            await asyncio.sleep(RETRY_S)
+            await asyncio.sleep(pause_s)
 
     async def _connected(self) -> MessageBus:
         kind = _TYPES.get(self._address)
@@ -225,7 +238,7 @@ class Bus:
             for serial in list(self._calls):
                 self._end(serial, Answer(problem="the D-Bus was lost before it answered", is_unknown=True))
             bus.disconnect()
-            with contextlib.suppress(*_FAILURES):
+            with contextlib.suppress(*_FAILURES, _NoMessage):
                 async with asyncio.timeout(1.0):
                     await _ended(bus)
 
@@ -328,7 +341,12 @@ class Bus:
 
 async def _ended(bus: Any) -> None:
     """Wait until the connection is gone; raises why, where it was lost."""
-    await bus.wait_for_disconnect()
+    try:
+        await bus.wait_for_disconnect()
+    except (asyncio.CancelledError, *_FAILURES):
+        raise
+    except Exception as error:
+        raise _NoMessage(f"the bus sends what is no message of D-Bus ({type(error).__name__})") from error
 
 
 def _to_bus(member: str, argument: str) -> Message:

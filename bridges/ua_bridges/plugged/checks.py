@@ -135,6 +135,8 @@ def _skill(
         yield path, "without `done` the device is not listened to, and there are no results", "add `done`"
     if via.failed is not None:
         yield from _pattern((*path, "failed"), via.failed, {MESSAGE: ScalarType.STRING}, "text", (MESSAGE,))
+    if via.halted is not None:
+        yield from _pattern((*path, "halted"), via.halted, {}, "text")
 
 
 def _read(path: KeyPath, data_name: str, results: Mapping[str, ScalarType], robot: RobotConfig) -> Iterator[Problem]:

@@ -214,8 +214,10 @@ class PluggedSkill(
     frozen=True,
     json_schema_extra=all_of(
         {"if": given("read"), "then": none_of("device", "command", "call"), "else": _DRIVE},
-        *(implies(given(key), given("command")) for key in ("done", "failed", "halt")),
+        *(implies(given(key), given("command")) for key in ("done", "failed", "halt", "halted")),
         implies(given("failed"), given("done")),
+        implies(given("halted"), given("done")),
+        implies(given("halted"), given("halt")),
     ),
 ):
     """`via` of a skill: exactly one of `read`, `command` and `call`."""
@@ -232,6 +234,9 @@ class PluggedSkill(
     """With `done`: what the device says when it has failed, e.g. `ERR {message}`."""
     halt: Line | None = None
     """With `command`: command that stops the device. Left out: it cannot be stopped."""
+    halted: Line | None = None
+    """With `halt` and `done`: what the device says when it stands after `halt`, e.g. `STOPPED`. `done` and `failed`
+    tell it too; where it says none of these within 5 s, nobody knows whether it stands: Unknown."""
     call: Call | None = None
     """A D-Bus method; the skill is done when it returns, with what it returns."""
 
@@ -241,11 +246,13 @@ class PluggedSkill(
             _check_drive(self.device, self.command, self.call)
         elif self.device is not None or self.command is not None or self.call is not None:
             raise ValueError("read: goes with nothing else; the data says what is read")
-        for name in ("done", "failed", "halt"):
+        for name in ("done", "failed", "halt", "halted"):
             if getattr(self, name) is not None and self.command is None:
                 raise ValueError(f"{name}: belongs to `command`")
         if self.failed is not None and self.done is None:
             raise ValueError("failed: without `done` the device is not listened to; add `done`, or remove it")
+        if self.halted is not None and (self.done is None or self.halt is None):
+            raise ValueError("halted: it answers `halt`, of what has `done`; add both, or remove it")
         return self
 
 

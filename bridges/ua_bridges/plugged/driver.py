@@ -17,16 +17,17 @@ from ua_bridges.plugged.devices import DeviceFacts, Plugged, Unplugged
 from ua_bridges.plugged.files import AttributeFiles
 from ua_bridges.plugged.lines import Lines, PluggedSkillSpec
 from ua_bridges.plugged.port import Port
+from ua_bridges.plugged.programs import Programs
 from ua_bridges.plugged.sensor import Sensor
 from ua_bridges.plugged.udev import PathWatch, UdevWatch
 from ua_fleet.bridge.configured import ConfiguredData, configured_sinks, configured_skills, configured_sources
 from ua_fleet.bridge.driver import Driver, DriverStatus, Dropped, Execution, Inlet, Skill
-from ua_fleet.bridge.executing import Ended, Executing
+from ua_fleet.bridge.executing import Ended, Executing, halted
+from ua_fleet.bridge.offenders import Offenders
 from ua_fleet.config.schema import FleetConfig
 from ua_fleet.counters import Drop
 from ua_fleet.errors import RobotOffline, SkillError, SkillRejected
 from ua_fleet.topics import Topic
-from ua_fleet.values import StatusCode
 from ua_fleet.wire.messages import DataSetMessage, DataSetMetaData
 
 __all__ = ["PluggedDriver", "create_driver"]
@@ -45,6 +46,11 @@ class _Device:
     def __init__(self, name: str, config: Device) -> None:
         self.name, self.config = name, config
         self.facts: DeviceFacts | None = None
+        self.there: DeviceFacts | None = None
+        """What is plugged in, also while it is put aside, and `facts` are None."""
+        self.aside = ""
+        """Why it is put aside."""
+        self.aside_until = 0.0
         self.lines: Lines | None = None
         self.port: Port | None = None
         self.files: AttributeFiles | None = None
@@ -58,6 +64,8 @@ class _Device:
 
     def detail(self) -> str:
         """One line for people."""
+        if self.aside:
+            return f"{self.name}: {self.aside}; it is put aside, and tried again"
         if self.facts is None:
             rule = self.config.match
             what = self.config.path if rule is None else rule.model_dump_json(exclude_defaults=True)
@@ -81,7 +89,7 @@ class PluggedDriver:
         self._signals: dict[Signal, list[Sensor]] = {}
         self._followed: set[Signal] = set()
         self._devices: dict[str, _Device] = {}
-        self._owned: set[str] = set()
+        self._programs: Programs | None = None
         self._bus: Bus | None = None
         self._udev: UdevWatch | None = None
         self._paths: PathWatch | None = None
@@ -100,7 +108,7 @@ class PluggedDriver:
 
     async def start(self, inlet: Inlet) -> None:
         """See Driver."""
-        self._inlet, self._loop = inlet, asyncio.get_running_loop()
+        self._inlet, self._loop, self._offenders = inlet, asyncio.get_running_loop(), Offenders(inlet)
         self._appears_by = time.monotonic() + APPEARS_S
         self._executing = executing = Executing(inlet.put)
         self._sensors = {data.topic: Sensor(data, inlet.put, executing) for data in self._sources}
@@ -123,7 +131,17 @@ class PluggedDriver:
             settings = device.config.port
             device.port = port = Port(device.name, settings, self._soon)
             device.lines = Lines(
-                device.name, settings, on_line, skills, sinks, inlet.put, executing, port.write, port.reset, port.listen
+                device.name,
+                settings,
+                on_line,
+                skills,
+                sinks,
+                inlet.put,
+                executing,
+                port.write,
+                port.reset,
+                port.listen,
+                partial(self._soon_aside, device),
             )
             port.attach(device.lines)
         in_files = [sensor for sensor in sensors if sensor.source.attribute is not None]
@@ -139,13 +157,19 @@ class PluggedDriver:
             if source.signal is not None:
                 signal = Signal(source.sender or source.signal, source.signal, source.member)
                 self._signals.setdefault(signal, []).append(sensor)
+        self._programs = Programs(self._signals, self._offenders)
         names = [signal.sender for signal in self._signals]
         calls = [skill.via.call for skill in self._skills.values() if skill.via is not None]
         calls += [data.side.call for data in self._sinks.values()]
         names += [call.name for call in calls if call is not None]
         if names:
             self._bus = Bus(
-                self._config.bus, names, owned=self._name_owned, heard=self._signal_heard, dropped=self._signals_lost
+                self._config.bus,
+                names,
+                owned=self._name_owned,
+                heard=self._signal_heard,
+                dropped=self._signals_lost,
+                offenders=self._offenders,
             )
             self._bus.start()
 
@@ -160,7 +184,7 @@ class PluggedDriver:
         for device in self._devices.values():
             if device.port is not None:
                 await device.port.stop()
-            device.facts = None
+            device.facts = device.there = None
         if self._bus is not None:
             self._bus.stop()
 
@@ -177,18 +201,42 @@ class PluggedDriver:
         if self._bus is not None:
             each["D-Bus"] = "" if self._bus.is_connected else self._bus.detail
         text = "; ".join(details) or "there is nothing to watch"
-        return DriverStatus(is_connected and not self._is_stopped, text, each if len(each) > 1 else {})
+        aside = self._offenders.told(time.monotonic()) if self._inlet is not None else dict[str, str]()
+        return DriverStatus(is_connected and not self._is_stopped, text, each if len(each) > 1 else {}, aside)
 
     # Devices
 
     def _changed(self, changes: Sequence[Plugged | Unplugged]) -> None:
         for change in changes:
             device = self._devices[change.rule]
-            if isinstance(change, Plugged):
-                self._plugged(device, change.device)
+            device.there = change.device if isinstance(change, Plugged) else None
+            if device.aside:
+                continue
+            if device.there is not None:
+                self._plugged(device, device.there)
             else:
-                self._unplugged(device)
+                self._unplugged(device, f"{device.name} was unplugged")
         self._turn()
+
+    def _soon_aside(self, device: _Device, reason: str) -> None:
+        """Put it aside when what it is at is over."""
+        self._loop.call_soon(self._put_aside, device, reason)
+
+    def _put_aside(self, device: _Device, reason: str) -> None:
+        """Let go of a device that misbehaves; it is tried again as if it were plugged in then."""
+        if device.aside or self._is_stopped:
+            return
+        now = time.monotonic()
+        device.aside_until = now + self._offenders.put_aside(device.name, reason, now)
+        device.aside = reason
+        if device.facts is not None:
+            self._unplugged(device, f"{device.name} is put aside: {reason}")
+        self._turn()
+
+    def _try_again(self, device: _Device) -> None:
+        device.aside = ""
+        if device.there is not None:
+            self._plugged(device, device.there)
 
     def _plugged(self, device: _Device, facts: DeviceFacts) -> None:
         device.facts = facts
@@ -201,9 +249,8 @@ class PluggedDriver:
             sensor.plugged(now, time.time_ns())
             self._tell_constant(sensor)
 
-    def _unplugged(self, device: _Device) -> None:
+    def _unplugged(self, device: _Device, why: str) -> None:
         device.facts, self._appears_by = None, 0.0  # what is pulled out had been found
-        why = f"{device.name} was unplugged"
         if device.port is not None:
             device.port.unplugged(why)
         if device.files is not None:
@@ -221,25 +268,16 @@ class PluggedDriver:
     def _name_owned(self, name: str, is_owned: bool) -> None:
         if self._is_stopped:
             return
-        (self._owned.add if is_owned else self._owned.discard)(name)
-        for signal, sensors in self._signals.items():
-            if signal.sender != name:
-                continue
-            for sensor in sensors:
-                if is_owned:
-                    sensor.plugged(time.monotonic(), time.time_ns())
-                else:
-                    sensor.unplugged(f"{name} has left the D-Bus", time.monotonic())
+        assert self._programs is not None
+        self._programs.owned(name, is_owned, time.monotonic(), time.time_ns())
         self._turn()
 
+    def _is_on_bus(self, name: str) -> bool:
+        return self._programs is not None and self._programs.is_there(name)
+
     def _signal_heard(self, signal: Signal, body: Sequence[Any], time_ns: int) -> None:
-        for sensor in self._signals[signal]:
-            names = tuple(sensor.data.types)
-            if len(body) != len(names):
-                said = f"{sensor.data.label}: the signal has {len(body)} arguments, and the data {len(names)} fields"
-                sensor.dropped(Drop.MALFORMED, said)
-                continue
-            sensor.take(dict(zip(names, body, strict=True)), time.monotonic(), time_ns)
+        assert self._programs is not None
+        self._programs.heard(signal, body, time.monotonic(), time_ns)
         self._turn()
 
     def _signals_lost(self, signal: Signal, count: int) -> None:
@@ -262,10 +300,11 @@ class PluggedDriver:
         if data is None:
             self._inlet.put(Dropped(Drop.UNMAPPED))
             return False
+        values = data.order.arranged(metadata, message.values)
         for device in self._devices.values():
             if device.lines is not None and device.lines.writes(topic):
-                return device.lines.inform(topic, message.values)
-        return self._inform_by_call(data, message.values, self._inlet)
+                return device.lines.inform(topic, values)
+        return self._inform_by_call(data, values, self._inlet)
 
     def _inform_by_call(self, data: ConfiguredData[PluggedSink], values: Sequence[Any], inlet: Inlet) -> bool:
         call, bus = data.side.call, self._bus
@@ -276,7 +315,7 @@ class PluggedDriver:
             if isinstance(value, ValueError):
                 inlet.put(Dropped(Drop.CONVERSION, detail=f"{data.label}: {value}"))
                 return False
-        if call.name not in self._owned:
+        if not self._is_on_bus(call.name):
             inlet.put(Dropped(Drop.NOT_CONNECTED, detail=f"{data.label}: nobody on the D-Bus is {call.name}"))
             return False
 
@@ -310,7 +349,7 @@ class PluggedDriver:
         if via.read is not None:
             sensor = self._sensor(skill.robot, via.read)
             return sensor is not None and sensor.is_plugged
-        return via.call.name in self._owned if via.call is not None else self._lines_of(skill).is_open
+        return self._is_on_bus(via.call.name) if via.call is not None else self._lines_of(skill).is_open
 
     def _do(self, skill: PluggedSkillSpec, execution: Execution, now: float) -> None:
         via = skill.via
@@ -369,7 +408,7 @@ class PluggedDriver:
         call, bus, executing = skill.via.call, self._bus, self._executing
         assert call is not None
         assert bus is not None
-        if call.name not in self._owned:
+        if not self._is_on_bus(call.name):
             raise RobotOffline(f"nobody on the D-Bus is {call.name}; start its program, and see the bridge's status")
         types = [argument.type for argument in skill.config.arguments.values()]
         results = {name: result.type for name, result in skill.config.results.items()}
@@ -397,14 +436,13 @@ class PluggedDriver:
         assert self._executing is not None
         via = self._skills[execution.topic].via
         assert via is not None
-        ended = Ended(StatusCode.BAD_REQUEST_CANCELLED_BY_CLIENT, (), "it was halted")
         if execution in self._early or via.read is not None:
             if self._leave(execution.execution_id):
-                self._executing.end(execution.execution_id, ended)
+                self._executing.end(execution.execution_id, halted())
         elif via.call is not None:
             raise SkillRejected("a D-Bus method cannot be stopped; give the skill that stops it a method of its own")
         else:
-            self._lines_of(self._skills[execution.topic]).halt(execution)
+            self._lines_of(self._skills[execution.topic]).halt(execution, time.monotonic())
         self._turn()
 
     def _leave(self, execution_id: bytes) -> bool:
@@ -442,19 +480,30 @@ class PluggedDriver:
         self._do_early(now)
         times: list[float | None] = [self._appears_by if self._early else None]
         for device in self._devices.values():
-            if device.port is not None:
-                device.port.listen()
-            if device.lines is not None:
-                times.append(device.lines.turn(now))
-            if device.files is not None:
-                times.append(device.files.turn(now))
-            times += [sensor.turn(now) for sensor in device.constants]
+            try:
+                times += self._work(device, now)
+            except Exception as error:  # one device, one mistake
+                logger.exception("device %s made the bridge fail", device.name)
+                self._soon_aside(device, f"a mistake of the bridge ({error!r}); report its log")
+        if self._programs is not None:
+            times += self._programs.turn(now, time.time_ns())
         for signal, sensors in self._signals.items():
-            times += [sensor.turn(now) for sensor in sensors]
             self._follow(signal, any(sensor.is_needed for sensor in sensors))
         assert self._executing is not None
         times.append(self._executing.due())
         return min((at for at in times if at is not None), default=None)
+
+    def _work(self, device: _Device, now: float) -> list[float | None]:
+        """Do what is due on one device; when the next things are."""
+        if device.aside:
+            if now < device.aside_until:
+                return [device.aside_until]
+            self._try_again(device)
+        if device.port is not None:
+            device.port.listen()
+        times = [device.lines.turn(now) if device.lines is not None else None]
+        times.append(device.files.turn(now) if device.files is not None else None)
+        return times + [sensor.turn(now) for sensor in device.constants]
 
     def _follow(self, signal: Signal, is_followed: bool) -> None:
         if is_followed != (signal in self._followed) and self._bus is not None:
@@ -465,13 +514,10 @@ class PluggedDriver:
         """End what has taken longer than its skill's timeout."""
         assert self._executing is not None
         for opened in self._executing.overdue(now):
-            ended = Ended(
-                StatusCode.BAD_TIMEOUT, (), "it took longer than the skill's timeout; see what the device does"
-            )
-            overdue = partial(Lines.overdue, execution_id=opened.execution_id, ended=ended)
-            if any(overdue(device.lines) for device in self._devices.values() if device.lines is not None):
+            if any(device.lines.overdue(opened) for device in self._devices.values() if device.lines is not None):
                 continue
             self._leave(opened.execution_id)
+            ended = opened.too_long(is_halted=False, otherwise="see what the device does")
             self._executing.end(opened.execution_id, ended)
 
 

@@ -14,11 +14,11 @@ from ua_bridges.plugged.data import Put, as_type
 from ua_bridges.plugged.sensor import Sensor
 from ua_fleet.bridge.configured import ConfiguredData, ConfiguredSkill
 from ua_fleet.bridge.driver import Dropped, Execution
-from ua_fleet.bridge.executing import Ended, Executing, ended_text
+from ua_fleet.bridge.executing import Ended, Executing, Open, ended_text, halted
 from ua_fleet.bridge.templates import AnswerPattern, CommandTemplate, Language
 from ua_fleet.config.base import ScalarType
 from ua_fleet.counters import Drop
-from ua_fleet.errors import RobotOffline, SkillRejected
+from ua_fleet.errors import RobotBusy, RobotOffline, SkillRejected
 from ua_fleet.topics import Topic
 from ua_fleet.values import StatusCode
 
@@ -27,6 +27,8 @@ __all__ = ["LONGEST_LINE", "MOST_LINES", "Lines", "PluggedSkillSpec"]
 LONGEST_LINE: Final = 4096
 MOST_LINES: Final = 64
 """Lines that are looked at of one reading, which has 4 KiB: of a flood the latest, the others are counted."""
+MOST_LONG: Final = 10
+"""So many lines in a row that are too long, and the device is put aside."""
 ANSWER_S: Final = 1.0
 """One question is asked at a time; without an answer the next one comes after so long."""
 _MOST_TOLD: Final = 20
@@ -42,6 +44,7 @@ class _Command(NamedTuple):
     done: AnswerPattern | None
     failed: AnswerPattern | None
     halt: CommandTemplate | None
+    halted: AnswerPattern | None
 
 
 def _compile(skill: PluggedSkillSpec) -> _Command:
@@ -57,6 +60,7 @@ def _compile(skill: PluggedSkillSpec) -> _Command:
         AnswerPattern(via.done, results, plain) if via.done is not None else None,
         AnswerPattern(via.failed, {MESSAGE: ScalarType.STRING}, plain) if via.failed is not None else None,
         CommandTemplate(via.halt, arguments, plain) if via.halt is not None else None,
+        AnswerPattern(via.halted, {}, plain) if via.halted is not None else None,
     )
 
 
@@ -76,7 +80,8 @@ class _Source:
 class Lines:
     """One serial port.
 
-    `write` sends bytes, False: it did not; `reset` closes and opens the port for a reason; `listen` sees `listens`.
+    `write` sends bytes, False: it did not; `reset` closes and opens the port for a reason; `listen` sees `listens`;
+    `put_aside` closes it for a while, since the device misbehaves.
     """
 
     def __init__(
@@ -91,10 +96,11 @@ class Lines:
         write: Callable[[bytes], bool],
         reset: Callable[[str], None],
         listen: Callable[[], None],
+        put_aside: Callable[[str], None],
     ) -> None:
         self._device, self._settings = device, settings
         self._put, self._executing = put, executing
-        self._write, self._reset, self._listen = write, reset, listen
+        self._write, self._reset, self._listen, self._put_aside = write, reset, listen, put_aside
         self._terminator = settings.terminator.encode("ascii")
         self._sources = [_Source(sensor, settings.encoding) for sensor in sensors]
         self._commands = {skill.topic: _compile(skill) for skill in skills}
@@ -109,6 +115,8 @@ class Lines:
         self._awaiting: tuple[_Command, Execution] | None = None
         self._left = b""
         self._skips_line = False
+        self._long = 0
+        """Bytes without the end of a line, in longest lines."""
         self._is_open = False
         self._told: set[str] = set()
 
@@ -126,7 +134,7 @@ class Lines:
 
     def opened(self, now: float, time_ns: int) -> None:
         """The port is open."""
-        self._is_open, self._left, self._asked = True, b"", None
+        self._is_open, self._left, self._asked, self._long = True, b"", None, 0
         self._told.clear()
         for source in self._sources:
             source.ask_at = None
@@ -151,12 +159,18 @@ class Lines:
     def received(self, data: bytes, now: float, time_ns: int) -> None:
         """Bytes from the device."""
         *lines, self._left = (self._left + data).split(self._terminator)
+        if lines:
+            self._long = 0
         if self._skips_line and lines:
             self._skips_line = False
             self._answers(self._text(lines.pop(0)))  # half a line of a sensor; but an answer is whole
         if len(self._left) > LONGEST_LINE:
             self._dropped(Drop.MALFORMED, f"it says a line of more than {LONGEST_LINE} bytes; see port.terminator")
             self._left, self._skips_line = self._left[-len(self._terminator) :], True
+            self._long += 1
+            if self._long >= MOST_LONG:
+                self._put_aside(f"more than {MOST_LONG * LONGEST_LINE} bytes without the end of a line")
+                return
         if len(lines) > MOST_LINES:
             flood, lines = lines[:-MOST_LINES], lines[-MOST_LINES:]
             # The answer to a command comes once.
@@ -187,9 +201,14 @@ class Lines:
         if self._awaiting is None:
             return False
         command, execution = self._awaiting
-        if command.failed is not None and (values := command.failed.match(line)) is not None:
-            said = ended_text(str(values.get(MESSAGE, ""))) or "the device says that it failed"
-            ended = Ended(StatusCode.BAD_UNEXPECTED_ERROR, (), said)
+        opened = self._executing.get(execution.execution_id)
+        is_told_to_stop = opened is not None and opened.is_told_to_stop
+        if is_told_to_stop and command.halted is not None and command.halted.match(line) is not None:
+            ended = halted()
+        elif command.failed is not None and (values := command.failed.match(line)) is not None:
+            said = ended_text(str(values.get(MESSAGE, "")))
+            failed = Ended(StatusCode.BAD_UNEXPECTED_ERROR, (), said or "the device says that it failed")
+            ended = halted(said) if is_told_to_stop else failed
         elif command.done is not None and (values := command.done.match(line)) is not None:
             ended = _done(command.skill, values)
         else:
@@ -216,7 +235,8 @@ class Lines:
         """Write the command.
 
         Raises:
-            SkillRejected: an argument cannot be written, or the device is at another command.
+            SkillRejected: an argument cannot be written.
+            RobotBusy: the device is at another command.
             RobotOffline: the port is not open.
         """
         command = self._commands[skill.topic]
@@ -224,7 +244,7 @@ class Lines:
             raise RobotOffline(f"{self._device} is not plugged in; plug it in, and see the bridge's status")
         if command.done is not None and self._awaiting is not None:
             said = f"{self._device} has not answered {self._awaiting[0].skill.label} yet; ask again when it has"
-            raise SkillRejected(said)
+            raise RobotBusy(said)
         data = self._encoded(command.command.render(_arguments(skill, execution)))
         self._executing.begin(skill, execution, now)
         if command.done is not None:
@@ -238,8 +258,8 @@ class Lines:
         elif command.done is None:
             self._executing.end(execution.execution_id, Ended(StatusCode.GOOD, (), "it was sent to the device"))
 
-    def halt(self, execution: Execution) -> None:
-        """Write the command that stops it.
+    def halt(self, execution: Execution, now: float) -> None:
+        """Write the command that stops it. Its end is what the device says then.
 
         Raises:
             SkillRejected: there is none.
@@ -252,25 +272,34 @@ class Lines:
             raise RobotOffline(f"{self._device} is not plugged in")
         if not self._write(self._encoded(command.halt.render(_arguments(command.skill, execution)))):
             raise RobotOffline(self._gone)
-        self.end(execution.execution_id, Ended(StatusCode.BAD_REQUEST_CANCELLED_BY_CLIENT, (), "it was halted"))
+        self._executing.told_to_stop(execution.execution_id, now)
 
-    def end(self, execution_id: bytes, ended: Ended) -> bool:
-        """A command is over without an answer, which must not be taken for the next one's; False where none was."""
+    def _end(self, execution_id: bytes, ended: Ended | None) -> bool:
+        """A command is over without an answer (None: nobody knows how), which must not be taken for the next one's.
+
+        False where none was.
+        """
         if self._awaiting is None or self._awaiting[1].execution_id != execution_id:
             return False
         command, self._awaiting = self._awaiting[0], None
-        self._executing.end(execution_id, ended)
+        if ended is None:
+            self._executing.forget(execution_id)
+        else:
+            self._executing.end(execution_id, ended)
         self._reset(f"{command.skill.label} is over without an answer, which may still come")
         return True
 
-    def overdue(self, execution_id: bytes, ended: Ended) -> bool:
-        """A command has taken too long: it is stopped where that is possible."""
-        if self._awaiting is None or self._awaiting[1].execution_id != execution_id:
+    def overdue(self, opened: Open) -> bool:
+        """A command has taken too long: it is stopped where that is possible. False where it is none of these."""
+        if self._awaiting is None or self._awaiting[1].execution_id != opened.execution_id:
             return False
+        if opened.is_told_to_stop:
+            return self._end(opened.execution_id, None)
         command, execution = self._awaiting
-        if command.halt is not None and self._is_open:
+        can_halt = command.halt is not None and self._is_open
+        if can_halt and command.halt is not None:
             self._write(self._encoded(command.halt.render(_arguments(command.skill, execution))))
-        return self.end(execution_id, ended)
+        return self._end(opened.execution_id, opened.too_long(is_halted=can_halt, otherwise="see what the device does"))
 
     def inform(self, topic: Topic, values: Sequence[Any]) -> bool:
         """Hand the device a value; False, after a drop was counted, where that is not possible."""

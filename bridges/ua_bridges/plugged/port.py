@@ -203,26 +203,26 @@ class Port:
         self._turned()
 
     def write(self, data: bytes) -> bool:
-        """Send bytes, at once where the kernel takes them; False where the port is over."""
+        """Send bytes, at once where the kernel takes them; False where the port is over: then none has gone out."""
         port = self._serial
         if port is None:
             return False
-        sent = 0
-        if not self._unsent:
-            try:
-                sent = os.write(port.fd, data)
-            except (BlockingIOError, InterruptedError):
-                sent = 0
-            except OSError as error:
-                self.reset(f"it was pulled out, or failed ({error.strerror})")
+        if self._unsent:
+            if len(self._unsent) + len(data) > MOST_UNSENT:
+                self.reset("it does not read what it is sent")
                 return False
-            if sent == len(data):
-                return True
-            self._loop.add_writer(port.fd, self._writable)
-        self._unsent += data[sent:]
-        if len(self._unsent) > MOST_UNSENT:
-            self.reset("it does not read what it is sent")
+            self._unsent += data
+            return True
+        try:
+            sent = os.write(port.fd, data)
+        except (BlockingIOError, InterruptedError):
+            sent = 0
+        except OSError as error:
+            self.reset(f"it was pulled out, or failed ({error.strerror})")
             return False
+        if sent < len(data):
+            self._unsent += data[sent:]
+            self._loop.add_writer(port.fd, self._writable)
         return True
 
     def _writable(self) -> None:

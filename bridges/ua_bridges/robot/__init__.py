@@ -16,6 +16,6 @@ results by their names; an exception means that it failed, `Refused` that nothin
 the messages.
 """
 
-from ua_bridges.robot.program import Announcer, Canceled, Execution, Program, Refused
+from ua_bridges.robot.program import Announcer, Busy, Canceled, Execution, Program, Refused
 
-__all__ = ["Announcer", "Canceled", "Execution", "Program", "Refused"]
+__all__ = ["Announcer", "Busy", "Canceled", "Execution", "Program", "Refused"]

@@ -11,7 +11,7 @@ import threading
 from collections.abc import Callable, Mapping
 from typing import Any, Final, cast
 
-__all__ = ["Announcer", "Canceled", "Execution", "Program", "Refused"]
+__all__ = ["Announcer", "Busy", "Canceled", "Execution", "Program", "Refused"]
 
 _MOST_REMEMBERED: Final = 1000
 """Ended executions; the oldest are forgotten, and a query for them is answered with `unknown`."""
@@ -24,6 +24,10 @@ _log = logging.getLogger(__name__)
 
 class Refused(Exception):
     """Raised by a function before it does anything: it will not."""
+
+
+class Busy(Refused):
+    """The same, because the robot is at something else: it may be asked again."""
 
 
 class Canceled(Exception):
@@ -138,9 +142,13 @@ class Program:
         with self._lock:
             is_known = execution_id in self._known
             problem = None if is_known else self._problem(request.get("skill"), execution, arguments)
+            is_busy = not is_known and problem is None and len(self._open) >= self._at_once
+            if is_busy:
+                problem = f"{self.name} is being done already"
             if not is_known:
                 state = "accepted" if problem is None else "refused"
-                self._remember(execution_id, {"execution_id": execution_id, "state": state, "message": problem or ""})
+                status = {"execution_id": execution_id, "state": state, "message": problem or "", "busy": is_busy}
+                self._remember(execution_id, status)
                 if problem is None:
                     self._open[execution_id] = execution
         self._say_again(execution_id)
@@ -157,16 +165,14 @@ class Program:
             self._signature.bind(execution, **cast("dict[str, Any]", arguments))
         except TypeError as error:
             return f"{self.name}: {error}"
-        if len(self._open) >= self._at_once:
-            return f"{self.name} is being done already"
         return None
 
     def _run(self, execution: Execution, arguments: dict[str, Any]) -> None:
-        state, results, message = "done", dict[str, Any](), ""
+        state, results, message, is_busy = "done", dict[str, Any](), "", False
         try:
             results = _results_of(self._function(execution, **arguments))
         except Refused as refused:
-            state, message = "refused", str(refused) or "refused"
+            state, message, is_busy = "refused", str(refused) or "refused", isinstance(refused, Busy)
         except Canceled:
             state, message = "halted", "it was halted"
         except (Exception, SystemExit) as error:  # noqa: BLE001 - whatever the robot's programmer has not foreseen
@@ -174,7 +180,7 @@ class Program:
             state, message = "failed", f"{type(error).__name__}: {error}"
         with self._lock:
             del self._open[execution.id]  # before its end is said: who hears of that may ask for the next one at once
-        self._say(execution.id, state, 1.0 if state == "done" else 0.0, message, results)
+        self._say(execution.id, state, 1.0 if state == "done" else 0.0, message, results, is_busy=is_busy)
 
     def _say(
         self,
@@ -183,6 +189,8 @@ class Program:
         progress: float = 0.0,
         message: str = "",
         results: Mapping[str, Any] | None = None,
+        *,
+        is_busy: bool = False,
     ) -> None:
         status = {
             "execution_id": execution_id,
@@ -190,6 +198,7 @@ class Program:
             "progress": progress,
             "results": results or {},
             "message": message,
+            "busy": is_busy,
         }
         with self._lock:
             if self._known.get(execution_id, {}).get("state") in _ENDS:
@@ -217,6 +226,9 @@ class Announcer:
 
     def fault(self, reason: str) -> None:
         """The robot cannot work. The server gives its tasks to others, until `repaired`.
+
+        A reason that begins with capacities of the robot, `mobile: the drive is hot`, takes these alone away: tasks
+        that need none of them go on. What is said last is all that is wrong.
 
         Raises:
             ValueError: without a reason, or without `fault_id`.

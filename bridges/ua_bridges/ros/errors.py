@@ -5,7 +5,7 @@ from __future__ import annotations
 from ua_fleet.errors import UaFleetError
 from ua_fleet.values import StatusCode
 
-__all__ = ["ConversionError", "SchemaInvalid"]
+__all__ = ["ConversionError", "SchemaInvalid", "Unreadable"]
 
 
 class SchemaInvalid(UaFleetError):
@@ -26,3 +26,10 @@ class ConversionError(UaFleetError):
     def __init__(self, field: str, reason: str) -> None:
         self.field, self.reason = field, reason
         super().__init__(f"field {field}: {reason}")
+
+
+class Unreadable(ConversionError):
+    """Bytes that are no message of their type."""
+
+    def __init__(self, ros_type: str, reason: str) -> None:
+        super().__init__("*", f"its bytes are no {ros_type}: {reason}")

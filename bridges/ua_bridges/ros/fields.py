@@ -7,11 +7,11 @@ from typing import Final
 
 from ua_bridges.ros.leaves import EMPTY_FIELD, leaves_of
 from ua_bridges.ros.schema import MessageSchema, compact_definition
-from ua_fleet.pubsub.metadata import field_property, make_field, type_code
+from ua_fleet.pubsub.metadata import field_property, make_field, type_code, with_max_age
 from ua_fleet.values import ARRAY, DIMENSIONS, BuiltinType
-from ua_fleet.wire.messages import FieldMetaData
+from ua_fleet.wire.messages import DataSetMetaData, FieldMetaData
 
-__all__ = ["fields_of", "ros_type_of", "std_type_for"]
+__all__ = ["fields_of", "is_same_type", "ros_type_of", "std_type_for"]
 
 _SCALARS: Final = {
     BuiltinType.BOOLEAN: "Bool",
@@ -82,3 +82,8 @@ def ros_type_of(fields: Sequence[FieldMetaData]) -> tuple[str, str | None, tuple
     first = fields[0]
     std_type = std_type_for(type_code(first)) if len(fields) == 1 else None
     return (std_type, None, ("data",)) if std_type else None
+
+
+def is_same_type(before: DataSetMetaData, after: DataSetMetaData) -> bool:
+    """Whether what is published for one metadata may go on for the other: a maximum age is learned as messages come."""
+    return before is after or with_max_age(before.fields, None) == with_max_age(after.fields, None)

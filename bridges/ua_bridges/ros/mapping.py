@@ -8,14 +8,21 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from numbers import Integral, Real
-from typing import Any, Final, NamedTuple, TypeGuard
+from operator import itemgetter
+from typing import TYPE_CHECKING, Any, Final, NamedTuple, TypeGuard, cast
 
+from ua_bridges.ros.leaves import Form, Leaf, leaves_of
+from ua_bridges.ros.schema import MessageSchema
 from ua_fleet.config.schema import DataSetConfig, FieldConfig, ScalarType
 from ua_fleet.values import BuiltinType, StatusCode, Variant, ticks_from_unix_ns
+from ua_fleet.wire.packed import LETTERS, is_packed
 
-__all__ = ["FieldProblem", "FieldUnfit", "MappedSource", "cast_scalar", "compile_path"]
+if TYPE_CHECKING:
+    from typing_extensions import Buffer
+
+__all__ = ["FieldProblem", "FieldUnfit", "FlatPaths", "Follow", "MappedSource", "cast_scalar", "compile_path"]
 
 INTEGER_RANGES: Final = {
     ScalarType.SBYTE: (-(1 << 7), (1 << 7) - 1),
@@ -31,8 +38,26 @@ INTEGER_RANGES: Final = {
 MAX_FLOAT: Final = 3.4028234663852886e38
 """Greatest finite value of an IEEE 754 single."""
 
+_FITS: Final = {
+    ScalarType.BYTE: "B",
+    ScalarType.SBYTE: "b",
+    ScalarType.INT16: "bBh",
+    ScalarType.UINT16: "BH",
+    ScalarType.INT32: "bBhHi",
+    ScalarType.UINT32: "BHI",
+    ScalarType.INT64: "bBhHiIlq",
+    ScalarType.UINT64: "BHILQ",
+    ScalarType.FLOAT: "f",
+    ScalarType.DOUBLE: "fd",
+}
+"""Arrays whose every element is a value of the type as it stands, by the letters of `struct`."""
+
 _NUMBER = re.compile(r"-?\b\d[\d.e+-]*")
 _STEP = re.compile(r"([A-Za-z][A-Za-z0-9_]*)((?:\[\d{1,6}\])*)", re.ASCII)
+
+
+Follow = Callable[[Any], Any]
+"""Finds a value in a message object, or in the values of its flat fields; raises FieldUnfit."""
 
 
 class FieldUnfit(Exception):
@@ -52,8 +77,7 @@ class FieldProblem(NamedTuple):
     new: bool
 
 
-def compile_path(path: str) -> Callable[[Any], Any]:
-    """A function that follows `twist.linear.x` or `position[2]` into a message; it raises FieldUnfit."""
+def _steps_of(path: str) -> list[str | int]:
     steps: list[str | int] = []
     for part in path.split("."):
         match = _STEP.fullmatch(part)
@@ -61,6 +85,12 @@ def compile_path(path: str) -> Callable[[Any], Any]:
             raise ValueError(f"{path!r} is not the path of a field; write it like `twist.linear.x` or `position[2]`")
         steps.append(match[1])
         steps.extend(int(index) for index in re.findall(r"\d+", match[2]))
+    return steps
+
+
+def compile_path(path: str) -> Follow:
+    """A function that follows `twist.linear.x` or `position[2]` into a message; it raises FieldUnfit."""
+    steps = _steps_of(path)
 
     def follow(message: Any) -> Any:
         value = message
@@ -132,11 +162,25 @@ def cast_scalar(value: Any, wanted: ScalarType) -> Any:
     if wanted is ScalarType.STRING and isinstance(value, str):
         return value
     if wanted is ScalarType.BYTE_STRING:
-        if isinstance(value, bytes | bytearray):
+        if is_packed(value, "B"):
+            return value
+        if isinstance(value, bytes | bytearray) or _buffer_format(value) == "B":
             return bytes(value)
         if _is_array(value):
             return bytes(_to_int(item, ScalarType.BYTE) for item in value)
     raise _mismatch(value, wanted)
+
+
+def _buffer_format(value: object) -> str:
+    """The letter of `struct` for the elements of an array of rclpy's; empty for what is none.
+
+    Such an array is taken as a whole: each pixel of an image by itself took a second.
+    """
+    try:
+        view = memoryview(cast("Buffer", value))
+    except TypeError:
+        return ""
+    return view.format if view.ndim == 1 and view.contiguous else ""
 
 
 def _is_array(value: Any) -> TypeGuard[Iterable[Any]]:
@@ -153,13 +197,67 @@ def _cast_field(value: Any, field: FieldConfig) -> Any:
         value = tuple(value)
     if not _is_array(value):
         raise FieldUnfit(StatusCode.BAD_TYPE_MISMATCH, "the message has a single value there; set `array: false`")
+    if is_packed(value, LETTERS.get(wanted.builtin)):
+        return value
+    if (letter := _buffer_format(value)) and letter in _FITS.get(wanted, ""):
+        return tuple(memoryview(cast("Buffer", value)).tolist())
     return tuple(cast_scalar(item, wanted) for item in value)
+
+
+class FlatPaths(NamedTuple):
+    """How fields are found in the flat fields of a message."""
+
+    follow: tuple[Follow, ...]
+    wanted: frozenset[str]
+    """The flat fields that are needed."""
+
+
+class _Time(NamedTuple):
+    sec: int
+    nanosec: int
+
+
+def _flat_path(leaves: Sequence[Leaf], path: str) -> tuple[Follow, tuple[int, ...]] | None:
+    """A function like that of `compile_path` for flat fields, and which of them it needs; None where there is none."""
+    steps = _steps_of(path)
+    numbers = [step for step in steps if isinstance(step, int)]
+    whole = ".".join(step for step in steps if isinstance(step, str))
+    for index, leaf in enumerate(leaves):
+        parts = [leaf.path, leaf.column_path] if leaf.form is Form.COLUMN else [leaf.path]
+        if ".".join(parts) != whole or leaf.form is Form.RAGGED or leaf.member.type == "byte":
+            continue
+        if not numbers and leaf.form is not Form.COLUMN:
+            return itemgetter(index), (index,)
+        indexed = leaf.path.count(".") + 1
+        if len(numbers) == 1 and leaf.form is not Form.SCALAR and isinstance(steps[indexed], int):
+            return _element(index, numbers[0], path), (index,)
+        return None
+    pair = [index for index, leaf in enumerate(leaves) if leaf.form is Form.SCALAR and leaf.path in _times_of(whole)]
+    if len(pair) == 2 and not numbers:
+        seconds, nanoseconds = pair
+        return (lambda values: _Time(values[seconds], values[nanoseconds])), (seconds, nanoseconds)
+    return None
+
+
+def _times_of(path: str) -> tuple[str, ...]:
+    return f"{path}.sec", f"{path}.nanosec", f"{path}.secs", f"{path}.nsecs"
+
+
+def _element(index: int, element: int, path: str) -> Follow:
+    def follow(values: Any) -> Any:
+        try:
+            return values[index][element]
+        except IndexError:
+            raise FieldUnfit(StatusCode.BAD_OUT_OF_RANGE, f"the array of {path!r} has another length") from None
+
+    return follow
 
 
 class _Field(NamedTuple):
     name: str
     config: FieldConfig
-    follow: Callable[[Any], Any]
+    path: str
+    follow: Follow
     told: list[str]
     """The reasons told since the field was last Good."""
 
@@ -179,25 +277,37 @@ class MappedSource:
         )
         """Name, built-in type and whether it is an array, of each field."""
         self._fields = tuple(
-            _Field(name or browse_name, field, compile_path(field.path or name or "data"), [])
+            _Field(name or browse_name, field, path := field.path or name or "data", compile_path(path), [])
             for name, field in dataset.all_fields().items()
         )
 
-    def read(self, message: Any, message_type: str) -> tuple[tuple[Any, ...], tuple[FieldProblem, ...]]:
+    def flat(self, schema: MessageSchema) -> FlatPaths | None:
+        """How the values are found in the flat fields of a message; None where that takes the message object."""
+        leaves = leaves_of(schema)
+        found = [_flat_path(leaves, field.path) for field in self._fields]
+        wanted = frozenset(leaves[index].name for each in found if each is not None for index in each[1])
+        follow = [each[0] for each in found if each is not None]
+        return FlatPaths(tuple(follow), wanted) if len(follow) == len(found) else None
+
+    def read(
+        self, message: Any, message_type: str, follow: Sequence[Follow] | None = None
+    ) -> tuple[tuple[Any, ...], tuple[FieldProblem, ...]]:
         """The values in the order of `fields`, and what is wrong with those that are Bad.
 
-        A Bad field is a `Variant` of type StatusCode in place of its value.
+        A Bad field is a `Variant` of type StatusCode in place of its value. With `follow` (of `flat`) the message is
+        the values of its flat fields.
         """
         values: list[Any] = []
         problems: list[FieldProblem] = []
-        for field in self._fields:
+        for index, field in enumerate(self._fields):
             try:
                 if message_type != self.message_type:
                     raise FieldUnfit(
                         StatusCode.BAD_TYPE_MISMATCH,
                         f"the topic carries {message_type}, fleet.yaml says {self.message_type}",
                     )
-                values.append(_cast_field(field.follow(message), field.config))
+                found = (field.follow if follow is None else follow[index])(message)
+                values.append(_cast_field(found, field.config))
                 field.told.clear()
             except FieldUnfit as unfit:
                 values.append(Variant(BuiltinType.STATUS_CODE, unfit.status))

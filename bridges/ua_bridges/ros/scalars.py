@@ -131,7 +131,7 @@ def scalar_writer(member: Member, ros: Literal[1, 2]) -> Convert:
 
 def is_array(value: object) -> TypeGuard[Sequence[Any]]:
     """Whether a value from the wire (or from parsed JSON) is an array."""
-    return isinstance(value, tuple | list)
+    return isinstance(value, tuple | list | memoryview)
 
 
 def check_length(count: int, member: Member) -> None:
@@ -201,7 +201,7 @@ def octets_writer(member: Member, ros: Literal[1, 2]) -> Convert:
         if not isinstance(octets, bytes):
             if not is_array(octets):
                 raise TypeError(f"a {type(value).__name__} is not a ByteString")
-            octets = bytes(octets)
+            octets = bytes(octets.tolist() if isinstance(octets, memoryview) else octets)
         check_length(len(octets), member)
         if ros == 1:
             return array("b", octets).tolist() if member.type == "byte" else octets

@@ -78,6 +78,8 @@ class MessageSchema:
     """The type's name in its own ROS (`time`, `std_msgs/Time`), for making an empty message."""
     ros: Literal[1, 2]
     members: tuple[Member, ...]
+    seq_at: int | None = None
+    """Of a Header of ROS 1: before which member its `seq` stands, which is none here (ROS 2 has none)."""
 
 
 _INT32: Final = (1 << 31) - 1
@@ -168,12 +170,15 @@ def _ros1_schema(builder: _Builder, name: str, sections: Mapping[str, str]) -> M
         raise SchemaInvalid(builder.ros_type, f"the definition of {name} is missing")
     builder.enter(name)
     members: list[Member] = []
+    seq_at: int | None = None
     for line in text.splitlines():
         code = line.split("#", 1)[0].strip()
         if not code or "=" in code:  # a constant
             continue
         member = _ros1_member(builder, name, code, sections)
-        if not (name in _HEADERS and member.name == "seq"):
+        if name in _HEADERS and member.name == "seq" and member.type == "uint32" and not member.array:
+            seq_at = len(members)
+        else:
             members.append(member)
     builder.leave()
     if len({member.name for member in members}) < len(members):
@@ -183,7 +188,7 @@ def _ros1_schema(builder: _Builder, name: str, sections: Mapping[str, str]) -> M
         outer = members[0].attribute
         times = tuple(replace(time, attribute=f"{outer}.{time.attribute}") for time in members[0].nested.members)
         return MessageSchema(_STANDALONE[name], name, 1, times)
-    return MessageSchema(canonical_type_name(name), name, 1, tuple(members))
+    return MessageSchema(canonical_type_name(name), name, 1, tuple(members), seq_at)
 
 
 def _ros1_member(builder: _Builder, parent: str, code: str, sections: Mapping[str, str]) -> Member:

@@ -66,6 +66,8 @@ class ProgramStatus(NamedTuple):
     progress: float = 0.0
     results: Mapping[str, Any] = {}
     message: str = ""
+    is_busy: bool = False
+    """Refused because the robot is at something else: it may be asked again."""
 
 
 class StatusInvalid(ValueError):
@@ -124,6 +126,7 @@ def parse_status(text: str) -> ProgramStatus:
         _progress(members.get("progress", 0.0)),
         _results(members.get("results")),
         _message(members.get("message")),
+        members.get("busy") is True,
     )
 
 
@@ -169,7 +172,8 @@ def _message(value: Any) -> str:
 def ended_of(status: ProgramStatus, skill: SkillConfig) -> Ended:
     """The end that a status in one of the states of an end tells."""
     if status.state is ProgramState.REFUSED:
-        return Ended(StatusCode.BAD_REQUEST_NOT_ALLOWED, (), status.message or "the robot's program refused it")
+        code = StatusCode.BAD_TOO_MANY_OPERATIONS if status.is_busy else StatusCode.BAD_REQUEST_NOT_ALLOWED
+        return Ended(code, (), status.message or "the robot's program refused it")
     if status.state is ProgramState.HALTED:
         return Ended(StatusCode.BAD_REQUEST_CANCELLED_BY_CLIENT, (), status.message or "it was halted")
     if status.state is ProgramState.FAILED:

@@ -202,10 +202,17 @@ class StatusReader:
         self._reader = ResponseReader(spec, status, None, sample)
         self._done, self._failed = condition(status.done), condition(status.failed)
         self._running, self._progress = condition(status.running), condition(status.progress)
+        self._halted = condition(status.halted)
 
     def runs(self, message: Any, arguments: Arguments) -> bool:
         """Whether the robot is at it; raises ValueUnknown."""
         return self._running is None or self._running.holds(message, arguments)
+
+    def stands(self, message: Any, arguments: Arguments) -> bool:
+        """Whether the robot, which was at it and was told to stop, is not at it any more; raises ValueUnknown."""
+        if self._halted is not None and self._halted.holds(message, arguments):
+            return True
+        return self._running is not None and not self._running.holds(message, arguments)
 
     def judge(self, message: Any, arguments: Arguments) -> Outcome:
         """What the message says; raises ValueUnknown where that cannot be said."""

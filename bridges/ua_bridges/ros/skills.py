@@ -103,6 +103,9 @@ class StatusTopic(_Response, frozen=True):
     """Holds when it is done."""
     failed: Expression | None = None
     """Holds when it has failed."""
+    halted: Expression | None = None
+    """With `halt`: holds when the robot stands after it was told to stop. `done`, `failed`, and `running` that holds no
+    more tell it too; where none does within 5 s, nobody knows whether it stands: Unknown."""
     progress: Expression | None = None
     """How far it is, 0 to 1."""
 
@@ -218,6 +221,8 @@ def _via_problems(
     way = via.way
     inner: KeyPath = (*path, "via", next(key for key in ("topic", "service", "action") if getattr(via, key) is way))
     response, of_response = (way.status, (*inner, "status")) if isinstance(way, TopicSkill) else (way, inner)
+    if isinstance(way, TopicSkill) and way.status is not None and way.status.halted is not None and way.halt is None:
+        yield (*of_response, "halted"), "nothing stops the robot", "add `halt`, or remove it"
     for argument in way.fields:
         if argument not in skill.arguments:
             said = f"{name} has no argument `{argument}`"
@@ -229,7 +234,7 @@ def _via_problems(
     for result in response.results:
         if result not in skill.results:
             yield (*of_response, "results", result), f"{name} has no result `{result}`", closest(result, skill.results)
-    for key in ("running", "done", "failed", "progress", "success"):
+    for key in ("running", "done", "failed", "halted", "progress", "success"):
         text: str | None = getattr(response, key, None)
         for used in sorted(parse_expression(text).names) if text is not None else ():
             argument = used.removeprefix(ARGUMENTS)

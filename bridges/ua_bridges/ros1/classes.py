@@ -11,6 +11,9 @@ from __future__ import annotations
 import contextlib
 import importlib.machinery
 import re
+import shutil
+import sys
+import threading
 from collections.abc import Callable
 from functools import lru_cache
 from pathlib import Path
@@ -19,6 +22,7 @@ from typing import Any, Final, NamedTuple
 import genpy.dynamic
 import genpy.message
 
+from ua_bridges.ros1.layout import Layout, TooMany, layout_of
 from ua_fleet.errors import UaFleetError
 from ua_fleet.values import StatusCode
 
@@ -36,7 +40,13 @@ __all__ = [
 MAX_DEFINITION_CHARS: Final = 100_000
 """The longest definition that a class is made of; the longest of the common ones has about 12,000."""
 CACHED_TYPES: Final = 512
-"""genpy never lets go of a generated module, so a graph with more types than this is refused, not served."""
+"""Classes that are kept for the next topic of their type; those that a topic reads stay in any case."""
+
+MAX_SECTIONS: Final = 100
+"""Types in one definition. genpy's time grows with their square and more."""
+
+_generating = threading.Lock()
+"""genpy changes the process's list of folders to import from."""
 
 _GENERATION_ERRORS = (
     genpy.dynamic.genmsg.InvalidMsgSpec,
@@ -64,6 +74,17 @@ _SEPARATOR = "=" * 80
 _TIMES: dict[str, type[Any]] = {"time": genpy.Time, "duration": genpy.Duration}
 
 
+class _NoExit:
+    """In place of genpy's `atexit`: what it would remove at the end is removed at once."""
+
+    @staticmethod
+    def register(*_: object) -> None:
+        """Nothing is left to do."""
+
+
+genpy.dynamic.atexit = _NoExit
+
+
 class TypeUnavailable(UaFleetError):
     """A message type that is not installed here, or a definition that no class can, or may, be made of."""
 
@@ -77,6 +98,8 @@ def sanitized(definition: str) -> str:
     """
     if len(definition) > MAX_DEFINITION_CHARS:
         raise TypeUnavailable(f"the definition has {len(definition)} characters, at most {MAX_DEFINITION_CHARS}")
+    if definition.count("MSG: ") > MAX_SECTIONS:
+        raise TypeUnavailable(f"the definition has more than {MAX_SECTIONS} types in it")
     lines: list[str] = []
     for raw in definition.splitlines():
         if raw.strip() == _SEPARATOR:
@@ -109,6 +132,8 @@ class MessageType(NamedTuple):
     cls: type[Any]
     make: Callable[[str], Any]
     """Makes an empty message of a type that stands in this one, also `time` and `duration`."""
+    layout: Layout
+    """How many elements its messages have."""
 
     @property
     def definition(self) -> str:
@@ -123,14 +148,36 @@ class MessageType(NamedTuple):
 
 @lru_cache(maxsize=CACHED_TYPES)
 def _generate(message_type: str, definition: str) -> MessageType:
-    if _generate.cache_info().currsize >= CACHED_TYPES:
-        raise TypeUnavailable(f"more than {CACHED_TYPES} message types in this process")
+    layout = _layout(message_type, definition)
     try:
-        classes: dict[str, type[Any]] = genpy.dynamic.generate_dynamic(message_type, definition)
+        classes = _generated(message_type, definition)
     except _GENERATION_ERRORS as error:
         raise TypeUnavailable(f"no class can be made of the definition of {message_type}: {error}") from error
     makers = _TIMES | classes
-    return MessageType(message_type, classes[message_type], lambda name: makers[name]())
+    return MessageType(message_type, classes[message_type], lambda name: makers[name](), layout)
+
+
+def _generated(message_type: str, definition: str) -> dict[str, type[Any]]:
+    """The classes of a definition. What genpy leaves behind for ever goes: a folder, and an imported module."""
+    with _generating:
+        folders = len(sys.path)
+        known = set(sys.modules)
+        try:
+            classes: dict[str, type[Any]] = genpy.dynamic.generate_dynamic(message_type, definition)
+        finally:
+            for folder in sys.path[folders:]:
+                shutil.rmtree(folder, ignore_errors=True)
+            del sys.path[folders:]
+            for name in [each for each in sys.modules if each not in known and each.startswith("tmp")]:
+                del sys.modules[name]
+    return classes
+
+
+def _layout(message_type: str, definition: str) -> Layout:
+    try:
+        return layout_of(message_type, definition)
+    except (TooMany, ValueError) as error:
+        raise TypeUnavailable(f"{message_type} is not read: {error}") from error
 
 
 def type_from_definition(message_type: str, definition: str) -> MessageType:
@@ -163,7 +210,10 @@ def installed_type(message_type: str) -> MessageType | None:
     if not any((Path(place) / "msg" / f"_{name}.py").is_file() for place in places):
         return None
     found: type[Any] | None = genpy.message.get_message_class(message_type)
-    return None if found is None else MessageType(message_type, found, _make_installed)
+    if found is None:
+        return None
+    layout = _layout(message_type, sanitized(str(found._full_text)))  # noqa: SLF001 - genpy's name for it
+    return MessageType(message_type, found, _make_installed, layout)
 
 
 def needed_type(message_type: str) -> MessageType:
@@ -182,6 +232,13 @@ def needed_service(service_type: str) -> type[Any]:
     if found is None:
         raise _missing("service", service_type)
     return found
+
+
+@lru_cache(maxsize=CACHED_TYPES)
+def response_layout(service_class: Any) -> Layout:
+    """How many elements responses of an installed service have; raises TypeUnavailable where nothing bounds them."""
+    response: Any = service_class._response_class  # noqa: SLF001 - genpy's name for it
+    return _layout(str(response._type), sanitized(str(response._full_text)))  # noqa: SLF001
 
 
 def _missing(what: str, name: str) -> TypeUnavailable:

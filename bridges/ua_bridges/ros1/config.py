@@ -7,6 +7,7 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import BaseModel, Field
 
+from ua_bridges.ros.installed import ros_type_problems
 from ua_bridges.ros.skills import RosSkillMapping, skill_problems
 from ua_fleet.config.schema import BridgeConfig, DataMapping, RobotConfig, TopicMapping
 from ua_fleet.document import KeyPath
@@ -36,3 +37,8 @@ class Ros1BridgeConfig(BridgeConfig, frozen=True):
     def problems(self, name: str, robots: Mapping[str, RobotConfig]) -> Iterable[tuple[KeyPath, str, str]]:
         """See BridgeConfig."""
         return skill_problems(robots)
+
+    def fleet_problems(self, name: str, robots: Mapping[str, RobotConfig]) -> Iterable[tuple[KeyPath, str, str]]:
+        """See BridgeConfig."""
+        yield from super().fleet_problems(name, robots)
+        yield from ros_type_problems(robots, name)

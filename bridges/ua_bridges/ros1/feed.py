@@ -5,9 +5,13 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable
-from typing import Any, Protocol
+from struct import Struct
+from struct import error as StructError  # noqa: N812 - its name says nothing
+from typing import Any, Final, Protocol
 
+from ua_bridges.ros.codec import Decoder, compile_decoder
 from ua_bridges.ros.convert import compile_reader
+from ua_bridges.ros.errors import Unreadable
 from ua_bridges.ros.fields import fields_of
 from ua_bridges.ros.latched import mark_latched
 from ua_bridges.ros.mapping import MappedSource
@@ -15,16 +19,19 @@ from ua_bridges.ros.schema import MessageSchema, schema_from_definition
 from ua_bridges.ros.stamp import source_time_ns
 from ua_bridges.ros1.classes import MessageType
 from ua_fleet.bridge.driver import Dropped, Inlet, SampleRead, SourceFound, SourceLost
-from ua_fleet.bridge.rate import RateGate
+from ua_fleet.bridge.rate import ThreadedGate
 from ua_fleet.config.schema import DataSetConfig
 from ua_fleet.counters import Drop
 from ua_fleet.pubsub.metadata import make_field
 from ua_fleet.topics import Topic
 
-__all__ = ["Feed", "MappedFeed", "MirrorFeed", "Read", "schema_of"]
+__all__ = ["Feed", "MappedFeed", "MirrorFeed", "Read", "message_reader", "schema_of"]
 
-Read = Callable[[Any, int, bool], None]
-"""Hands on one message object; its time of arrival (ns since 1970), and whether this bridge had published it."""
+_STAMP: Final = Struct("<4xII")
+"""Behind the Header's seq."""
+
+Read = Callable[[bytes, int, bool], None]
+"""Hands on one serialized message; its time of arrival (ns since 1970), and whether this bridge had published it."""
 
 
 class Feed(Protocol):
@@ -48,16 +55,37 @@ class Feed(Protocol):
         ...
 
 
-def _stamp_reader(kind: MessageType) -> Callable[[Any], int] | None:
-    """Reads the stamp of the Header at the type's top level, ns since 1970; None where there is none."""
-    slots = zip(kind.cls.__slots__, kind.cls._slot_types, strict=True)  # noqa: SLF001 - genpy's name for it
-    name = next((name for name, slot_type in slots if slot_type == "std_msgs/Header"), None)
-    if name is None:
-        return None
+def message_reader(kind: MessageType) -> Callable[[bytes], Any]:
+    """A function that makes a message object; it raises what genpy raises."""
+    return lambda content: kind.cls().deserialize(content)
 
-    def read(message: Any) -> int:
-        stamp = getattr(message, name).stamp
-        return int(stamp.secs) * 1_000_000_000 + int(stamp.nsecs)
+
+def _flat_reader(kind: MessageType, wanted: frozenset[str] | None = None) -> Decoder:
+    """A function from a message's bytes to the values of its flat fields, or those of them that are wanted."""
+    schema = schema_of(kind)
+    decode, values = compile_decoder(schema, wanted, packed_arrays=True), compile_reader(schema)
+    message = message_reader(kind)
+    return decode or (lambda content: values(message(content)))
+
+
+def _stamp_reader(kind: MessageType) -> Callable[[bytes], int] | None:
+    """Reads the stamp of the Header at the type's top level, ns since 1970; None where there is none."""
+    types = list(kind.cls._slot_types)  # noqa: SLF001 - genpy's name for it
+    if "std_msgs/Header" not in types:
+        return None
+    name, is_first = kind.cls.__slots__[types.index("std_msgs/Header")], types[0] == "std_msgs/Header"
+    message = message_reader(kind)
+
+    def read(content: bytes) -> int:
+        if is_first:
+            try:
+                seconds, nanoseconds = _STAMP.unpack_from(content)
+            except StructError as error:
+                raise Unreadable(kind.name, str(error)) from error
+        else:
+            stamp = getattr(message(content), name).stamp
+            seconds, nanoseconds = stamp.secs, stamp.nsecs
+        return int(seconds * 1_000_000_000 + nanoseconds)
 
     return read
 
@@ -78,20 +106,21 @@ class MirrorFeed:
         """See Feed."""
         schema = schema_of(kind)
         fields = fields_of(schema, schema.name, kind.definition)
-        self._inlet.put(SourceFound(self.topic, self.topic.name, mark_latched(fields) if latched else fields))
+        fields = mark_latched(fields) if latched else fields
+        self._inlet.put(SourceFound(self.topic, self.topic.name, fields, may_have_period=not latched))
 
     def reader(self, kind: MessageType) -> Read:
         """See Feed."""
-        values, stamp, topic, put = compile_reader(schema_of(kind)), _stamp_reader(kind), self.topic, self._inlet.put
+        values, stamp, topic, put = _flat_reader(kind), _stamp_reader(kind), self.topic, self._inlet.put
         if stamp is None:
 
-            def read(message: Any, received_ns: int, own: bool) -> None:
-                put(SampleRead(topic, values(message), received_ns, 0, own))
+            def read(content: bytes, received_ns: int, own: bool) -> None:
+                put(SampleRead(topic, values(content), received_ns, 0, own))
 
             return read
 
-        def read_stamped(message: Any, received_ns: int, own: bool) -> None:
-            put(SampleRead(topic, values(message), source_time_ns(stamp(message), received_ns), 0, own))
+        def read_stamped(content: bytes, received_ns: int, own: bool) -> None:
+            put(SampleRead(topic, values(content), source_time_ns(stamp(content), received_ns), 0, own))
 
         return read_stamped
 
@@ -112,44 +141,40 @@ class MappedFeed:
         self._mapped = MappedSource(dataset, browse_name)
         self._fields = tuple(make_field(name, builtin, array=array) for name, builtin, array in self._mapped.fields)
         self._put = inlet.put
-        self._loop = loop
-        self._gate: RateGate[SampleRead] | None = None
+        self._gate: ThreadedGate[SampleRead] | None = None
         if dataset.source_topic.max_rate_hz is not None:
-            self._gate = RateGate(
+            self._gate = ThreadedGate(
                 dataset.source_topic.max_rate_hz, loop, inlet.put, lambda: inlet.put(Dropped(Drop.RATE_LIMITED))
             )
 
     def announce(self, kind: MessageType, latched: bool) -> None:
         """See Feed. The fields are those of `fleet.yaml`, whatever the robot publishes."""
-        self._in_order(self._put, SourceFound(self.topic, self._name, self._fields))
+        self._put(SourceFound(self.topic, self._name, self._fields, may_have_period=not latched))
 
     def reader(self, kind: MessageType) -> Read:
         """See Feed."""
         read_fields, stamp, type_name = self._mapped.read, _stamp_reader(kind), kind.name
+        flat = self._mapped.flat(schema_of(kind))
+        message = message_reader(kind) if flat is None else _flat_reader(kind, flat.wanted)
+        follow = None if flat is None else flat.follow
 
-        def read(message: Any, received_ns: int, own: bool) -> None:
-            values, problems = read_fields(message, type_name)
+        def read(content: bytes, received_ns: int, own: bool) -> None:
+            values, problems = read_fields(message(content), type_name, follow)
             if problems:
                 told = "; ".join(f"{self._name} field {p.field}: {p.reason}" for p in problems if p.new)
                 self._put(Dropped(Drop.CONVERSION, len(problems), told))
-            time_ns = received_ns if stamp is None else source_time_ns(stamp(message), received_ns)
+            time_ns = received_ns if stamp is None else source_time_ns(stamp(content), received_ns)
             sample = SampleRead(self.topic, values, time_ns, 0, own)
             if self._gate is None or own:  # what we had published ourselves must not push a robot's message out
                 self._put(sample)
             else:
-                self._in_order(self._gate.offer, sample)
+                self._gate.offer(sample)
 
         return read
 
     def lost(self) -> None:
         """See Feed. What waits for its turn goes first."""
-        if self._gate is not None:
-            self._in_order(lambda _: self._gate.flush() if self._gate else None, None)
-        self._in_order(self._put, SourceLost(self.topic))
-
-    def _in_order(self, hand_on: Callable[[Any], object], item: Any) -> None:
-        """With a rate limit all goes through the event loop, where its timer runs, so that the order stays."""
         if self._gate is None:
-            hand_on(item)
+            self._put(SourceLost(self.topic))
         else:
-            self._loop.call_soon_threadsafe(hand_on, item)
+            self._gate.flush(lambda: self._put(SourceLost(self.topic)))

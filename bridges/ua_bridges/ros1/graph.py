@@ -33,9 +33,12 @@ class GraphWatch:
 
     def __init__(self, space: int) -> None:
         self._space = space
-        self._found: set[Topic] = set()
         self._legal: set[str] = set()
         self._illegal: set[str] = set()
+
+    def forget(self, topic: Topic) -> None:
+        """A topic is not watched any more: it is found again where somebody publishes it."""
+        self._legal.discard(f"/{topic.name}")
 
     def look(self, published: Iterable[str]) -> GraphNews:
         """The news in the names of all topics that have a publisher now."""

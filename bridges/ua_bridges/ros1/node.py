@@ -14,12 +14,10 @@ import os
 import socket
 import threading
 import time
-from typing import Any, Final
+from typing import Any
 
-import rosgraph.xmlrpc
 import rospy
 import rospy.core
-import rospy.impl.masterslave
 import rospy.impl.registration
 import rospy.impl.tcpros
 import rospy.impl.tcpros_base
@@ -27,38 +25,12 @@ import rospy.names
 import rospy.rostime
 import rospy.topics
 
+from ua_bridges.ros1.api import ApiNode, Doorman, Orders, SlaveApi
 from ua_fleet.errors import BridgeUnavailable
 
-__all__ = ["RosNode", "is_up", "keep_alive"]
-
-KEEPALIVE_IDLE_S: Final = 3
-KEEPALIVE_INTERVAL_S: Final = 1
-KEEPALIVE_PROBES: Final = 3
-"""A host that lost its power says nothing more: after 3 + 3 * 1 s its link counts as gone (rospy waits 150 s)."""
+__all__ = ["RosNode"]
 
 _lock = threading.Lock()
-
-
-def keep_alive(link: socket.socket) -> None:
-    """Have the kernel notice soon when a connection's other end vanishes without a word."""
-    link.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
-    link.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPIDLE, KEEPALIVE_IDLE_S)
-    link.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPINTVL, KEEPALIVE_INTERVAL_S)
-    link.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPCNT, KEEPALIVE_PROBES)
-
-
-def is_up(link: Any) -> bool:
-    """Whether a link of rospy has done its handshake and is neither closed nor being made anew.
-
-    rospy makes a link that was lost anew by itself, for up to 30 s each time, with its old header and the next socket.
-    """
-    if link.header is None or link.done:
-        return False
-    try:
-        link.socket.getpeername()
-    except (OSError, AttributeError):  # nobody has answered on it, or there is none
-        return False
-    return True
 
 
 def _prepare_environment(master_uri: str, host_ip: str) -> None:
@@ -105,6 +77,7 @@ class RosNode:
             rospy.names.initialize_mappings(self.name)
             # Else each link asks the master, without a timeout, whether it may use TCP keep-alive.
             rospy.impl.tcpros_base._use_tcp_keepalive = True  # noqa: SLF001
+            self.orders = Orders()
             self._server, self._thread = self._start_server(master_uri)
             self.uri: str = self._server.uri
             # No topic exists yet, so rospy has registered nothing and needed no master. From here on the watch does.
@@ -117,9 +90,11 @@ class RosNode:
     def _start_server(self, master_uri: str) -> tuple[Any, threading.Thread]:
         """What `rospy.impl.init.start_node` does, in a thread that can be joined."""
         rospy.impl.tcpros.init_tcpros()
+        tcpros = rospy.impl.tcpros_base._tcpros_server  # noqa: SLF001 - there is no public way
+        tcpros._tcp_server_callback = Doorman(tcpros)  # noqa: SLF001
         rospy.names._set_caller_id(self.name)  # noqa: SLF001 - there is no public way
-        handler = rospy.impl.masterslave.ROSHandler(self.name, master_uri)
-        server = rosgraph.xmlrpc.XmlRpcNode(0, handler)
+        handler = SlaveApi(self.name, master_uri, self.orders)
+        server = ApiNode(0, handler)
         thread = threading.Thread(target=server.run, name="ros1-slave", daemon=True)
         thread.start()
         while not handler._is_registered():  # noqa: SLF001 - true as soon as its own thread runs, without a master
@@ -139,34 +114,9 @@ class RosNode:
                 ) from error
 
     @property
-    def was_shut_down(self) -> bool:
-        """Whether somebody else ended the node: a new node took its name, or `rosnode kill`."""
-        return bool(rospy.core.is_shutdown())
-
-    @property
     def is_reachable(self) -> bool:
         """Whether other nodes can call this one; rospy does not mind when its server has ended."""
         return self._thread.is_alive()
-
-    def connect(self, topic: str, publisher_uris: list[str]) -> None:
-        """Link a subscription to the publishers that it has no link to yet; returns at once."""
-        handler: Any = self._server.handler
-        if handler is not None:
-            handler.reg_man.publisher_update(topic, publisher_uris)
-
-    @staticmethod
-    def links(topic: str) -> list[Any]:
-        """The subscription's TCPROS links that are up: handshake done and not closed."""
-        implementation = rospy.impl.registration.get_topic_manager().get_subscriber_impl(topic)
-        if implementation is None:
-            return []
-        return [link for link in implementation.connections if is_up(link)]
-
-    @staticmethod
-    def watch_link(link: Any) -> None:
-        """Have the kernel notice soon when the link's other end vanishes without a word."""
-        with contextlib.suppress(OSError, AttributeError):  # the link may be closing
-            keep_alive(link.socket)
 
     def close(self) -> None:
         """End the node: all links, servers and threads. Registrations are the caller's to take back first."""
@@ -184,7 +134,7 @@ class RosNode:
     def _end_servers(self) -> None:
         # rospy closes its listening sockets under the threads that wait on them: one of them would spin from then
         # on, the other would wait for ever.
-        xmlrpc: rosgraph.xmlrpc.ThreadingXMLRPCServer | None = self._server.server
+        xmlrpc: Any = self._server.server
         if xmlrpc is not None:
             self._server.is_shutdown = True
             xmlrpc.shutdown()

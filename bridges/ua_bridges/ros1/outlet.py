@@ -7,20 +7,57 @@ import copy
 import time
 from collections import deque
 from collections.abc import Sequence
+from functools import partial
+from struct import Struct
 from typing import Any, Final
 
+import genpy
 import rospy
 
+from ua_bridges.ros.codec import compile_encoder
 from ua_bridges.ros.convert import compile_writer
 from ua_bridges.ros1.classes import MessageType
 from ua_bridges.ros1.feed import schema_of
 
 __all__ = ["Outlet"]
 
+_SEQ: Final = Struct("<I")
+
 QUEUE_SIZE: Final = 100
 """Messages that wait for a slow subscriber; then its oldest go. A thread of the link sends them, not the event loop."""
 HOLD_S: Final = 1.0
 """So long the first messages wait for the subscribers that are there; connecting takes them some 10 ms."""
+
+
+class _Header:
+    """What rospy numbers in a message with a Header at its begin."""
+
+    __slots__ = ("seq",)
+    frame_id = ""
+
+    def __init__(self) -> None:
+        self.seq = 0
+
+
+def _serialized_class(kind: MessageType) -> type[Any]:
+    """A class of messages that are serialized already, which rospy publishes as those of the type."""
+    has_header = bool(kind.cls._has_header)  # noqa: SLF001 - genpy's name for it
+
+    class Serialized(genpy.Message):  # type: ignore[misc]  # genpy has no types
+        _type, _md5sum, _full_text, _has_header = kind.name, kind.md5sum, kind.definition, has_header
+        __slots__ = ("content", "header")
+
+        def __init__(self, content: bytes = b"") -> None:
+            self.content, self.header = content, _Header()
+
+        def serialize(self, buff: Any) -> None:
+            if has_header:
+                buff.write(_SEQ.pack(self.header.seq))
+                buff.write(memoryview(self.content)[_SEQ.size :])
+            else:
+                buff.write(self.content)
+
+    return Serialized
 
 
 class Outlet:
@@ -46,8 +83,13 @@ class Outlet:
         self._fill = compile_writer(schema_of(kind), tuple(fields), kind.make, partial=shared is not None)
         self._shared = shared
         self._make = kind.cls
-        self._publisher = rospy.Publisher(name, kind.cls, queue_size=QUEUE_SIZE, latch=latched, tcp_nodelay=True)
-        self._held: deque[Any] | None = deque(maxlen=QUEUE_SIZE)
+        explain = partial(self._fill, kind.cls())
+        self._encode = compile_encoder(schema_of(kind), tuple(fields), explain) if shared is None else None
+        published = kind.cls
+        if self._encode is not None:
+            published = self._make = _serialized_class(kind)
+        self._publisher = rospy.Publisher(name, published, queue_size=QUEUE_SIZE, latch=latched, tcp_nodelay=True)
+        self._held: deque[Any] | None = deque()
         self._remembered: Any = None
         self._owed: frozenset[str] = frozenset()
         self.is_latched = latched
@@ -67,15 +109,24 @@ class Outlet:
             return True
         return subscribers is not None and int(self._publisher.get_num_connections()) >= subscribers
 
-    def publish(self, values: Sequence[Any]) -> None:
-        """Publish one message, or hold it until the subscribers are there; raises ConversionError."""
+    def publish(self, values: Sequence[Any]) -> int:
+        """Publish one message, or hold it until the subscribers are there; raises ConversionError.
+
+        Returns how many held messages, the oldest, went for it.
+        """
         message = self._message(values)
         if self._held is None:
             self._publisher.publish(message)
-        else:
-            self._held.append(message)
+            return 0
+        self._held.append(message)
+        if len(self._held) <= QUEUE_SIZE:
+            return 0
+        self._held.popleft()
+        return 1
 
     def _message(self, values: Sequence[Any]) -> Any:
+        if self._encode is not None:
+            return self._make(self._encode(values))
         if self._shared is None:
             message = self._make()
             self._fill(message, values)
@@ -110,6 +161,7 @@ class Outlet:
         for message in held or ():
             self._publisher.publish(message)
 
-    def close(self) -> None:
-        """End the publisher."""
+    def close(self) -> int:
+        """End the publisher; how many messages it held that go with it."""
         self._publisher.unregister()
+        return len(self._held or ())

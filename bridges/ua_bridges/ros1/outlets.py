@@ -8,23 +8,26 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, Final, NamedTuple
 
 import rospy
 
 from ua_bridges.ros.delivered import Delivered
 from ua_bridges.ros.errors import ConversionError
-from ua_bridges.ros.fields import ros_type_of
+from ua_bridges.ros.fields import is_same_type
+from ua_bridges.ros.form import Form, form_of, with_stamp
 from ua_bridges.ros.latched import is_latched
 from ua_bridges.ros.schema import ros1_type_name
-from ua_bridges.ros1.classes import MessageType, TypeUnavailable, installed_type, needed_type, type_from_definition
+from ua_bridges.ros1.classes import MessageType, installed_type, needed_type, type_from_definition
+from ua_bridges.ros1.feed import schema_of
 from ua_bridges.ros1.outlet import Outlet
 from ua_fleet.bridge.driver import Dropped, Inlet
 from ua_fleet.bridge.rate import RateGate
 from ua_fleet.config.schema import DataSetConfig, TopicMapping
 from ua_fleet.counters import Drop
-from ua_fleet.errors import ConfigError, UaFleetError
+from ua_fleet.errors import ConfigError, FieldMissing, UaFleetError
+from ua_fleet.fleet.matching import FieldOrder
 from ua_fleet.topics import SERVER_SPACE, Topic
 from ua_fleet.wire.messages import DataSetMessage, DataSetMetaData
 
@@ -42,12 +45,14 @@ class _Mirrored(NamedTuple):
     metadata: DataSetMetaData
     outlet: Outlet | Dropped
     """Or why there is none."""
+    form: Form | None = None
 
 
 class _Sink(NamedTuple):
     """A robot's own topic that a DataSet of the server is written to."""
 
     outlet: Outlet | Dropped
+    order: FieldOrder
     gate: RateGate[_Values] | None
 
 
@@ -60,6 +65,7 @@ class Outlets:
         loop: asyncio.AbstractEventLoop,
         delivered: Delivered,
         changed: Callable[[Outlet | None], None],
+        named: Mapping[Topic, str] | None = None,
     ) -> None:
         """Begin without outlets.
 
@@ -68,7 +74,9 @@ class Outlets:
             loop: for the timers of rate limits.
             delivered: what the bridge before this one had published.
             changed: told when an outlet is made, and with the old one when it takes the place of another.
+            named: see `ros.form.named_types`.
         """
+        self._named = named or {}
         self._inlet, self._loop, self._delivered, self._changed = inlet, loop, delivered, changed
         self._started: set[Topic] = set()
         """The topics of which this process has published anything."""
@@ -86,37 +94,50 @@ class Outlets:
     def publish(self, topic: Topic, metadata: DataSetMetaData, message: DataSetMessage) -> bool:
         """Publish a message on all topics that it belongs to; whether it went out on any."""
         mirrored = self._mirrored.get(topic)
-        if mirrored is None or (mirrored.metadata is not metadata and mirrored.metadata.fields != metadata.fields):
+        if mirrored is None or not is_same_type(mirrored.metadata, metadata):
             mirrored = self._mirror(topic, metadata, mirrored)
+        elif mirrored.metadata is not metadata:
+            mirrored = self._mirrored[topic] = mirrored._replace(metadata=metadata)
         sinks = self._sinks.get(topic, ())
         if topic not in self._started:
             if self._delivered.is_known(topic, message.timestamp):
-                self._remember([mirrored.outlet, *(sink.outlet for sink in sinks)], message.values)
+                self._remember(mirrored, sinks, metadata, message)
                 return False
             self._started.add(topic)
         sent = False
         if not (sinks and isinstance(mirrored.outlet, Dropped)):  # what reaches its sink needs no form as a UA topic
-            sent = self._send(mirrored.outlet, message.values)
+            sent = self._send(mirrored.outlet, () if mirrored.form is None else mirrored.form.values(message))
         for sink in sinks:
+            try:
+                values = sink.order.arranged(metadata, message.values)
+            except FieldMissing as error:
+                self._inlet.put(Dropped(Drop.CONVERSION, detail=str(error)))
+                continue
             if sink.gate is None:
-                sent = self._send(sink.outlet, message.values) or sent
+                sent = self._send(sink.outlet, values) or sent
             else:
-                sink.gate.offer(message.values)
+                sink.gate.offer(values)
                 sent = True
         if sent:
             self._delivered.note(topic, message.timestamp)
         return sent
 
-    def _remember(self, outlets: list[Outlet | Dropped], values: _Values) -> None:
+    def _remember(
+        self, mirrored: _Mirrored, sinks: Sequence[_Sink], metadata: DataSetMetaData, message: DataSetMessage
+    ) -> None:
         """Only late subscribers get a message that the bridge before this one had published."""
         self._inlet.put(Dropped(Drop.REPEATED))
-        for outlet in outlets:
-            if isinstance(outlet, Outlet):
-                with contextlib.suppress(ConversionError):  # then it could not be published before either
-                    outlet.remember(values)
+        values = message.values
+        with contextlib.suppress(ConversionError):  # it could not be published before either
+            if isinstance(mirrored.outlet, Outlet) and mirrored.form is not None:
+                mirrored.outlet.remember(mirrored.form.values(message))
+        for sink in sinks:
+            if isinstance(sink.outlet, Outlet):
+                with contextlib.suppress(ConversionError, FieldMissing):
+                    sink.outlet.remember(sink.order.arranged(metadata, values))
 
-    def add_sink(self, topic: Topic, browse_name: str, dataset: DataSetConfig) -> None:
-        """Write the DataSet to the robot's own topic, too."""
+    def add_sink(self, topic: Topic, browse_name: str, dataset: DataSetConfig, order: FieldOrder) -> None:
+        """Write the DataSet to the robot's own topic, too; `order` puts its values into that of `fleet.yaml`."""
         mapping = dataset.sink_topic
         assert mapping is not None
         paths = [field.path or name or "data" for name, field in dataset.all_fields().items()]
@@ -128,7 +149,7 @@ class Outlets:
         gate = None
         if mapping.max_rate_hz is not None and isinstance(outlet, Outlet):
             gate = self._gate(mapping.max_rate_hz, outlet)
-        self._sinks.setdefault(topic, []).append(_Sink(outlet, gate))
+        self._sinks.setdefault(topic, []).append(_Sink(outlet, order, gate))
 
     def close(self) -> None:
         """Stop all timers."""
@@ -142,11 +163,16 @@ class Outlets:
             self._inlet.put(outlet)
             return False
         try:
-            outlet.publish(values)
+            self._count_lost(outlet, outlet.publish(values))
         except (ConversionError, rospy.ROSException, rospy.ROSSerializationException) as error:
             self._inlet.put(Dropped(Drop.CONVERSION, detail=f"{outlet.name}: {error}"))
             return False
         return True
+
+    def _count_lost(self, outlet: Outlet, lost: int) -> None:
+        """Messages that were held for subscribers that are still connecting, and are not held any more."""
+        if lost:
+            self._inlet.put(Dropped(Drop.INLET_FULL, lost, f"{outlet.name}: more messages than are held at its start"))
 
     def _mirror(self, topic: Topic, metadata: DataSetMetaData, before: _Mirrored | None) -> _Mirrored:
         if before is None and len(self._mirrored) >= MAX_MIRRORED:
@@ -155,16 +181,18 @@ class Outlets:
             )
         replaced = before.outlet if before is not None and isinstance(before.outlet, Outlet) else None
         if replaced is not None:
-            replaced.close()
+            self._count_lost(replaced, replaced.close())
         outlet: Outlet | Dropped
+        form: Form | None = None
         try:
-            kind, names = _type_for(metadata)
+            kind, form = _type_for(topic, metadata, {} if topic in self._sinks else self._named)
             # A Variable of the server is a state; a robot's message is an event unless the robot says otherwise.
             latched = topic.space == SERVER_SPACE or is_latched(metadata.fields)
-            outlet = Outlet(f"/{topic.name}", kind, names, latched=latched)
+            shared = None if form.is_whole else kind.cls()
+            outlet = Outlet(f"/{topic.name}", kind, form.names, latched=latched, shared=shared)
         except UaFleetError as error:
             outlet = Dropped(Drop.TYPE_MISSING, detail=f"{topic.name} cannot be published here: {error}")
-        self._mirrored[topic] = mirrored = _Mirrored(metadata, outlet)
+        self._mirrored[topic] = mirrored = _Mirrored(metadata, outlet, form)
         self._changed(replaced)
         return mirrored
 
@@ -191,13 +219,11 @@ def absolute(topic: str) -> str:
     return topic if topic.startswith("/") else f"/{topic}"
 
 
-def _type_for(metadata: DataSetMetaData) -> tuple[MessageType, tuple[str, ...]]:
-    """The type to publish a DataSet with, and the flat names of its values; raises UaFleetError."""
-    found = ros_type_of(metadata.fields)
-    if found is None:
-        raise TypeUnavailable("several fields without a ROS type, or a type that ROS does not have")
-    canonical, definition, names = found
-    type_name = ros1_type_name(canonical)
-    if installed_type(type_name) is None and definition is not None:
-        return type_from_definition(type_name, definition), names
-    return needed_type(type_name), names
+def _type_for(topic: Topic, metadata: DataSetMetaData, named: Mapping[Topic, str]) -> tuple[MessageType, Form]:
+    """The type to publish a DataSet with, and how its values go into it; raises UaFleetError."""
+    form = form_of(topic, metadata, named)
+    type_name = ros1_type_name(form.ros_type)
+    if installed_type(type_name) is None and form.definition is not None:
+        return type_from_definition(type_name, form.definition), form
+    kind = needed_type(type_name)
+    return kind, with_stamp(form, schema_of(kind))

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import asyncio
+import time
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 
 from ua_bridges.ros.delivered import Delivered, state_folder
+from ua_bridges.ros.form import named_types
 from ua_bridges.ros.served import Served
 from ua_bridges.ros1.config import Ros1BridgeConfig
 from ua_bridges.ros1.feed import Feed, MappedFeed
@@ -17,6 +20,7 @@ from ua_bridges.ros1.outlets import Outlets, absolute
 from ua_bridges.ros1.watch import Watch
 from ua_fleet.bridge.configured import configured_sinks, configured_sources
 from ua_fleet.bridge.driver import DriverStatus, Dropped, Inlet
+from ua_fleet.bridge.offenders import Offenders
 from ua_fleet.config.schema import FleetConfig, TopicMapping
 from ua_fleet.counters import Drop
 from ua_fleet.topics import Topic
@@ -28,12 +32,15 @@ __all__ = ["Ros1Driver"]
 class Ros1Driver:
     """See `ua_fleet.bridge.driver.Driver`."""
 
+    takes_packed_arrays = True
+
     def __init__(self, config: FleetConfig, bridge_name: str) -> None:
         bridge = config.bridges[bridge_name]
         assert isinstance(bridge, Ros1BridgeConfig)
         self._bridge = bridge
         self._sources = configured_sources(config, bridge_name, TopicMapping)
         self._sinks = configured_sinks(config, bridge_name, TopicMapping)
+        self._named = named_types(config)
         self._name, self._pubsub = bridge_name, config.pubsub
         self._node: RosNode | None = None
         self._watch: Watch | None = None
@@ -47,15 +54,16 @@ class Ros1Driver:
         identity = ("ros1", self._name, bridge.master_uri, self._pubsub.url, self._pubsub.interface)
         self._delivered = Delivered(state_folder(), *identity)
         self._memory, self._served = LatchMemory(state_folder(), *identity), Served(state_folder(), *identity)
-        self._outlets = outlets = Outlets(inlet, loop, self._delivered, self._outlets_changed)
+        self._outlets = outlets = Outlets(inlet, loop, self._delivered, self._outlets_changed, self._named)
         mapped: dict[str, list[Feed]] = {}
         for source in self._sources:
             mapped_feed = MappedFeed(source.topic, source.config, source.name, inlet, loop)
             mapped.setdefault(absolute(source.side.topic), []).append(mapped_feed)
         for sink in self._sinks:
-            outlets.add_sink(sink.topic, sink.name, sink.config)
+            outlets.add_sink(sink.topic, sink.name, sink.config, sink.order)
         for name, feed in self._skill_feeds(node, inlet):
             mapped.setdefault(name, []).append(feed)
+        self._offenders = Offenders(inlet)
         self._watch = Watch(
             bridge.space,
             node,
@@ -67,6 +75,7 @@ class Ros1Driver:
             self._memory,
             self._served,
             self._spoken(),
+            self._offenders,
         )
         self._watch.start()
 
@@ -80,14 +89,16 @@ class Ros1Driver:
 
     def publish(self, topic: Topic, metadata: DataSetMetaData, message: DataSetMessage) -> bool:
         """See Driver."""
-        if self._node is None or self._outlets is None or self._node.was_shut_down:
+        if self._node is None or self._outlets is None or self._watch is None or self._watch.is_evicted:
             self._inlet.put(Dropped(Drop.NOT_CONNECTED, detail=self.status().detail))
             return False
         return self._outlets.publish(topic, metadata, message)
 
     def status(self) -> DriverStatus:
         """See Driver."""
-        return DriverStatus(False, "not started") if self._watch is None else self._watch.status
+        if self._watch is None:
+            return DriverStatus(False, "not started")
+        return replace(self._watch.status, aside=self._offenders.told(time.monotonic()))
 
     async def stop(self) -> None:
         """See Driver."""

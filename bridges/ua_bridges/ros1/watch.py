@@ -25,14 +25,33 @@ from ua_bridges.ros1.memory import LatchMemory
 from ua_bridges.ros1.node import RosNode
 from ua_bridges.ros1.outlet import Outlet
 from ua_bridges.ros1.source import RosSource
-from ua_fleet.bridge.driver import DriverStatus, Dropped, Inlet
+from ua_bridges.ros1.tcpros import is_there
+from ua_fleet.bridge.driver import DriverStatus, Dropped, Inlet, SourceForgotten
+from ua_fleet.bridge.offenders import Offenders
 from ua_fleet.counters import Drop
 from ua_fleet.errors import NotConnected
+from ua_fleet.printing import harmless
+from ua_fleet.topics import Topic
 
 __all__ = ["Watch"]
 
 LOOK_PERIOD_S: Final = 0.1
 """A look costs the master about half a millisecond."""
+QUIET_AFTER_S: Final = 10.0
+QUIET_LOOK_PERIOD_S: Final = 0.5
+"""Between looks at a graph in which nothing has changed for QUIET_AFTER_S."""
+SHORTEST_PAUSE_S: Final = 0.02
+"""Between two looks, however often somebody says that there is something new."""
+MOST_SOURCES: Final = 2000
+"""Topics of the own space that are listened to; anybody may make new ones."""
+MOST_REGISTERED_AT_ONCE: Final = 50
+"""In one look, a call to the master each, so that the other topics need not wait for a flood of them."""
+FORGET_S: Final = 60.0
+"""A topic of the own space that nobody publishes for so long is forgotten."""
+ASK_S: Final = 1.0
+"""While another node has the name of this one, the master is asked so often whether it is free."""
+CLOSING_S: Final = 2.0
+"""For the links to end."""
 NOTE_PERIOD_S: Final = 1.0
 """So often it is noted who is served: a call to the master for each subscriber of a latched topic."""
 
@@ -54,6 +73,7 @@ class Watch:
         memory: LatchMemory,
         served: Served,
         spoken: Mapping[str, str],
+        offenders: Offenders,
     ) -> None:
         """Prepare the watch.
 
@@ -68,13 +88,24 @@ class Watch:
             memory: of latched sources.
             served: whom the bridge before this one had served.
             spoken: type of each topic that skills publish.
+            offenders: the publishers that are put aside.
         """
         self._node, self._master, self._inlet, self._loop = node, master, inlet, loop
         self._mapped, self._outlets, self._memory, self._served = mapped, outlets, memory, served
-        self._spoken = spoken
+        self._spoken, self._offenders = spoken, offenders
         self._note_at = 0.0
         self._graph = GraphWatch(space)
         self._sources: dict[str, RosSource] = {}
+        self._unheard: dict[str, float] = {}
+        """Since when nobody publishes a mirrored topic, or it is dead."""
+        self._refused: list[Topic] = []
+        """For which there was no room."""
+        self._looked_at = self._changed_at = 0.0
+        self._ask_at = 0.0
+        self._suspects_eviction = False
+        self._has_told_order = False
+        self.is_evicted = False
+        """Whether another node has the name of this one."""
         self._registered: set[tuple[str, str]] = set()
         """What this process has registered: ("publisher" or "subscriber", topic)."""
         self._stopping = threading.Event()
@@ -99,6 +130,7 @@ class Watch:
         self._stopping.set()
         self._wake.set()
         self._thread.join()
+        self._close_links()
         registered = self._registered
         with contextlib.suppress(NotConnected):  # without a master there is nobody to sign off from
             self._master.unregister(
@@ -112,28 +144,52 @@ class Watch:
     def _run(self) -> None:
         try:
             for name, feeds in self._mapped.items():
-                self._sources[name] = RosSource(name, feeds, self._node, self._inlet, self._memory)
+                self._listen(name, feeds)
+            self._node.orders.told = self._wake.set
             while not self._stopping.is_set():
-                if self._node.was_shut_down:
-                    self._evicted()
-                    return
                 if not self._node.is_reachable:
                     raise RuntimeError("the server of the ROS 1 node has ended")
+                self._looked_at = time.monotonic()
                 self._look()
-                self._wake.wait(LOOK_PERIOD_S)
+                self._wake.wait(QUIET_LOOK_PERIOD_S if self._is_quiet() else LOOK_PERIOD_S)
+                if (left := self._looked_at + SHORTEST_PAUSE_S - time.monotonic()) > 0:
+                    self._stopping.wait(left)
                 self._wake.clear()
         except Exception as error:  # noqa: BLE001 - nobody else would hear of it: `status` tells
             _log.exception("the watch of the ROS graph has ended", node=self._node.name)
             why = f"the watch of the ROS graph has ended by a mistake of the bridge ({error!r})"
             self.status = DriverStatus(False, f"{why}; report its log, and start it again", is_over=True)
-            self._lose_sources()
+            self._close_links()
+
+    def _is_quiet(self) -> bool:
+        """Whether nothing has changed for a while, and no source is about to be lost."""
+        if self._looked_at < self._changed_at + QUIET_AFTER_S:
+            return False
+        return not any(source.is_missed for source in self._sources.values())
+
+    def _listen(self, name: str, feeds: Sequence[Feed]) -> None:
+        self._sources[name] = RosSource(name, feeds, self._node.name, self._inlet, self._memory, self._offenders)
 
     def _look(self) -> None:
         state: SystemState | None = None
         try:
-            self.state = state = self._master.system_state()
+            if self._look_for_eviction():
+                return
+            for name in self._node.orders.take_topics() & self._sources.keys():
+                self._registered.discard(("subscriber", name))  # registering again tells the publishers' addresses
+            state = self._master.system_state()
+            if state != self.state:
+                self._changed_at = self._looked_at
+            self.state = state
+            if self._has_lost(state):
+                # Who takes a name takes its topics too, and the master tells of it later than it does so: to register
+                # at once would be to take the name back.
+                self._suspects_eviction = True
+                if self._look_for_eviction():
+                    return
             self._find(state)
             self._register(state)
+            self._forget(state)
             self.status = DriverStatus(True, f"node {self._node.name} at the ROS master {self._master.uri}")
         except NotConnected as error:
             self.status = DriverStatus(False, str(error))
@@ -143,6 +199,10 @@ class Watch:
             self._note_served(state)
 
     def _find(self, state: SystemState) -> None:
+        if len(self._sources) < MOST_SOURCES or self._unheard:
+            for topic in self._refused:
+                self._graph.forget(topic)
+            self._refused.clear()
         news = self._graph.look(state.publishers)
         for error in news.illegal:
             self._inlet.put(Dropped(Drop.ILLEGAL_TOPIC, detail=str(error)))
@@ -150,18 +210,59 @@ class Watch:
             name = f"/{topic.name}"
             if name in self._mapped:
                 continue  # a robot's program tells of its executions there
-            self._sources[name] = RosSource(
-                name, [MirrorFeed(topic, self._inlet)], self._node, self._inlet, self._memory
-            )
+            if len(self._sources) >= MOST_SOURCES and not self._make_room():
+                self._inlet.put(Dropped(Drop.UNKNOWN_SOURCE, detail=f"more than {MOST_SOURCES} topics of this space"))
+                self._refused.append(topic)
+                continue
+            self._listen(name, [MirrorFeed(topic, self._inlet)])
+
+    def _forget(self, state: SystemState) -> None:
+        """Let go of the mirrored topics that nobody publishes any more."""
+        now = time.monotonic()
+        for name, source in list(self._sources.items()):
+            if name in self._mapped:
+                continue
+            if source.is_alive:
+                self._unheard.pop(name, None)
+            elif now < self._unheard.setdefault(name, now) + FORGET_S:
+                continue
+            elif not state.publishers.get(name):
+                self._drop(name)
+
+    def _make_room(self) -> bool:
+        """Let go of the mirrored topic that has been dead for the longest time; False where all are alive."""
+        if not self._unheard:
+            return False
+        self._drop(min(self._unheard, key=lambda name: self._unheard[name]))
+        return True
+
+    def _drop(self, name: str) -> None:
+        topic = Topic.parse(name[1:])
+        self._unheard.pop(name, None)
+        source = self._sources.pop(name)
+        source.lose()
+        source.close()
+        self._graph.forget(topic)
+        self._inlet.put(SourceForgotten(topic))
+        if ("subscriber", name) in self._registered:
+            self._registered.discard(("subscriber", name))
+            with contextlib.suppress(NotConnected):  # said at the next look
+                self._master.unregister((), [name], self._node.uri)
 
     def _register(self, state: SystemState) -> None:
         types = {**self._spoken, **{outlet.name: outlet.kind.name for outlet in self._outlets}}
         for name in self._due("publisher", types, state.publishers):
             self._master.register_publisher(name, types[name], self._node.uri)
             self._registered.add(("publisher", name))
-        for name in self._due("subscriber", self._sources, state.subscribers):
-            self._node.connect(name, self._master.register_subscriber(name, "*", self._node.uri))
+        for name in self._due("subscriber", self._sources, state.subscribers)[:MOST_REGISTERED_AT_ONCE]:
+            uris = self._master.register_subscriber(name, "*", self._node.uri)
+            self._sources[name].connect(uris, time.monotonic())
             self._registered.add(("subscriber", name))
+
+    def _has_lost(self, state: SystemState) -> bool:
+        """Whether the master has forgotten anything that this process has registered."""
+        known = {"publisher": state.publishers, "subscriber": state.subscribers}
+        return any(self._node.name not in known[role].get(name, ()) for role, name in self._registered.copy())
 
     def _due(self, role: str, wanted: Mapping[str, Any], known: Mapping[str, list[str]]) -> list[str]:
         # A bridge that was killed may still stand in the master under our name, with a dead address: what this
@@ -212,11 +313,53 @@ class Watch:
         for source in self._sources.values():
             source.lose()
 
-    def _evicted(self) -> None:
-        """Not over: a bridge that started anew would take the name back, and two that do so never end."""
+    def _close_links(self) -> None:
         self._lose_sources()
+        links = [link for source in self._sources.values() for link in source.close()]
+        deadline = time.monotonic() + CLOSING_S
+        for link in links:
+            link.join(max(deadline - time.monotonic(), 0.0))
+
+    def _look_for_eviction(self) -> bool:
+        """Whether another node has the name of this one. Raises NotConnected.
+
+        A call to end is a hint and no more, since anybody can make it: the master knows who has the name.
+        """
+        told = self._node.orders.take_shutdown() is not None
+        self._suspects_eviction |= told
+        now = time.monotonic()
+        if not (self._suspects_eviction or self.is_evicted) or (self.is_evicted and now < self._ask_at):
+            return self.is_evicted
+        self._ask_at = now + ASK_S
+        uri = self._master.node_uri(self._node.name)
+        self._suspects_eviction = False
+        if uri is not None and uri != self._node.uri and is_there(uri, self._node.name):
+            self._evicted(uri)
+        else:
+            if uri != self._node.uri:
+                self._registered.clear()
+            if self.is_evicted:
+                self._return()
+            elif told and not self._has_told_order:
+                self._has_told_order = True
+                said = "somebody told the bridge to shut down, and no other node has its name: the bridge goes on"
+                self._inlet.put(Dropped(Drop.MISBEHAVED, detail=said))
+            elif told:
+                self._inlet.put(Dropped(Drop.MISBEHAVED))
+        return self.is_evicted
+
+    def _evicted(self, uri: str) -> None:
+        if not self.is_evicted:
+            self.is_evicted = True
+            self._close_links()
         self.status = DriverStatus(
             False,
-            f"another node took the name {self._node.name}, or somebody ended it; stop the other one and restart this "
-            "bridge",
+            f"another node took the name {self._node.name} (its address is {harmless(uri)[:200]}); stop it, or give "
+            "this bridge another `node_name`; the bridge comes back when the name is free",
         )
+
+    def _return(self) -> None:
+        self.is_evicted = False
+        self._registered.clear()
+        for source in self._sources.values():
+            source.open_again()

@@ -7,6 +7,7 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import BaseModel, Field, field_validator
 
+from ua_bridges.ros.installed import ros_type_problems
 from ua_bridges.ros.skills import RosSkillMapping, skill_problems
 from ua_fleet.config.schema import BridgeConfig, DataMapping, RobotConfig, TopicMapping
 from ua_fleet.document import KeyPath
@@ -44,3 +45,8 @@ class Ros2BridgeConfig(BridgeConfig, frozen=True):
     def problems(self, name: str, robots: Mapping[str, RobotConfig]) -> Iterable[tuple[KeyPath, str, str]]:
         """See BridgeConfig."""
         return skill_problems(robots)
+
+    def fleet_problems(self, name: str, robots: Mapping[str, RobotConfig]) -> Iterable[tuple[KeyPath, str, str]]:
+        """See BridgeConfig."""
+        yield from super().fleet_problems(name, robots)
+        yield from ros_type_problems(robots, name)

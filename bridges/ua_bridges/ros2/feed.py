@@ -6,14 +6,14 @@ All of it runs in the node's thread.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, Protocol
 
-from ua_bridges.ros.convert import compile_reader
 from ua_bridges.ros.fields import fields_of
 from ua_bridges.ros.latched import mark_latched
-from ua_bridges.ros.mapping import MappedSource
+from ua_bridges.ros.mapping import Follow, MappedSource
 from ua_bridges.ros2.classes import MessageType
+from ua_bridges.ros2.serialized import flat_reader, message_reader
 from ua_fleet.bridge.driver import Dropped, Inlet, SampleRead, SourceFound, SourceLost
 from ua_fleet.bridge.rate import RateLimit
 from ua_fleet.config.schema import DataSetConfig
@@ -23,12 +23,17 @@ from ua_fleet.topics import Topic
 
 __all__ = ["Feed", "MappedFeed", "MirrorFeed", "Read"]
 
-Read = Callable[[Any, int], None]
-"""Hands on one message object with its time (ns since 1970); raises ConversionError."""
+Read = Callable[[bytes, int], None]
+"""Hands on one serialized message with its time (ns since 1970); raises ConversionError."""
 
 
 class Feed(Protocol):
     """A DataSet that is read from a topic."""
+
+    @property
+    def topic(self) -> Topic | None:
+        """The UA topic that it is read for; None for a skill."""
+        ...
 
     def found(self, kind: MessageType, latched: bool) -> None:
         """Say that the source is there, with this message type; raises SchemaInvalid where that has no fields."""
@@ -61,14 +66,15 @@ class MirrorFeed:
     def found(self, kind: MessageType, latched: bool) -> None:
         """See Feed."""
         fields = fields_of(kind.schema, kind.name)
-        self._put(SourceFound(self.topic, self.topic.name, mark_latched(fields) if latched else fields))
+        fields = mark_latched(fields) if latched else fields
+        self._put(SourceFound(self.topic, self.topic.name, fields, may_have_period=not latched))
 
     def reader(self, kind: MessageType) -> Read:
         """See Feed."""
-        values, topic, put = compile_reader(kind.schema), self.topic, self._put
+        values, topic, put = flat_reader(kind), self.topic, self._put
 
-        def read(message: Any, time_ns: int) -> None:
-            put(SampleRead(topic, values(message), time_ns))
+        def read(content: bytes, time_ns: int) -> None:
+            put(SampleRead(topic, values(content), time_ns))
 
         return read
 
@@ -109,20 +115,25 @@ class MappedFeed:
 
     def found(self, kind: MessageType, latched: bool) -> None:
         """See Feed. The fields are those of `fleet.yaml`, whatever the robot publishes."""
-        self._put(SourceFound(self.topic, self._name, mark_latched(self._fields) if latched else self._fields))
+        fields = mark_latched(self._fields) if latched else self._fields
+        self._put(SourceFound(self.topic, self._name, fields, may_have_period=not latched))
 
     def reader(self, kind: MessageType) -> Read:
         """See Feed."""
-        type_name = kind.name
-        return lambda message, time_ns: self._read(message, type_name, time_ns)
+        type_name, flat = kind.name, self._mapped.flat(kind.schema)
+        if flat is None:
+            message = message_reader(kind)
+            return lambda content, time_ns: self._read(message(content), type_name, time_ns)
+        values, follow = flat_reader(kind, flat.wanted), flat.follow
+        return lambda content, time_ns: self._read(values(content), type_name, time_ns, follow)
 
     def mistyped(self, ros_type: str, time_ns: int) -> None:
         """See Feed: every field is Bad, and says so once."""
         self._put(SourceFound(self.topic, self._name, self._fields))
         self._read(None, ros_type.replace("/msg/", "/"), time_ns)
 
-    def _read(self, message: Any, type_name: str, time_ns: int) -> None:
-        values, problems = self._mapped.read(message, type_name)
+    def _read(self, message: Any, type_name: str, time_ns: int, follow: Sequence[Follow] | None = None) -> None:
+        values, problems = self._mapped.read(message, type_name, follow)
         if problems:
             told = "; ".join(f"{self._name} field {p.field}: {p.reason}" for p in problems if p.new)
             self._put(Dropped(Drop.CONVERSION, len(problems), told))

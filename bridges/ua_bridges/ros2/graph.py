@@ -13,11 +13,28 @@ from ua_bridges.ros2.qos import Offer
 from ua_fleet.errors import TopicInvalid
 from ua_fleet.topics import Topic
 
-__all__ = ["LOOK_S", "GraphChange", "GraphView", "GraphWatch", "Publisher", "PublishersChanged", "TopicIllegal"]
+__all__ = [
+    "LOOK_S",
+    "QUIET_AFTER_S",
+    "QUIET_LOOK_S",
+    "GraphChange",
+    "GraphView",
+    "GraphWatch",
+    "Publisher",
+    "PublishersChanged",
+    "TopicIllegal",
+    "TopicRefused",
+]
 
 LOOK_S: Final = 0.1
+QUIET_AFTER_S: Final = 10.0
+QUIET_LOOK_S: Final = 0.5
+"""So often is a graph looked at in which nothing has changed for QUIET_AFTER_S."""
 _FULL_LOOK_S: Final = 1.0
 """Publishers are counted at each look, and asked who they are when the count changes, or after so long."""
+
+MOST_TOPICS: Final = 2000
+"""Topics of the own space that are watched, at some microseconds for each look; anybody may make new ones."""
 
 _PREFIX: Final = "/ua_"
 
@@ -62,7 +79,13 @@ class TopicIllegal(NamedTuple):
     reason: str
 
 
-GraphChange = PublishersChanged | TopicIllegal
+class TopicRefused(NamedTuple):
+    """A topic of the own space that is not watched, since there are too many."""
+
+    topic_name: str
+
+
+GraphChange = PublishersChanged | TopicIllegal | TopicRefused
 
 
 class _Watched:
@@ -80,13 +103,20 @@ class GraphWatch:
     def __init__(self, space: int, mapped: Iterable[str] = ()) -> None:
         """`mapped` are full names such as `/battery_state`."""
         self._space = space
-        self._watched = {name: _Watched() for name in mapped}
+        self._mapped = frozenset(mapped)
+        self._watched = {name: _Watched() for name in self._mapped}
+        self._refused: set[str] = set()
         self._others: set[str] = set()
         self._illegal: set[str] = set()
 
     def look(self, view: GraphView, now: float) -> list[GraphChange]:
         """What has changed since the last look."""
-        changes = self._new_names(view.topic_names())
+        names = dict.fromkeys(view.topic_names())  # in their order, and found at once
+        for name in [each for each, seen in self._watched.items() if not seen.count and each not in names]:
+            if name not in self._mapped:
+                del self._watched[name]  # somebody subscribed, and nobody published
+        self._others &= names.keys()
+        changes = self._new_names(names)
         for name, watched in self._watched.items():
             count = view.count_publishers(name)
             if count == watched.count and (not count or now < watched.full_look_at):
@@ -98,9 +128,19 @@ class GraphWatch:
                 changes.append(PublishersChanged(name, publishers))
         return changes
 
+    def forget(self, name: str) -> None:
+        """A topic is not watched any more; found again where somebody publishes it."""
+        self._watched.pop(name, None)
+
+    def look_again(self, name: str) -> None:
+        """Tell the publishers of a watched topic again."""
+        if name in self._watched:
+            self._watched[name] = _Watched()
+
     def _new_names(self, names: Iterable[str]) -> list[GraphChange]:
         changes: list[GraphChange] = []
         still_illegal: set[str] = set()
+        refused: set[str] = set()
         for name in names:
             if not name.startswith(_PREFIX) or name in self._watched or name in self._others:
                 continue
@@ -113,9 +153,14 @@ class GraphWatch:
                 still_illegal.add(name)
                 changes.append(TopicIllegal(name, error.reason))
                 continue
-            if topic.space == self._space:
-                self._watched[name] = _Watched()
-            else:
+            if topic.space != self._space:
                 self._others.add(name)
+            elif len(self._watched) >= MOST_TOPICS + len(self._mapped):
+                refused.add(name)
+                if name not in self._refused:
+                    changes.append(TopicRefused(name))
+            else:
+                self._watched[name] = _Watched()
+        self._refused = refused
         self._illegal = still_illegal  # a name that goes and comes back is counted again
         return changes

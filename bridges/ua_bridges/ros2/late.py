@@ -12,12 +12,16 @@ from __future__ import annotations
 
 from typing import Any
 
+import structlog
+
 from ua_bridges.ros.served import Served
 from ua_bridges.ros2.config import Ros2BridgeConfig
 from ua_bridges.ros2.node import Ros2Node, leave, make_node, make_profile
 from ua_bridges.ros2.qos import MIRROR
 
 __all__ = ["LateSubscribers"]
+
+_log = structlog.get_logger("ua_bridges.ros2")
 
 
 class LateSubscribers:
@@ -80,8 +84,12 @@ class LateSubscribers:
         context, node = make_node(config.space, f"{config.node_name}_late", config.discovery)
         for name in names:  # at once: in some milliseconds the participant will be known, and heard by everybody
             message_class, message = self._kept.pop(name)
-            publisher = node.create_publisher(message_class, name, make_profile(MIRROR))
-            publisher.publish(message)
+            try:
+                publisher = node.create_publisher(message_class, name, make_profile(MIRROR))
+                publisher.publish(message)
+            except Exception:  # noqa: BLE001 - rclpy raises what it likes; one topic, one mistake
+                _log.exception("a kept value could not be published for late subscribers", topic=name)
+                continue
             self._published[name] = node, publisher
         self._participants.append((context, node))
 

@@ -78,27 +78,32 @@ def make_node(domain: int, name: str, discovery: Literal["localhost", "subnet"])
     try:
         from rclpy.context import Context
         from rclpy.exceptions import InvalidHandle
-        from rclpy.node import Node
-        from rclpy.parameter import Parameter
     except ImportError as error:
         raise BridgeUnavailable(f"the ROS 2 library does not load ({error})", extra="ros2") from error
     context = Context()
     try:
         with dds_environment(discovery):
             context.init(args=[], initialize_logging=False, domain_id=domain)
-            node = Node(
-                name,
-                context=context,
-                cli_args=[],
-                use_global_arguments=False,
-                enable_rosout=False,
-                start_parameter_services=False,
-                parameter_overrides=[Parameter("start_type_description_service", value=False)],
-            )
+            node = _node_in(context, name)
     except (RuntimeError, InvalidHandle) as error:  # rclpy's RCLError is a RuntimeError
         context.try_shutdown()
         raise BridgeUnavailable(f"no ROS 2 node in domain {domain}: {' '.join(str(error).split())}") from error
     return context, node
+
+
+def _node_in(context: Any, name: str) -> Any:
+    from rclpy.node import Node
+    from rclpy.parameter import Parameter
+
+    return Node(
+        name,
+        context=context,
+        cli_args=[],
+        use_global_arguments=False,
+        enable_rosout=False,
+        start_parameter_services=False,
+        parameter_overrides=[Parameter("start_type_description_service", value=False)],
+    )
 
 
 def leave(context: Any, node: Any) -> None:
@@ -111,13 +116,26 @@ def leave(context: Any, node: Any) -> None:
 class Ros2Node:
     """The bridge's node and its part of the graph. All methods belong to the node's thread."""
 
-    def __init__(self, domain: int, name: str, discovery: Literal["localhost", "subnet"]) -> None:
+    def __init__(
+        self, domain: int, name: str, discovery: Literal["localhost", "subnet"], beside: Ros2Node | None = None
+    ) -> None:
         """Join the domain; takes 0.1 to 0.5 s.
+
+        Args:
+            domain: its id.
+            name: of the node.
+            discovery: how far it looks.
+            beside: a node whose participant this one shares, so that both are one to the loop rule. It ends first.
 
         Raises:
             TopicInvalid, BridgeUnavailable: see `make_node`.
         """
-        self._context, self.node = make_node(domain, name, discovery)
+        self._is_guest = beside is not None
+        if beside is None:
+            self._context, self.node = make_node(domain, name, discovery)
+        else:
+            self._context = beside.context
+            self.node = _node_in(self._context, name)
         from rclpy.duration import Duration
         from rclpy.experimental.events_executor import EventsExecutor
         from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
@@ -128,7 +146,13 @@ class Ros2Node:
         self.executor: Any = EventsExecutor(context=self._context)
         self.executor.add_node(self.node)
         load_usual_types()
-        self._participant = self._find_participant()
+        self.participant: bytes = self._find_participant() if beside is None else beside.participant
+        """The first bytes of the GIDs of all endpoints of this node, and of those beside it."""
+
+    @property
+    def context(self) -> Any:
+        """The context, which has the participant."""
+        return self._context
 
     def _find_participant(self) -> bytes:
         """The prefix of our own GIDs. rclpy tells nobody's, so we look ourselves up under a name that nobody has."""
@@ -164,10 +188,13 @@ class Ros2Node:
         qos: Qos,
         on_pair: Callable[..., None],
         on_incompatible: Callable[[str], None],
+        *,
+        raw: bool = False,
     ) -> Any:
         """A subscription whose callback gets (message, info) as one argument, or as two where rclpy is repaired.
 
-        `on_incompatible` gets the name of the policy in which a publisher offers less than is asked for.
+        With `raw` the message is the bytes that it has come in. `on_incompatible` gets the name of the policy in which
+        a publisher offers less than is asked for.
         """
         from rclpy.event_handler import SubscriptionEventCallbacks
 
@@ -175,7 +202,7 @@ class Ros2Node:
             incompatible_qos=_policy_teller(on_incompatible), use_default_callbacks=False
         )
         subscription = self.node.create_subscription(
-            message_class, topic_name, on_pair, make_profile(qos), event_callbacks=events
+            message_class, topic_name, on_pair, make_profile(qos), event_callbacks=events, raw=raw
         )
         subscription._callback_type = subscription.CallbackType.WithMessageInfo  # noqa: SLF001 - see the module's text
         return subscription
@@ -213,13 +240,13 @@ class Ros2Node:
         """The publishers of a topic."""
         for info in self.node.get_publishers_info_by_topic(topic_name):
             gid = bytes(info.endpoint_gid)
-            yield Publisher(info.topic_type, self._offer(gid, info), gid.startswith(self._participant))
+            yield Publisher(info.topic_type, self._offer(gid, info), gid.startswith(self.participant))
 
     def subscribers(self, topic_name: str) -> Iterator[Publisher]:
         """The subscribers of a topic, with what they ask for."""
         for info in self.node.get_subscriptions_info_by_topic(topic_name):
             gid = bytes(info.endpoint_gid)
-            yield Publisher(info.topic_type, self._offer(gid, info), gid.startswith(self._participant))
+            yield Publisher(info.topic_type, self._offer(gid, info), gid.startswith(self.participant))
 
     def _offer(self, gid: bytes, info: Any) -> Offer:
         profile = info.qos_profile
@@ -232,4 +259,7 @@ class Ros2Node:
     def close(self) -> None:
         """Leave the domain."""
         self.executor.shutdown()
-        leave(self._context, self.node)
+        if self._is_guest:
+            self.node.destroy_node()
+        else:
+            leave(self._context, self.node)

@@ -13,10 +13,15 @@ from ua_bridges.ros.convert import Writer
 from ua_bridges.ros2.classes import MessageType
 from ua_bridges.ros2.node import Ros2Node
 from ua_bridges.ros2.qos import Offer, Qos
+from ua_fleet.bridge.driver import Dropped
+from ua_fleet.counters import Drop
 
-__all__ = ["Outlet"]
+__all__ = ["Make", "Outlet", "dropped_by"]
 
-_MOST_HELD: Final = 1000
+Make = Callable[[Sequence[Any]], Any]
+"""Makes a message of values, an object or its serialized bytes; raises ConversionError."""
+
+MOST_HELD: Final = 1000
 _HOLD_S: Final = 1.0
 """So long the first messages wait for subscribers that are known; they match within some 10 ms."""
 _UNRELIABLE_MATCH_S: Final = 0.05
@@ -41,7 +46,7 @@ class Outlet:
         """The last message. DataSets that share a topic each set their fields in it, and leave those of the others."""
         self._publisher: Any = None
         self._is_open = False
-        self._held: deque[Any] = deque(maxlen=_MOST_HELD)
+        self._held: deque[Any] = deque()
         self._lock = threading.Lock()
         self._hold_until = 0.0
         self._matched_at: float | None = None
@@ -53,26 +58,36 @@ class Outlet:
         """Whether messages go out at once."""
         return self._is_open
 
-    def remember(self, fill: Writer, values: Sequence[Any]) -> Any:
-        """Set the values without publishing; a copy of the message as it is now. Raises ConversionError."""
-        fill(self._message, values)
-        return copy.deepcopy(self._message)
+    def filling(self, fill: Writer) -> Make:
+        """Makes messages by putting values into the last one, which `fill` does."""
 
-    def publish(self, fill: Writer, values: Sequence[Any]) -> None:
+        def make(values: Sequence[Any]) -> Any:
+            fill(self._message, values)
+            return self._message
+
+        return make
+
+    def publish(self, make: Make, values: Sequence[Any]) -> int:
         """Publish one message, or hold it until the subscribers are there; raises ConversionError.
 
-        `fill` puts the values into the message.
+        Returns how many held messages, the oldest, went for it.
         """
-        fill(self._message, values)
-        if self._is_open or not self._hold():
-            self._publisher.publish(self._message)  # rclpy serialises it before it returns
+        message = make(values)
+        lost = None if self._is_open else self._hold(message)
+        if lost is None:
+            self._publisher.publish(message)  # rclpy serialises it before it returns
+        return lost or 0
 
-    def _hold(self) -> bool:
-        """Keep a copy of the message until the outlet is open; False if it is open by now."""
+    def _hold(self, message: Any) -> int | None:
+        """Keep a copy of the message until the outlet is open, and how many went for it; None if it is open by now."""
         with self._lock:
-            if not self._is_open:
-                self._held.append(copy.deepcopy(self._message))
-            return not self._is_open
+            if self._is_open:
+                return None
+            self._held.append(copy.deepcopy(message))
+            if len(self._held) <= MOST_HELD:
+                return 0
+            self._held.popleft()
+            return 1
 
     def attend(self, node: Ros2Node, now: float, opened_at: float, on_incompatible: Callable[[str], None]) -> bool:
         """Make the publisher, and open when the subscribers that are there have matched; whether that is done.
@@ -128,9 +143,17 @@ class Outlet:
         self._publisher.publish(message)
         return False
 
-    def close(self, node: Ros2Node) -> None:
-        """End the publisher, in the node's thread."""
-        self._is_open = False
+    def close(self, node: Ros2Node) -> int:
+        """End the publisher, in the node's thread; how many messages it held that go with it."""
+        with self._lock:
+            self._is_open, lost = False, len(self._held)
+            self._held.clear()
         if self._publisher is not None:
             node.node.destroy_publisher(self._publisher)
             self._publisher = None
+        return lost
+
+
+def dropped_by(outlet: Outlet, lost: int) -> Dropped:
+    """So many messages were held for subscribers that are still matching, and are not held any more."""
+    return Dropped(Drop.INLET_FULL, lost, f"{outlet.name}: more messages than are held at its start")

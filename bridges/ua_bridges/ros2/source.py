@@ -17,13 +17,15 @@ from typing import Any, Final
 
 import structlog
 
-from ua_bridges.ros.errors import ConversionError
+from ua_bridges.ros.errors import ConversionError, Unreadable
 from ua_bridges.ros.stamp import source_time_ns
+from ua_bridges.ros2.arrivals import Arrivals
 from ua_bridges.ros2.classes import MessageType, load_type
 from ua_bridges.ros2.feed import Feed, Read
 from ua_bridges.ros2.graph import Publisher
 from ua_bridges.ros2.node import Ros2Node
 from ua_bridges.ros2.qos import QUEUE_DEPTH, Qos, choose, is_outdated
+from ua_bridges.ros2.serialized import stamp_reader
 from ua_fleet.bridge.driver import Dropped, Inlet
 from ua_fleet.config.schema import QosConfig
 from ua_fleet.counters import Drop
@@ -33,6 +35,10 @@ __all__ = ["RosSource"]
 
 MOST_EARLY: Final = 1000
 """Messages that may wait for the look that finds their publisher."""
+GONE_S: Final = 2.0
+"""A publisher that no look has found for so long after its first message came and went between two looks."""
+MOST_BAD: Final = 10
+"""So many messages in a row that make the bridge fail, and their topic is put aside."""
 MOST_TOLD: Final = 20
 """Different mistakes of one topic that are told until its source is lost."""
 
@@ -52,6 +58,7 @@ class RosSource:
         *,
         wanted_type: str | None = None,
         qos: QosConfig | None = None,
+        clock: Callable[[], float] = time.monotonic,
     ) -> None:
         """Watch a topic.
 
@@ -63,12 +70,14 @@ class RosSource:
             look_now: asks for a look at the graph as soon as possible.
             wanted_type: `pkg/Name`, where `fleet.yaml` says it.
             qos: quality of service, where `fleet.yaml` says it.
+            clock: gives seconds of a monotonic clock.
         """
         self.name = name
         self._feeds = feeds
         self._node = node
+        self._arrivals = inlet if isinstance(inlet, Arrivals) else Arrivals(inlet)
         self._put = inlet.put
-        self._look_now = look_now
+        self._look_now, self._clock = look_now, clock
         self._wanted_type = wanted_type.replace("/msg/", "/") if wanted_type else None
         self._choose: Callable[[Sequence[Any]], Qos] = choose if qos is None else lambda offers: choose(offers, qos)
         self._is_configured = qos is not None and (qos.reliability is not None or qos.durability is not None)
@@ -80,8 +89,15 @@ class RosSource:
         self._made_for: frozenset[bytes] = frozenset()
         self._recent: dict[int, None] = {}
         """Source timestamps handed on: a subscription that is made again gets transient local history again."""
-        self._early: list[tuple[Any, Any]] = []
+        self._early: list[tuple[bytes, Any]] = []
+        self._early_since = 0.0
+        self._overdue: tuple[bytes, Any] | None = None
+        """The last message, where it had waited too long: it is handed on if no newer one comes."""
         self._told: set[str] = set()
+        self._bad = 0
+        """Messages in a row that made the bridge fail."""
+        self.offence: str | None = None
+        """What its publishers do that no robot should; None as long as they do not."""
 
     def follow(self, publishers: Sequence[Publisher]) -> None:
         """Take note of the publishers that are there now, our own left out."""
@@ -141,7 +157,7 @@ class RosSource:
         self._kind, self._qos = kind, qos
         self._reads = tuple(feed.reader(kind) for feed in self._feeds)
         self._subscription = self._node.create_subscription(
-            kind.cls, self.name, qos, self._make_callback(kind), self._on_incompatible
+            kind.cls, self.name, qos, self._make_callback(kind), self._on_incompatible, raw=True
         )
 
     def _unsubscribe(self) -> None:
@@ -149,49 +165,78 @@ class RosSource:
             self._node.node.destroy_subscription(self._subscription)
             self._subscription = None
 
-    def _make_callback(self, kind: MessageType) -> Callable[..., None]:
+    def _make_callback(self, kind: MessageType, *, even_old: bool = False) -> Callable[..., None]:
         """The subscription's callback, with all that it needs at hand."""
-        reads, recent, has_header = self._reads, self._recent, kind.has_header
+        reads, recent, stamp, arrivals = self._reads, self._recent, stamp_reader(kind), self._arrivals
+        max_wait_s = arrivals.max_wait_s([feed.topic for feed in self._feeds])
 
         def on_message(pair: Any, info: Any = None) -> None:
             try:
-                message, info = pair if info is None else (pair, info)
+                content, info = pair if info is None else (pair, info)
+                is_old = arrivals.begin(info["received_timestamp"], max_wait_s)
                 sent_ns = info["source_timestamp"]
                 if sent_ns in recent:
                     return
+                if self._overdue is not None:
+                    self._overdue = None
+                    self._put(Dropped(Drop.TOO_OLD))
+                if is_old and self._found and not even_old:
+                    self._overdue = content, info
+                    return
                 if not self._found:
-                    self._wait_for_look(message, info)
+                    self._wait_for_look(content, info)
                     return
                 recent[sent_ns] = None
                 if len(recent) > QUEUE_DEPTH:
                     del recent[next(iter(recent))]
                 time_ns = source_time_ns(sent_ns, info["received_timestamp"])
-                if has_header:
-                    stamp = message.header.stamp
-                    time_ns = source_time_ns(stamp.sec * 1_000_000_000 + stamp.nanosec, time_ns)
+                if stamp is not None:
+                    time_ns = source_time_ns(stamp(content), time_ns)
                 for read in reads:
-                    read(message, time_ns)
+                    read(content, time_ns)
+                self._bad = 0
             except ConversionError as error:
                 self._put(Dropped(Drop.CONVERSION, detail=self._tell_once(f"{self.name}: {error}")))
-            except Exception:  # noqa: BLE001 - one that got out would end the process with a segmentation fault
-                _log.exception("a message could not be read", topic=self.name)
+                if isinstance(error, Unreadable):
+                    self._count_bad(error)
+            except Exception as error:  # noqa: BLE001 - one that got out would end the process with a segmentation fault
+                if not self._bad:
+                    _log.exception("a message could not be read", topic=self.name)
                 self._put(Dropped(Drop.CONVERSION))
+                self._count_bad(error)
+            finally:
+                arrivals.end()
 
         return on_message
 
-    def _wait_for_look(self, message: Any, info: Any) -> None:
+    def _count_bad(self, error: Exception) -> None:
+        self._bad += 1
+        if self._bad >= MOST_BAD:
+            self.offence = f"{MOST_BAD} messages in a row could not be read ({type(error).__name__})"
+
+    def _wait_for_look(self, content: bytes, info: Any) -> None:
         if len(self._early) >= MOST_EARLY:
             self._put(Dropped(Drop.INLET_FULL))
             return
-        self._early.append((message, info))
-        self._look_now()
+        if not self._early:
+            self._early_since = self._clock()
+            self._look_now()
+        self._early.append((content, info))
 
     def looked(self) -> None:
-        """Hand on what has waited for a look at the graph."""
+        """Hand on what has waited for a look at the graph, and what no newer message has followed."""
+        overdue, self._overdue = self._overdue, None
+        if overdue is not None and self._kind is not None:
+            self._make_callback(self._kind, even_old=True)(overdue)
         if not self._early:
+            return
+        # The graph learns of publishers a little later than subscriptions do. To say at once that the source came and
+        # went would have it be lost and found with each message of one that a look does not find.
+        if not self._found and self._kind is not None and self._clock() < self._early_since + GONE_S:
             return
         early, self._early = self._early, []
         if self._kind is None:
+            self._put(Dropped(Drop.TYPE_MISSING, len(early)))  # its publishers have another type by now
             return
         is_gone = not self._found
         if is_gone:  # its publisher came and went between two looks
@@ -203,6 +248,11 @@ class RosSource:
             on_message(pair)
         if is_gone:
             self._lose()
+
+    @property
+    def is_waiting(self) -> bool:
+        """Whether messages wait for a look at the graph."""
+        return bool(self._early) or self._overdue is not None
 
     def release(self, now: float) -> float | None:
         """Hand on what has waited for its turn under a rate limit; when to ask again."""

@@ -17,7 +17,7 @@ from ua_fleet.errors import DriverFailed, UaFleetError
 
 __all__ = ["NodeThread"]
 
-_LONGEST_SPIN_S: Final = 0.2
+_LONGEST_SPIN_S: Final = 1.0
 _SHORTEST_SPIN_S: Final = 0.0005
 
 _log = structlog.get_logger(__name__)
@@ -26,8 +26,15 @@ _log = structlog.get_logger(__name__)
 class NodeThread:
     """Runs a node until it is stopped. `call` hands it work from any other thread."""
 
-    def __init__(self, domain: int, node_name: str, discovery: Literal["localhost", "subnet"]) -> None:
-        self._domain, self._node_name = domain, node_name
+    def __init__(
+        self,
+        domain: int,
+        node_name: str,
+        discovery: Literal["localhost", "subnet"],
+        beside: NodeThread | None = None,
+    ) -> None:
+        """Prepare a thread; `beside` has the node whose participant this one shares, and is stopped after it."""
+        self._domain, self._node_name, self._beside = domain, node_name, beside
         self._discovery: Literal["localhost", "subnet"] = discovery
         self._thread: threading.Thread | None = None
         self._node: Ros2Node | None = None
@@ -43,6 +50,11 @@ class NodeThread:
     def running(self) -> bool:
         """Whether the node is in its domain."""
         return self._node is not None and not self._stopping and self.failure is None
+
+    @property
+    def node(self) -> Ros2Node | None:
+        """The node while it is there."""
+        return self._node
 
     async def start(
         self, opened: Callable[[Ros2Node], None], turn: Callable[[float], float], closing: Callable[[], None]
@@ -76,7 +88,8 @@ class NodeThread:
 
         def run() -> None:
             try:
-                node = Ros2Node(self._domain, self._node_name, self._discovery)
+                beside = self._beside.node if self._beside is not None else None
+                node = Ros2Node(self._domain, self._node_name, self._discovery, beside)
             except Exception as error:  # noqa: BLE001 - whatever it is, the start waits for it
                 loop.call_soon_threadsafe(tell, error)
                 return

@@ -4,26 +4,38 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable
-from typing import Any, Final, NamedTuple
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any, Final, Protocol
 
 from ua_bridges.ros.served import Served
 from ua_bridges.ros2.config import Ros2BridgeConfig
 from ua_bridges.ros2.environment import PROFILES_VARIABLE
 from ua_bridges.ros2.feed import Feed, MappedFeed, MirrorFeed
-from ua_bridges.ros2.graph import LOOK_S, GraphWatch, PublishersChanged, TopicIllegal
+from ua_bridges.ros2.graph import (
+    LOOK_S,
+    MOST_TOPICS,
+    QUIET_AFTER_S,
+    QUIET_LOOK_S,
+    GraphWatch,
+    Publisher,
+    PublishersChanged,
+    TopicIllegal,
+    TopicRefused,
+)
 from ua_bridges.ros2.late import LateSubscribers
 from ua_bridges.ros2.node import Ros2Node, guarded
-from ua_bridges.ros2.outlet import Outlet
+from ua_bridges.ros2.outlet import Outlet, dropped_by
 from ua_bridges.ros2.source import RosSource
+from ua_bridges.ros2.sources import Sources
 from ua_fleet.bridge.configured import ConfiguredData
 from ua_fleet.bridge.driver import Dropped, Inlet
-from ua_fleet.config.schema import QosConfig, TopicMapping
+from ua_fleet.bridge.offenders import Offenders
+from ua_fleet.config.schema import TopicMapping
 from ua_fleet.counters import Drop
 from ua_fleet.errors import BridgeUnavailable
 from ua_fleet.topics import Topic
 
-__all__ = ["Heard", "Watch", "absolute"]
+__all__ = ["Listener", "Watch", "absolute"]
 
 _ATTEND_S: Final = 0.005
 """New publishers are looked at so often until their subscribers have matched."""
@@ -33,14 +45,19 @@ Mapped = ConfiguredData[TopicMapping]
 """A DataSet that is read from a robot's own topic."""
 
 
-class Heard(NamedTuple):
-    """A topic that is listened to and is no data source."""
+class Listener(Protocol):
+    """Who listens to a topic in a thread of its own, and is told of its publishers."""
 
     name: str
-    """Full name."""
-    type: str
-    qos: QosConfig
-    feed: Feed
+    """Full name of the topic."""
+
+    def follow(self, publishers: Sequence[Publisher]) -> None:
+        """Take note of the publishers that are there now, our own left out."""
+        ...
+
+    def looked(self) -> None:
+        """The graph was looked at."""
+        ...
 
 
 def absolute(topic_name: str) -> str:
@@ -59,7 +76,8 @@ class Watch:
         written: set[str],
         served: Served,
         wake_at: Callable[[float], None],
-        heard: Iterable[Heard] = (),
+        offenders: Offenders,
+        listeners: Iterable[Listener] = (),
     ) -> None:
         """Prepare the watch.
 
@@ -70,7 +88,8 @@ class Watch:
             written: full names of the robots' own topics that the bridge publishes to.
             served: whom the bridge before this one had served.
             wake_at: has `turn` called no later.
-            heard: topics that are listened to and are no data sources.
+            offenders: the topics that are put aside.
+            listeners: who listens to topics that are no data sources by being listened to.
         """
         self._config = config
         self._inlet = inlet
@@ -79,14 +98,13 @@ class Watch:
             self._mapped.setdefault(absolute(each.side.topic), []).append(each)
         self._written = written
         self._wake_at = wake_at
-        self._heard: dict[str, list[Heard]] = {}
-        for listened in heard:
-            self._heard.setdefault(listened.name, []).append(listened)
-        self._graph = GraphWatch(config.space, {**self._mapped, **self._heard})
+        self._listeners = {listener.name: listener for listener in listeners}
+        self._offenders = offenders
+        self._graph = GraphWatch(config.space, {*self._mapped, *self._listeners})
+        self._sources = Sources(list(self._mapped), self._make_source, self._graph, inlet, offenders)
         self._late = LateSubscribers(config, served)
-        self._sources: dict[str, RosSource] = {}
         self._opening: list[Outlet] = []
-        self._look_at = self._late_at = 0.0
+        self._look_at = self._late_at = self._changed_at = 0.0
 
     def opened(self, node: Ros2Node) -> None:
         """The node is there.
@@ -102,34 +120,34 @@ class Watch:
                 f"{both_ways[0]} is mapped in both directions, and the Fast DDS profile in use lets the bridge hear "
                 f"itself; set its property fastdds.ignore_local_endpoints to true, or unset {PROFILES_VARIABLE}"
             )
-        for name, datasets in self._mapped.items():
-            self._sources[name] = self._make_mapped_source(name, datasets)
-        for name, heard in self._heard.items():
-            if name not in self._sources:
-                feeds = [each.feed for each in heard]
-                self._sources[name] = RosSource(
-                    name, feeds, self._node, self._inlet, self._look_soon, wanted_type=heard[0].type, qos=heard[0].qos
-                )
+        self._sources.open()
+
+    def _make_source(self, name: str) -> RosSource:
+        if name in self._mapped:
+            return self._make_mapped_source(name, self._mapped[name])
+        feed = MirrorFeed(Topic.parse(name[1:]), self._inlet)
+        return RosSource(name, [feed], self._node, self._inlet, self.look_soon)
 
     def _make_mapped_source(self, name: str, datasets: list[Mapped]) -> RosSource:
         feeds: list[Feed] = [
             MappedFeed(data.topic, data.config, data.name, self._inlet, time.monotonic, self._wake_at)
             for data in datasets
         ]
-        feeds += [each.feed for each in self._heard.get(name, [])]
         first = datasets[0].side
-        return RosSource(name, feeds, self._node, self._inlet, self._look_soon, wanted_type=first.type, qos=first.qos)
+        return RosSource(name, feeds, self._node, self._inlet, self.look_soon, wanted_type=first.type, qos=first.qos)
 
     def turn(self, now: float) -> float:
         """Do what is due; when to be called again."""
         if now >= self._look_at:
-            self._look_at = now + LOOK_S
-            self._look(now)
+            self._look_at = float("inf")
+            if self._look(now):
+                self._changed_at = now
+            pause_s = LOOK_S if now < self._changed_at + QUIET_AFTER_S else QUIET_LOOK_S
+            self._look_at = min(self._look_at, now + pause_s)
         due = self._look_at
-        for source in self._sources.values():
-            when = source.release(now)
-            if when is not None:
-                due = min(due, when)
+        when = self._sources.release(now)
+        if when is not None:
+            due = min(due, when)
         if self._opening:
             self._opening = [outlet for outlet in self._opening if not self._attend(outlet, now)]
             if self._opening:
@@ -139,26 +157,32 @@ class Watch:
             self._late.look(self._node)
         return due
 
-    def _look_soon(self) -> None:
+    def look_soon(self) -> None:
+        """Look at the graph as soon as possible."""
         self._look_at = 0.0
         self._wake_at(0.0)
 
-    def _look(self, now: float) -> None:
-        for change in self._graph.look(self._node, now):
+    def _look(self, now: float) -> bool:
+        """Look at the graph; whether anything has changed."""
+        changes = self._graph.look(self._node, now)
+        for change in changes:
             if isinstance(change, TopicIllegal):
                 self._inlet.put(Dropped(Drop.ILLEGAL_TOPIC, detail=f"{change.topic_name}: {change.reason}"))
+            elif isinstance(change, TopicRefused):
+                self._inlet.put(Dropped(Drop.UNKNOWN_SOURCE, detail=f"more than {MOST_TOPICS} topics of this space"))
             else:
-                guarded(self._follow)(change)
-        for source in self._sources.values():
-            source.looked()
+                self._follow(change)
+        self._sources.look()
+        for listener in self._listeners.values():
+            guarded(listener.looked)()
+        return bool(changes)
 
     def _follow(self, change: PublishersChanged) -> None:
-        source = self._sources.get(change.topic_name)
-        if source is None:
-            feed = MirrorFeed(Topic.parse(change.topic_name[1:]), self._inlet)
-            source = RosSource(change.topic_name, [feed], self._node, self._inlet, self._look_soon)
-            self._sources[change.topic_name] = source
-        source.follow(change.publishers)
+        listener = self._listeners.get(change.topic_name)
+        if listener is not None:
+            guarded(listener.follow)(change.publishers)
+        if listener is None or change.topic_name in self._mapped:
+            self._sources.changed(change)
 
     def attend(self, outlet: Outlet) -> None:
         """Look after a new outlet until it is open."""
@@ -170,7 +194,9 @@ class Watch:
         if outlet in self._opening:
             self._opening.remove(outlet)
         self._late.unwatch(outlet.name)
-        outlet.close(self._node)
+        lost = outlet.close(self._node)
+        if lost:
+            self._inlet.put(dropped_by(outlet, lost))
 
     def keep(self, name: str, message_class: Any, message: Any) -> None:
         """Keep a message that the bridge before this one has published."""
@@ -188,13 +214,19 @@ class Watch:
             )
             self._inlet.put(Dropped(Drop.INCOMPATIBLE_QOS, detail=text))
 
-        is_open = outlet.attend(self._node, now, self._opened_at, on_incompatible)
+        if self._offenders.is_aside(outlet.name, now):
+            return False
+        try:
+            is_open = outlet.attend(self._node, now, self._opened_at, on_incompatible)
+        except Exception as error:  # noqa: BLE001 - rclpy raises what it likes; one topic, one mistake
+            said = " ".join(str(error).split())
+            self._offenders.put_aside(outlet.name, f"the bridge cannot publish it: {said}", now)
+            return False
         if is_open and outlet.qos.transient_local:
             self._late.watch(self._node, outlet.name)
         return is_open
 
     def closing(self) -> None:
         """Leave nothing behind."""
-        for source in self._sources.values():
-            source.close()
+        self._sources.close()
         self._late.close()

@@ -146,6 +146,9 @@ class DirectSkill(Model, frozen=True):
     """What the robot says when it has failed, e.g. `ERROR {message}`."""
     halt: Line | None = None
     """Command that stops the robot. Left out: it cannot be stopped."""
+    halted: Line | None = None
+    """What the robot says when it stands after `halt`, e.g. `STOPPED`. `done` and `failed` tell it too; where it says
+    none of these within 5 s, nobody knows whether it stands: Unknown."""
 
 
 class TcpSkillMapping(Model, frozen=True, json_schema_extra=implies(given("direct"), none_of("subtype"))):
@@ -300,6 +303,13 @@ class TcpBridgeConfig(VendorBridgeConfig, frozen=True, json_schema_extra=at_leas
                     yield (*path, "failed"), "without `done` the robot is not listened to", "add `done`, or remove it"
         except TemplateInvalid as error:
             yield (*path, "failed"), str(error), ""
+        try:
+            if via.halted is not None:
+                AnswerPattern(via.halted, {NUMBER: ScalarType.INT32}, language)
+                if via.done is None or via.halt is None:
+                    yield (*path, "halted"), "it answers `halt`, of what has `done`", "add both, or remove it"
+        except TemplateInvalid as error:
+            yield (*path, "halted"), str(error), ""
 
     def _data_problems(
         self, used: dict[tuple[str, str], KeyPath], path: KeyPath, name: str, data: DataSetConfig

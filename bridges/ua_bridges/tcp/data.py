@@ -112,9 +112,9 @@ class Sources:
         if passed is not None:
             self._put(passed)
 
-    def dropped(self, cause: Drop, detail: str) -> None:
+    def dropped(self, cause: Drop, detail: str, count: int = 1) -> None:
         """Count what cannot be handed on; the same words are told once for each connection."""
         is_new = detail not in self._told and len(self._told) < 100
         if is_new:
             self._told.add(detail)
-        self._put(Dropped(cause, detail=detail if is_new else ""))
+        self._put(Dropped(cause, count, detail if is_new else ""))

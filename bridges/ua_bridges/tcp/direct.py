@@ -25,17 +25,19 @@ from ua_bridges.tcp.link import APPEARS_S
 from ua_bridges.tcp.messages import number_of
 from ua_fleet.bridge.configured import ConfiguredSkill
 from ua_fleet.bridge.driver import Execution
-from ua_fleet.bridge.executing import Ended, Executing, ended_text
+from ua_fleet.bridge.executing import Ended, Executing, ended_text, halted
 from ua_fleet.bridge.templates import AnswerPattern, CommandTemplate
 from ua_fleet.config.base import ScalarType
 from ua_fleet.counters import Drop
-from ua_fleet.errors import RobotOffline, SkillRejected
+from ua_fleet.errors import RobotBusy, RobotOffline, SkillRejected
 from ua_fleet.fleet.skills import ArgumentModel, argument_problem
 from ua_fleet.values import StatusCode
 
 __all__ = ["DirectSession"]
 
 LONGEST_LINE: Final = 4096
+MOST_LINES: Final = 256
+"""Lines that are looked at of one reading, which has 64 KiB: of a flood the latest, the others are counted."""
 MISSED_ANSWERS: Final = 3
 """A source that is asked and silent for so many periods is lost."""
 LEAST_SILENCE_S: Final = 2.0
@@ -54,6 +56,7 @@ class _Command(NamedTuple):
     done: AnswerPattern | None
     failed: AnswerPattern | None
     halt: CommandTemplate | None
+    halted: AnswerPattern | None
 
     @property
     def is_numbered(self) -> bool:
@@ -72,6 +75,7 @@ def _compile(skill: TcpSkill, via: DirectSkill, link: DirectLink) -> _Command:
         AnswerPattern(via.done, results, link.language) if via.done is not None else None,
         AnswerPattern(via.failed, failed, link.language) if via.failed is not None else None,
         CommandTemplate(via.halt, arguments, link.language) if via.halt is not None else None,
+        AnswerPattern(via.halted, number, link.language) if via.halted is not None else None,
     )
 
 
@@ -88,7 +92,10 @@ class _Source:
 
 
 class DirectSession:
-    """One robot's command socket. `write` sends bytes, False: it did not; `reset` ends the connection for a reason."""
+    """One robot's command socket.
+
+    `write` sends bytes, False: it did not; `reset` ends the connection for a reason; `misbehaves` does so for a while.
+    """
 
     def __init__(
         self,
@@ -98,9 +105,10 @@ class DirectSession:
         put: Put,
         write: Callable[[bytes], bool],
         reset: Callable[[str], None],
+        misbehaves: Callable[[str], None],
         now: float,
     ) -> None:
-        self._link, self._write, self._reset = link, write, reset
+        self._link, self._write, self._reset, self._misbehaves = link, write, reset, misbehaves
         self._terminator = link.terminator.encode("ascii")
         self._commands = {
             skill.topic: _compile(skill, skill.via.direct, link)
@@ -160,11 +168,19 @@ class DirectSession:
     def received(self, data: bytes, now: float, time_ns: int) -> None:
         """Bytes from the robot."""
         *lines, self._left = (self._left + data).split(self._terminator)
+        if len(lines) > MOST_LINES:
+            flood, lines = lines[:-MOST_LINES], lines[-MOST_LINES:]
+            answered = sum(self._awaiting is not None and self._answers(self._text(raw)) for raw in flood)
+            said = "the robot says more lines than can be looked at"
+            self._sources.dropped(Drop.RATE_LIMITED, said, len(flood) - answered)
         for raw in lines:
-            self._line(raw.decode(self._link.encoding, "replace").strip("\r"), now, time_ns)
+            self._line(self._text(raw), now, time_ns)
         if len(self._left) > LONGEST_LINE:
             self._sources.dropped(Drop.MALFORMED, f"the robot sends a line of more than {LONGEST_LINE} bytes")
-            self._reset("it sends a line without end; see direct.terminator")
+            self._misbehaves("it sends a line without end; see direct.terminator")
+
+    def _text(self, raw: bytes) -> str:
+        return raw.decode(self._link.encoding, "replace").strip("\r")
 
     def _line(self, line: str, now: float, time_ns: int) -> None:
         if self._answers(line):
@@ -182,16 +198,22 @@ class DirectSession:
         if self._awaiting is None:
             return False
         command, execution = self._awaiting
-        number = number_of(execution.execution_id)
-        for pattern, is_end in ((command.failed, False), (command.done, True)):
+        number, opened = number_of(execution.execution_id), self._executing.get(execution.execution_id)
+        is_told_to_stop = opened is not None and opened.is_told_to_stop
+        for pattern in (command.halted if is_told_to_stop else None, command.failed, command.done):
             values = pattern.match(line) if pattern is not None else None
             if values is None:
                 continue
             if values.get(NUMBER, number) != number:
                 self._executing.unasked(b"", command.skill.label)
                 return True
-            said = ended_text(str(values.get(MESSAGE, ""))) or "the robot says that it failed"
-            ended = _done(command.skill, values) if is_end else Ended(StatusCode.BAD_UNEXPECTED_ERROR, (), said)
+            said = ended_text(str(values.get(MESSAGE, "")))
+            if pattern is command.done:
+                ended = _done(command.skill, values)
+            elif is_told_to_stop:
+                ended = halted(said)
+            else:
+                ended = Ended(StatusCode.BAD_UNEXPECTED_ERROR, (), said or "the robot says that it failed")
             self._awaiting = None
             self._executing.end(execution.execution_id, ended)
             return True
@@ -203,7 +225,8 @@ class DirectSession:
         """Send the command.
 
         Raises:
-            SkillRejected: an argument cannot be written, or the robot is at another command.
+            SkillRejected: an argument cannot be written.
+            RobotBusy: it is at another command.
             RobotOffline: it takes no connection.
         """
         if not self._is_connected and now >= self._offline_since + APPEARS_S:
@@ -211,7 +234,7 @@ class DirectSession:
         command = self._commands[skill.topic]
         busy = self._waiting or (self._awaiting if command.done is not None else None)
         if busy is not None:
-            raise SkillRejected(f"the robot has not answered {busy[0].skill.label} yet; ask again when it has")
+            raise RobotBusy(f"the robot has not answered {busy[0].skill.label} yet; ask again when it has")
         data = self._encoded(command.command.render(_arguments(skill, execution)))
         self._executing.begin(skill, execution, now)
         if self._is_connected:
@@ -235,16 +258,15 @@ class DirectSession:
         self._executing.forget(execution.execution_id, said)
 
     def halt(self, execution: Execution, now: float) -> None:
-        """Send the command that stops it.
+        """Send the command that stops it. Its end is what the robot says then.
 
         Raises:
             SkillRejected: there is none.
             RobotOffline: the robot takes no connection.
         """
-        halted = Ended(StatusCode.BAD_REQUEST_CANCELLED_BY_CLIENT, (), "it was halted")
         if self._waiting is not None and self._waiting[1].execution_id == execution.execution_id:
             self._waiting = None
-            self._ended(execution.execution_id, halted)
+            self._ended(execution.execution_id, halted())
             return
         if not self._is_connected:
             raise RobotOffline(_OFFLINE)
@@ -253,13 +275,16 @@ class DirectSession:
             raise SkillRejected(f"{command.skill.label} cannot be stopped: it has no `halt`")
         if not self._write(self._encoded(command.halt.render(_arguments(command.skill, execution)))):
             raise RobotOffline(_BROKEN)
-        self._ended(execution.execution_id, halted)
+        self._executing.told_to_stop(execution.execution_id, now)
 
-    def _ended(self, execution_id: bytes, ended: Ended) -> None:
-        """It is over without an answer: what comes later must not be taken for another's."""
+    def _ended(self, execution_id: bytes, ended: Ended | None) -> None:
+        """It is over without an answer, None: nobody knows. What comes later must not be taken for another's."""
         if self._executing.get(execution_id) is None:
             return
-        self._executing.end(execution_id, ended)
+        if ended is None:
+            self._executing.forget(execution_id)
+        else:
+            self._executing.end(execution_id, ended)
         if self._awaiting is not None and self._awaiting[1].execution_id == execution_id:
             command, self._awaiting = self._awaiting[0], None
             if not command.is_numbered:
@@ -299,11 +324,14 @@ class DirectSession:
             waiting, self._waiting = self._waiting, None
             self._ended(waiting[1].execution_id, Ended(StatusCode.BAD_NO_COMMUNICATION, (), _OFFLINE))
         for opened in self._executing.overdue(now):
+            if opened.is_told_to_stop:
+                self._ended(opened.execution_id, None)
+                continue
             awaiting = self._awaiting
-            if awaiting is not None and awaiting[0].halt is not None and self._is_connected:
+            can_halt = awaiting is not None and awaiting[0].halt is not None and self._is_connected
+            if can_halt and awaiting is not None and awaiting[0].halt is not None:
                 self._write(self._encoded(awaiting[0].halt.render(_arguments(awaiting[0].skill, awaiting[1]))))
-            said = "it took longer than the skill's timeout; see what the robot does"
-            self._ended(opened.execution_id, Ended(StatusCode.BAD_TIMEOUT, (), said))
+            self._ended(opened.execution_id, opened.too_long(is_halted=can_halt))
         times = [at for at in (self._executing.due(), self._sources.turn(now)) if at is not None]
         if self._waiting is not None:
             times.append(self._offline_since + APPEARS_S)

@@ -11,8 +11,15 @@ from ua_bridges.tcp.data import RobotData, faults_of
 from ua_bridges.tcp.direct import DirectSession
 from ua_bridges.tcp.interpreter import InterpreterSession, TcpSkill
 from ua_bridges.tcp.link import Link
-from ua_fleet.bridge.configured import configured_sinks, configured_skills, configured_sources, every_data_set
+from ua_fleet.bridge.configured import (
+    configured_sinks,
+    configured_skills,
+    configured_sources,
+    every_data_set,
+    field_order,
+)
 from ua_fleet.bridge.driver import Driver, DriverStatus, Dropped, Execution, Inlet, Skill
+from ua_fleet.bridge.offenders import Offenders
 from ua_fleet.config.schema import FleetConfig
 from ua_fleet.counters import Drop
 from ua_fleet.topics import Topic
@@ -42,14 +49,16 @@ class TcpDriver:
         self._faults = faults_of(config, bridge_name)
         sinks = configured_sinks(config, bridge_name, TcpSink, TcpSink())
         self._sinks = {data.topic: data for data in sinks}
-        self._direct_link = self._interpreter_link = None
-        if (direct := bridge.direct) is not None:
-            self._direct_link = Link(f"{bridge_name} (direct)", direct.connect)
-        if (program := bridge.interpreter) is not None:
-            self._interpreter_link = Link(f"{bridge_name} (interpreter)", program.connect, program.listen, program.peer)
+        self._direct_link: Link | None = None
+        self._interpreter_link: Link | None = None
         self._direct: DirectSession | None = None
         self._interpreter: InterpreterSession | None = None
         self._answers = _topics_of(config, bridge.answers)
+        self._orders = {
+            topic: field_order(robot, name, data)
+            for robot, name, topic, data in every_data_set(config)
+            if topic in self._answers
+        }
         self._known: dict[str, tuple[Any, ...] | None] = dict.fromkeys(self._answers.values())
         """What the program is answered: None for what is not of now."""
         self._last = dict(self._known)
@@ -58,16 +67,22 @@ class TcpDriver:
     async def start(self, inlet: Inlet) -> None:
         """See Driver."""
         self._inlet = inlet
+        self._offenders = offenders = Offenders(inlet)
         config, now = self._config, time.monotonic()
-        if config.direct is not None and (link := self._direct_link) is not None:
+        if (direct := config.direct) is not None:
+            self._direct_link = link = Link(f"{self._name} (direct)", offenders, direct.connect)
             skills = [skill for skill in self._skills.values() if _is_direct(skill)]
             both: list[RobotData] = [*self._sources, *self._sinks.values()]
             data = [each for each in both if _is_sent_direct(each)]
-            self._direct = DirectSession(config.direct, skills, data, inlet.put, link.write, link.reset, now)
+            self._direct = DirectSession(direct, skills, data, inlet.put, link.write, link.reset, link.misbehaves, now)
             link.start(self._direct)
-        if config.interpreter is not None and (link := self._interpreter_link) is not None:
+        if (program := config.interpreter) is not None:
+            who = f"{self._name} (interpreter)"
+            self._interpreter_link = link = Link(who, offenders, program.connect, program.listen, program.peer)
             sources = [each for each in (*self._sources, *self._faults) if not _is_sent_direct(each)]
-            self._interpreter = InterpreterSession(config.interpreter, sources, inlet.put, link.write, link.reset, now)
+            self._interpreter = InterpreterSession(
+                program, sources, inlet.put, link.write, link.reset, link.misbehaves, now
+            )
             self._interpreter.answer_from(self._known)
             link.start(self._interpreter)
 
@@ -76,16 +91,16 @@ class TcpDriver:
         assert self._inlet is not None
         wanted = self._answers.get(topic)
         if wanted is not None:
-            self._known[wanted] = self._last[wanted] = tuple(message.values)
+            self._known[wanted] = self._last[wanted] = self._orders[topic].arranged(metadata, message.values)
         sink = self._sinks.get(topic)
         if sink is None:
             if wanted is None:
                 self._inlet.put(Dropped(Drop.UNMAPPED))
             return wanted is not None
         if self._direct is not None and self._direct.writes(topic):
-            return self._direct.inform(topic, message.values)
+            return self._direct.inform(topic, sink.order.arranged(metadata, message.values))
         assert self._interpreter is not None
-        done = self._interpreter.inform(sink, message.values, time.monotonic())
+        done = self._interpreter.inform(sink, sink.order.arranged(metadata, message.values), time.monotonic())
         self._look()
         return done
 
@@ -101,7 +116,8 @@ class TcpDriver:
         is_connected = bool(sessions) and all(session.is_connected for session in sessions)
         pairs = zip(("direct", "interpreter"), links, sessions, strict=False) if len(sessions) > 1 else ()
         each = {name: "" if session.is_connected else link.detail for name, link, session in pairs}
-        return DriverStatus(is_connected, "; ".join(link.detail for link in links), each)
+        aside = self._offenders.told(time.monotonic()) if self._inlet is not None else dict[str, str]()
+        return DriverStatus(is_connected, "; ".join(link.detail for link in links) or "not started", each, aside)
 
     async def stop(self) -> None:
         """See Driver."""

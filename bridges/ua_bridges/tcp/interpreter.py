@@ -28,9 +28,9 @@ from ua_bridges.tcp.messages import (
 from ua_bridges.tcp.outbox import Encoded, Outbox
 from ua_fleet.bridge.configured import ConfiguredSkill
 from ua_fleet.bridge.driver import Execution
-from ua_fleet.bridge.executing import Ended, Executing, Open, ended_text
+from ua_fleet.bridge.executing import Ended, Executing, Open, ended_text, halted
 from ua_fleet.counters import Drop
-from ua_fleet.errors import RobotOffline, SkillRejected
+from ua_fleet.errors import RobotBusy, RobotOffline, SkillRejected
 from ua_fleet.values import StatusCode
 
 __all__ = ["InterpreterSession", "TcpSkill"]
@@ -56,7 +56,10 @@ class _Told:
 
 
 class InterpreterSession:
-    """One robot's program. `write` sends bytes, False: it did not; `reset` ends the connection for a reason."""
+    """One robot's program.
+
+    `write` sends bytes, False: it did not; `reset` ends the connection for a reason; `misbehaves` does so for a while.
+    """
 
     def __init__(
         self,
@@ -65,9 +68,10 @@ class InterpreterSession:
         put: Put,
         write: Callable[[bytes], bool],
         reset: Callable[[str], None],
+        misbehaves: Callable[[str], None],
         now: float,
     ) -> None:
-        self._link, self._reset = link, reset
+        self._link, self._reset, self._misbehaves = link, reset, misbehaves
         self._outbox = Outbox(link, write)
         self._data = {subtype_of(data): data for data in sources}
         self._sources = Sources(put)
@@ -129,7 +133,7 @@ class InterpreterSession:
                         return  # an answer was too much for it, and the connection is over
         except (FramingBroken, MessageRefused) as error:
             self._sources.dropped(Drop.MALFORMED, f"the program on the robot sent {error}")
-            self._reset(f"it sent {error}")
+            self._misbehaves(f"it sent {error}")
             return
         within = self._fields.is_within or self._messages.is_within
         self._begun_at = (self._begun_at or now) if within else None
@@ -194,8 +198,12 @@ class InterpreterSession:
             self._close(message.number, Ended(StatusCode.BAD_UNEXPECTED_ERROR, (), said or "the robot says so"))
         elif state is RobotState.REFUSED:
             self._close(message.number, Ended(StatusCode.BAD_REQUEST_NOT_ALLOWED, (), said or "the robot refuses it"))
+        elif state is RobotState.BUSY:
+            self._close(
+                message.number, Ended(StatusCode.BAD_TOO_MANY_OPERATIONS, (), said or "the robot is at another")
+            )
         elif state is RobotState.HALTED:
-            self._close(message.number, Ended(StatusCode.BAD_REQUEST_CANCELLED_BY_CLIENT, (), said or "it was halted"))
+            self._close(message.number, halted(said))
         elif state is RobotState.UNKNOWN:
             del self._told[message.number]
             self._executing.forget(execution_id, said or "the program on the robot remembers nothing of it")
@@ -216,7 +224,8 @@ class InterpreterSession:
         """Tell the robot.
 
         Raises:
-            SkillRejected: an argument is no field, or the number is in use.
+            SkillRejected: an argument is no field.
+            RobotBusy: the number is in use.
             RobotOffline: its program is not connected.
         """
         if not self._is_connected and now >= self._offline_since + APPEARS_S:
@@ -250,8 +259,7 @@ class InterpreterSession:
         if told is None or self._executing.get(execution.execution_id) is None:
             return
         if not told.is_sent:
-            halted = Ended(StatusCode.BAD_REQUEST_CANCELLED_BY_CLIENT, (), "it was halted before the robot was told")
-            self._executing.end(execution.execution_id, halted)
+            self._executing.end(execution.execution_id, halted("it was halted before the robot was told"))
         elif not self._is_connected:
             raise RobotOffline(_NO_PROGRAM)
         else:
@@ -277,7 +285,7 @@ class InterpreterSession:
         number = number_of(execution_id)
         told = self._told.get(number)
         if told is not None and self._executing.get(told.execution_id) is not None:
-            raise SkillRejected(f"the number {number} is under way; ask again, which gives another one")
+            raise RobotBusy(f"the number {number} is under way; ask again, which gives another one")
         return number
 
     def _send(self, message: Message, now: float) -> None:
@@ -309,7 +317,7 @@ class InterpreterSession:
                 self._reset(f"it acknowledged no field within {timeout_s:g} s")
             elif self._begun_at is not None and now >= self._begun_at + timeout_s:
                 self._sources.dropped(Drop.MALFORMED, "the program on the robot stopped in the middle of a message")
-                self._reset(f"it stopped in the middle of a message for {timeout_s:g} s")
+                self._misbehaves(f"it stopped in the middle of a message for {timeout_s:g} s")
         if self._is_connected:
             for number, ask_at in self._ask_at.items():
                 if now >= ask_at:
@@ -334,15 +342,15 @@ class InterpreterSession:
         """The program is told to stop; of one that never answered nobody knows what it did."""
         number = number_of(opened.execution_id)
         told = self._told.get(number)
-        if self._is_connected and told is not None and told.is_sent:
+        can_halt = self._is_connected and told is not None and told.is_sent
+        if can_halt and told is not None:
             self._send(Message(Type.HALT, _subtype(told.skill), number), now)
         if told is not None and not told.is_sent:
             self._executing.end(opened.execution_id, Ended(StatusCode.BAD_NO_COMMUNICATION, (), _NO_PROGRAM))
         elif opened.told is None:
             self._executing.forget(opened.execution_id, "the program on the robot never answered; see what it does")
         else:
-            said = "it took longer than the skill's timeout; see what the robot does"
-            self._executing.end(opened.execution_id, Ended(StatusCode.BAD_TIMEOUT, (), said))
+            self._executing.end(opened.execution_id, opened.too_long(is_halted=can_halt))
 
 
 def _subtype(skill: TcpSkill) -> str:

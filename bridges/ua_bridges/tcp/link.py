@@ -14,6 +14,7 @@ from functools import partial
 from typing import Any, Final, Protocol
 
 from ua_bridges.tcp.config import host_and_port
+from ua_fleet.bridge.offenders import Offenders
 
 __all__ = ["APPEARS_S", "Link", "Session"]
 
@@ -23,7 +24,6 @@ FIRST_PAUSE_S: Final = 0.1
 LONGEST_PAUSE_S: Final = 5.0
 STEADY_S: Final = 2.0
 """A connection that is lost sooner does not end the growing of the pauses."""
-MISTAKE_PAUSE_S: Final = 1.0
 CONNECT_S: Final = 5.0
 """A connection that is not there by then is tried anew."""
 MOST_UNSENT: Final = 1 << 20
@@ -59,9 +59,19 @@ class Session(Protocol):
 class Link:
     """One connection to one robot, which it accepts or which we accept from it."""
 
-    def __init__(self, who: str, connect: str | None, listen: str | None = None, peer: str | None = None) -> None:
-        """Either `connect` or `listen` is given, as `host:port`; `peer` alone may connect."""
-        self._who, self._peer = who, peer
+    def __init__(
+        self,
+        who: str,
+        offenders: Offenders,
+        connect: str | None,
+        listen: str | None = None,
+        peer: str | None = None,
+    ) -> None:
+        """Either `connect` or `listen` is given, as `host:port`; `peer` alone may connect.
+
+        `offenders` has the connection by the name `who` while its robot is put aside.
+        """
+        self._who, self._offenders, self._peer = who, offenders, peer
         self._address = host_and_port(connect or listen or "")
         self._listens = listen is not None
         self._session: Session | None = None
@@ -120,7 +130,7 @@ class Link:
             if why != self._mistake:
                 self._mistake = why
                 logger.exception("%s: the connection was not kept", self._who)
-            self._begin_anew(why, MISTAKE_PAUSE_S)
+            self._begin_anew(why, self._offenders.put_aside(self._who, why, time.monotonic()))
 
     def _begin_anew(self, why: str, pause_s: float) -> None:
         if self._is_up:
@@ -229,6 +239,9 @@ class Link:
             logger.warning("%s: refused a connection from %s; only %s may connect", self._who, address[0], self._peer)
             accepted.close()
             return
+        if self._offenders.is_aside(self._who, time.monotonic()):
+            accepted.close()
+            return
         if self._socket is not None:
             self._down("the robot's program connected anew")
         accepted.setblocking(False)
@@ -279,6 +292,13 @@ class Link:
         """End the connection, since nothing sensible can follow on it; it is made again."""
         self._down(why)
 
+    def misbehaves(self, why: str) -> None:
+        """End the connection, since the robot says what none should; it is made again after a while."""
+        pause_s = self._offenders.put_aside(self._who, why, time.monotonic())
+        self._down(f"{why}; it is put aside for {pause_s:g} s")
+        if not self._listens:
+            self._in(pause_s, self._again)
+
     def _readable(self) -> None:
         assert self._socket is not None
         assert self._session is not None
@@ -296,27 +316,26 @@ class Link:
         self._turn()
 
     def write(self, data: bytes) -> bool:
-        """Send bytes, at once where the kernel takes them; False where the connection is over."""
+        """Send bytes, at once where the kernel takes them; False where it is over: none has gone out then."""
         made = self._socket
         if made is None or not self._is_up:
             return False
         if self._unsent:
-            self._unsent += data
-        else:
-            try:
-                sent = made.send(data)
-            except (BlockingIOError, InterruptedError):
-                sent = 0
-            except OSError as error:
-                self._loop.call_soon(self._do, self._broken, made, _reason(error))
+            if len(self._unsent) + len(data) > MOST_UNSENT:
+                self._loop.call_soon(self._do, self._broken, made, "it does not read what it is sent")
                 return False
-            if sent == len(data):
-                return True
+            self._unsent += data
+            return True
+        try:
+            sent = made.send(data)
+        except (BlockingIOError, InterruptedError):
+            sent = 0
+        except OSError as error:
+            self._loop.call_soon(self._do, self._broken, made, _reason(error))
+            return False
+        if sent < len(data):
             self._unsent += data[sent:]
             self._loop.add_writer(made.fileno(), self._do, self._writable)
-        if len(self._unsent) > MOST_UNSENT:
-            self._loop.call_soon(self._do, self._broken, made, "it does not read what it is sent")
-            return False
         return True
 
     def _broken(self, made: socket.socket, why: str) -> None:

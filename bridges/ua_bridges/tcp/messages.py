@@ -70,6 +70,8 @@ class RobotState(StrEnum):
     """The data may be the reason."""
     REFUSED = "refused"
     """It has not begun it and will not; the data may be the reason."""
+    BUSY = "busy"
+    """The same, because it is at another one: it may be asked again."""
     HALTED = "halted"
     """It was stopped."""
     UNKNOWN = "unknown"

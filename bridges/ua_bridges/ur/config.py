@@ -166,6 +166,9 @@ class DashboardSkill(Model, frozen=True):
     """`load` and `popup`: the name of the argument with the program or the message."""
     wait_for_end: bool = False
     """`play`: done when the program has ended. Otherwise it is done when it has begun."""
+    end_register: int | None = Field(default=None, ge=12, le=19)
+    """With `wait_for_end`: output integer register that the program changes in its last line, e.g. counts up. Without
+    it nobody can tell a program that has ended from one that somebody has stopped: Unknown."""
 
 
 class SetSkill(Model, frozen=True):
@@ -242,7 +245,7 @@ class UrBridgeConfig(VendorBridgeConfig, frozen=True):
     """Priority of SCHED_FIFO for the process that reads the state, so that none of 500 samples a second is lost on a
     busy machine; needs CAP_SYS_NICE."""
     needs_remote_control: bool = True
-    """Whether it is a fault when the robot is in local control, where it takes no commands."""
+    """Whether the bridge's status tells when the robot is in local control, where it takes no commands."""
     mirrors: dict[Annotated[str, Field(pattern=r"^[A-Za-z][\w-]*\.[A-Za-z][\w-]*$")], UrSink] = {}
     """Data of other bridges' robots, `<robot>.<data>`, that is written to outputs, or to input registers that
     its programs read."""
@@ -306,7 +309,7 @@ class UrBridgeConfig(VendorBridgeConfig, frozen=True):
             results = way.results
             yield from _script_problems((*path, "via", "script"), way, skill, self.first_register)
         elif isinstance(way, DashboardSkill):
-            yield from _dashboard_problems((*path, "via", "dashboard"), way, skill)
+            yield from _dashboard_problems((*path, "via", "dashboard"), way, skill, self.first_register)
         elif isinstance(way, SetSkill):
             output = find_output(way.output)
             assert output is not None
@@ -401,11 +404,15 @@ def _script_problems(path: KeyPath, way: ScriptSkill, skill: SkillConfig, regist
             yield (*path, "results", name), f"register {result.place} is the bridge's own", "choose another place"
 
 
-def _dashboard_problems(path: KeyPath, way: DashboardSkill, skill: SkillConfig) -> Iterator[Problem]:
+def _dashboard_problems(path: KeyPath, way: DashboardSkill, skill: SkillConfig, register: int) -> Iterator[Problem]:
     if way.command.takes_text and way.text is None:
         yield path, f"{way.command.value} needs a text", "name the argument as `text`"
     if not way.command.takes_text and way.text is not None:
         yield (*path, "text"), f"{way.command.value} takes no text", "remove it"
     if way.wait_for_end and way.command is not Dashboard.PLAY:
         yield (*path, "wait_for_end"), f"{way.command.value} has no end", "remove it"
+    if way.end_register is not None and not way.wait_for_end:
+        yield (*path, "end_register"), "nobody waits for the end", "add `wait_for_end: true`, or remove it"
+    if way.end_register in (register, register + 1):
+        yield (*path, "end_register"), f"register {way.end_register} is the bridge's own", "choose another one"
     yield from _arguments(path, skill, {way.text} if way.text is not None else set(), (ScalarType.STRING,))

@@ -8,26 +8,29 @@ import threading
 import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
+from dataclasses import replace
 from importlib.util import find_spec
 from typing import Any, Final
 
 import structlog
 
-from ua_bridges.ur.config import RegisterResult, ScriptSkill, UrBridgeConfig, UrSkillMapping
+from ua_bridges.ur.config import DashboardSkill, RegisterResult, ScriptSkill, UrBridgeConfig, UrSkillMapping
 from ua_bridges.ur.link import CommandLink
 from ua_bridges.ur.outputs import Output
 from ua_bridges.ur.remote import RemoteControl
 from ua_bridges.ur.sinks import sinks_of
-from ua_bridges.ur.state import State
-from ua_bridges.ur.tasks import Forgotten, Progress, RobotTask, make_task, refusal_of
+from ua_bridges.ur.state import State, remark_of, stop_of
+from ua_bridges.ur.task import Forgotten, Progress, RobotTask
+from ua_bridges.ur.tasks import make_task, refusal_of
 from ua_bridges.ur.telemetry import Telemetry, frequency_of, sources_of, variables_of
 from ua_bridges.ur.watching import Faults, Watcher
 from ua_fleet.bridge.configured import configured_faults, configured_skills
 from ua_fleet.bridge.driver import Driver, DriverStatus, Dropped, Execution, Inlet, Skill
-from ua_fleet.bridge.executing import Ended, Executing, ended_text
+from ua_fleet.bridge.executing import Ended, Executing, Open, ended_text
+from ua_fleet.bridge.offenders import Offenders
 from ua_fleet.config.schema import FleetConfig
 from ua_fleet.counters import Drop
-from ua_fleet.errors import BridgeUnavailable, RobotOffline, SkillError, SkillRejected, SkillTimeout
+from ua_fleet.errors import BridgeUnavailable, RobotBusy, RobotOffline, SkillError, SkillRejected, SkillTimeout
 from ua_fleet.topics import Topic
 from ua_fleet.values import StatusCode
 from ua_fleet.wire.messages import DataSetMessage, DataSetMetaData
@@ -37,7 +40,6 @@ __all__ = ["UrDriver", "create_driver"]
 _FOLLOW_S: Final = 0.02
 """Period at which executions under way are looked at."""
 _IDLE_S: Final = 0.25
-_OVERDUE: Final = int(StatusCode.BAD_TIMEOUT)
 
 _log = structlog.get_logger(__name__)
 
@@ -89,6 +91,7 @@ class UrDriver:
             variables_of(self._sources, self._registers()),
             Telemetry(self._sources, frequency, inlet.put),
             self._faults,
+            Offenders(inlet),
         )
         self._stopping.clear()
         self._watcher.start()
@@ -96,12 +99,14 @@ class UrDriver:
         self._thread.start()
 
     def _registers(self) -> frozenset[tuple[str, int]]:
-        """The registers that scripts tell by."""
+        """The registers that scripts and programs tell by."""
         ways = [skill.via.way for skill in self._skills.values() if skill.via is not None]
         scripts = [way for way in ways if isinstance(way, ScriptSkill)]
+        ends = [way.end_register for way in ways if isinstance(way, DashboardSkill) and way.end_register is not None]
         own = [RegisterResult(register_type="int", place=self._config.first_register + more) for more in (0, 1)]
         results = [result for script in scripts for result in script.results.values()]
-        return frozenset((each.register_type, each.place) for each in (*(own if scripts else ()), *results))
+        told = [*(own if scripts else ()), *results]
+        return frozenset([*((each.register_type, each.place) for each in told), *(("int", place) for place in ends)])
 
     @property
     def _state(self) -> State | None:
@@ -110,15 +115,17 @@ class UrDriver:
     def publish(self, topic: Topic, metadata: DataSetMetaData, message: DataSetMessage) -> bool:
         """See Driver."""
         assert self._inlet is not None
-        output = self._sinks.get(topic)
-        if output is None:
+        sink = self._sinks.get(topic)
+        if sink is None:
             self._inlet.put(Dropped(Drop.UNMAPPED))
             return False
+        order, output = sink
+        (value,) = order.arranged(metadata, message.values)
         if self._state is None:
             self._inlet.put(Dropped(Drop.NOT_CONNECTED, detail=self.status().detail))
             return False
         try:
-            method, arguments = output.call(message.values[0] if message.values else None)
+            method, arguments = output.call(value)
         except ValueError as error:
             self._inlet.put(Dropped(Drop.CONVERSION, detail=f"{output.name}: {error}"))
             return False
@@ -129,7 +136,10 @@ class UrDriver:
         """See Driver."""
         if self._watcher is None:
             return DriverStatus(False, "not running")
-        return self._watcher.status()
+        status, state = self._watcher.status(), self._state
+        is_local = self._remote_control is False and self._config.needs_remote_control
+        remark = remark_of(state, False if is_local else None) if state is not None else ""
+        return replace(status, detail=f"{status.detail}; {remark}") if remark else status
 
     async def stop(self) -> None:
         """See Driver."""
@@ -159,9 +169,12 @@ class UrDriver:
             raise RobotOffline(self.status().detail)
         refusal = refusal_of(task, state, self._remote_control)
         if refusal:
-            raise SkillRejected(refusal)
+            error = SkillRejected(refusal)
+            if refusal == stop_of(state):  # the robot itself stands, for whatever it is asked
+                error.ua_status = StatusCode.BAD_OUT_OF_SERVICE
+            raise error
         if task.moves_arm and any(other.moves_arm for other in list(self._claims.values())):
-            raise SkillRejected("the robot is at another move or program")
+            raise RobotBusy("the robot is at another move or program")
         self._claims[execution.execution_id] = task
         self._jobs.put(lambda: self._begin(execution, task))
 
@@ -225,15 +238,14 @@ class UrDriver:
                     _log.exception("a mistake of the bridge; report this log", controller=self._config.address)
                     self._forget(execution_id, f"a mistake of the bridge ({error!r}); see what the robot does")
         for overdue in self._executing.overdue(now):
-            self._give_up(overdue.execution_id, state)
+            self._give_up(overdue, state)
 
     def _look_at_remote_control(self, now: float) -> None:
-        if not (self._skills or self._sinks or self._fault_topics):
+        if not (self._skills or self._sinks):
             return
         said = self._remote.look(now)
         if said is not None:
             self._remote_control = said
-            self._faults.remote_control(said if self._config.needs_remote_control else None)
 
     def _begin(self, execution: Execution, task: RobotTask) -> None:
         now, state = time.monotonic(), self._state
@@ -243,9 +255,14 @@ class UrDriver:
             if state is None:
                 raise RobotOffline(self.status().detail)
             task.begin(self._link, state, now)
+        except SkillTimeout as error:
+            if task.is_told:  # it may have begun: what the controller shows has to tell
+                task.is_unsure = True
+                _log.debug("a command was not answered", controller=self._config.address, reason=str(error))
+            else:
+                status = int(StatusCode.BAD_NO_COMMUNICATION)
+                self._end(execution.execution_id, Ended(status, (), ended_text(str(error))))
         except SkillError as error:
-            if isinstance(error, SkillTimeout) and task.moves_arm:
-                return  # it may have begun: what the controller shows has to tell
             self._end(execution.execution_id, Ended(int(error.ua_status), (), ended_text(str(error))))
 
     def _ask(self, execution: Execution, task: RobotTask) -> None:
@@ -292,13 +309,16 @@ class UrDriver:
         except SkillError as error:
             _log.warning("the robot was not halted", controller=self._config.address, reason=str(error))
 
-    def _give_up(self, execution_id: bytes, state: State | None) -> None:
+    def _give_up(self, opened: Open, state: State | None) -> None:
+        execution_id = opened.execution_id
         task = self._tasks.get(execution_id)
+        is_halted = False
         if task is not None and task.moves_arm and state is not None:
             with suppress(SkillError):
                 task.halt(self._link, state)
+                is_halted = True
         self._asked = [asked for asked in self._asked if asked[0].execution_id != execution_id]
-        self._end(execution_id, Ended(_OVERDUE, (), "it took too long, and was given up"))
+        self._end(execution_id, opened.too_long(is_halted=is_halted))
 
     def _write(self, output: Output, method: str, arguments: list[Any]) -> None:
         assert self._inlet is not None

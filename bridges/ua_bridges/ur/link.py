@@ -36,9 +36,9 @@ class CommandLink:
         """Call a method of one of the library's interfaces; see `library.commanding`.
 
         Raises:
-            SkillFailed: the library refuses it; the text says why.
-            SkillTimeout: nothing came back in time. The child was ended.
-            RobotOffline: the child has ended.
+            SkillFailed: the library or the controller refuses it, and nothing was done; the text says why.
+            SkillTimeout: it was said, and nobody can tell whether the controller has it. The child may have ended.
+            RobotOffline: it could not be said.
         """
         limit = self._timeout_s if timeout_s is None else timeout_s
         if self._child is not None and self._child.has_ended:
@@ -48,15 +48,20 @@ class CommandLink:
                 self._child = LibraryChild("commanding", self._host)
                 limit += _OPEN_S
             self._child.say({"on": on, "call": method, "args": list(arguments)})
+        except ChildFailed as error:
+            self.close()
+            raise RobotOffline(f"{method}: {error}") from error
+        try:
             answer: dict[str, Any] = self._child.line(limit)
         except NoAnswer as error:
             self.close()
             raise SkillTimeout(f"{method}: the controller does not answer ({error})") from error
-        except ChildFailed as error:
+        except ChildFailed as error:  # a connection that breaks ends it, before or after the controller has heard
             self.close()
-            raise RobotOffline(f"{method}: {error}") from error
+            raise SkillTimeout(f"{method}: {error} before it answered") from error
         if "error" in answer:
-            raise SkillFailed(" ".join(str(answer["error"]).split()))
+            said = " ".join(str(answer["error"]).split())
+            raise SkillFailed(said) if answer["refused"] else SkillTimeout(f"{method}: {said}")
         return answer["result"]
 
     # ur-rtde's control program
@@ -132,17 +137,22 @@ class CommandLink:
         """Send a program to port 30002.
 
         Raises:
-            RobotOffline: the controller does not take the connection, or the program.
+            RobotOffline: the controller does not take the connection.
+            SkillTimeout: it broke; nobody can tell how much of the program has arrived.
         """
         try:
-            with socket.create_connection((self._host, _SCRIPT_PORT), self._timeout_s) as connection:
-                connection.sendall(program.encode())
-                self.has_control = False
-                with suppress(OSError):  # it was sent: what the controller shows has to tell
-                    _read_for(_TAKEN_S, connection)
+            connection = socket.create_connection((self._host, _SCRIPT_PORT), self._timeout_s)
         except OSError as error:
             reason = f"port {_SCRIPT_PORT}: {error.strerror or error}; see that the controller lets the bridge in there"
             raise RobotOffline(reason) from error
+        self.has_control = False
+        with connection:
+            try:
+                connection.sendall(program.encode())
+            except OSError as error:
+                raise SkillTimeout(f"port {_SCRIPT_PORT}: {error.strerror or error}") from error
+            with suppress(OSError):  # it was sent: what the controller shows has to tell
+                _read_for(_TAKEN_S, connection)
 
     def close(self) -> None:
         """End the child; what a move does on the controller goes on."""

@@ -1,4 +1,4 @@
-"""What the controller said last, and what is wrong with the robot. Pure."""
+"""What the controller said last, and what keeps the robot from moving. Pure."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any, Final
 
 from ua_bridges.ur.modes import RobotMode, RuntimeState, SafetyMode, mode_of
 
-__all__ = ["ControllerClock", "State", "fault_of"]
+__all__ = ["ControllerClock", "State", "remark_of", "stop_of"]
 
 _STANDS_RAD_S: Final = 1e-3
 _LEAK_S_S: Final = 2e-4
@@ -84,7 +84,7 @@ class ControllerClock:
         return round((self._offset_s + stamp) * 1e9)
 
 
-_SAFETY: Final[Mapping[SafetyMode, str]] = {
+_STOPS: Final[Mapping[SafetyMode, str]] = {
     SafetyMode.PROTECTIVE_STOP: "protective stop: see why, then unlock it",
     SafetyMode.RECOVERY: "recovery: the arm is outside of its safety limits; drive it back by hand",
     SafetyMode.SAFEGUARD_STOP: "safeguard stop: close the gate, then reset it",
@@ -93,21 +93,24 @@ _SAFETY: Final[Mapping[SafetyMode, str]] = {
     SafetyMode.VIOLATION: "safety violation: see the robot's log, then restart its safety system",
     SafetyMode.FAULT: "safety fault: see the robot's log, then restart its safety system",
     SafetyMode.VALIDATE_JOINT_ID: "a joint was exchanged: confirm it on the teach pendant",
-    SafetyMode.UNDEFINED: "the safety system says nothing",
 }
 
 
-def fault_of(state: State | None, lost: str, remote_control: bool | None) -> str:
-    """What is wrong with the robot, in one line; the empty text while it can work.
+def stop_of(state: State) -> str:
+    """Why the safety system lets the arm move no more, in one line; the empty text where it does not say that it does.
+
+    The arm may still slow down: it has stopped where `State.stands`, too.
+    """
+    return _STOPS.get(state.safety_mode, "")
+
+
+def remark_of(state: State, remote_control: bool | None) -> str:
+    """What else keeps the robot from new work, and says nothing of what it does now; the empty text where nothing does.
 
     Args:
-        state: the last sample; None while there is no connection.
-        lost: why there is none.
+        state: the last sample.
         remote_control: False in local control, None where it is not known or does not matter.
     """
-    if state is None:
-        return f"connection lost: {lost}"
-    wrong = _SAFETY.get(state.safety_mode)
-    if wrong is not None:
-        return wrong
+    if state.safety_mode is SafetyMode.UNDEFINED:
+        return "the safety system says nothing; see the teach pendant"
     return "remote control is off: switch it on at the teach pendant" if remote_control is False else ""

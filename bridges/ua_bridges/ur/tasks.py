@@ -1,85 +1,43 @@
-"""One execution on the controller: begun over the link, followed by what the controller says.
-
-begin     tell the controller; raises a SkillError where it takes nothing
-resume    a bridge before us may have begun it; what is to be seen has to tell
-look      with each state: how far it is, or how it ended
-halt      have it stop; `look` tells of the end
-"""
+"""What is done on the controller, each as a task (see `task`), and which of them a skill of `fleet.yaml` is."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any, Final, NamedTuple, Protocol
+from typing import Any, Final
 
 from ua_bridges.ur.config import Dashboard, DashboardSkill, MoveJ, MoveL, ScriptSkill, SetSkill, StopSkill
+from ua_bridges.ur.dashboard_tasks import DashboardTask, PlayTask
 from ua_bridges.ur.link import CommandLink
-from ua_bridges.ur.modes import RobotMode, RuntimeState, SafetyMode
+from ua_bridges.ur.modes import RobotMode, RuntimeState
 from ua_bridges.ur.outputs import Output, find_output
-from ua_bridges.ur.state import State, fault_of
+from ua_bridges.ur.state import State, remark_of, stop_of
+from ua_bridges.ur.task import (
+    BEGIN_S,
+    CANCELLED,
+    FAILED,
+    SETTLED_S,
+    SHOWN_S,
+    Forgotten,
+    Progress,
+    RobotTask,
+    Task,
+    Told,
+    stopped,
+)
 from ua_bridges.ur.variables import register_names
 from ua_fleet.bridge.configured import ConfiguredSkill
 from ua_fleet.bridge.executing import Ended
 from ua_fleet.bridge.templates import CommandTemplate, Language
 from ua_fleet.config.base import Model
 from ua_fleet.errors import SkillFailed, SkillRejected
-from ua_fleet.values import StatusCode
 
-__all__ = ["Forgotten", "Progress", "RobotTask", "Told", "make_task"]
+__all__ = ["make_task", "refusal_of"]
 
 _ARRIVED_RAD: Final = 0.005
 _ARRIVED_M: Final = 0.001
 _TURNED_RAD: Final = 0.01
-_SETTLED_S: Final = 0.3
-"""So long the arm has to stand before its place counts."""
-_BEGIN_S: Final = 3.0
-"""A program that is sent says within this that it runs."""
-_SHOWN_S: Final = 1.0
-"""What the dashboard server has agreed to shows within this."""
 _PROGRAM: Final = "ua_fleet"
-
-_UNDER_WAY: Final = (RuntimeState.PLAYING, RuntimeState.PAUSED)
-_FAILED: Final = int(StatusCode.BAD_UNEXPECTED_ERROR)
-_OUT: Final = int(StatusCode.BAD_OUT_OF_SERVICE)
-_CANCELLED: Final = int(StatusCode.BAD_REQUEST_CANCELLED_BY_CLIENT)
-
-
-class Progress(NamedTuple):
-    """It goes on."""
-
-    fraction: float
-    message: str = ""
-
-
-class Forgotten(NamedTuple):
-    """Nobody can tell what became of it."""
-
-    message: str
-
-
-Told = Progress | Ended | Forgotten | None
-
-
-class RobotTask(Protocol):
-    """See the module. `moves_arm`: only one such task is under way at a time."""
-
-    moves_arm: bool
-
-    def begin(self, link: CommandLink, state: State, now: float) -> None:
-        """Tell the controller."""
-        ...
-
-    def resume(self, state: State, now: float) -> None:
-        """Follow what may have been begun."""
-        ...
-
-    def look(self, link: CommandLink, state: State, now: float) -> Told:
-        """What the controller shows; None where there is nothing new."""
-        ...
-
-    def halt(self, link: CommandLink, state: State) -> None:
-        """Have it stop."""
-        ...
 
 
 def _turn_between(first: Sequence[float], second: Sequence[float]) -> float:
@@ -93,7 +51,7 @@ def _turn_between(first: Sequence[float], second: Sequence[float]) -> float:
     return 2 * math.acos(min(abs(sum(a * b for a, b in zip(one, other, strict=True))), 1.0))
 
 
-class MoveTask:
+class MoveTask(Task):
     """A moveJ or moveL of ur-rtde's control program, asynchronous."""
 
     moves_arm = True
@@ -140,9 +98,11 @@ class MoveTask:
         link.take_control(is_playing=state.runtime is RuntimeState.PLAYING)
         _, self._before = link.operation()
         self._way, self._began = self._left(state), now
-        method = "moveL" if self._is_linear else "moveJ"
-        if not link.call("control", method, self._target, self._speed, self._acceleration, True):
-            raise SkillFailed("the control program did not take the move; see the robot's log")
+        self.is_told = True
+        # False is no refusal: it waits no longer for the program, which may have begun. Its operation tells.
+        link.call(
+            "control", "moveL" if self._is_linear else "moveJ", self._target, self._speed, self._acceleration, True
+        )
 
     def resume(self, state: State, now: float) -> None:
         """See RobotTask."""
@@ -150,15 +110,14 @@ class MoveTask:
 
     def look(self, link: CommandLink, state: State, now: float) -> Told:
         """See RobotTask."""
-        wrong = fault_of(state, "", None)
-        if wrong:
-            return Ended(_OUT, (), wrong)
+        if stop_of(state):
+            return stopped(state)
         if self._before is not None and link.has_control:
             is_running, number = link.operation()
-            if is_running or (number == self._before and now - self._began < _BEGIN_S):
+            if is_running or (number == self._before and now - self._began < BEGIN_S):
                 return self._progress(state)
             if number == self._before:
-                return Ended(_FAILED, (), "the control program did not begin the move; see the robot's log")
+                return Ended(FAILED, (), "the control program did not begin the move; see the robot's log")
         else:
             self._before = None
         if not state.stands:
@@ -168,13 +127,13 @@ class MoveTask:
             self._stands_since = now
         if self._is_there(state):
             return Ended(0)
-        if now - self._stands_since < _SETTLED_S:
+        if now - self._stands_since < SETTLED_S:
             return None
         if self._is_halted:
-            return Ended(_CANCELLED, (), "halted")
+            return Ended(CANCELLED, (), "halted")
         if self._before is None:
             return Forgotten("the arm stands, and not where the move leads; see what the robot did")
-        return Ended(_FAILED, (), "the move was stopped before its end; see the robot's log")
+        return Ended(FAILED, (), "the move was stopped before its end; see the robot's log")
 
     def _progress(self, state: State) -> Progress:
         done = 1 - self._left(state) / self._way if self._way > 0 else 0.0
@@ -190,7 +149,7 @@ class MoveTask:
 _HALT_RAD_S2: Final = 2.0
 
 
-class ScriptTask:
+class ScriptTask(Task):
     """URScript of `fleet.yaml`, in a program that says in two registers that it has begun and that it is done."""
 
     moves_arm = True
@@ -227,6 +186,7 @@ class ScriptTask:
         """See RobotTask."""
         if state.runtime is RuntimeState.PLAYING:
             link.take_control(is_playing=True)  # refused where the program that runs is somebody else's
+        self.is_told = True
         link.send_script(self._program)
         self._began = now
 
@@ -239,26 +199,25 @@ class ScriptTask:
         self._was_begun = self._was_begun or state.values[self._begun] == self._mark
         if self._ended is None and state.values[self._done] == self._mark:
             values = [state.values[register_names(each.register_type, each.place)] for each in self._results]
-            self._ended = Ended(0, tuple(values)), now + _SHOWN_S
+            self._ended = Ended(0, tuple(values)), now + SHOWN_S
         if self._ended is not None:  # told when the robot is free: what comes next finds no program that runs
             ended, until = self._ended
             return ended if state.runtime is not RuntimeState.PLAYING or now >= until else None
-        wrong = fault_of(state, "", None)
-        if wrong and self._was_begun:
-            return Ended(_OUT, (), wrong)
+        if stop_of(state) and self._was_begun:
+            return stopped(state)
         if not self._was_begun:
             if self._is_resumed:
                 return Forgotten("the controller's registers tell nothing of it; see what the robot did")
-            if now - self._began < _BEGIN_S:
+            if now - self._began < BEGIN_S:
                 return None
-            return Ended(_FAILED, (), "the controller did not begin the program; see its log")
+            return Ended(FAILED, (), "the controller did not begin the program; see its log")
         if state.values[self._begun] != self._mark:
-            return Ended(_FAILED, (), "another program took its place")
-        if state.runtime in _UNDER_WAY:
+            return Ended(FAILED, (), "another program took its place")
+        if state.runtime is not RuntimeState.STOPPED or not state.stands:
             return Progress(0.0, "paused" if state.runtime is RuntimeState.PAUSED else "")
         if self._is_halted:
-            return Ended(_CANCELLED, (), "halted")
-        return Ended(_FAILED, (), "the program ended before its last line; see the robot's log")
+            return Ended(CANCELLED, (), "halted")
+        return Ended(FAILED, (), "the program ended before its last line; see the robot's log")
 
     def halt(self, link: CommandLink, state: State) -> None:
         """See RobotTask."""
@@ -266,91 +225,7 @@ class ScriptTask:
         link.stop_program()
 
 
-class DashboardTask:
-    """A command to the dashboard server, done when the controller shows what it is for."""
-
-    moves_arm = False
-
-    def __init__(self, way: DashboardSkill, arguments: Mapping[str, Any]) -> None:
-        """Take the text.
-
-        Raises:
-            SkillRejected: it has a line break, and would be two commands.
-        """
-        self._way, self._text = way, []
-        if way.text is not None:
-            text = str(arguments[way.text] or "")
-            if not text or not text.isprintable():
-                raise SkillRejected(f"{way.text}: give printable text in one line, and not {text[:40]!r}")
-            self._text = [text]
-        self._is_resumed = False
-        self._has_played = False
-        self._began = 0.0
-
-    def begin(self, link: CommandLink, state: State, now: float) -> None:
-        """See RobotTask."""
-        link.call("dashboard", _METHODS[self._way.command], *self._text)
-        self._began = now
-        if self._way.command in (Dashboard.PLAY, Dashboard.STOP):
-            link.has_control = False
-
-    def resume(self, state: State, now: float) -> None:
-        """See RobotTask."""
-        self._is_resumed = True
-
-    def look(self, link: CommandLink, state: State, now: float) -> Told:
-        """See RobotTask."""
-        if self._is_resumed and self._way.command in _UNSEEN:
-            return Forgotten("the controller does not show whether it was done")
-        # A program may be over before a state shows that it runs.
-        self._has_played = self._has_played or state.runtime is RuntimeState.PLAYING or now - self._began > _SHOWN_S
-        if not self._is_reached(state):
-            return Progress(0.0, f"robot mode {state.robot_mode.name}, safety mode {state.safety_mode.name}")
-        return Ended(0)
-
-    def _is_reached(self, state: State) -> bool:
-        command, runtime = self._way.command, state.runtime
-        if command is Dashboard.POWER_ON:
-            return state.robot_mode in (RobotMode.IDLE, RobotMode.RUNNING)
-        if command is Dashboard.BRAKE_RELEASE:
-            return state.robot_mode is RobotMode.RUNNING
-        if command is Dashboard.POWER_OFF:
-            return state.robot_mode is RobotMode.POWER_OFF
-        if command in (Dashboard.UNLOCK_PROTECTIVE_STOP, Dashboard.RESTART_SAFETY):
-            return state.safety_mode.may_move
-        if command is Dashboard.PLAY:
-            return self._has_played and (runtime is RuntimeState.STOPPED or not self._way.wait_for_end)
-        if command is Dashboard.PAUSE:
-            return runtime is RuntimeState.PAUSED
-        return command is not Dashboard.STOP or runtime is RuntimeState.STOPPED
-
-    def halt(self, link: CommandLink, state: State) -> None:
-        """See RobotTask."""
-        if not (self._way.command is Dashboard.PLAY and self._way.wait_for_end):
-            raise SkillRejected("a command to the dashboard server cannot be taken back")
-        link.stop_program()
-
-
-_UNSEEN: Final = (
-    *(Dashboard.LOAD, Dashboard.POPUP, Dashboard.CLOSE_POPUP, Dashboard.CLOSE_SAFETY_POPUP, Dashboard.PLAY),
-)
-_METHODS: Final[Mapping[Dashboard, str]] = {
-    Dashboard.POWER_ON: "powerOn",
-    Dashboard.POWER_OFF: "powerOff",
-    Dashboard.BRAKE_RELEASE: "brakeRelease",
-    Dashboard.LOAD: "loadURP",
-    Dashboard.PLAY: "play",
-    Dashboard.PAUSE: "pause",
-    Dashboard.STOP: "stop",
-    Dashboard.POPUP: "popup",
-    Dashboard.CLOSE_POPUP: "closePopup",
-    Dashboard.CLOSE_SAFETY_POPUP: "closeSafetyPopup",
-    Dashboard.UNLOCK_PROTECTIVE_STOP: "unlockProtectiveStop",
-    Dashboard.RESTART_SAFETY: "restartSafety",
-}
-
-
-class SetTask:
+class SetTask(Task):
     """An output, done when the controller shows it."""
 
     moves_arm = False
@@ -375,6 +250,7 @@ class SetTask:
     def begin(self, link: CommandLink, state: State, now: float) -> None:
         """See RobotTask."""
         method, arguments = self._call
+        self.is_told = True
         if not link.call("io", method, *arguments):
             raise SkillFailed(f"the controller did not take {method}")
         self._began = now
@@ -389,16 +265,16 @@ class SetTask:
             return Ended(0)
         if self._is_resumed:
             return Forgotten(f"{self._output.name} has another value; see whether it was set in between")
-        if now - self._began < _BEGIN_S:
+        if now - self._began < BEGIN_S:
             return None
-        return Ended(_FAILED, (), f"{self._output.name} did not change")
+        return Ended(FAILED, (), f"{self._output.name} did not change")
 
     def halt(self, link: CommandLink, state: State) -> None:
         """See RobotTask."""
         raise SkillRejected("an output that is set cannot be halted")
 
 
-class StopTask:
+class StopTask(Task):
     """Stop what the robot does."""
 
     moves_arm = False
@@ -411,9 +287,10 @@ class StopTask:
 
     def begin(self, link: CommandLink, state: State, now: float) -> None:
         """See RobotTask."""
+        self.is_told = True
         if state.runtime is RuntimeState.PLAYING:
             self._is_slowed = link.stop_move(self._way.deceleration)
-        if not self._is_slowed and state.runtime in _UNDER_WAY:
+        if not self._is_slowed and state.runtime is not RuntimeState.STOPPED:
             self._end_program(link)
 
     def _end_program(self, link: CommandLink) -> None:
@@ -425,11 +302,11 @@ class StopTask:
 
     def look(self, link: CommandLink, state: State, now: float) -> Told:
         """See RobotTask."""
-        if state.stands and not (self._is_ended and state.runtime in _UNDER_WAY):
+        if state.stands and not (self._is_ended and state.runtime is not RuntimeState.STOPPED):
             return Ended(0)
         if self._moves_since is None:
             self._moves_since = now
-        elif self._is_slowed and not self._is_ended and now - self._moves_since >= _SETTLED_S:
+        elif self._is_slowed and not self._is_ended and now - self._moves_since >= SETTLED_S:
             self._end_program(link)  # another one than ur-rtde's moves the arm
         return Progress(0.0)
 
@@ -444,12 +321,13 @@ def refusal_of(task: RobotTask, state: State, remote_control: bool | None) -> st
         return "the robot is in local control: switch remote control on at the teach pendant"
     if not task.moves_arm:
         return ""
-    wrong = fault_of(state, "", None)
+    wrong = stop_of(state) or remark_of(state, remote_control)
     if wrong:
         return wrong
-    if state.safety_mode is SafetyMode.UNDEFINED or state.robot_mode is not RobotMode.RUNNING:
+    if state.robot_mode is not RobotMode.RUNNING:
         return f"robot mode {state.robot_mode.name}: switch the power on and release the brakes first"
-    if state.runtime is RuntimeState.PAUSED:  # a program that is sent would take its place
+    # A program that is sent would take its place; the dashboard server's `play` has it go on.
+    if state.runtime is RuntimeState.PAUSED and not isinstance(task, PlayTask):
         return "a program is paused on the controller: let it go on, or stop it, first"
     return ""
 
@@ -468,7 +346,7 @@ def make_task(skill: ConfiguredSkill[Any], values: Sequence[Any], register: int,
     if isinstance(way, ScriptSkill):
         return ScriptTask(skill, way, arguments, register, mark)
     if isinstance(way, DashboardSkill):
-        return DashboardTask(way, arguments)
+        return PlayTask(way) if way.command is Dashboard.PLAY else DashboardTask(way, arguments)
     if isinstance(way, SetSkill):
         return SetTask(way, arguments)
     assert isinstance(way, StopSkill)

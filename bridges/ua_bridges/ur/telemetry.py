@@ -10,7 +10,7 @@ from ua_bridges.ur.config import UrSource, field_path
 from ua_bridges.ur.state import State
 from ua_bridges.ur.variables import ALWAYS_READ, VARIABLES, Reading, read_path, register_names
 from ua_fleet.bridge.configured import configured_sources
-from ua_fleet.bridge.driver import DriverEvent, Dropped, SampleRead, SourceFound, SourceLost
+from ua_fleet.bridge.driver import DriverEvent, Dropped, SampleRead, SourceFound, SourceLost, SourceRead
 from ua_fleet.config.schema import FleetConfig
 from ua_fleet.counters import Drop
 from ua_fleet.topics import Topic
@@ -34,6 +34,8 @@ class Source:
     readings: tuple[Reading, ...]
     max_rate_hz: float
     only_changes: bool
+    is_aging: bool = False
+    """Whether a reading that brings the same values counts, too."""
 
 
 def sources_of(config: FleetConfig, bridge_name: str) -> tuple[Source, ...]:
@@ -44,7 +46,17 @@ def sources_of(config: FleetConfig, bridge_name: str) -> tuple[Source, ...]:
         known = tuple([reading for reading in readings if reading is not None])
         if len(known) == len(readings):
             source = data.side
-            found.append(Source(data.topic, data.label, data.fields, known, source.max_rate_hz, source.only_changes))
+            found.append(
+                Source(
+                    data.topic,
+                    data.label,
+                    data.fields,
+                    known,
+                    source.max_rate_hz,
+                    source.only_changes,
+                    data.is_aging,
+                )
+            )
     return tuple(found)
 
 
@@ -89,14 +101,18 @@ class Telemetry:
         if due is not None and due - 1 / source.max_rate_hz <= state.time < due - self._half_cycle:
             return
         values = tuple([reading.of(state.values) for reading in source.readings])
-        if source.only_changes and self._last.get(source.topic) == values:
+        is_same = source.only_changes and self._last.get(source.topic) == values
+        if is_same and not source.is_aging:
             return
         self._last[source.topic] = values
         # From the time that was due, not from now: 10 Hz out of 125 Hz would be less than 10 otherwise.
         period = 1 / source.max_rate_hz
         began = due if due is not None and 0 <= state.time - due < period else state.time
         self._due[source.topic] = began + period
-        self._put(SampleRead(source.topic, values, state.source_time_ns))
+        if is_same:
+            self._put(SourceRead(source.topic, state.source_time_ns))
+        else:
+            self._put(SampleRead(source.topic, values, state.source_time_ns))
 
     def lost(self) -> None:
         """The connection is gone."""

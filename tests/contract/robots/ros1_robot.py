@@ -27,6 +27,18 @@ def fill(message: Any, values: dict[str, Any]) -> Any:
     return message
 
 
+def cut(kind: Any) -> Any:
+    """A message of which rospy sends no more than a byte."""
+
+    class Cut(kind):  # type: ignore[misc]  # it is known when the program runs
+        __slots__ = ()
+
+        def serialize(self, buff: Any) -> None:
+            buff.write(b"\xff")
+
+    return Cut()
+
+
 def listener(name: str, fields: list[str]) -> Callable[[Any], None]:
     return lambda message: say(heard=name, values={path: operator.attrgetter(path)(message) for path in fields})
 
@@ -43,6 +55,8 @@ for line in sys.stdin:
     elif order["do"] == "publish":
         if name in publishers:
             publishers[name].publish(fill(publishers[name].data_class(), order["values"]))
+    elif order["do"] == "misbehave":
+        publishers[name].publish(cut(publishers[name].data_class))
     elif order["do"] == "withdraw":
         publishers.pop(name).unregister()
     elif order["do"] == "subscribe":

@@ -9,6 +9,8 @@ import rospy
 from ua_bridges.robot import Execution, Refused
 from ua_bridges.robot.ros1 import Robot
 
+from tests.saying import say
+
 rospy.init_node("worker", disable_rosout=True)
 robot = Robot()
 
@@ -17,7 +19,7 @@ robot = Robot()
 def work(execution: Execution, work: str, seconds: float) -> dict[str, Any]:
     if work == "refuse":
         raise Refused("the machine does not do that")
-    print(f"told: {work}", flush=True)
+    say(f"told: {work}")
     if work == "fail":
         raise RuntimeError("the machine broke")
     end = time.monotonic() + (seconds if work != "never ends" else 1e6)
@@ -28,5 +30,5 @@ def work(execution: Execution, work: str, seconds: float) -> dict[str, Any]:
     return {"done": work, "seconds": seconds}
 
 
-print("ready", flush=True)
+say("ready")
 rospy.spin()

@@ -55,6 +55,8 @@ for line in sys.stdin:
     elif order["do"] == "publish":
         if name in publishers:
             publishers[name].publish(fill(publishers[name].msg_type(), order["values"]))
+    elif order["do"] == "misbehave":
+        publishers[name].publish(b"\x00\x01\x00\x00\xff")
     elif order["do"] == "withdraw":
         node.destroy_publisher(publishers.pop(name))
     elif order["do"] == "subscribe":

@@ -14,6 +14,8 @@ from rclpy.executors import ExternalShutdownException
 from ua_bridges.robot import Execution, Refused
 from ua_bridges.robot.ros2 import Robot
 
+from tests.saying import say
+
 rclpy.init()
 node = rclpy.create_node("worker")
 robot = Robot(node, space=int(sys.argv[1]))
@@ -23,7 +25,7 @@ robot = Robot(node, space=int(sys.argv[1]))
 def work(execution: Execution, work: str, seconds: float) -> dict[str, Any]:
     if work == "refuse":
         raise Refused("the machine does not do that")
-    print(f"told: {work}", flush=True)
+    say(f"told: {work}")
     if work == "fail":
         raise RuntimeError("the machine broke")
     end = time.monotonic() + (seconds if work != "never ends" else 1e6)
@@ -34,6 +36,6 @@ def work(execution: Execution, work: str, seconds: float) -> dict[str, Any]:
     return {"done": work, "seconds": seconds}
 
 
-print("ready", flush=True)
+say("ready")
 with contextlib.suppress(ExternalShutdownException, KeyboardInterrupt):
     rclpy.spin(node)

@@ -49,7 +49,7 @@ async def test_what_the_robot_refuses_is_refused_and_never_begun(cell: Cell) -> 
         outcome = await work(requestor, REFUSED_WORK, 0.0)
         assert outcome.kind is OutcomeKind.REFUSED
         assert outcome.report.message == "the machine does not do that"
-        with pytest.raises(SkillRejected, match="work takes 2 arguments, not 1"):
+        with pytest.raises(SkillRejected, match="work takes 'seconds', which is not given"):
             await work(requestor, "weld")
         with pytest.raises(SkillRejected, match="work"):
             await work(requestor, "weld", "not a number")

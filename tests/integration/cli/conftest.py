@@ -116,7 +116,7 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Site]:
         refused = made.run("read", "i=2258")
         assert (refused.code, refused.stdout) == (1, "")
         assert "does not trust this client's certificate" in refused.stderr
-        assert "on the server run: ua-fleet cert list" in refused.stderr
+        assert "on the server run: ua-fleet cert trust --last --show" in refused.stderr
         rejected = [info for info in made.run("cert", "list", "--json").objects if info["state"] == "rejected"]
         assert len(rejected) == 1
         assert made.run("cert", "trust", rejected[0]["thumbprint"][:10]).code == 0

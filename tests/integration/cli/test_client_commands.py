@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import signal
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -165,8 +166,15 @@ def test_nobody_answers_and_nobody_answers_in_time(site: Site, tcp_port: int) ->
     assert "did not answer in time" in ended.stderr
 
 
-def test_a_port_in_use_is_one_line(site: Site) -> None:
-    ended = site.run("serve", user=None)
+def test_a_port_in_use_is_one_line(site: Site, tmp_path: Path) -> None:
+    (tmp_path / "fleet.yaml").write_text((site.folder / "fleet.yaml").read_text())
+    ended = site.run("serve", "-c", str(tmp_path / "fleet.yaml"), user=None)
     assert ended.code not in (0, 130)
     last = ended.stderr.strip().splitlines()[-1]
     assert "in use" in last
+
+
+def test_a_second_server_in_one_folder_is_one_line(site: Site) -> None:
+    ended = site.run("serve", user=None)
+    assert ended.code not in (0, 130)
+    assert "another server writes this audit log" in ended.stderr.strip().splitlines()[-1]

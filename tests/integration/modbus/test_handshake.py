@@ -25,7 +25,7 @@ from ua_fleet.bridge.driver import (
 )
 from ua_fleet.config.load import load_content
 from ua_fleet.counters import Drop
-from ua_fleet.errors import RobotOffline, SkillRejected, StorageUnavailable
+from ua_fleet.errors import RobotBusy, RobotOffline, SkillRejected, StorageUnavailable
 from ua_fleet.values import StatusCode
 
 FACTS = (ExecutionEnded, ExecutionForgotten, ExecutionNotBegun)
@@ -103,7 +103,7 @@ async def test_request_that_is_not_begun_is_taken_back_and_never_done(machine: M
     machine.plc.do("stop")
     ended = await machine.end(machine.begin("weld"))
     assert isinstance(ended, ExecutionEnded)
-    assert ended.status == StatusCode.BAD_TIMEOUT
+    assert ended.status == StatusCode.BAD_NO_COMMUNICATION
     assert ended.message == "the device did not begin within 0.4 s; is its program running?"
     assert machine.word(100) == 0
     machine.plc.do("run")
@@ -179,7 +179,7 @@ async def test_record_that_cannot_be_read_is_told_and_keeps_no_other_skill_back(
 
 async def test_one_at_a_time(machine: Machine) -> None:
     machine.begin("weld", 1.0)
-    with pytest.raises(SkillRejected, match="machine is busy; its device takes one skill at a time"):
+    with pytest.raises(RobotBusy, match="machine is busy; its device takes one skill at a time"):
         machine.begin("paint")
 
 
@@ -188,7 +188,8 @@ async def test_device_that_is_busy_with_something_else_is_left_alone(machine: Ma
     machine.plc.do("put", table="holding", address=102, type="bool", bit=0, values=[True])
     ended = await machine.end(machine.begin("weld"))
     assert isinstance(ended, ExecutionEnded)
-    assert (ended.status, ended.message) == (StatusCode.BAD_INVALID_STATE, "the device is busy with something else")
+    said = (StatusCode.BAD_TOO_MANY_OPERATIONS, "the device is busy with something else")
+    assert (ended.status, ended.message) == said
     assert machine.word(100) == 0
 
 

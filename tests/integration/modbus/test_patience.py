@@ -265,6 +265,18 @@ async def test_device_that_tells_nothing_more_ends_a_skill_at_its_time(
     assert ended.message == "it takes longer than 0.5 s; the device is busy: holding 100 to 102 (exception 6)"
 
 
+async def test_skill_that_took_too_long_and_was_halted_says_so(plc: Callable[[float], Awaitable[Plc]]) -> None:
+    made = await plc(0.5)
+    made.begin()
+    await until(lambda: made.program.words[102] == 1, "the work")
+    await until(lambda: made.program.words.get(103, 0) != 0, "the halt")
+    made.program.words[102] = 4
+    await until(made.ends, "the end")
+    (ended,) = made.ends()
+    assert isinstance(ended, ExecutionEnded)
+    assert (ended.status, ended.message) == (StatusCode.BAD_TIMEOUT, "it took longer than 0.5 s; it was told to stop")
+
+
 async def test_skill_whose_results_stay_out_is_uncertain_at_its_time(
     plc: Callable[[float], Awaitable[Plc]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -302,7 +314,7 @@ async def test_skill_that_comes_too_late_is_not_given_to_the_device(plc: Callabl
     (ended,) = made.ends()
     assert isinstance(ended, ExecutionEnded)
     assert (ended.status, ended.message) == (
-        StatusCode.BAD_TIMEOUT,
+        StatusCode.BAD_NO_COMMUNICATION,
         "the device could not be given it within 0.1 s",
     )
     await asyncio.sleep(0.3)

@@ -49,7 +49,7 @@ robots:
         needs: [weld]
         arguments: {{work: {{type: String}}, seconds: {{type: Double}}}}
         results: {{}}
-resilience: {{mode: operator, limit_s: 600}}
+resilience: {{mode: operator, limit_s: 600, silence_s: 4}}
 modbus:
   port: {modbus}
   robots: [machine]

@@ -134,7 +134,8 @@ async def test_from_start_to_end(plant: Plant) -> None:
             return now["ua_fleet_decisions_open",] == 1 and now["ua_fleet_faults", "active"] >= 1
 
         await until(decision_is_open, "the decision")
-        assert len(plant.said("server", "a replacement has to be chosen", run_id=run_id, robot="machine")) == 1
+        (chosen,) = plant.said("server", "a replacement has to be chosen", run_id=run_id, robot="machine")
+        assert "nothing is heard of machine for 4 s" in chosen["reason"], "the silence's, not the task's own time-out"
         now = await plant.samples("server")
         assert now["ua_fleet_sources", "silent"] >= 1
         assert now["ua_fleet_robots", "offline"] == 1

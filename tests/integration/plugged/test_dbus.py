@@ -16,9 +16,10 @@ from dbus_fast.aio import MessageBus
 from ua_bridges.plugged import bus as bus_module
 from ua_bridges.plugged.bus import Signal
 
-from tests.contract.harness import NUMBER, message_of
+from tests.contract.harness import NUMBER, Recorder, message_of
 from tests.integration.plugged.conftest import BusDaemon, started
 from tests.waiting import until
+from ua_fleet.bridge import Offenders
 from ua_fleet.bridge.driver import ExecutionEnded
 from ua_fleet.counters import Drop
 from ua_fleet.errors import RobotOffline
@@ -149,7 +150,7 @@ async def test_a_reading_waits_for_one_signal(bus: BusDaemon) -> None:
         assert ended == ExecutionEnded(reading.execution_id, 0, (4.5,))
         assert bridge.values(10) == [4.5]
         nothing = await bridge.end(bridge.begin(20))
-        assert "longer than the skill's timeout" in nothing.message
+        assert "it took longer than 1 s" in nothing.message
 
 
 async def test_methods_are_called_and_their_errors_told(bus: BusDaemon) -> None:
@@ -191,6 +192,7 @@ async def test_a_flood_of_one_signal_costs_no_other_one() -> None:
         owned=lambda name, is_owned: None,
         heard=lambda signal, body, _: heard.append((signal.sender, body[0])),
         dropped=lambda signal, count: dropped.append((signal.sender, count)),
+        offenders=Offenders(Recorder()),
     )
     bus._outer = asyncio.get_running_loop()
     bus._keep(tap, [True])

@@ -126,6 +126,7 @@ async def test_a_command_is_answered_fails_or_is_given_up(tmp_path: Path, box: P
         assert (failed.status, failed.message) == (StatusCode.BAD_UNEXPECTED_ERROR, "no battery")
         silent: Any = await bridge.end(bridge.begin(20, 3))
         assert silent.status == StatusCode.BAD_TIMEOUT
+        assert silent.message.endswith("; it was told to stop")
         await until(lambda: box.heard[-1] == "HUSH", "the command that stops it")
         await until(lambda: bridge.driver.status().connected, "the port that is opened anew")
         again: Any = await bridge.end(bridge.begin(20, 1))

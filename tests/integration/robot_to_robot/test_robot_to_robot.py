@@ -126,6 +126,7 @@ async def test_a_plc_has_a_drone_fly(hall: Hall) -> None:
     drone.wait_for("is ready")
     hall.start("drone_cell", server=True)
     password = hall.folder / "plc.pw"
+    password.touch(mode=0o600)
     password.write_text(PASSWORD)
     password.chmod(0o600)
     hall.cli("modbus", "serve", "-e", hall.endpoint, "-u", USER, "--password-file", password).wait_for("ready")

@@ -85,6 +85,27 @@ class Ros1Graph:
         """Who serves each service, as the master knows it."""
         return self._known()[2]
 
+    def uri_of(self, node: str) -> str:
+        """The address of a node, as the master knows it."""
+        with xmlrpc.client.ServerProxy(self.uri) as master:
+            answer: Any = master.lookupNode("/test", node)
+        return str(answer[2])
+
+    async def linked(self, listener: system.Child, topic: str) -> None:
+        """Wait until a listener has its link to the bridge, and the bridge knows it.
+
+        rospy answers a subscriber before it counts the link: what it publishes between the two does not get there.
+        """
+        await asyncio.to_thread(listener.wait_for, "links 1")
+        async with asyncio.timeout(WAIT_S):
+            while topic not in await asyncio.to_thread(self._served_by_bridge):
+                await asyncio.sleep(0.02)
+
+    def _served_by_bridge(self) -> set[str]:
+        with xmlrpc.client.ServerProxy(self.uri_of("/ua_bridge")) as bridge:
+            answer: Any = bridge.getBusInfo("/test")
+        return {link[4] for link in answer[2] if link[2] == "o"}
+
     def _known(self) -> tuple[dict[str, list[str]], ...]:
         with xmlrpc.client.ServerProxy(self.uri) as master:
             answer: Any = master.getSystemState("/test")

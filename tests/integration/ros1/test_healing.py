@@ -9,15 +9,17 @@ import time
 
 import pytest
 
+from tests import system
 from tests.integration.ros1.ros1_graph import WAIT_S, Peer, Ros1Graph
-from ua_fleet.pubsub.metadata import make_field
+from ua_fleet.pubsub.metadata import MAX_AGE, make_field
 from ua_fleet.topics import Topic
-from ua_fleet.values import BuiltinType
+from ua_fleet.values import BuiltinType, QualifiedName, StatusCode
 
 pytestmark = pytest.mark.needs("ros1")
 
 SOURCE = Topic(1, 2, 7)
 OTHER = Topic(1, 2, 8)
+OLD = StatusCode.UNCERTAIN_NO_COMMUNICATION_LAST_USABLE_VALUE
 FOREIGN = Topic(2, 2, 5)
 TEXT = (make_field("data", BuiltinType.STRING, properties={"RosType": "std_msgs/String"}),)
 
@@ -53,7 +55,7 @@ async def test_restarted_master_hears_of_everything_again(graph: Ros1Graph, peer
     graph.talker("/ua_1_2_8", "std_msgs/Float64", "{data: COUNT}", "--name", "new")
     await peer.until(lambda: peer.good(OTHER))
     listener = graph.listener("/ua_2_2_5", "std_msgs/String")
-    await asyncio.to_thread(listener.wait_for, "links 1")
+    await graph.linked(listener, "/ua_2_2_5")
     peer.publish(FOREIGN, "after")
     await asyncio.to_thread(listener.wait_for, 'data: "after"')
     # A node that is registered with the new master under a topic that the bridge already watches.
@@ -80,6 +82,15 @@ async def test_bridge_that_comes_after_a_restarted_master_finds_a_program_that_k
     peer.publish(FOREIGN, "after")
     await asyncio.to_thread(program.wait_for, "heard: after")
     assert [line for line in program.lines if line.startswith("heard")] == ["heard: after"], "it has one link"
+
+
+async def test_robot_of_the_demonstrations_waits_for_its_master(graph: Ros1Graph) -> None:
+    program = system.ROOT / "ua_fleet" / "demo" / "talkrobots" / "robots" / "ridgeback.py"
+    robot = graph.processes.start(system.ROS1_PYTHON, program, env=graph.env)
+    robot.wait_for(f"waiting for the ROS master at {graph.uri}", timeout_s=WAIT_S)
+    graph.master()
+    robot.wait_for("is ready", timeout_s=WAIT_S)
+    assert graph.services()["/sawyer/load"] == ["/ridgeback"]
 
 
 async def test_killed_robot_is_missed_at_once_and_heard_when_it_is_back(graph: Ros1Graph, peer: Peer) -> None:
@@ -117,6 +128,33 @@ async def test_source_that_lives_but_says_nothing_stays_alive(graph: Ros1Graph, 
     assert len(peer.good(SOURCE)) == 1
 
 
+async def test_source_that_came_with_a_period_and_lives_but_says_nothing_is_old_after_ten_of_them(
+    graph: Ros1Graph, peer: Peer
+) -> None:
+    graph.master()
+    graph.bridge()
+    talker = graph.talker("/ua_1_2_7", "std_msgs/Float64", "{data: COUNT}", "--count", "100", "--wait")
+    talker.wait_for("published")
+    await peer.until(lambda: (99.0,) in peer.good(SOURCE))
+    await peer.until(lambda: peer.messages(SOURCE)[-1].status == OLD)
+    assert peer.messages(SOURCE)[-1].values == (99.0,)
+    assert not peer.silent(SOURCE), "its publisher is there"
+    properties = {key: value for key, _, value in peer.data(SOURCE)[-1].metadata.fields[0].properties}
+    assert properties[QualifiedName(0, MAX_AGE)] == 3000.0
+
+
+async def test_source_that_a_restarted_bridge_never_heard_is_not_attested(graph: Ros1Graph, peer: Peer) -> None:
+    graph.master()
+    bridge = graph.bridge()
+    graph.talker("/ua_1_2_7", "std_msgs/Float64", "{data: COUNT}", "--count", "1", "--wait").wait_for("published")
+    await peer.until(lambda: peer.good(SOURCE))
+    bridge.end(signal.SIGKILL)
+    graph.bridge()
+    await peer.until(lambda: peer.is_stale(SOURCE))
+    await peer.stays(lambda: peer.is_stale(SOURCE), 4.0)
+    assert len(peer.good(SOURCE)) == 1
+
+
 async def test_killed_bridge_starts_again_beside_its_own_ghost(graph: Ros1Graph, peer: Peer) -> None:
     graph.master()
     bridge = graph.bridge()
@@ -151,12 +189,15 @@ async def test_bridge_leaves_nothing_behind_when_it_stops(graph: Ros1Graph, peer
     assert not (graph.folder / ".ros").exists()  # rospy writes its logs there by itself
 
 
-async def test_bridge_whose_name_is_taken_says_so(graph: Ros1Graph, peer: Peer) -> None:
+async def test_bridge_whose_name_is_taken_says_so_and_comes_back_when_it_is_free(graph: Ros1Graph, peer: Peer) -> None:
     graph.master()
     graph.bridge()
     graph.talker("/ua_1_2_7", "std_msgs/Float64", "{data: COUNT}")
     await peer.until(lambda: peer.good(SOURCE))
-    graph.listener("/chatter", "std_msgs/String", "--name", "ua_bridge")
+    other = graph.listener("/chatter", "std_msgs/String", "--name", "ua_bridge")
     await peer.until(lambda: "took the name /ua_bridge" in peer.bridge("Detail"))
     assert peer.bridge("Connected") is False
     await peer.until(lambda: peer.silent(SOURCE))
+    other.end(signal.SIGKILL)  # the master is told nothing, and keeps its name
+    before = len(peer.good(SOURCE))
+    await peer.until(lambda: peer.bridge("Connected") and len(peer.good(SOURCE)) > before + 5)

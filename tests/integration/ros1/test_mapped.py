@@ -112,7 +112,7 @@ async def test_what_clients_write_reaches_the_robots_own_topic(graph: Ros1Graph,
     )
     listener = graph.listener("/cmd_vel", "geometry_msgs/Twist")
     async with Peer.at(udp_url) as server:
-        await asyncio.to_thread(listener.wait_for, "links 1")
+        await graph.linked(listener, "/cmd_vel")
         server.announce(COMMAND, (make_field("Speed", BuiltinType.DOUBLE), make_field("Turn", BuiltinType.DOUBLE)))
         server.publish(COMMAND, 0.25, -1.0)
         line = await asyncio.to_thread(listener.wait_for, "heard")
@@ -127,7 +127,7 @@ async def test_sink_is_rate_limited_and_latched(graph: Ros1Graph, udp_url: str) 
     graph.bridge(robot(Limit={"id": 21, "origin": "server", "type": "Double", "sink": sink}))
     early = graph.listener("/limit", "std_msgs/Float64", "--name", "early")
     async with Peer.at(udp_url) as server:
-        await asyncio.to_thread(early.wait_for, "links 1")
+        await graph.linked(early, "/limit")
         server.announce(COMMAND, (make_field("Limit", BuiltinType.DOUBLE),))
         for number in range(100):
             server.publish(COMMAND, float(number))
@@ -149,7 +149,7 @@ async def test_topic_that_is_mapped_in_both_directions_does_not_feed_itself(grap
     )
     listener = graph.listener("/target", "std_msgs/Float64")
     async with Peer.at(udp_url) as server:
-        await asyncio.to_thread(listener.wait_for, "links 1")
+        await graph.linked(listener, "/target")
         server.announce(COMMAND, (make_field("Wanted", BuiltinType.DOUBLE),))
         server.publish(COMMAND, 7.0)
         await asyncio.to_thread(listener.wait_for, "data: 7.0")
@@ -168,7 +168,7 @@ async def test_datasets_that_share_a_topic_keep_each_others_fields(graph: Ros1Gr
     listener = graph.listener("/cmd_vel", "geometry_msgs/Twist")
     turn = Topic(0, 2, 22)
     async with Peer.at(udp_url) as server:
-        await asyncio.to_thread(listener.wait_for, "links 1")
+        await graph.linked(listener, "/cmd_vel")
         server.announce(COMMAND, (make_field("Speed", BuiltinType.DOUBLE),))
         server.announce(turn, (make_field("Turn", BuiltinType.DOUBLE),))
         server.publish(COMMAND, 0.5)

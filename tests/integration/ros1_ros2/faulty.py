@@ -1,5 +1,5 @@
 # pyright: basic, reportMissingImports=false, reportPrivateImportUsage=false
-"""A robot that announces a fault at SIGUSR1, and its repair at SIGUSR2: `faulty.py ros1|ros2 SPACE FAULT_ID`."""
+"""A robot that announces a fault at SIGUSR1, its repair at SIGUSR2: `faulty.py ros1|ros2 SPACE FAULT_ID [CAPACITY]`."""
 
 import signal
 import sys
@@ -33,6 +33,6 @@ robot = in_ros1() if library == "ros1" else in_ros2()
 print("ready", flush=True)
 while True:
     if signal.sigwait(SIGNALS) == signal.SIGUSR1:
-        robot.fault("motor\noverheated")
+        robot.fault("".join(f"{capacity}: " for capacity in sys.argv[4:]) + "motor\noverheated")
     else:
         robot.repaired()

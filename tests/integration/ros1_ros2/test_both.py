@@ -66,7 +66,6 @@ async def until(peer: Peer, listener: Child, last: int) -> None:
 async def looped(both: Both, peer: Peer) -> list[int]:
     """How often each bridge says that it delivered something twice."""
     statuses = [await peer.status(STATUS), await peer.status(Topic(both.ros2.domain, 2, STATUS_ID))]
-    assert all(status["Drops.loop"] > 0 for status in statuses)  # each hears its own multicast
     return [status["Looped"] for status in statuses]
 
 

@@ -15,6 +15,7 @@ from tests.integration.ros2.conftest import STATUS_ID, Ros2Space
 from tests.integration.scenarios.conftest import Called, call, watching
 from tests.integration.server_model.harness import reader, serving, ua, until
 from ua_fleet.config.schema import FleetConfig
+from ua_fleet.fleet.model import RobotState
 from ua_fleet.server.nodeset import TypeId
 from ua_fleet.topics import Topic
 
@@ -47,7 +48,7 @@ class Cells:
                 },
                 "robots": {
                     "arm": {"bridge": "ros1", "fault_id": ARM},
-                    "carrier": {"bridge": "mobile", "fault_id": CARRIER},
+                    "carrier": {"bridge": "mobile", "fault_id": CARRIER, "capacities": ["mobile", "grab"]},
                 },
             }
         )
@@ -56,10 +57,10 @@ class Cells:
         """Start a robot's program."""
         if name == "arm":
             python, environment = str(system.ROS1_PYTHON), self.ros1.env
-            command = ("ros1", "1", str(ARM))
+            command: tuple[str, ...] = ("ros1", "1", str(ARM))
         else:
             python, environment = sys.executable, self.ros2.environment()
-            command = ("ros2", str(self.ros2.domain), str(CARRIER))
+            command = ("ros2", str(self.ros2.domain), str(CARRIER), "mobile")
         child = self._processes.start(python, PROGRAM, *command, env=environment)
         child.wait_for("ready")
         return child
@@ -88,7 +89,12 @@ async def test_what_robots_announce_are_alarms_until_they_are_repaired(cells: Ce
         assert (event.ConditionName, event.Severity, event.Retain) == ("arm.announced", 800, True)
 
         robots["carrier"].process.send_signal(signal.SIGUSR1)
-        await seen.wait_for("carrier: motor overheated")
+        partial = await seen.wait_for("carrier lacks mobile: motor overheated")
+        assert (partial.Reason, list(partial.Capacities)) == ("motor overheated", ["mobile"])
+        state = await client.get_node("ns=2;s=Robots.carrier.State").read_value()
+        assert state != RobotState.FAULTED, "it can still grab"
+        state_of_arm = reader(client, "ns=2;s=Robots.arm.State")  # offline until its bridge is heard
+        await until(state_of_arm, lambda read: read.Value is not None and read.Value.Value == RobotState.FAULTED)
         robots["carrier"].process.send_signal(signal.SIGUSR2)
         over = await seen.wait_for("carrier: over: motor overheated")
         assert over.ConditionName == "carrier.announced"

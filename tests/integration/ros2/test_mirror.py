@@ -18,6 +18,8 @@ from ua_fleet.values import BuiltinType, StatusCode, ticks_from_unix_ns
 
 pytestmark = pytest.mark.needs("ros2")
 
+OLD = StatusCode.UNCERTAIN_NO_COMMUNICATION_LAST_USABLE_VALUE
+
 JOINT_STATE = {
     "header": {"stamp": "STAMP", "frame_id": "base"},
     "name": ["a", "b"],
@@ -183,6 +185,39 @@ async def test_killed_publisher_is_missed_and_comes_back(ros2: Ros2Space) -> Non
         assert not peer.is_silent(topic)
         assert peer.good(topic)[seen] == (0,)
     assert sum("not connected" in line for line in bridge.lines) == 0
+
+
+async def test_source_that_came_with_a_period_and_lives_but_says_nothing_is_old_after_ten_of_them(
+    ros2: Ros2Space,
+) -> None:
+    ros2.bridge()
+    topic, latched = source(ros2), source(ros2, 1002)
+    async with Peer.at(ros2.udp_url) as peer:
+        ros2.talker(topic.name, "std_msgs/Int32", {"data": "COUNT"}, "--wait", "--count", 100)
+        ros2.talker(
+            latched.name, "std_msgs/Int32", {"data": "COUNT"}, "--count", 60, "--transient-local", "--name", "latched"
+        )
+        await peer.until(lambda: (99,) in peer.good(topic) and (59,) in peer.good(latched))
+        await peer.until(lambda: peer.messages(topic)[-1].status == OLD)
+        assert peer.messages(topic)[-1].values == (99,)
+        assert not peer.is_silent(topic), "its publisher is there"
+        assert not peer.messages(latched)[-1].status, "who is latched says what holds until it says something else"
+
+
+async def test_source_that_a_restarted_bridge_never_heard_is_not_attested(ros2: Ros2Space) -> None:
+    bridge = ros2.bridge()
+    topic = source(ros2)
+    async with Peer.at(ros2.udp_url) as peer:
+        ros2.talker(topic.name, "std_msgs/Int32", {"data": 5}, "--wait", "--count", 1)
+        await peer.until(lambda: peer.good(topic))
+        bridge.end(signal.SIGKILL)
+        ros2.bridge()
+        await peer.until(lambda: peer.is_stale(topic))
+        seen = len(peer.events)
+        await asyncio.sleep(4.0)  # keep-alives come, and attest nothing
+        assert len(peer.events) > seen
+        assert peer.is_stale(topic)
+        assert peer.good(topic) == [(5,)]
 
 
 async def test_publisher_that_leaves_properly_is_missed_at_once(ros2: Ros2Space) -> None:

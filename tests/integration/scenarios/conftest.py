@@ -69,7 +69,7 @@ class Plant:
                 }
                 for number, robot in enumerate(ROBOTS)
             },
-            "resilience": {"mode": mode, "limit_s": 60},
+            "resilience": {"mode": mode, "limit_s": 60, "silence_s": 4.0},
         }
         raw["robots"]["left"]["data"] = {"go_on": {"id": 1300, "type": "Int32", "origin": "server", "initial": 1}}
         (folder / "fleet.json").write_text(json.dumps(raw))

@@ -12,7 +12,7 @@ from ua_fleet.config.schema import FleetConfig
 from ua_fleet.topics import Topic
 from ua_fleet.values import StatusCode
 
-__all__ = ["ANSWERS_FOR_ANOTHER", "ANSWERS_TWICE", "FAILS_EVERY_OTHER_TIME", "RobotDriver"]
+__all__ = ["ANSWERS_FOR_ANOTHER", "ANSWERS_TWICE", "FAILS_EVERY_OTHER_TIME", "HEAVY", "POISONED", "RobotDriver"]
 
 FAILS_EVERY_OTHER_TIME: Final = "fails every other time"
 """Work whose name begins so fails when the machine is told first, third, fifth ... of it."""
@@ -20,8 +20,12 @@ ANSWERS_TWICE: Final = "answers twice"
 """It is done, and then it has failed, and then it is done with another result."""
 ANSWERS_FOR_ANOTHER: Final = "answers for another"
 """Of the job before, and of one that nobody knows, it is told that they have failed; its own end never comes."""
+POISONED: Final = "a part of 1e9 kg"
+"""Work that no machine can do: not its fault."""
+HEAVY: Final = "heavy"
+"""Work that machines do unless they are weak."""
 
-_BROKEN: Final = int(StatusCode.BAD_OUT_OF_SERVICE)
+_BROKEN: Final = int(StatusCode.BAD_UNEXPECTED_ERROR)
 
 
 class RobotDriver(SkilledDriver):
@@ -56,6 +60,10 @@ class RobotDriver(SkilledDriver):
             if alike.index(job) % 2 == 0:
                 self._to.put(ExecutionEnded(job.execution_id, _BROKEN, (), "not this time"))
                 return
+        elif job.work == POISONED or (job.work == HEAVY and self._machine.is_weak):
+            said = f"{self._robot} cannot hold {job.work}"
+            self._to.put(ExecutionEnded(job.execution_id, _BROKEN, (), said))
+            return
         elif job.work == ANSWERS_FOR_ANOTHER:
             for execution_id in (*[one.execution_id for one in told[: told.index(job)][-1:]], bytes(16)):
                 self._to.put(ExecutionEnded(execution_id, _BROKEN, (), "told of another"))

@@ -144,12 +144,13 @@ async def test_pause_resume_abort_and_the_limit_of_runs(plant: Plant) -> None:
             await call(client, "Scenarios", "Abort", one, "")
 
 
-async def begin_and_lose(plant: Plant, server: Running, client: Client) -> str:
+async def begin_and_lose(plant: Plant, server: Running, client: Client, on_unknown: str) -> str:
     """A run whose first robot is killed while it works; the run's id."""
+    arguments = f"{{work: {ENDLESS_WORK}}}"
     plant.scenario(
         "replaced",
         f"""
-  - {{task: long, skill: work, robot: left, arguments: {{work: {ENDLESS_WORK}}}, timeout_s: 60}}
+  - {{task: long, skill: work, robot: left, arguments: {arguments}, timeout_s: 60, on_unknown: {on_unknown}}}
   - {{task: after, skill: work, robot: left, arguments: {{work: after}}}}
 """,
     )
@@ -166,10 +167,10 @@ async def begin_and_lose(plant: Plant, server: Running, client: Client) -> str:
 
 
 @pytest.mark.parametrize("plant", ["automatic"], indirect=True)
-async def test_a_robot_that_is_killed_is_replaced_by_itself(plant: Plant) -> None:
+async def test_a_robot_that_stays_silent_is_replaced_by_itself_where_the_author_consents(plant: Plant) -> None:
     async with plant.server() as server, server.client() as client:
         async with watching(client, TypeId.DECISION_EVENT, TypeId.FAULT_ALARM) as seen:
-            run_id = await begin_and_lose(plant, server, client)
+            run_id = await begin_and_lose(plant, server, client, "replace")
             alarm = await seen.wait_for("left: it is silent")
             chosen = await seen.wait_for("takes over from left, chosen by automatic")
         assert alarm.SourceNode.to_string() == "ns=2;s=Robots.left"
@@ -183,7 +184,7 @@ async def test_a_robot_that_is_killed_is_replaced_by_itself(plant: Plant) -> Non
 
 async def test_operators_confirm_at_once_and_one_decides(plant: Plant) -> None:
     async with plant.server() as server, server.client() as client, server.client(SECOND) as other:
-        await begin_and_lose(plant, server, client)
+        await begin_and_lose(plant, server, client, "ask")
         forecast = await call(client, "Resilience", "WhatIf", "right")
         assert (forecast.status, forecast.outputs[0]) == (0, [])
         decision = await open_decision(client)

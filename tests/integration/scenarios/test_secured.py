@@ -33,7 +33,7 @@ RIGHT: Final = 302
 
 STEPS = """
   - {task: first, skill: work, robot: left, arguments: {work: first, seconds: 0.2}}
-  - {task: long, skill: work, robot: left, arguments: {work: long, seconds: 1.5}}
+  - {task: long, skill: work, robot: left, arguments: {work: long, seconds: 1.5}, on_unknown: replace}
   - {task: after, skill: work, robot: left, arguments: {work: after}}
   - repeat: [{task: lap, skill: work, robot: right, arguments: {work: lap, seconds: 0.1}}]
     while: go_on > 0

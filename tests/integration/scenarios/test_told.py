@@ -6,6 +6,7 @@ import asyncio
 
 import pytest
 
+from tests.contract.skilled import ENDLESS_WORK
 from tests.integration.scenarios.conftest import ENGINEER, ROBOTS, Plant, all_heard, value
 from tests.integration.server_model.harness import OPERATOR
 from ua_fleet.client import (
@@ -14,7 +15,6 @@ from ua_fleet.client import (
     FaultTold,
     FleetClient,
     NotDone,
-    RunTold,
     ScenarioClient,
     StepTold,
     Told,
@@ -26,7 +26,7 @@ async def test_the_client_is_told_of_runs_steps_faults_and_rankings(plant: Plant
     plant.scenario(
         "told",
         "  - {task: first, skill: work, robot: left}\n"
-        "  - {task: long, skill: work, robot: left, arguments: {seconds: 1}}\n",
+        f"  - {{task: long, skill: work, robot: left, arguments: {{work: {ENDLESS_WORK}}}, timeout_s: 60}}\n",
     )
     for robot in ROBOTS:
         plant.bridge(robot)
@@ -46,8 +46,8 @@ async def test_the_client_is_told_of_runs_steps_faults_and_rankings(plant: Plant
                 if isinstance(one, StepTold):
                     if (one.fact, one.task, one.robot) == ("TaskAccepted", "long", "left"):
                         await raw.get_node("ns=2;s=Fleet.Faults").call_method("3:RaiseFault", "left", "stuck")
-                elif isinstance(one, RunTold) and one.state == "done":
-                    break
+                    elif (one.fact, one.task, one.robot) == ("TaskAccepted", "long", "middle"):
+                        break
     assert {one.run_id for one in seen if not isinstance(one, FaultTold)} == {run_id}
     begun = [(one.task, one.robot) for one in seen if isinstance(one, StepTold) and one.fact == "TaskAssigned"]
     assert begun == [("first", "left"), ("long", "left"), ("long", "middle")]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import importlib
 import json
-from collections.abc import AsyncGenerator, Callable, Mapping
+from collections.abc import AsyncGenerator, Callable, Mapping, Sequence
 from contextlib import AbstractAsyncContextManager, asynccontextmanager
 from pathlib import Path
 from typing import Any, Final
@@ -57,10 +57,13 @@ ROBOTS: Final[Mapping[str, Any]] = {
 }
 
 
-def fleet_config(url: str, port: int, *, robots: Mapping[str, Any] = ROBOTS, **server: Any) -> FleetConfig:
+def fleet_config(
+    url: str, port: int, *, robots: Mapping[str, Any] = ROBOTS, namespaces: Sequence[str] = (), **server: Any
+) -> FleetConfig:
     """A fleet with one robot that has a source of each kind, and short times."""
     raw = {
         "version": 1,
+        "fleet": {"namespaces": namespaces},
         "server": {"port": port, "trust_all_clients": True, **server},
         "pubsub": {"security": "none", "url": url, "keep_alive_s": 0.2, "receive_timeout_s": 0.8},
         "bridges": {"mobile_side": {"kind": "ros2", "space": SPACE, "status_id": STATUS.id}},
@@ -100,8 +103,10 @@ async def connected(url: str, folder: Path, user: tuple[str, str]) -> AsyncGener
 
 
 @asynccontextmanager
-async def serving(folder: Path, config: FleetConfig, *, rule: LoopRule = loop_verdict) -> AsyncGenerator[Running]:
-    """A server that serves while the context lasts, and whose end is clean."""
+async def serving(
+    folder: Path, config: FleetConfig, *, rule: LoopRule = loop_verdict, start_s: float = 30
+) -> AsyncGenerator[Running]:
+    """A server that serves while the context lasts, and whose end is clean; it has `start_s` to start."""
     users = UserStore(folder / config.server.state_dir / USERS_FILE, ScryptCost(2**8, 8, 1))
     users.path.parent.mkdir(parents=True, exist_ok=True)
     users.add(*OPERATOR, Role.OPERATOR, replace_existing=True)
@@ -111,7 +116,7 @@ async def serving(folder: Path, config: FleetConfig, *, rule: LoopRule = loop_ve
     async with Peer.at(config.pubsub.url, SPACE) as peer:
         task = asyncio.ensure_future(run_server(config, folder, ready=ready.set_result, rule=rule))
         waited: list[asyncio.Future[Any]] = [task, ready]
-        await asyncio.wait(waited, return_when=asyncio.FIRST_COMPLETED, timeout=30)
+        await asyncio.wait(waited, return_when=asyncio.FIRST_COMPLETED, timeout=start_s)
         if not ready.done():
             task.result()
         try:

@@ -21,6 +21,8 @@ from ua_fleet.config.schema import UnknownSources
 from ua_fleet.pubsub.metadata import make_field
 from ua_fleet.topics import Topic
 from ua_fleet.values import BuiltinType
+from ua_fleet.wire import Codec
+from ua_fleet.wire.messages import DataSetMessage, NetworkMessage
 
 DOUBLE = BuiltinType.DOUBLE
 STRING = BuiltinType.STRING
@@ -168,6 +170,23 @@ async def test_unknown_sources_are_listed_where_they_are_quarantined(
         assert status(await reader(client, "ns=2;i=700")()) == "BadNodeIdUnknown"
         drops = reader(client, "ns=2;s=Fleet.Traffic.Drops.unknown_source")
         await until(drops, lambda data: data.Value.Value >= 1)
+
+
+async def test_a_source_that_announces_no_metadata_is_listed_with_the_reason(
+    udp_url: str, tcp_port: int, tmp_path: Path
+) -> None:
+    async with serving(tmp_path, fleet_config(udp_url, tcp_port)) as running, running.client(OBSERVER) as client:
+        part = DataSetMessage(UNKNOWN.id, types=(int(DOUBLE),), values=(1.0,))
+        listed = reader(client, f"ns=2;s=Fleet.Discovered.Quarantine.{UNKNOWN.name}.Reason")
+
+        async def said() -> Any:
+            running.peer.send(Codec().encode(NetworkMessage(SPACE, writer_group_id=2, messages=(part,))))
+            return await listed()
+
+        reason = await until(said, lambda data: status(data) == "Good")
+        assert reason.Value.Value == "it announces no metadata; state its fields in `sources` of fleet.yaml"
+        age = await client.get_node("ns=2;i=1001").get_child("3:MaxAge")
+        assert await age.read_value() == 0.0
 
 
 async def test_a_second_claimant_never_overwrites(udp_url: str, tcp_port: int, tmp_path: Path) -> None:

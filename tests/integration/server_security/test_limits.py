@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import AsyncGenerator
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -273,3 +274,42 @@ async def test_index_range(small: Door, index_range: str, expected: Any) -> None
             assert (await read(client, small.nodes.text, index_range="2:3")).Value.Value == "cd"
             scalar = await read(client, small.nodes.plain, index_range="0")
             assert str(scalar.StatusCode.name) == "BadIndexRangeNoData"
+
+
+async def create(client: Client, node_id: Any, count: int) -> list[str]:
+    """Watch a node by some items of a new subscription."""
+    request = ua.CreateMonitoredItemsRequest()
+    request.Parameters.SubscriptionId = (await create_subscription(client)).SubscriptionId
+    request.Parameters.ItemsToCreate = [monitored(node_id)] * count
+    response = await send(client, request, ua.CreateMonitoredItemsResponse)
+    return [result.StatusCode.name for result in response.Results]
+
+
+async def test_a_user_has_so_many_items_on_one_node(tmp_path: Path, identities: Identities) -> None:
+    """Each write to the node went to 10,000 items of one client."""
+    async with (
+        door(tmp_path, identities, limits={"items_per_node_and_user": 3}) as small,
+        small.connected() as one,
+        small.connected() as two,
+        small.connected("olga") as other,
+    ):
+        assert await create(one, small.nodes.plain, 2) == ["Good"] * 2
+        assert await create(two, small.nodes.plain, 2) == ["Good", "BadTooManyMonitoredItems"]
+        assert await create(two, small.nodes.text, 1) == ["Good"]
+        assert await create(other, small.nodes.plain, 2) == ["Good"] * 2
+
+
+async def test_monitored_items_of_a_user_are_counted_over_all_sessions(tmp_path: Path, identities: Identities) -> None:
+    """With 20,000 in each of 50 subscriptions of each of 10 sessions an observer could take 14 GB."""
+    refused = "BadTooManyMonitoredItems"
+    async with door(tmp_path, identities, limits={"monitored_items_per_subscription": 2}) as small:
+        plain = small.nodes.plain
+        async with small.connected() as one, small.connected() as two, small.connected("olga") as other:
+            assert await create(one, plain, 3) == ["Good", "Good", refused]
+            assert await create(two, plain, 2) == ["Good"] * 2
+            assert await create(one, plain, 1) == ["Good"]
+            assert await create(two, plain, 2) == ["Good", refused]
+            assert await create(one, plain, 1) == [refused]
+            assert await create(other, plain, 2) == ["Good"] * 2
+            await one.uaclient.close_session(True)
+            assert await create(two, plain, 1) == ["Good"]

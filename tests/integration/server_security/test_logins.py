@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import importlib
+import threading
 import time
 from pathlib import Path
 from types import SimpleNamespace
@@ -21,10 +22,12 @@ from tests.integration.server_security.harness import (
     door,
     ua,
 )
+from tests.waiting import until
 from ua_fleet.config.schema import ServerConfig
 from ua_fleet.errors import ServerStartError
 from ua_fleet.server.endpoint.throttle import FREE_FAILURES
 from ua_fleet.server.hardened import create_server
+from ua_fleet.server.users import User
 
 pytestmark = pytest.mark.asyncio(loop_scope="module")
 
@@ -183,3 +186,27 @@ async def test_long_names_and_node_ids_do_not_fill_the_log(hardened: Door) -> No
     async with hardened.connected() as writer:
         assert await bad(writer.get_node(ua.NodeId("n" * 1_000_000, 2)).write_value(1.0)) == "BadNodeIdUnknown"
     assert max(len(line) for line in (hardened.state_dir / "audit.log").read_text().splitlines()) < 2_000
+
+
+async def test_a_timeout_while_the_password_is_checked_is_told_once(
+    tmp_path: Path, identities: Identities, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It was told and counted at every tick until the check was done."""
+    done = threading.Event()
+    async with door(tmp_path, identities, limits={"handshake_s": 0.2}) as short:
+        verify = short.users.verify
+
+        def slow_verify(name: str, password: str) -> User | None:
+            done.wait(20)
+            return verify(name, password)
+
+        monkeypatch.setattr(short.users, "verify", slow_verify)
+        client = await short.client()
+        connecting = asyncio.ensure_future(bad(client.connect()))
+        await until(lambda: short.server.statistics.handshake_timeouts)
+        ticks = asyncio.get_running_loop().time() + 10 * 0.02
+        await until(lambda: asyncio.get_running_loop().time() > ticks)
+        done.set()
+        assert await connecting == "closed"
+        assert short.server.statistics.handshake_timeouts == 1
+        assert [line["status"] for line in short.audit()].count("BadTimeout") == 1

@@ -18,6 +18,7 @@ from tests.integration.server_security.harness import (
     send,
     ua,
 )
+from tests.waiting import until
 
 pytestmark = pytest.mark.asyncio(loop_scope="module")
 
@@ -167,6 +168,26 @@ async def test_owner_takes_the_session_along_others_do_not(hardened: Door, ident
     owner.disconnect_socket()
 
 
+async def test_a_detached_session_makes_room_for_its_users_next(tmp_path: Path, identities: Identities) -> None:
+    async with door(tmp_path, identities, limits={"sessions_per_user": 2}) as one:
+        left = await one.client()
+        await left.connect()
+        await left.create_subscription(100, Changes())
+        await lose(left)
+        server: Any = one.server
+        await until(lambda: any(session.link is None for session in server._services.sessions))
+        async with one.connected(), one.connected():
+            assert one.server.sessions == 2
+            third = await one.client()
+            assert await bad(third.connect()) == "BadTooManySessions"
+            async with one.connected("olga"):
+                assert one.server.sessions == 3
+        assert one.server.statistics.sessions_evicted == 1
+        assert one.server.statistics.sessions_refused == 1
+        (ended,) = [line for line in one.audit() if line["status"] == "BadSessionClosed"]
+        assert (ended["event"], ended["user"]) == ("logout", "oscar")
+
+
 async def test_client_signature_is_checked(hardened: Door) -> None:
     """A session cannot be activated without the key of the client's certificate."""
     client = await hardened.client()
@@ -238,6 +259,32 @@ async def test_silent_session_ends_with_its_subscriptions(tmp_path: Path, identi
                 await asyncio.sleep(0.02)
         assert not short.server.iserver.subscription_service.subscriptions
         assert any(line["event"] == "logout" and line["status"] == "BadTimeout" for line in short.audit())
+
+
+async def test_a_connection_whose_session_has_moved_keeps_no_place(tmp_path: Path, identities: Identities) -> None:
+    """One session, taken from connection to connection, took all places: those left behind never gave way."""
+    async with door(tmp_path, identities, limits={"handshake_s": 2.0}) as short:
+        server: Any = short.server
+        left = await short.client()
+        await left.connect()
+        owner, activated = await reattach(short, left)
+        assert activated == "Good"
+        await until(lambda: len(server._listener._connections) == 1, "the end of the connection without a session")
+        assert (await call_add(owner, short.nodes.methods["add"])).is_good()
+        await owner.uaclient.close_session(True)
+        await lose(left)
+        await lose(owner)
+
+
+async def test_a_connection_whose_session_timed_out_keeps_no_place(tmp_path: Path, identities: Identities) -> None:
+    async with door(tmp_path, identities, limits={"handshake_s": 2.0, "session_timeout_s": (1.0, 1.0)}) as short:
+        server: Any = short.server
+        client = await short.client()
+        await client.connect()
+        await client._cancel_task(client._stale_watchdog_task)
+        await client._cancel_task(client._supervisor_task)
+        await until(lambda: not server._listener._connections, "the end of the connection without a session")
+        await lose(client)
 
 
 async def test_whoever_is_cancelled_while_a_subscription_ends_is_cancelled(hardened: Door) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import time
 from collections.abc import AsyncGenerator
 from typing import Any
 
@@ -12,7 +13,10 @@ from structlog.testing import capture_logs
 
 from tests.integration.server_security.harness import Client, Door, Stock, bad, send, ua
 from tests.integration.server_security.test_limits import create_subscription, monitored
+from tests.waiting import until
+from ua_fleet.server.endpoint.sessions import PublishRequest
 from ua_fleet.server.endpoint.subscriptions import ClientSubscription
+from ua_fleet.server.endpoint.turns import TURN_S
 
 pytestmark = pytest.mark.asyncio(loop_scope="module")
 
@@ -272,7 +276,7 @@ async def test_a_subscription_that_fails_is_logged_and_its_client_told(
             async with asyncio.timeout(10):
                 (change,) = (await waiting).NotificationMessage.NotificationData
         assert change.Status.name == "BadInternalError"
-        assert [(log["event"], log["subscription"]) for log in logs] == [("subscription failed", subscription)]
+        assert [(log["loop"], log["subscription"]) for log in logs] == [("subscriptions", subscription)]
         assert logs[0]["exc_info"]
         assert await bad(publish(client)) == "BadNoSubscription"
 
@@ -386,3 +390,54 @@ async def test_deleted_nodes_do_no_harm(hardened: Door) -> None:
         result = await publish(client)
         item = result.NotificationMessage.NotificationData[0].MonitoredItems[0]
         assert str(item.Value.StatusCode.name) == "BadNodeIdUnknown"
+
+
+async def test_others_have_a_turn_between_the_answers_of_many_subscriptions(
+    hardened: Door, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """All of a user that were due at once were answered in one go of the event loop, which held all others up."""
+    turn = 0
+    turns: list[int] = []
+    really = ClientSubscription.answer
+
+    def slow(self: ClientSubscription, request: PublishRequest) -> bool:
+        turns.append(turn)
+        time.sleep(3 * TURN_S)
+        return really(self, request)
+
+    async def others() -> None:
+        nonlocal turn
+        while True:
+            turn += 1
+            await asyncio.sleep(0)
+
+    async with hardened.connected() as client:
+        ids = [(await create_subscription(client)).SubscriptionId for _ in range(8)]
+        for _ in ids:
+            await publish(client)  # the first message of each
+        registered: Any = hardened.server.iserver.subscription_service.subscriptions
+        mine = [registered[each] for each in ids]
+        waiting = [asyncio.create_task(publish(client)) for _ in ids]
+        await until(lambda: len(mine[0].session.requests) >= 8, "eight Publish requests")
+        other = asyncio.create_task(others())
+        monkeypatch.setattr(ClientSubscription, "answer", slow)
+        for each in mine:
+            each._quiet_cycles = each.keep_alive_count
+            each._changed.set()
+        await asyncio.gather(*waiting)
+        other.cancel()
+    assert len(set(turns[:8])) == 8
+
+
+async def test_what_is_kept_counts_for_the_user(hardened: Door) -> None:
+    """It counted for each session: ten of them kept ten times as much."""
+    async with hardened.connected("olga") as one, hardened.connected("olga") as other:
+        registry: Any = hardened.server.iserver.subscription_service
+        kept = [registry.find((await create_subscription(client)).SubscriptionId) for client in (one, other, other)]
+        assert len({subscription.session.key for subscription in kept}) == 2
+        body = ua.NotificationMessage(NotificationData=[ua.ExtensionObject(ua.NodeId(811), b"x" * 1_000_000)])
+        for number in range(40):
+            kept[number % 2]._keep(number + 1, body)
+        kept[2]._keep(1, body)
+        assert sum(subscription.kept_bytes for subscription in kept) <= 16 * 1024 * 1024
+        assert kept[2].kept_bytes == 1_000_000, "who keeps most gives way"

@@ -232,9 +232,9 @@ async def test_a_skill_is_suspended_goes_on_and_is_halted_while_its_robot_stands
 async def test_a_killed_bridge_makes_nodes_bad_and_its_return_makes_them_true(hall: Hall) -> None:
     bridge = hall.bridge()
     async with hall.server() as running, running.client() as client:
-        await started(client, WORK, "weld", 3.0)
         state = reader(client, f"ns=2;s={WORK}.CurrentState")
-        await asyncio.sleep(0.3)
+        await started(client, WORK, "weld", 3.0)
+        await until(state, lambda value: value.StatusCode.is_good() and value.Value.Value.Text == "Running")
         bridge.end(signal.SIGKILL)
         silent = await until(state, lambda value: value.StatusCode.value == StatusCode.BAD_NO_COMMUNICATION)
         assert silent.Value.Value.Text == "Running"

@@ -25,13 +25,14 @@ from ua_fleet.bridge.driver import (
 )
 from ua_fleet.counters import Drop
 from ua_fleet.errors import RobotOffline
+from ua_fleet.pubsub.metadata import make_field
 from ua_fleet.topics import Topic
-from ua_fleet.values import StatusCode, ticks_from_unix_ns
+from ua_fleet.values import BuiltinType, StatusCode, ticks_from_unix_ns
 from ua_fleet.wire.messages import ConfigurationVersion, DataSetMessage, DataSetMetaData
 
 ID, OTHER = bytes(range(16)), bytes(range(16, 32))
 SPEED = Topic(0, 2, 11)
-METADATA = DataSetMetaData("speed", (), ConfigurationVersion(1, 1))
+METADATA = DataSetMetaData("speed", (make_field("data", BuiltinType.DOUBLE),), ConfigurationVersion(1, 1))
 
 
 def message(value: float) -> DataSetMessage:

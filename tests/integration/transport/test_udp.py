@@ -12,6 +12,7 @@ import subprocess
 from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
 from contextlib import AsyncExitStack
 from pathlib import Path
+from typing import Any
 
 import pytest
 from structlog.testing import capture_logs
@@ -20,6 +21,7 @@ from tests import system
 from ua_fleet.errors import TransportError
 from ua_fleet.transport import Address, UdpTransport, parse_url
 from ua_fleet.transport.interfaces import find_interface, list_interfaces
+from ua_fleet.wire.actions import ActionMessage, ActionState, encode_action
 
 
 class Listening:
@@ -50,7 +52,7 @@ async def start() -> AsyncIterator[Start]:
     """Starts transports and closes them when the test is over."""
     async with AsyncExitStack() as stack:
 
-        async def started(url: str, interface: str = "lo", **options: int) -> Listening:
+        async def started(url: str, interface: str = "lo", **options: Any) -> Listening:
             listening = Listening(UdpTransport(url, interface, **options))
             stack.push_async_callback(listening.transport.close)
             await listening.transport.start(listening.receive)
@@ -72,6 +74,45 @@ async def test_all_members_of_a_group_hear_a_datagram_the_sender_too(udp_url: st
     assert await other.until(1) == [b"hello"]
     assert one.senders[0][0] == "127.0.0.1"
     assert one.transport.stats.sent == one.transport.stats.received == 1
+
+
+async def test_what_a_transport_sends_itself_can_be_kept_out_by_the_kernel(udp_url: str, start: Start) -> None:
+    deaf, other = await start(udp_url, hears_itself=False), await start(udp_url)
+    for number in range(20):
+        deaf.transport.send(b"own %d" % number)
+    other.transport.send(b"foreign")
+    await other.until(21)
+    assert await deaf.until(1) == [b"foreign"]
+    other.transport.send(b"answer", other.senders[0])
+    assert await deaf.until(2) == [b"foreign", b"answer"]
+    await asyncio.sleep(1.1)  # until the kernel was asked for its drops
+    assert (deaf.transport.stats.received, deaf.transport.stats.kernel_drops) == (2, 0)
+
+
+async def test_kernel_drops_are_counted_beside_a_transport_s_own_datagrams(udp_url: str, start: Start) -> None:
+    deaf = await start(udp_url, hears_itself=False, receive_buffer_bytes=4096)
+    other = await start(udp_url)
+    for _ in range(500):  # without giving the event loop a chance to read
+        other.transport.send(b"x" * 500)
+        deaf.transport.send(b"own")
+    async with asyncio.timeout(10):
+        while deaf.transport.stats.kernel_drops == 0:
+            await asyncio.sleep(0.05)
+    assert deaf.transport.stats.kernel_drops + deaf.transport.stats.received == 500
+
+
+async def test_an_action_is_taken_before_the_values_that_came_before_it(udp_url: str, start: Start) -> None:
+    listening, sender = await start(udp_url), await start(udp_url)
+    action = encode_action(
+        ActionMessage(
+            300, 2, 7, 1, 1, ActionState.EXECUTING, is_request=True, requestor_id="0.a", correlation_data=b"x"
+        )
+    )
+    for number in range(20):
+        sender.transport.send(b"value %d" % number)
+    sender.transport.send(action)
+    heard = await listening.until(21)
+    assert heard == [action, *[b"value %d" % number for number in range(20)]]
 
 
 async def test_another_group_on_the_same_port_is_not_heard(udp_url: str, start: Start) -> None:

@@ -13,6 +13,7 @@ PICK = """def pick():
   set_standard_digital_out(5, True)
   movej([0.4, -1.5708, 0, -1.5708, 0, 0], a=2, v=1)
   set_standard_digital_out(5, False)
+  write_output_integer_register(13, read_output_integer_register(13) + 1)
 end
 """
 
@@ -29,6 +30,7 @@ def programs(tmp_path: Path) -> Path:
     folder = tmp_path / "programs"
     folder.mkdir()
     (folder / "pick.script").write_text(PICK)
+    (folder / "slow.script").write_text(PICK.replace("pick", "slow").replace("v=1", "v=0.1"))
     return folder
 
 

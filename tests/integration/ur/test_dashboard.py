@@ -29,4 +29,4 @@ async def test_moves_are_halted_at_once_while_the_dashboard_server_is_silent(con
             assert asyncio.get_running_loop().time() - began < 1.0
         controller.do("silence", on=False)
         controller.do("remote_control", on=False)
-        await until(lambda: one.fault().startswith("remote control is off"), "the fault", 15)
+        await until(lambda: "remote control is off" in one.driver.status().detail, "the status", 15)

@@ -10,10 +10,12 @@ from ua_fleet.bridge import (
     Dropped,
     Rule,
     SampleRead,
+    SourceForgotten,
     SourceFound,
     SourceLost,
 )
 from ua_fleet.counters import Counters, Drop
+from ua_fleet.errors import FieldMissing
 from ua_fleet.pubsub.metadata import make_field
 from ua_fleet.pubsub.publisher import Publisher
 from ua_fleet.pubsub.subscriber import Subscriber
@@ -194,6 +196,24 @@ def test_lost_source_says_so_once_and_nothing_of_it_goes_into_a_space() -> None:
     assert two.counters.looped == 0
 
 
+def test_forgotten_source_is_said_no_more_and_its_numbers_go_on() -> None:
+    one, two = Bridge(1), Bridge(2)
+    one.find(TOPIC)
+    one.read(TOPIC, 1.0)
+    two.hear(one.take())
+    one.core.from_space(SourceLost(TOPIC), now=1.0, wall_ticks=WALL)
+    one.core.from_space(SourceForgotten(TOPIC), now=2.0, wall_ticks=WALL)
+    one.take()
+    one.read(TOPIC, 2.0)
+    assert one.counters.drops[Drop.NO_METADATA] == 1
+    one.core.poll(TIMING.announce_interval_s + 3.0, WALL)
+    assert data_of(one.take()) == []
+    one.find(TOPIC, now=40.0)
+    one.read(TOPIC, 3.0, now=40.0)
+    two.hear(one.take(), now=40.0)
+    assert two.values() == [(1.0,), (3.0,)]
+
+
 def test_bad_message_is_not_published_into_the_space() -> None:
     one, two = Bridge(1), Bridge(2)
     one.find(TOPIC)
@@ -303,3 +323,30 @@ def test_whoever_answers_for_others_is_told_when_their_values_are_not_of_now() -
     other.hear(robot.take(), now=2 * silent + 1)
     assert set(told[2:]) == {(TOPIC, True)}
     assert other.values() == [(1.0,)]
+
+
+def test_a_message_without_a_field_is_counted_and_told_and_the_next_one_goes_on() -> None:
+    bridge, told = Bridge(1), list[Dropped]()
+    bridge.core.dropped = told.append
+    whole = bridge.core._publish  # pyright: ignore[reportPrivateUsage]
+
+    def publish(topic: Topic, metadata: DataSetMetaData, message: DataSetMessage) -> bool:
+        if message.values == (666.0,):
+            raise FieldMissing("rover.goal: its messages have no field 'y'")
+        if message.values == (777.0,):
+            raise ValueError("a mistake of the driver")
+        return whole(topic, metadata, message)
+
+    bridge.core._publish = publish  # pyright: ignore[reportPrivateUsage]
+    caught: list[str] = []
+    bridge.core.caught = lambda loop, error: caught.append(f"{loop}: {error}")
+    other = Bridge(2)
+    source = Topic(2, 2, 5)
+    other.core.from_space(SourceFound(source, "five", DATA), now=0.0, wall_ticks=WALL)
+    for number, value in enumerate((666.0, 777.0, 1.0)):
+        other.core.from_space(SampleRead(source, (value,), START_NS + number, 0, False), now=0.0, wall_ticks=WALL)
+    for datagram in other.take():
+        bridge.core.from_pubsub(datagram, now=0.0)
+    assert [message.values for _, _, message in bridge.published] == [(1.0,)]
+    assert told == [Dropped(Drop.CONVERSION, detail="rover.goal: its messages have no field 'y'")]
+    assert caught == ["messages: a mistake of the driver"]

@@ -73,6 +73,15 @@ def test_a_robot_is_told_once_to_stop_and_its_end_is_told_as_ever() -> None:
     assert (ids, states) == ((ID,), (S.FAILED,)), "a halt is no execution of the skill"
 
 
+def test_a_robot_that_goes_on_is_told_again_by_the_next_request() -> None:
+    robot = StoppableRobot()
+    bench = Bench(robot=robot)
+    bench.ask()
+    for number in range(3):
+        ask_to_halt(bench, request_id=number + 1, correlation_data=halt_id(ID, number))
+    assert [execution.execution_id for execution in robot.halted] == [ID] * 3
+
+
 def test_what_is_not_under_way_cannot_be_halted() -> None:
     robot = StoppableRobot()
     bench = Bench(robot=robot)

@@ -13,10 +13,12 @@ from ua_fleet.bridge import (
     Dropped,
     ExecutionEnded,
     ExecutionProgressed,
+    ExecutionSuspended,
     SampleRead,
     SourceFound,
     SourceLost,
 )
+from ua_fleet.bridge.lag import LagMeter
 from ua_fleet.counters import Drop
 from ua_fleet.topics import Topic
 
@@ -179,8 +181,8 @@ def test_error_of_a_receiver_loses_one_event_alone_and_is_told(bench: Callable[.
     for _ in range(5):
         b.turn()
     assert [str(error["exception"]) for error in errors] == ["once"]
-    assert errors[0]["message"] == "an event could not be taken in: SampleRead"
-    assert b.got == events[1:]
+    assert errors[0]["message"] == "an event could not be taken in: ExecutionEnded"
+    assert b.got == [events[0], events[1], events[3]]
 
 
 def test_many_threads_lose_nothing(bench: Callable[..., Bench]) -> None:
@@ -203,15 +205,220 @@ def test_many_threads_lose_nothing(bench: Callable[..., Bench]) -> None:
         assert mine == list(range(500))
 
 
-def test_ends_of_executions_are_never_dropped_and_progress_is(bench: Callable[..., Bench]) -> None:
+X, Y = b"x" * 16, b"y" * 16
+
+
+def test_ends_of_executions_are_never_dropped_and_progress_gives_way_to_newer_progress(
+    bench: Callable[..., Bench],
+) -> None:
     one = bench(size=2)
-    execution_id = b"x" * 16
-    for number in range(5):
-        one.inlet.put(ExecutionProgressed(execution_id, number / 10))
-    one.inlet.put(ExecutionEnded(execution_id))
+    events: list[DriverEvent] = [ExecutionProgressed(X, number / 10) for number in range(5)]
+    events += [ExecutionProgressed(Y, 0.9), ExecutionSuspended(X), ExecutionProgressed(X, 0.5), ExecutionEnded(X)]
+    for event in events:
+        one.inlet.put(event)
     one.inlet.open()
     one.turn()
-    progress = [event.progress for event in one.got if isinstance(event, ExecutionProgressed)]
-    assert progress == [0.3, 0.4]
-    assert isinstance(one.got[2], ExecutionEnded)
-    assert one.got[3] == Dropped(Drop.INLET_FULL, 3)
+    assert one.got == [*events[5:], Dropped(Drop.RATE_LIMITED, 5)]
+    one.inlet.put(ExecutionProgressed(Y, 1.0))
+    one.inlet.put(ExecutionEnded(Y))
+    one.turn()
+    assert one.got[-2:] == [ExecutionProgressed(Y, 1.0), ExecutionEnded(Y)]
+
+
+class Clock:
+    now = 100.0
+
+    def __call__(self) -> float:
+        return self.now
+
+
+def waiting_inlet(b: Bench, clock: Clock, **kwargs: Any) -> BoundedInlet:
+    inlet = BoundedInlet(b.loop, 10_000, b.got.append, clock=clock, **kwargs)
+    inlet.open()
+    b.turn()
+    return inlet
+
+
+def test_facts_of_executions_go_before_all_samples(bench: Callable[..., Bench]) -> None:
+    b = bench()
+    inlet = waiting_inlet(b, Clock())
+    for number in range(1000):
+        inlet.put(sample(number))
+    inlet.put(ExecutionProgressed(X, 0.0))
+    inlet.put(ExecutionEnded(Y))
+    b.turn()
+    assert b.got[:2] == [ExecutionProgressed(X, 0.0), ExecutionEnded(Y)]
+
+
+def test_a_fact_that_comes_while_samples_are_handed_on_waits_for_one_of_them_alone(bench: Callable[..., Bench]) -> None:
+    b = bench()
+
+    def deliver(event: DriverEvent) -> None:
+        b.got.append(event)
+        if len(b.got) == 3:
+            inlet.put(ExecutionEnded(X))
+
+    inlet = BoundedInlet(b.loop, 100, deliver)
+    for number in range(10):
+        inlet.put(sample(number))
+    inlet.open()
+    b.turn()
+    assert b.got[3] == ExecutionEnded(X)
+
+
+def test_a_turn_is_bounded_in_time_too(bench: Callable[..., Bench]) -> None:
+    b, clock = bench(), Clock()
+
+    def deliver(event: DriverEvent) -> None:
+        b.got.append(event)
+        clock.now += 0.003
+
+    inlet = BoundedInlet(b.loop, 100, deliver, clock=clock)
+    for number in range(5):
+        inlet.put(sample(number))
+    inlet.open()
+    b.turn()
+    assert b.numbers() == [0, 1]
+    b.turn()
+    assert b.numbers() == [0, 1, 2, 3]
+
+
+def test_before_an_end_goes_what_its_robot_has_said_and_nothing_else(bench: Callable[..., Bench]) -> None:
+    b = bench()
+    inlet = waiting_inlet(b, Clock(), sources_of={X: {TOPIC}}.get)
+    events = [sample(1), sample(2, OTHER), sample(3)]
+    for event in events:
+        inlet.put(event)
+    inlet.put(ExecutionEnded(X))
+    b.turn()
+    assert b.got == [sample(1), sample(3), ExecutionEnded(X), sample(2, OTHER)]
+    assert inlet.waiting == 0
+
+
+def both_sources(_execution_id: bytes) -> set[Topic]:
+    """Whichever execution ends, its robot has both."""
+    return {TOPIC, OTHER}
+
+
+def test_of_many_samples_before_an_end_the_newest_of_each_source_goes(bench: Callable[..., Bench]) -> None:
+    b = bench()
+    inlet = waiting_inlet(b, Clock(), sources_of=both_sources)
+    for number in range(100):
+        inlet.put(sample(number, OTHER if number % 10 == 0 else TOPIC))
+    inlet.put(ExecutionEnded(X))
+    inlet.put(sample(100))
+    b.turn()
+    assert b.got == [sample(90, OTHER), sample(100), ExecutionEnded(X), Dropped(Drop.TOO_OLD, 99)]
+
+
+def test_a_large_sample_and_one_of_a_source_that_is_told_of_keep_their_place(bench: Callable[..., Bench]) -> None:
+    b = bench()
+    inlet = waiting_inlet(b, Clock(), sources_of=both_sources)
+    large = SampleRead(OTHER, (bytes(5000),), 0)
+    events: list[DriverEvent] = [large, FOUND, sample(1)]
+    for event in events:
+        inlet.put(event)
+    inlet.put(ExecutionEnded(X))
+    b.turn()
+    assert b.got == [ExecutionEnded(X), *events]
+
+
+def test_what_has_waited_too_long_goes_where_a_newer_one_waits(bench: Callable[..., Bench]) -> None:
+    b, clock = bench(), Clock()
+    lag = LagMeter()
+    inlet = BoundedInlet(b.loop, 100, b.got.append, max_wait_s=2.0, lag=lag, clock=clock)
+    inlet.put(sample(1))
+    inlet.put(sample(2))
+    inlet.put(sample(3, OTHER))
+    clock.now += 1.5
+    inlet.put(sample(4)._replace(waited_s=0.9))
+    assert inlet.oldest_s() == 1.5
+    clock.now += 1.2
+    inlet.put(sample(5))
+    inlet.open()
+    b.turn()
+    assert [event for event in b.got if isinstance(event, SampleRead)] == [
+        sample(3, OTHER),  # the last one of its source, however old
+        sample(5),
+    ]
+    assert b.got[-1] == Dropped(Drop.TOO_OLD, 3)
+    assert lag.p99_s(clock.now) == pytest.approx(2.7, rel=0.2)
+    assert (inlet.waiting, inlet.oldest_s()) == (0, 0.0)
+
+
+def test_a_source_s_own_maximum_age_counts_where_it_is_shorter(bench: Callable[..., Bench]) -> None:
+    b, clock = bench(), Clock()
+    inlet = BoundedInlet(b.loop, 100, b.got.append, max_wait_s=2.0, max_ages={TOPIC: 0.5, OTHER: 60.0}, clock=clock)
+    for number in (1, 2):
+        inlet.put(sample(number))
+        inlet.put(sample(number, OTHER))
+    clock.now += 0.6
+    inlet.put(sample(3))
+    inlet.open()
+    b.turn()
+    assert b.got == [sample(1, OTHER), sample(2, OTHER), sample(3), Dropped(Drop.TOO_OLD, 2)]
+    for number in (4, 5):
+        inlet.put(sample(number, OTHER))
+    clock.now += 2.1
+    b.turn()
+    assert b.got[4:] == [sample(5, OTHER), Dropped(Drop.TOO_OLD, 1)]
+
+
+def test_a_driver_that_floods_keeps_no_fact_back_by_more_than_one_sample(bench: Callable[..., Bench]) -> None:
+    """Ten seconds of a robot's flood in virtual time: each sample costs more than the time until the next one comes."""
+    b, clock = bench(), Clock()
+    sent_between: dict[bytes, int] = {}
+
+    def deliver(event: DriverEvent) -> None:
+        b.got.append(event)
+        if not isinstance(event, SampleRead):
+            return
+        clock.now += 0.010
+        for name in sent_between.keys() - told():
+            sent_between[name] += 1
+        for number in range(2):
+            inlet.put(sample(number))
+        if len(b.got) % 100 == 50:
+            execution_id = len(sent_between).to_bytes(16, "big")
+            sent_between[execution_id] = 0
+            inlet.put(ExecutionProgressed(execution_id))
+            inlet.put(ExecutionEnded(execution_id))
+
+    def told() -> set[bytes]:
+        return {event.execution_id for event in b.got if isinstance(event, ExecutionEnded)}
+
+    inlet = BoundedInlet(b.loop, 10_000, deliver, max_wait_s=2.0, clock=clock, sources_of=lambda _id: {TOPIC})
+    inlet.put(sample(0))
+    inlet.open()
+    while clock.now < 110.0:
+        b.turn()
+    assert len(sent_between) >= 8
+    assert max(sent_between.values()) <= 1
+    assert inlet.oldest_s() <= 2.3
+
+
+def test_facts_of_executions_without_end_leave_the_event_loop_its_turns() -> None:
+    loop = asyncio.new_event_loop()
+    now = 0.0
+    got: list[DriverEvent] = []
+
+    def deliver(event: DriverEvent) -> None:  # each takes a while, and the robot says two more meanwhile
+        nonlocal now
+        now += 0.001
+        got.append(event)
+        if isinstance(event, ExecutionSuspended) and len(got) < 1000:
+            inlet.put(ExecutionProgressed(b"1", 0.5))
+            inlet.put(ExecutionSuspended(b"1"))
+
+    inlet = BoundedInlet(loop, 100, deliver, clock=lambda: now)
+    inlet.put(ExecutionSuspended(b"1"))
+    inlet.put(sample(7))
+    inlet.open()
+    loop.call_soon(loop.stop)
+    loop.run_forever()
+    assert len(got) < 10
+    assert sample(7) in got, "and a sample comes through in each turn"
+    while len(got) < 1000:
+        loop.call_soon(loop.stop)
+        loop.run_forever()
+    loop.close()

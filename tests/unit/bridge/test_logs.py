@@ -62,6 +62,18 @@ def test_each_of_several_devices_has_lines_of_its_own() -> None:
     ]
 
 
+def test_a_source_that_is_put_aside_has_a_line_each_way_and_a_crowd_has_one() -> None:
+    crowd = {f"/ua_1_2_{number}": "rubbish" for number in range(100)}
+    with capture_logs() as lines:
+        log = LinkLog(structlog.get_logger())
+        for aside in ({}, {"/a": "no type"}, {"/a": "no type"}, {}, crowd, {}):
+            log.take(DriverStatus(True, "here", aside=aside))
+    said = [(line["event"], line.get("source")) for line in lines if "space" not in line["event"]]
+    assert said[:2] == [("source is put aside", "/a"), ("source has gone, or behaves again", "/a")]
+    assert len(said) == 2 + 6 + 6
+    assert [line["put_aside"] for line in lines if line["event"] == "more sources"] == [95, 0]
+
+
 def execution(state: ExecutionState, number: int = 1, status: int = 0, message: str = "") -> Execution:
     target = Target(300, 2, 1900, 1)
     return Execution(bytes([number] * 16), "0.server", 0, target, b"", 1, 1000, Report(state, status, message))

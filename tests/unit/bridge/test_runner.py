@@ -23,7 +23,7 @@ from ua_fleet.bridge import (
 )
 from ua_fleet.config.schema import BridgeConfig, FleetConfig, PubSubConfig, PubSubSecurity
 from ua_fleet.counters import Counters, Drop
-from ua_fleet.errors import BridgeUnavailable, DriverFailed, NotConnected
+from ua_fleet.errors import BridgeUnavailable, DriverFailed, NotConnected, StorageUnavailable
 from ua_fleet.pubsub.events import DataReceived
 from ua_fleet.pubsub.metadata import make_field
 from ua_fleet.pubsub.publisher import Publisher
@@ -37,8 +37,8 @@ from ua_fleet.wire.messages import DataSetMessage, DataSetMetaData
 
 DATA = (make_field("data", BuiltinType.DOUBLE, properties={"RosType": "std_msgs/Float64"}),)
 STATUS = Topic(2, 2, 900)
-NOWHERE = Path("/nowhere")
-"""Without message security a bridge needs no folder."""
+NOWHERE = Path("/proc/nowhere")
+"""Without message security a bridge needs no folder: not even root makes one there."""
 CONFIG = FleetConfig(
     version=1,
     pubsub=PubSubConfig(security=PubSubSecurity.NONE),
@@ -278,6 +278,21 @@ async def test_failed_start_releases_everything(robot: Robot, line: Line, error:
     with pytest.raises(error):
         await run_bridge(CONFIG, "robot", robot, line, state_dir=NOWHERE)
     assert (robot.stopped, line.closed) == (1, 1)
+
+
+async def test_a_second_process_of_a_bridge_ends_at_once(tmp_path: Path) -> None:
+    """Also of one without skills: two would publish with one PublisherId, and each would void the other's values."""
+    ready = asyncio.Event()
+    first = asyncio.create_task(
+        run_bridge(CONFIG, "robot", Robot(), Line(), state_dir=tmp_path / "state", ready=ready.set)
+    )
+    await ready.wait()
+    robot, line = Robot(), Line()
+    with pytest.raises(StorageUnavailable, match="bridge robot runs already"):
+        await run_bridge(CONFIG, "robot", robot, line, state_dir=tmp_path / "state")
+    assert (line.sent, robot.published) == ([], [])
+    first.cancel()
+    await asyncio.gather(first, return_exceptions=True)
 
 
 async def test_bridge_whose_driver_is_over_says_why_and_ends(monkeypatch: pytest.MonkeyPatch) -> None:

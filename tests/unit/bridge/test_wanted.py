@@ -38,3 +38,10 @@ def test_what_is_no_list_of_ids_is_nothing() -> None:
     for values in ((), ("all",), (7,), (["x"],)):
         wants.hear(DataReceived(TOPIC, message(*values), METADATA))
     assert told == []
+
+
+def test_an_id_of_another_namespace_is_wanted_there() -> None:
+    told: list[frozenset[Topic]] = []
+    wants = Wants(TOPIC, 300, told.append, {11: 4})
+    wants.hear(DataReceived(TOPIC, message([10, 11]), METADATA))
+    assert told == [frozenset({Topic(300, TOPIC.ns, 10), Topic(300, 4, 11)})]

@@ -32,6 +32,7 @@ COMMANDS = [
     "cert revoke",
     "cert trust",
     "cert list",
+    "audit verify",
     "keys create",
     "keys rotate",
     "keys list",
@@ -96,7 +97,7 @@ def test_the_list_above_is_complete() -> None:
     assert sorted(names(app, "")) == sorted(COMMANDS)
 
 
-@pytest.mark.parametrize("arguments", [[], ["config"], ["user"], ["cert"], ["keys"], ["pubsub"], ["demo"]])
+@pytest.mark.parametrize("arguments", [[], ["config"], ["user"], ["cert"], ["audit"], ["keys"], ["pubsub"], ["demo"]])
 def test_without_a_command_the_help_is_shown(arguments: list[str], invoke: Invoke) -> None:
     ended = invoke(*arguments)
     assert ended.code == 2

@@ -115,3 +115,22 @@ def test_a_level_that_is_none(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv(LOG_VARIABLE, "loud")
     with pytest.raises(UsageError, match="UA_FLEET_LOG=loud is no level of logs; use one of: debug, info"):
         set_up_logging()
+
+
+def test_what_strangers_said_does_nothing_to_a_terminal(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
+    set_up_logging()
+    hostile = "x\n2030 forged line\x1b[2J\x9b\u202e"
+    structlog.get_logger("ua_fleet").warning(f"refused {hostile}", subject=hostile)
+    logging.getLogger("asyncua").error("from %s", hostile)
+    try:
+        raise ValueError(hostile)
+    except ValueError:
+        structlog.get_logger("ua_fleet").exception("a mistake")
+    said = capsys.readouterr().err
+    assert "ValueError: x" in said
+    assert not any(line.startswith("2030 forged") for line in said.splitlines()[:2])
+    assert "\x1b[2J" not in said
+    assert not {"\x9b", "\u202e"} & set(said)

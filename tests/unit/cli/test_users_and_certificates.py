@@ -17,6 +17,7 @@ from ua_fleet.cli.user import RoleName
 from ua_fleet.resilience import Mode, OnLimit
 from ua_fleet.server import certificates
 from ua_fleet.server.certificates import CertificateFiles, create_certificate
+from ua_fleet.server.rejected import RejectedCertificates
 from ua_fleet.server.users import USERS_FILE, Role, ScryptCost, UserStore
 
 PASSWORD = "correct horse"
@@ -56,6 +57,13 @@ def test_add_list_remove(invoke: Invoke, fleet: Path) -> None:
     assert user.role is Role.OPERATOR
     secret = fleet.parent / "secret"
     secret.write_text("another secret\r\nsecond line\n")
+    secret.chmod(0o640)
+    ended = invoke("user", "add", "bob", "--password-file", "secret")
+    assert (ended.code, ended.stderr) == (
+        2,
+        "ua-fleet: secret: others may read the password (mode 640); run: chmod 600 secret\n",
+    )
+    secret.chmod(0o600)
     ended = invoke("user", "add", "bob", "--password-file", "secret", "--json")
     assert json.loads(ended.stdout) == {"name": "bob", "role": "observer"}
     assert store_of(fleet).verify("bob", "another secret") is not None
@@ -160,7 +168,7 @@ def test_create_list_trust(invoke: Invoke, fleet: Path) -> None:
     ended = invoke("cert", "trust", made_for_plc["path"])
     assert ended.stdout.startswith(f"trusted {made_for_plc['thumbprint']}  ")
     lines = invoke("cert", "list").stdout.splitlines()
-    assert lines[0].split() == ["state", "thumbprint", "valid", "until", "days", "left", "subject"]
+    assert lines[0].split() == ["state", "thumbprint", "valid", "until", "days", "left", "address", "subject"]
     assert {tuple(line.split()[:2]) for line in lines[1:]} == {
         ("own", thumbprint),
         ("own", made_for_plc["thumbprint"]),
@@ -179,6 +187,42 @@ def test_a_rejected_certificate_is_trusted_by_its_thumbprint(invoke: Invoke, fle
     ended = invoke("cert", "trust", listed[0]["thumbprint"][:8], "--json")
     assert json.loads(ended.stdout)["state"] == "trusted"
     assert not rejected.exists()
+
+
+def refused(fleet: Path, name: str, address: str, at_s: float) -> str:
+    """Offer the server a certificate from an address, as a client does that it does not know; its thumbprint."""
+    folder = certificates.certificates_folder(fleet.parent / "state") / "rejected"
+    folder.mkdir(parents=True, exist_ok=True)
+    files = CertificateFiles(fleet.parent / "client.der", fleet.parent / "client.pem")
+    certificate = create_certificate(files, application_uri="urn:client", common_name=name)
+    RejectedCertificates(folder, lambda: at_s).keep(certificate, address)
+    return certificates.thumbprint(certificate)
+
+
+def test_the_last_refused_is_shown_before_it_is_trusted(invoke: Invoke, fleet: Path) -> None:
+    assert "no certificate was refused" in invoke("cert", "trust", "--last", "--show").stderr
+    later = refused(fleet, "later", "10.0.0.2", 2_000_000_000.0)
+    refused(fleet, "earlier", "10.0.0.1", 1_000_000_000.0)
+    assert "give --last --show" in invoke("cert", "trust", "--last").stderr
+    assert invoke("cert", "trust", "--last", "--show", later).code == 2
+    shown = invoke("cert", "trust", "--last", "--show", stdin="n\n")
+    assert shown.code == 1
+    for part in ("CN=later", "10.0.0.2", later, "2033-05-18 03:33:20 UTC"):
+        assert part in shown.stdout
+    listed = {
+        info["thumbprint"]: info for info in map(json.loads, invoke("cert", "list", "--json").stdout.splitlines())
+    }
+    assert (listed[later]["state"], listed[later]["address"]) == ("rejected", "10.0.0.2")
+    assert f"trusted {later}" in invoke("cert", "trust", "--last", "--show", stdin="y\n").stdout
+    assert not list((fleet.parent / "state" / "certificates" / "rejected").glob(f"{later}.*"))
+
+
+def test_a_subject_forges_no_line(invoke: Invoke, fleet: Path) -> None:
+    mark = refused(fleet, "x\nrejected deadbeef\x1b[2J\u202e", "10.0.0.1", 1_000_000_000.0)
+    for ended in (invoke("cert", "list"), invoke("cert", "trust", mark, "--show", stdin="n\n")):
+        assert "rejected deadbeef" in ended.stdout
+        assert not any(line.startswith("rejected deadbeef") for line in ended.stdout.splitlines())
+        assert all(line.isprintable() for line in ended.stdout.splitlines())
 
 
 def test_certificates_that_are_not_there(invoke: Invoke, fleet: Path) -> None:

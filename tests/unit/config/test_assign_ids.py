@@ -87,7 +87,7 @@ def test_a_layout_without_a_place_for_an_id_is_refused() -> None:
 
 def test_no_id_is_used_again_when_all_are_used_up() -> None:
     content = (HEAD + "      q: {id: 65535, type: Byte}\n      r: {type: Byte}\n").encode()
-    with pytest.raises(ConfigInvalid, match="no ids are left"):
+    with pytest.raises(ConfigInvalid, match=r"no id is left for robots\.\w+\.data\.r\.id"):
         insert_ids(content, "f.yaml")
 
 

@@ -2,7 +2,6 @@ from __future__ import annotations
 
 import subprocess
 import sys
-from importlib import metadata
 from importlib.metadata import EntryPoint, EntryPoints
 from pathlib import Path
 
@@ -19,11 +18,7 @@ FLEET = b"version: 1\npubsub: {security: none}\nbridges:\n  a: {kind: plc, space
 def install(monkeypatch: pytest.MonkeyPatch, value: str) -> None:
     entry = EntryPoint("plc", value, kinds.ENTRY_POINT_GROUP)
 
-    def entry_points(*, group: str, name: str | None = None) -> EntryPoints:
-        assert group == kinds.ENTRY_POINT_GROUP
-        return EntryPoints([entry] if name in (None, "plc") else [])
-
-    monkeypatch.setattr(metadata, "entry_points", entry_points)
+    monkeypatch.setattr(kinds, "_installed", lambda: EntryPoints([entry]))
 
 
 def test_a_new_kind_brings_its_own_keys(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

@@ -1,14 +1,20 @@
 from __future__ import annotations
 
+import importlib
 from collections.abc import Mapping
+from dataclasses import replace
 from importlib.metadata import entry_points
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from ua_fleet.config import load
+from ua_fleet.config.parts import Parts
 from ua_fleet.config.schema import FleetConfig, UnknownSources
 from ua_fleet.errors import ConfigInvalid
+
+load_module: Any = importlib.import_module("ua_fleet.config.load")  # the package has a function of that name
 
 HEAD = "version: 1\npubsub: {security: none}\n"
 BRIDGES = HEAD + "bridges:\n  cell: {kind: ros1, status_id: 1}\n  floor: {kind: ros2, space: 2, status_id: 2}\n"
@@ -60,7 +66,7 @@ BAD: list[tuple[str, str, list[str]]] = [
     (
         "a key like no other",
         HEAD + "fleet:\n  zzzz: 1\n",
-        ["F:4:fleet.zzzz: unknown key `zzzz`; known keys: `name`, `namespace_uri`, `namespace_index`"],
+        ["F:4:fleet.zzzz: unknown key `zzzz`; known keys: `name`, `namespace_uri`, `namespace_index`, `namespaces`"],
     ),
     ("too large", HEAD + "server:\n  port: 70000\n", ["F:4:server.port: must be at most 65535, not 70000"]),
     ("negative", HEAD + "server:\n  port: -1\n", ["F:4:server.port: must be at least 0, not -1"]),
@@ -611,7 +617,7 @@ ENVIRONMENT: list[tuple[str, str, str]] = [
         (
             "environment:UA_FLEET__: there is no key `` in the file; "
             "there are: `bridges`, `fleet`, `modbus`, `monitoring`, `pubsub`, `resilience`, `robots`, `scenarios`, "
-            "`server`, `version`"
+            "`server`, `sources`, `version`"
         ),
     ),
     (
@@ -645,3 +651,40 @@ def test_a_missing_variable_is_told_once(tmp_path: Path) -> None:
         "F:4:server.port: the environment variable PORT is not set; run: export PORT=..."
     ]
     assert accepted(tmp_path, HEAD + "server:\n  port: ${PORT}\n", {"PORT": "77"}).server.port == 77
+
+
+class Counting(dict[Any, Any]):
+    """Counts how often all of it was gone through."""
+
+    passes = 0
+
+    def items(self) -> Any:
+        self.passes += 1
+        return super().items()
+
+    def values(self) -> Any:
+        self.passes += 1
+        return super().values()
+
+
+@pytest.mark.parametrize("robots", [3, 60])
+def test_the_checks_go_through_all_data_a_few_times_however_many_robots_there_are(
+    robots: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    seen: list[Counting] = []
+    whole = load_module.check_all
+
+    def counted(parts: Parts) -> None:
+        seen.append(Counting(parts.data))
+        whole(replace(parts, data=seen[0]))
+
+    monkeypatch.setattr(load_module, "check_all", counted)
+    names = [f"r{number}" for number in range(robots)]
+    text = "version: 1\npubsub: {security: none}\nbridges: {b: {kind: ros2, space: 2, status_id: 1}}\nrobots:\n"
+    text += "".join(
+        f"  {name}: {{bridge: b, data: {{x: {{id: {1001 + number}, type: Double}}}}}}\n"
+        for number, name in enumerate(names)
+    )
+    config = load_module.load_content(text.encode(), "f.yaml", {})
+    assert list(config.robots) == names
+    assert seen[0].passes <= 8

@@ -7,7 +7,8 @@ from typing import Any
 import pytest
 
 from tests.unit.fleet.fleet_of import BRIDGE, fleet_config, key
-from ua_fleet.config.nodes import fleet_model
+from ua_fleet.config.nodes import fleet_model, mapped_sources, max_ages_of
+from ua_fleet.config.schema import FleetConfig
 from ua_fleet.errors import ConfigError
 from ua_fleet.fleet import FleetModel
 from ua_fleet.topics import Topic
@@ -68,3 +69,29 @@ def test_initial_values_get_the_fields_type(field: dict[str, Any], initial: Any)
 
 def test_robots_data_has_no_initial_value() -> None:
     assert model(a={"id": 5, "type": "Int32", "initial": 3}).robots[0].data_sets[0].fields[0].initial is None
+
+
+def test_maximum_ages_and_sources_go_to_the_namespace_of_their_robot() -> None:
+    config = FleetConfig.model_validate(
+        {
+            "version": 1,
+            "fleet": {"namespaces": ["urn:more"]},
+            "pubsub": {"security": "none"},
+            "bridges": {"cell": {"kind": "ros2", "space": 7}},
+            "robots": {
+                "press": {
+                    "bridge": "cell",
+                    "namespace": 4,
+                    "data": {
+                        "level": {"id": 9, "type": "Double", "max_age_s": 2.5},
+                        "other": {"id": 10, "type": "Int32"},
+                    },
+                }
+            },
+            "sources": {"a": {"publisher_id": 5, "data_set_writer_id": 1, "robot": "press", "data": "level"}},
+        }
+    )
+    assert max_ages_of(config) == {Topic(7, 4, 9): 2.5}
+    assert mapped_sources(config).topics == {Topic(7, 4, 9)}
+    [level, other] = fleet_model(config).robots[0].data_sets
+    assert (level.max_age_s, other.max_age_s) == (2.5, None)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import textwrap
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import pytest
@@ -37,7 +38,7 @@ TEXT = textwrap.dedent("""\
     """)
 
 
-def nobody(_number: int) -> Topic | str | None:
+def nobody(_topic: Topic) -> Topic | str | None:
     return None
 
 
@@ -119,17 +120,21 @@ def test_what_is_no_robot_is_refused(said: RobotText, expected: str) -> None:
     assert expected in problems(said)[0]
 
 
+def owns(owners: Mapping[int, Topic | str]) -> Callable[[Topic], Topic | str | None]:
+    return lambda topic: owners.get(topic.id)
+
+
 def test_ids_belong_to_one_thing() -> None:
-    assert read(owner_of={1501: Topic(300, 2, 1501)}.get).model == read().model  # it was discovered before
-    (problem,) = problems(RobotText("cart", "yard", text=TEXT), {1501: Topic(301, 2, 1501)}.get)
+    assert read(owner_of=owns({1501: Topic(300, 2, 1501)})).model == read().model  # it was discovered before
+    (problem,) = problems(RobotText("cart", "yard", text=TEXT), owns({1501: Topic(301, 2, 1501)}))
     assert "1501 is in use already (ua_301_2_1501)" in problem
-    (problem,) = problems(RobotText("cart", "yard", text=TEXT), {1510: "robots.arm"}.get)
+    (problem,) = problems(RobotText("cart", "yard", text=TEXT), owns({1510: "robots.arm"}))
     assert problem.startswith("definition:3:robots.cart.skill_status_id: 1510 is in use already (robots.arm)")
 
 
 def test_a_robot_of_clients_gets_ids_that_are_free() -> None:
     text = "skills: {help: {}, look: {id: 1003}}\ndata: {note: {type: String, origin: server}}"
-    robot = read(text, "", {1001: "robots.arm"}.get).model
+    robot = read(text, "", owns({1001: "robots.arm"})).model
     assert [skill.id for skill in robot.skills] == [1004, 1003]
     assert (robot.data_sets[0].topic, robot.skill_status) == (Topic(0, 2, 1002), Topic(0, 2, 1005))
 

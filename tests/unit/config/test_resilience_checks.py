@@ -20,7 +20,7 @@ robots:
     data:
       battery: {id: 10, type: Double}
       joints: {id: 11, type: Double, array: true}
-      door: {id: 12, type: Boolean}
+      door: {id: 12, type: Boolean, gives: [mobile, thermometer]}
       blob: {id: 13, type: ByteString}
       pose: {id: 14, fields: {x: {type: Double}, y: {type: Double}}}
   drone:
@@ -93,6 +93,34 @@ def test_all_mistakes_are_told_at_once_with_their_lines() -> None:
         "30:resilience.faults.blob.when: `blob` of ur3 is a ByteString, which cannot be used here",
         "31:resilience.faults.silent: `silent` is found by the program itself; choose another name",
         "32:resilience.faults.bad: 'battery <' is no condition; write e.g. temperature > 20",
+    ]
+
+
+def test_criteria_are_for_capacities_and_skills_that_some_robot_has() -> None:
+    assert not problems("""\
+  criteria:
+    battery: {kind: benefit, range: [0, 100], value: battery, missing: neutral, capacities: [mobile, thermometer]}
+    bent: {kind: cost, range: [0, 3], value: "joints[1]", missing: exclude, skills: [go]}
+  judgements: {battery: {bent: 2}}
+""")
+    assert problems("""\
+  criteria:
+    battery: {kind: benefit, range: [0, 100], value: battery, missing: best, capacities: [mobil]}
+    bent: {kind: cost, range: [0, 3], value: "joints[1]", capacities: [mobile, fly], skills: [gone]}
+  judgements: {battery: {bent: 2}}
+""") == [
+        "21:resilience.criteria.battery.missing: `best` is not allowed; allowed: `worst`, `neutral`, `exclude`",
+        "22:resilience.criteria.bent.capacities[1]: no robot has the capacity `fly`; known: `mobile`, `thermometer`",
+        "22:resilience.criteria.bent.skills[0]: no robot has the skill `gone`; did you mean `go`?",
+    ]
+
+
+def test_a_fault_takes_away_what_each_of_its_robots_has() -> None:
+    assert not problems("  faults:\n    hot: {robots: [ur3], when: battery < 1, capacities: [mobile]}\n")
+    assert problems("  faults:\n    hot: {robots: [ur3, drone], when: battery < 1, capacities: [mobil, mobile]}\n") == [
+        "21:resilience.faults.hot.capacities[0]: ur3 has not the capacity `mobil`; did you mean `mobile`?",
+        "21:resilience.faults.hot.capacities[0]: drone has not the capacity `mobil`; it has: none",
+        "21:resilience.faults.hot.capacities[1]: drone has not the capacity `mobile`; it has: none",
     ]
 
 

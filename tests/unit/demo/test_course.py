@@ -115,6 +115,11 @@ def test_a_fault_its_ranking_and_the_choice(course: Course) -> None:
     assert course.take(ended) == ["   5.00 s  rover              is repaired (it was: stuck)"]
 
 
+def test_a_fault_of_some_capacities_says_which(course: Course) -> None:
+    fault = FaultTold("rover.announced", "rover", "announced", "stuck", True, False, at(2), ("mobile", "grab"))
+    assert course.take(fault) == ["   2.00 s  rover              FAULT, not mobile, not grab any more: stuck"]
+
+
 def test_a_ranking_is_printed_again_only_when_its_order_changes(course: Course) -> None:
     assert course.take(decision("open", 1))
     nearer = RankingInfo(

@@ -9,8 +9,8 @@ from pathlib import Path
 from tests.unit.docs.pages import ROOT, blocks
 from ua_fleet.config import load
 from ua_fleet.config.nodes import fleet_model
+from ua_fleet.orchestrator.dry_run import dry_run
 from ua_fleet.scenario import read_scenario, validate
-from ua_fleet.scenario.dry_run import dry_run
 from ua_fleet.scenario.facts import RunOutcome
 from ua_fleet.scenario.read import STEP_KEYS
 from ua_fleet.server.scenarios.values import FleetValues, fleet_view
@@ -19,7 +19,8 @@ from ua_fleet.server.scenarios.values import FleetValues, fleet_view
 def test_scenarios_fit_their_fleet_and_would_be_done(tmp_path: Path) -> None:
     (fleet,) = [block for block in blocks("yaml") if block.page.name == "scenarios.md"]
     (tmp_path / "fleet.yaml").write_text(fleet.text, encoding="utf-8")
-    model = fleet_model(load(tmp_path / "fleet.yaml", {}))
+    config = load(tmp_path / "fleet.yaml", {})
+    model = fleet_model(config)
     view = fleet_view(model.robots, FleetValues(model).meanings)
     scenarios = [block for block in blocks("yml") if block.page.name == "scenarios.md"]
     assert scenarios
@@ -27,7 +28,7 @@ def test_scenarios_fit_their_fleet_and_would_be_done(tmp_path: Path) -> None:
         reading = read_scenario(block.text.encode(), block.place)
         checked = validate(reading.scenario, view, block.place)
         assert [*reading.problems, *checked.problems] == []
-        run = dry_run(checked.scenario, view, {}, {"temperature": 20.0})
+        run = dry_run(checked.scenario, view, config.resilience.settings(), {}, {"temperature": 20.0})
         assert run.outcome is RunOutcome.DONE, run
 
 

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import pytest
 
-from tests.unit.fleet.fleet_of import DOUBLE, STRING, Fleet, metadata_of, notices, values
+from tests.unit.fleet.fleet_of import DOUBLE, STRING, Fleet, fleet_config, message, metadata_of, notices, values
+from ua_fleet.config.nodes import fleet_model
 from ua_fleet.config.schema import UnknownSources
-from ua_fleet.counters import Drop
-from ua_fleet.fleet import SourceAdded, SourceQuarantined, SourceRemoved
-from ua_fleet.pubsub.events import MetaDataReceived
+from ua_fleet.counters import Counters, Drop
+from ua_fleet.fleet import FleetState, SourceAdded, SourceQuarantined, SourceRemoved
+from ua_fleet.pubsub.events import DataReceived, MetaDataReceived
 from ua_fleet.pubsub.metadata import make_field
 from ua_fleet.topics import Topic
 from ua_fleet.values import BuiltinType
@@ -117,3 +118,26 @@ def test_long_names_are_cut() -> None:
     changes = fleet.state.apply(MetaDataReceived(TOPIC, metadata_of(make_field("x", DOUBLE), name="n" * 5000)), 1)
     added = next(change for change in changes if isinstance(change, SourceAdded)).data_set
     assert len(added.name) == 128
+
+
+def test_an_id_that_a_skill_has_is_a_conflict_whatever_the_space() -> None:
+    robots = {
+        "arm": {
+            "bridge": "mobile",
+            "skill_status_id": 1800,
+            "skills": {"grab": {"id": 1700, "timeout_s": 5}},
+        }
+    }
+    model = fleet_model(fleet_config(robots))
+    counters = Counters()
+    state = FleetState(model, counters, unknown_sources=UnknownSources.CREATE)
+    for number, topic in enumerate((Topic(5, 2, 1700), Topic(2, 2, 1700)), start=1):
+        changes = state.apply(MetaDataReceived(topic, SINGLE), 1)
+        assert not [change for change in changes if isinstance(change, SourceAdded)]
+        (said,) = notices(changes)
+        assert "claims the node of the skill ua_2_2_1700" in said
+        assert state.apply(DataReceived(topic, message([DOUBLE], [1.0]), SINGLE), 1) == []
+        assert counters.drops[Drop.CONFLICT] == number
+    state.remove_robot("arm")
+    changes = state.apply(MetaDataReceived(Topic(5, 2, 1700), SINGLE), 1)
+    assert isinstance(changes[0], SourceAdded)

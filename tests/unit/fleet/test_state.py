@@ -27,7 +27,14 @@ from tests.unit.fleet.fleet_of import (
 )
 from ua_fleet.counters import Drop
 from ua_fleet.fleet import RobotState, ValueChanged
-from ua_fleet.pubsub.events import DataReceived, MetaDataReceived, ProbeReceived, SourceReturned, SourceSilent
+from ua_fleet.pubsub.events import (
+    DataReceived,
+    MetaDataReceived,
+    ProbeReceived,
+    SourceReturned,
+    SourceSilent,
+    SourceStale,
+)
 from ua_fleet.pubsub.metadata import make_field
 from ua_fleet.topics import Topic
 from ua_fleet.values import ARRAY, TICKS_PER_SECOND, BuiltinType, StatusCode
@@ -94,9 +101,29 @@ def test_a_source_that_says_it_is_gone_keeps_its_last_values() -> None:
     gone = fleet.speed(0.9, 78, status=int(BAD_NO_COMMUNICATION))
     assert values(gone)[1001] == (0.5, BAD_NO_COMMUNICATION, 77)
     # What it comes back to without new data may be of an earlier life.
-    back = fleet.state.apply(SourceReturned(SPEED), fleet.now)
-    assert values(back)[1001] == (0.5, StatusCode.UNCERTAIN_LAST_USABLE_VALUE, 77)
+    back = fleet.state.apply(SourceStale(SPEED), fleet.now)
+    assert values(back)[1001] == (0.5, StatusCode.UNCERTAIN_NO_COMMUNICATION_LAST_USABLE_VALUE, 77)
+    assert not fleet.state.apply(SourceStale(SPEED), fleet.now)
     assert values(fleet.speed(0.6, 79))[1001] == (0.6, 0, 79)
+
+
+def test_a_source_that_is_there_with_an_old_value_is_heard_and_its_value_uncertain() -> None:
+    fleet = Fleet()
+    fleet.speed(0.5, 77)
+    old = fleet.state.apply(SourceStale(SPEED), fleet.now)
+    assert values(old)[1001] == (0.5, StatusCode.UNCERTAIN_NO_COMMUNICATION_LAST_USABLE_VALUE, 77)
+    assert fleet.state.is_alive(SPEED)
+    fleet.state.apply(SourceSilent(SPEED), fleet.now)
+    there = values(fleet.state.apply(SourceStale(SPEED), fleet.now))
+    assert there[1001] == (0.5, StatusCode.UNCERTAIN_NO_COMMUNICATION_LAST_USABLE_VALUE, 77)
+    assert there["Robots.rover.State"][0] == RobotState.IDLE
+    assert values(fleet.state.apply(SourceReturned(SPEED), fleet.now))[1001] == (0.5, 0, 77)
+
+
+def test_an_old_value_that_was_bad_stays_what_it_was() -> None:
+    fleet = Fleet()
+    fleet.speed(0.5, 1, status=int(StatusCode.BAD_SENSOR_FAILURE))
+    assert not fleet.state.apply(SourceStale(SPEED), fleet.now)
 
 
 def test_another_bad_status_of_a_message_stands_beside_its_value() -> None:

@@ -61,13 +61,35 @@ async def ask(asked: Asked) -> Verdict:
 
 
 def get(path: str, method: str = "GET", more: str = "") -> bytes:
-    return f"{method} {path} HTTP/1.1\r\nHost: here\r\n{more}\r\n".encode()
+    return f"{method} {path} HTTP/1.1\r\nHost: localhost\r\n{more}\r\n".encode()
 
 
 async def test_healthz_answers_before_the_process_is_ready(send: Send) -> None:
     head, _, body = (await send(get("/healthz"))).partition(b"\r\n\r\n")
     assert head.startswith(b"HTTP/1.1 200 OK\r\n")
     assert body == b"ok\n"
+
+
+@pytest.mark.parametrize("host", ["evil.example", "evil.example:9464", "127.0.0.1.evil.example", "xlocalhost", ""])
+async def test_a_foreign_name_gets_nothing(send: Send, host: str) -> None:
+    """A web page may have its own name lead to this machine, and read what a process tells."""
+    for path in ("/metrics", "/readyz", "/healthz"):
+        answer = await send(f"GET {path} HTTP/1.1\r\nHost: {host}\r\n\r\n".encode())
+        assert answer.startswith(b"HTTP/1.1 421 Misdirected Request\r\n")
+        assert b"monitoring.names" in answer
+
+
+@pytest.mark.parametrize(
+    "host",
+    ["127.0.0.1", "10.1.2.3:9464", "[::1]:9464", "LOCALHOST:1", "localhost.", socket.gethostname(), "Plant-7:80"],
+)
+async def test_its_own_names_are_answered(monitor: Monitor, tmp_path: Path, host: str) -> None:
+    async with MonitoringEndpoint(monitor, "127.0.0.1", 0, tmp_path, key="k", names=("plant-7",)) as made:
+        reader, writer = await asyncio.open_connection("127.0.0.1", made.port)
+        writer.write(f"GET /healthz HTTP/1.1\r\nHost: {host}\r\n\r\n".encode())
+        assert (await reader.readline()) == b"HTTP/1.1 200 OK\r\n"
+        writer.close()
+        await writer.wait_closed()
 
 
 async def test_readyz_follows_the_process(send: Send, monitor: Monitor) -> None:
@@ -90,7 +112,7 @@ async def test_readyz_follows_the_process(send: Send, monitor: Monitor) -> None:
         (b"GET /metrics\r\n\r\n", b"400 Bad Request"),
         (b"HELO there\r\n\r\n", b"400 Bad Request"),
         (get("/metrics", more=f"X: {'y' * 20_000}\r\n"), b"431 Request Header Fields Too Large"),
-        (b"GET /healthz HTTP/1.1\r\nHost: a\r\nHost: b\r\n\r\n", b"400 Bad Request"),
+        (b"GET /healthz HTTP/1.1\r\nHost: localhost\r\nHost: localhost\r\n\r\n", b"400 Bad Request"),
     ],
     ids=["path", "method", "tls", "http 0.9", "smtp", "too long", "two hosts"],
 )

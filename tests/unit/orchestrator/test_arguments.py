@@ -8,6 +8,7 @@ from ua_fleet.fleet.skills import ArgumentModel, SkillModel
 from ua_fleet.orchestrator import DecisionChanged, Orchestrator, Output, ResilienceSettings, TasksAhead, TaskStarted
 from ua_fleet.resilience import Criterion, CriterionKind, Mode, RankingChanged
 from ua_fleet.scenario import FleetView, RobotView, scenario_of, validate
+from ua_fleet.scenario.consequences import SETTLE_S
 from ua_fleet.values import BuiltinType
 
 FREE = Criterion("availability", CriterionKind.BENEFIT, (0, 100))
@@ -40,21 +41,24 @@ def asked(outputs: list[Output]) -> list[tuple[str, dict[str, object]]]:
 def test_a_replacement_is_asked_in_its_own_units_and_with_its_own_defaults() -> None:
     make, begun = start("robot: left", left=turn("deg"), right=turn("rad", SPEED))
     assert asked(begun) == [("left", {"angle": 20.0})]
-    outputs = make.fault_raised("left", "robot", "stuck", 1.0)
+    make.fault_raised("left", "announced", "stuck", 1.0)
+    outputs = make.poll(1.0 + SETTLE_S)
     assert asked(outputs) == [("right", {"angle": pytest.approx(0.349066), "speed": 10})]
 
 
 def test_any_robot_is_asked_in_its_own_units() -> None:
     make, begun = start("capacity: grab", left=turn("deg", SPEED), right=turn("rad"))
     assert asked(begun) == [("left", {"angle": 20.0, "speed": 10})]
-    outputs = make.fault_raised("left", "robot", "stuck", 1.0)
+    make.fault_raised("left", "announced", "stuck", 1.0)
+    outputs = make.poll(1.0 + SETTLE_S)
     assert asked(outputs) == [("right", {"angle": pytest.approx(0.349066)})]
 
 
 def test_a_robot_that_the_arguments_do_not_fit_is_no_candidate_and_says_so() -> None:
     others = {"metres": turn("m"), "needy": turn("deg", TOOL), "stiff": turn("deg", limit=10)}
     make, _ = start("robot: left", left=turn("deg"), **others)
-    outputs = make.fault_raised("left", "robot", "stuck", 1.0)
+    make.fault_raised("left", "announced", "stuck", 1.0)
+    outputs = make.poll(1.0 + SETTLE_S)
     assert asked(outputs) == []
     events = [each.event for each in outputs if isinstance(each, DecisionChanged)]
     ranking = next(event.ranking for event in events if isinstance(event, RankingChanged))

@@ -65,7 +65,7 @@ def settings(mode: Mode = Mode.AUTOMATIC, on_limit: OnLimit = OnLimit.BEST) -> R
 
 
 class World:
-    """Robots that take a second for each task, and everything that was said."""
+    """Robots that take a second for each task and stop at once, and everything that was said."""
 
     def __init__(self, mode: Mode = Mode.AUTOMATIC, on_limit: OnLimit = OnLimit.BEST) -> None:
         self.values: dict[str, Value] = {}
@@ -76,6 +76,8 @@ class World:
         self.log: list[str] = []
         self.said: list[Output] = []
         self.outcome: dict[tuple[str, str], TaskOutcome] = {}
+        self.unstoppable: set[str] = set()
+        """Robots that do not say that they have stopped."""
         self.mode, self.on_limit = mode, on_limit
         self._events: list[tuple[float, int, Callable[[], list[Output]]]] = []
         self._order = count()
@@ -103,6 +105,8 @@ class World:
                 self._begin(output)
             elif isinstance(output, TaskCancelled):
                 self.log.append(f"{self.now:g} {output.robot} halted")
+                if output.robot not in self.unstoppable:
+                    self.take(self.make.ended(output.execution_id, TaskOutcome.FAILED, self.now, message="stopped"))
             elif isinstance(output, RunChanged) and isinstance(output.fact, RunEnded):
                 fact = output.fact
                 self.log.append(f"{self.now:g} {output.run_id} {fact.outcome.value} {fact.reason}".rstrip())
@@ -173,25 +177,40 @@ def test_a_fault_in_the_middle_of_a_task_brings_the_best_replacement() -> None:
         "ur3": "has not the capacity mobile",
     }
     assert isinstance(second.event, ReplacementChosen)
-    assert (second.failed, second.reason, second.event.by) == ("ridgeback", "motor is hot", "automatic")
+    reason = "motor is hot; it was halted: stopped"
+    assert (second.failed, second.reason, second.event.by) == ("ridgeback", reason, "automatic")
     changes = [
         (change.fault.id, change.change) for change in world.heard(FaultChanged) if isinstance(change, FaultChanged)
     ]
     assert changes == [("ridgeback.robot", FaultChange.RAISED), ("ridgeback.robot", FaultChange.CLEARED)]
 
 
-def test_a_task_that_fails_is_a_fault_until_it_is_acknowledged() -> None:
+def test_a_task_that_another_robot_has_then_done_is_a_fault_until_it_is_acknowledged() -> None:
     world = World()
     world.outcome["ridgeback", "go"] = TaskOutcome.FAILED
-    world.start("a", "  - {task: t1, robot: ridgeback, skill: go}\n")
+    world.start("a", "  - {task: t1, robot: ridgeback, skill: go}\n  - {task: t2, robot: ridgeback, skill: grab}\n")
+    world.go(1.5)
+    assert list(world.make.faults) == [], "nobody knows yet whether the robot or the task is to blame"
     world.go()
-    assert [line.split()[2] for line in world.log[:2]] == ["ridgeback", "pioneer_1"]
+    assert [line.split()[2] for line in world.log[:3]] == ["ridgeback", "pioneer_1", "ridgeback"]
     (fault,) = world.make.faults
-    assert (fault.robot, fault.reason, fault.active, fault.acknowledged) == ("ridgeback", "go failed", True, False)
+    assert (fault.robot, fault.active, fault.acknowledged) == ("ridgeback", True, False)
+    assert fault.capacities == ("mobile",), "it takes away what the skill needs, and Ridgeback still grabs"
+    assert fault.reason == "go failed (go on ridgeback: failed), and pioneer_1 has done it"
     world.take(world.make.acknowledge(fault.id, "anna", 9))
     assert list(world.make.faults) == []
     with pytest.raises(ScenarioError, match="no fault"):
         world.make.acknowledge(fault.id, "bert", 9)
+
+
+def test_a_robot_that_says_that_it_stands_in_an_error_has_a_fault_at_once() -> None:
+    world = World()
+    world.outcome["ridgeback", "go"] = TaskOutcome.STOPPED
+    world.start("a", "  - {task: t1, robot: ridgeback, skill: go, retries: 3}\n")
+    world.go(1.5)
+    assert [(fault.robot, fault.source) for fault in world.make.faults] == [("ridgeback", "skill")]
+    world.go()
+    assert world.log == ["0 a ridgeback go", "1 a pioneer_1 go", "2 a done"]
 
 
 def test_replacements_fail_until_none_is_left_and_the_run_ends_clearly() -> None:
@@ -201,7 +220,15 @@ def test_replacements_fail_until_none_is_left_and_the_run_ends_clearly() -> None
     world.start("a", "  - {task: t1, robot: ridgeback, skill: go}\n")
     world.go()
     assert [line.split()[2] for line in world.log[:3]] == ["ridgeback", "pioneer_1", "pioneer_2"]
-    assert world.log[3] == "3 a failed task t1: go on pioneer_2: failed; no robot is left that can take over"
+    said = "ridgeback: go on ridgeback: failed; pioneer_1: go on pioneer_1: failed"
+    assert world.log[3] == f"3 a failed task t1: go on pioneer_2: failed; no robot is left that can take over ({said})"
+    assert list(world.make.faults) == [], "one bad task leaves the fleet as it was"
+    world.outcome.clear()
+    world.start(
+        "b", "".join(f"  - {{task: {robot}, robot: {robot}, skill: go}}\n" for robot in ("ridgeback", "pioneer_1"))
+    )
+    world.go(900)
+    assert world.log[-1].endswith("b done")
     assert isinstance(world.decisions()[-1].event, Aborted)
     assert world.make.next_deadline() is None
     assert world.make.runs == {}
@@ -246,7 +273,10 @@ def test_a_changed_value_and_a_changed_judgement_rank_an_open_decision_again() -
 
 @pytest.mark.parametrize(
     ("on_limit", "last"),
-    [(OnLimit.BEST, "31 a done"), (OnLimit.ABORT, "30 a failed task t1: stuck; no operator chose in time")],
+    [
+        (OnLimit.BEST, "31 a done"),
+        (OnLimit.ABORT, "30 a failed task t1: ridgeback: stuck; it was halted: stopped; no operator chose in time"),
+    ],
 )
 def test_the_limit_of_an_operator(on_limit: OnLimit, last: str) -> None:
     world = World(Mode.OPERATOR, on_limit)
@@ -265,22 +295,22 @@ def test_what_if_says_who_would_take_over_without_effect() -> None:
         "  - {task: t3, robot: ur3, skill: grab}\n",
     )
     journal, said = list(world.journal), len(world.said)
-    forecasts = world.make.what_if("ridgeback")
+    forecasts = list(world.make.what_if("ridgeback")[1])
     assert [(forecast.task, forecast.ranking.best) for forecast in forecasts] == [("t1", "pioneer_1"), ("t2", "ur3")]
     assert (world.journal, len(world.said)) == (journal, said)
     assert world.make.decisions == {}
-    assert [forecast.task for forecast in world.make.what_if("ur3")] == ["t3"]
+    assert [forecast.task for forecast in world.make.what_if("ur3")[1]] == ["t3"]
 
 
 def test_what_if_in_a_repetition() -> None:
     world = World()
     world.start("a", "  - {repeat: [{task: t, robot: ridgeback, skill: go}], times: 3}\n")
     world.go(1.5)
-    assert [(forecast.task, forecast.ranking.best) for forecast in world.make.what_if("ridgeback")] == [
+    assert [(forecast.task, forecast.ranking.best) for forecast in world.make.what_if("ridgeback")[1]] == [
         ("t", "pioneer_1")
     ]
     world.go(3.5)
-    assert world.make.what_if("ridgeback") == []
+    assert list(world.make.what_if("ridgeback")[1]) == []
 
 
 def test_a_robot_that_is_back_takes_a_task_that_waits_for_who_stands_in() -> None:
@@ -325,11 +355,11 @@ def test_a_task_for_a_capacity_goes_to_the_best_that_is_fit() -> None:
 
 def test_without_any_fit_robot_the_reason_is_said() -> None:
     world = World(Mode.ABORT)
-    world.take(world.make.fault_raised("ur3", "silent", "nothing heard for 3 s", 0.0))
+    world.take(world.make.fault_raised("ur3", "silent", "nothing heard for 3 s", -50.0))
     world.take(world.make.fault_raised("ridgeback", "robot", "stuck", 0.0))
     world.start("a", "  - {task: t1, capacity: grab, skill: grab}\n")
     decision = world.decisions()[0]
-    assert "ur3 has a fault: nothing heard for 3 s" in decision.reason
+    assert "ur3 is silent" in decision.reason
     (line,) = world.log
     assert line.startswith("0 a failed task t1: no robot can do grab: ")
     assert line.endswith("; the mode is Abort")
@@ -388,6 +418,7 @@ def test_an_abort_frees_the_robots() -> None:
     world = World()
     world.start("a", "  - {task: t1, robot: ridgeback, skill: go}\n")
     world.start("b", "  - {task: t1, robot: ridgeback, skill: go}\n")
+    world.unstoppable.add("ridgeback")
     world.at(0.5, lambda: world.make.abort("a", "lunch", "anna", 0.5))
     world.go()
     assert world.log == [
@@ -429,7 +460,10 @@ def test_the_distance_is_to_the_place_that_the_task_names() -> None:
     text = "version: 1\nname: s\nparameters: {place: {default: dock}}\nsteps:\n"
     text += "  - {task: t, robot: ridgeback, skill: go, arguments: {to: =place}}\n"
     world.take(world.make.start("a", scenario_of(text), {}, by="anna", now=0))
-    assert [place.robot for place in world.make.what_if("ridgeback")[0].ranking.ranked] == ["pioneer_2", "pioneer_1"]
+    assert [place.robot for place in next(world.make.what_if("ridgeback")[1]).ranking.ranked] == [
+        "pioneer_2",
+        "pioneer_1",
+    ]
     world.take(world.make.fault_raised("ridgeback", "robot", "stuck", 0.5))
 
     def ranked() -> dict[str, float]:
@@ -446,11 +480,11 @@ def test_the_distance_is_to_the_place_that_the_task_names() -> None:
 def test_where_nobody_knows_where_the_task_is_the_distance_does_not_count() -> None:
     """A robot that is silent does not say where it is; that must not leave nobody to take over."""
     world = World()
-    world.start("a", "  - {task: t, robot: ridgeback, skill: go}\n")
     del world.values["ridgeback.x"]
-    world.take(world.make.fault_raised("ridgeback", "silent", "it is silent", 0.5))
+    world.take(world.make.fault_raised("ridgeback", "silent", "it is silent", 0.0))
+    world.start("a", "  - {task: t, robot: ridgeback, skill: go}\n")
     world.go()
-    assert world.log[-1] == "1 a done"
+    assert world.log == ["30 a pioneer_1 go", "31 a done"]
     chosen = [change.event for change in world.decisions() if isinstance(change.event, ReplacementChosen)]
     assert "distance" not in chosen[0].ranking.weights.names
 
@@ -465,8 +499,11 @@ def test_robots_that_refuse_a_task_are_not_asked_again_and_there_is_an_end() -> 
     mobile = ["pioneer_1", "pioneer_2", "ridgeback"]
     assert sorted(asked) == [["a", robot] for robot in mobile] + [["b", robot] for robot in mobile]
     assert [line for line in world.log if "failed" in line] == [
-        f"3 {run} failed task t: go on {last}: refused; no robot is left that can take over"
-        for run, last in (("a", "pioneer_2"), ("b", "ridgeback"))
+        f"3 {run} failed task t: go on {last}: refused; no robot is left that can take over ({before})"
+        for run, last, before in (
+            ("a", "pioneer_2", "ridgeback: go on ridgeback: refused; pioneer_1: go on pioneer_1: refused"),
+            ("b", "ridgeback", "pioneer_1: go on pioneer_1: refused; pioneer_2: go on pioneer_2: refused"),
+        )
     ]
     last = [change.event for change in world.decisions() if isinstance(change.event, RankingChanged)][-1]
     reasons = {left.robot: left.reason for left in last.ranking.excluded}

@@ -19,6 +19,8 @@ from ua_fleet.pubsub import (
     SubscriberEvent,
     make_field,
 )
+from ua_fleet.pubsub.liveness import Liveness
+from ua_fleet.pubsub.remote_writer import RemoteWriter
 from ua_fleet.topics import Topic, Verdict
 from ua_fleet.values import BuiltinType, StatusCode, Variant
 from ua_fleet.wire import encode_metadata_announcement, encode_probe
@@ -322,7 +324,7 @@ def test_one_probe_asks_for_many_sources() -> None:
     assert {event.topic for event in events} == topics
     probes = [CODEC.decode(event.datagram) for event in events if event.datagram]
     assert all(isinstance(probe, Probe) for probe in probes)
-    assert sorted(len(probe.data_set_writer_ids) for probe in probes if isinstance(probe, Probe)) == [200, 600]
+    assert sorted(len(probe.data_set_writer_ids) for probe in probes if isinstance(probe, Probe)) == [32, 256, 256, 256]
 
 
 def test_a_source_that_never_says_what_it_sends_is_forgotten() -> None:
@@ -589,5 +591,27 @@ def test_returned_sources_are_told_before_their_data() -> None:
     reading.run_until(110.0)
     again = Writing()
     events = reading.receive([*again.announce(wall_ticks=WALL * 2), *again.publish(timestamp=WALL + 1)], 110.0)
-    assert kinds(events) == ["SourceReturned", "MetaDataReceived", "DataReceived"]
+    # The keep-alive that comes with the announcement is of a new life, in which nothing has been said yet.
+    assert kinds(events) == ["MetaDataReceived", "SourceStale", "SourceReturned", "DataReceived"]
     assert only(SourceReturned, events) == [SourceReturned(TOPIC)]
+
+
+def test_a_mistake_about_one_writer_costs_the_others_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The silences that had been found before it were lost, and those behind it never came."""
+    writing, reading, other = Writing(), Reading(), Topic(TOPIC.space, TOPIC.ns, TOPIC.id + 1)
+    caught: list[str] = []
+    reading.subscriber.caught = lambda loop, error: caught.append(f"{loop}: {error}")
+    for topic in (TOPIC, other):
+        reading.receive([*writing.announce(topic), *writing.publish(topic=topic)], 100.0)
+    deadline: Any = getattr(Liveness, "_deadline")  # noqa: B009 - what breaks is inside
+
+    def mistaken(self: Liveness, writer: RemoteWriter) -> Any:
+        if writer.topic == TOPIC:
+            raise KeyError("broken")
+        return deadline(self, writer)
+
+    monkeypatch.setattr(Liveness, "_deadline", mistaken)
+    assert reading.subscriber.poll(103.5) == [SourceSilent(other)]
+    assert caught == ["silences: 'broken'"]
+    monkeypatch.undo()
+    assert reading.subscriber.poll(107.0) == [SourceSilent(TOPIC)], "it is looked at again later"

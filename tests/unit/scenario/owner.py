@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import heapq
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field
 from itertools import count
 
@@ -13,6 +13,7 @@ from ua_fleet.scenario.effects import (
     AskOperator,
     CancelTask,
     Effect,
+    FollowTask,
     Happened,
     OpenDecision,
     ReleaseRobot,
@@ -21,8 +22,10 @@ from ua_fleet.scenario.effects import (
 )
 from ua_fleet.scenario.expression import Value, ValueUnknown
 from ua_fleet.scenario.facts import Fact, RunEnded, TaskOutcome, decode_fact, encode_fact
+from ua_fleet.scenario.model import Task
 from ua_fleet.scenario.read import scenario_of
 from ua_fleet.scenario.run import Run
+from ua_fleet.scenario.world import Trouble
 
 
 class Killed(Exception):
@@ -38,12 +41,33 @@ class Skill:
     results: Mapping[str, Value] = field(default_factory=dict[str, Value])
 
 
+class Robots:
+    """What is known of robots: see `scenario.world.World`."""
+
+    silence_s = 30.0
+    return_s = 300.0
+
+    def __init__(self) -> None:
+        self.troubles: dict[str, Trouble] = {}
+        self.silent: dict[str, float] = {}
+
+    def needs(self, robot: str, task: Task) -> tuple[str, ...]:
+        return task.capacities
+
+    def trouble(self, robot: str, needs: Collection[str] = ()) -> Trouble | None:
+        return self.troubles.get(robot)
+
+    def silent_since(self, robot: str) -> float | None:
+        return self.silent.get(robot)
+
+
 class Owner:
     """One run with its robots. `log` is what people would see."""
 
     def __init__(self, text: str, parameters: Mapping[str, Value] | None = None, *, run_id: str = "r1") -> None:
         self.scenario = scenario_of(text)
         self.journal: list[str] = []
+        self.robots = Robots()
         self.values: dict[str, Value] = {}
         self.skills: dict[tuple[str, str], Skill] = {}
         self.stand_in: Callable[[OpenDecision], str | None] | None = None
@@ -71,7 +95,33 @@ class Owner:
         """What robots remember of executions: None while they are at it."""
         self._begun_by: dict[str, str] = {}
         """The robot of each execution that was begun."""
-        self.run = Run.create(run_id, self.scenario, parameters or {}, self._write, by="test", now=0.0)
+        self.unstoppable: set[str] = set()
+        """Robots that do not say that they have stopped."""
+        self.run = Run.create(
+            run_id, self.scenario, parameters or {}, self._write, by="test", now=0.0, world=self.robots
+        )
+
+    # What is known of robots.
+
+    def fault(self, robot: str, reason: str, *, stands: bool = True) -> list[Effect]:
+        """A robot cannot work any more."""
+        self.robots.troubles[robot] = Trouble(reason, stands)
+        return self.run.poll(self.lookup, self.now)
+
+    def repaired(self, robot: str) -> list[Effect]:
+        """A robot works again."""
+        del self.robots.troubles[robot]
+        return self.run.poll(self.lookup, self.now)
+
+    def silence(self, robot: str) -> list[Effect]:
+        """Nothing is heard of a robot any more."""
+        self.robots.silent[robot] = self.now
+        return self.run.poll(self.lookup, self.now)
+
+    def heard(self, robot: str) -> list[Effect]:
+        """A robot is heard again."""
+        del self.robots.silent[robot]
+        return self.run.poll(self.lookup, self.now)
 
     # The process.
 
@@ -88,8 +138,9 @@ class Owner:
         """Come back with the journal alone. Robots go on meanwhile, and remember what they did."""
         self.writes_left = None
         self.decisions, self.questions = [], []
-        self.run = Run.restore(self.scenario, [decode_fact(line) for line in self.journal], self._write)
-        self._carry_out(self.run.again(self.now))
+        facts = [decode_fact(line) for line in self.journal]
+        self.run = Run.restore(self.scenario, facts, self._write, self.robots)
+        self._carry_out(self.run.again(self.lookup, self.now))
 
     def lookup(self, name: str) -> Value:
         if name not in self.values:
@@ -143,6 +194,8 @@ class Owner:
                 case CancelTask():
                     self.log.append(f"{self.now:g} {effect.robot} halted")
                     self._cancel(effect.execution_id)
+                case FollowTask():
+                    self._follow(effect)
                 case ReleaseRobot():
                     pass
 
@@ -212,7 +265,16 @@ class Owner:
 
         self.at(self.now + 2, tell)
 
+    def _follow(self, task: FollowTask) -> None:
+        """What a robot remembers of an execution, that nobody is to begin."""
+        known = self._known.get(task.execution_id, (TaskOutcome.REFUSED, {}))
+        if known is not None:
+            self._known[task.execution_id] = known
+            self._report(task.execution_id, *known, after_s=0.0)
+
     def _cancel(self, execution_id: str) -> None:
+        if self._begun_by.get(execution_id) in self.unstoppable:
+            return
         if self._known.get(execution_id, ()) is None:
             self._known[execution_id] = (TaskOutcome.FAILED, {})
             self._report(execution_id, TaskOutcome.FAILED, {}, after_s=0.5)

@@ -169,7 +169,7 @@ def test_a_way_that_was_not_taken_is_not_ahead(temperature: float | None, left: 
 def test_what_is_ahead_of_a_robot_is_with_the_last_that_stands_in() -> None:
     world = owner("".join(f"  - {{task: t{n}, {NED}}}\n" for n in range(3)))
     world.stand_in = lambda decision: {"ned": "ur3", "ur3": "drone"}[decision.robot]
-    world.at(0.5, lambda: world.run.robot_faulted("ned", "hot", 0.5))
-    world.at(0.7, lambda: world.run.robot_faulted("ur3", "hot", 0.7))
-    world.go(0.9)
+    world.at(0.5, lambda: world.fault("ned", "hot"))
+    world.at(0.7, lambda: world.fault("ur3", "hot"))
+    world.go(1.1)
     assert ahead(world) == ["drone t0", "drone t1", "drone t2"]

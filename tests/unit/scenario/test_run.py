@@ -17,6 +17,8 @@ from ua_fleet.scenario.facts import (
     TaskOver,
 )
 
+NOBODY_KNOWS = "task a: pick on ned: unknown; nobody knows whether it is done, and nobody else is to begin it"
+BEFORE = "r1: pick on r1: failed; r2: pick on r2: failed"
 HEAD = "version: 1\nname: s\nsteps:\n"
 
 
@@ -162,19 +164,19 @@ def test_replacements_may_fail_again_and_again_until_none_is_left() -> None:
         "0 r1 pick",
         "1 r2 pick",
         "2 r3 pick",
-        "3 failed task a: pick on r3: failed; no robot is left that can take over",
+        f"3 failed task a: pick on r3: failed; no robot is left that can take over ({BEFORE})",
     ]
 
 
 def test_a_stand_in_keeps_later_tasks_until_the_robot_is_back() -> None:
     world = owner("".join(f"  - {{task: t{n}, robot: ridgeback, skill: go}}\n" for n in range(4)))
     world.stand_in = lambda decision: "pioneer"
-    world.at(1.5, lambda: world.run.robot_faulted("ridgeback", "motor is hot", 1.5))
-    world.at(3, lambda: world.run.robot_returned("ridgeback", 3))
+    world.at(1.5, lambda: world.fault("ridgeback", "motor is hot"))
+    world.at(3, lambda: world.repaired("ridgeback"))
     world.go()
     assert world.log == [
-        *("0 ridgeback go", "1 ridgeback go", "1.5 ridgeback halted", "1.5 pioneer go"),
-        *("2.5 pioneer go", "3.5 ridgeback go", "4.5 done"),
+        *("0 ridgeback go", "1 ridgeback go", "1.5 ridgeback halted", "2 pioneer go"),
+        *("3 ridgeback go", "4 ridgeback go", "5 done"),
     ]
     assert len(world.decisions) == 1
     assert len(world.facts(Replaced)) == len(world.facts(RobotReturned)) == 1
@@ -184,12 +186,12 @@ def test_a_robot_that_is_back_is_not_asked_for_what_it_has_refused() -> None:
     world = owner("  - {task: a, robot: ned, skill: pick}\n")
     world.skills["ned", "pick"] = Skill(outcome=TaskOutcome.REFUSED)
     world.go(1)
-    world.tell(world.run.robot_faulted("ned", "hot", 1))
+    world.tell(world.fault("ned", "hot"))
     effects = world.run.replaced(world.decisions[0].step, "ur3", "anna", 1)
     assert [effect.robot for effect in effects if isinstance(effect, WantRobot)] == ["ur3"]
-    effects = world.run.robot_returned("ned", 2)  # while the task waits for ur3
-    assert [type(effect) for effect in effects] == [Happened]
     world.now = 2
+    effects = world.repaired("ned")  # while the task waits for ur3
+    assert [type(effect) for effect in effects] == [Happened]
     world.restart()
     world.go()
     assert world.log == ["2 ur3 pick", "3 done"]
@@ -198,7 +200,7 @@ def test_a_robot_that_is_back_is_not_asked_for_what_it_has_refused() -> None:
 def test_a_robot_that_is_broken_before_its_task_is_replaced_at_once() -> None:
     world = owner("  - wait: 1\n  - {task: a, robot: ned, skill: pick}\n")
     world.stand_in = lambda decision: "ur3"
-    world.at(0.5, lambda: world.run.robot_faulted("ned", "emergency stop", 0.5))
+    world.at(0.5, lambda: world.fault("ned", "emergency stop"))
     world.go()
     assert world.log == ["1 ur3 pick", "2 done"]
     assert world.decisions[0].reason == "emergency stop"
@@ -241,7 +243,22 @@ def test_a_robot_that_stays_at_something_else_has_refused_and_no_retry_is_lost_t
     (decision,) = world.decisions
     assert decision.robot == "ned"
     (task_run,) = world.run.state.tasks.values()
-    assert task_run.refused_by == ("ned",)
+    assert task_run.excluded == {"ned": "was at something else"}
+
+
+def test_each_robot_that_is_at_something_else_is_asked_again_for_its_own_while() -> None:
+    world = owner("  - {task: a, robot: ned, skill: pick}\n")
+    busy, free = Skill(outcome=TaskOutcome.BUSY), Skill()
+    world.skills["ned", "pick"] = world.skills["ur3", "pick"] = busy
+    world.stand_in = lambda decision: "ur3" if decision.robot == "ned" else None
+
+    def done() -> list[Effect]:
+        world.skills["ur3", "pick"] = free
+        return []
+
+    world.at(12.2, done)
+    world.go()
+    assert world.log == ["12.5 ur3 pick", "13.5 done"]
 
 
 def test_a_task_for_whoever_has_the_capacity() -> None:
@@ -265,8 +282,8 @@ def test_a_task_that_takes_too_long_is_halted_and_tried_again() -> None:
     world.stand_in = lambda decision: None
     world.go()
     assert world.log == [
-        *("0 ned pick", "3 ned halted", "3 ned pick", "6 ned halted"),
-        "6 failed task a: not done in 3 s; no robot is left that can take over",
+        *("0 ned pick", "3 ned halted", "3.5 ned pick", "6.5 ned halted"),
+        "7 failed task a: ned: not done in 3 s; it was halted: failed; no robot is left that can take over",
     ]
     over = [fact.outcome for fact in world.facts(TaskOver) if isinstance(fact, TaskOver)]
     assert over == [TaskOutcome.TIMED_OUT, TaskOutcome.TIMED_OUT]
@@ -275,9 +292,10 @@ def test_a_task_that_takes_too_long_is_halted_and_tried_again() -> None:
 @pytest.mark.parametrize(
     ("answer", "log"),
     [
-        ("done", ["0 ned pick", "10 done"]),
-        ("retry", ["0 ned pick", "10 ned pick", "11 done"]),
-        ("fail", ["0 ned pick", "10 ur3 pick", "11 done"]),
+        ("done", ["0 ned pick", "10 ned halted", "10 done"]),
+        ("retry", ["0 ned pick", "10 ned halted", "10 ned pick", "11 done"]),
+        ("replace", ["0 ned pick", "10 ned halted", "10 ur3 pick", "11 done"]),
+        ("fail", ["0 ned pick", "10 ned halted", "10 failed pick on ned: unknown"]),
     ],
 )
 def test_an_unknown_end_is_asked_about(answer: str, log: list[str]) -> None:
@@ -286,10 +304,13 @@ def test_an_unknown_end_is_asked_about(answer: str, log: list[str]) -> None:
     world.stand_in = lambda decision: "ur3"
     world.go(5)
     (question,) = world.questions
-    assert question.question == "was a (pick on ned) done? pick on ned: unknown"
+    assert question.question == (
+        "was a (pick on ned) done? pick on ned: unknown; ned may still be at it, "
+        "and a second robot would do it beside it, or twice"
+    )
     world.skills["ned", "pick"] = Skill()
     world.now = 10
-    with pytest.raises(ScenarioError, match="known answers: done, retry, fail"):
+    with pytest.raises(ScenarioError, match="known answers: done, retry, fail, replace"):
         world.run.answered(question.step, "perhaps", "anna", 10)
     world.tell(world.run.answered(question.step, answer, "anna", 10))
     with pytest.raises(ScenarioError, match="nobody is asked"):
@@ -298,14 +319,21 @@ def test_an_unknown_end_is_asked_about(answer: str, log: list[str]) -> None:
     assert world.log == log
 
 
-@pytest.mark.parametrize(("on_unknown", "second"), [("retry", "ned"), ("fail", "ur3")])
-def test_an_unknown_end_by_configuration(on_unknown: str, second: str) -> None:
+@pytest.mark.parametrize(
+    ("on_unknown", "log"),
+    [
+        ("retry", []),  # it may be at it: somebody is asked
+        ("fail", ["1 ned halted", f"1 failed {NOBODY_KNOWS}"]),
+        ("replace", ["1 ned halted", "1 ur3 pick", "2 done"]),
+    ],
+)
+def test_an_unknown_end_by_configuration(on_unknown: str, log: list[str]) -> None:
     world = owner(f"  - {{task: a, robot: ned, skill: pick, on_unknown: {on_unknown}}}\n")
     world.skills["ned", "pick"] = Skill(outcome=TaskOutcome.UNKNOWN)
     world.stand_in = lambda decision: "ur3"
     world.at(0.5, lambda: world.skills.update({("ned", "pick"): Skill()}) or [])
     world.go()
-    assert world.log == ["0 ned pick", f"1 {second} pick", "2 done"]
+    assert world.log == ["0 ned pick", *log]
 
 
 def test_a_pause_lets_robots_finish_and_starts_nothing() -> None:
@@ -357,9 +385,9 @@ def test_nothing_changes_a_run_that_has_ended() -> None:
     for effects in (
         world.run.abort("x", "anna", 9),
         world.run.pause("anna", 9),
-        world.run.robot_faulted("ned", "x", 9),
+        world.fault("ned", "x"),
         world.run.event("E", 9),
-        world.run.again(9),
+        world.run.again(world.lookup, 9),
         world.run.poll(world.lookup, 9),
     ):
         assert effects == []

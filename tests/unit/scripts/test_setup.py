@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import hashlib
 import os
+import re
 import shutil
 import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -17,7 +19,12 @@ echo "$*" >>asked
 case "$*" in
   *sys.version_info*) exit ${NEW_PYTHON:-0} ;;
   *pip.__version__*) exit ${OLD_PIP:-0} ;;
-  *"[$NOT_THERE]"*) exit 1 ;;
+  "scripts/wanted "*) echo "$*" ;;
+  *--requirement*)
+    for wanted; do :; done
+    wanted=$(cat "$wanted")
+    echo "installs $wanted" >>asked
+    case "$wanted" in *" $NOT_THERE") exit 1 ;; esac ;;
 esac
 """
 """The Python of a virtual environment in which pip installs at once what it can have."""
@@ -29,7 +36,7 @@ class Checkout:
     def __init__(self, folder: Path) -> None:
         (folder / "scripts").mkdir(parents=True)
         made_from = hashlib.sha256()
-        for name in ("pyproject.toml", "requirements.lock", "scripts/setup"):
+        for name in ("pyproject.toml", "requirements.lock", "scripts/setup", "scripts/wanted"):
             shutil.copy(system.ROOT / name, folder / name)
             made_from.update((folder / name).read_bytes())
         # ROS 1 is done: it would take packages of the system.
@@ -58,7 +65,9 @@ class Checkout:
             check=True,
         )
         lines = asked.read_text(encoding="utf-8").splitlines() if asked.exists() else []
-        return [extra for extra in ("ros2", "ur") if any(f".[{extra}]" in line for line in lines)], done.stderr
+        return [
+            extra for extra in ("ros2", "ur") if f"installs scripts/wanted pyproject.toml {extra}" in lines
+        ], done.stderr
 
 
 @pytest.fixture
@@ -85,7 +94,7 @@ def test_what_has_no_wheels_is_said_once(checkout: Checkout, machine: str, extra
 
 
 def test_an_environment_whose_making_was_interrupted_is_made_again(checkout: Checkout, tmp_path: Path) -> None:
-    """It is there, with the pip that Python brings, which knows no dependency groups."""
+    """It is there, with the pip that Python brings, which takes no hashes from constraints."""
     python = tmp_path / "python"
     python.write_text(f'#!/bin/sh\necho "python $*" >>{tmp_path}/made\n', encoding="utf-8")
     python.chmod(0o755)
@@ -95,5 +104,32 @@ def test_an_environment_whose_making_was_interrupted_is_made_again(checkout: Che
 
 def test_ci_requires_every_part_that_tests_can_lack() -> None:
     run = (system.ROOT / ".ci" / "run").read_text(encoding="utf-8")
-    required = run.partition("REQUIRE=")[2].split()[0]
+    required = run.partition("require=")[2].split()[0]
     assert sorted(required.split(",")) == sorted(system.PARTS)
+
+
+def test_every_file_that_is_installed_has_its_hash() -> None:
+    entries = re.split(r"^(?=\S)", (system.ROOT / "requirements.lock").read_text(encoding="utf-8"), flags=re.MULTILINE)[
+        1:
+    ]
+    assert len(entries) > 100
+    assert [entry for entry in entries if not re.search(r"^\S+==\S.*\n    --hash=sha256:[0-9a-f]{64}", entry)] == []
+    for script in ("scripts/setup", "scripts/image/add", "Dockerfile"):
+        text = (system.ROOT / script).read_text(encoding="utf-8").replace("\\\n", " ")
+        installs = [line for line in text.splitlines() if re.search(r"pip\S* .*\binstall --", line)]
+        assert installs, script
+        for line in installs:
+            assert "--require-hashes" in line or "--no-deps" in line, f"{script}: {line}"
+
+
+@pytest.mark.parametrize("names", [[], ["client", "+build"], ["server", "modbus", "+dev", "+docs"]])
+def test_what_is_wanted_is_locked(names: list[str]) -> None:
+    wanted = subprocess.run(
+        [sys.executable, "scripts/wanted", "pyproject.toml", *names],
+        cwd=system.ROOT,
+        capture_output=True,
+        text=True,
+        check=True,
+    ).stdout.split("\n")[:-1]
+    locked = re.findall(r"^([\w.-]+)==", (system.ROOT / "requirements.lock").read_text(encoding="utf-8"), re.MULTILINE)
+    assert {re.split(r"[\[<>=~]", line)[0] for line in wanted} <= set(locked)

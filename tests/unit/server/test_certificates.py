@@ -23,6 +23,7 @@ from ua_fleet.server.certificates import (
     create_certificate,
     ensure_application_certificate,
     ensure_client_certificate,
+    host_names,
     list_certificates,
     load_certificate,
     revoke_bridge,
@@ -30,9 +31,11 @@ from ua_fleet.server.certificates import (
     trust,
     trust_bridge,
 )
-from ua_fleet.server.trust import MAX_REJECTED, CertificateRefused, TrustList, split_chain
+from ua_fleet.server.trust import CertificateRefused, TrustList, split_chain
+from ua_fleet.transport.interfaces import machine_addresses
 
 URI = "urn:test:server"
+FOLDERS = ("trusted", "bridges", "issuers", "crl")
 
 
 @pytest.fixture(scope="module")
@@ -52,6 +55,46 @@ def state(made: tuple[Path, CertificateFiles], tmp_path: Path) -> tuple[Path, Ce
         new.write_bytes(old.read_bytes())
         new.chmod(0o600)
     return tmp_path, files
+
+
+def test_a_server_for_all_addresses_names_them(tmp_path: Path) -> None:
+    """Its certificate named only 127.0.0.1, so a client that checks where it is connected refused the others."""
+    files = ensure_application_certificate(tmp_path, URI, ["0.0.0.0"])
+    named = host_names(load_certificate(files.certificate))
+    reached = set(machine_addresses())
+    assert reached, "this machine has an address besides loopback"
+    assert reached <= named
+    assert "0.0.0.0" not in named
+
+
+@pytest.mark.parametrize("folder", ["", "certificates", *(f"certificates/{n}" for n in FOLDERS)])
+def test_a_folder_that_others_may_write_stops_the_start(tmp_path: Path, folder: str) -> None:
+    TrustList(tmp_path)
+    (tmp_path / folder).chmod(0o770)
+    with pytest.raises(ServerStartError, match=f"others may write there.*chmod go-w {tmp_path / folder}"):
+        TrustList(tmp_path)
+    (tmp_path / folder).chmod(0o755)
+    TrustList(tmp_path)
+
+
+def test_a_folder_or_file_that_others_may_write_is_not_trusted_any_more(tmp_path: Path) -> None:
+    files = make_certificate(tmp_path, "client")
+    trusted = trust(tmp_path, files.certificate)
+    trust_list, chain = TrustList(tmp_path), [load_certificate(files.certificate)]
+    trust_list.check(chain)
+    folder = certificates_folder(tmp_path) / CertificateState.TRUSTED
+    folder.chmod(0o777)
+    with pytest.raises(CertificateRefused):
+        trust_list.check(chain)
+    folder.chmod(0o700)
+    trust_list.check(chain)
+    (certificates_folder(tmp_path) / "crl").chmod(0o777)
+    with pytest.raises(CertificateRefused, match="others may write"):
+        trust_list.check(chain)
+    (certificates_folder(tmp_path) / "crl").chmod(0o700)
+    (folder / f"{trusted.thumbprint}.der").chmod(0o666)
+    with pytest.raises(CertificateRefused):
+        TrustList(tmp_path).check(chain)
 
 
 def test_application_certificate(made: tuple[Path, CertificateFiles]) -> None:
@@ -202,7 +245,7 @@ def test_a_folder_that_cannot_be_read_hides_no_other(tmp_path: Path, monkeypatch
 def test_trust_by_thumbprint_and_by_file(state: tuple[Path, CertificateFiles]) -> None:
     state_dir, files = state
     certificate = load_certificate(files.certificate)
-    TrustList(state_dir).reject(certificate)
+    TrustList(state_dir).reject(certificate, "127.0.0.1")
     states = {info.state for info in list_certificates(state_dir)}
     assert states == {CertificateState.OWN, CertificateState.REJECTED}
     for wrong in ("", "zz", "/no/such/file.der"):
@@ -233,21 +276,6 @@ def test_trust_list_follows_its_folder(state: tuple[Path, CertificateFiles]) -> 
     with pytest.raises(CertificateRefused, match="not that of"):
         trusted.check_uri(certificate, "urn:another")
     trusted.check_uri(certificate, URI)
-
-
-def test_rejected_certificates_are_bounded(state: tuple[Path, CertificateFiles]) -> None:
-    state_dir, files = state
-    folder = certificates_folder(state_dir) / "rejected"
-    trusted = TrustList(state_dir)
-    for number in range(MAX_REJECTED + 5):
-        path = folder / f"{number}.der"
-        path.write_bytes(files.certificate.read_bytes())
-        os.utime(path, ns=(number, number))
-    trusted.reject(load_certificate(files.certificate))
-    names = {path.name for path in folder.iterdir()}
-    assert len(names) == MAX_REJECTED
-    assert f"{thumbprint(load_certificate(files.certificate))}.der" in names
-    assert "0.der" not in names
 
 
 def test_chains_are_split(made: tuple[Path, CertificateFiles]) -> None:

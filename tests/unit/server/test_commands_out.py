@@ -124,9 +124,13 @@ async def test_an_action_that_nobody_announces_is_told() -> None:
 @pytest.mark.parametrize(
     ("values", "robot", "reason"),
     [
-        ((), "arm", "pick takes 1 arguments, not 0"),
+        ((), "arm", "pick takes 'place', which is not given"),
         ((5,), "arm", "pick: "),
-        (("bin",), "leg", "pick has no target 'leg'"),
+        (
+            ("bin",),
+            "leg",
+            "announces pick of arm, hand at ua_300_2_1501, and .* has pick of leg",
+        ),
     ],
 )
 async def test_what_cannot_be_asked_is_not_sent(values: tuple[Any, ...], robot: str, reason: str) -> None:
@@ -222,7 +226,7 @@ async def test_silence_is_unknown_and_may_be_corrected() -> None:
 async def test_what_is_halted_before_its_robot_has_answered_is_begun_no_more() -> None:
     """The robot may be away, and hear of the request when it comes back."""
     bench = announced(Bench())
-    bench.commands.request(ACTION, "arm", ("bin",), 5.0, bytes(16))
+    bench.commands.request(ACTION, "arm", "pick", {"place": "bin"}, 5.0, bytes(16))
     with pytest.raises(SkillRejected, match="no way to stop"):
         bench.commands.halt(ACTION, "arm", bytes(16))
     assert [request.timeout_hint_ms for request in bench.requests()] == [5000.0, 0.0]

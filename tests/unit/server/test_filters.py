@@ -1,15 +1,20 @@
 from __future__ import annotations
 
+import sys
 from typing import Any
 
 import pytest
+from asyncua import ua
 from hypothesis import given
 from hypothesis import strategies as st
 
 from ua_fleet.server.endpoint import filters
+from ua_fleet.server.endpoint.filters import check_event_filter
 from ua_fleet.server.endpoint.indexrange import parse_range
 from ua_fleet.server.endpoint.stack import Refusal
 
+NOWHERE: Any = None
+"""In the place of an address space: these filters are not evaluated."""
 evaluator: Any = filters._Evaluator.__new__(filters._Evaluator)  # pyright: ignore[reportPrivateUsage]
 
 
@@ -28,6 +33,15 @@ evaluator: Any = filters._Evaluator.__new__(filters._Evaluator)  # pyright: igno
         ("abc", "a[^bx]c", False),
         ("a5c", "a[0-9]c", True),
         ("axc", "a[0-9]c", False),
+        ("a^c", "a[0^]c", True),
+        ("a-c", "a[x-]c", True),
+        ("a5c", "a[9-0]c", False),
+        ("a5c", "a[^9-0]c", True),
+        ("a]c", "a\\]c", True),
+        ("aa", "a%a", True),
+        ("a", "a%a", False),
+        ("abab", "%ab", True),
+        ("x" * 1_000 + "a", "%a", False),  # a text of more characters than are looked at
         ("50%", "50\\%", True),
         ("500", "50\\%", False),
         ("a\nb", "a%b", True),
@@ -53,9 +67,67 @@ def test_like_is_what_its_definition_says(text: str, pattern: str) -> None:
     assert evaluator._like_operator(text, pattern) is defined(text, pattern)
 
 
-@pytest.mark.timeout(30)
-def test_no_pattern_takes_for_ever() -> None:
-    assert not evaluator._like_operator("a" * 10_000, "%a" * 99 + "b")
+def event_filter(*elements: ua.ContentFilterElement, fields: int = 1) -> ua.EventFilter:
+    made = ua.EventFilter()
+    made.SelectClauses = [ua.SimpleAttributeOperand() for _ in range(fields)]
+    made.WhereClause = ua.ContentFilter(list(elements))
+    return made
+
+
+def element(operator: ua.FilterOperator, *operands: Any) -> ua.ContentFilterElement:
+    return ua.ContentFilterElement(operator, list(operands))
+
+
+def literal(value: Any) -> ua.LiteralOperand:
+    return ua.LiteralOperand(ua.Variant(value))
+
+
+def test_a_filter_costs_what_one_event_takes() -> None:
+    def cost(wanted: ua.EventFilter) -> int:
+        return check_event_filter(NOWHERE, wanted, 100).cost
+
+    assert cost(event_filter(fields=7)) == 7
+    equal = element(ua.FilterOperator.Equals, literal(1), literal(1))
+    assert cost(event_filter(equal)) == 1 + 3
+    either = element(ua.FilterOperator.Or, ua.ElementOperand(1), ua.ElementOperand(1))
+    assert cost(event_filter(either, equal)) == 1 + 1 + 2 * 3
+    many = element(ua.FilterOperator.InList, *[literal(1)] * 90)
+    assert cost(event_filter(many)) == 1 + 91
+    assert cost(event_filter(element(ua.FilterOperator.Like, literal("a"), literal("%" * 150)))) > 150
+
+
+@pytest.mark.parametrize(
+    "wanted",
+    [
+        event_filter(element(ua.FilterOperator.Like, literal("a"), ua.SimpleAttributeOperand())),
+        event_filter(element(ua.FilterOperator.Like, literal("a"), literal("%" * 201))),
+        event_filter(element(ua.FilterOperator.Like, literal("a"), literal(1))),
+        event_filter(element(ua.FilterOperator.Equals, literal("a" * 100_000), literal("a" * 100_000))),
+        event_filter(
+            element(ua.FilterOperator.InList, *[ua.ElementOperand(1)] * 10),
+            *[element(ua.FilterOperator.Like, literal("a" * 900), literal("%_" * 99 + "b"))],
+        ),
+    ],
+    ids=["pattern of the event", "long pattern", "no pattern", "large literals", "many patterns"],
+)
+def test_a_filter_that_would_take_long_is_refused(wanted: ua.EventFilter) -> None:
+    with pytest.raises(Refusal):
+        check_event_filter(NOWHERE, wanted, 100)
+
+
+def test_the_costliest_pattern_takes_no_more_steps_of_python_than_it_has_parts() -> None:
+    text, steps = "a" * 1_000, 0
+
+    def count(*_: Any) -> None:
+        nonlocal steps
+        steps += 1
+
+    sys.setprofile(count)
+    try:
+        assert not evaluator._like_operator(text, "%_a" * 66 + "b")
+    finally:
+        sys.setprofile(None)
+    assert steps < 5_000
 
 
 @given(st.text(max_size=30))

@@ -9,9 +9,12 @@ from typing import Any
 import pytest
 
 from tests.unit.fleet.fleet_of import fleet_config
-from tests.unit.server.model_server import children, fleet_built, ua
+from tests.unit.server.model_server import children, fleet_built, types_loaded, ua
 from ua_fleet.config.nodes import fleet_model
 from ua_fleet.fleet import DataSetModel, FieldModel, SourceQuarantined
+from ua_fleet.fleet.changes import ValueChanged
+from ua_fleet.server.address_space import FleetNodes
+from ua_fleet.server.projection import Projection
 from ua_fleet.topics import Topic
 from ua_fleet.values import BuiltinType, NodeId
 
@@ -58,6 +61,7 @@ async def test_the_fleet_can_be_browsed_from_objects() -> None:
         }
         assert await children(server, "ns=2;i=1006") == {
             "3:Topic": "ns=2;s=Topics.1006",
+            "3:MaxAge": "ns=2;s=MaxAge.1006",
             "2:x": "ns=2;s=1006.x",
             "2:frame": "ns=2;s=1006.frame",
         }
@@ -193,7 +197,7 @@ async def test_a_source_that_was_not_known_comes_and_goes() -> None:
     async with fleet_built(ROBOTS) as (server, nodes):
         before = set(nodes.values)
         for data_set in (discovered("x"), discovered("x", "y"), discovered("x", "Topic"), discovered("Topic")):
-            nodes.add_source(data_set)
+            await nodes.add_source(data_set)
             assert "2:ua_5_2_700" in await children(server, "ns=2;s=Fleet.Discovered.Sources.G00")
             assert {field.key for field in data_set.fields} <= nodes.values.keys()
             await nodes.remove_source(data_set)
@@ -259,3 +263,27 @@ async def test_a_place_in_a_group_is_given_again() -> None:
         nodes.add_robot(models[5])
         assert "2:r005" in await children(server, "ns=2;s=Fleet.Robots.G00")
         assert set(await children(server, "ns=2;s=Fleet.Robots.G01")) == {"2:r100"}
+
+
+async def test_a_maximum_age_has_its_node_in_the_namespace_of_its_source_and_is_found_by_its_id() -> None:
+    data = {"speed": {"id": 1001, "type": "Double", "max_age_s": 2.5}}
+    robots = {"rover": {"bridge": "mobile", "data": data}, "other": {"bridge": "mobile", "namespace": 4, "data": data}}
+    async with types_loaded() as server:
+        space = server.iserver.aspace
+        nodes = FleetNodes(space, fleet_model(fleet_config(robots)))
+        nodes.build()
+        assert not [node for node in space.keys() if str(node.Identifier).startswith("MaxAge.")]  # noqa: SIM118
+        for name in ("ns=2;s=MaxAge.1001", "ns=4;s=MaxAge.1001"):
+            assert await server.get_node(name).read_value() == 2500.0
+            assert await type_definition(server, name) == "i=68"
+        for unknown in ("MaxAge.1002", "MaxAge.01001", "MaxAge.", "MaxAge.²", "MaxAge." + "9" * 5000):
+            assert not nodes._parts.has(ua.NodeId(unknown, 4))
+
+
+async def test_a_maximum_age_that_was_never_wanted_takes_a_new_value() -> None:
+    async with fleet_built(ROBOTS) as (server, nodes):
+        projection = Projection(nodes)
+        key = NodeId(2, "MaxAge.1001")
+        projection.put(ValueChanged(key, int(BuiltinType.DOUBLE), 3000.0, 0, None, False))
+        await projection.write_waiting()
+        assert await server.get_node("ns=2;s=MaxAge.1001").read_value() == 3000.0

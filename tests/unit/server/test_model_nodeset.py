@@ -110,7 +110,7 @@ async def test_another_index_than_the_topics_carry_is_refused(uri: str) -> None:
     server: Any = Server()
     await server.init()
     try:
-        with pytest.raises(ServerStartError, match=r"would have the index \d, not \d; give fleet.namespace_uri"):
+        with pytest.raises(ServerStartError, match=r"would have the index \d, not \d; give it another name"):
             await load_types(server, uri, 2)
     finally:
         await server.stop()

@@ -8,7 +8,15 @@ import pytest
 import yaml
 
 from ua_fleet.errors import ServerStartError
-from ua_fleet.server.users import DEFAULT_COST, MAX_WAITING, Role, ScryptCost, UserFileError, UserStore
+from ua_fleet.server.users import (
+    DEFAULT_COST,
+    MAX_WAITING,
+    MAX_WAITING_OF_ORIGIN,
+    Role,
+    ScryptCost,
+    UserFileError,
+    UserStore,
+)
 
 CHEAP = ScryptCost(2**4, 8, 1)
 
@@ -155,7 +163,28 @@ def test_unknown_users_cost_what_known_ones_do(store: UserStore, monkeypatch: py
 
 async def test_authenticate_refuses_a_queue_without_end(store: UserStore) -> None:
     store.add("alice", "password-1", Role.OPERATOR)
-    logins = [store.authenticate("alice", "password-1") for _ in range(MAX_WAITING + 5)]
+    origins = [f"10.0.0.{number % 9}" for number in range(MAX_WAITING + 5)]
+    logins = [store.authenticate("alice", "password-1", origin=origin) for origin in origins]
     results = await asyncio.gather(*logins, return_exceptions=True)
     assert sum(isinstance(result, UserFileError) for result in results) == 5
     assert sum(getattr(result, "name", "") == "alice" for result in results) == MAX_WAITING
+
+
+async def test_one_address_does_not_fill_the_queue(store: UserStore) -> None:
+    store.add("alice", "password-1", Role.OPERATOR)
+    greedy = [asyncio.ensure_future(store.authenticate("alice", "wrong", origin="10.0.0.9")) for _ in range(100)]
+    await asyncio.sleep(0)
+    other = await store.authenticate("alice", "password-1", origin="10.0.0.7")
+    assert other is not None
+    results = await asyncio.gather(*greedy, return_exceptions=True)
+    assert sum(isinstance(result, UserFileError) for result in results) == 100 - MAX_WAITING_OF_ORIGIN
+
+
+def test_a_nul_character_makes_no_other_password(store: UserStore) -> None:
+    """scrypt's PBKDF2 fills short keys up with zeros, so both have the same hash."""
+    store.add("alice", "password-1", Role.OPERATOR)
+    assert store.verify("alice", "password-1") is not None
+    for wrong in ("password-1\0", "password-1\0\0", "\0password-1"):
+        assert store.verify("alice", wrong) is None
+    with pytest.raises(UserFileError, match="NUL"):
+        store.add("bob", "password-1\0", Role.OPERATOR)

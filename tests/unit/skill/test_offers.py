@@ -36,6 +36,7 @@ class Side:
         target: Target = WORK,
         booted_at: float = 0.0,
         delayed_s: float = 0.0,
+        version: int | None = None,
     ) -> Report:
         """What a request is answered with, once the robot was told where it is to be."""
         utc = UTC + round((booted_at + now) * TICKS_PER_SECOND)
@@ -53,6 +54,7 @@ class Side:
             types=(BuiltinType.STRING,),
             values=(text,),
             timestamp=issued if execution_id not in known else known[execution_id].issued,
+            major_version=version,
         )  # fmt: skip
         effects = self.responder.receive(request, "there", now, utc)
         if any(isinstance(effect, Execute) for effect in effects):
@@ -68,6 +70,14 @@ class Side:
 def refusal(report: Report) -> int:
     assert report.state is S.REFUSED, report
     return report.status
+
+
+def test_arguments_in_the_order_of_another_announcement_are_refused() -> None:
+    """A bridge that came back with its arguments in another order had x for y of a request that was under way."""
+    side = Side(Offer(WORK, requests_at_once=9, version=7))
+    assert refusal(side.ask(1, 0.0, version=6)) == StatusCode.BAD_CONFIGURATION_ERROR
+    assert side.ask(2, 0.0, version=7) == ACCEPTED
+    assert side.ask(3, 0.0) == ACCEPTED, "who says none has looked himself"
 
 
 def test_exactly_the_interval_is_enough() -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Collection, Mapping
+from dataclasses import replace
 
 import pytest
 
@@ -132,14 +133,14 @@ class SetsNoMark(Responder):
 class TakesSilenceForNo(Requestor):
     def _conclude(self, request: Request, outcome: Outcome) -> list[RequestorEffect]:
         if outcome.kind is OutcomeKind.UNKNOWN:
-            outcome = outcome._replace(kind=OutcomeKind.TIMED_OUT)
+            outcome = replace(outcome, kind=OutcomeKind.TIMED_OUT)
         return super()._conclude(request, outcome)
 
 
 class TakesSilenceForYes(Requestor):
     def _conclude(self, request: Request, outcome: Outcome) -> list[RequestorEffect]:
         if outcome.kind is OutcomeKind.UNKNOWN:
-            outcome = outcome._replace(kind=OutcomeKind.ACCEPTED)
+            outcome = replace(outcome, kind=OutcomeKind.ACCEPTED)
         return super()._conclude(request, outcome)
 
 

@@ -463,7 +463,7 @@ class World:
     def _count(self, wish: Wish, record: Report | None) -> None:
         if wish.outcome is None:
             return
-        kind, report = wish.outcome
+        kind, report = wish.outcome.kind, wish.outcome.report
         self.seen[kind] += 1
         self.seen[f"withdrawn, {kind}"] += wish.withdrawn_at is not None
         if kind is OutcomeKind.UNKNOWN:

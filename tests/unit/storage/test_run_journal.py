@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from ua_fleet.errors import StorageUnavailable
-from ua_fleet.orchestrator import Fault
+from ua_fleet.orchestrator import Fault, Halt, HaltChanged
 from ua_fleet.scenario.facts import Fact, RunCreated, RunEnded, RunOutcome, StepStarted
 from ua_fleet.storage.run_journal import RunJournal, StoredRun
 
@@ -69,6 +69,16 @@ def test_faults_are_kept_until_they_are_over_and_seen(tmp_path: Path) -> None:
         assert journal.faults() == [seen]
         journal.write([], [over])
         assert journal.faults() == []
+
+
+def test_halts_are_kept_until_they_are_confirmed(tmp_path: Path) -> None:
+    first, second = Halt("aa" * 16, "ned", "go", 1.0), Halt("bb" * 16, "ted", "go", 2.0)
+    with RunJournal(tmp_path / "runs.db") as journal:
+        journal.write([], (), [HaltChanged(second, is_owed=True), HaltChanged(first, is_owed=True)])
+    with RunJournal(tmp_path / "runs.db") as journal:
+        assert journal.halts() == [first, second]
+        journal.write([], (), [HaltChanged(first, is_owed=False)])
+        assert journal.halts() == [second]
 
 
 @pytest.mark.parametrize("at", [0, 7])

@@ -60,6 +60,11 @@ TABLE = [
         f"{HEAD} 1d {ID_HEX} {NAME_HEX} 0000000000000040 81 15 0100000000000000 0900 0100 01 {TWO_FIELDS}",
     ),
     ("a response", RESPONSE, f"{HEAD} 0c {ID_HEX} {NAME_HEX} 91 06 1080 0900 0100 02 0100 03 00"),
+    (
+        "the version of the announcement",
+        IDLE._replace(major_version=0x01020304),
+        "d1 81 20 0700 01 6400 01 a1 05 04030201 0900 0100 00 0000",
+    ),
     ("nothing that may be absent", IDLE, "d1 81 20 0700 01 6400 01 81 05 0900 0100 00 0000"),
     (
         "a ResponseAddress",
@@ -89,7 +94,7 @@ READ_ONLY = [
     ("padding up to ConfiguredSize", IDLE, "d1 81 20 0700 01 6400 01 81 05 0900 0100 00 0000 000000"),
     (
         "all of the DataSetMessage header",
-        IDLE._replace(status=StatusCode.GOOD, timestamp=5),
+        IDLE._replace(status=StatusCode.GOOD, timestamp=5, major_version=1),
         "d1 81 20 0700 01 6400 01 f9 35 0900 0500000000000000 0100 0000 01000000 02000000 0900 0100 00 0000",
     ),
     ("a NetworkMessage Timestamp", IDLE, "d1 a1 20 0700 01 6400 0500000000000000 01 81 05 0900 0100 00 0000"),

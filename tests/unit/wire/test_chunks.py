@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import random
 import struct
+from collections.abc import Callable
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.unit.wire.corpus import mutate, valid_messages
@@ -27,7 +28,7 @@ from ua_fleet.wire import (
     read_security,
     split,
 )
-from ua_fleet.wire.chunks import CHUNK_FIELDS_BYTES
+from ua_fleet.wire.chunks import CHUNK_FIELDS_BYTES, ChunkReader
 from ua_fleet.wire.messages import DataSetMessage, NetworkMessage, PublisherIdType
 
 HEAD = bytes.fromhex("f101 0200 01 0300 01 0900")
@@ -255,3 +256,23 @@ def test_a_chunk_of_another_length_is_refused() -> None:
     with pytest.raises(RemoteWireError) as caught:
         read_chunk(datagram + b"\0")
     assert caught.value.cause == Cause.CHUNK_RANGE
+
+
+@settings(max_examples=50)
+@given(st.lists(st.integers(0, 10_000), min_size=1, max_size=12), st.integers(0, 1 << 32))
+def test_a_reader_of_many_chunks_reads_each_as_if_it_were_alone(order: list[int], seed: int) -> None:
+    """Chunks of several messages and writers in any order, some of them broken."""
+    chunks = [part for whole in WHOLE_MESSAGES for part in split(whole, max(len(whole) - 1, 60), 5)]
+    chance, reader = random.Random(seed), ChunkReader()
+    for number in order:
+        datagram = chunks[number % len(chunks)]
+        cut = datagram[: chance.randrange(len(datagram))]
+        for each in (datagram, mutate(chance, [datagram]), cut, datagram):
+            assert outcome_of(reader.read, each) == outcome_of(read_chunk, each)
+
+
+def outcome_of(read: Callable[[bytes], Chunk | None], datagram: bytes) -> object:
+    try:
+        return read(datagram)
+    except RemoteWireError as error:
+        return error.cause

@@ -10,12 +10,10 @@ from typing import Final
 
 from ua_fleet.client import (
     DecisionTold,
-    FaultTold,
     FleetClient,
     NodeNotFound,
     RunTold,
     ScenarioClient,
-    StepTold,
     Told,
 )
 from ua_fleet.config.schema import FleetConfig
@@ -24,20 +22,12 @@ from ua_fleet.demo.processes import DemoFailed
 from ua_fleet.demo.result import DemoResult
 from ua_fleet.demo.talkrobots.chooser import Ask, Chooser
 from ua_fleet.demo.talkrobots.costs import Costs, cost_lines
-from ua_fleet.demo.talkrobots.course import Course, TaskRow
+from ua_fleet.demo.talkrobots.course import Course
 from ua_fleet.demo.talkrobots.setting import ACTORS, SCENARIO, Mode
 from ua_fleet.storage.traffic_log import read_traffic
 
 __all__ = ["Conductor"]
 
-BROKEN: Final = "ridgeback"
-REPAIRED: Final = "repaired"
-"""Data of that robot: whoever writes true there is the mechanic."""
-REPAIRED_DURING: Final = "bring"
-REPAIR_S: Final = 1.0
-"""The demonstration's seconds from the start of that task, which another robot does, until Ridgeback is repaired."""
-PRESS_AGAIN_S: Final = 5.0
-"""Wall seconds."""
 RUN_TIMEOUT_S: Final = 600.0
 """The demonstration's seconds after which a run is given up that nobody has to decide about; one takes about 120."""
 LOOK_S: Final = 0.2
@@ -91,8 +81,6 @@ class Conductor:
         self._is_complete = False
         self._is_first = True
         self._deadline: float | None = None
-        self._to_press: tuple[float, str] | None = None
-        """When, and what, the mechanic says by the panel of Ridgeback."""
         self._chooser = Chooser(ask, say)
 
     async def follow(self, client: FleetClient, *, stay: bool) -> None:
@@ -111,7 +99,7 @@ class Conductor:
                 scenarios = ScenarioClient(client)
                 await self._begin_or_go_on(scenarios, tasks)
                 try:
-                    await self._follow(client, scenarios, told, tasks, stay=stay)
+                    await self._follow(scenarios, told, tasks, stay=stay)
                 finally:
                     self._chooser.stop()
 
@@ -164,8 +152,6 @@ class Conductor:
         decisions = await scenarios.decisions()
         for line in course.catch_up(info, decisions, time.time()):
             self._say(line)
-        if REPAIRED_DURING in course.rows:
-            self._send_mechanic(course.rows[REPAIRED_DURING])
         for decision in decisions:
             if decision.state == "open" and self._mode == "operator":
                 self._chooser.choose(decision.decision_id, decision.robots, scenarios, tasks)
@@ -186,7 +172,6 @@ class Conductor:
 
     async def _follow(
         self,
-        client: FleetClient,
         scenarios: ScenarioClient,
         told: AsyncIterator[Told],
         tasks: asyncio.TaskGroup,
@@ -197,12 +182,11 @@ class Conductor:
             if self._course is not None and self._course.outcome is not None:
                 await asyncio.sleep(REST_S)
                 self._finished(self._result(self._course))
-                self._course = self._deadline = self._to_press = None
+                self._course = self._deadline = None
                 if not stay:
                     return
-            await self._press_if_due(client)
             try:
-                async with asyncio.timeout(self._look_s()):
+                async with asyncio.timeout(LOOK_S):
                     one = await anext(told)
             except TimeoutError:
                 self._check()
@@ -212,47 +196,19 @@ class Conductor:
                 self._take(one, scenarios, tasks)
 
     def _take(self, one: Told, scenarios: ScenarioClient, tasks: asyncio.TaskGroup) -> None:
-        """Take in what was told, and do what people in the hall do then."""
+        """Take in what was told, and have somebody choose where that is wanted."""
         if self._course is None:
             if not isinstance(one, RunTold) or one.state != "running":
                 return
             self._course = self._new_course(one.run_id)
         for line in self._course.take(one):
             self._say(line)
-        if isinstance(one, FaultTold) and one.robot == BROKEN and not one.active:
-            self._press("false", 0.0)
-        elif isinstance(one, StepTold) and one.fact == "TaskAssigned" and one.task == REPAIRED_DURING:
-            self._send_mechanic(self._course.rows[one.task])
-        elif isinstance(one, DecisionTold):
+        if isinstance(one, DecisionTold):
             if one.state != "open":
                 self._chooser.stop()
             elif self._mode == "operator":
                 robots = [place.robot for place in one.ranking.ranked]
                 self._chooser.choose(one.decision_id, robots, scenarios, tasks)
-
-    def _look_s(self) -> float:
-        if self._to_press is None:
-            return LOOK_S
-        return min(max(self._to_press[0] - time.monotonic(), 0.0), LOOK_S)
-
-    # The people in the hall.
-
-    def _send_mechanic(self, row: TaskRow) -> None:
-        """Have Ridgeback repaired while another robot does its task."""
-        if row.robot != BROKEN and row.state == "running":
-            self._press("true", REPAIR_S / self._speed)
-
-    def _press(self, value: str, after_s: float) -> None:
-        self._to_press = (time.monotonic() + after_s, value)
-
-    async def _press_if_due(self, client: FleetClient) -> None:
-        if self._to_press is None or time.monotonic() < self._to_press[0]:
-            return
-        value = self._to_press[1]
-        await client.write(f"ns=2;i={self._config.robots[BROKEN].data[REPAIRED].id}", value)
-        self._to_press = None
-        if value == "true":  # until the robot says that it is well: its program may just have been started again
-            self._press("true", PRESS_AGAIN_S)
 
     # After a run.
 

@@ -210,7 +210,8 @@ class Course:
             return [self._line(told.at, told.robot, f"is repaired (it was: {told.reason})")]
         if self.started_at:
             self._faults.append(_Fault(told.robot, self._time(told.at)))
-        return [self._line(told.at, told.robot, f"FAULT: {told.reason}")]
+        lost = f", not {', not '.join(told.capacities)} any more" if told.capacities else ""
+        return [self._line(told.at, told.robot, f"FAULT{lost}: {told.reason}")]
 
     def _decision(self, told: DecisionTold) -> list[str]:
         if told.state == "open":
@@ -241,6 +242,7 @@ def ranking_lines(ranking: RankingInfo, units: Mapping[str, str]) -> list[str]:
     widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]))]
     lines = ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows]
     lines.append(f"consistency ratio of the judgements: {ranking.consistency_ratio:.3f} (at most 0.1)")
+    lines += [f"{place.robot}: {text}" for place in ranking.ranked for text in place.missing if text]
     lines += [f"no candidate: {robot} {reason}" for robot, reason in ranking.excluded]
     return [f"{'':11}{line}" for line in lines]
 

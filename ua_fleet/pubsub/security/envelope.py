@@ -8,11 +8,13 @@ what was verified changes anything here: replay windows, the wish for keys that 
 
 Probes are sent unsecured and taken so: they carry nothing but the wish for an answer, and answers are paced. A probe
 that somebody signed is verified like everything else, but not checked for replay: its sender does not stand in it.
+One in chunks is refused where there is security: it would take the place of those of messages that were verified, and
+ours always fit into a datagram.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from random import Random
 from struct import Struct
 from typing import Final
@@ -24,7 +26,7 @@ from ua_fleet.pubsub.security.keyring import GroupKeys, Token
 from ua_fleet.pubsub.security.nonces import NonceReservations, NonceSequence, NoncesUnavailable, nonce_prefix
 from ua_fleet.pubsub.security.reassembly import Reassembly
 from ua_fleet.pubsub.security.refused import Refused
-from ua_fleet.wire.chunks import read_chunk, split
+from ua_fleet.wire.chunks import ChunkReader, split, split_one_by_one
 from ua_fleet.wire.header import (
     HAS_EXTENDED_FLAGS_1,
     HAS_EXTENDED_FLAGS_2,
@@ -61,6 +63,7 @@ class Envelope:
         max_datagram_bytes: int = 65_507,
         max_message_bytes: int = 4 * 1024 * 1024,
         past_keys: int = 1,
+        asks_for_all: bool = False,
         random: Random | None = None,
     ) -> None:
         """Make an envelope without keys.
@@ -74,6 +77,8 @@ class Envelope:
             max_datagram_bytes: longer messages are sent as chunks.
             max_message_bytes: bound of what is put together from chunks.
             past_keys: KeyLifetimes for which a key that was replaced is taken.
+            asks_for_all: whether keys are wanted of publishers that are only heard, too. Anybody can write any
+                PublisherId, so this is for keys that nobody has to be asked for.
             random: where the random part of nonces comes from.
         """
         random = random or Random()  # noqa: S311 - this part of a nonce need not be a secret (table 156)
@@ -82,9 +87,10 @@ class Envelope:
         self._own_space, self._counters, self._mode, self._nonces = own_space, counters, mode, nonces
         self._most_bytes = max_datagram_bytes - (MOST_ADDED_BYTES if mode is not _NONE else 0)
         self._prefix = nonce_prefix(own_space, random.getrandbits(16))
-        self._groups = Groups(past_keys, frozenset(relaxed_replay))
+        self._groups = Groups(past_keys, frozenset(relaxed_replay), takes_all=asks_for_all)
         self._telemetry: Mapping[int | str | None, Group] = self._groups.telemetry
         self._reassembly = Reassembly(counters, max_message_bytes)
+        self._chunks = ChunkReader()
         self._chunked = random.getrandbits(16)
         """MessageSequenceNumber of the last message that was sent as chunks."""
         if mode is not _NONE:
@@ -132,7 +138,9 @@ class Envelope:
         if heard.mode is not _NONE:
             raise LocalWireError("a message that is secured already")
         if heard.is_discovery and _is_probe(datagram):
-            return [datagram] if len(datagram) <= self._most_bytes else self._split(datagram)
+            if len(datagram) > self._most_bytes:
+                raise LocalWireError(f"a probe of {len(datagram)} bytes, which goes as one datagram or not at all")
+            return [datagram]
         group = self._group_to_send(heard)
         token = group.keyring.sending(now) if group is not None else None
         if group is None or token is None:
@@ -184,10 +192,12 @@ class Envelope:
         """Without security: a chunk is taken in, unless it is our own. The subscriber looks at all else."""
         if not datagram[2] & IS_CHUNK:
             return datagram
-        heard = read_security(datagram)
-        if heard.publisher_id == self._own_space and not heard.is_action:
-            raise Refused(Drop.LOOP, heard)
-        return self._joined(datagram, now)
+        chunk = self._chunks.read(datagram)
+        if chunk is None:
+            return datagram
+        if chunk.publisher_id == self._own_space and not chunk.is_action:
+            raise Refused(Drop.LOOP, read_security(datagram))
+        return self._reassembly.add(chunk, now)
 
     def _open_other(self, heard: SecuredDatagram, now: float) -> bytes | None:
         """Open an Action, which may come from ourselves, an announcement or a probe."""
@@ -197,7 +207,9 @@ class Envelope:
             if group is None:
                 return None
         elif is_probe and heard.mode is _NONE:
-            return self._joined(heard.datagram, now)
+            if heard.datagram[2] & IS_CHUNK:
+                raise Refused(Drop.NOT_SECURED, heard, self._mode)
+            return heard.datagram
         elif not is_probe and heard.publisher_id == self._own_space:
             raise Refused(Drop.LOOP, heard)
         else:
@@ -267,6 +279,18 @@ class Envelope:
         self._chunked = (self._chunked + 1) & 0xFFFF
         return split(datagram, self._most_bytes, self._chunked)
 
+    def parts(self, datagram: bytes, clock: Callable[[], float]) -> Iterator[bytes]:
+        """The datagrams to send for a plain message, each made when it is asked for; see `seal`.
+
+        It ends before the last one where there is no key or no nonce any more.
+        """
+        self._chunked = (self._chunked + 1) & 0xFFFF
+        for chunk in split_one_by_one(datagram, self._most_bytes, self._chunked):
+            sealed = self.seal(chunk, clock())
+            if not sealed:
+                return
+            yield from sealed
+
     def _seal_chunks(self, datagram: bytes, token: Token, sequence: NonceSequence, now: float) -> list[bytes]:
         return [
             token.key.protect(
@@ -278,7 +302,10 @@ class Envelope:
     def _meet(self, heard: SecuredDatagram) -> Group:
         """The group of a publisher whose keys we did not want before."""
         publisher_id = _space_of(heard)
-        return self._telemetry.get(publisher_id) or self._groups.hear(publisher_id)
+        group = self._telemetry.get(publisher_id) or self._groups.hear(publisher_id)
+        if group is None:
+            raise Refused(Drop.UNKNOWN_TOKEN, heard, self._mode)
+        return group
 
     def _open_unknown(self, heard: SecuredDatagram, group: Group, now: float) -> bytes | None:
         """A message whose token we do not have, or one that names none."""
@@ -296,7 +323,7 @@ class Envelope:
         raise Refused(Drop.BAD_SIGNATURE, heard, self._mode, group.group_id)
 
     def _joined(self, plain: bytes, now: float) -> bytes | None:
-        chunk = read_chunk(plain)
+        chunk = self._chunks.read(plain)
         return plain if chunk is None else self._reassembly.add(chunk, now)
 
 

@@ -49,13 +49,20 @@ class Group:
 
 
 class Groups:
-    """All groups that this process wants keys of: those it was told to want, and the data of publishers it hears.
+    """All groups that this process wants keys of: those it was told to want, and perhaps of publishers it hears.
 
     Groups of Actions are wanted only when told: a bystander hears the Actions of others and may not have their keys.
     """
 
-    def __init__(self, past_keys: int, relaxed: Container[int]) -> None:
-        """Begin with none; `relaxed` are the PublisherIds whose data is not checked for replay."""
+    def __init__(self, past_keys: int, relaxed: Container[int], *, takes_all: bool = False) -> None:
+        """Begin with none.
+
+        Args:
+            past_keys: KeyLifetimes for which readers take a key that was replaced.
+            relaxed: PublisherIds whose data is not checked for replay.
+            takes_all: whether the data of publishers that are only heard has groups, too.
+        """
+        self._takes_all = takes_all
         self.telemetry: dict[int | str | None, Group] = {}
         """By PublisherId."""
         self.commands: dict[int, Group] = {}
@@ -84,8 +91,13 @@ class Groups:
             self._keyless.pop(publisher_id, None)
         return group
 
-    def hear(self, publisher_id: int) -> Group:
-        """The group of the data of a publisher that was heard. The longest known without a key goes for it."""
+    def hear(self, publisher_id: int) -> Group | None:
+        """The group of the data of a publisher that was heard, if it may have one.
+
+        The longest known without a key goes for it.
+        """
+        if not self._takes_all:
+            return None
         if len(self._keyless) >= MOST_KEYLESS:
             oldest = next(iter(self._keyless))
             del self._keyless[oldest], self.telemetry[oldest], self._by_id[telemetry_group(oldest)]

@@ -15,12 +15,24 @@ from struct import Struct
 from typing import Final, Protocol
 
 from ua_fleet.errors import UaFleetError
-from ua_fleet.pubsub.security.replay import LAST_NUMBER
+from ua_fleet.pubsub.security.replay import PAGE
 
-__all__ = ["BLOCK", "MemoryNonces", "NonceReservations", "NonceSequence", "NoncesUnavailable", "nonce_prefix"]
+__all__ = [
+    "BLOCK",
+    "LAST_NUMBER",
+    "MemoryNonces",
+    "NonceReservations",
+    "NonceSequence",
+    "NoncesUnavailable",
+    "nonce_prefix",
+]
 
-BLOCK: Final = 65_536
-"""Numbers reserved at once: at 1,000 messages a second a write to the disk each minute."""
+BLOCK: Final = PAGE
+"""Numbers reserved at once, as many as a page of a reader's window: at 1,000 messages a second a write to the disk each
+minute."""
+LAST_NUMBER: Final = 3 << 30
+"""The last number that is used with a key: for readers that compare numbers as 7.2.3 does, the first ones would begin
+to look newer again."""
 MARGIN: Final = 8_192
 """The next block is reserved while so many numbers are left, so that a disk may fail for a while."""
 RETRY_S: Final = 1.0

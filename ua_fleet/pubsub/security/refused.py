@@ -34,6 +34,8 @@ def _detail(drop: Drop, heard: SecuredDatagram, mode: SecurityMode, group_id: st
         return f"{sender} sends what is not {_MODES[mode]}; give it the same `pubsub.security` as this process"
     if drop is Drop.BAD_SIGNATURE:
         return f"{sender}, {token}: not signed with our key; give both their keys from the same service or files"
+    if drop is Drop.UNKNOWN_TOKEN and not group_id:
+        return f"{sender} is no publisher of fleet.yaml, so nobody is asked for its keys; make it a bridge there"
     if drop is Drop.UNKNOWN_TOKEN:
         return f"{sender}, {token}: no such key here; it is asked for, see whether the source of keys has it"
     if drop is Drop.REPLAYED:

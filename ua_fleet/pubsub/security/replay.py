@@ -1,19 +1,21 @@
 """Each nonce once: the replay windows of one security token (OPC 10000-14 7.2.3, 7.2.4.4.3.2).
 
-A MessageNonce ends with a number that its sender increases with every message. A window follows the numbers of one
-sender: the highest one heard, and which of the 1,024 up to it were taken. With ahead = (number - highest) mod 2^32
+A MessageNonce ends with a number that its sender increases with every message. A window remembers which numbers of one
+sender were taken, in pages of 65,536: a bit for each number, and which pages are closed.
 
-    1 .. 2^30                newer: taken, the window moves (2^32 - 1 + number - highest gives less than 2^30)
-    0, 2^32 - 1023 ..        in the window: taken if it was not, since a network reorders
-    what is between          too old, or invalid: refused
+    its page is open       taken if it was not
+    its page is not open   a page is opened, and the number taken; the page that was used least recently is put away
+                           where `MOST_PAGES` are open: closed, or as its numbers where they are few
+    its page is closed     refused
 
-Why no number is ever taken twice, though numbers roll over: a window that has walked 3 * 2^30 numbers in all refuses
-what is newer, because the first numbers it took would begin to look newer again. The key has to be replaced then; our
-own senders stop before (`LAST_NUMBER`).
+So a number is taken once for its key, whatever came between, and no single message keeps others out: neither one that
+jumps ahead, as after a restart (`nonces.py` reserves a page at once), nor one that was lost for as long as a network
+was away. Whoever has the key and writes in another's name has to use `MOST_PAGES` pages between two messages of that
+other to close the page of its numbers, or spend `MOST_SINGLE` messages to close pages before that other comes to them.
 
 Where a window begins depends on what may have happened before. Under a token that was a future one when we got it,
-nothing: the window begins below any number. Under one that was in use already, a receiver that was restarted cannot
-know what it has taken in its former life: it takes the first number that it hears and nothing older.
+nothing: any number may come. Under one that was in use already, a receiver that was restarted cannot know what it has
+taken in its former life: it takes the first number that it hears and none below.
 
 A window is looked at only after a message was verified, so who has no key can neither fill nor move one.
 
@@ -27,54 +29,93 @@ senders are refused.
 
 from __future__ import annotations
 
-from array import array
 from typing import Final
 
-__all__ = ["LAST_NUMBER", "MOST_WINDOWS", "WINDOW", "ReplayWindow", "ReplayWindows"]
+__all__ = ["FEW", "MOST_PAGES", "MOST_WINDOWS", "PAGE", "ReplayWindow", "ReplayWindows"]
 
-WINDOW: Final = 1024
-"""Numbers below the highest one that may still come."""
-NEWEST_STEP: Final = 1 << 30
-LAST_NUMBER: Final = 3 << 30
-"""How far a window walks under one key, and the last number that our own senders use."""
+PAGE: Final = 65_536
+"""Numbers of a page. The first page begins with 1, as the numbers of a sender do."""
+MOST_PAGES: Final = 16
+"""Open pages of one sender, of 8 KiB each."""
+FEW: Final = 16
+"""Numbers of a page that is put away without being closed."""
+MOST_SINGLE: Final = 256
+"""Numbers of all such pages of one sender."""
 MOST_WINDOWS: Final = 64
 """Senders of one token."""
 
 _MASK: Final = 0xFFFF_FFFF
-_SLOT: Final = WINDOW - 1
-_EMPTY: Final = array("I", [(slot + 1) & _SLOT for slot in range(WINDOW)]).tobytes()
-"""In each slot a number that does not belong there."""
+_NUMBERS: Final = 1 << 32
+_PAGE_BYTES: Final = PAGE // 8
+_NO_PAGE: Final = -1
 
 
 class ReplayWindow:
     """The numbers of one sender under one key."""
 
-    __slots__ = ("_below", "_highest", "_taken", "_walked")
+    __slots__ = ("_bits", "_closed", "_first", "_latest", "_pages", "_single", "_singles")
 
-    def __init__(self, first: int, *, is_unused: bool) -> None:
-        """Begin with a first number, which is taken. `is_unused`: no older one can have been taken before."""
-        self._highest = first
-        self._walked = 0
-        self._below = WINDOW if is_unused else 0
-        """How far below the first number one may be taken."""
-        self._taken = array("I")
-        self._taken.frombytes(_EMPTY)
-        self._taken[first & _SLOT] = first
+    def __init__(self, first: int = 0) -> None:
+        """Take nothing yet, and nothing below `first` ever."""
+        self._first = first
+        self._pages: dict[int, bytearray] = {}
+        """The open ones, the least recently used first."""
+        self._single: dict[int, tuple[int, ...]] = {}
+        """Places of the numbers in pages that were put away with few."""
+        self._singles = 0
+        self._closed: bytearray | None = None
+        """A bit for each page; None while there is none."""
+        self._latest = _NO_PAGE
+        self._bits = bytearray()
+        """The page that was used last."""
 
     def take(self, number: int) -> bool:
         """Take a number; False if it was taken before or is too old to know."""
-        ahead = (number - self._highest) & _MASK
-        if 0 < ahead <= NEWEST_STEP:
-            if self._walked + ahead > LAST_NUMBER:
-                return False
-            self._walked += ahead
-            self._highest = number
-        else:
-            behind = -ahead & _MASK
-            if behind >= WINDOW or behind > self._walked + self._below or self._taken[number & _SLOT] == number:
-                return False
-        self._taken[number & _SLOT] = number
+        if number < self._first:
+            return False
+        place = (number - 1) & _MASK
+        page = place // PAGE
+        if page != self._latest and not self._turn_to(page):
+            return False
+        at, bit = place % PAGE >> 3, 1 << (place & 7)
+        bits = self._bits
+        if bits[at] & bit:
+            return False
+        bits[at] |= bit
         return True
+
+    def _turn_to(self, page: int) -> bool:
+        pages = self._pages
+        bits = pages.pop(page, None)
+        if bits is None:
+            closed = self._closed
+            if closed is not None and closed[page >> 3] & 1 << (page & 7):
+                return False
+            bits = bytearray(_PAGE_BYTES)
+            known = self._single.pop(page, ())
+            self._singles -= len(known)
+            for place in known:
+                bits[place >> 3] |= 1 << (place & 7)
+            if len(pages) >= MOST_PAGES:
+                self._put_away(next(iter(pages)))
+        pages[page] = self._bits = bits
+        self._latest = page
+        return True
+
+    def _put_away(self, page: int) -> None:
+        bits = int.from_bytes(self._pages.pop(page), "little")
+        count = bits.bit_count()
+        if count <= FEW and self._singles + count <= MOST_SINGLE:
+            places: list[int] = []
+            while bits:
+                places.append((bits & -bits).bit_length() - 1)
+                bits &= bits - 1
+            self._single[page] = tuple(places)
+            self._singles += count
+            return
+        if self._closed is None:
+            self._closed = bytearray(_NUMBERS // PAGE // 8)
+        self._closed[page >> 3] |= 1 << (page & 7)
 
 
 class ReplayWindows:
@@ -89,9 +130,8 @@ class ReplayWindows:
     def take(self, sender: int, number: int) -> bool:
         """Take a number of a verified message; False if that must not be taken."""
         window = self._windows.get(sender)
-        if window is not None:
-            return window.take(number)
-        if len(self._windows) >= MOST_WINDOWS:
-            return False
-        self._windows[sender] = ReplayWindow(number, is_unused=self._is_unused)
-        return True
+        if window is None:
+            if len(self._windows) >= MOST_WINDOWS:
+                return False
+            window = self._windows[sender] = ReplayWindow(0 if self._is_unused else number)
+        return window.take(number)

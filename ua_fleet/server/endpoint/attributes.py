@@ -8,13 +8,15 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable
 from datetime import UTC, datetime
+from functools import partial
 from typing import Any, Final
 
-import structlog
 from asyncua import ua
 from asyncua.server.address_space import AddressSpace
 
 from ua_fleet.server.audit import summary
+from ua_fleet.server.endpoint.answers import Answer, rough_bytes
+from ua_fleet.server.endpoint.audit_events import AuditEvents
 from ua_fleet.server.endpoint.context import Context
 from ua_fleet.server.endpoint.indexrange import apply_range, parse_range
 from ua_fleet.server.endpoint.monitoring import with_timestamps
@@ -24,7 +26,6 @@ from ua_fleet.server.users import Role, User
 
 __all__ = ["AttributeServices", "access_level", "readable_value"]
 
-_log = structlog.get_logger("ua_fleet.server")
 
 READ: Final = 1 << ua.AccessLevel.CurrentRead.value
 WRITE: Final = 1 << ua.AccessLevel.CurrentWrite.value
@@ -56,8 +57,8 @@ def readable_value(aspace: AddressSpace, node_id: ua.NodeId, attribute: Any) -> 
 class AttributeServices:
     """OPC 10000-4 5.11."""
 
-    def __init__(self, context: Context) -> None:
-        self._context, self._limits = context, context.limits
+    def __init__(self, context: Context, events: AuditEvents) -> None:
+        self._context, self._limits, self._events = context, context.limits, events
         self._aspace = context.iserver.aspace
 
     async def read(self, request: Request, params: ua.ReadParameters) -> Any:
@@ -69,28 +70,35 @@ class AttributeServices:
         if not isinstance(wanted, ua.TimestampsToReturn) or wanted == ua.TimestampsToReturn.Invalid:
             raise Refusal(StatusCodes.BadTimestampsToReturnInvalid)
         user = request.user
-        results = [self._read(node, user) for node in nodes]
-        if wanted != ua.TimestampsToReturn.Both:
-            results = [with_timestamps(value, wanted) for value in results]
-        response = ua.ReadResponse()
-        response.Results = results
-        return response
+        answer = Answer(ua.ReadResponse(), self._limits.response_bytes)
+        for node in nodes:
+            value = with_timestamps(self._read(node, user), wanted)
+            name = partial(_named, node)
+            answer.add(value, _no_value, self._context.misfit, name, least=rough_bytes(value))
+            await request.turns.end(answer.size)
+        return answer
 
     def _read(self, wanted: ua.ReadValueId, user: User) -> ua.DataValue:
         try:
-            attribute = wanted.AttributeId
-            value = readable_value(self._aspace, wanted.NodeId, attribute)
-            if wanted.IndexRange:
-                if attribute != AttributeIds.Value:
-                    raise Refusal(StatusCodes.BadIndexRangeInvalid)
-                index_range = parse_range(wanted.IndexRange)
-                assert index_range is not None
-                value = apply_range(value, index_range)
-            encoding = wanted.DataEncoding
-            if encoding is not None and encoding.Name:
-                self._check_encoding(encoding, attribute)
+            return self._readable(wanted, user)
         except Refusal as error:
-            return ua.DataValue(StatusCode=status(error.ua_status))
+            return _no_value(error.ua_status)
+        except Exception as error:  # noqa: BLE001 - a mistake about one node must not cost the client the others
+            self._context.mistakes.caught("reads", error, node=shown(wanted.NodeId))
+            return _no_value(StatusCodes.BadInternalError)
+
+    def _readable(self, wanted: ua.ReadValueId, user: User) -> ua.DataValue:
+        attribute = wanted.AttributeId
+        value = readable_value(self._aspace, wanted.NodeId, attribute)
+        if wanted.IndexRange:
+            if attribute != AttributeIds.Value:
+                raise Refusal(StatusCodes.BadIndexRangeInvalid)
+            index_range = parse_range(wanted.IndexRange)
+            assert index_range is not None
+            value = apply_range(value, index_range)
+        encoding = wanted.DataEncoding
+        if encoding is not None and encoding.Name:
+            self._check_encoding(encoding, attribute)
         if attribute == AttributeIds.UserExecutable and not self._context.may_call(user, wanted.NodeId):
             return _but(value, lambda _: False)
         if attribute == AttributeIds.UserAccessLevel and not user.role.covers(Role.OPERATOR):
@@ -109,16 +117,31 @@ class AttributeServices:
         nodes = operations(params.NodesToWrite, self._limits.nodes_per_request)
         response = ua.WriteResponse()
         lines: list[dict[str, Any]] = []
-        for node in nodes:
-            code = await self._write(request, node)
-            response.Results.append(status(code))
-            value = node.Value.Value if node.Value is not None else None
-            line = {"node": shown(node.NodeId), "value": summary(value.Value if value is not None else None)}
-            if node.AttributeId != AttributeIds.Value:
-                line["attribute"] = str(node.AttributeId)
-            lines.append({**line, "status": name_of(code)})
-        self._context.statistics.writes += len(lines)
-        self._context.audit.record_all("write", request.caller, lines)
+
+        def record() -> None:
+            self._context.statistics.writes += len(lines)
+            self._context.audit.record_all("write", request.caller, lines)
+            lines.clear()
+
+        try:
+            for node in nodes:
+                told = self._events.wanted
+                before = self._aspace.read_attribute_value(node.NodeId, AttributeIds.Value).Value if told else None
+                code = await self._write(request, node)
+                response.Results.append(status(code))
+                if told:
+                    self._events.written(request.who, node, before if code == 0 else None, code)
+                value = node.Value.Value if node.Value is not None else None
+                line = {"node": shown(node.NodeId), "value": summary(value.Value if value is not None else None)}
+                if node.AttributeId != AttributeIds.Value:
+                    line["attribute"] = str(node.AttributeId)
+                lines.append({**line, "status": name_of(code)})
+                if request.turns.over:
+                    record()  # the lines of ten thousand writes in one piece would be one long turn
+                    await request.turns.end()
+        finally:
+            # Also of a client who goes away in the middle of a request.
+            record()
         return response
 
     async def _write(self, request: Request, wanted: ua.WriteValue) -> int:
@@ -140,7 +163,7 @@ class AttributeServices:
             if (known := status_of(error)) is not None:
                 return known
             # Whatever goes wrong behind the gate, the client's connection and its other writes go on.
-            _log.exception("write failed", node=shown(node_id))
+            self._context.mistakes.caught("writes", error, node=shown(node_id))
             return int(StatusCodes.BadInternalError)
 
     def _check_write(self, user: User, wanted: ua.WriteValue) -> None:
@@ -165,18 +188,25 @@ class AttributeServices:
         """HistoryRead of nodes that have and show a history."""
         nodes = operations(params.NodesToRead, self._limits.nodes_per_request)
         _timestamps_known(params.TimestampsToReturn)
-        response = ua.HistoryReadResponse()
-        if params.ReleaseContinuationPoints:
-            response.Results = [ua.HistoryReadResult() for _ in nodes]
-            return response
+        answer = Answer(ua.HistoryReadResponse(), self._limits.response_bytes)
         for node in nodes:
-            try:
-                self._check_history(node.NodeId, params.HistoryReadDetails)
-                single = dataclasses.replace(params, NodesToRead=[node])
-                response.Results += await self._context.iserver.history_manager.read_history(single)
-            except Refusal as error:
-                response.Results.append(ua.HistoryReadResult(StatusCode=status(error.ua_status)))
-        return response
+            answer.add(
+                ua.HistoryReadResult() if params.ReleaseContinuationPoints else await self._history(node, params),
+                lambda code: ua.HistoryReadResult(StatusCode=status(code)),
+                self._context.misfit,
+                partial(_named, node),
+            )
+            await request.turns.end(answer.size)
+        return answer
+
+    async def _history(self, node: ua.HistoryReadValueId, params: ua.HistoryReadParameters) -> ua.HistoryReadResult:
+        try:
+            self._check_history(node.NodeId, params.HistoryReadDetails)
+            single = dataclasses.replace(params, NodesToRead=[node])
+            results = await self._context.iserver.history_manager.read_history(single)
+        except Refusal as error:
+            return ua.HistoryReadResult(StatusCode=status(error.ua_status))
+        return results[0]
 
     def _check_history(self, node_id: ua.NodeId, details: Any) -> None:
         node = self._aspace.get(node_id)
@@ -189,6 +219,14 @@ class AttributeServices:
             allowed = access_level(self._aspace, node_id) & HISTORY
         if not allowed:
             raise Refusal(StatusCodes.BadHistoryOperationUnsupported)
+
+
+def _no_value(code: int) -> ua.DataValue:
+    return ua.DataValue(StatusCode=status(code))
+
+
+def _named(wanted: ua.ReadValueId | ua.HistoryReadValueId) -> str:
+    return f"{shown(wanted.NodeId)} attribute {getattr(wanted, 'AttributeId', 'history')}"
 
 
 def _timestamps_known(wanted: Any) -> None:

@@ -10,7 +10,7 @@ how long, and how much a client may send.
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, Final
 
 from asyncua import ua
@@ -18,16 +18,27 @@ from asyncua.common.connection import SecureConnection, TransportLimits
 from asyncua.common.utils import Buffer
 from asyncua.crypto.security_policies import SecurityPolicyFactory, SecurityPolicyNone
 from asyncua.server.internal_server import InternalServer
-from asyncua.ua.ua_binary import header_from_binary, struct_from_binary, struct_to_binary, uatcp_to_binary
+from asyncua.ua.ua_binary import header_from_binary, struct_to_binary, uatcp_to_binary
 from cryptography import x509
 from cryptography.exceptions import InvalidSignature
 from cryptography.hazmat.primitives.asymmetric import rsa
 from cryptography.hazmat.primitives.serialization import Encoding
 
+from ua_fleet.errors import RemoteWireError
+from ua_fleet.server.endpoint.answers import Answer
+from ua_fleet.server.endpoint.audit_events import ChannelOpened
 from ua_fleet.server.endpoint.connection import FrameError
+from ua_fleet.server.endpoint.decoding import Hello, OpenRequest, check_open_header, decode_hello, decode_open
 from ua_fleet.server.endpoint.limits import CHUNK_BYTES, MIN_CHUNK_BYTES, Limits
-from ua_fleet.server.endpoint.stack import DECODE_ERRORS, StatusCodes, name_of, status
-from ua_fleet.server.trust import MAX_KEY_BITS, MIN_KEY_BITS, CertificateRefused, TrustList, split_chain
+from ua_fleet.server.endpoint.stack import DECODE_ERRORS, Refusal, StatusCodes, name_of, status
+from ua_fleet.server.trust import (
+    MAX_CHAIN_BYTES,
+    MAX_KEY_BITS,
+    MIN_KEY_BITS,
+    CertificateRefused,
+    TrustList,
+    split_chain,
+)
 
 __all__ = ["Channel"]
 
@@ -41,15 +52,37 @@ _CLOSE: Final[Any] = ua.MessageType.SecureClose
 _MESSAGE: Final[Any] = ua.MessageType.SecureMessage
 _NO_SECURITY: Final[Any] = SecurityPolicyNone
 _CHUNKS_BEFORE_AUTHENTICATION: Final = 16
+_MOST_ENCRYPTED: Final = 4_096
+"""Encrypted bytes of an OpenSecureChannel. Each 256 or 512 of them are one use of the server's private key; a client
+with the longest keys needs some 1,500."""
+_ABORTS_BEFORE_AUTHENTICATION: Final = 16
 
 
 class _SecureConnection(SecureConnection):
     """asyncua's, with a certificate that is looked at before its key is used."""
 
-    def __init__(self, limits: TransportLimits, policies: Sequence[SecurityPolicyFactory]) -> None:
+    def __init__(
+        self,
+        limits: TransportLimits,
+        policies: Sequence[SecurityPolicyFactory],
+        look: Callable[[str, list[x509.Certificate]], None],
+    ) -> None:
+        """Open channels with these policies; `look` raises for a chain of certificates that is not accepted."""
         super().__init__(_NO_SECURITY(), limits)
         self.set_policy_factories(list(policies))
         self.chain: list[x509.Certificate] = []
+        self._look = look
+        self.aborted = 0
+        """Messages that the client has given up in the middle."""
+
+    def _receive(self, msg: Any) -> Any:
+        if msg.MessageHeader.ChunkType != ua.ChunkType.Abort:
+            return super()._receive(msg)
+        # asyncua would write the client's reason into our log, 64 KiB of whatever it is.
+        self._check_incoming_chunk(msg)
+        self._drop_incoming_parts()
+        self.aborted += 1
+        return None
 
     def select_policy(
         self, uri: str, peer_certificate: bytes | None, mode: ua.MessageSecurityMode | None = None
@@ -68,6 +101,10 @@ class _SecureConnection(SecureConnection):
         key = chain[0].public_key()
         if not isinstance(key, rsa.RSAPublicKey) or not MIN_KEY_BITS <= key.key_size <= MAX_KEY_BITS:
             raise CertificateRefused(StatusCodes.BadCertificatePolicyCheckFailed, "the key is too short or no RSA")
+        if mode is None:
+            # The first look at the message, before the server's private key is used for it.
+            self.chain = chain
+            self._look(uri, chain)
         self.chain = chain
         self.security_policy = matching.create(_der(chain[0]))
 
@@ -79,6 +116,15 @@ class _SecureConnection(SecureConnection):
 
 def _der(certificate: x509.Certificate) -> bytes:
     return certificate.public_bytes(Encoding.DER)
+
+
+def _parameters(request: OpenRequest, lifetime_ms: int) -> Any:
+    """What asyncua issues or renews a token by."""
+    parameters: Any = ua.OpenSecureChannelParameters()
+    parameters.RequestType = ua.SecurityTokenRequestType(int(request.renewal))
+    parameters.ClientNonce = request.nonce
+    parameters.RequestedLifetime = lifetime_ms
+    return parameters
 
 
 class Channel:
@@ -94,14 +140,20 @@ class Channel:
             max_chunk_count=_CHUNKS_BEFORE_AUTHENTICATION,
             max_message_size=CHUNK_BYTES,
         )
-        self._secure = _SecureConnection(self._transport_limits, policies)
+        self._secure = _SecureConnection(self._transport_limits, policies, self._look)
         self._none_offered = any(policy.cls.URI == NONE_URI for policy in policies)
         self._hello = False
+        self._asked: ChannelOpened | None = None
         self._response_bytes = 0
         self._authenticated = False
         self.expires_at = float("inf")
         self.output: list[bytes] = []
         """What is to be sent, in order; the owner takes it."""
+
+    @property
+    def greeted(self) -> bool:
+        """Whether the client has said Hello."""
+        return self._hello
 
     @property
     def is_open(self) -> bool:
@@ -123,6 +175,16 @@ class Channel:
     def sessions_allowed(self) -> bool:
         """Whether more than discovery may be done on this channel."""
         return self.secured or self._none_offered
+
+    @property
+    def channel_id(self) -> int:
+        """SecureChannelId; 0 before there is a channel."""
+        return int(self._secure.security_token.ChannelId) if self.is_open else 0
+
+    def take_opened(self) -> ChannelOpened | None:
+        """What the last OpenSecureChannel asked for, granted or not; once."""
+        opened, self._asked = self._asked, None
+        return opened
 
     @property
     def policy(self) -> Any:
@@ -168,13 +230,19 @@ class Channel:
         try:
             header: Any = header_from_binary(buffer)
             if header.MessageType == _HELLO:
-                self._receive_hello(struct_from_binary(ua.Hello, buffer))
+                self._receive_hello(decode_hello(bytes(buffer)))
                 return None
             if not self._hello or (header.MessageType != _OPEN and not self.is_open):
                 raise FrameError(StatusCodes.BadTcpMessageTypeInvalid, "a message before Hello or an open channel")
             if header.MessageType == _OPEN and header.ChunkType != ua.ChunkType.Single:
                 raise FrameError(StatusCodes.BadTcpMessageTypeInvalid, "an OpenSecureChannel in chunks")
+            if header.MessageType == _OPEN:
+                uri, rest = check_open_header(bytes(buffer))
+                if uri != NONE_URI and rest > _MOST_ENCRYPTED:
+                    raise FrameError(StatusCodes.BadTcpMessageTooLarge, f"{rest} encrypted bytes to open a channel")
             message: Any = self._secure.receive_from_header_and_body(header, buffer)
+            if self._secure.aborted > _ABORTS_BEFORE_AUTHENTICATION and not self._authenticated:
+                raise FrameError(StatusCodes.BadTcpNotEnoughResources, "too many aborted messages")
             if message is None:
                 return None
             if header.MessageType == _CLOSE:
@@ -187,20 +255,22 @@ class Channel:
             raise FrameError(StatusCodes.BadSecurityChecksFailed, "a wrong signature") from error
         except ua.UaStatusCodeError as error:
             raise FrameError(error.code, name_of(error.code)) from error
-        except DECODE_ERRORS as error:
+        except Refusal as error:
+            raise FrameError(error.ua_status, str(error)) from error
+        except (RemoteWireError, *DECODE_ERRORS) as error:
             code = StatusCodes.BadSecurityChecksFailed if self._hello else StatusCodes.BadDecodingError
             raise FrameError(code, f"{type(error).__name__}: {error!s:.100}") from error
         return message
 
-    def _receive_hello(self, hello: ua.Hello) -> None:
+    def _receive_hello(self, hello: Hello) -> None:
         if self._hello:
             raise FrameError(StatusCodes.BadTcpMessageTypeInvalid, "a second Hello")
-        if hello.ReceiveBufferSize < MIN_CHUNK_BYTES or hello.SendBufferSize < MIN_CHUNK_BYTES:
+        if hello.receive_buffer < MIN_CHUNK_BYTES or hello.send_buffer < MIN_CHUNK_BYTES:
             raise FrameError(StatusCodes.BadConnectionRejected, "buffers below 8192 bytes")
         self._hello = True
-        self._transport_limits.max_send_buffer = min(CHUNK_BYTES, hello.ReceiveBufferSize)
-        self._transport_limits.max_recv_buffer = min(CHUNK_BYTES, hello.SendBufferSize)
-        self._response_bytes = hello.MaxMessageSize
+        self._transport_limits.max_send_buffer = min(CHUNK_BYTES, hello.receive_buffer)
+        self._transport_limits.max_recv_buffer = min(CHUNK_BYTES, hello.send_buffer)
+        self._response_bytes = hello.max_message
         acknowledge: Any = ua.Acknowledge()
         acknowledge.ProtocolVersion = 0
         acknowledge.ReceiveBufferSize = self._transport_limits.max_recv_buffer
@@ -209,41 +279,52 @@ class Channel:
         acknowledge.MaxChunkCount = self._limits.message_bytes // MIN_CHUNK_BYTES + 1
         self.output.append(uatcp_to_binary(_ACKNOWLEDGE, acknowledge))
 
+    def _look(self, uri: str, chain: list[x509.Certificate]) -> None:
+        """Raise CertificateRefused before the server's private key is used for a stranger's message."""
+        certificate = _der(chain[0])[:MAX_CHAIN_BYTES]
+        # What else it asks for is encrypted yet.
+        self._asked = ChannelOpened(0, certificate, renewal=False, policy_uri=uri, mode=0, lifetime_ms=0.0)
+        self._trust.check(chain)
+
     def _open(self, message: Any) -> None:
         """Issue or renew the channel's token, for a certificate that is trusted."""
         algorithm = message.SecurityHeader()
-        request = struct_from_binary(ua.OpenSecureChannelRequest, message.body())
-        parameters = request.Parameters
-        issue = parameters.RequestType == ua.SecurityTokenRequestType.Issue
-        if issue == self.is_open:
+        request = decode_open(bytes(message.body()))
+        mode = ua.MessageSecurityMode(request.mode)
+        self._asked = ChannelOpened(
+            self.channel_id,
+            (algorithm.SenderCertificate or b"")[:MAX_CHAIN_BYTES],
+            request.renewal,
+            (algorithm.SecurityPolicyURI or "")[:255],
+            request.mode,
+            float(request.lifetime_ms),
+        )
+        if request.renewal != self.is_open:
             raise FrameError(StatusCodes.BadRequestTypeInvalid, "a channel is issued once, then renewed")
-        if issue:
-            self._secure.select_policy(
-                algorithm.SecurityPolicyURI, algorithm.SenderCertificate, parameters.SecurityMode
-            )
+        if request.renewal:
+            self._check_renewal(algorithm, mode)
         else:
-            self._check_renewal(algorithm, parameters)
+            self._secure.select_policy(algorithm.SecurityPolicyURI, algorithm.SenderCertificate, mode)
         if self._secure.security_policy.URI != NONE_URI:
-            nonce = parameters.ClientNonce or b""
             if (
-                len(nonce) != self._secure.security_policy.secure_channel_nonce_length
-                or nonce == self._secure.remote_nonce
+                len(request.nonce) != self._secure.security_policy.secure_channel_nonce_length
+                or request.nonce == self._secure.remote_nonce
             ):
                 raise FrameError(StatusCodes.BadNonceInvalid, "the client's nonce is used or too short")
-            self._trust.check(self._secure.chain)
+            if request.renewal:
+                self._trust.check(self._secure.chain)
         least, most = self._limits.channel_lifetime_s
-        lifetime = min(max(parameters.RequestedLifetime / 1000, least), most)
-        parameters.RequestedLifetime = int(lifetime * 1000)
+        lifetime = min(max(request.lifetime_ms / 1000, least), most)
         # Messages under the old token are good for a quarter of its lifetime more (OPC 10000-4 5.5.2.1).
         self.expires_at = time.monotonic() + lifetime * 1.25
         response = ua.OpenSecureChannelResponse()
-        response.Parameters = self._secure.open(parameters, self._iserver)
-        response.ResponseHeader.RequestHandle = request.RequestHeader.RequestHandle
+        response.Parameters = self._secure.open(_parameters(request, int(lifetime * 1000)), self._iserver)
+        response.ResponseHeader.RequestHandle = request.head.handle  # pyright: ignore[reportAttributeAccessIssue]
         self._send(struct_to_binary(response), message.SequenceHeader().RequestId, _OPEN)
 
-    def _check_renewal(self, algorithm: Any, parameters: Any) -> None:
+    def _check_renewal(self, algorithm: Any, mode: ua.MessageSecurityMode) -> None:
         policy = self._secure.security_policy
-        if algorithm.SecurityPolicyURI != policy.URI or parameters.SecurityMode != policy.Mode:
+        if algorithm.SecurityPolicyURI != policy.URI or mode != policy.Mode:
             raise FrameError(StatusCodes.BadSecurityPolicyRejected, "a renewal with another policy")
         if self.secured:
             chain = split_chain(algorithm.SenderCertificate or b"")
@@ -252,8 +333,12 @@ class Channel:
 
     def encode(self, response: Any, handle: int) -> bytes:
         """The bytes of a response; raises OverflowError when it is longer than the client takes."""
-        response.ResponseHeader.RequestHandle = handle
-        data = struct_to_binary(response)
+        if isinstance(response, Answer):
+            response.response.ResponseHeader.RequestHandle = handle
+            data = response.encode()
+        else:
+            response.ResponseHeader.RequestHandle = handle
+            data = struct_to_binary(response)
         if len(data) > self._response_bytes >= MIN_CHUNK_BYTES:
             raise OverflowError(f"a response of {len(data)} bytes, the client takes {self._response_bytes}")
         return data

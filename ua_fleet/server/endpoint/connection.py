@@ -101,6 +101,11 @@ class Connection(asyncio.BufferedProtocol):
         return (str(name[0]), int(name[1])) if name else None
 
     @property
+    def over(self) -> bool:
+        """Whether the client has gone, or is to go."""
+        return self._over
+
+    @property
     def writable(self) -> bool:
         """Whether the client keeps up with what is sent to it."""
         return self._writable.is_set() and not self._over
@@ -146,6 +151,10 @@ class Connection(asyncio.BufferedProtocol):
         self._writable.set()
         self.stalled_since = None
 
+    async def taken(self) -> None:
+        """Wait until the client has taken what was sent, but for the last of it, or has gone."""
+        await self._writable.wait()
+
     def send(self, data: bytes) -> None:
         """Send bytes, unless the connection is gone."""
         if self._transport is not None and not self._transport.is_closing():
@@ -170,7 +179,7 @@ class Connection(asyncio.BufferedProtocol):
             while (frame := await self._next_frame(handler)) is not None:
                 if not await handler.process(frame):
                     break
-                await self._writable.wait()
+                await self.taken()
                 if time.monotonic() - turn > _TURN_S:
                     # A client with a buffer full of requests lets the others have their turn.
                     await asyncio.sleep(0)

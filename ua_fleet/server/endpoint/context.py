@@ -12,10 +12,13 @@ from asyncua import ua
 from asyncua.crypto.security_policies import SecurityPolicyFactory
 from asyncua.server.internal_server import InternalServer
 
+from ua_fleet.monitoring.mistakes import Mistakes
 from ua_fleet.server.audit import AuditLog
 from ua_fleet.server.bridges import BridgeTrust
 from ua_fleet.server.endpoint.limits import Limits
+from ua_fleet.server.endpoint.strangers import StrangersTime
 from ua_fleet.server.endpoint.throttle import LoginThrottle
+from ua_fleet.server.endpoint.turns import Places
 from ua_fleet.server.trust import TrustList
 from ua_fleet.server.users import Role, User, UserStore
 
@@ -42,10 +45,16 @@ class Statistics:
     connections_refused: int = 0
     connections_evicted: int = 0
     """Unauthenticated connections closed to make room for newer ones."""
+    strangers_refused: int = 0
+    """Connections without a user that were closed because their address had cost too much computing time."""
     handshake_timeouts: int = 0
     frames_refused: int = 0
     certificates_rejected: int = 0
     sessions: int = 0
+    sessions_refused: int = 0
+    """Sessions for which there was no place."""
+    sessions_evicted: int = 0
+    """Detached sessions that ended to make room for newer ones."""
     logins: int = 0
     requests: int = 0
     requests_refused: int = 0
@@ -66,17 +75,24 @@ class Context:
     allow_none_security: bool
     allow_anonymous: bool
     policies: Sequence[SecurityPolicyFactory] = ()
+    server_id: str = ""
+    """The server's ApplicationUri."""
     gate: NodeGate | None = None
     throttle: LoginThrottle = field(default_factory=LoginThrottle)
+    strangers: StrangersTime = field(default_factory=StrangersTime)
     statistics: Statistics = field(default_factory=Statistics)
     bridges: BridgeTrust | None = None
     """Without it nobody logs in by a certificate."""
+    places: Places = field(default_factory=Places)
+    """Of the large requests of each user."""
     method_rules: dict[ua.NodeId, Callable[[User], bool]] = field(
         default_factory=dict[ua.NodeId, Callable[[User], bool]]
     )
     """Who may call a method, where that is not an operator."""
     departed: list[Callable[[str], None]] = field(default_factory=list[Callable[[str], None]])
     """Called with the key of a session when it ends, and when its connection is lost."""
+    mistakes: Mistakes = field(default_factory=Mistakes)
+    """What has cost a request, an item or a subscription."""
     encrypted_methods: set[ua.NodeId] = field(default_factory=set[ua.NodeId])
     """Methods that may be called over an encrypted channel alone."""
 
@@ -84,3 +100,7 @@ class Context:
         """Whether a user may call a method at all."""
         rule = self.method_rules.get(method_id)
         return user.role.covers(Role.OPERATOR) if rule is None else rule(user)
+
+    def misfit(self, what: str, error: Exception) -> None:
+        """Something of this server cannot be encoded; clients get Bad_EncodingError for it."""
+        self.mistakes.caught("encoding", error, node=what)

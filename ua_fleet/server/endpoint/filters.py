@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import functools
 import logging
 import math
 import re
@@ -13,6 +14,7 @@ from typing import Any, Final
 from asyncua import ua
 from asyncua.server.address_space import AddressSpace
 from asyncua.server.monitored_item_service import WhereClauseEvaluator
+from asyncua.ua.ua_binary import variant_to_binary
 
 # The class that is decoded; `ua` has one derived from it under the same name.
 from asyncua.ua.uaprotocol_auto import DataChangeFilter
@@ -42,6 +44,15 @@ _COUNTS: Final = {
 """The operators that are evaluated, with their least number of operands."""
 _NUMBERS: Final = range(2, 12)
 """Built-in types SByte (2) to Double (11)."""
+_LONGEST_PATTERN: Final = 200
+_LONGEST_TEXT: Final = 1_000
+"""Characters of a pattern, and of a text that is held against one."""
+_COSTLIEST: Final = 1_000
+"""Steps of one filter for one event."""
+_STEP_BYTES: Final = 64
+"""Bytes of a literal that take as long to compare as one operand to find."""
+_OF_TYPE: Final = 10
+"""Steps of a way up to a type."""
 
 
 class _Evaluator(WhereClauseEvaluator):
@@ -74,38 +85,55 @@ class _Evaluator(WhereClauseEvaluator):
         return False
 
     def _like_operator(self, string: Any, pattern: Any) -> bool:
-        """OPC 10000-4 7.7.3: `%` any characters, `_` one, `[]` one of, `[^]` none of; `backslash` one as it is."""
-        if not isinstance(string, str) or not isinstance(pattern, str) or len(pattern) > 200 or len(string) > 10_000:
+        if not isinstance(string, str) or not isinstance(pattern, str) or len(string) > _LONGEST_TEXT:
             return False
-        return _like(string, re.findall(r"\\.|\[\^?[^\]]+\]|.", pattern, re.DOTALL))
+        return _like(string, pattern)
 
 
-def _like(text: str, tokens: list[str]) -> bool:
-    """Match with a way back to the last `%` alone, so that no pattern takes longer than text times pattern."""
-    at = position = 0
-    anchor, tried = -1, 0
-    while at < len(text):
-        if position < len(tokens) and tokens[position] == "%":
-            anchor, tried = position, at
-            position += 1
-        elif position < len(tokens) and _fits(tokens[position], text[at]):
-            at, position = at + 1, position + 1
-        elif anchor >= 0:
-            tried += 1
-            at, position = tried, anchor + 1
+def _like(text: str, pattern: str) -> bool:
+    """OPC 10000-4 7.7.3: `%` any characters, `_` one, `[]` one of, `[^]` none of; a backslash takes the next as it is.
+
+    What stands between two `%` has one length, so that the first place where it fits is right, and no pattern takes
+    longer than text times pattern.
+    """
+    parts = _parts(pattern)
+    at = 0
+    for number, (part, length) in enumerate(parts):
+        if number == len(parts) - 1:  # the end of the text
+            at = max(at, len(text) - length) if number else 0
+            return part.fullmatch(text, at) is not None
+        found = part.search(text, at) if number else part.match(text)
+        if found is None:
+            return False
+        at = found.end()
+    return False
+
+
+@functools.lru_cache(256)
+def _parts(pattern: str) -> list[tuple[re.Pattern[str], int]]:
+    """What stands between the `%` of a pattern, and how many characters each takes."""
+    parts: list[list[str]] = [[]]
+    for sign in re.findall(r"\\.|\[\^?[^\]]+\]|.", pattern, re.DOTALL):
+        if sign == "%":
+            parts.append([])
         else:
-            return False
-    return set(tokens[position:]) <= {"%"}
+            parts[-1].append(_expression(sign))
+    return [(re.compile("".join(part), re.DOTALL), len(part)) for part in parts]
 
 
-def _fits(token: str, character: str) -> bool:
-    if token in {"_"}:
-        return True
-    if len(token) > 2 and token[0] == "[":
-        inside, other = (token[2:-1], True) if token[1] == "^" else (token[1:-1], False)
+def _expression(sign: str) -> str:
+    if sign == "_":
+        return "."
+    if len(sign) > 2 and sign[0] == "[":
+        inside, other = (sign[2:-1], True) if sign[1] == "^" else (sign[1:-1], False)
         ranges = re.findall(r"(.)-(.)|(.)", inside, re.DOTALL)
-        return other != any(low <= character <= high if low else character == one for low, high, one in ranges)
-    return character == (token[1] if token[0] == "\\" and len(token) == 2 else token)
+        # A range that goes backwards holds nothing.
+        found = [re.escape(low) + "-" + re.escape(high) for low, high, _ in ranges if low and low <= high]
+        found += [re.escape(one) for _, _, one in ranges if one]
+        if not found:
+            return "." if other else "(?!).?"
+        return f"[{'^' if other else ''}{''.join(found)}]"
+    return re.escape(sign[1] if sign[0] == "\\" and len(sign) == 2 else sign)
 
 
 class EventFilter:
@@ -113,6 +141,8 @@ class EventFilter:
 
     def __init__(self, aspace: AddressSpace, wanted: ua.EventFilter) -> None:
         self.select = wanted.SelectClauses
+        self.cost = _cost_of(wanted)
+        """Steps that one event takes."""
         self._where = _Evaluator(_log, aspace, wanted.WhereClause)
 
     def passes(self, event: Any) -> bool:
@@ -151,19 +181,55 @@ def check_event_filter(aspace: AddressSpace, wanted: Any, limit: int) -> EventFi
             # Elements refer to later ones only, so that no filter refers to itself (OPC 10000-4 7.7.4.2).
             if isinstance(operand, ua.ElementOperand) and not index < operand.Index < len(elements):
                 raise Refusal(StatusCodes.BadMonitoredItemFilterInvalid, "an element that refers backwards")
-    _check_size(elements)
-    return EventFilter(aspace, wanted)
+        _check_like(element)
+    made = EventFilter(aspace, wanted)
+    if made.cost > _COSTLIEST:
+        raise Refusal(StatusCodes.BadMonitoredItemFilterInvalid, f"a filter of {made.cost} steps for each event")
+    return made
 
 
-def _check_size(elements: list[Any]) -> None:
-    """Refuse a filter whose evaluation takes more steps than it has elements many times over."""
-    costs = [1] * len(elements)
+def _check_like(element: ua.ContentFilterElement) -> None:
+    """Refuse a Like whose pattern is not known now, or is too long."""
+    if element.FilterOperator != ua.FilterOperator.Like:
+        return
+    pattern = _literal(element.FilterOperands[1])
+    if not isinstance(pattern, str) or len(pattern) > _LONGEST_PATTERN:
+        raise Refusal(
+            StatusCodes.BadFilterLiteralInvalid,
+            f"the pattern of Like has to be a String of at most {_LONGEST_PATTERN} characters",
+        )
+
+
+def _literal(operand: Any) -> Any:
+    value = operand.Value if isinstance(operand, ua.LiteralOperand) else None
+    return value.Value if value is not None else None
+
+
+def _cost_of(wanted: ua.EventFilter) -> int:
+    """Steps that an event takes at most: of its where clause, and of the fields that are told."""
+    elements = wanted.WhereClause.Elements or []
+    costs = [0] * len(elements)
     for index in range(len(elements) - 1, -1, -1):
-        for operand in elements[index].FilterOperands or []:
+        element = elements[index]
+        cost = _OF_TYPE if element.FilterOperator == ua.FilterOperator.OfType else 1
+        if element.FilterOperator == ua.FilterOperator.Like:
+            cost += len(_literal(element.FilterOperands[1]))
+        for operand in element.FilterOperands or []:
             if isinstance(operand, ua.ElementOperand):
-                costs[index] += costs[operand.Index]
-    if costs and costs[0] > 1_000:
-        raise Refusal(StatusCodes.BadMonitoredItemFilterInvalid, "a filter that refers to its elements too often")
+                cost += costs[operand.Index]
+            elif isinstance(operand, ua.LiteralOperand) and operand.Value is not None:
+                cost += 1 + _size_of(operand.Value) // _STEP_BYTES
+            else:
+                cost += 1
+        costs[index] = cost
+    return len(wanted.SelectClauses or []) + (costs[0] if costs else 0)
+
+
+def _size_of(literal: ua.Variant) -> int:
+    try:
+        return len(variant_to_binary(literal))
+    except DECODE_ERRORS as error:
+        raise Refusal(StatusCodes.BadFilterLiteralInvalid, str(error)) from error
 
 
 def check_data_filter(wanted: Any, *, attribute: int, value: ua.DataValue) -> None:

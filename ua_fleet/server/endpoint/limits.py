@@ -27,10 +27,16 @@ class Limits:
 
     connections: int = 100
     sessions: int = 50
+    sessions_per_user: int = 10
+    """Active sessions of one user, or of one address where clients have no user."""
+    reserved_sessions: int = 10
+    """Of `sessions`, those that engineers and bridges alone may take; at most half of them."""
     message_bytes: int = 4 * 1024 * 1024
     nodes_per_request: int = 10_000
     subscriptions_per_session: int = 50
     monitored_items_per_subscription: int = 20_000
+    calls_per_request: int = 100
+    """Methods that one request may call."""
     continuation_points: int = 10
     references_per_node: int = 1_000
     """References in one BrowseResult; the rest waits at a continuation point."""
@@ -41,6 +47,8 @@ class Limits:
     """Requests of a connection that is not authenticated; discovery and a login take fewer than ten."""
     stalled_s: float = 30.0
     """A client that does not read its responses for so long is cut off."""
+    contended_s: float = 10.0
+    """As `stalled_s`, where other large requests of the same user wait for the client to read."""
     session_timeout_s: tuple[float, float] = (5.0, 600.0)
     channel_lifetime_s: tuple[float, float] = (10.0, 3_600.0)
     method_s: float = 3.0
@@ -50,13 +58,45 @@ class Limits:
     queue_size: int = 100
     """Values or events that wait for one monitored item."""
     queued_notifications: int = 100_000
-    """Values and events that wait in one subscription; then each item keeps its newest alone."""
+    """Values and events that wait in one subscription, each 256 bytes of a value as one more; then each item keeps its
+    newest alone."""
     notifications_per_publish: int = 5_000
+    notification_bytes: int = 1024 * 1024
+    """Bytes after which a notification message is full."""
     retransmissions: int = 50
     """Sent notification messages that a subscription keeps until they are acknowledged."""
+    retransmission_bytes: int = 16 * 1024 * 1024
+    """Bytes of such messages of one user in all sessions, or of one address without; then the oldest of the greediest
+    subscription go."""
+    items_per_node: int = 20
+    """Monitored items of one subscription on the same node: each write to the node goes to all of them."""
+    items_per_node_and_user: int = 100
+    """Those of one user in all sessions, or of one address where clients have no user."""
+    event_items_per_session: int = 200
+    """Monitored items of one session that watch events: each event goes to all of them."""
     filter_elements: int = 100
+    filter_steps_per_session: int = 10_000
+    """Steps that the filters of a session's event items take for one event, of some microseconds each."""
     tick_s: float = 0.25
     """Period of the check for what is overdue."""
+
+    @property
+    def response_bytes(self) -> int:
+        """Bytes of the results of one response."""
+        return 2 * self.message_bytes
+
+    @property
+    def monitored_items_per_user(self) -> int:
+        """Monitored items of one user in all sessions, or of one address where clients have no user.
+
+        Each takes 1.4 kB, so that a user takes less than 100 MB with them.
+        """
+        return 3 * self.monitored_items_per_subscription
+
+    @property
+    def request_memory_bytes(self) -> int:
+        """Memory that a decoded request may take: small values take a multiple of their bytes."""
+        return 16 * self.message_bytes
 
     @classmethod
     def from_config(cls, config: ServerConfig) -> Limits:
@@ -64,6 +104,8 @@ class Limits:
         return cls(
             connections=config.max_connections,
             sessions=config.max_sessions,
+            sessions_per_user=config.max_sessions_per_user,
+            reserved_sessions=config.reserved_sessions,
             message_bytes=config.max_message_bytes,
             nodes_per_request=config.max_nodes_per_request,
             subscriptions_per_session=config.max_subscriptions_per_session,
@@ -78,7 +120,6 @@ class Limits:
             for name in (
                 "MaxNodesPerRead",
                 "MaxNodesPerWrite",
-                "MaxNodesPerMethodCall",
                 "MaxNodesPerBrowse",
                 "MaxNodesPerRegisterNodes",
                 "MaxNodesPerTranslateBrowsePathsToNodeIds",
@@ -92,6 +133,10 @@ class Limits:
             )
         }
         values |= {
+            "OperationLimits_MaxNodesPerMethodCall": (
+                min(self.calls_per_request, per_request),
+                ua.VariantType.UInt32,
+            ),
             "MaxBrowseContinuationPoints": (self.continuation_points, ua.VariantType.UInt16),
             "MaxSessions": (self.sessions, ua.VariantType.UInt32),
             "MaxSubscriptions": (self.sessions * self.subscriptions_per_session, ua.VariantType.UInt32),

@@ -5,19 +5,28 @@
 from __future__ import annotations
 
 import asyncio
+import os
+import socket
 import time
+from typing import Final
 
 import structlog
 
 from ua_fleet.errors import ServerStartError
 from ua_fleet.server.audit import Caller
+from ua_fleet.server.endpoint.admission import Admission, Waiting
 from ua_fleet.server.endpoint.connection import Connection
-from ua_fleet.server.endpoint.processor import Processor, Services, Stage
+from ua_fleet.server.endpoint.processor import Processor, Services, Stage, refuse_stranger
 from ua_fleet.server.users import UserFileError
 
 __all__ = ["Listener"]
 
 _log = structlog.get_logger("ua_fleet.server")
+
+_ACCEPTED_AT_ONCE: Final = 32
+"""Connections that are accepted before others get their turn."""
+_BACKLOG: Final = 1024
+"""Connections that the kernel keeps for us: one that it drops is tried again by its client after a second."""
 
 
 class Listener:
@@ -27,6 +36,7 @@ class Listener:
         self._services, self._context = services, services.context
         self._host, self._wanted_port = host, port
         self._server: asyncio.Server | None = None
+        self._admission = Admission(self._context.limits.connections)
         self._connections: dict[Connection, Processor] = {}
         self._tasks: set[asyncio.Task[None]] = set()
         self._housekeeping: asyncio.Task[None] | None = None
@@ -44,6 +54,7 @@ class Listener:
                 lambda: Connection(self._accept, self._open, self._started),
                 self._host,
                 self._wanted_port,
+                backlog=_ACCEPTED_AT_ONCE,
                 start_serving=False,
             )
         except OSError as error:
@@ -57,6 +68,10 @@ class Listener:
         """Listen."""
         assert self._server is not None
         await self._server.start_serving()
+        for listening in self._server.sockets:
+            # asyncio accepts as many at a time as it lets wait; the kernel may keep more.
+            with socket.socket(fileno=os.dup(listening.fileno())) as same:
+                same.listen(_BACKLOG)
         self._housekeeping = asyncio.create_task(self._keep_house(), name="housekeeping")
 
     async def stop(self) -> None:
@@ -81,20 +96,26 @@ class Listener:
             await self._server.wait_closed()
 
     def _accept(self, connection: Connection) -> bool:
-        """Whether a new connection may stay; the oldest that has not authenticated makes room for it."""
+        """Whether a new connection may stay; one that has no user makes room for it."""
         statistics = self._context.statistics
         statistics.connections += 1
-        limit = self._context.limits.connections
-        waiting = [other for other, processor in self._connections.items() if processor.stage < Stage.AUTHENTICATED]
-        if len(self._connections) >= limit or len(waiting) >= max(1, limit // 2):
-            if not waiting:
-                statistics.connections_refused += 1
-                reason = f"there are {limit} connections"
-                self._context.audit.refuse(Caller(connection.peer), "connection", "BadTcpServerTooBusy", reason=reason)
-                return False
+        if self._context.strangers.exhausted(connection.address, time.monotonic()):
+            refuse_stranger(self._context, connection.peer)
+            return False
+        waiting = [
+            Waiting(other, other.address, processor.progress, other.opened_at)
+            for other, processor in self._connections.items()
+            if processor.stage < Stage.AUTHENTICATED
+        ]
+        closing, may_stay = self._admission.make_room(waiting, len(self._connections))
+        for other in closing:
             statistics.connections_evicted += 1
-            self._connections.pop(waiting[0]).cut_off("made room for a newer connection")
-        return True
+            self._connections.pop(other).cut_off("made room for a newer connection", "BadTcpServerTooBusy")
+        if not may_stay:
+            statistics.connections_refused += 1
+            reason = f"there are {self._context.limits.connections} connections with a user"
+            self._context.audit.refuse(Caller(connection.peer), "connection", "BadTcpServerTooBusy", reason=reason)
+        return may_stay
 
     def _open(self, connection: Connection) -> Processor:
         processor = self._connections[connection] = Processor(connection, self._services)
@@ -108,22 +129,27 @@ class Listener:
         self._connections.pop(connection, None)
         self._tasks.discard(task)
         if not task.cancelled() and (error := task.exception()) is not None:
-            _log.error("connection failed", client=connection.peer, exc_info=error)
+            self._context.mistakes.caught("connections", error, client=connection.peer)
 
     async def _keep_house(self) -> None:
         while True:
-            try:
+            # Without this loop nothing would time out any more.
+            with self._context.mistakes.guard("housekeeping"):
                 await self._tick(time.monotonic())
-            except Exception:  # noqa: BLE001 - logged with its traceback
-                # Without this loop nothing would time out any more.
-                _log.exception("housekeeping failed")
             await asyncio.sleep(self._context.limits.tick_s)
 
     async def _tick(self, now: float) -> None:
-        for processor in list(self._connections.values()):
-            if reason := processor.overdue(now):
-                processor.cut_off(reason)
+        used = {id(session.link) for session in self._services.sessions if session.active}
+        for connection, processor in list(self._connections.items()):
+            with self._context.mistakes.guard("connections", client=processor.peer):
+                if id(processor) not in used:
+                    processor.fall_back()
+                if reason := processor.overdue(now):
+                    # Once: what it does may go on for a while, such as the check of a password.
+                    del self._connections[connection]
+                    processor.cut_off(reason)
         await self._services.session.end_overdue()
+        self._context.audit.tick()
         users = self._context.users
         try:
             users.refresh()

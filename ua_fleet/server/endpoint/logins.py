@@ -45,7 +45,7 @@ async def identify(
         channel: the one that the request came on.
         params: of the request.
         nonce: the session's ServerNonce, which is used up by this.
-        address: of the client.
+        address: of the client, as it counts (`origin`).
     """
     token: Any = params.UserIdentityToken
     if token is None or (isinstance(token, ua.ExtensionObject) and token.TypeId.is_null()):
@@ -93,7 +93,7 @@ def _bridge(
     if not name:
         mark = thumbprint(certificate)[:12]
         # So that it is there to be bound, also where a CA or `trust_all_clients` has let it in.
-        context.trust.reject(certificate)
+        context.trust.reject(certificate, address)
         raise Refusal(
             StatusCodes.BadIdentityTokenRejected,
             f"no bridge is known by certificate {mark}; bind it with: ua-fleet cert trust --bridge NAME {mark}",
@@ -111,9 +111,14 @@ async def _person(
     now = time.monotonic()
     if wait := context.throttle.locked_for(address, source, now):
         raise Refusal(StatusCodes.BadUserAccessDenied, f"login of {shown}: locked out for {wait:.0f} s more")
-    password = _password(context, token, nonce=nonce, encrypted=encrypted)
     try:
-        user = await context.users.authenticate(name, password)
+        password = _password(context, token, nonce=nonce, encrypted=encrypted)
+    except Refusal:
+        # To look at it has taken the server's private key: it counts like a wrong one.
+        context.throttle.failure(address, source, time.monotonic())
+        raise
+    try:
+        user = await context.users.authenticate(name, password, origin=address)
     except UserFileError as error:
         raise Refusal(StatusCodes.BadServerTooBusy, str(error)) from error
     if user is None:

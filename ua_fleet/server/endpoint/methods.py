@@ -17,6 +17,8 @@ from asyncua import ua
 from asyncua.server.address_space import NodeData
 
 from ua_fleet.server.audit import summary
+from ua_fleet.server.endpoint.answers import Answer
+from ua_fleet.server.endpoint.audit_events import AuditEvents
 from ua_fleet.server.endpoint.context import Context
 from ua_fleet.server.endpoint.request import Request, operations
 from ua_fleet.server.endpoint.sessions import current_session
@@ -61,20 +63,29 @@ class _WrongArguments(Refusal):
 class MethodServices:
     """OPC 10000-4 5.12."""
 
-    def __init__(self, context: Context) -> None:
-        self._context, self._limits = context, context.limits
+    def __init__(self, context: Context, events: AuditEvents) -> None:
+        self._context, self._limits, self._events = context, context.limits, events
         self._aspace = context.iserver.aspace
         self._types: dict[ua.NodeId, frozenset[int]] = {}
 
     async def call(self, request: Request, params: ua.CallParameters) -> Any:
         """Call: one method after the other, each with a line in the audit log."""
-        response = ua.CallResponse()
-        for wanted in operations(params.MethodsToCall, self._limits.nodes_per_request):
+        answer = Answer(ua.CallResponse(), self._limits.response_bytes)
+        most = min(self._limits.calls_per_request, self._limits.nodes_per_request)
+        for wanted in operations(params.MethodsToCall, most):
             result = await self._call(request, wanted)
-            response.Results.append(result)
+            answer.add(
+                result,
+                lambda code: ua.CallMethodResult(StatusCode=status(code)),
+                self._context.misfit,
+                partial(shown, wanted.MethodId),
+            )
             self._context.statistics.calls += 1
-            self._record(request, wanted, int(result.StatusCode.value))
-        return response
+            code = int(result.StatusCode.value)
+            self._record(request, wanted, code)
+            self._events.called(request.who, wanted, result.OutputArguments or [], code)
+            await request.turns.end(answer.size)
+        return answer
 
     def _record(self, request: Request, wanted: ua.CallMethodRequest, code: int) -> None:
         audit = self._context.audit
@@ -109,7 +120,7 @@ class MethodServices:
                 result.StatusCode = status(known)
             else:
                 # A mistake in one method must not end the client's connection.
-                _log.exception("method failed", method=shown(wanted.MethodId))
+                self._context.mistakes.caught("methods", error, method=shown(wanted.MethodId))
                 result.StatusCode = status(StatusCodes.BadInternalError)
         if result.StatusCode.is_good() and not result.InputArgumentResults:
             result.InputArgumentResults = [GOOD] * len(wanted.InputArguments or [])
@@ -159,7 +170,8 @@ class MethodServices:
         return []
 
     def _fits(self, value: ua.Variant, argument: Any) -> bool:
-        is_array = isinstance(value.Value, list | tuple)
+        # A null array has no elements to show that it is one.
+        is_array = value.is_array or isinstance(value.Value, list | tuple)
         rank = int(argument.ValueRank)
         shape = (
             (rank == -1 and not is_array)

@@ -11,6 +11,8 @@ a notification.
 from __future__ import annotations
 
 import dataclasses
+import functools
+import math
 from collections import deque
 from collections.abc import Generator
 from typing import Any, Final, Protocol
@@ -18,9 +20,11 @@ from typing import Any, Final, Protocol
 from asyncua import ua
 from asyncua.server.address_space import AddressSpace
 
+from ua_fleet.server.endpoint.answers import Misfit, rough_bytes
 from ua_fleet.server.endpoint.filters import EventFilter, deadband_of
 from ua_fleet.server.endpoint.indexrange import IndexRange, apply_range
-from ua_fleet.server.endpoint.stack import AttributeIds, status
+from ua_fleet.server.endpoint.notifications import change_bytes, event_bytes, event_fields
+from ua_fleet.server.endpoint.stack import AttributeIds, shown, status
 
 __all__ = ["DataItem", "EventItem", "Item", "Owner"]
 
@@ -41,6 +45,17 @@ class _Done:
 DONE: Final = _Done()
 
 
+_WEIGHED: Final = 256
+"""Bytes of a value that count as one notification more."""
+
+
+def weight(notification: Any) -> int:
+    """What a notification counts as, of those that may wait: large values count as many."""
+    if isinstance(notification, ua.MonitoredItemNotification):
+        return 1 + rough_bytes(notification.Value) // _WEIGHED
+    return 1
+
+
 class Owner(Protocol):
     """The subscription of an item."""
 
@@ -49,6 +64,7 @@ class Owner(Protocol):
         ...
 
     queued: int
+    """Weight of all that waits to be told."""
 
     @property
     def crowded(self) -> bool:
@@ -75,28 +91,37 @@ class Item:
         """Queue a notification; a full queue loses its oldest, or keeps it and loses the newest before this one."""
         queue, owner = self.queue, self.owner
         if not queue:
-            queue.append(notification)
-            owner.queued += 1
+            self._append(notification)
             owner.pending(self)
             return
         if len(queue) < self.queue_size and not owner.crowded:
-            queue.append(notification)
-            owner.queued += 1
+            self._append(notification)
             return
-        if self.discard_oldest:
-            queue.popleft()
-            queue.append(notification)
-        else:
-            queue[-1] = notification
+        owner.queued -= weight(queue.popleft() if self.discard_oldest else queue.pop())
+        self._append(notification)
         if self.queue_size > 1:
             self.mark_overflow(0 if self.discard_oldest else -1)
+
+    def _append(self, notification: Any) -> None:
+        self.queue.append(notification)
+        self.owner.queued += weight(notification)
+
+    def take(self) -> Any:
+        """The oldest notification, out of the queue."""
+        notification = self.queue.popleft()
+        self.owner.queued -= weight(notification)
+        return notification
 
     def mark_overflow(self, at: int) -> None:
         """Say at a place of the queue that something was lost there."""
 
+    def encode(self, notification: Any, room: int, misfit: Misfit) -> bytes:
+        """A notification as bytes; a value that takes more than `room` is told by its StatusCode alone."""
+        return change_bytes(notification, room, misfit, shown(self.node_id))
+
     def clear(self) -> None:
         """Forget what waits."""
-        self.owner.queued -= len(self.queue)
+        self.owner.queued -= sum(map(weight, self.queue))
         self.queue.clear()
 
 
@@ -160,9 +185,12 @@ class DataItem(Item):
             return False
         if before is None or now is None or before.VariantType != now.VariantType:
             return True
-        if before.Value == now.Value:
-            return False
-        return not self.deadband or _beyond(before.Value, now.Value, self.deadband)
+        earlier: Any = before.Value
+        later: Any = now.Value
+        if not isinstance(later, list | tuple):
+            return earlier != later and not (self.deadband and _step(earlier, later) <= self.deadband)
+        arrays = _ByIdentity(earlier), _ByIdentity(later)
+        return _differ(*arrays) and not (self.deadband and _greatest_step(*arrays) <= self.deadband)
 
     def mark_overflow(self, at: int) -> None:
         """Set the Overflow bit of a queued value."""
@@ -197,8 +225,12 @@ class EventItem(Item):
         """An event of the node; it is queued if it passes the filter."""
         if self.mode is not ua.MonitoringMode.Reporting or not self.filter.passes(event):
             return
-        fields = event.to_event_fields(self.filter.select)
+        fields = event_fields(event, self.filter.select)
         self.put(ua.EventFieldList(self.client_handle, fields))  # pyright: ignore[reportArgumentType]
+
+    def encode(self, notification: Any, room: int, misfit: Misfit) -> bytes:
+        """An event's fields as bytes."""
+        return event_bytes(notification, misfit, shown(self.node_id))
 
 
 def with_timestamps(value: ua.DataValue, wanted: ua.TimestampsToReturn) -> ua.DataValue:
@@ -221,11 +253,39 @@ def _code(code: ua.StatusCode | None) -> int:
     return 0 if code is None else int(code.value)
 
 
-def _beyond(old: Any, new: Any, deadband: float) -> bool:
-    """Whether a number, or any number of an array, has moved by more than the deadband."""
+class _ByIdentity:
+    """An array that is no other one, however equal.
+
+    The items of a node have the same arrays to compare at a write: each pair is compared once, for all items.
+    """
+
+    __slots__ = ("value",)
+
+    def __init__(self, value: Any) -> None:
+        self.value = value
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _ByIdentity) and other.value is self.value
+
+    def __hash__(self) -> int:
+        return id(self.value)
+
+
+@functools.lru_cache(8)
+def _differ(old: _ByIdentity, new: _ByIdentity) -> bool:
+    return bool(old.value != new.value)
+
+
+@functools.lru_cache(8)
+def _greatest_step(old: _ByIdentity, new: _ByIdentity) -> float:
+    return _step(old.value, new.value)
+
+
+def _step(old: Any, new: Any) -> float:
+    """How far a number has moved, or that of an array which moved most; infinite where that cannot be said."""
     if isinstance(old, list | tuple) and isinstance(new, list | tuple):
-        return len(old) != len(new) or any(_beyond(a, b, deadband) for a, b in zip(old, new, strict=True))
+        return max(map(_step, old, new), default=0.0) if len(old) == len(new) else math.inf
     if isinstance(old, int | float) and isinstance(new, int | float):
-        # Also true for NaN, which compares with nothing.
-        return not abs(new - old) <= deadband
-    return True
+        step = abs(new - old)
+        return step if step >= 0 else math.inf  # NaN compares with nothing
+    return math.inf

@@ -9,22 +9,33 @@ all others get Bad_ServiceUnsupported.
 
 from __future__ import annotations
 
+import contextlib
 import time
-from collections.abc import Awaitable, Callable
-from dataclasses import dataclass
+from collections.abc import Awaitable, Callable, Generator
+from dataclasses import dataclass, replace
 from enum import IntEnum
 from typing import Any
 
 import structlog
 from asyncua import ua
 from asyncua.common.utils import Buffer
-from asyncua.ua.ua_binary import nodeid_from_binary, struct_from_binary
+from cryptography.hazmat.primitives.serialization import Encoding
 
+from ua_fleet.errors import RemoteWireError
 from ua_fleet.server.audit import Caller
+from ua_fleet.server.endpoint.admission import Progress
 from ua_fleet.server.endpoint.attributes import AttributeServices
+from ua_fleet.server.endpoint.audit_events import AuditEvents, Who
 from ua_fleet.server.endpoint.channel import Channel
 from ua_fleet.server.endpoint.connection import Connection, FrameError
 from ua_fleet.server.endpoint.context import Context
+from ua_fleet.server.endpoint.decoding import (
+    BYTES_BEFORE_SESSION,
+    OPERATIONS_BEFORE_SESSION,
+    RequestHead,
+    decode_parameters,
+    decode_request_head,
+)
 from ua_fleet.server.endpoint.methods import MethodServices
 from ua_fleet.server.endpoint.request import Request
 from ua_fleet.server.endpoint.session_services import SessionServices
@@ -32,10 +43,11 @@ from ua_fleet.server.endpoint.sessions import Session, Sessions
 from ua_fleet.server.endpoint.stack import DECODE_ERRORS, ObjectIds, Refusal, StatusCodes, name_of, status, status_of
 from ua_fleet.server.endpoint.subscription_services import SubscriptionServices
 from ua_fleet.server.endpoint.subscriptions import Subscriptions
+from ua_fleet.server.endpoint.turns import Turns
 from ua_fleet.server.endpoint.views import ViewServices
 from ua_fleet.server.trust import CertificateRefused
 
-__all__ = ["Processor", "Services", "Stage"]
+__all__ = ["Processor", "Services", "Stage", "refuse_stranger"]
 
 _log = structlog.get_logger("ua_fleet.server")
 
@@ -54,8 +66,6 @@ class _Service:
     parameters: Any
     """asyncua's class of the request's parameters."""
     handle: Callable[[Request, Any], Awaitable[Any]]
-    count_at: int | None = None
-    """Where the number of operations stands, for services in which it stands at a fixed place."""
 
 
 def _encoding(name: str) -> int:
@@ -68,46 +78,57 @@ class Services:
     def __init__(self, context: Context, subscriptions: Subscriptions) -> None:
         self.context = context
         self.sessions = Sessions()
-        self.session = SessionServices(context, self.sessions, subscriptions)
-        attributes, views, methods = AttributeServices(context), ViewServices(context), MethodServices(context)
+        self.events = events = AuditEvents(subscriptions, lambda: context.server_id)
+        self.session = SessionServices(context, self.sessions, subscriptions, events)
+        attributes, methods = AttributeServices(context, events), MethodServices(context, events)
+        views = ViewServices(context)
         subs = SubscriptionServices(context, subscriptions)
         self.table: dict[int, _Service] = {
-            _encoding(name): _Service(parameters, handle, count_at)
-            for name, parameters, handle, count_at in (
-                ("Read", ua.ReadParameters, attributes.read, 12),
-                ("Write", ua.WriteParameters, attributes.write, 0),
-                ("HistoryRead", ua.HistoryReadParameters, attributes.history_read, None),
-                ("Browse", ua.BrowseParameters, views.browse, None),
-                ("BrowseNext", ua.BrowseNextParameters, views.browse_next, 1),
+            _encoding(name): _Service(parameters, handle)
+            for name, parameters, handle in (
+                ("Read", ua.ReadParameters, attributes.read),
+                ("Write", ua.WriteParameters, attributes.write),
+                ("HistoryRead", ua.HistoryReadParameters, attributes.history_read),
+                ("Browse", ua.BrowseParameters, views.browse),
+                ("BrowseNext", ua.BrowseNextParameters, views.browse_next),
                 (
                     "TranslateBrowsePathsToNodeIds",
                     ua.TranslateBrowsePathsToNodeIdsParameters,
                     views.translate_browse_paths,
-                    0,
                 ),
-                ("RegisterNodes", ua.RegisterNodesParameters, views.register_nodes, 0),
-                ("UnregisterNodes", ua.UnregisterNodesParameters, views.unregister_nodes, 0),
-                ("Call", ua.CallParameters, methods.call, 0),
-                ("CreateSubscription", ua.CreateSubscriptionParameters, subs.create_subscription, None),
-                ("ModifySubscription", ua.ModifySubscriptionParameters, subs.modify_subscription, None),
-                ("DeleteSubscriptions", ua.DeleteSubscriptionsParameters, subs.delete_subscriptions, 0),
-                ("SetPublishingMode", ua.SetPublishingModeParameters, subs.set_publishing_mode, 1),
-                ("TransferSubscriptions", ua.TransferSubscriptionsParameters, subs.transfer_subscriptions, 0),
-                ("Publish", ua.PublishParameters, subs.publish, 0),
-                ("Republish", ua.RepublishParameters, subs.republish, None),
-                ("CreateMonitoredItems", ua.CreateMonitoredItemsParameters, subs.create_monitored_items, 8),
-                ("ModifyMonitoredItems", ua.ModifyMonitoredItemsParameters, subs.modify_monitored_items, 8),
-                ("SetMonitoringMode", ua.SetMonitoringModeParameters, subs.set_monitoring_mode, 8),
-                ("DeleteMonitoredItems", ua.DeleteMonitoredItemsParameters, subs.delete_monitored_items, 4),
+                ("RegisterNodes", ua.RegisterNodesParameters, views.register_nodes),
+                ("UnregisterNodes", ua.UnregisterNodesParameters, views.unregister_nodes),
+                ("Call", ua.CallParameters, methods.call),
+                ("CreateSubscription", ua.CreateSubscriptionParameters, subs.create_subscription),
+                ("ModifySubscription", ua.ModifySubscriptionParameters, subs.modify_subscription),
+                ("DeleteSubscriptions", ua.DeleteSubscriptionsParameters, subs.delete_subscriptions),
+                ("SetPublishingMode", ua.SetPublishingModeParameters, subs.set_publishing_mode),
+                ("TransferSubscriptions", ua.TransferSubscriptionsParameters, subs.transfer_subscriptions),
+                ("Publish", ua.PublishParameters, subs.publish),
+                ("Republish", ua.RepublishParameters, subs.republish),
+                ("CreateMonitoredItems", ua.CreateMonitoredItemsParameters, subs.create_monitored_items),
+                ("ModifyMonitoredItems", ua.ModifyMonitoredItemsParameters, subs.modify_monitored_items),
+                ("SetMonitoringMode", ua.SetMonitoringModeParameters, subs.set_monitoring_mode),
+                ("DeleteMonitoredItems", ua.DeleteMonitoredItemsParameters, subs.delete_monitored_items),
             )
         }
 
 
+_INTERNAL = int(StatusCodes.BadInternalError)
 _CREATE = _encoding("CreateSession")
 _ACTIVATE = _encoding("ActivateSession")
 _CLOSE = _encoding("CloseSession")
 _GET_ENDPOINTS = _encoding("GetEndpoints")
 _FIND_SERVERS = _encoding("FindServers")
+
+
+_TOO_MUCH = "computing time for clients without a user"
+
+
+def refuse_stranger(context: Context, peer: str) -> None:
+    """Count and record that a client is refused because its address has cost too much."""
+    context.statistics.strangers_refused += 1
+    context.audit.refuse(Caller(peer), "connection", "BadTcpServerTooBusy", reason=_TOO_MUCH)
 
 
 class Processor:
@@ -122,12 +143,25 @@ class Processor:
         self.peer, self.address = connection.peer, connection.address
         self.stage = Stage.CONNECTED
         self._early_requests = 0
+        self._owed_s = 0.0
+        """Computing time of this connection since it has no user."""
+        self._turns: Turns | None = None
+        """Of the request that is worked on."""
         self._deadline = connection.opened_at + context.limits.handshake_s
 
     @property
     def writable(self) -> bool:
         """Whether the client keeps up."""
         return self._connection.writable
+
+    @property
+    def progress(self) -> Progress:
+        """How far a connection without a user has come."""
+        if self.stage >= Stage.SESSION:
+            return Progress.SESSION
+        if self._channel.is_open:
+            return Progress.TRUSTED if self._channel.sessions_allowed else Progress.DISCOVERY
+        return Progress.HELLO if self._channel.greeted else Progress.CONNECTED
 
     def room(self) -> int:
         """Bytes that the next frame may have."""
@@ -139,15 +173,16 @@ class Processor:
         if self.stage is not Stage.AUTHENTICATED and now > self._deadline:
             self._context.statistics.handshake_timeouts += 1
             return f"no progress beyond {self.stage.name.lower()} in {self._context.limits.handshake_s:g} s"
-        if stalled is not None and now - stalled > self._context.limits.stalled_s:
+        limits, contended = self._context.limits, self._turns is not None and self._turns.contended
+        if stalled is not None and now - stalled > (limits.contended_s if contended else limits.stalled_s):
             return "the client does not read its responses"
         if now > self._channel.expires_at:
             return "the secure channel was not renewed"
         return ""
 
-    def cut_off(self, reason: str) -> None:
+    def cut_off(self, reason: str, status_name: str = "BadTimeout") -> None:
         """Close the connection at once, with a line in the audit log."""
-        self._context.audit.refuse(self._caller(), "connection", "BadTimeout", reason=reason)
+        self._context.audit.refuse(self._caller(), "connection", status_name, reason=reason)
         self._connection.abort()
 
     def _caller(self) -> Caller:
@@ -162,8 +197,12 @@ class Processor:
             self._deadline = time.monotonic() + self._context.limits.handshake_s
             self._channel.authenticated = stage is Stage.AUTHENTICATED
 
-    def _fall_back(self) -> None:
-        """The last session is closed: what may be sent is as before authentication, and the time runs again."""
+    def fall_back(self) -> None:
+        """Without a session what may be sent is as before authentication, and the time runs again.
+
+        A session is closed, ends after its timeout or with its user, or is taken to another connection; whichever it
+        was, a connection that has none must not keep a place that never gives way.
+        """
         if self.stage is Stage.AUTHENTICATED and not any(s.active for s in self._services.sessions.on(self)):
             self.stage = Stage.OPENED
             self._deadline = time.monotonic() + self._context.limits.handshake_s
@@ -171,26 +210,59 @@ class Processor:
 
     async def process(self, frame: bytes) -> bool:
         """Process one frame; False ends the connection."""
+        stranger = self.stage is not Stage.AUTHENTICATED
+        if stranger and self._context.strangers.exhausted(self.address, time.monotonic()):
+            refuse_stranger(self._context, self.peer)
+            raise FrameError(StatusCodes.BadTcpServerTooBusy, _TOO_MUCH) from None
         try:
-            message = self._channel.receive(frame)
+            with self._charged(stranger):
+                message = self._channel.receive(frame)
         except CertificateRefused as error:
-            self._reject(error)
+            self._tell_opened(error.ua_status)
+            with self._charged():
+                self._reject(error)
             # The client learns no more than that; what is wrong stands in our log (OPC 10000-4 6.1.3).
             raise FrameError(StatusCodes.BadSecurityChecksFailed, "certificate") from error
+        except FrameError as error:
+            self._tell_opened(error.code)
+            raise
         self._flush()
+        self._tell_opened(0)
         if self._channel.is_open:
             self._advance(Stage.OPENED)
         if message is not None:
             await self._serve(message)
         return True
 
+    @contextlib.contextmanager
+    def _charged(self, stranger: bool = True) -> Generator[None]:
+        """What is computed meanwhile, without waiting, is owed by the address until a user logs in."""
+        began = time.thread_time()
+        try:
+            yield
+        finally:
+            if stranger:
+                seconds = time.thread_time() - began
+                self._owed_s += seconds
+                self._context.strangers.spend(self.address, seconds, time.monotonic())
+
+    def _tell_opened(self, code: int) -> None:
+        """Tell engineers of an OpenSecureChannel, if there was one."""
+        if (asked := self._channel.take_opened()) is not None:
+            opened = replace(asked, channel_id=self._channel.channel_id)
+            self._services.events.channel(Who(self._caller()), opened, code)
+
     def _reject(self, error: CertificateRefused) -> None:
         self._context.statistics.certificates_rejected += 1
         chain = self._channel.chain
         if chain and error.ua_status == StatusCodes.BadCertificateUntrusted:
-            self._context.trust.reject(chain[0])
-        self._context.audit.refuse(Caller(self.peer), "certificate", name_of(error.ua_status), reason=str(error))
-        _log.warning("client certificate rejected", client=self.peer, reason=str(error))
+            self._context.trust.reject(chain[0], self.address)
+        code = name_of(error.ua_status)
+        written = self._context.audit.refuse(Caller(self.peer), "certificate", code, reason=str(error))
+        certificate = chain[0].public_bytes(Encoding.DER) if chain else b""
+        self._services.events.certificate(Who(Caller(self.peer)), certificate, error.ua_status)
+        if written:  # a flood fills this log no more than that one
+            _log.warning("client certificate rejected", client=self.peer, reason=str(error))
 
     def refuse(self, error: FrameError) -> None:
         """A frame broke the rules: say so to the client, then it is closed."""
@@ -199,7 +271,7 @@ class Processor:
         self._context.statistics.frames_refused += 1
         self._flush()
         self._connection.send(Channel.error_message(error.code, name_of(error.code)))
-        if not isinstance(error.__cause__, CertificateRefused):
+        if not isinstance(error.__cause__, CertificateRefused) and str(error) != _TOO_MUCH:
             self._context.audit.refuse(self._caller(), "message", name_of(error.code), reason=str(error))
 
     async def closed(self) -> None:
@@ -221,20 +293,31 @@ class Processor:
         body: Buffer = message.body()
         request_id = int(message.SequenceHeader().RequestId)
         try:
-            type_id = nodeid_from_binary(body)
-            header = struct_from_binary(ua.RequestHeader, body)
-            handle = int(header.RequestHandle)
-        except DECODE_ERRORS as error:
-            raise FrameError(StatusCodes.BadDecodingError, f"a request header: {type(error).__name__}") from error
-        kind = type_id.Identifier if type_id.NamespaceIndex == 0 and isinstance(type_id.Identifier, int) else -1
-        name = _NAMES.get(kind, f"request {kind}")
+            head = decode_request_head(body)
+        except (RemoteWireError, Refusal) as error:
+            raise FrameError(StatusCodes.BadDecodingError, f"a request header: {error}") from error
         try:
-            response = await self._dispatch(kind, header, body, request_id)
+            await self._answer(head, body, request_id)
+        finally:
+            turns = self._turns
+            try:
+                if turns is not None and turns.is_large:
+                    await self._connection.taken()
+            finally:
+                self._turns = None
+                if turns is not None:
+                    turns.leave()
+
+    async def _answer(self, head: RequestHead, body: Buffer, request_id: int) -> None:
+        handle = head.handle
+        name = _NAMES.get(head.kind, f"request {head.kind}")
+        try:
+            response = await self._dispatch(head, body, request_id)
         except Exception as error:  # noqa: BLE001 - what is no refusal is logged with its traceback
             code = status_of(error)
             if code is None:
                 # A mistake of ours in one service must not end the connection, nor the others'.
-                _log.exception("service failed", service=name, client=self.peer)
+                self._context.mistakes.caught("services", error, service=name, client=self.peer)
                 code = int(StatusCodes.BadInternalError)
             self._fault(name, handle, request_id, code, str(error))
             return
@@ -263,48 +346,90 @@ class Processor:
         self._channel.respond(data, request_id)
         self._flush()
 
-    async def _dispatch(self, kind: int, header: Any, body: Buffer, request_id: int) -> Any:
+    async def _dispatch(self, head: RequestHead, body: Buffer, request_id: int) -> Any:
         """The response to a request, or None when it is answered later; raises errors with a StatusCode."""
         services = self._services.session
         server = self._connection.server_address
+        kind = head.kind
         if kind == _GET_ENDPOINTS:
-            return await services.get_endpoints(_decode(ua.GetEndpointsParameters, body), server)
+            with self._charged(self.stage is not Stage.AUTHENTICATED):
+                return await services.get_endpoints(await _decode_early(ua.GetEndpointsParameters, body), server)
         if kind == _FIND_SERVERS:
-            return services.find_servers(_decode(ua.FindServersParameters, body), server)
+            with self._charged(self.stage is not Stage.AUTHENTICATED):
+                return services.find_servers(await _decode_early(ua.FindServersParameters, body), server)
         if kind == _CREATE:
-            parameters = _decode(ua.CreateSessionParameters, body)
-            _, response = await services.create(self, self._channel, parameters, server)
-            self._advance(Stage.SESSION)
-            return response
+            with self._charged(self.stage is not Stage.AUTHENTICATED):
+                parameters = await _decode_early(ua.CreateSessionParameters, body)
+                return await self._create(head, parameters, server)
         if kind == _ACTIVATE:
-            parameters = _decode(ua.ActivateSessionParameters, body)
-            _, response = await services.activate(self, self._channel, header.AuthenticationToken, parameters)
-            self._advance(Stage.AUTHENTICATED)
-            return response
+            parameters = await _decode_early(ua.ActivateSessionParameters, body)
+            return await self._activate(head, parameters)
         service = self._services.table.get(kind)
         if service is None and kind != _CLOSE:
             raise Refusal(StatusCodes.BadServiceUnsupported)
-        session = self._session(header.AuthenticationToken)
+        session = self._session(head.token)
         if service is None:
             delete = bool(_decode_boolean(body))
             response = await services.close(session, delete_subscriptions=delete)
-            self._fall_back()
+            self.fall_back()
             return response
         if not session.active or session.user is None:
             raise Refusal(StatusCodes.BadSessionNotActivated)
         session.last_seen = time.monotonic()
+        user = session.user
+        # Who has lost the session, or rights, in the middle of a request gets nothing more of it.
+        turns = self._turns = Turns(
+            self._context.places.of(f"at {self.address}" if user.anonymous else user.name),
+            lambda: not self._connection.over and session.link is self and session.user is user,
+        )
+        await turns.end(len(body))
+        limits = self._context.limits
+        parameters = await decode_parameters(
+            service.parameters,
+            body,
+            most_operations=limits.nodes_per_request,
+            most_memory=limits.request_memory_bytes,
+            turns=turns,
+        )
         request = Request(
             session,
-            session.user,
+            user,
             session.caller,
-            int(header.RequestHandle),
+            head.handle,
             request_id,
-            header.TimeoutHint / 1000,
+            head.timeout_hint_ms / 1000,
             self._channel.encrypted,
+            turns,
+            head.audit_entry,
         )
-        if service.count_at is not None:
-            self._check_count(body, service.count_at)
-        return await service.handle(request, _decode(service.parameters, body))
+        return await service.handle(request, parameters)
+
+    async def _create(self, head: RequestHead, parameters: Any, server: tuple[str, int] | None) -> Any:
+        channel, tell = self._channel, self._services.events.session_created
+        who = Who(self._caller(), head.audit_entry)
+        try:
+            session, response = await self._services.session.create(self, channel, parameters, server)
+        except Exception as error:
+            tell(who, channel.channel_id, channel.client_certificate, None, status_of(error) or _INTERNAL)
+            raise
+        tell(who, channel.channel_id, channel.client_certificate, session)
+        self._advance(Stage.SESSION)
+        return response
+
+    async def _activate(self, head: RequestHead, parameters: Any) -> Any:
+        channel, tell = self._channel, self._services.events.session_activated
+        token = parameters.UserIdentityToken
+        try:
+            session, response = await self._services.session.activate(self, channel, head.token, parameters)
+        except Exception as error:
+            who, named = Who(Caller(self.peer), head.audit_entry), self._services.sessions.find(head.token)
+            tell(who, channel.channel_id, token, named, status_of(error) or _INTERNAL)
+            raise
+        tell(Who(session.caller, head.audit_entry), channel.channel_id, token, session)
+        self._context.strangers.repay(self.address, self._owed_s)
+        self._owed_s = 0.0
+        self._advance(Stage.AUTHENTICATED)
+        return response
 
     def _session(self, token: ua.NodeId | None) -> Session:
         """The session of a request; its token is good on its own connection alone."""
@@ -315,22 +440,12 @@ class Processor:
             raise Refusal(StatusCodes.BadSecureChannelIdInvalid, "the session of another channel")
         return session
 
-    def _check_count(self, body: Buffer, at: int) -> None:
-        """Refuse a request with too many operations before they are decoded."""
-        peek = body.copy()
-        if len(peek) < at + 4:
-            raise Refusal(StatusCodes.BadDecodingError)
-        peek.skip(at)
-        count = int.from_bytes(peek.read(4), "little", signed=True)
-        if count > self._context.limits.nodes_per_request:
-            raise Refusal(StatusCodes.BadTooManyOperations, f"{count} operations")
 
-
-def _decode(parameters: Any, body: Buffer) -> Any:
-    try:
-        return struct_from_binary(parameters, body)
-    except DECODE_ERRORS as error:
-        raise Refusal(StatusCodes.BadDecodingError, f"{parameters.__name__}: {type(error).__name__}") from error
+async def _decode_early(parameters: Any, body: Buffer) -> Any:
+    """The parameters of a request that needs no active session."""
+    return await decode_parameters(
+        parameters, body, most_operations=OPERATIONS_BEFORE_SESSION, most_memory=BYTES_BEFORE_SESSION
+    )
 
 
 def _decode_boolean(body: Buffer) -> bool:

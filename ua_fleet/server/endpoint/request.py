@@ -9,8 +9,10 @@ from dataclasses import dataclass
 from typing import Any
 
 from ua_fleet.server.audit import Caller
+from ua_fleet.server.endpoint.audit_events import Who
 from ua_fleet.server.endpoint.sessions import Session
 from ua_fleet.server.endpoint.stack import Refusal, StatusCodes
+from ua_fleet.server.endpoint.turns import Turns
 from ua_fleet.server.users import User
 
 __all__ = ["Request", "operations"]
@@ -29,6 +31,15 @@ class Request:
     """TimeoutHint of the request; 0 is none."""
     encrypted: bool
     """Whether nobody else can read what is asked and answered."""
+    turns: Turns
+    """Ended between operations, so that others have theirs."""
+    audit_entry: str = ""
+    """AuditEntryId of the request."""
+
+    @property
+    def who(self) -> Who:
+        """Who asked, for an AuditEvent."""
+        return Who(self.caller, self.audit_entry)
 
 
 def operations(items: Sequence[Any] | None, limit: int) -> Sequence[Any]:

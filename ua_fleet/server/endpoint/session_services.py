@@ -10,14 +10,18 @@ from typing import Any
 from asyncua import ua
 from cryptography import x509
 
+from ua_fleet.server.endpoint.audit_events import AuditEvents, Who
 from ua_fleet.server.endpoint.channel import Channel
 from ua_fleet.server.endpoint.context import Context
 from ua_fleet.server.endpoint.logins import identify
+from ua_fleet.server.endpoint.places import NoPlace, SessionPlaces, holder_of, standing_of
 from ua_fleet.server.endpoint.sessions import NONCE_BYTES, Link, Session, Sessions
 from ua_fleet.server.endpoint.signatures import check_signature
 from ua_fleet.server.endpoint.stack import Refusal, StatusCodes
 from ua_fleet.server.endpoint.subscriptions import Subscriptions
+from ua_fleet.server.origin import origin
 from ua_fleet.server.trust import CertificateRefused
+from ua_fleet.server.users import User
 
 __all__ = ["SessionServices"]
 
@@ -25,9 +29,11 @@ __all__ = ["SessionServices"]
 class SessionServices:
     """What is done before and around a session; also ends sessions."""
 
-    def __init__(self, context: Context, sessions: Sessions, subscriptions: Subscriptions) -> None:
+    def __init__(self, context: Context, sessions: Sessions, subscriptions: Subscriptions, events: AuditEvents) -> None:
+        self._events = events
         self._context, self._limits = context, context.limits
         self._sessions, self._subscriptions = sessions, subscriptions
+        self._places = SessionPlaces(context.limits)
 
     async def get_endpoints(self, params: ua.GetEndpointsParameters, server: tuple[str, int] | None) -> Any:
         """GetEndpoints, on any channel."""
@@ -38,6 +44,8 @@ class SessionServices:
     def find_servers(self, params: ua.FindServersParameters, server: tuple[str, int] | None) -> Any:
         """FindServers, on any channel: this server alone, since nobody can register."""
         response = ua.FindServersResponse()
+        # asyncua splits each of them; a null one names no server.
+        params.ServerUris = [uri or "" for uri in params.ServerUris]  # pyright: ignore[reportAttributeAccessIssue]
         response.Servers = self._context.iserver.find_servers(params, sockname=server)
         return response
 
@@ -60,8 +68,11 @@ class SessionServices:
                 self._context.trust.check_uri(channel.chain[0], application)
             except CertificateRefused as error:
                 raise Refusal(error.ua_status, str(error)) from error
-        if self._sessions.active >= self._limits.sessions:
-            raise Refusal(StatusCodes.BadTooManySessions)
+        held = self._sessions.holders()
+        if len(held) >= self._limits.sessions and all(holder.detached_at is None for holder in held):
+            # Whose session it will be is not known yet; what is known is that nothing can give way for it.
+            self._context.statistics.sessions_refused += 1
+            raise Refusal(StatusCodes.BadTooManySessions, f"{len(held)} sessions, server.max_sessions")
         for session in self._sessions.on(link):
             if not session.active:
                 await self.end(session, delete_subscriptions=True)
@@ -121,34 +132,49 @@ class SessionServices:
             code = StatusCodes.BadApplicationSignatureInvalid
             check_signature(channel.policy, params.ClientSignature, session.nonce, code, may_be_unnamed=True)
         nonce = session.nonce
-        user = await identify(self._context, channel, params, nonce=nonce, address=link.address)
+        user = await identify(self._context, channel, params, nonce=nonce, address=origin(link.address))
         # The password was checked in a thread; meanwhile another request may have changed the session.
         if session.closed or session.link is not before or session.nonce is not nonce:
             raise Refusal(StatusCodes.BadSessionIdInvalid, "the session changed during its activation")
         if before is not link and (session.user is None or session.user.name != user.name):
             raise Refusal(StatusCodes.BadIdentityChangeNotSupported, "another user's session")
-        if not session.active and self._sessions.active >= self._limits.sessions:
-            raise Refusal(StatusCodes.BadTooManySessions)
+        same_user = session.user is not None and session.user.name == user.name
+        giving_way = [] if same_user else self._room_for(session, user, link.address)
         if before is not link:
             session.unbind()
-        session.link = link
+        session.bind(link)
         session.user = user
         session.last_seen = time.monotonic()
+        # Bound before anything is awaited: of two that come at once, the second one finds the place taken.
+        for old in giving_way:
+            self._context.statistics.sessions_evicted += 1
+            self._context.audit.record("logout", old.caller, "BadSessionClosed", reason="made room for a newer session")
+            await self.end(old, delete_subscriptions=True)
         self._context.statistics.logins += 1
         self._context.audit.record("login", session.caller, "Good", application=session.application[:200])
         response: Any = ua.ActivateSessionResponse()
         response.Parameters.ServerNonce = session.new_nonce()
         return session, response
 
+    def _room_for(self, session: Session, user: User, address: str) -> list[Session]:
+        """The detached sessions that have to end for one more of this user; raises Refusal."""
+        held = [holder for holder in self._sessions.holders() if holder.key is not session]
+        try:
+            return self._places.make_room(held, holder_of(user, address), standing_of(user))
+        except NoPlace as error:
+            self._context.statistics.sessions_refused += 1
+            raise Refusal(StatusCodes.BadTooManySessions, f"session of {user.name}: {error}") from error
+
     async def close(self, session: Session, *, delete_subscriptions: bool) -> Any:
         """CloseSession."""
         self._context.audit.record("logout", session.caller, "Good")
-        await self.end(session, delete_subscriptions=delete_subscriptions)
+        await self.end(session, delete_subscriptions=delete_subscriptions, cause="CloseSession")
         return ua.CloseSessionResponse()
 
-    async def end(self, session: Session, *, delete_subscriptions: bool) -> None:
+    async def end(self, session: Session, *, delete_subscriptions: bool, cause: str = "Terminated") -> None:
         """End a session. Subscriptions that are left wait for a transfer, as many as one session may have."""
         session.closed = True
+        self._events.session_ended(Who(session.caller), session, cause)
         self._sessions.remove(session)
         self._depart(session)
         user = session.user
@@ -179,7 +205,7 @@ class SessionServices:
         """End the sessions whose clients have been silent for too long, and those of removed users."""
         for session in self._sessions.overdue(time.monotonic()):
             self._context.audit.record("logout", session.caller, "BadTimeout")
-            await self.end(session, delete_subscriptions=True)
+            await self.end(session, delete_subscriptions=True, cause="Timeout")
 
     async def follow_users(self) -> None:
         """The users file has changed: removed users lose their sessions, changed roles hold at once."""

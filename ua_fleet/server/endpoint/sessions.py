@@ -23,6 +23,7 @@ from typing import TYPE_CHECKING, Any, Final, Protocol
 from asyncua import ua
 
 from ua_fleet.server.audit import Caller
+from ua_fleet.server.endpoint.places import Holder, holder_of, standing_of
 from ua_fleet.server.endpoint.stack import StatusCodes, guid_id, opaque_id, status
 from ua_fleet.server.users import User
 
@@ -81,6 +82,9 @@ class Session:
     closed: bool = False
     last_seen: float = field(default_factory=time.monotonic)
     last_peer: str = ""
+    last_address: str = ""
+    detached_at: float | None = None
+    """When its connection was lost; None while it has one."""
     subscriptions: dict[int, ClientSubscription] = field(default_factory=dict)
     late: OrderedDict[int, None] = field(default_factory=OrderedDict)
     """Ids of subscriptions that have something to send and no request to send it with."""
@@ -115,6 +119,16 @@ class Session:
             return Caller(peer, session=self.label)
         return Caller(peer, self.user.name, self.user.shown_role, self.label)
 
+    @property
+    def address(self) -> str:
+        """Address of the client, the last one while there is none."""
+        return self.link.address if self.link is not None else self.last_address
+
+    def bind(self, link: Link) -> None:
+        """The client has come, or come back, on this connection."""
+        self.link = link
+        self.detached_at = None
+
     def new_nonce(self) -> bytes:
         """A fresh nonce for the next activation."""
         self.nonce = secrets.token_bytes(NONCE_BYTES)
@@ -123,7 +137,8 @@ class Session:
     def unbind(self) -> None:
         """The connection is gone; its requests with it."""
         if self.link is not None:
-            self.last_peer = self.link.peer
+            self.last_peer, self.last_address = self.link.peer, self.link.address
+            self.detached_at = time.monotonic()
         self.link = None
         self.requests.clear()
 
@@ -184,6 +199,14 @@ class Sessions:
     def on(self, link: Link) -> list[Session]:
         """The sessions that are bound to a connection."""
         return [session for session in self._by_token.values() if session.link is link]
+
+    def holders(self) -> list[Holder[Session]]:
+        """The active sessions, as holders of places."""
+        return [
+            Holder(session, holder_of(session.user, session.address), standing_of(session.user), session.detached_at)
+            for session in self._by_token.values()
+            if session.user is not None and not session.closed
+        ]
 
     def overdue(self, now: float) -> list[Session]:
         """Sessions whose client has been silent for longer than their timeout."""

@@ -12,7 +12,7 @@ from asyncua import ua
 
 from ua_fleet.server.endpoint.attributes import readable_value
 from ua_fleet.server.endpoint.context import Context
-from ua_fleet.server.endpoint.filters import check_data_filter, check_event_filter, filter_of
+from ua_fleet.server.endpoint.filters import EventFilter, check_data_filter, check_event_filter, filter_of
 from ua_fleet.server.endpoint.indexrange import parse_range
 from ua_fleet.server.endpoint.monitoring import DataItem, EventItem
 from ua_fleet.server.endpoint.request import Request, operations
@@ -40,6 +40,17 @@ class SubscriptionServices:
             raise Refusal(StatusCodes.BadSubscriptionIdInvalid, f"subscription {subscription_id}")
         subscription.touch()
         return subscription
+
+    async def _end_turn(self, request: Request, subscription: ClientSubscription | None = None) -> bool:
+        """Let others have their turn, if this one is over; raises Refusal when the subscription is gone after that."""
+        is_over = request.turns.over
+        if is_over:
+            await request.turns.end()
+            if subscription is not None and request.session.subscriptions.get(subscription.id) is not subscription:
+                raise Refusal(
+                    StatusCodes.BadSubscriptionIdInvalid, f"subscription {subscription.id} has ended meanwhile"
+                )
+        return is_over
 
     async def create_subscription(self, request: Request, params: ua.CreateSubscriptionParameters) -> Any:
         """CreateSubscription."""
@@ -75,6 +86,7 @@ class SubscriptionServices:
             else:
                 await self._subscriptions.delete(subscription)
                 response.Results.append(GOOD)
+            await self._end_turn(request)
         if not request.session.subscriptions:
             while request.session.requests:
                 request.session.refuse_request(request.session.requests.popleft(), StatusCodes.BadNoSubscription)
@@ -97,6 +109,7 @@ class SubscriptionServices:
                 subscription.touch()
                 subscription.enabled = bool(params.PublishingEnabled)
                 response.Parameters.Results.append(GOOD)
+            await self._end_turn(request)
         return response
 
     async def publish(self, request: Request, params: ua.PublishParameters) -> None:
@@ -140,22 +153,32 @@ class SubscriptionServices:
     async def transfer_subscriptions(self, request: Request, params: ua.TransferSubscriptionsParameters) -> Any:
         """TransferSubscriptions: only those of the same user, with the same client certificate."""
         response = ua.TransferSubscriptionsResponse()
+        # An id that is named ten thousand times is transferred, and its values told, once.
+        results: dict[int, ua.TransferResult] = {}
         for subscription_id in operations(params.SubscriptionIds, self._limits.nodes_per_request):
-            result = ua.TransferResult()
-            try:
-                subscription = self._transfer(request, int(subscription_id))
-                result.AvailableSequenceNumbers = subscription.unacknowledged  # pyright: ignore[reportAttributeAccessIssue]
-                if params.SendInitialValues:
-                    for item in subscription.items:
-                        if isinstance(item, DataItem):
-                            item.tell_again(self._aspace)
-            except Refusal as error:
-                result.StatusCode = status(error.ua_status)
-                self._context.audit.refuse(
-                    request.caller, "TransferSubscriptions", result.StatusCode.name, reason=str(error)
+            if subscription_id not in results:
+                results[subscription_id] = await self._transferred(
+                    request, int(subscription_id), tell=params.SendInitialValues
                 )
-            response.Parameters.Results.append(result)
+            response.Parameters.Results.append(results[subscription_id])
+            await self._end_turn(request)
         return response
+
+    async def _transferred(self, request: Request, subscription_id: int, *, tell: bool) -> ua.TransferResult:
+        result = ua.TransferResult()
+        try:
+            subscription = self._transfer(request, subscription_id)
+            result.AvailableSequenceNumbers = subscription.unacknowledged  # pyright: ignore[reportAttributeAccessIssue]
+            for item in subscription.items if tell else ():
+                if isinstance(item, DataItem):
+                    item.tell_again(self._aspace)
+                    await self._end_turn(request, subscription)
+        except Refusal as error:
+            result.StatusCode = status(error.ua_status)
+            self._context.audit.refuse(
+                request.caller, "TransferSubscriptions", result.StatusCode.name, reason=str(error)
+            )
+        return result
 
     def _transfer(self, request: Request, subscription_id: int) -> ClientSubscription:
         subscription = self._subscriptions.find(subscription_id)
@@ -177,13 +200,23 @@ class SubscriptionServices:
         subscription = self._own(request, params.SubscriptionId)
         timestamps = _timestamps(params.TimestampsToReturn)
         response = ua.CreateMonitoredItemsResponse()
+        left = self._items_left(subscription)
         for item in operations(params.ItemsToCreate, self._limits.nodes_per_request):
             try:
+                if left <= 0:
+                    raise Refusal(StatusCodes.BadTooManyMonitoredItems)
                 result = self._create_item(request, subscription, item, timestamps)
+                left -= 1
             except Refusal as error:
                 result = ua.MonitoredItemCreateResult(status(error.ua_status))
             response.Results.append(result)
+            if await self._end_turn(request, subscription):
+                left = self._items_left(subscription)  # another session of the user may have had its turn
         return response
+
+    def _items_left(self, subscription: ClientSubscription) -> int:
+        """Monitored items that the subscription's user may still have."""
+        return self._limits.monitored_items_per_user - self._subscriptions.items_of(subscription.holder)
 
     def _create_item(
         self,
@@ -199,6 +232,10 @@ class SubscriptionServices:
         parameters.Filter = filter_of(parameters)
         if target.NodeId is None or self._aspace.get(target.NodeId) is None:
             raise Refusal(StatusCodes.BadNodeIdUnknown)
+        if subscription.items.on(target.NodeId) >= self._limits.items_per_node:
+            raise Refusal(StatusCodes.BadTooManyMonitoredItems, "too many items on one node")
+        if self._subscriptions.items_on(target.NodeId, subscription.holder) >= self._limits.items_per_node_and_user:
+            raise Refusal(StatusCodes.BadTooManyMonitoredItems, "too many items of one user on one node")
         size = self._queue_size(parameters.QueueSize)
         result: Any = ua.MonitoredItemCreateResult()
         if target.AttributeId == AttributeIds.EventNotifier and isinstance(parameters.Filter, ua.EventFilter):
@@ -206,7 +243,10 @@ class SubscriptionServices:
             bits = notifier.Value.Value if notifier.Value is not None else None
             if not bits or not int(bits) & 1:
                 raise Refusal(StatusCodes.BadNotSupported, "the node has no events")
-            event_filter = check_event_filter(self._aspace, parameters.Filter, self._limits.filter_elements)
+            watched = sum(own.items.event_items for own in request.session.subscriptions.values())
+            if watched >= self._limits.event_items_per_session:
+                raise Refusal(StatusCodes.BadTooManyMonitoredItems, "too many items on events")
+            event_filter = self._event_filter(request, parameters.Filter)
             size = self._limits.queue_size if not parameters.QueueSize else size
             events = EventItem(subscription, subscription.items.next_id(), wanted, size, event_filter)
             subscription.items.add_events(events)
@@ -226,6 +266,17 @@ class SubscriptionServices:
         result.RevisedQueueSize = size
         return result
 
+    def _event_filter(self, request: Request, wanted: Any, taken_off: int = 0) -> EventFilter:
+        """A filter that all those of the session leave room for; `taken_off` are the steps of the one that goes."""
+        made = check_event_filter(self._aspace, wanted, self._limits.filter_elements)
+        steps = sum(own.items.filter_steps for own in request.session.subscriptions.values()) - taken_off
+        if steps + made.cost > self._limits.filter_steps_per_session:
+            raise Refusal(
+                StatusCodes.BadTooManyMonitoredItems,
+                f"the filters of this session would take {steps + made.cost} steps for each event",
+            )
+        return made
+
     def _queue_size(self, requested: int) -> int:
         return min(max(int(requested), 1), self._limits.queue_size)
 
@@ -236,14 +287,16 @@ class SubscriptionServices:
         response = ua.ModifyMonitoredItemsResponse()
         for wanted in operations(params.ItemsToModify, self._limits.nodes_per_request):
             try:
-                result = self._modify_item(subscription, wanted, timestamps)
+                result = self._modify_item(request, subscription, wanted, timestamps)
             except Refusal as error:
                 result = ua.MonitoredItemModifyResult(status(error.ua_status))
             response.Results.append(result)
+            await self._end_turn(request, subscription)
         return response
 
     def _modify_item(
         self,
+        request: Request,
         subscription: ClientSubscription,
         wanted: ua.MonitoredItemModifyRequest,
         timestamps: ua.TimestampsToReturn,
@@ -254,7 +307,7 @@ class SubscriptionServices:
             raise Refusal(StatusCodes.BadMonitoredItemIdInvalid)
         parameters.Filter = filter_of(parameters)
         if isinstance(item, EventItem):
-            item.filter = check_event_filter(self._aspace, parameters.Filter, self._limits.filter_elements)
+            item.filter = self._event_filter(request, parameters.Filter, item.filter.cost)
         elif isinstance(item, DataItem):
             value = self._aspace.read_attribute_value(item.node_id, item.attribute)
             check_data_filter(parameters.Filter, attribute=item.attribute, value=value)
@@ -274,6 +327,7 @@ class SubscriptionServices:
         mode = _monitoring_mode(params.MonitoringMode)
         response = ua.SetMonitoringModeResponse()
         for item_id in operations(params.MonitoredItemIds, self._limits.nodes_per_request):
+            await self._end_turn(request, subscription)
             item = subscription.items.get(item_id)
             if item is None:
                 response.Parameters.Results.append(status(StatusCodes.BadMonitoredItemIdInvalid))
@@ -290,8 +344,9 @@ class SubscriptionServices:
         """DeleteMonitoredItems."""
         subscription = self._own(request, params.SubscriptionId)
         response = ua.DeleteMonitoredItemsResponse()
-        ids = operations(params.MonitoredItemIds, self._limits.nodes_per_request)
-        response.Results = [subscription.remove(item_id) for item_id in ids]
+        for item_id in operations(params.MonitoredItemIds, self._limits.nodes_per_request):
+            response.Results.append(subscription.remove(item_id))
+            await self._end_turn(request, subscription)
         return response
 
 

@@ -8,34 +8,38 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import time
-from collections import OrderedDict
+from collections import Counter, OrderedDict
+from collections.abc import Callable, Iterator
 from datetime import UTC, datetime
 from typing import Any, Final
 
-import structlog
 from asyncua import ua
 from asyncua.server.address_space import AddressSpace
+from asyncua.server.internal_server import InternalServer
 from asyncua.server.subscription_service import SubscriptionService
 
+from ua_fleet.server.endpoint.answers import Misfit
 from ua_fleet.server.endpoint.limits import Limits
 from ua_fleet.server.endpoint.monitoring import DataItem, EventItem, Item
+from ua_fleet.server.endpoint.notifications import changes_of, events_of
 from ua_fleet.server.endpoint.sessions import PublishRequest, Session
 from ua_fleet.server.endpoint.stack import GOOD, StatusCodes, status
+from ua_fleet.server.endpoint.turns import TURN_S, Places
 from ua_fleet.server.users import User
 
 __all__ = ["ClientSubscription", "MonitoredItems", "Subscriptions"]
 
 _FIRST_SEQUENCE: Final = 1
-_log = structlog.get_logger("ua_fleet.server")
 
 
 class MonitoredItems:
     """The items of one subscription; asyncua gives it the events."""
 
-    def __init__(self, aspace: AddressSpace) -> None:
-        self._aspace = aspace
+    def __init__(self, aspace: AddressSpace, failed: Callable[[Exception], None]) -> None:
+        self._aspace, self._failed = aspace, failed
         self._monitored_items: dict[int, Item] = {}
         self._by_node: dict[ua.NodeId, dict[int, EventItem]] = {}
+        self._watched: Counter[ua.NodeId] = Counter()
         self._last_id = 0
 
     def __len__(self) -> int:
@@ -53,22 +57,42 @@ class MonitoredItems:
         self._last_id += 1
         return self._last_id
 
+    @property
+    def event_items(self) -> int:
+        """Items that watch events."""
+        return sum(map(len, self._by_node.values()))
+
+    @property
+    def filter_steps(self) -> int:
+        """Steps that the filters of these items take for one event."""
+        return sum(item.filter.cost for items in self._by_node.values() for item in items.values())
+
+    def on(self, node_id: ua.NodeId) -> int:
+        """Items that watch a node."""
+        return self._watched[node_id]
+
     def add_data(self, item: DataItem) -> ua.StatusCode:
         """Watch a node's attribute, and tell its value as it is now."""
         result, item.handle = self._aspace.add_datachange_callback(item.node_id, item.attribute, item.changed)
         if result.is_good():
             self._monitored_items[item.id] = item
+            self._watched[item.node_id] += 1
             item.tell_again(self._aspace)
         return result
 
     def add_events(self, item: EventItem) -> None:
         """Watch the events of a node."""
         self._monitored_items[item.id] = item
+        self._watched[item.node_id] += 1
         self._by_node.setdefault(item.node_id, {})[item.id] = item
 
     def remove(self, item_id: int) -> Item | None:
         """Stop watching."""
         item = self._monitored_items.pop(item_id, None)
+        if item is not None:
+            self._watched[item.node_id] -= 1
+            if not self._watched[item.node_id]:
+                del self._watched[item.node_id]
         if isinstance(item, DataItem):
             # The node, and the callback with it, may have been deleted.
             with contextlib.suppress(KeyError):
@@ -85,12 +109,24 @@ class MonitoredItems:
         for item_id in list(self._monitored_items):
             self.remove(item_id)
 
+    def watches(self, node_id: ua.NodeId) -> bool:
+        """Whether an item is told of this node's events."""
+        return node_id in self._by_node
+
+    def tell(self, event: Any) -> None:
+        """Tell the items of the event's node."""
+        for item in list(self._by_node.get(event.emitting_node, {}).values()):
+            item.happened(event)
+
     async def trigger_event(self, event: Any, mid: int | None = None) -> bool:
         """Tell the items of the event's node; called by asyncua."""
         items = self._by_node.get(event.emitting_node)
         for item in list(items.values()) if items else []:
             if mid is None or item.id == mid:
-                item.happened(event)
+                try:
+                    item.happened(event)
+                except Exception as error:  # noqa: BLE001 - costs this item the event, and the others nothing
+                    self._failed(error)
         return bool(items)
 
 
@@ -110,8 +146,10 @@ class ClientSubscription:
         self.session: Session | None = session
         self.owner = user
         self.owner_certificate = session.client_certificate
-        self.monitored_item_srv = MonitoredItems(aspace)
+        self.monitored_item_srv = MonitoredItems(aspace, lambda error: registry.failed(error, subscription_id))
         self.queued = 0
+        self.kept_bytes = 0
+        """Bytes of the messages that can be sent again."""
         self.interval_s = 1.0
         self.lifetime_count = 3
         self.keep_alive_count = 1
@@ -175,8 +213,8 @@ class ClientSubscription:
     async def _run(self) -> None:
         try:
             await self._publish()
-        except Exception:  # noqa: BLE001 - logged with its traceback; nobody waits for this task
-            _log.exception("subscription failed", subscription=self.id)
+        except Exception as error:  # noqa: BLE001 - counted and logged; nobody waits for this task
+            self._registry.failed(error, self.id)
             with contextlib.suppress(Exception):  # what is wrong may be wrong with this, too
                 self.tell_status(StatusCodes.BadInternalError)
         self._registry.forget(self)
@@ -186,7 +224,7 @@ class ClientSubscription:
     async def _publish(self) -> None:
         """Go on until the client has left the subscription alone for its lifetime."""
         due = time.monotonic()
-        while self._cycle():
+        while await self._cycle():
             # A late loop is not made up for: the next cycle is one interval away.
             due = max(due + self.interval_s, time.monotonic())
             self._changed.clear()
@@ -195,20 +233,33 @@ class ClientSubscription:
                     await self._changed.wait()
                     due = time.monotonic()
 
-    def _cycle(self) -> bool:
+    async def _cycle(self) -> bool:
         """One publishing interval is over; whether the subscription lives on."""
         if not (self._first or self._has_news()):
             self._quiet_cycles += 1
             if self._quiet_cycles < self.keep_alive_count:
                 return True
-        while self._first or self._has_news() or self._quiet_cycles >= self.keep_alive_count:
-            request = self.session.take_request(self.id) if self.session is not None else None
-            if request is None:
-                self._cycles_without_request += 1
-                return self._cycles_without_request < self.lifetime_count
-            if not self.answer(request):
-                break
+        # However many subscriptions of a user are due at once, others have their turn between two large answers.
+        async with self._registry.answering.of(self.holder):
+            while self._first or self._has_news() or self._quiet_cycles >= self.keep_alive_count:
+                request = self.session.take_request(self.id) if self.session is not None else None
+                if request is None:
+                    self._cycles_without_request += 1
+                    return self._cycles_without_request < self.lifetime_count
+                began = time.monotonic()
+                more = self.answer(request)
+                if time.monotonic() - began > TURN_S:
+                    await asyncio.sleep(0)
+                if not more:
+                    break
         return True
+
+    @property
+    def holder(self) -> str:
+        """Whom it counts for: its owner, or the address of one without a name."""
+        if not self.owner.anonymous:
+            return self.owner.name
+        return f"at {self.session.address if self.session is not None else ''}"
 
     def _has_news(self) -> bool:
         return self.enabled and bool(self._pending)
@@ -237,9 +288,7 @@ class ClientSubscription:
     def _send(self, request: PublishRequest, message: ua.NotificationMessage, more: bool) -> None:
         if message.NotificationData:
             self._sequence = self._sequence % 0xFFFF_FFFF + 1
-            self._sent[int(message.SequenceNumber)] = message
-            while len(self._sent) > self._limits.retransmissions:
-                self._sent.popitem(last=False)
+            self._keep(int(message.SequenceNumber), message)
         result: Any = ua.PublishResult()
         result.SubscriptionId = self.id
         result.AvailableSequenceNumbers = self.unacknowledged
@@ -251,28 +300,38 @@ class ClientSubscription:
         if self.session is not None and self.session.link is not None:
             self.session.link.respond(response, request.handle, request.request_id)
 
+    def _keep(self, sequence: int, message: ua.NotificationMessage) -> None:
+        """Keep a message until it is acknowledged, as far as there is room for its user's."""
+        self._sent[sequence] = message
+        self.kept_bytes += _size(message)
+        if len(self._sent) > self._limits.retransmissions:
+            self.forget_oldest()
+        self._registry.limit_kept(self.holder, self._limits.retransmission_bytes)
+
+    def forget_oldest(self) -> None:
+        """Keep one message less."""
+        self.kept_bytes -= _size(self._sent.popitem(last=False)[1])
+
     def _take(self) -> list[Any]:
         """As many notifications as one response may have, as DataChangeNotification and EventNotificationList."""
-        left = self.max_notifications
-        changes: list[Any] = []
-        events: list[Any] = []
-        while self._pending and left > 0:
+        left, room = self.max_notifications, self._limits.notification_bytes
+        changes: list[bytes] = []
+        events: list[bytes] = []
+        while self._pending and left > 0 and room > 0:
             item_id, item = next(iter(self._pending.items()))
             target = changes if isinstance(item, DataItem) else events
-            if len(item.queue) <= left:
+            while item.queue and left > 0 and room > 0:
+                # The first one that is longer than the room is told nevertheless.
+                data = item.encode(item.take(), self._limits.response_bytes, self._registry.misfit)
+                target.append(data)
+                left, room = left - 1, room - len(data)
+            if not item.queue:
                 del self._pending[item_id]
-                target.extend(item.queue)
-                left -= len(item.queue)
-                item.clear()
-            else:
-                target.extend(item.queue.popleft() for _ in range(left))
-                self.queued -= left
-                left = 0
         notifications: list[Any] = []
         if changes:
-            notifications.append(ua.DataChangeNotification(MonitoredItems=changes))
+            notifications.append(changes_of(changes))
         if events:
-            notifications.append(ua.EventNotificationList(Events=events))
+            notifications.append(events_of(events))
         return notifications
 
     def tell_status(self, code: int) -> None:
@@ -287,8 +346,11 @@ class ClientSubscription:
 
     def acknowledge(self, sequence: int) -> ua.StatusCode:
         """The client has a notification message."""
-        known = self._sent.pop(sequence, None) is not None
-        return GOOD if known else status(StatusCodes.BadSequenceNumberUnknown)
+        message = self._sent.pop(sequence, None)
+        if message is None:
+            return status(StatusCodes.BadSequenceNumberUnknown)
+        self.kept_bytes -= _size(message)
+        return GOOD
 
     def sent(self, sequence: int) -> ua.NotificationMessage | None:
         """A notification message that has not been acknowledged."""
@@ -320,8 +382,21 @@ class ClientSubscription:
         self.touch()
 
 
+def _size(message: ua.NotificationMessage) -> int:
+    return sum(len(getattr(data, "Body", None) or b"") for data in message.NotificationData)
+
+
 class Subscriptions(SubscriptionService):
     """asyncua's registry, which it hands events to, with the clients' subscriptions in it."""
+
+    failed: Callable[[Exception, int], None]
+    """Told of mistakes of ours, and of the subscription that they cost something."""
+
+    def __init__(self, aspace: AddressSpace, iserver: InternalServer, misfit: Misfit) -> None:
+        super().__init__(aspace, iserver)
+        self.misfit = misfit
+        self.answering = Places()
+        """Of the subscriptions of each user, one has the turn to answer."""
 
     def create(
         self, session: Session, user: User, limits: Limits, params: ua.CreateSubscriptionParameters
@@ -358,6 +433,38 @@ class Subscriptions(SubscriptionService):
         """End a subscription."""
         self.forget(subscription)
         await subscription.stop()
+
+    def audience(self, node_id: ua.NodeId, may: Callable[[User], bool]) -> list[ClientSubscription]:
+        """The subscriptions that watch a node's events, of users who may be told."""
+        everything: list[Any] = list(self.subscriptions.values())
+        found: list[ClientSubscription] = []
+        for each in everything:
+            if isinstance(each, ClientSubscription) and each.items.watches(node_id):
+                user = each.session.user if each.session is not None else None
+                if user is not None and may(user):
+                    found.append(each)
+        return found
+
+    def items_of(self, holder: str) -> int:
+        """Monitored items that a user, or an address without one, has in all sessions."""
+        return sum(len(each.items) for each in self._of(holder))
+
+    def items_on(self, node_id: ua.NodeId, holder: str) -> int:
+        """Those of them that watch one node."""
+        return sum(each.items.on(node_id) for each in self._of(holder))
+
+    def limit_kept(self, holder: str, most_bytes: int) -> None:
+        """Forget what a user's subscriptions keep beyond so many bytes, of the one that keeps most first."""
+        kept = sum(each.kept_bytes for each in self._of(holder))
+        while kept > most_bytes:
+            greediest = max(self._of(holder), key=lambda each: each.kept_bytes)
+            kept -= greediest.kept_bytes
+            greediest.forget_oldest()
+            kept += greediest.kept_bytes
+
+    def _of(self, holder: str) -> Iterator[ClientSubscription]:
+        everything: list[Any] = list(self.subscriptions.values())
+        return (each for each in everything if isinstance(each, ClientSubscription) and each.holder == holder)
 
     def orphans(self, user: User) -> int:
         """Subscriptions of a user that no session owns."""

@@ -6,19 +6,82 @@
 from __future__ import annotations
 
 import secrets
-from typing import Any
+from functools import partial
+from typing import Any, Final
 
 from asyncua import ua
 from asyncua.server.address_space import NodeData
+from asyncua.ua.ua_binary import struct_to_binary
 
+from ua_fleet.server.endpoint.answers import Answer
 from ua_fleet.server.endpoint.context import Context
 from ua_fleet.server.endpoint.request import Request, operations
 from ua_fleet.server.endpoint.sessions import Session
-from ua_fleet.server.endpoint.stack import ObjectIds, Refusal, StatusCodes, ns0, status
+from ua_fleet.server.endpoint.stack import DECODE_ERRORS, ObjectIds, Refusal, StatusCodes, ns0, shown, status
+from ua_fleet.server.endpoint.turns import Turns
 
 __all__ = ["ViewServices"]
 
 _HAS_SUBTYPE = ns0(ObjectIds.HasSubtype)
+_RESULT_BYTES: Final = 28
+"""StatusCode, ContinuationPoint and number of references of a BrowseResult."""
+
+
+class _Portions:
+    """The BrowseResults of one response: what does not fit into it waits at a continuation point."""
+
+    def __init__(self, session: Session, response: Any, context: Context) -> None:
+        self.answer = Answer(response, context.limits.response_bytes)
+        self._session, self._misfit = session, context.misfit
+        self._points = context.limits.continuation_points
+        self._known: dict[int, tuple[ua.ReferenceDescription, bytes]] = {}
+
+    def add(self, references: list[ua.ReferenceDescription], portion: int) -> None:
+        """Add a result with at most `portion` references, and a continuation point for the rest.
+
+        Raises:
+            Refusal: there is a rest, and no continuation point for it.
+        """
+        parts: list[bytes] = []
+        size, taken = _RESULT_BYTES, 0
+        for ref in references[:portion]:
+            data = self._encode(ref)
+            if size + len(data) > self.answer.left:
+                break
+            size += len(data)
+            taken += 1
+            if data:
+                parts.append(data)
+        point = b""
+        if taken < len(references):
+            if len(self._session.continuations) >= self._points:
+                raise Refusal(StatusCodes.BadNoContinuationPoints)
+            point = secrets.token_bytes(16)
+            self._session.continuations[point] = [portion, references[taken:]]
+        length = (len(point) or -1).to_bytes(4, "little", signed=True)
+        head = (bytes(4), length, point, len(parts).to_bytes(4, "little"))
+        data = b"".join((*head, *parts))
+        if parts:
+            self.answer.add_bytes(data)
+        else:
+            self.answer.add_small(data)
+
+    def _encode(self, ref: ua.ReferenceDescription) -> bytes:
+        """A reference as bytes, which are made once for a response; empty for one that cannot be encoded."""
+        known = self._known.get(id(ref))
+        if known is not None:
+            return known[1]
+        try:
+            data = struct_to_binary(ref)
+        except DECODE_ERRORS as error:
+            self._misfit(f"a reference to {shown(ref.NodeId)}", error)
+            data = b""
+        self._known[id(ref)] = ref, data
+        return data
+
+    def refuse(self, code: int) -> None:
+        """Add a result without references."""
+        self.answer.add_small(struct_to_binary(ua.BrowseResult(StatusCode=status(code))))
 
 
 class ViewServices:
@@ -38,15 +101,14 @@ class ViewServices:
         if params.RequestedMaxReferencesPerNode:
             portion = min(portion, params.RequestedMaxReferencesPerNode)
         types: dict[ua.NodeId, frozenset[ua.NodeId]] = {}
-        response = ua.BrowseResponse()
+        portions = _Portions(request.session, ua.BrowseResponse(), self._context)
         for description in nodes:
-            result = ua.BrowseResult()
             try:
-                self._hand_out(request.session, result, self._references(description, types), portion)
+                portions.add(self._references(description, types), portion)
             except Refusal as error:
-                result.StatusCode = status(error.ua_status)
-            response.Results.append(result)
-        return response
+                portions.refuse(error.ua_status)
+            await request.turns.end(portions.answer.size)
+        return portions.answer
 
     def _references(
         self, wanted: ua.BrowseDescription, types: dict[ua.NodeId, frozenset[ua.NodeId]]
@@ -94,47 +156,44 @@ class ViewServices:
             known[reference_type] = frozenset(found)
         return known[reference_type]
 
-    def _hand_out(
-        self, session: Session, result: ua.BrowseResult, references: list[ua.ReferenceDescription], portion: int
-    ) -> None:
-        """Put a portion into the result, and what is left behind a continuation point."""
-        if len(references) > portion:
-            if len(session.continuations) >= self._limits.continuation_points:
-                raise Refusal(StatusCodes.BadNoContinuationPoints)
-            point = secrets.token_bytes(16)
-            session.continuations[point] = [portion, references[portion:]]
-            result.ContinuationPoint = ua.ByteString(point)
-        result.References = references[:portion]
-
     async def browse_next(self, request: Request, params: ua.BrowseNextParameters) -> Any:
         """BrowseNext."""
-        response = ua.BrowseNextResponse()
+        portions = _Portions(request.session, ua.BrowseNextResponse(), self._context)
         for point in operations(params.ContinuationPoints, self._limits.nodes_per_request):
-            result = ua.BrowseResult()
             rest = request.session.continuations.pop(point or b"", None)
             if rest is None:
-                result.StatusCode = status(StatusCodes.BadContinuationPointInvalid)
-            elif not params.ReleaseContinuationPoints:
-                self._hand_out(request.session, result, rest[1], rest[0])
-            response.Parameters.Results.append(result)
-        return response
+                portions.refuse(StatusCodes.BadContinuationPointInvalid)
+            elif params.ReleaseContinuationPoints:
+                portions.add([], 0)
+            else:
+                portions.add(rest[1], rest[0])
+            await request.turns.end(portions.answer.size)
+        return portions.answer
 
     async def translate_browse_paths(self, request: Request, params: ua.TranslateBrowsePathsToNodeIdsParameters) -> Any:
         """TranslateBrowsePathsToNodeIds."""
         types: dict[ua.NodeId, frozenset[ua.NodeId]] = {}
-        response = ua.TranslateBrowsePathsToNodeIdsResponse()
+        answer = Answer(ua.TranslateBrowsePathsToNodeIdsResponse(), self._limits.response_bytes)
         for path in operations(params.BrowsePaths, self._limits.nodes_per_request):
             result = ua.BrowsePathResult()
             try:
-                for node_id in self._translate(path, types):
+                for node_id in await self._translate(path, types, request.turns):
                     # 0xFFFFFFFF: the whole path was used (OPC 10000-4 7.6).
                     result.Targets.append(ua.BrowsePathTarget(node_id, ua.Index(0xFFFF_FFFF)))  # pyright: ignore[reportArgumentType]
             except Refusal as error:
                 result.StatusCode = status(error.ua_status)
-            response.Results.append(result)
-        return response
+            answer.add(
+                result,
+                lambda code: ua.BrowsePathResult(StatusCode=status(code)),
+                self._context.misfit,
+                partial(shown, path.StartingNode),
+            )
+            await request.turns.end(answer.size)
+        return answer
 
-    def _translate(self, path: ua.BrowsePath, types: dict[ua.NodeId, frozenset[ua.NodeId]]) -> list[ua.NodeId]:
+    async def _translate(
+        self, path: ua.BrowsePath, types: dict[ua.NodeId, frozenset[ua.NodeId]], turns: Turns
+    ) -> list[ua.NodeId]:
         elements = path.RelativePath.Elements
         if self._aspace.get(path.StartingNode) is None:
             raise Refusal(StatusCodes.BadNodeIdUnknown)
@@ -149,14 +208,18 @@ class ViewServices:
         for element in elements:
             allowed = self._types(element.ReferenceTypeId, include=element.IncludeSubtypes, known=types)
             # A node is visited once for each element, however many ways lead to it.
-            current = {
-                ref.NodeId: None
-                for node_id in current
-                for ref in self._node_references(node_id)
-                if ref.BrowseName == element.TargetName
-                and ref.IsForward != element.IsInverse
-                and (allowed is None or ref.ReferenceTypeId in allowed)
-            }
+            found: dict[ua.NodeId, None] = {}
+            for node_id in current:
+                for ref in self._node_references(node_id):
+                    if (
+                        ref.BrowseName == element.TargetName
+                        and ref.IsForward != element.IsInverse
+                        and (allowed is None or ref.ReferenceTypeId in allowed)
+                    ):
+                        found[ref.NodeId] = None
+                if turns.over:
+                    await turns.end()
+            current = found
             if not current:
                 raise Refusal(StatusCodes.BadNoMatch)
         return list(current)

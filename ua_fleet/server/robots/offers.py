@@ -175,7 +175,9 @@ class Offers:
 
     # What asks for skills; see `server.skills.methods.SkillRequests`.
 
-    def request(self, topic: Topic, robot: str, values: tuple[Any, ...], timeout_s: float, execution_id: bytes) -> None:
+    def request(
+        self, topic: Topic, robot: str, skill: str, arguments: Mapping[str, Any], timeout_s: float, execution_id: bytes
+    ) -> None:
         """Ask the clients that offer a skill; said again, the same request is meant.
 
         Raises:
@@ -183,27 +185,30 @@ class Offers:
             SkillRejected: as many executions as may be are under way, or the arguments do not fit.
             StorageUnavailable: it cannot be recorded, and nobody was asked.
         """
-        del timeout_s  # the server itself has taken it; how long it may last, the skill says
+        # The server itself has taken it; how long it may last, the skill says, which is found by its topic here.
+        del timeout_s, skill
         if execution_id in self._asked or execution_id in self._before:
             return
-        known, skill = self._skill(topic)
-        if not self._sessions.get((known.model.name, skill.name)):
-            raise RobotOffline(f"no client offers {robot}.{skill.name} now; see: ua-fleet skill offer")
+        known, offered = self._skill(topic)
+        if not self._sessions.get((known.model.name, offered.name)):
+            raise RobotOffline(f"no client offers {robot}.{offered.name} now; see: ua-fleet skill offer")
         open_ones = sum(asked.topic == topic for asked in self.open)
-        if open_ones >= skill.limits.requests_at_once:
-            error = SkillRejected(f"{open_ones} executions of {robot}.{skill.name} are under way")
+        if open_ones >= offered.limits.requests_at_once:
+            error = SkillRejected(f"{open_ones} executions of {robot}.{offered.name} are under way")
             error.ua_status = int(StatusCode.BAD_TOO_MANY_OPERATIONS)
             raise error
         try:
-            content = pack(tuple([argument.type for argument in skill.arguments]), values)
+            given = {argument.name: arguments[argument.name] for argument in offered.arguments}
+            content = pack(tuple([argument.type for argument in offered.arguments]), tuple(given.values()))
+        except KeyError as error:
+            raise SkillRejected(f"{robot}.{offered.name} takes {error}, which is not given") from error
         except (LocalWireError, ValueError) as error:
-            raise SkillRejected(f"{robot}.{skill.name}: {error}") from error
+            raise SkillRejected(f"{robot}.{offered.name}: {error}") from error
         now = self._wall_ticks()
-        arguments = dict(zip([argument.name for argument in skill.arguments], values, strict=True))
-        until = now + round(skill.timeout_s * TICKS_PER_SECOND)
-        asked = Asked(execution_id, known.model.name, skill, topic, arguments, now, until)
+        until = now + round(offered.timeout_s * TICKS_PER_SECOND)
+        asked = Asked(execution_id, known.model.name, offered, topic, given, now, until)
         target = Target(*topic, _TARGET_ID)
-        timeout_ms = round(skill.timeout_s * 1000)
+        timeout_ms = round(offered.timeout_s * 1000)
         self._journal.recorded(
             Execution(execution_id, _REQUESTOR, SERVER_SPACE, target, content, now, timeout_ms, asked.report)
         )
@@ -236,7 +241,8 @@ class Offers:
         """What is known of a request; KeyError where it was never made."""
         asked = self._asked.get(execution_id)
         report = asked.report if asked is not None else self._before[execution_id].report
-        return Outcome(_KINDS.get(report.state, OutcomeKind.ACCEPTED), report)
+        names = tuple([result.name for result in asked.skill.results]) if asked is not None else None
+        return Outcome(_KINDS.get(report.state, OutcomeKind.ACCEPTED), report, names)
 
     # What clients say.
 

@@ -89,11 +89,11 @@ class Roster:
         self._robots: dict[str, RobotModel] = {robot.name: robot for robot in self._model.robots}
         self._definitions: dict[str, Definition] = {}
         """Of those that are in no file."""
-        self._ids: dict[int, str] = {
-            bridge.status.topic.id: f"bridges.{bridge.name}"
-            for bridge in self._model.bridges
-            if bridge.status is not None
-        }
+        self._ids: dict[int, str] = {}
+        """Whose an id is, in its namespace and in its space."""
+        for bridge in self._model.bridges:
+            if bridge.status is not None:
+                self._ids.update(dict.fromkeys(_places(bridge.status.topic), f"bridges.{bridge.name}"))
         self._by_status: dict[Topic, RobotModel] = {}
         for robot in self._model.robots:
             self._note_ids(robot)
@@ -311,8 +311,8 @@ class Roster:
 
     def _drop(self, robot: RobotModel) -> None:
         del self._robots[robot.name], self._definitions[robot.name]
-        for number in [number for number, owner in self._ids.items() if owner == f"robots.{robot.name}"]:
-            del self._ids[number]
+        for place in [place for place, owner in self._ids.items() if owner == f"robots.{robot.name}"]:
+            del self._ids[place]
         if robot.skill_status is not None:
             del self._by_status[robot.skill_status]
             self._announced.pop(robot.skill_status, None)
@@ -326,29 +326,38 @@ class Roster:
     def _note_ids(self, robot: RobotModel) -> None:
         if robot.skill_status is not None:
             self._by_status[robot.skill_status] = robot
+        owner = f"robots.{robot.name}"
         for topic in (*[data_set.topic for data_set in robot.all_data_sets()], *robot.actions()):
-            self._ids[topic.id] = f"robots.{robot.name}"
+            self._ids.update(dict.fromkeys(_places(topic), owner))
 
     def _check_idle(self, robot: RobotModel) -> None:
         users = self._connected.users_of(robot)
         if users:
             raise RobotInUse(f"robot {robot.name} is in use: {', '.join(users)}; wait for the end, or abort it")
 
-    def _owner_of(self, number: int) -> Topic | str | None:
-        owner = self._ids.get(number)
+    def _owner_of(self, topic: Topic) -> Topic | str | None:
+        owner = next((owner for place in _places(topic) if (owner := self._ids.get(place)) is not None), None)
         if owner is not None or self._taking is None:
             return owner
-        return self._taking.stranger(self._model.ns, number)
+        return self._taking.stranger(topic.ns, topic.id)
 
-    def _owner_but(self, robot: RobotModel | None) -> Callable[[int], Topic | str | None]:
+    def _owner_but(self, robot: RobotModel | None) -> Callable[[Topic], Topic | str | None]:
         """Whose an id would be without a robot."""
         own = f"robots.{robot.name}" if robot is not None else ""
 
-        def owner_of(number: int) -> Topic | str | None:
-            owner = self._owner_of(number)
+        def owner_of(topic: Topic) -> Topic | str | None:
+            owner = self._owner_of(topic)
             return None if owner == own else owner
 
         return owner_of
+
+
+def _places(topic: Topic) -> tuple[int, int]:
+    """Where an id has to be the only one: in its namespace, as a NodeId, and in its space, as a DataSetWriterId.
+
+    Numbers, since a large fleet has many.
+    """
+    return topic.ns << 16 | topic.id, 1 << 32 | topic.space << 16 | topic.id
 
 
 def _named(text: str) -> str:

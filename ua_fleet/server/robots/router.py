@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 from ua_fleet.server.commands_out import SkillCommands
@@ -18,9 +19,11 @@ class SkillRouter:
     def __init__(self, commands: SkillCommands, offers: Offers) -> None:
         self._commands, self._offers = commands, offers
 
-    def request(self, topic: Topic, robot: str, values: tuple[Any, ...], timeout_s: float, execution_id: bytes) -> None:
+    def request(
+        self, topic: Topic, robot: str, skill: str, arguments: Mapping[str, Any], timeout_s: float, execution_id: bytes
+    ) -> None:
         """Have a skill done, once; see both."""
-        self._of(topic).request(topic, robot, values, timeout_s, execution_id)
+        self._of(topic).request(topic, robot, skill, arguments, timeout_s, execution_id)
 
     def halt(self, topic: Topic, robot: str, execution_id: bytes) -> None:
         """Have an execution stopped; see both."""
@@ -33,6 +36,13 @@ class SkillRouter:
     def resume_execution(self, topic: Topic, robot: str, execution_id: bytes) -> None:
         """Have a robot go on with an execution; see both."""
         self._of(topic).resume_execution(topic, robot, execution_id)
+
+    def inquire(self, execution_id: bytes) -> None:
+        """Ask a bridge once more what became of a request; a client's answer is told as soon as there is one."""
+        try:
+            self._offers.known_outcome(execution_id)
+        except KeyError:
+            self._commands.inquire(execution_id)
 
     def known_outcome(self, execution_id: bytes) -> Outcome | None:
         """What is known of a request; None while it is asked for, KeyError where it was never made."""

@@ -11,7 +11,7 @@ from asyncua.ua.object_ids import ObjectIds
 from ua_fleet.orchestrator import Fault
 from ua_fleet.server.endpoint.stack import ns0
 from ua_fleet.server.nodeset import TYPES_INDEX, TypeId
-from ua_fleet.values import BuiltinType, LocalizedText, NodeId, Variant
+from ua_fleet.values import ARRAY, BuiltinType, LocalizedText, NodeId, Variant
 
 __all__ = [
     "ACKNOWLEDGE",
@@ -52,7 +52,8 @@ def severity_of(fault: Fault) -> int:
 
 def alarm_message(fault: Fault) -> str:
     """One line for people."""
-    return f"{fault.robot}: {fault.reason}" if fault.active else f"{fault.robot}: over: {fault.reason}"
+    lacks = f" lacks {', '.join(fault.capacities)}" if fault.capacities else ""
+    return f"{fault.robot}{lacks}: {fault.reason}" if fault.active else f"{fault.robot}: over: {fault.reason}"
 
 
 def alarm_fields(fault: Fault, condition: NodeId, event_id: bytes, comment: Comment, ticks: int) -> dict[str, Variant]:
@@ -92,6 +93,7 @@ def alarm_fields(fault: Fault, condition: NodeId, event_id: bytes, comment: Comm
         "Robot": _string(fault.robot),
         "FaultSource": _string(fault.source),
         "Reason": _string(fault.reason),
+        "Capacities": Variant(int(BuiltinType.STRING | ARRAY), fault.capacities),
     }
 
 

@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from typing import Final
 
 from ua_fleet.fleet.changes import ValueChanged
 from ua_fleet.fleet.model import FleetModel, RobotModel, RobotState
 from ua_fleet.orchestrator import Fault, FaultConditions, FaultFound, FaultRule
 from ua_fleet.scenario import Lookup
+from ua_fleet.scenario.consequences import ANNOUNCED, SILENT
 from ua_fleet.values import NodeId, Quality, quality_of
 
 __all__ = ["ANNOUNCED", "SILENT", "FaultFinder"]
 
-SILENT: Final = "silent"
-ANNOUNCED: Final = "announced"
-"""Sources of faults; the others have the names of their conditions."""
 MOST_CHARACTERS: Final = 200
 """Of what a robot says of its fault."""
 
@@ -23,12 +21,25 @@ MOST_CHARACTERS: Final = 200
 class FaultFinder:
     """Each method returns what is new since the one before."""
 
-    def __init__(self, model: FleetModel, rules: Iterable[FaultRule]) -> None:
-        """Look after the robots of a model; none has been heard yet."""
+    def __init__(
+        self,
+        model: FleetModel,
+        rules: Iterable[FaultRule],
+        named_first: Callable[[str, str], tuple[tuple[str, ...], str]],
+    ) -> None:
+        """Look after the robots of a model; none has been heard yet.
+
+        Args:
+            model: of the fleet.
+            rules: conditions that are faults.
+            named_first: the capacities that a robot's word of a fault begins with, and the rest of it.
+        """
+        self._named_first = named_first
         self._states: dict[NodeId, str] = {}
         self._fault_keys: dict[NodeId, str] = {}
         self._names: set[str] = set()
         self._heard: set[str] = set()
+        self._fallen_silent: set[str] = set()
         self._announced: dict[str, str] = {}
         """What robots say now; not of those whose program is silent."""
         self._conditions = FaultConditions(tuple(rules))
@@ -46,10 +57,15 @@ class FaultFinder:
         """Look after a robot no more."""
         self._names.discard(robot.name)
         self._heard.discard(robot.name)
+        self._fallen_silent.discard(robot.name)
         self._announced.pop(robot.name, None)
         self._states.pop(robot.part("State"), None)
         if robot.fault is not None:
             self._fault_keys.pop(robot.fault.key, None)
+
+    def heard(self, robot: str) -> None:
+        """A robot was heard before it was looked after."""
+        self._heard.add(robot)
 
     @property
     def has_conditions(self) -> bool:
@@ -75,9 +91,13 @@ class FaultFinder:
         was_heard = robot in self._heard
         if state != RobotState.OFFLINE:
             self._heard.add(robot)
+            self._fallen_silent.discard(robot)
             return [FaultFound(robot, SILENT, False, "")]
+        if not was_heard:
+            return []
         self._heard.discard(robot)
-        return [FaultFound(robot, SILENT, True, "it is silent")] if was_heard else []
+        self._fallen_silent.add(robot)
+        return [FaultFound(robot, SILENT, True, "it is silent")]
 
     def _said(self, robot: str, change: ValueChanged) -> list[FaultFound]:
         """What a robot has announced lasts until it says something else, also while it is silent."""
@@ -86,11 +106,13 @@ class FaultFinder:
             return []
         reason = " ".join(change.value.split())[:MOST_CHARACTERS]
         self._announced[robot] = reason
-        return [FaultFound(robot, ANNOUNCED, bool(reason), reason)]
+        capacities, rest = self._named_first(robot, reason)
+        return [FaultFound(robot, ANNOUNCED, bool(reason), rest or reason, capacities)]
 
     def not_heard(self) -> list[FaultFound]:
         """Robots that had time enough since the start."""
-        return [FaultFound(robot, SILENT, True, "it is not heard") for robot in sorted(self._names - self._heard)]
+        never = sorted(self._names - self._heard - self._fallen_silent)
+        return [FaultFound(robot, SILENT, True, "it is not heard") for robot in never]
 
     def check(self, lookup: Lookup) -> list[FaultFound]:
         """Values of robots have changed."""

@@ -5,20 +5,25 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Sequence
+import time
+from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import Any, Final
+from itertools import islice
+from typing import Any, Final, TypeVar
 
 import structlog
 from asyncua import ua
 
 from ua_fleet.errors import JudgementsInvalid, ScenarioError, ScenarioInvalid, UaFleetError
 from ua_fleet.orchestrator import Forecast
-from ua_fleet.resilience import Mode, OnLimit, weigh
+from ua_fleet.resilience import Mode, OnLimit
+from ua_fleet.server.endpoint.sessions import current_session
 from ua_fleet.server.endpoint.stack import ObjectIds, Refusal, StatusCodes, ns0
+from ua_fleet.server.endpoint.turns import TURN_S, Places
 from ua_fleet.server.hardened import HardenedServer
+from ua_fleet.server.origin import origin
 from ua_fleet.server.parts import NodeParts
-from ua_fleet.server.plain import NOT_FOUND, NOT_POSSIBLE, NOT_VALID, Argument, PlainMethods, caller
+from ua_fleet.server.plain import NOT_FOUND, NOT_POSSIBLE, NOT_VALID, Argument, Noted, PlainMethods, caller
 from ua_fleet.server.scenarios.alarms import ACKNOWLEDGE, ADD_COMMENT, DISABLE, ENABLE
 from ua_fleet.server.scenarios.library import MOST_BYTES, ScenarioUnknown
 from ua_fleet.server.scenarios.nodes import FAULTS, RESILIENCE, SCENARIOS, ScenarioNodes
@@ -32,8 +37,15 @@ __all__ = ["ScenarioMethods"]
 _log: Any = structlog.get_logger("ua_fleet.scenarios")
 
 MOST_COMMENT: Final = 1000
+MOST_FORECASTS: Final = 500
+"""Tasks that one WhatIf looks at."""
+MOST_FORECAST_S: Final = 2.0
+"""Time that it takes for that; a Method call has 3 s."""
+MOST_EXPLAINED: Final = 50
+"""Robots of a ranking that are explained, and as many of those that are no candidates."""
 MOST_PAIR: Final = 100
 
+Result = TypeVar("Result")
 _TEXT: Final = int(BuiltinType.STRING)
 _TEXTS: Final = int(BuiltinType.STRING | ARRAY)
 _NUMBER: Final = int(BuiltinType.DOUBLE)
@@ -77,6 +89,8 @@ class ScenarioMethods:
         """
         self._server, self._nodes, self._view, self._service = server, nodes, view, service
         self._methods = PlainMethods(server, parts, _code_of)
+        self._background = Places()
+        """Of what computes for long, one for each user."""
 
     def build(self) -> None:
         """Make the Methods and let them be called."""
@@ -99,12 +113,12 @@ class ScenarioMethods:
         add(SCENARIOS, "Answer", operator, self._answer, (
             _RUN_ID,
             Argument("Step", _TEXT, "key of the step, or name of its task"),
-            Argument("Answer", _TEXT, "done, retry, or fail: another robot is looked for"),
+            Argument("Answer", _TEXT, "done, retry, fail, or replace: another robot is looked for"),
         ), ())  # fmt: skip
         add(SCENARIOS, "DryRun", operator, self._dry_run, (
             _SCENARIO,
             *_PARAMETERS,
-            Argument("ValueNames", _TEXTS, "values of robots and results of tasks, e.g. ur3.battery, fetch.weight"),
+            Argument("ValueNames", _TEXTS, "in place of those of now, and results: ur3.battery, fetch.weight"),
             Argument("Values", _TEXTS, "these values"),
         ), (
             Argument("Outcome", _TEXT, "done, failed, aborted; empty where it would not end"),
@@ -131,9 +145,9 @@ class ScenarioMethods:
         add(RESILIENCE, "SetMode", engineer, self._set_mode, (
             Argument("Mode", _TEXT, "operator, automatic or abort"),
             Argument("LimitSeconds", _NUMBER, "how long an operator may think; 0 leaves it"),
-            Argument("OnLimit", _TEXT, "what happens then: best or abort; empty leaves it"),
+            Argument("OnLimit", _TEXT, "what happens then: best_if_known, best or abort; empty leaves it"),
         ), ())  # fmt: skip
-        reason = Argument("Reason", _TEXT, "what is wrong")
+        reason = Argument("Reason", _TEXT, "what is wrong; mobile: the drive is hot takes mobile alone away")
         for name, work, inputs in (
             ("RaiseFault", self._raise_fault, (_ROBOT, reason)),
             ("ClearFault", self._clear_fault, (_ROBOT,)),
@@ -150,10 +164,27 @@ class ScenarioMethods:
             self._server.link_method(self._server.get_node(method), call)
         self._server.require_role(_REFRESH, Role.OBSERVER)
 
+    async def _aside(self, work: Callable[..., Result], *arguments: Any) -> Result:
+        """Do something that computes for long in a thread: one for each user at a time, until it is really done.
+
+        A call that has taken too long ends, and its thread goes on; with one for each call a user would have them all.
+        """
+        place = self._background.of(_whom())
+        await place.acquire()
+        running = asyncio.ensure_future(asyncio.to_thread(work, *arguments))
+
+        def done(ended: asyncio.Future[Result]) -> None:
+            place.release()
+            if not ended.cancelled():
+                ended.exception()  # told to the caller, if it still waits
+
+        running.add_done_callback(done)
+        return await asyncio.shield(running)
+
     # Scenarios.
 
     async def _list(self) -> Sequence[Any]:
-        listed = await asyncio.to_thread(self._service.listed)
+        listed = await self._aside(self._service.listed)
         return (
             [one.name for one in listed],
             [one.description for one in listed],
@@ -161,11 +192,11 @@ class ScenarioMethods:
         )
 
     async def _validate(self, scenario: str) -> Sequence[Any]:
-        _, problems = await asyncio.to_thread(self._service.check, _short(scenario, MOST_BYTES))
+        _, problems = await self._aside(self._service.check, _short(scenario, MOST_BYTES))
         return not problems, [str(problem) for problem in problems], [problem.line for problem in problems]
 
     async def _run(self, scenario: str, names: list[str], values: list[str]) -> Sequence[Any]:
-        valid = await asyncio.to_thread(self._service.valid, _short(scenario, MOST_BYTES))
+        valid = await self._aside(self._service.valid, _short(scenario, MOST_BYTES))
         return (self._service.start(valid, names, values, caller().name),)
 
     async def _pause(self, run_id: str) -> Sequence[Any]:
@@ -187,9 +218,8 @@ class ScenarioMethods:
     async def _dry_run(
         self, scenario: str, names: list[str], values: list[str], given_names: list[str], given: list[str]
     ) -> Sequence[Any]:
-        run = await asyncio.to_thread(
-            self._service.rehearse, _short(scenario, MOST_BYTES), names, values, given_names, given
-        )
+        text = _short(scenario, MOST_BYTES)
+        run = await self._aside(self._service.rehearse, text, names, values, given_names, given)
         return (
             "" if run.outcome is None else run.outcome.value,
             run.reason,
@@ -212,14 +242,29 @@ class ScenarioMethods:
             raise ScenarioError(f"{decision_id}: {known.by} has chosen {known.chosen} before")
         return (self._service.confirm(decision_id, robot, caller().name).value,)
 
-    async def _what_if(self, robot: str) -> Sequence[Any]:
-        forecasts = self._service.what_if(robot)
-        return (
+    async def _what_if(self, robot: str) -> Sequence[Any] | Noted:
+        forecasts: list[Forecast] = []
+        async with self._background.of(_whom()):
+            turn = time.monotonic()
+            until = turn + MOST_FORECAST_S
+            ahead, found = self._service.what_if(robot)
+            # Each of them ranks all robots: others have their turn between two.
+            for forecast in islice(found, MOST_FORECASTS):
+                forecasts.append(forecast)
+                if (now := time.monotonic()) > until:
+                    break
+                if now - turn > TURN_S:
+                    await asyncio.sleep(0)
+                    turn = time.monotonic()
+        outputs = (
             [forecast.run_id for forecast in forecasts],
             [forecast.task for forecast in forecasts],
             [forecast.ranking.best or "" for forecast in forecasts],
             [_explained(forecast) for forecast in forecasts],
         )
+        if len(forecasts) == ahead:
+            return outputs
+        return Noted(outputs, f"{len(forecasts)} of {ahead} tasks were looked at; the others are left out")
 
     async def _set_judgements(self, pairs: list[str], values: list[float]) -> Sequence[Any]:
         if len(pairs) != len(values):
@@ -236,7 +281,7 @@ class ScenarioMethods:
         self._service.set_settings(settings, caller().name)
         self._view.show_settings(settings)
         _log.info("judgements set", by=caller().name)
-        weights = weigh([criterion.name for criterion, _ in settings.criteria], judgements)
+        weights = settings.weights()
         return float(weights.consistency_ratio), list(weights.names), list(weights.weights)
 
     async def _set_mode(self, mode: str, limit_s: float, on_limit: str) -> Sequence[Any]:
@@ -315,6 +360,12 @@ class ScenarioMethods:
         return fault_id
 
 
+def _whom() -> str:
+    """Whose place a call takes: the user's, or that of an address without one."""
+    session, user = current_session.get(), caller()
+    return f"at {origin(session.address)}" if user.anonymous and session is not None else user.name
+
+
 def _short(text: str, most: int) -> str:
     if len(text) > most:
         raise ScenarioInvalid([f"a scenario has at most {most} characters"])
@@ -328,9 +379,13 @@ def _text_of(comment: ua.Variant) -> str:
 
 def _explained(forecast: Forecast) -> str:
     ranking = forecast.ranking
-    ranked = [f"{place.robot} {place.score:.3f}" for place in ranking.ranked]
-    left = [f"{excluded.robot} {excluded.reason}" for excluded in ranking.excluded]
-    return "; ".join([*ranked, *left])
+    ranked = [
+        f"{place.robot} {place.score:.3f}" + "".join(f" ({text})" for text in place.missing if text)
+        for place in ranking.ranked[:MOST_EXPLAINED]
+    ]
+    left = [f"{excluded.robot} {excluded.reason}" for excluded in ranking.excluded[:MOST_EXPLAINED]]
+    more = len(ranking.ranked) + len(ranking.excluded) - len(ranked) - len(left)
+    return "; ".join([*ranked, *left, *([f"and {more} more"] if more else [])])
 
 
 def _code_of(error: UaFleetError) -> int:

@@ -19,7 +19,7 @@ from asyncua.ua.object_ids import ObjectIds
 
 from ua_fleet.fleet.changes import ValueChanged
 from ua_fleet.orchestrator import ResilienceSettings
-from ua_fleet.resilience import Ranking, weigh
+from ua_fleet.resilience import Ranking
 from ua_fleet.server.convert import raw_id, to_variant
 from ua_fleet.server.endpoint.stack import ns0
 from ua_fleet.server.nodes import HAS_COMPONENT, HAS_PROPERTY
@@ -43,7 +43,7 @@ _TIME: Final = int(BuiltinType.DATETIME)
 _COUNTS: Final = int(BuiltinType.INT32 | ARRAY)
 _TWO_STATE: Final = ns0(ObjectIds.TwoStateVariableType)
 _CONDITION_VARIABLE: Final = ns0(ObjectIds.ConditionVariableType)
-_OWN_FIELDS: Final = ("Robot", "FaultSource", "Reason")
+_OWN_FIELDS: Final = ("Robot", "FaultSource", "Reason", "Capacities")
 
 _Values = Mapping[str, Variant]
 
@@ -57,7 +57,7 @@ def ranking_values(ranking: Ranking | None) -> dict[str, Variant]:
     """A ranking as flat arrays: raw values and scores of the best candidate first, then those of the next."""
     if ranking is None:
         return {
-            **{name: Variant(_TEXTS, ()) for name in ("Robots", "Criteria", "Excluded", "Reasons")},
+            **{name: Variant(_TEXTS, ()) for name in ("Robots", "Criteria", "Missing", "Excluded", "Reasons")},
             **{name: Variant(_NUMBERS, ()) for name in ("Scores", "Weights", "RawValues", "CriterionScores")},
             "ConsistencyRatio": Variant(_NUMBER, 0.0),
         }
@@ -69,6 +69,7 @@ def ranking_values(ranking: Ranking | None) -> dict[str, Variant]:
         "Weights": Variant(_NUMBERS, tuple(weights.weights)),
         "RawValues": Variant(_NUMBERS, tuple([float(value) for place in ranked for value in place.raw])),
         "CriterionScores": Variant(_NUMBERS, tuple([value for place in ranked for value in place.scores])),
+        "Missing": Variant(_TEXTS, tuple([text for place in ranked for text in place.missing])),
         "Excluded": Variant(_TEXTS, tuple([left.robot for left in ranking.excluded])),
         "Reasons": Variant(_TEXTS, tuple([left.reason for left in ranking.excluded])),
         "ConsistencyRatio": Variant(_NUMBER, float(weights.consistency_ratio)),
@@ -151,7 +152,7 @@ class ScenarioNodes:
 
     def show_settings(self, settings: ResilienceSettings) -> None:
         """How replacements are chosen."""
-        weights = weigh([criterion.name for criterion, _ in settings.criteria], settings.judgements)
+        weights = settings.weights()
         judgements = settings.judgements
         values = {
             "Mode": Variant(_TEXT, settings.mode.value),

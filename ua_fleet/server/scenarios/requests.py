@@ -2,6 +2,9 @@
 
     begin -> request, again until the Action is announced -> outcome, SkillStatus -> accepted, ended
 
+A request to a silent robot that nobody has answered is no end: when the robot is heard again, it is asked what became
+of it. What was taken back is halted, as soon as there is somebody who can be told.
+
 A skill is asked for no sooner than its least interval after it was last accepted: its bridge would refuse that.
 
 A request that was made before, also by a run of the server before, is not made again: its outcome is what it was.
@@ -9,6 +12,7 @@ A request that was made before, also by a run of the server before, is not made 
 
 from __future__ import annotations
 
+import contextlib
 from collections import OrderedDict
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
@@ -19,11 +23,21 @@ import structlog
 from ua_fleet.errors import RobotOffline, SkillError, StorageUnavailable
 from ua_fleet.fleet.model import RobotModel
 from ua_fleet.fleet.skills import SkillModel, call_problems
-from ua_fleet.orchestrator import OperatorAsked, TaskCancelled, TaskStarted
+from ua_fleet.monitoring.mistakes import Mistakes
+from ua_fleet.orchestrator import OperatorAsked, TaskCancelled, TaskFollowed, TaskStarted
 from ua_fleet.pubsub.events import DataReceived
 from ua_fleet.scenario import Value
 from ua_fleet.scenario.facts import TaskOutcome
-from ua_fleet.skill.executions import OPEN, ExecutionState, Outcome, OutcomeKind, unpack
+from ua_fleet.skill.executions import (
+    NOT_REACHED,
+    OPEN,
+    ROBOT_STANDS,
+    ExecutionState,
+    Outcome,
+    OutcomeKind,
+    Report,
+    named_results,
+)
 from ua_fleet.skill.status import read_result, read_status
 from ua_fleet.topics import Topic
 from ua_fleet.values import BuiltinType, NodeId, StatusCode, is_finite, status_name
@@ -34,18 +48,27 @@ START_WITHIN_S: Final = 10.0
 """A robot that has not begun by then has refused. Immediate skills have their own timeout: they answer at their end."""
 BUSY_PAUSE_S: Final = 0.5
 """Before a robot that is at something else is asked again."""
-_BUSY: Final = (StatusCode.BAD_TOO_MANY_OPERATIONS, StatusCode.BAD_SERVER_TOO_BUSY)
+UNREACHED_PAUSE_S: Final = 2.0
+"""Before a robot that its bridge does not reach is asked again."""
+_BUSY: Final = (
+    StatusCode.BAD_TOO_MANY_OPERATIONS,
+    StatusCode.BAD_SERVER_TOO_BUSY,
+    StatusCode.BAD_CONFIGURATION_ERROR,  # the bridge has been started anew, with other arguments: ask by its new words
+)
 """What a robot refuses now it may take later."""
+_PAUSES_S: Final = {TaskOutcome.BUSY: BUSY_PAUSE_S, TaskOutcome.UNREACHED: UNREACHED_PAUSE_S}
 ASK_AGAIN_S: Final = 0.2
 """Pause before an Action that nobody has announced is looked for again."""
+HALT_WITHIN_S: Final = 60.0
+"""So long each attempt to halt what was taken back goes on while nobody announces the Action; `orchestrator.halts` has
+another one made as long as the robot has not stopped."""
 MOST_EXECUTIONS: Final = 10_000
 
 _FLOATS: Final = (BuiltinType.FLOAT, BuiltinType.DOUBLE)
 _ENDED: Final = {
     ExecutionState.DONE: TaskOutcome.DONE,
-    ExecutionState.FAILED: TaskOutcome.FAILED,
     ExecutionState.UNKNOWN: TaskOutcome.UNKNOWN,
-    ExecutionState.TIMED_OUT: TaskOutcome.TIMED_OUT,
+    ExecutionState.TIMED_OUT: TaskOutcome.UNREACHED,
 }
 
 _log: Any = structlog.get_logger("ua_fleet.scenarios")
@@ -54,12 +77,18 @@ _log: Any = structlog.get_logger("ua_fleet.scenarios")
 class Requests(Protocol):
     """What asks robots; see `server.commands_out.SkillCommands`."""
 
-    def request(self, topic: Topic, robot: str, values: tuple[Any, ...], timeout_s: float, execution_id: bytes) -> None:
+    def request(
+        self, topic: Topic, robot: str, skill: str, arguments: Mapping[str, Any], timeout_s: float, execution_id: bytes
+    ) -> None:
         """Have a robot do a skill, once, and wait for nothing."""
         ...
 
     def halt(self, topic: Topic, robot: str, execution_id: bytes) -> None:
         """Have a robot stop an execution."""
+        ...
+
+    def inquire(self, execution_id: bytes) -> None:
+        """Ask once more what became of a request that nobody has answered."""
         ...
 
     def known_outcome(self, execution_id: bytes) -> Outcome | None:
@@ -76,6 +105,15 @@ class _Waiting:
     next_at: float
 
 
+@dataclass(slots=True)
+class _Halt:
+    """A task that was taken back, and whose robot could not be told yet."""
+
+    cancelled: TaskCancelled
+    give_up_at: float
+    next_at: float
+
+
 class TaskRequests:
     """Asks robots, once for each execution. What comes of it is told by `accepted` and `ended`."""
 
@@ -86,8 +124,10 @@ class TaskRequests:
         *,
         requested: Callable[[NodeId, bytes], None],
         clock: Callable[[], float],
+        is_silent: Callable[[str], bool],
         accepted: Callable[[str], None],
         ended: Callable[[str, TaskOutcome, str, Mapping[str, Value]], None],
+        mistakes: Mistakes | None = None,
     ) -> None:
         """Connect the parts.
 
@@ -96,17 +136,25 @@ class TaskRequests:
             requests: asks them.
             requested: told of each skill (its node) that was asked for, with the execution's id.
             clock: monotonic seconds.
+            is_silent: whether nothing is heard of a robot.
             accepted: told of executions that robots have taken.
             ended: told of their ends, with message and results.
+            mistakes: counts what has cost a task; its own without.
         """
         self._robots, self._requests, self._requested, self._clock = robots, requests, requested, clock
-        self._accepted, self._tell_end = accepted, ended
+        self._accepted, self._tell_end, self._is_silent = accepted, ended, is_silent
+        self._mistakes = mistakes or Mistakes()
         self._status_topics = {robot.skill_status for robot in robots.values() if robot.skill_status is not None}
         self._skills: OrderedDict[str, SkillModel] = OrderedDict()
         """The skill of each execution that was begun here."""
         self._told_by: dict[str, Topic] = {}
         """The SkillStatus of its robot, which alone may tell of it."""
         self._waiting: dict[str, _Waiting] = {}
+        self._halts: dict[str, _Halt] = {}
+        self._unstopped: set[str] = set()
+        """Executions of which it was said that they could not be halted."""
+        self._unanswered: dict[str, str] = {}
+        """The robots of executions that were asked for, and of which nothing was heard before they fell silent."""
         self._free_at: dict[NodeId, float] = {}
         """When a skill with a least interval may be asked for again."""
         self._without_interval: set[str] = set()
@@ -135,17 +183,51 @@ class TaskRequests:
         if len(self._skills) > MOST_EXECUTIONS:
             oldest, _ = self._skills.popitem(last=False)
             del self._told_by[oldest]
+            self._unstopped.discard(oldest)
         return robot.skill_status
 
-    def follow(self, asked: OperatorAsked) -> None:
-        """Nobody could tell what became of an execution; listen whether its robot can after all. Asks for nothing."""
+    def follow(self, asked: OperatorAsked | TaskFollowed) -> None:
+        """Listen whether a robot tells what became of an execution. Asks for nothing to be begun."""
         status = self._know(asked.execution_id, asked.robot, asked.skill)
-        shown = self._shown.get(status, {}).get(asked.execution_id) if status is not None else None
-        if shown is not None:
-            self._take_state(asked.execution_id, *shown)
+        execution_id = bytes.fromhex(asked.execution_id)
+        may_be_unasked = isinstance(asked, TaskFollowed) and asked.may_be_unasked
+        try:
+            outcome = self._requests.known_outcome(execution_id)
+        except KeyError:
+            if may_be_unasked:
+                self._ended(asked.execution_id, TaskOutcome.REFUSED, "the robot was never asked for it", {})
+                return
+            outcome = None
+        if outcome is not None and (may_be_unasked or self._is_unanswered(outcome, asked.robot)):
+            self.concluded(execution_id, outcome)  # what nobody has answered is asked when the robot is heard
+        self._take_shown(status, asked.execution_id)
 
-    def begin(self, task: TaskStarted) -> None:
-        """Ask a robot, once: after a restart the same execution id is the same request."""
+    def _take_shown(self, status: Topic | None, execution_id: str) -> None:
+        """What the robot has said of it last."""
+        shown = self._shown.get(status, {}).get(execution_id) if status is not None else None
+        if shown is not None and execution_id in self._skills:
+            self._take_state(execution_id, *shown)
+
+    def robot_silent(self, robot_name: str) -> None:
+        """Nothing is heard of a robot any more: what it said last may be so no more."""
+        robot = self._robots.get(robot_name)
+        if robot is not None and robot.skill_status is not None:
+            self._shown.pop(robot.skill_status, None)
+
+    def robot_heard(self, robot_name: str) -> None:
+        """A robot is heard again: it is asked for what nobody has answered."""
+        for execution_id in [key for key, robot in self._unanswered.items() if robot == robot_name]:
+            del self._unanswered[execution_id]
+            try:
+                self._requests.inquire(bytes.fromhex(execution_id))
+            except KeyError:
+                self._ended(execution_id, TaskOutcome.UNKNOWN, "its request is forgotten", {})
+
+    def begin(self, task: TaskStarted, *, is_taken_back: bool = False) -> None:
+        """Ask a robot, once: after a restart the same execution id is the same request.
+
+        What is taken back by what follows is not asked for any more: it had to wait until it could be written down.
+        """
         status = self._know(task.execution_id, task.robot, task.skill)
         if status is None:
             self._ended(task.execution_id, TaskOutcome.REFUSED, f"{task.robot} has no skill {task.skill}", {})
@@ -157,14 +239,12 @@ class TaskRequests:
             now = self._clock()
             begin_at = max(now, self._free_at.get(self._node_of(task.execution_id), now))
             waiting = self._waiting[task.execution_id] = _Waiting(task, begin_at + START_WITHIN_S, begin_at)
-            if begin_at <= now:
+            if begin_at <= now and not is_taken_back:
                 self._ask(waiting)
         else:
             if outcome is not None:
                 self.concluded(execution_id, outcome)
-        shown = self._shown.get(status, {}).get(task.execution_id)
-        if shown is not None:
-            self._take_state(task.execution_id, *shown)
+        self._take_shown(status, task.execution_id)
 
     def _ask(self, waiting: _Waiting) -> None:
         task = waiting.task
@@ -179,13 +259,13 @@ class TaskRequests:
             return
         try:
             given = skill.filled(task.arguments)
-            values = tuple([_typed(argument.type, given[argument.name]) for argument in skill.arguments])
-            self._requests.request(topic, robot.name, values, timeout_s, bytes.fromhex(task.execution_id))
+            named = {argument.name: _typed(argument.type, given[argument.name]) for argument in skill.arguments}
+            self._requests.request(topic, robot.name, skill.name, named, timeout_s, bytes.fromhex(task.execution_id))
         except (RobotOffline, StorageUnavailable) as error:
-            if now < waiting.give_up_at:
+            if now < waiting.give_up_at or self._is_silent(task.robot):
                 waiting.next_at = now + ASK_AGAIN_S
                 return
-            self._ended(task.execution_id, TaskOutcome.REFUSED, str(error), {})
+            self._ended(task.execution_id, TaskOutcome.UNREACHED, str(error), {})
         except SkillError as error:
             self._ended(task.execution_id, TaskOutcome.REFUSED, str(error), {})
         else:
@@ -205,18 +285,49 @@ class TaskRequests:
             self._free_at[self._node_of(execution_id)] = self._clock() + interval_s
 
     def cancel(self, cancelled: TaskCancelled) -> None:
-        """What was not asked for yet never is; what was is halted, where the robot has a way to."""
-        if self._waiting.pop(cancelled.execution_id, None) is not None:
-            self._ended(cancelled.execution_id, TaskOutcome.REFUSED, "it was cancelled before it began", {})
+        """What was not asked for yet never is; what was is halted, where the robot has a way to.
+
+        Said again for what has not stopped, also by the process after a restart: then it is listened to as well.
+        """
+        execution_id = cancelled.execution_id
+        if self._waiting.pop(execution_id, None) is not None:
+            self._ended(execution_id, TaskOutcome.REFUSED, "it was cancelled before it began", {})
             return
-        robot, skill = self._robots.get(cancelled.robot), self._skills.get(cancelled.execution_id)
+        if execution_id not in self._skills:
+            status = self._know(execution_id, cancelled.robot, cancelled.skill)
+            with contextlib.suppress(KeyError):  # then nobody knows whether the robot was asked
+                outcome = self._requests.known_outcome(bytes.fromhex(execution_id))
+                if outcome is not None:
+                    self.concluded(bytes.fromhex(execution_id), outcome)
+            self._take_shown(status, execution_id)
+        if execution_id in self._skills and execution_id not in self._halts:
+            self._halt(_Halt(cancelled, self._clock() + HALT_WITHIN_S, 0.0))
+
+    def _halt(self, halt: _Halt) -> None:
+        execution_id = halt.cancelled.execution_id
+        self._halts.pop(execution_id, None)
+        robot, skill = self._robots.get(halt.cancelled.robot), self._skills.get(execution_id)
         if robot is None or skill is None or robot.skill_status is None:
             return
         topic = Topic(robot.skill_status.space, robot.ns, skill.id)
         try:
-            self._requests.halt(topic, robot.name, bytes.fromhex(cancelled.execution_id))
-        except (SkillError, StorageUnavailable) as error:
-            _log.warning("a robot is not halted", robot=robot.name, skill=skill.name, reason=str(error))
+            self._requests.halt(topic, robot.name, bytes.fromhex(execution_id))
+        except (RobotOffline, StorageUnavailable) as error:
+            now = self._clock()
+            if now < halt.give_up_at:
+                halt.next_at = now + ASK_AGAIN_S
+                self._halts[execution_id] = halt
+            else:
+                self._not_halted(execution_id, robot.name, error)
+        except SkillError as error:
+            self._not_halted(execution_id, robot.name, error)
+
+    def _not_halted(self, execution_id: str, robot: str, error: Exception) -> None:
+        """It is tried again for as long as whoever has ordered it wants to: said once."""
+        if execution_id not in self._unstopped:
+            self._unstopped.add(execution_id)
+            skill = self._skills[execution_id].name
+            _log.warning("a robot is not halted", robot=robot, skill=skill, reason=str(error))
 
     def heard(self, event: DataReceived) -> None:
         """Take a robot's SkillStatus; any other data is left alone."""
@@ -234,50 +345,89 @@ class TaskRequests:
         if skill is None:
             return
         report = outcome.report
+        robot = self._robot_of(hex_id)
+        if self._is_unanswered(outcome, robot):
+            self._unanswered[hex_id] = robot
+            return
         message = _with_status(report.message, report.status)
         if outcome.kind is OutcomeKind.ACCEPTED:
             self._begin_interval(hex_id)
             if report.state in OPEN or report.state is ExecutionState.DONE:
                 self._accepted(hex_id)
             if report.state is ExecutionState.DONE:
-                values = [variant.value for variant in unpack(report.result)]
-                names = [result.name for result in skill.results]
-                self._ended(hex_id, TaskOutcome.DONE, message, _usable(dict(zip(names, values, strict=False))))
+                results = named_results(outcome, [result.name for result in skill.results])
+                self._ended(hex_id, TaskOutcome.DONE, message, _usable(results))
             elif (end := _outcome_of(report.state, report.status)) is not None:
                 self._ended(hex_id, end, message, {})
         elif outcome.kind is OutcomeKind.REFUSED:
             self._ended(hex_id, _refusal(report.status), message, {})
         else:
+            # It came too late, so that it never begins: its bridge was away, and the robot may well be there again.
             timed_out = outcome.kind is OutcomeKind.TIMED_OUT
-            self._ended(hex_id, TaskOutcome.TIMED_OUT if timed_out else TaskOutcome.UNKNOWN, message, {})
+            self._ended(hex_id, TaskOutcome.UNREACHED if timed_out else TaskOutcome.UNKNOWN, message, {})
 
-    def poll(self) -> None:
-        """Ask those who could not be asked before."""
+    def poll(self, *, may_begin: bool = True) -> None:
+        """Ask and halt those who could not be told before.
+
+        Args:
+            may_begin: whether all that was decided was carried out: else what waits may have been taken back since.
+        """
         now = self._clock()
-        for waiting in list(self._waiting.values()):
-            if now >= waiting.next_at:
-                self._ask(waiting)
+        for execution_id, halt in list(self._halts.items()):
+            if now >= halt.next_at:
+                with self._mistakes.guard("tasks", execution_id=execution_id):
+                    self._halt(halt)
+        for execution_id, waiting in list(self._waiting.items()) if may_begin else ():
+            # The end of one task may end its run, and so cancel the others that were to be asked now.
+            if now >= waiting.next_at and self._waiting.get(execution_id) is waiting:
+                try:
+                    self._ask(waiting)
+                except Exception as error:  # noqa: BLE001 - costs this task, and none of the others
+                    self._mistakes.caught("tasks", error, execution_id=execution_id)
+                    self.failed(execution_id, error)
 
-    def next_deadline(self) -> float | None:
+    def failed(self, execution_id: str, error: Exception) -> None:
+        """A mistake of ours while a robot was to be asked: nobody knows what it was told."""
+        text = f"the server could not ask the robot ({type(error).__name__}); see its log"
+        with self._mistakes.guard("tasks", execution_id=execution_id):
+            self._ended(execution_id, TaskOutcome.UNKNOWN, text, {})
+        self._waiting.pop(execution_id, None)  # also where that has failed, too
+
+    def next_deadline(self, *, may_begin: bool = True) -> float | None:
         """When `poll` is to be called next, by the monotonic clock, or None."""
-        return min((waiting.next_at for waiting in self._waiting.values()), default=None)
+        due = [waiting.next_at for waiting in self._waiting.values()] if may_begin else []
+        due += [halt.next_at for halt in self._halts.values()]
+        return min(due, default=None)
+
+    def _is_unanswered(self, outcome: Outcome, robot: str) -> bool:
+        """Whether nobody has answered a request since its robot is silent."""
+        return outcome.kind is OutcomeKind.UNKNOWN and _is_no_answer(outcome.report) and self._is_silent(robot)
+
+    def _robot_of(self, execution_id: str) -> str:
+        status = self._told_by[execution_id]
+        return next((name for name, robot in self._robots.items() if robot.skill_status == status), "")
 
     def _take_state(
         self, execution_id: str, outcome: TaskOutcome | None, message: str, results: dict[str, Value]
     ) -> None:
         self._begin_interval(execution_id)
+        self._unanswered.pop(execution_id, None)
         if outcome is None:
             self._accepted(execution_id)
         else:
             self._ended(execution_id, outcome, message, results)
 
     def _ended(self, execution_id: str, outcome: TaskOutcome, message: str, results: Mapping[str, Value]) -> None:
-        if outcome is TaskOutcome.BUSY and execution_id in self._skills:
-            self._free_at[self._node_of(execution_id)] = self._clock() + BUSY_PAUSE_S
+        pause_s = _PAUSES_S.get(outcome)
+        if pause_s is not None and execution_id in self._skills:
+            self._free_at[self._node_of(execution_id)] = self._clock() + pause_s
         if outcome is not TaskOutcome.UNKNOWN:  # what nobody can tell may be told later
             self._skills.pop(execution_id, None)
             self._told_by.pop(execution_id, None)
+            self._unstopped.discard(execution_id)
         self._waiting.pop(execution_id, None)
+        self._halts.pop(execution_id, None)
+        self._unanswered.pop(execution_id, None)
         self._without_interval.discard(execution_id)
         self._tell_end(execution_id, outcome, message, results)
 
@@ -291,13 +441,30 @@ def _typed(kind: int, value: Value) -> Value:
 
 def _outcome_of(state: ExecutionState, status: int) -> TaskOutcome | None:
     """What an execution has come to; None while it is under way."""
-    if state is ExecutionState.FAILED and status == StatusCode.BAD_TIMEOUT:
-        return TaskOutcome.TIMED_OUT
-    return _refusal(status) if state is ExecutionState.REFUSED else _ENDED.get(state)
+    if state is ExecutionState.REFUSED:
+        return _refusal(status)
+    if state is not ExecutionState.FAILED:
+        return _ENDED.get(state)
+    if status == StatusCode.BAD_TIMEOUT:  # the driver waits no longer; nobody has seen that the robot stands
+        return TaskOutcome.UNKNOWN
+    if status in _BUSY:
+        return TaskOutcome.BUSY
+    if status in NOT_REACHED:
+        return TaskOutcome.UNREACHED
+    return TaskOutcome.STOPPED if status in ROBOT_STANDS else TaskOutcome.FAILED
 
 
 def _refusal(status: int) -> TaskOutcome:
-    return TaskOutcome.BUSY if status in _BUSY else TaskOutcome.REFUSED
+    if status in _BUSY:
+        return TaskOutcome.BUSY
+    if status in NOT_REACHED:
+        return TaskOutcome.UNREACHED
+    return TaskOutcome.STOPPED if status in ROBOT_STANDS else TaskOutcome.REFUSED
+
+
+def _is_no_answer(report: Report) -> bool:
+    """Whether nobody has said anything, and not the robot's side that it cannot tell."""
+    return report.state is ExecutionState.UNKNOWN and report.status == StatusCode.BAD_NO_COMMUNICATION
 
 
 def _with_status(message: str, status: int) -> str:
@@ -308,6 +475,8 @@ def _with_status(message: str, status: int) -> str:
 def _shown_in(event: DataReceived) -> Iterable[tuple[str, tuple[TaskOutcome | None, str, dict[str, Value]]]]:
     """The executions of a SkillStatus by their ids."""
     for said in read_status(event.metadata.fields, event.message.values):
+        if said.state is ExecutionState.ASKING:
+            continue  # the bridge is asking the robot: it will say
         outcome, message = _outcome_of(said.state, said.status), _with_status(said.message, said.status)
         yield said.execution_id.hex(), (outcome, message, _usable(read_result(said.result)))
 

@@ -63,7 +63,7 @@ def restore_faults(
     for fault in faults:
         if fault.robot not in robots:
             continue
-        outputs += orchestrator.fault_raised(fault.robot, fault.source, fault.reason, fault.since)
+        outputs += orchestrator.fault_raised(fault.robot, fault.source, fault.reason, fault.since, fault.capacities)
         if fault.acknowledged:
             outputs += orchestrator.acknowledge(fault.id, fault.acknowledged_by, now)
         if fault.active:

@@ -10,7 +10,7 @@ server's event loop; the hub calls `poll` when `next_deadline` has come.
 from __future__ import annotations
 
 import secrets
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Final
@@ -22,23 +22,27 @@ from ua_fleet.errors import ScenarioError, StorageUnavailable
 from ua_fleet.fleet.capacities import Capacities
 from ua_fleet.fleet.changes import ValueChanged
 from ua_fleet.fleet.model import FleetModel, RobotModel
+from ua_fleet.monitoring.mistakes import Mistakes
 from ua_fleet.orchestrator import (
     Fault,
     FaultChanged,
     FaultFound,
     Forecast,
+    HaltChanged,
     OperatorAsked,
     Orchestrator,
     Output,
     ResilienceSettings,
     RunChanged,
     TaskCancelled,
+    TaskFollowed,
     TaskStarted,
 )
+from ua_fleet.orchestrator.dry_run import DryRun, dry_run
 from ua_fleet.pubsub.events import DataReceived
 from ua_fleet.resilience import Confirmation
 from ua_fleet.scenario import Scenario, Value
-from ua_fleet.scenario.dry_run import DryRun, dry_run
+from ua_fleet.scenario.consequences import NOT_HALTED, SILENT
 from ua_fleet.scenario.facts import Fact, RunEnded, TaskOutcome
 from ua_fleet.server.scenarios.finding import FaultFinder
 from ua_fleet.server.scenarios.kept_settings import KeptSettings
@@ -86,6 +90,8 @@ class ScenarioService:
         clock: Callable[[], float],
         wall_s: Callable[[], float],
         capacities: Capacities | None = None,
+        mistakes: Mistakes | None = None,
+        faulted: Callable[[str, bool], None] = lambda robot, can_do_nothing: None,
     ) -> None:
         """Make a service; `restore` before all else.
 
@@ -100,22 +106,27 @@ class ScenarioService:
             requested: told of each skill (its node) that was asked for, with the execution's id.
             sooner: called when `next_deadline` may have come nearer.
             clock: monotonic seconds.
-            wall_s: the wall clock in seconds.
+            wall_s: seconds since 1970, which nobody sets.
             capacities: of robots, where data gives them some.
+            mistakes: counts what has cost an output; its own without.
+            faulted: told of robots with faults, and whether these take away all that they can do.
         """
+        self._faulted = faulted
         self._config, self._journal = config, journal
         self._show, self._forgotten, self._sooner = show, forgotten, sooner
         self._clock, self._wall_s, self._capacities = clock, wall_s, capacities
+        self._mistakes = mistakes or Mistakes()
         self._robots = {robot.name: robot for robot in model.robots}
         self._own = own_fields(model.robots)
         self._values = FleetValues(model)
         self.fleet = fleet_view(model.robots, self._values.meanings, capacities)
         self.library = Library(folder)
-        self._finder = FaultFinder(model, config.resilience.rules())
+        self._finder = FaultFinder(model, config.resilience.rules(), self._named_first)
         self._unwritten: list[tuple[str, Fact]] = []
         self._held: list[Output] = []
         """Outputs that are carried out once their facts are written."""
         self._changed_faults: dict[str, Fault] = {}
+        self._changed_halts: dict[str, HaltChanged] = {}
         self._settings = KeptSettings(config.resilience.settings(), journal)
         self._orchestrator = Orchestrator(
             self._settings.current,
@@ -124,8 +135,19 @@ class ScenarioService:
             lambda run_id, fact: self._unwritten.append((run_id, fact)),
         )
         self._tasks = TaskRequests(
-            self._robots, requests, requested=requested, clock=clock, accepted=self._accepted, ended=self._ended
+            self._robots,
+            requests,
+            requested=requested,
+            clock=clock,
+            is_silent=self._orchestrator.is_silent,
+            accepted=self._accepted,
+            ended=self._ended,
+            mistakes=self._mistakes,
         )
+        self._news: list[FaultFound] = []
+        """What became known of robots, and nothing has followed from yet."""
+        self._news_at: float | None = None
+        self._has_dirty_values = False
         self._heard_by: float | None = None
         """When robots that were not heard since the start are silent."""
         self._dirty_at: float | None = None
@@ -160,6 +182,9 @@ class ScenarioService:
         """The nodes whose values runs that are under way may ask for."""
         return self._values.keys_of(self._orchestrator.needed_names())
 
+    def _named_first(self, robot: str, text: str) -> tuple[tuple[str, ...], str]:
+        return self.fleet.named_first(robot, text)
+
     def bridge_of(self, robot: str) -> str:
         """The bridge that a robot lives behind; raises ScenarioUnknown where there is no such robot."""
         return self._robot(robot).bridge
@@ -186,11 +211,17 @@ class ScenarioService:
                     stored.append((run_id, scenario, facts))
             records.append(record)
         outputs = restore_faults(self._journal.faults(), self._robots, self._orchestrator, self._finder, now)
-        outputs += self._orchestrator.restore_all(stored, now)
+        outputs += self._orchestrator.not_heard(self._robots, now)
+        halts = [halt for halt in self._journal.halts() if halt.robot in self._robots]
+        outputs += self._orchestrator.restore_all(stored, now, halts)
         if stored:
             _log.info("runs go on", runs=len(stored))
         self._held += outputs
         return records
+
+    def must_not_begin(self) -> list[bytes]:
+        """Executions that were asked for before a restart and must not begin any more: see the orchestrator."""
+        return [bytes.fromhex(execution_id) for execution_id in self._orchestrator.must_not_begin()]
 
     def go_on(self) -> None:
         """Carry out what follows from `restore`; the records are shown."""
@@ -225,6 +256,7 @@ class ScenarioService:
         most = self._config.scenarios.most_runs
         if len(self._orchestrator.runs) >= most:
             raise TooManyRuns(f"{most} runs are under way, and more may not be; abort one, or wait for its end")
+        self.take_news()
         now = self._wall_s()
         stamp = datetime.fromtimestamp(now, UTC).strftime("%Y%m%d-%H%M%S")
         run_id = f"{stamp}-{secrets.token_hex(3)}"  # never used twice: execution ids follow from it
@@ -257,7 +289,8 @@ class ScenarioService:
         """What a run would come to, with these values; raises as `valid` does. May be called from any thread."""
         scenario = self.valid(name_or_text)
         given = read_values(given_names, given_values)
-        return dry_run(scenario, self.fleet, parameters_of(scenario, names, values), given)
+        parameters = parameters_of(scenario, names, values)
+        return dry_run(scenario, self.fleet, self.settings, parameters, given, lookup=self._values.look_up)
 
     def pause(self, run_id: str, by: str) -> None:
         """Let a run start no further task."""
@@ -265,6 +298,7 @@ class ScenarioService:
 
     def resume(self, run_id: str, by: str) -> None:
         """Let a run go on."""
+        self.take_news()
         self._do(self._orchestrator.resume(self._known(run_id), by, self._wall_s()), must_be_written=True)
 
     def abort(self, run_id: str, reason: str, by: str) -> None:
@@ -274,6 +308,7 @@ class ScenarioService:
 
     def answer(self, run_id: str, step: str, answer: str, by: str) -> None:
         """Say what became of a task; the step may be named by its task."""
+        self.take_news()
         run = self._orchestrator.runs[self._known(run_id)]
         steps = [key for key, task in run.state.tasks.items() if step in (key, task.name)]
         key = steps[-1] if steps else step
@@ -281,10 +316,12 @@ class ScenarioService:
 
     def tell_event(self, name: str) -> None:
         """An event has happened that steps may wait for."""
+        self.take_news()
         self._do(self._orchestrator.event(name[:MOST_NAME], self._wall_s()), must_be_written=True)
 
     def confirm(self, decision_id: str, robot: str, by: str) -> Confirmation:
         """Choose a replacement. Of two who choose at once the first decides, the other is told so."""
+        self.take_news()
         if decision_id not in self._orchestrator.decisions:
             raise ScenarioUnknown(
                 f"there is no open decision {decision_id[:MOST_NAME]!r}; somebody may have decided it"
@@ -293,8 +330,8 @@ class ScenarioService:
         self._do(outputs, must_be_written=True)
         return confirmation
 
-    def what_if(self, robot: str) -> list[Forecast]:
-        """Who would take over a robot's tasks; without effect."""
+    def what_if(self, robot: str) -> tuple[int, Iterator[Forecast]]:
+        """How many tasks a robot has ahead, and who would take over each of them, one by one and without effect."""
         self._robot(robot)
         return self._orchestrator.what_if(robot)
 
@@ -308,10 +345,18 @@ class ScenarioService:
         self._do(self._orchestrator.set_settings(settings, self._wall_s()))
 
     def raise_fault(self, robot: str, reason: str) -> None:
-        """A robot, or somebody for it, says that it cannot work."""
+        """A robot, or somebody for it, says that it cannot work; `mobile: the drive is hot`: that it is not mobile."""
         reason = " ".join(reason.split())[:MOST_NAME] or "it says that it cannot work"
-        outputs = self._orchestrator.fault_raised(self._robot(robot).name, "robot", reason, self._wall_s())
+        capacities, rest = self.fleet.named_first(self._robot(robot).name, reason)
+        outputs = self._orchestrator.fault_raised(robot, "robot", rest or reason, self._wall_s(), capacities)
         self._do(outputs, must_be_written=True)
+
+    def can_do_nothing(self, robot: str) -> bool:
+        """Whether its faults take all capacities of a robot away; one that names none takes all."""
+        view = self.fleet.robots.get(robot)
+        each = [(capacity,) for capacity in view.capacities] if view is not None else []
+        faults = self._orchestrator.faults
+        return bool(faults.keeping(robot, ())) or (bool(each) and all(faults.keeping(robot, one) for one in each))
 
     def clear_fault(self, robot: str) -> None:
         """A robot, or somebody for it, says that it can work again.
@@ -336,11 +381,15 @@ class ScenarioService:
 
     # Robots.
 
-    def add_robot(self, robot: RobotModel) -> None:
+    def add_robot(self, robot: RobotModel, *, is_heard: bool) -> None:
         """A robot has come: scenarios may use it from now on."""
         self._robots[robot.name] = robot
         for part in (self._values, self._finder, self._tasks):
             part.add(robot)
+        if is_heard:
+            self._finder.heard(robot.name)
+        else:
+            self._do(self._orchestrator.not_heard([robot.name], self._wall_s()))
         self.fleet_changed()
 
     def remove_robot(self, name: str) -> None:
@@ -348,6 +397,8 @@ class ScenarioService:
         robot = self._robots[name]
         for fault in self._orchestrator.faults.active(name):
             self._do(self._orchestrator.fault_cleared(name, fault.source, self._wall_s()))
+        self._do(self._orchestrator.fault_cleared(name, NOT_HALTED, self._wall_s()))  # it need not say it any more
+        self._orchestrator.forget(name)
         del self._robots[name]
         for part in (self._values, self._finder, self._tasks):
             part.remove(robot)
@@ -355,18 +406,23 @@ class ScenarioService:
 
     def users_of(self, robot: str) -> list[str]:
         """Runs with tasks that a robot is at, or has ahead."""
-        return sorted({forecast.run_id for forecast in self._orchestrator.what_if(robot)})
+        return sorted(self._orchestrator.runs_with(robot))
 
     def fleet_changed(self) -> None:
         """Robots, skills or capacities have come or gone."""
         self._own = own_fields(self._robots.values())
         self.fleet = fleet_view(self._robots.values(), self._values.meanings, self._capacities)
         self._do(self._orchestrator.fleet_changed(self.fleet, self._wall_s()))
+        for robot in {fault.robot for fault in self._orchestrator.faults if fault.active}:
+            self._faulted(robot, self.can_do_nothing(robot))  # a device that came or went may be all that it can do
 
     def value_changed(self, change: ValueChanged) -> None:
         """A node of the fleet has another value or status."""
         if self._finder.knows(change):
-            self._found(self._finder.changed(change))
+            if news := self._finder.changed(change):
+                self._news += news
+                self._news_at = self._clock()
+                self._sooner()
         elif self._values.change(change):
             self._look_again(is_urgent=change.type == BuiltinType.BOOLEAN)
 
@@ -378,10 +434,12 @@ class ScenarioService:
 
     def heard(self, event: DataReceived) -> None:
         """Take a robot's SkillStatus; any other data is left alone."""
+        self.take_news()
         self._tasks.heard(event)
 
     def concluded(self, execution_id: bytes, outcome: Outcome) -> None:
         """The outcome of a request is known."""
+        self.take_news()
         self._tasks.concluded(execution_id, outcome)
 
     def _accepted(self, execution_id: str) -> None:
@@ -391,13 +449,24 @@ class ScenarioService:
         outputs = self._orchestrator.ended(execution_id, outcome, self._wall_s(), message=message, results=results)
         self._do(outputs)
 
-    def _found(self, found: Iterable[FaultFound]) -> None:
-        for one in found:
-            make, now = self._orchestrator, self._wall_s()
-            if one.active:
-                self._do(make.fault_raised(one.robot, one.source, one.reason, now))
-            else:
-                self._do(make.fault_cleared(one.robot, one.source, now))
+    def take_news(self) -> None:
+        """Take in all that has become known of robots, and do what follows. Called when a batch of news is complete."""
+        if self._has_dirty_values:
+            self._has_dirty_values = False
+            self._news += self._finder.check(self._values.look_up)
+        if not self._news:
+            return
+        news, self._news, self._news_at = self._news, [], None
+        reachable = [(one.robot, one.active) for one in news if one.source == SILENT]
+        for robot, is_silent in reachable:
+            if is_silent:
+                self._tasks.robot_silent(robot)
+        with self._mistakes.guard("faults"):
+            self._do(self._orchestrator.told(news, self._wall_s()))
+        for robot, is_silent in reachable:
+            if not is_silent:
+                with self._mistakes.guard("tasks", robot=robot):
+                    self._tasks.robot_heard(robot)
 
     # Time.
 
@@ -409,18 +478,19 @@ class ScenarioService:
             self._do([])
         if self._heard_by is not None and now >= self._heard_by:
             self._heard_by = None
-            self._found(self._finder.not_heard())
-        self._tasks.poll()
+            self._news += self._finder.not_heard()
+        self.take_news()
         due = self._orchestrator.next_deadline()
         if (self._dirty_at is not None and now >= self._dirty_at) or (due is not None and self._wall_s() >= due):
             self._dirty_at = None
-            self._found(self._finder.check(self._values.look_up))
             self._do(self._orchestrator.poll(self._wall_s()))
+        self._tasks.poll(may_begin=not self._held)
 
     def next_deadline(self) -> float | None:
         """When `poll` is to be called next, by the monotonic clock, or None."""
         due = self._orchestrator.next_deadline()
-        deadlines = [self._retry_at, self._heard_by, self._dirty_at, self._tasks.next_deadline()]
+        deadlines = [self._retry_at, self._heard_by, self._news_at, self._dirty_at]
+        deadlines.append(self._tasks.next_deadline(may_begin=not self._held))
         if due is not None:
             deadlines.append(self._clock() + max(0.0, due - self._wall_s()))
         return min((deadline for deadline in deadlines if deadline is not None), default=None)
@@ -428,6 +498,7 @@ class ScenarioService:
     def _look_again(self, *, is_urgent: bool) -> None:
         if not (self._orchestrator.runs or self._finder.has_conditions):
             return
+        self._has_dirty_values = self._finder.has_conditions
         at = self._clock() + (0.0 if is_urgent else COALESCE_S)
         if self._dirty_at is None or at < self._dirty_at:
             self._dirty_at = at
@@ -446,7 +517,14 @@ class ScenarioService:
                 self._write()
                 output = self._held.pop(0) if self._held else None
                 if output is not None:
-                    self._carry_out(output)
+                    try:
+                        self._carry_out(output)
+                    except StorageUnavailable:
+                        raise
+                    except Exception as error:  # noqa: BLE001 - the outputs behind it are other runs' too
+                        self._mistakes.caught("outputs of runs", error, what=type(output).__name__)
+                        if isinstance(output, TaskStarted):
+                            self._tasks.failed(output.execution_id, error)
         except StorageUnavailable as error:
             if self._retry_at is None:
                 _log.error("runs cannot be written down, and stand still", reason=str(error))
@@ -462,23 +540,29 @@ class ScenarioService:
         for output in self._held:
             if isinstance(output, FaultChanged):
                 self._changed_faults[output.fault.id] = output.fault
-        if not self._unwritten and not self._changed_faults:
+            elif isinstance(output, HaltChanged):
+                self._changed_halts[output.halt.execution_id] = output
+        if not (self._unwritten or self._changed_faults or self._changed_halts):
             return
-        self._journal.write(self._unwritten, self._changed_faults.values())
+        self._journal.write(self._unwritten, self._changed_faults.values(), self._changed_halts.values())
         if self.problem:
             self.problem = ""
             _log.info("runs are written down again, and go on")
         self._unwritten.clear()
         self._changed_faults.clear()
+        self._changed_halts.clear()
 
     def _carry_out(self, output: Output) -> None:
         if isinstance(output, TaskStarted):
-            self._tasks.begin(output)
+            ids = [later.execution_id for later in self._held if isinstance(later, TaskCancelled)]
+            self._tasks.begin(output, is_taken_back=output.execution_id in ids)
         elif isinstance(output, TaskCancelled):
             self._tasks.cancel(output)
-        elif isinstance(output, OperatorAsked):
+        elif isinstance(output, OperatorAsked | TaskFollowed):
             self._tasks.follow(output)
         self._show(output)
+        if isinstance(output, FaultChanged):
+            self._faulted(output.fault.robot, self.can_do_nothing(output.fault.robot))
         if isinstance(output, RunChanged) and isinstance(output.fact, RunEnded):
             for run_id in self._journal.prune(self._config.scenarios.kept_runs):
                 self._forgotten(run_id)

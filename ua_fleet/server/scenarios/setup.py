@@ -8,14 +8,14 @@ from pathlib import Path
 
 from ua_fleet.config.schema import FleetConfig
 from ua_fleet.fleet.model import FleetModel
-from ua_fleet.orchestrator import FaultChanged, Output
+from ua_fleet.orchestrator import Output
 from ua_fleet.server.address_space import FleetNodes
 from ua_fleet.server.events import ServerEvents
 from ua_fleet.server.hardened import HardenedServer
 from ua_fleet.server.hub import Hub, wall_ticks
 from ua_fleet.server.parts import NodeParts
 from ua_fleet.server.projection import Projection
-from ua_fleet.server.scenarios.finding import SILENT
+from ua_fleet.server.scenarios.clock import steady
 from ua_fleet.server.scenarios.log import RunLog
 from ua_fleet.server.scenarios.methods import ScenarioMethods
 from ua_fleet.server.scenarios.nodes import ScenarioNodes
@@ -60,16 +60,13 @@ def add_scenarios(
     parts.values = fleet.values
     nodes = ScenarioNodes(parts, projection.put, wall_ticks)
     nodes.build()
-    view = ScenarioView(nodes, ServerEvents(server.iserver), wall_ticks)
+    view = ScenarioView(nodes, ServerEvents(server.iserver), projection, wall_ticks)
 
     def show(output: Output) -> None:
         view.show(output)
         log.take(output)
-        if isinstance(output, FaultChanged):
-            robot = output.fault.robot
-            faults = [fault for fault in service.faults if fault.robot == robot and fault.active]
-            hub.set_faulted(robot, any(fault.source != SILENT for fault in faults))
 
+    clock = asyncio.get_running_loop().time
     service = ScenarioService(
         config,
         model,
@@ -80,12 +77,14 @@ def add_scenarios(
         forgotten=view.forget_run,
         requested=lambda key, execution_id: hub.show_skills(hub.tracker.requested(key, execution_id, wall_ticks())),
         sooner=hub.check_deadline,
-        clock=asyncio.get_running_loop().time,
-        wall_s=time.time,
+        clock=clock,
+        wall_s=steady(clock, time.time),
         capacities=hub.capacities,
+        mistakes=hub.mistakes,
+        faulted=hub.set_faulted,
     )
     view.restored(service.restore())
     view.show_settings(service.settings)
     ScenarioMethods(server, parts, nodes, view, service).build()
-    hub.add_scenarios(service, view)
+    hub.add_scenarios(service)
     return service

@@ -4,6 +4,7 @@ where only one has such a value.
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from typing import cast
@@ -18,6 +19,7 @@ from ua_fleet.values import ARRAY, NodeId, StatusCode, status_name
 __all__ = ["FleetValues", "fleet_view", "own_fields"]
 
 _BAD = 0x8000_0000
+_LAST_USABLE = int(StatusCode.UNCERTAIN_NO_COMMUNICATION_LAST_USABLE_VALUE)
 
 
 class FleetValues:
@@ -111,6 +113,8 @@ class FleetValues:
             raise ValueUnknown(f"there is no value {name!r}")
         if status & _BAD:
             raise ValueUnknown(f"{name} is not known now ({status_name(status)})")
+        if status >> 16 == _LAST_USABLE >> 16:
+            raise ValueUnknown(f"{name} is not known now (its last value is too old, or of an earlier start)")
         if status == StatusCode.UNCERTAIN_LAST_USABLE_VALUE and full in self._on_demand:
             raise ValueUnknown(f"{name} is not known now (it was not read since somebody needed it last)")
         value = self._values.get(full)
@@ -123,6 +127,8 @@ class FleetValues:
             value = elements[index]
         if not isinstance(value, bool | int | float | str):
             raise ValueUnknown(f"{name} is not known now (no number, text or truth value)")
+        if isinstance(value, float) and math.isnan(value):  # each comparison with it is false, and its `not` true
+            raise ValueUnknown(f"{name} is not known now (its robot says NaN)")
         return value
 
 

@@ -4,10 +4,9 @@
 
 from __future__ import annotations
 
-import asyncio
 import secrets
 from collections import OrderedDict, deque
-from collections.abc import Awaitable, Callable, Iterable
+from collections.abc import Callable, Iterable
 from functools import partial
 from typing import Final
 
@@ -24,6 +23,7 @@ from ua_fleet.server.convert import raw_id
 from ua_fleet.server.endpoint.stack import ObjectIds, ns0
 from ua_fleet.server.events import ServerEvents
 from ua_fleet.server.nodeset import TYPES_INDEX, TypeId
+from ua_fleet.server.projection import Projection
 from ua_fleet.server.scenarios.alarms import Comment, alarm_fields, alarm_message, severity_of
 from ua_fleet.server.scenarios.events import Told, decision_event, fact_event, question_event
 from ua_fleet.server.scenarios.nodes import FAULTS, RESILIENCE, SCENARIOS, ScenarioNodes
@@ -41,8 +41,11 @@ MOST_DECISIONS: Final = 100
 class ScenarioView:
     """Keeps the records, the nodes and the events of runs, decisions and faults."""
 
-    def __init__(self, nodes: ScenarioNodes, events: ServerEvents, wall_ticks: Callable[[], int]) -> None:
-        self._nodes, self._events, self._wall_ticks = nodes, events, wall_ticks
+    def __init__(
+        self, nodes: ScenarioNodes, events: ServerEvents, projection: Projection, wall_ticks: Callable[[], int]
+    ) -> None:
+        """Connect the parts; the projection makes the events in one order with the values of the nodes."""
+        self._nodes, self._events, self._projection, self._wall_ticks = nodes, events, projection, wall_ticks
         self.runs: dict[str, RunRecord] = {}
         self.decisions: OrderedDict[str, DecisionRecord] = OrderedDict()
         self._event_ids: dict[str, deque[bytes]] = {}
@@ -50,17 +53,6 @@ class ScenarioView:
         self._faults: dict[str, Fault] = {}
         self._alarms: dict[str, tuple[Told, int]] = {}
         """What was told last of each fault that is retained, and when."""
-        self._queue: deque[Callable[[], Awaitable[None]]] = deque()
-        self._wake = asyncio.Event()
-
-    async def run(self) -> None:
-        """Emit events until cancelled."""
-        while True:
-            await self._wake.wait()
-            self._wake.clear()
-            while self._queue:
-                await self._queue.popleft()()
-            await asyncio.sleep(0)
 
     def restored(self, records: Iterable[RunRecord]) -> None:
         """Show the runs of the journal."""
@@ -96,7 +88,7 @@ class ScenarioView:
     def forget_run(self, run_id: str) -> None:
         """A run is no longer kept."""
         if self.runs.pop(run_id, None) is not None:
-            self._put(partial(self._nodes.forget, f"{SCENARIOS}.Runs", run_id))
+            self._projection.then(partial(self._nodes.forget, f"{SCENARIOS}.Runs", run_id))
 
     def fault_of(self, condition: NodeId) -> str | None:
         """The fault that a ConditionId stands for."""
@@ -131,13 +123,13 @@ class ScenarioView:
         record = self.runs[changed.run_id]
         told = decision_event(record, decision, changed)
         source = self._nodes.key(f"{RESILIENCE}.Decisions.{decision_id}")
-        self._put(partial(self._emit, told, source, decision_id, self._wall_ticks()))
+        self._projection.tell(partial(self._emit, told, source, decision_id, self._wall_ticks()))
         while len(self.decisions) > MOST_DECISIONS:
             oldest = next((one for one, known in self.decisions.items() if known.state != "open"), None)
             if oldest is None:
                 break
             del self.decisions[oldest]
-            self._put(partial(self._nodes.forget, f"{RESILIENCE}.Decisions", oldest))
+            self._projection.then(partial(self._nodes.forget, f"{RESILIENCE}.Decisions", oldest))
 
     def _show_fault(self, fault: Fault) -> None:
         event_id = secrets.token_bytes(16)
@@ -151,11 +143,12 @@ class ScenarioView:
             self._alarms[fault.id] = told, ticks
         else:
             self._alarms.pop(fault.id, None)
-        self._put(partial(self._emit, told, self._nodes.key(f"Robots.{fault.robot}"), fault.robot, ticks))
+        robot = self._nodes.key(f"Robots.{fault.robot}")
+        self._projection.tell(partial(self._emit, told, robot, fault.robot, ticks))
 
     def _tell_of_run(self, record: RunRecord, told: Told) -> None:
         source = self._nodes.key(f"{SCENARIOS}.Runs.{record.run_id}")
-        self._put(partial(self._emit, told, source, record.run_id, self._wall_ticks()))
+        self._projection.tell(partial(self._emit, told, source, record.run_id, self._wall_ticks()))
 
     async def refresh(self, subscription_id: int) -> None:
         """Tell one subscription all alarms that are retained (ConditionRefresh, OPC 10000-9 5.5.7)."""
@@ -191,7 +184,3 @@ class ScenarioView:
             fields=told.fields,
             subscription_id=subscription_id,
         )
-
-    def _put(self, action: Callable[[], Awaitable[None]]) -> None:
-        self._queue.append(action)
-        self._wake.set()

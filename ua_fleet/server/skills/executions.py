@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any, Final, NamedTuple
 
 from ua_fleet.fleet.skills import SkillModel, argument_problem
-from ua_fleet.skill.executions import OPEN, ExecutionState, unpack
+from ua_fleet.skill.executions import OPEN, ExecutionState, Outcome, named_results
 from ua_fleet.skill.status import ExecutionStatus, read_result
 from ua_fleet.values import BuiltinType, NodeId, Quality, StatusCode, quality_of
 
@@ -100,10 +100,9 @@ def _end_status(state: ExecutionState, said: int) -> int:
     return said if usual and quality_of(said) is quality_of(usual) else usual
 
 
-def answered(model: SkillModel, packed: bytes) -> dict[str, Any]:
-    """Results in an ActionResponse, which stand in their declared order."""
-    values = [variant.value for variant in unpack(packed)]
-    return _declared(model, dict(zip([result.name for result in model.results], values, strict=False)))
+def answered(model: SkillModel, outcome: Outcome) -> dict[str, Any]:
+    """Results in an ActionResponse, by the names that its bridge announces."""
+    return _declared(model, named_results(outcome, [result.name for result in model.results]))
 
 
 def _declared(model: SkillModel, given: Mapping[str, Any]) -> dict[str, Any]:

@@ -14,7 +14,7 @@ Roles are looked after before, by the endpoint: an operator may call all of them
 from __future__ import annotations
 
 import secrets
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any, Final, NamedTuple, Protocol
 
 import structlog
@@ -42,7 +42,9 @@ _INVALID: Final = StatusCodes.BadInvalidArgument
 class SkillRequests(Protocol):
     """What asks robots; see `server.commands_out.SkillCommands`."""
 
-    def request(self, topic: Topic, robot: str, values: tuple[Any, ...], timeout_s: float, execution_id: bytes) -> None:
+    def request(
+        self, topic: Topic, robot: str, skill: str, arguments: Mapping[str, Any], timeout_s: float, execution_id: bytes
+    ) -> None:
         """Have a robot do a skill, once, and wait for nothing."""
         ...
 
@@ -143,7 +145,8 @@ class SkillMethods:
         try:
             self._check(offered, given)
             execution_id = secrets.token_bytes(EXECUTION_ID_BYTES)
-            self._requests.request(topic, robot.name, given, skill.timeout_s, execution_id)
+            named = {declared.name: value for declared, value in zip(skill.arguments, given, strict=True)}
+            self._requests.request(topic, robot.name, skill.name, named, skill.timeout_s, execution_id)
         except Exception as error:
             if (code := getattr(error, "ua_status", None)) is not None:
                 reason = f"{status_name(code)}: {error}"

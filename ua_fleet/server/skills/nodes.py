@@ -60,13 +60,14 @@ class SkillNodes:
         is_grouped = len(robot.skills) > GROUP_SIZE
         for skill in robot.skills:
             parent = self._parts.group(folder) if is_grouped else self._parts.id(folder)
-            self._add_skill(skill, SkillKeys(robot.ns, skill.id), parent)
+            SkillNodes(self._parts.within(robot.ns)).add_skill(skill, SkillKeys(robot.ns, skill.id), parent)
 
-    def _add_skill(self, skill: SkillModel, keys: SkillKeys, parent: ua.NodeId) -> None:
+    def add_skill(self, skill: SkillModel, keys: SkillKeys, parent: ua.NodeId) -> None:
+        """Make the nodes of one skill below a node."""
         parts, node = self._parts, node_id(keys.object)
         parts.builder.add_object(
             node,
-            QualifiedName(parts.ns, skill.name),
+            QualifiedName(parts.names_ns, skill.name),
             parent,
             parts.types[TypeId.SKILL],
             description=skill.description,

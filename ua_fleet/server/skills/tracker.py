@@ -22,6 +22,7 @@ from ua_fleet.pubsub.events import (
     SourceRefused,
     SourceReturned,
     SourceSilent,
+    SourceStale,
     SubscriberEvent,
 )
 from ua_fleet.server.skills.executions import STATUS_OF, Execution, SkillKeys, answered, heard
@@ -38,6 +39,7 @@ MOST_ASKED: Final = 1000
 """Requests whose outcome may still be told, or corrected."""
 _S: Final = ExecutionState
 _NO_COMMUNICATION: Final = int(StatusCode.BAD_NO_COMMUNICATION)
+_LAST_USABLE: Final = int(StatusCode.UNCERTAIN_NO_COMMUNICATION_LAST_USABLE_VALUE)
 
 
 class SkillTracker:
@@ -167,7 +169,7 @@ class SkillTracker:
                 status=report.status if is_done or report.status else STATUS_OF[report.state],
                 message=report.message,
                 progress=1.0 if is_done else execution.progress,
-                results=answered(skill.model, report.result) if is_done else {},
+                results=answered(skill.model, outcome) if is_done else {},
                 ended=ticks,
             ),
             ticks,
@@ -192,14 +194,16 @@ class SkillTracker:
             return self._all(event.topic, _NO_COMMUNICATION, ticks)
         if isinstance(event, SourceReturned):
             return self._all(event.topic, 0, ticks)
+        if isinstance(event, SourceStale):
+            return self._all(event.topic, _LAST_USABLE, ticks)
         if isinstance(event, SourceRefused):
             return self._all(event.topic, int(StatusCode.BAD_SECURITY_CHECKS_FAILED), ticks)
         return []
 
     def _known_here(self, skill: TrackedSkill, ticks: int) -> list[ValueChanged]:
-        """What this server has asked for can be shown before the robot has said anything."""
+        """What this server has asked for is shown before the robot has said anything, though nothing attests it yet."""
         if skill.status == StatusCode.BAD_WAITING_FOR_INITIAL_DATA:
-            return skill.set_status(0, ticks)
+            return skill.set_status(_LAST_USABLE, ticks)
         return []
 
     def _all(self, topic: Topic, status: int, ticks: int) -> list[SkillChange]:

@@ -14,7 +14,7 @@ from typing import Any, Final, Generic, NamedTuple, Protocol, TypeVar
 from ua_bridges.ros.schema import MessageSchema
 from ua_bridges.ros.skills import SkillSpec
 from ua_fleet.bridge.driver import DriverEvent, Execution
-from ua_fleet.bridge.executing import Ended, Executing, Open
+from ua_fleet.bridge.executing import Ended, Executing, Open, halted
 from ua_fleet.config.schema import QosConfig
 from ua_fleet.errors import RobotOffline, SkillRejected, UaFleetError
 from ua_fleet.values import StatusCode
@@ -212,4 +212,4 @@ class SkillPort(ABC, Generic[Graph_contra]):
 
     def _halted(self, execution_id: bytes) -> None:
         """The robot was stopped, or was never told."""
-        self._executing.end(execution_id, Ended(StatusCode.BAD_REQUEST_CANCELLED_BY_CLIENT, (), "it was halted"))
+        self._executing.end(execution_id, halted())

@@ -133,4 +133,4 @@ class ProgramPort(SkillPort[SkillGraph]):
         if opened.told is None:
             self._executing.forget(opened.execution_id, "the robot's program never answered; see what the robot does")
         else:
-            super()._give_up(opened, now)
+            self._executing.end(opened.execution_id, opened.too_long(is_halted=True))

@@ -108,6 +108,11 @@ class RobotSkills(Generic[Graph]):
 
     # The skills' thread
 
+    @property
+    def is_busy(self) -> bool:
+        """Whether an execution is under way."""
+        return bool(self._begun_by)
+
     def _begin(self, port: SkillPort[Graph], execution: Execution, request: Any) -> None:
         self._begun_by[execution.execution_id] = port
         try:

@@ -12,10 +12,10 @@ from ua_bridges.ros.ports.port import Listened, SkillGraph, SkillPort
 from ua_bridges.ros.skill_values import RequestFiller, StatusReader, fill_constants
 from ua_bridges.ros.skills import SkillSpec, TopicSkill
 from ua_fleet.bridge.driver import DriverEvent, Dropped, Execution
-from ua_fleet.bridge.executing import Ended, Executing, Open
+from ua_fleet.bridge.executing import Ended, Executing, Open, halted
 from ua_fleet.counters import Drop
 from ua_fleet.scenario.expression import ValueUnknown
-from ua_fleet.values import StatusCode
+from ua_fleet.values import Quality, StatusCode, quality_of
 
 __all__ = ["TopicPort"]
 
@@ -92,17 +92,25 @@ class TopicPort(SkillPort[SkillGraph]):
             if not self._has_run:
                 return
         outcome = reader.judge(message, opened.arguments)
-        if outcome.ended is not None:
+        if opened.is_told_to_stop:
+            self._judge_halt(reader, opened, message, outcome.ended)
+        elif outcome.ended is not None:
             self._executing.end(opened.execution_id, outcome.ended)
         elif outcome.progress is not None:
             self._executing.progress(opened.execution_id, outcome.progress)
+
+    def _judge_halt(self, reader: StatusReader, opened: Open, message: Any, ended: Ended | None) -> None:
+        if ended is not None and quality_of(ended.status) is not Quality.BAD:
+            self._executing.end(opened.execution_id, ended)
+        elif ended is not None or reader.stands(message, opened.arguments):
+            self._executing.end(opened.execution_id, halted(ended.message if ended is not None else ""))
 
     def _ask(self, execution_id: bytes, now: float) -> None:
         self._executing.forget(execution_id, f"{self._name} tells nothing of a time before; see what the robot does")
 
     def _stop(self, execution_id: bytes, now: float) -> None:
         if self._say_halt():
-            self._halted(execution_id)
+            self._executing.told_to_stop(execution_id, now)
 
     def _say_halt(self) -> bool:
         if self._way.halt is None:
@@ -111,6 +119,7 @@ class TopicPort(SkillPort[SkillGraph]):
         return True
 
     def _give_up(self, opened: Open, now: float) -> None:
-        stopped = self._say_halt()
-        more = "it was told to stop" if stopped else "see what the robot does"
-        self._executing.end(opened.execution_id, self._too_long(more))
+        if opened.is_told_to_stop:
+            self._executing.forget(opened.execution_id)
+        else:
+            self._executing.end(opened.execution_id, opened.too_long(is_halted=self._say_halt()))

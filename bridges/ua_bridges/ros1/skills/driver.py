@@ -4,18 +4,17 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from functools import partial
+from collections.abc import Iterable, Mapping, Sequence
 
-from ua_bridges.ros.ports import Listened, RobotSkills, SkilledDriver, port_maker
+from ua_bridges.ros.ports import RobotSkills, SkilledDriver, port_maker
 from ua_bridges.ros.skills import SkillSpec
-from ua_bridges.ros1.classes import MessageType
-from ua_bridges.ros1.feed import Feed, Read
+from ua_bridges.ros1.feed import Feed
 from ua_bridges.ros1.master import SystemState
 from ua_bridges.ros1.node import RosNode
 from ua_bridges.ros1.session import Ros1Driver
 from ua_bridges.ros1.skills.action import ActionPort
-from ua_bridges.ros1.skills.graph import Ros1Graph, ros1_name
+from ua_bridges.ros1.skills.feed import SkillFeed
+from ua_bridges.ros1.skills.graph import Ros1Graph
 from ua_bridges.ros1.skills.service import ServicePort
 from ua_bridges.ros1.skills.thread import SkillThread
 from ua_fleet.bridge.driver import Inlet
@@ -25,35 +24,6 @@ from ua_fleet.errors import RobotOffline
 __all__ = ["SkilledRos1Driver"]
 
 _NOTHING = SystemState({}, {}, {})
-
-
-class _SkillFeed:
-    """What a port hears, handed over to the skills' thread. See Feed."""
-
-    topic = None
-
-    def __init__(self, listened: Listened, call: Callable[[Callable[[], None]], None]) -> None:
-        self._listened, self._call, self._wanted = listened, call, ros1_name(listened.type)
-
-    def announce(self, kind: MessageType, latched: bool) -> None:
-        """See Feed."""
-        name, wanted = self._listened.name, self._wanted
-        said = "" if kind.name == wanted else f"{name} carries {kind.name}, and not {wanted}; correct `type`"
-        self._call(partial(self._listened.source, said))
-
-    def reader(self, kind: MessageType) -> Read:
-        """See Feed."""
-        is_wanted, call, heard = kind.name == self._wanted, self._call, self._listened.heard
-
-        def read(message: object, received_ns: int, own: bool) -> None:
-            if is_wanted and not own:
-                call(partial(heard, message))
-
-        return read
-
-    def lost(self) -> None:
-        """See Feed."""
-        self._call(partial(self._listened.source, f"nobody publishes {self._listened.name}; start the robot's node"))
 
 
 class SkilledRos1Driver(SkilledDriver, Ros1Driver):
@@ -77,7 +47,11 @@ class SkilledRos1Driver(SkilledDriver, Ros1Driver):
         )
         skills.opened(graph)
         thread.start(skills.turn)
-        return [(listened.name, _SkillFeed(listened, thread.call)) for port in skills for listened in port.listened()]
+        return [
+            (listened.name, SkillFeed(listened, thread.call, inlet.put))
+            for port in skills
+            for listened in port.listened()
+        ]
 
     def _spoken(self) -> Mapping[str, str]:
         return self._graph.spoken if self._graph is not None else {}
@@ -93,5 +67,5 @@ class SkilledRos1Driver(SkilledDriver, Ros1Driver):
         await super().stop()
 
     def _check_node(self) -> None:
-        if self._skill_thread is None or self._node is None or self._node.was_shut_down:
+        if self._skill_thread is None or self._watch is None or self._watch.is_evicted:
             raise RobotOffline(f"the bridge is not in its graph: {self.status().detail}")

@@ -7,23 +7,24 @@ nothing was begun, the robot said no, or nobody knows.
 
 from __future__ import annotations
 
-import io
 import socket
 import struct
+import time
 from collections.abc import Callable
 from typing import Any, Final
 from urllib.parse import urlsplit
 
 import genpy
-import rosgraph.network
 
-from ua_bridges.ros1.node import keep_alive
+from ua_bridges.ros1.classes import response_layout
+from ua_bridges.ros1.layout import TooMany
+from ua_bridges.ros1.tcpros import Broken, keep_alive, read_header, write_header
 from ua_fleet.values import StatusCode
 
 __all__ = ["CallFailed", "CallLost", "NotAsked", "exchange"]
 
 CONNECT_S: Final = 2.0
-"""For the connection, and for each step of the handshake."""
+"""For the connection, and for the handshake."""
 MOST_BYTES: Final = 64 << 20
 """The largest response that is read."""
 _LENGTH: Final = struct.Struct("<I")
@@ -70,7 +71,7 @@ def exchange(
     """
     try:
         link = _connect(uri, name, service_class, caller, connected)
-    except (OSError, ValueError, rosgraph.network.ROSHandshakeException) as error:
+    except (OSError, ValueError, Broken) as error:
         said = f"the service {name} does not answer at {uri} ({error}); start the robot's node"
         raise NotAsked(StatusCode.BAD_NO_COMMUNICATION, said) from error
     with link:
@@ -87,8 +88,9 @@ def exchange(
     if not succeeded:
         raise CallFailed(content.decode(errors="replace") or f"the service {name} failed and did not say why")
     try:
+        response_layout(service_class).check(content)
         return service_class._response_class().deserialize(content)  # noqa: SLF001 - genpy's name for it
-    except (genpy.DeserializationError, UnicodeDecodeError) as error:
+    except (genpy.DeserializationError, UnicodeDecodeError, TooMany) as error:
         raise CallLost(f"the response of {name} cannot be read: {error}") from error
 
 
@@ -102,8 +104,9 @@ def _connect(
         link.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         keep_alive(link)
         fields = {"callerid": caller, "service": name, "md5sum": service_class._md5sum}  # noqa: SLF001
-        link.sendall(rosgraph.network.encode_ros_handshake_header(fields))
-        header = rosgraph.network.read_ros_handshake_header(link, io.BytesIO(), 1 << 16)
+        deadline = time.monotonic() + CONNECT_S
+        write_header(link, fields, deadline)
+        header = read_header(link, deadline)
         if "error" in header:
             raise NotAsked(StatusCode.BAD_TYPE_MISMATCH, f"the service {name} refused the call: {header['error']}")
         link.settimeout(None)  # how long it may take is the skill's to say

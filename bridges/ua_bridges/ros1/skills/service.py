@@ -23,7 +23,7 @@ from ua_bridges.ros.ports import SkillPort
 from ua_bridges.ros.schema import schema_from_definition
 from ua_bridges.ros.skill_values import RequestFiller, ResponseReader
 from ua_bridges.ros.skills import ServiceSkill, SkillSpec
-from ua_bridges.ros1.classes import needed_service
+from ua_bridges.ros1.classes import needed_service, response_layout
 from ua_bridges.ros1.master import RosMaster
 from ua_bridges.ros1.outlets import absolute
 from ua_bridges.ros1.skills.exchange import CallFailed, CallLost, NotAsked, exchange
@@ -83,11 +83,13 @@ class ServicePort(SkillPort[Ros1Graph]):
     def _open(self, graph: Ros1Graph) -> None:
         self._graph = graph
         name = ros1_name(self._way.type)
-        self._class = cls = needed_service(name)
+        cls: Any = needed_service(name)
+        self._class = cls
         self._request_class = request = cls._request_class
         schema = schema_from_definition(f"{name}Request", request._full_text)  # noqa: SLF001 - genpy's name for it
         self._filler = RequestFiller(self.spec, self._way, schema)
         self._filler.check(request())
+        response_layout(cls)  # its arrays are bounded by what comes
         self._reader = ResponseReader(self.spec, self._way, self._way.success, cls._response_class())
 
     def _request_of(self, execution: Execution) -> bytes:

@@ -4,19 +4,23 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 
 from ua_bridges.ros.ports import Listened, RobotSkills, SkilledDriver, port_maker
 from ua_bridges.ros.skills import SkillSpec
 from ua_bridges.ros2.classes import MessageType
 from ua_bridges.ros2.feed import Read
-from ua_bridges.ros2.graph import LOOK_S
+from ua_bridges.ros2.graph import LOOK_S, QUIET_LOOK_S
 from ua_bridges.ros2.node import Ros2Node
+from ua_bridges.ros2.serialized import message_reader
 from ua_bridges.ros2.session import Ros2Driver
 from ua_bridges.ros2.skills.action import ActionPort
+from ua_bridges.ros2.skills.ears import Ear
 from ua_bridges.ros2.skills.graph import Ros2Graph
 from ua_bridges.ros2.skills.service import ServicePort
-from ua_bridges.ros2.watch import Heard
-from ua_fleet.bridge.driver import Inlet
+from ua_bridges.ros2.source import RosSource
+from ua_bridges.ros2.thread import NodeThread
+from ua_fleet.bridge.driver import DriverStatus, Inlet
 from ua_fleet.config.schema import FleetConfig
 from ua_fleet.errors import RobotOffline
 
@@ -25,6 +29,8 @@ __all__ = ["SkilledRos2Driver"]
 
 class _SkillFeed:
     """What a port hears; see `ua_bridges.ros2.feed.Feed`."""
+
+    topic = None
 
     def __init__(self, listened: Listened) -> None:
         self._listened, self._wanted = listened, listened.type.replace("/msg/", "/")
@@ -40,8 +46,9 @@ class _SkillFeed:
         """See Feed."""
         heard = self._listened.heard
         if kind.name != self._wanted:
-            return lambda message, time_ns: None
-        return lambda message, time_ns: heard(message)
+            return lambda content, time_ns: None
+        message = message_reader(kind)
+        return lambda content, time_ns: heard(message(content))
 
     def mistyped(self, ros_type: str, time_ns: int) -> None:
         """See Feed."""
@@ -58,37 +65,75 @@ class _SkillFeed:
 
 
 class SkilledRos2Driver(SkilledDriver, Ros2Driver):
-    """See HaltingDriver and SuspendingDriver in `ua_fleet.bridge.driver`."""
+    """See HaltingDriver and SuspendingDriver in `ua_fleet.bridge.driver`.
+
+    Skills have a node and a thread of their own in the participant of the bridge's node.
+    """
 
     def __init__(self, config: FleetConfig, bridge_name: str, specs: Sequence[SkillSpec]) -> None:
         super().__init__(config, bridge_name)
         self._specs = specs
         self._offers = tuple([spec.offer() for spec in specs])
-        self._look_at = 0.0
+        name = f"{self._config.node_name}_skills"
+        self._skill_thread = NodeThread(self._config.space, name, self._config.discovery, self._thread)
+        self._skill_node: Ros2Node | None = None
+        self._ears: list[Ear] = []
 
-    # The node's thread
+    async def start(self, inlet: Inlet) -> None:
+        """See Driver."""
+        await super().start(inlet)
+        await self._skill_thread.start(self._skills_opened, self._skills_turn, self._skills_closing)
 
-    def _listened(self, inlet: Inlet) -> list[Heard]:
-        self._skills = RobotSkills(self._specs, port_maker(ServicePort, ActionPort), inlet.put, self._thread.call)
-        return [
-            Heard(listened.name, listened.type, listened.qos, _SkillFeed(listened))
-            for port in self._skills
-            for listened in port.listened()
-        ]
+    async def stop(self) -> None:
+        """See Driver. The node of the values ends the participant, so it ends last."""
+        await self._skill_thread.stop()
+        await super().stop()
 
-    def _opened(self, node: Ros2Node) -> None:
+    def status(self) -> DriverStatus:
+        """See Driver."""
+        if self._skill_thread.failure is not None:
+            return DriverStatus(False, self._skill_thread.failure, is_over=True)
+        return super().status()
+
+    def _listened(self, inlet: Inlet) -> list[Ear]:
+        call = self._skill_thread.call
+        self._skills = RobotSkills(self._specs, port_maker(ServicePort, ActionPort), inlet.put, call)
+        found: dict[str, list[Listened]] = {}
+        for port in self._skills:
+            for listened in port.listened():
+                found.setdefault(listened.name, []).append(listened)
+        self._ears = [Ear(name, partial(self._hear, each, inlet), call) for name, each in found.items()]
+        return self._ears
+
+    # The skills' thread
+
+    def _hear(self, listened: list[Listened], inlet: Inlet) -> RosSource:
+        assert self._skill_node is not None, "the watch is heard of once the skills' node is there"
+        first, feeds = listened[0], [_SkillFeed(each) for each in listened]
+        return RosSource(
+            first.name,
+            feeds,
+            self._skill_node,
+            inlet,
+            partial(self._thread.call, self._watch.look_soon),
+            wanted_type=first.type,
+            qos=first.qos,
+        )
+
+    def _skills_opened(self, node: Ros2Node) -> None:
+        self._skill_node = node
         self._skills.opened(Ros2Graph(node, self._inlet.put))
-        super()._opened(node)
 
-    def _turn(self, now: float) -> float:
-        due = super()._turn(now)
-        if now >= self._look_at:
-            self._look_at = now + LOOK_S
-            self._skills.turn(now)
-        return min(due, self._look_at)
+    def _skills_turn(self, now: float) -> float:
+        self._skills.turn(now)
+        return now + (LOOK_S if self._skills.is_busy else QUIET_LOOK_S)
+
+    def _skills_closing(self) -> None:
+        for ear in self._ears:
+            ear.close()
 
     # The event loop's side
 
     def _check_node(self) -> None:
-        if not self._thread.running:
+        if not self._skill_thread.running:
             raise RobotOffline(f"the bridge is not in its domain: {self.status().detail}")

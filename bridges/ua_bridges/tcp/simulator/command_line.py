@@ -4,7 +4,7 @@ WORK "<work>" <seconds>     RUNNING, then DONE "<work>" <seconds> or ERROR <why>
 MOVE <x> <y> <seconds>      DONE
 SPEED <value>               nothing
 POS?                        POS <x> <y>
-STOP                        ends all that is under way without an answer
+STOP                        ends all that is under way; STOPPED
 """
 
 from __future__ import annotations
@@ -59,6 +59,7 @@ class CommandLine:
             for job in self._open:
                 self._robot.halt(job.number)
             self._open.clear()
+            connection.sendall(b"STOPPED\n")
         elif line.startswith("SPEED "):
             print("speed", words[1], flush=True)
         elif work := _WORK.fullmatch(line):

@@ -10,7 +10,7 @@ import sys
 import time
 from typing import Any, Final
 
-__all__ = ["ChildFailed", "LibraryChild", "NoAnswer"]
+__all__ = ["ChildEnded", "ChildFailed", "LibraryChild", "NoAnswer"]
 
 _READ_BYTES: Final = 1 << 20
 _LONGEST_LINE: Final = 1 << 20
@@ -18,6 +18,10 @@ _LONGEST_LINE: Final = 1 << 20
 
 class ChildFailed(Exception):
     """The child has ended, or says why it cannot do what it should."""
+
+
+class ChildEnded(ChildFailed):
+    """The child has ended without a word, as a library does that cannot bear what it reads."""
 
 
 class NoAnswer(ChildFailed):
@@ -72,7 +76,7 @@ class LibraryChild:
 
         Raises:
             NoAnswer: none came in time.
-            ChildFailed: it has ended.
+            ChildEnded: it has ended.
         """
         deadline = time.monotonic() + timeout_s
         while b"\n" not in self._rest:
@@ -82,7 +86,7 @@ class LibraryChild:
             data = os.read(self._out.fileno(), _READ_BYTES)
             self._rest += data
             if not data or len(self._rest) > _LONGEST_LINE:
-                raise ChildFailed("ur-rtde's process has ended")
+                raise ChildEnded("ur-rtde's process has ended")
         line, self._rest = self._rest.split(b"\n", 1)
         return json.loads(line)
 

@@ -6,24 +6,31 @@
     {"on": "control", "call": "open", "args": [false]}      true: use the control program that runs, and send none
     {"on": "control", "call": "operation", "args": []}      whether an asynchronous move runs, and its number
 
-The answer to each line is `{"result": ..}` or `{"error": ".."}`. Connections are made when they are needed, and anew
-after an error.
+The answer to each line is `{"result": ..}` or `{"error": "..", "refused": true}`; `refused` where it is sure that the
+controller has begun nothing. Connections are made when they are needed, and anew after an error.
 """
 
 from __future__ import annotations
 
 import importlib
 import json
+import re
 import resource
 import sys
 from collections.abc import Generator
 from contextlib import contextmanager
 from typing import Any, Final
 
-from ua_bridges.ur.library.lines import end_with_parent, open_output
+from ua_bridges.ur.library.lines import bound_memory, end_with_parent, open_output
 
 _DASHBOARD_TIMEOUT_MS: Final = 2000
+_REFUSALS: Final = re.compile(r"(failed|could not|cannot|file not found|error|invalid|unable)", re.IGNORECASE)
+"""What refusals of the dashboard server begin with: the library raises the same for these and for a lost connection."""
 _DESCRIPTORS: Final = resource.getrlimit(resource.RLIMIT_NOFILE)
+
+
+class _Refused(Exception):
+    """The controller has begun nothing."""
 
 
 @contextmanager
@@ -52,20 +59,26 @@ class _Interfaces:
         self._open: dict[str, Any] = {}
 
     def do(self, on: str, call: str, arguments: list[Any]) -> Any:
-        if (on, call) == ("control", "open"):
-            with _connecting():
-                return self._open_control(uses_running=bool(arguments[0]))
         try:
             with _connecting():
+                if (on, call) == ("control", "open"):
+                    return self._open_control(uses_running=bool(arguments[0]))
                 interface = self._of(on)
+        except (RuntimeError, ImportError) as error:
+            raise _Refused(_text_of(error)) from error
+        try:
             if (on, call) == ("control", "operation"):
                 status = interface.getAsyncOperationProgressEx()
                 return [bool(status.isAsyncOperationRunning()), int(status.operationId())]
             return getattr(interface, call)(*arguments)
-        except RuntimeError:
+        except RuntimeError as error:
             if on == "io":  # a dashboard client raises for a refusal too, and control is opened with intent
                 del self._open[on]
+            if on == "dashboard" and _REFUSALS.match(_text_of(error)):
+                raise _Refused(_text_of(error)) from error
             raise
+        except (ValueError, TypeError, IndexError, AttributeError) as error:  # the library looks before it sends
+            raise _Refused(_text_of(error)) from error
 
     def _of(self, on: str) -> Any:
         interface = self._open.get(on)
@@ -89,17 +102,24 @@ class _Interfaces:
         return True
 
 
+def _text_of(error: Exception) -> str:
+    return str(error).strip() or type(error).__name__
+
+
 def main(arguments: list[str]) -> int:
     """Serve until the bridge ends; the exit code."""
     output = open_output()
     end_with_parent()
+    bound_memory()
     interfaces = _Interfaces(arguments[0])
     for line in sys.stdin:
         asked = json.loads(line)
         try:
             answer = {"result": interfaces.do(asked["on"], asked["call"], asked["args"])}
-        except (RuntimeError, ImportError, ValueError, TypeError, IndexError, KeyError) as error:
-            answer = {"error": str(error).strip() or type(error).__name__}
+        except _Refused as error:
+            answer = {"error": str(error), "refused": True}
+        except (RuntimeError, KeyError) as error:
+            answer = {"error": _text_of(error), "refused": False}
         output.say(answer)
     return 0
 

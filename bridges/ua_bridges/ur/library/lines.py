@@ -1,16 +1,19 @@
-"""What the children share: JSON lines out on a pipe of their own, and an end with the bridge."""
+"""What the children share: JSON lines out on a pipe of their own, an end with the bridge, and a bound of memory."""
 
 from __future__ import annotations
 
 import ctypes
 import json
 import os
+import resource
 import signal
 from typing import Any, Final
 
-__all__ = ["end_with_parent", "open_output"]
+__all__ = ["bound_memory", "end_with_parent", "open_output"]
 
 _PR_SET_PDEATHSIG: Final = 1
+MOST_DATA_BYTES: Final = 256 << 20
+"""Ten times what ur-rtde needs; it keeps what a controller sends and it cannot read."""
 
 
 class Output:
@@ -36,3 +39,8 @@ def open_output() -> Output:
 def end_with_parent() -> None:
     """Have the kernel end this process when the bridge ends, also while the library waits for ever."""
     ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
+
+
+def bound_memory() -> None:
+    """Have the kernel refuse this process more memory, before the machine has none."""
+    resource.setrlimit(resource.RLIMIT_DATA, (MOST_DATA_BYTES, MOST_DATA_BYTES))

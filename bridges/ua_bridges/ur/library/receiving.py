@@ -18,7 +18,7 @@ import time
 from collections.abc import Callable
 from typing import Any, Final
 
-from ua_bridges.ur.library.lines import Output, end_with_parent, open_output
+from ua_bridges.ur.library.lines import Output, bound_memory, end_with_parent, open_output
 
 _LOOK_S: Final = 0.0002
 _EARLY_S: Final = 0.0015
@@ -74,6 +74,7 @@ def main(arguments: list[str]) -> int:
     """Read until the connection ends; the exit code."""
     output = open_output()
     end_with_parent()
+    bound_memory()
     host, frequency, priority, variables = arguments
     try:
         _run(output, host, float(frequency), json.loads(variables), _take_priority(int(priority)))

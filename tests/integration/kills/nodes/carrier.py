@@ -17,7 +17,10 @@ from std_msgs.msg import String
 from ua_bridges.robot import Execution
 from ua_bridges.robot.ros2 import Robot
 
-MOVE_S = 0.5
+from tests.saying import say
+
+MOVE_S = 1.0
+"""Longer than a test takes to see that it has begun, and to kill the bridge meanwhile."""
 
 rclpy.init()
 node = rclpy.create_node("carrier")
@@ -25,7 +28,7 @@ state = node.create_publisher(String, "/move_state", 10)
 
 
 def on_move(move: Twist) -> None:
-    print("told: move", move.linear.x, flush=True)
+    say("told: move", move.linear.x)
     state.publish(String(data="moving"))
     threading.Timer(MOVE_S, lambda: state.publish(String(data="arrived"))).start()
 
@@ -35,7 +38,7 @@ robot = Robot(node, space=int(sys.argv[1]))
 
 @robot.skill(1010)
 def drive(execution: Execution, to: str, seconds: float) -> dict[str, Any]:
-    print("told: drive", execution.id, to, flush=True)
+    say("told: drive", execution.id, to)
     time.sleep(seconds)
     return {"distance": 2.5}
 
@@ -43,6 +46,6 @@ def drive(execution: Execution, to: str, seconds: float) -> dict[str, Any]:
 node.create_subscription(Twist, "/move", on_move, 10)
 executor = MultiThreadedExecutor()
 executor.add_node(node)
-print("ready", flush=True)
+say("ready")
 with contextlib.suppress(ExternalShutdownException, KeyboardInterrupt):
     executor.spin()

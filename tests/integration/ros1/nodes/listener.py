@@ -10,6 +10,8 @@ import threading
 import genpy.message
 import rospy
 
+from tests.saying import say
+
 parser = argparse.ArgumentParser()
 parser.add_argument("topic")
 parser.add_argument("type")
@@ -20,12 +22,12 @@ args = parser.parse_args()
 def heard(message: genpy.Message) -> None:
     text = " ".join(genpy.message.strify_message(message).split())
     latched = " latched" if message._connection_header.get("latching") == "1" else ""
-    print(f"heard{latched}: {text}", flush=True)
+    say(f"heard{latched}: {text}")
 
 
 rospy.init_node(args.name, disable_rosout=True)
 subscriber = rospy.Subscriber(args.topic, genpy.message.get_message_class(args.type), heard)
-print("ready", flush=True)
+say("ready")
 
 
 def tell_links() -> None:
@@ -33,7 +35,7 @@ def tell_links() -> None:
     while not rospy.is_shutdown():
         if subscriber.get_num_connections() != links:
             links = subscriber.get_num_connections()
-            print(f"links {links}", flush=True)
+            say(f"links {links}")
         rospy.sleep(0.02)
 
 

@@ -6,12 +6,14 @@ from std_msgs.msg import Float64, String
 from std_srvs.srv import Trigger, TriggerResponse
 from ua_bridges.robot.ros1_registered import keep_registered
 
+from tests.saying import say
+
 rospy.init_node("registered", disable_rosout=True)
 keep_registered()
 publisher = rospy.Publisher("/ua_1_2_7", Float64, queue_size=10)
-rospy.Subscriber("/ua_2_2_5", String, lambda message: print(f"heard: {message.data}", flush=True))
+rospy.Subscriber("/ua_2_2_5", String, lambda message: say(f"heard: {message.data}"))
 rospy.Service("/serve", Trigger, lambda _: TriggerResponse(success=True))
-print("ready", flush=True)
+say("ready")
 count = 0
 while not rospy.is_shutdown():
     publisher.publish(Float64(data=count))

@@ -20,26 +20,28 @@ from std_srvs.srv import SetBool, SetBoolResponse, Trigger, TriggerResponse
 from ua_bridges.robot import Execution, Refused
 from ua_bridges.robot.ros1 import Robot
 
+from tests.saying import say
+
 rospy.init_node("skilled", disable_rosout=True)
 state = rospy.Publisher("/move_state", String, queue_size=10)
 
 
 def told(*what: object) -> None:
-    print("told:", *what, flush=True)
+    say("told:", *what)
 
 
-def say(*texts: str) -> None:
+def publish_state(*texts: str) -> None:
     for text in texts:
         state.publish(String(data=text))
 
 
 def on_move(move: Any) -> None:
     told("move", move.linear.x, move.angular.z)
-    say("moving")
+    publish_state("moving" if move.linear.x else "standing")
     if move.linear.x == 4.0:
-        threading.Timer(1.0, say, ["arrived", "arrived"]).start()
+        threading.Timer(1.0, publish_state, ["arrived", "arrived"]).start()
     elif move.linear.x in (1.0, 2.0):
-        threading.Timer(0.2, say, ["arrived" if move.linear.x == 1.0 else "stuck"]).start()
+        threading.Timer(0.2, publish_state, ["arrived" if move.linear.x == 1.0 else "stuck"]).start()
 
 
 def on_hold(request: Any) -> Any:
@@ -107,7 +109,9 @@ rospy.Subscriber("/move", Twist, on_move)
 rospy.Service("/hold", SetBool, on_hold)
 rospy.Service("/fail", Trigger, on_fail)
 rospy.Service("/no", Trigger, on_no)
+# A bridge on a slow machine needs longer to come back than the 5 s for which a server remembers ended goals.
+rospy.set_param("/count/status_list_timeout", 60)
 server = actionlib.ActionServer("/count", TestAction, on_goal, on_cancel, auto_start=False)
 server.start()
-print("ready", flush=True)
+say("ready")
 rospy.spin()

@@ -20,6 +20,8 @@ from std_msgs.msg import String
 from ua_bridges.robot import Execution, Refused
 from ua_bridges.robot.ros2 import Robot
 
+from tests.saying import say
+
 space = int(sys.argv[1])
 rclpy.init()
 node = rclpy.create_node("skilled")
@@ -27,19 +29,19 @@ state = node.create_publisher(String, "/move_state", 10)
 
 
 def told(*what: object) -> None:
-    print("told:", *what, flush=True)
+    say("told:", *what)
 
 
-def say(text: str) -> None:
+def publish_state(text: str) -> None:
     state.publish(String(data=text))
 
 
 def on_move(move: Twist) -> None:
     told("move", move.linear.x, move.angular.z)
-    say("moving")
+    publish_state("moving" if move.linear.x else "standing")
     if move.linear.x in (1.0, 2.0):
         ended = "arrived" if move.linear.x == 1.0 else "stuck"
-        threading.Timer(0.2, say, [ended]).start()
+        threading.Timer(0.2, publish_state, [ended]).start()
 
 
 def on_map(request: LoadMap.Request, response: Any) -> Any:
@@ -72,6 +74,6 @@ node.create_subscription(Twist, "/move", on_move, 10)
 node.create_service(LoadMap, "/load_map", on_map, callback_group=ReentrantCallbackGroup())
 executor = MultiThreadedExecutor()
 executor.add_node(node)
-print("ready", flush=True)
+say("ready")
 with contextlib.suppress(ExternalShutdownException, KeyboardInterrupt):
     executor.spin()

@@ -14,17 +14,19 @@ from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.executors import ExternalShutdownException, MultiThreadedExecutor
 from robot_msgs.action import Turn
 
+from tests.saying import say
+
 rclpy.init()
 node = rclpy.create_node("turner")
 
 
 def turn(goal: Any) -> Any:
     asked, result = goal.request, Turn.Result()
-    print("told:", asked.angle, bytes(goal.goal_id.uuid).hex(), flush=True)
+    say("told:", asked.angle, bytes(goal.goal_id.uuid).hex())
     began = time.monotonic()
     while (spent := time.monotonic() - began) < asked.seconds:
         if goal.is_cancel_requested:
-            print("canceled", flush=True)
+            say("canceled")
             goal.canceled()
             return result
         goal.publish_feedback(Turn.Feedback(share=spent / asked.seconds))
@@ -53,6 +55,6 @@ server = ActionServer(
 )
 executor = MultiThreadedExecutor()
 executor.add_node(node)
-print("ready", flush=True)
+say("ready")
 with contextlib.suppress(ExternalShutdownException, KeyboardInterrupt):
     executor.spin()

@@ -6,10 +6,10 @@ import math
 from typing import Any
 
 import pytest
-from ua_bridges.modbus.sinks import BitWrite, SinkSpec, WriteField, Writing, writes_of
+from ua_bridges.modbus.sinks import BitWrite, Writing, writes_of
 from ua_bridges.modbus.sources import Answer, Failed, PolledSource, ReadField, ReadPlan, SourceSpec, differs
 
-from ua_fleet.bridge.driver import DriverEvent, Dropped, SampleRead, SourceFound, SourceLost
+from ua_fleet.bridge.driver import DriverEvent, Dropped, SampleRead, SourceFound, SourceLost, SourceRead
 from ua_fleet.counters import Drop
 from ua_fleet.registers import Limits, Register, RegisterType, RegisterUnfit, Span, Table
 from ua_fleet.topics import Topic
@@ -24,8 +24,8 @@ def word(address: int, kind: RegisterType = RegisterType.UINT16, **more: Any) ->
 
 
 class Scene:
-    def __init__(self, *fields: ReadField, limits: Limits | None = None) -> None:
-        spec = SourceSpec(TOPIC, "press.x", "plc", 1.0, fields)
+    def __init__(self, *fields: ReadField, limits: Limits | None = None, is_aging: bool = False) -> None:
+        spec = SourceSpec(TOPIC, "press.x", "plc", 1.0, fields, is_aging)
         self.source = PolledSource(spec)
         self.plan = ReadPlan([field.register.span for field in fields], limits or Limits())
         self.source.place(self.plan)
@@ -50,6 +50,18 @@ def test_first_reading_finds_the_source_and_tells_its_values() -> None:
         ("c", BuiltinType.BOOLEAN),
     ]
     assert sample == SampleRead(TOPIC, (7, 1.5, True), 1)
+
+
+def test_each_reading_of_a_source_with_a_maximum_age_counts() -> None:
+    fields = [ReadField(name, BuiltinType.UINT16, word(at)) for name, at in (("a", 0), ("b", 900))]
+    scene = Scene(*fields, is_aging=True)
+    scene.read([1], [1])
+    assert scene.read([1], [1]) == [SourceRead(TOPIC, 2)]
+    failed = Failed(int(StatusCode.BAD_TIMEOUT), Drop.NO_ANSWER, "no answer")
+    assert isinstance(scene.read([1], failed)[0], SampleRead)
+    assert scene.read([1], failed) == [SourceRead(TOPIC, 4)], "a is read, and b is Bad for itself"
+    assert isinstance(scene.read(failed, failed)[0], SampleRead)
+    assert scene.read(failed, failed) == []
 
 
 def test_what_did_not_change_is_not_told_again() -> None:
@@ -162,12 +174,3 @@ def test_neighbours_are_written_together_and_bits_alone() -> None:
 def test_nothing_is_written_when_one_value_does_not_fit() -> None:
     with pytest.raises(RegisterUnfit):
         writes_of([(word(0), 5), (word(1), 70_000)], 123, 1968)
-
-
-def test_values_of_a_message_go_to_the_registers_of_their_names() -> None:
-    fields = (WriteField("a", word(0)), WriteField("b", word(1)))
-    sink = SinkSpec(TOPIC, "press.y", "plc", fields, read_back=False, rewrite=False)
-    assert sink.values_of(["b", "more", "a"], [2, 3, 1]) == (1, 2)
-    assert sink.values_of(["b", "c"], [2, 3]) is None
-    single = SinkSpec(TOPIC, "press.y", "plc", fields[:1], read_back=False, rewrite=False)
-    assert single.values_of(["data"], [7]) == (7,)

@@ -6,15 +6,15 @@ from typing import Any
 
 import pytest
 from ua_bridges.plugged.config import PluggedBridgeConfig, PluggedSink, PluggedSkill, PluggedSource
-from ua_bridges.plugged.lines import MOST_LINES, Lines
+from ua_bridges.plugged.lines import LONGEST_LINE, MOST_LINES, MOST_LONG, Lines
 from ua_bridges.plugged.sensor import Sensor
 
-from ua_fleet.bridge import DriverEvent, Dropped, Execution, ExecutionEnded, SampleRead
+from ua_fleet.bridge import DriverEvent, Dropped, Execution, ExecutionEnded, ExecutionForgotten, SampleRead
 from ua_fleet.bridge.configured import configured_sinks, configured_skills, configured_sources
 from ua_fleet.bridge.executing import Executing
 from ua_fleet.config.load import load_content
 from ua_fleet.counters import Drop
-from ua_fleet.errors import RobotOffline
+from ua_fleet.errors import RobotBusy, RobotOffline
 from ua_fleet.topics import Topic
 from ua_fleet.values import StatusCode
 
@@ -30,7 +30,9 @@ robots:
       level: {id: 10, type: Double, source: {device: box, line: "L {value}", when: always}}
       light: {id: 11, type: Double, origin: server, sink: {device: box, command: "LIGHT {value}\n"}}
     skills:
-      open: {id: 20, via: {device: box, command: "OPEN\n", done: "OK", failed: "ERR {message}", halt: "HUSH\n"}}
+      open:
+        id: 20
+        via: {device: box, command: "OPEN\n", done: "OK", failed: "ERR {message}", halt: "HUSH\n", halted: "HUSHED"}
       close: {id: 21, via: {device: box, command: "CLOSE\n"}}
 """
 
@@ -42,6 +44,7 @@ class Bench:
         assert isinstance(bridge, PluggedBridgeConfig)
         self.told: list[DriverEvent] = []
         self.sent: list[bytes] = []
+        self.asides: list[str] = []
         self.takes = True
         self.skills = {skill.name: skill for skill in configured_skills(config, "pc", PluggedSkill)}
         executing = Executing(self.told.append)
@@ -56,7 +59,9 @@ class Bench:
             self._write,
             self._reset,
             lambda: None,
+            self.asides.append,
         )
+        self.executing = executing
         self.lines.opened(0.0, 1)
         self.lines.begin_listening()
         self.lines.received(b"L 0\n", 0.1, 1)
@@ -93,6 +98,39 @@ def test_an_answer_is_found_in_a_flood(said: bytes, status: int) -> None:
     assert bench.facts(SampleRead)[-1].values == (7.0,)
 
 
+def test_one_answer_is_awaited_at_a_time() -> None:
+    bench = Bench()
+    bench.execute("open")
+    with pytest.raises(RobotBusy, match=r"has not answered rover_pc\.open yet"):
+        bench.execute("open")
+
+
+CANCELLED = StatusCode.BAD_REQUEST_CANCELLED_BY_CLIENT
+
+
+@pytest.mark.parametrize(("said", "status"), [(b"HUSHED\n", CANCELLED), (b"ERR stuck\n", CANCELLED), (b"OK\n", 0)])
+def test_a_device_is_halted_once_it_says_so(said: bytes, status: int) -> None:
+    bench = Bench()
+    execution = bench.execute("open")
+    bench.lines.received(b"HUSHED\n", 0.3, 1)
+    bench.lines.halt(execution, 0.4)
+    assert bench.sent[-1] == b"HUSH\n"
+    assert bench.executing.overdue(5.3) == []
+    assert bench.facts(ExecutionEnded) == [], "bytes that were written have stopped nothing yet"
+    bench.lines.received(said, 5.3, 1)
+    assert [ended.status for ended in bench.facts(ExecutionEnded)] == [status]
+
+
+def test_a_device_that_says_nothing_of_its_halt_is_not_halted() -> None:
+    bench = Bench()
+    bench.lines.halt(bench.execute("open"), 0.4)
+    (overdue,) = bench.executing.overdue(5.4)
+    assert bench.lines.overdue(overdue)
+    assert bench.facts(ExecutionEnded) == []
+    (forgotten,) = bench.facts(ExecutionForgotten)
+    assert "nobody has seen that it stands" in forgotten.message
+
+
 def test_what_could_not_be_written_is_not_done() -> None:
     bench = Bench()
     bench.takes = False
@@ -107,6 +145,18 @@ def test_what_could_not_be_written_is_not_done() -> None:
     execution = bench.execute("open")  # it waits for no answer to the one before
     bench.takes = False
     with pytest.raises(RobotOffline, match="before it was written to"):
-        bench.lines.halt(execution)
+        bench.lines.halt(execution, 0.3)
     assert len(bench.facts(ExecutionEnded)) == 2
     assert bench.sent == [b"OPEN\n"]
+
+
+def test_a_device_that_ends_no_line_is_put_aside_and_one_that_errs_is_not() -> None:
+    bench = Bench()
+    for _ in range(3):
+        for _ in range(MOST_LONG - 1):
+            bench.lines.received(b"x" * (LONGEST_LINE + 1), 1.0, 1)
+        bench.lines.received(b"\nL 1.0\n", 1.0, 1)
+    assert bench.asides == []
+    for _ in range(MOST_LONG):
+        bench.lines.received(b"x" * (LONGEST_LINE + 1), 1.0, 1)
+    assert bench.asides == ["more than 40960 bytes without the end of a line"]

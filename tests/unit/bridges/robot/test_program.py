@@ -9,7 +9,7 @@ from types import MappingProxyType
 from typing import Any
 
 import pytest
-from ua_bridges.robot import Announcer, Execution, Program, Refused
+from ua_bridges.robot import Announcer, Busy, Execution, Program, Refused
 
 ID, OTHER = "00" * 16, "11" * 16
 
@@ -125,6 +125,7 @@ def there(execution: Execution, to: str) -> dict[str, Any]:
     ("function", "state", "message"),
     [
         (raises(Refused("no way")), "refused", "no way"),
+        (raises(Busy("not now")), "refused", "not now"),
         (raises(ValueError("bumped")), "failed", "ValueError: bumped"),
         (gives(float("nan")), "failed", "ValueError: Out of range float values"),
         (gives(object()), "failed", "TypeError"),
@@ -137,7 +138,9 @@ def there(execution: Execution, to: str) -> dict[str, Any]:
 def test_what_goes_wrong_is_said(function: Any, state: str, message: str) -> None:
     program, heard = offer(function)
     program.receive(request())
-    assert heard.wait(state)["message"].startswith(message)
+    said = heard.wait(state)
+    assert said["message"].startswith(message)
+    assert said["busy"] is (message == "not now")
     assert heard.states() == ["accepted", state]
 
 
@@ -171,7 +174,8 @@ def test_one_at_a_time_unless_it_says_otherwise() -> None:
     program, heard = offer(go)
     program.receive(request())
     program.receive(request(OTHER))
-    assert heard.wait("refused", OTHER)["message"] == "go is being done already"
+    refused = heard.wait("refused", OTHER)
+    assert (refused["message"], refused["busy"]) == ("go is being done already", True)
     release.set()
     heard.wait("done")
     both, heard = offer(go, at_once=2)

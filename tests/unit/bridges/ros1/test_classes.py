@@ -1,13 +1,16 @@
 # pyright: basic, reportMissingImports=false
 from __future__ import annotations
 
+import copy
 import io
+import sys
 
 import pytest
 
 pytest.importorskip("genpy", reason="needs the Python that has rospy")
 
 from ua_bridges.ros1.classes import (
+    CACHED_TYPES,
     TypeUnavailable,
     installed_type,
     sanitized,
@@ -115,3 +118,23 @@ def test_installed_class_is_taken_only_when_it_is_the_publishers() -> None:
     assert type_of_publisher("std_msgs/Float64", installed.md5sum, installed.definition) is installed
     other = type_of_publisher("std_msgs/Float64", "0" * 32, "float64 data\nint32 more\n")
     assert other.cls.__slots__ == ["data", "more"]
+
+
+def test_types_without_number_take_nobodys_place_and_leave_nothing_behind() -> None:
+    modules, folders = len(sys.modules), list(sys.path)
+    kept = type_from_definition("acme_msgs/Kept", "float64 x\n")
+    for number in range(CACHED_TYPES + 50):
+        kind = type_from_definition("acme_msgs/Many", f"int8 x{number}\n")
+        message = kind.cls()
+        assert getattr(message.deserialize(b"\x07"), f"x{number}") == 7
+    assert len(sys.modules) - modules < 5
+    assert sys.path == folders
+    assert copy.deepcopy(kept.cls().deserialize(bytes(8))).x == 0.0
+
+
+def test_definition_of_too_many_types_is_refused_at_once() -> None:
+    line = "=" * 80
+    many = "".join(f"{line}\nMSG: acme_msgs/A{number}\nint8 x\n" for number in range(600))
+    text = "".join(f"A{number} a{number}\n" for number in range(600)) + many
+    with pytest.raises(TypeUnavailable, match="more than 100 types"):
+        type_from_definition("acme_msgs/Thing", text)

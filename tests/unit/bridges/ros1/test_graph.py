@@ -55,3 +55,10 @@ def test_retry_begins_anew_with_another_publisher_and_ends_with_the_link() -> No
     assert not retry.due(["/robot"], 0, 3.0)
     assert not retry.due(["/robot"], 0, 3.9)
     assert retry.due(["/robot"], 0, 4.0)
+
+
+def test_topic_that_was_forgotten_is_found_again() -> None:
+    watch = GraphWatch(1)
+    watch.look(["/ua_1_2_7"])
+    watch.forget(Topic(1, 2, 7))
+    assert watch.look(["/ua_1_2_7"]).found == [Topic(1, 2, 7)]

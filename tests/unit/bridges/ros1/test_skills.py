@@ -2,10 +2,12 @@
 # (pyright finds the std_msgs of ROS 2)
 from __future__ import annotations
 
+import contextlib
 import queue
 import socket
 import struct
 import threading
+import time
 from collections.abc import Callable
 from typing import Any
 
@@ -18,13 +20,14 @@ from actionlib.msg import TestActionFeedback as ActionFeedback
 from actionlib.msg import TestActionResult as ActionResult
 from actionlib_msgs.msg import GoalID, GoalStatus, GoalStatusArray  # type: ignore[import-not-found]  # not in a wheel
 from std_srvs.srv import SetBool
-from ua_bridges.ros.ports import LoadedType
+from ua_bridges.ros.ports import Listened, LoadedType
 from ua_bridges.ros.skills import ActionSkill, RosSkillMapping, ServiceSkill, SkillSpec
 from ua_bridges.ros1.classes import TypeUnavailable, needed_service, needed_type
 from ua_bridges.ros1.feed import schema_of
 from ua_bridges.ros1.master import RosMaster, SystemState
 from ua_bridges.ros1.skills.action import ActionPort
 from ua_bridges.ros1.skills.exchange import CallFailed, CallLost, NotAsked, exchange
+from ua_bridges.ros1.skills.feed import MOST_WAITING, MOST_WAITING_BYTES, SkillFeed
 from ua_bridges.ros1.skills.graph import Ros1Graph, ros1_name
 from ua_bridges.ros1.skills.service import ServicePort
 
@@ -37,7 +40,7 @@ from ua_fleet.bridge.driver import (
     ExecutionProgressed,
 )
 from ua_fleet.bridge.executing import Executing
-from ua_fleet.config.schema import SkillConfig
+from ua_fleet.config.schema import QosConfig, SkillConfig
 from ua_fleet.counters import Drop
 from ua_fleet.errors import SkillRejected
 from ua_fleet.topics import Topic
@@ -348,6 +351,28 @@ def test_service_that_is_gone_was_not_asked() -> None:
 
 
 @pytest.mark.parametrize(
+    ("said", "pause_s"),
+    [(b"\xff\xff\xff\xff" + b"x" * 65536, 0.0), (struct.pack("<I", 60_000) + b"x", 0.1), (b"\0\1\0\0", 0.0)],
+    ids=["endless", "slow", "silent"],
+)
+def test_a_handshake_without_an_end_ends(monkeypatch: pytest.MonkeyPatch, said: bytes, pause_s: float) -> None:
+    monkeypatch.setattr("ua_bridges.ros1.skills.exchange.CONNECT_S", 0.5)
+
+    def serve(link: socket.socket) -> None:
+        with contextlib.suppress(OSError):
+            link.sendall(said[:4])
+            while said[4:]:
+                link.sendall(said[4:])
+                time.sleep(pause_s)
+            link.recv(1)
+
+    server = Server(serve)
+    with pytest.raises(NotAsked, match="its connection header"):
+        server.call()
+    assert server.asked == 0
+
+
+@pytest.mark.parametrize(
     ("said", "why"),
     [
         (b"", "went before it answered"),
@@ -478,3 +503,49 @@ def test_calls_end_when_the_bridge_stops(monkeypatch: pytest.MonkeyPatch) -> Non
     calling.port.close()
     calling.step()
     server.end()
+
+
+class Heard:
+    """A topic that a skill hears."""
+
+    def __init__(self) -> None:
+        self.steps: list[Callable[[], None]] = []
+        self.messages: list[str] = []
+        self.drops: list[Any] = []
+        topic = Listened("/words", "std_msgs/String", QosConfig(), self._hear, lambda _problem: None)
+        self.feed = SkillFeed(topic, self.steps.append, self.drops.append)
+        self.read = self.feed.reader(needed_type("std_msgs/String"))
+
+    def _hear(self, message: Any) -> None:
+        self.messages.append(message.data)
+
+    def say(self, text: str) -> None:
+        self.read(struct.pack("<I", len(text)) + text.encode(), 0, False)
+
+    def work(self) -> None:
+        for step in self.steps:
+            step()
+        self.steps.clear()
+
+
+def test_a_topic_that_floods_a_skill_pushes_out_its_own_messages() -> None:
+    heard = Heard()
+    for number in range(MOST_WAITING + 500):
+        heard.say(str(number))
+    assert len(heard.steps) == MOST_WAITING
+    heard.work()
+    assert heard.messages == [str(number) for number in range(500, MOST_WAITING + 500)]
+    assert sum(drop.count for drop in heard.drops) == 500
+    assert {drop.cause for drop in heard.drops} == {Drop.INLET_FULL}
+
+
+def test_large_messages_that_wait_for_a_skill_are_bounded_by_their_bytes() -> None:
+    heard = Heard()
+    for _ in range(3):
+        for number in range(100):
+            heard.say(str(number))
+        heard.say("x" * (MOST_WAITING_BYTES + 1))
+    assert len(heard.steps) <= 101
+    heard.work()
+    assert [len(message) for message in heard.messages] == [MOST_WAITING_BYTES + 1]
+    assert sum(drop.count for drop in heard.drops) == 302

@@ -6,7 +6,7 @@ import asyncio
 import io
 import time
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import pytest
 
@@ -17,9 +17,11 @@ from std_msgs.msg import Float64, Header, String
 from ua_bridges.ros.latched import is_latched
 from ua_bridges.ros1.feed import MappedFeed, MirrorFeed
 from ua_bridges.ros1.memory import LatchMemory
-from ua_bridges.ros1.source import RosSource
+from ua_bridges.ros1.source import MOST_LINKS, RosSource
+from ua_bridges.ros1.tcpros import Broken
 
 from ua_fleet.bridge.driver import DriverEvent, Dropped, SampleRead, SourceFound, SourceLost
+from ua_fleet.bridge.offenders import Offenders
 from ua_fleet.config.schema import DataSetConfig, ScalarType, TopicMapping
 from ua_fleet.counters import Drop
 from ua_fleet.topics import Topic
@@ -41,12 +43,8 @@ class Inlet:
         return events
 
 
-class Socket:
-    pass
-
-
 class Link:
-    """What the source sees of rospy's TCPROSTransport."""
+    """A link to a publisher, without its sockets."""
 
     def __init__(self, message_class: Any, callerid: str = "/robot", *, latched: bool = False) -> None:
         self.header = {
@@ -56,51 +54,65 @@ class Link:
             "message_definition": message_class._full_text,
             "latching": "1" if latched else "0",
         }
-        self.endpoint_id = "http://robot:1/"
-        self.socket = Socket()
+        self.uri = f"http://{callerid[1:]}:1/"
+        self.is_closed = False
+
+    def start(self) -> None:
+        pass
+
+    def close(self) -> None:
+        self.is_closed = True
 
 
-class Node:
-    name = "/ua_bridge"
-
-    def __init__(self) -> None:
-        self.up: list[Link] = []
-        self.watched: list[Socket] = []
-
-    def links(self, _topic: str) -> list[Link]:
-        return self.up
-
-    def watch_link(self, link: Link) -> None:
-        self.watched.append(link.socket)
-
-
-class Raw:
-    def __init__(self, link: Link, message: Any) -> None:
-        buffer = io.BytesIO()
-        message.serialize(buffer)
-        self._buff = buffer.getvalue()
-        self._connection_header = link.header
+def bytes_of(message: Any) -> bytes:
+    buffer = io.BytesIO()
+    message.serialize(buffer)
+    return buffer.getvalue()
 
 
 class Bench:
-    def __init__(self, monkeypatch: pytest.MonkeyPatch, feed: Any = None, folder: Path | None = None) -> None:
-        monkeypatch.setattr("ua_bridges.ros1.source.rospy.Subscriber", lambda *_args, **_named: None)
-        self.inlet, self.node, self.memory = Inlet(), Node(), LatchMemory(folder)
-        self.source = RosSource(NAME, [feed or MirrorFeed(TOPIC, self.inlet)], self.node, self.inlet, self.memory)  # type: ignore[arg-type]
+    def __init__(self, feed: Any = None, folder: Path | None = None) -> None:
+        self.inlet, self.memory = Inlet(), LatchMemory(folder)
+        self.offenders = Offenders(self.inlet)
+        self.up: list[Link] = []
+        self.coming: Link | None = None
+        self.source = RosSource(
+            NAME,
+            [feed or MirrorFeed(TOPIC, self.inlet)],
+            "/ua_bridge",
+            self.inlet,
+            self.memory,
+            self.offenders,
+            lambda *_: cast("Any", self.coming),
+        )
+
+    def _add(self, link: Link) -> None:
+        self.coming = link
+        self.source.connect([link.uri], time.monotonic())
+        self.up.append(link)
+        self.source.link_up(cast("Any", link))
 
     def look(self, *links: Link) -> list[DriverEvent]:
-        self.node.up = list(links)
+        """A look at the links that are up now."""
+        for gone in [link for link in self.up if link not in links]:
+            self.up.remove(gone)
+            self.source.link_ended(cast("Any", gone), None)
+        for link in links:
+            if link not in self.up:
+                self._add(link)
         self.source.check(["/robot"], 0.0)
         return self.inlet.take()
 
     def hear(self, link: Link, message: Any) -> list[DriverEvent]:
-        self.source._on_message(Raw(link, message))
+        if link not in self.up:
+            self._add(link)
+        self.source.link_heard(cast("Any", link), message if isinstance(message, bytes) else bytes_of(message))
         return self.inlet.take()
 
 
 @pytest.fixture
-def bench(monkeypatch: pytest.MonkeyPatch) -> Bench:
-    return Bench(monkeypatch)
+def bench() -> Bench:
+    return Bench()
 
 
 def kinds(events: list[DriverEvent]) -> list[str]:
@@ -125,17 +137,6 @@ def test_message_before_the_first_look_announces_the_source_first(bench: Bench) 
     assert before <= sample.source_time_ns <= time.time_ns()
     assert bench.look(link) == []
     assert kinds(bench.hear(link, Float64(2.5))) == ["SampleRead"]
-
-
-def test_each_link_is_watched_once_whether_its_message_or_the_look_comes_first(bench: Bench) -> None:
-    first, second = Link(Float64), Link(Float64, "/other")
-    bench.hear(first, Float64(1.5))
-    bench.look(first)
-    bench.look(first, second)
-    assert bench.node.watched == [first.socket, second.socket]
-    first.socket = again = Socket()  # rospy makes a link that was lost anew
-    bench.look(first, second)
-    assert bench.node.watched[2:] == [again]
 
 
 def test_header_at_the_top_level_gives_the_time(bench: Bench) -> None:
@@ -215,20 +216,104 @@ def test_type_without_a_class_is_counted_for_each_message(bench: Bench) -> None:
 def test_bytes_that_are_no_message_are_counted_and_told_once(bench: Bench) -> None:
     link = Link(Float64)
     bench.look(link)
-    raw = Raw(link, Float64(1.0))
-    raw._buff = raw._buff[:3]
     details = []
     for _ in range(2):
-        bench.source._on_message(raw)
-        (dropped,) = bench.inlet.take()
+        (dropped,) = bench.hear(link, b"abc")
         assert isinstance(dropped, Dropped)
         assert dropped.cause == Drop.CONVERSION
         details.append(bool(dropped.detail))
     assert details == [True, False]
 
 
-async def test_mapped_topic_with_a_bad_field(monkeypatch: pytest.MonkeyPatch) -> None:
-    bench = Bench(monkeypatch)
+def test_publisher_of_nothing_but_rubbish_is_put_aside_and_one_that_errs_is_not(bench: Bench) -> None:
+    erring, hostile = Link(Float64, "/erring"), Link(Float64, "/hostile")
+    bench.look(erring, hostile)
+    for _ in range(10):
+        for _ in range(9):
+            bench.hear(erring, b"abc")
+        bench.hear(erring, Float64(1.0))
+    for _ in range(9):
+        bench.hear(hostile, b"abc")
+    with pytest.raises(Broken, match="10 messages in a row are no std_msgs/Float64"):
+        bench.hear(hostile, b"abc")
+    bench.source.link_ended(cast("Any", hostile), "rubbish")
+    assert Dropped(Drop.MISBEHAVED) in bench.inlet.take()
+    assert bench.offenders.told(time.monotonic()) == {"/ua_1_2_7 of http://hostile:1/": "rubbish"}
+    bench.coming = again = Link(Float64, "/hostile")
+    bench.source.connect([again.uri], time.monotonic())
+    bench.source.link_up(cast("Any", again))
+    assert kinds(bench.hear(erring, Float64(2.0))) == ["SampleRead"]
+    bench.source.connect([again.uri], time.monotonic() + 60)
+    bench.source.link_up(cast("Any", again))
+    bench.source.link_heard(cast("Any", again), bytes_of(Float64(3.0)))
+    assert kinds(bench.inlet.take()) == ["SampleRead"]
+
+
+def test_publisher_that_changes_its_type_all_the_time_is_put_aside(bench: Bench) -> None:
+    for _ in range(4):
+        bench.look(Link(Float64))
+        bench.look(Link(String))
+    bench.look(Link(Float64))
+    with pytest.raises(Broken, match="changed the type of its topic 8 times"):
+        bench.look(Link(String))
+
+
+def test_type_whose_elements_nothing_bounds_is_not_read(bench: Bench) -> None:
+    link = Link(Float64)
+    text = "A[] all\n" + "=" * 80 + "\nMSG: acme_msgs/A\n"
+    link.header |= {"type": "acme_msgs/Thing", "md5sum": "0" * 32, "message_definition": text}
+    (dropped,) = bench.hear(link, b"\xff\xff\xff\xff")
+    assert isinstance(dropped, Dropped)
+    assert dropped.cause is Drop.TYPE_MISSING
+    assert "an array of messages without content" in dropped.detail
+
+
+def test_links_to_one_topic_are_bounded_and_end_with_it(bench: Bench) -> None:
+    links = [Link(Float64, f"/robot{number}") for number in range(MOST_LINKS + 10)]
+    made = iter(links)
+    bench.source._make_link = lambda *_: cast("Any", next(made))
+    bench.source.connect([link.uri for link in links], 0.0)
+    assert len(list(made)) == 10
+    bench.source.close()
+    assert [link.is_closed for link in links] == [True] * MOST_LINKS + [False] * 10
+
+
+def test_links_that_say_nothing_give_way_to_a_publisher_that_there_is_no_place_for(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    links = [Link(Float64, f"/silent{number}") for number in range(MOST_LINKS - 2)]
+    links[3:3] = [talking, once] = [Link(Float64, "/talking"), Link(Float64, "/once")]
+    new = [Link(Float64, f"/new{number}") for number in range(MOST_LINKS)]
+    made = iter([*links, *new])
+    bench.source._make_link = lambda *_: cast("Any", next(made))
+    now = 1000.0
+    monkeypatch.setattr("ua_bridges.ros1.source.time.monotonic", lambda: now)
+    bench.source.connect([link.uri for link in links], now)
+    for link in links:
+        bench.source.link_up(cast("Any", link))
+    for link in (talking, once):
+        bench.source.link_heard(cast("Any", link), bytes_of(Float64(1.0)))
+    bench.source.connect([new[0].uri], now + 9.0)
+    assert not any(link.is_closed for link in links)  # one that has just come may still say something
+    now += 11.0
+    bench.source.link_heard(cast("Any", talking), bytes_of(Float64(2.0)))
+    bench.inlet.take()
+    bench.source.connect([new[0].uri], now)
+    assert [link for link in links if link.is_closed] == [links[0]]
+    bench.source.link_up(cast("Any", new[0]))
+    bench.source.link_heard(cast("Any", new[0]), bytes_of(Float64(3.0)))
+    dropped, sample = bench.inlet.take()
+    assert isinstance(sample, SampleRead)
+    assert isinstance(dropped, Dropped)
+    assert (dropped.cause, "more than 64 publishers" in dropped.detail) == (Drop.UNKNOWN_SOURCE, True)
+    bench.source.connect([link.uri for link in new[1:]], now)
+    assert {link.uri for link in links if not link.is_closed} == {talking.uri}  # who has spoken gives way last
+    bench.source.link_ended(cast("Any", links[0]), None)
+    assert not new[0].is_closed
+
+
+async def test_mapped_topic_with_a_bad_field() -> None:
+    bench = Bench()
     dataset = DataSetConfig(id=9, type=ScalarType.INT32, source=TopicMapping(topic="/charge", type="std_msgs/Float64"))
     feed = MappedFeed(Topic(1, 2, 9), dataset, "Charge", bench.inlet, asyncio.get_running_loop())
     bench.source._feeds = [feed]
@@ -248,27 +333,24 @@ async def test_mapped_topic_with_a_bad_field(monkeypatch: pytest.MonkeyPatch) ->
     assert dropped == Dropped(Drop.CONVERSION, 1, "/charge field Charge: nan does not fit into Int32")
 
 
-async def test_rate_limit_of_a_mapped_topic_delivers_the_last_before_the_loss(monkeypatch: pytest.MonkeyPatch) -> None:
-    bench = Bench(monkeypatch)
+async def test_rate_limit_of_a_mapped_topic_delivers_the_last_before_the_loss() -> None:
+    bench = Bench()
     mapping = TopicMapping(topic="/charge", type="std_msgs/Float64", max_rate_hz=0.01)
     dataset = DataSetConfig(id=9, type=ScalarType.DOUBLE, source=mapping)
     bench.source._feeds = [MappedFeed(Topic(1, 2, 9), dataset, "Charge", bench.inlet, asyncio.get_running_loop())]
     link = Link(Float64)
+    events: list[DriverEvent] = []
     for number in range(4):
-        bench.hear(link, Float64(number))
-    bench.look(link)
-    bench.look()
-    bench.look()
-    await asyncio.sleep(0)
-    events = bench.inlet.take()
+        events += bench.hear(link, Float64(number))
+    events += [*bench.look(link), *bench.look(), *bench.look()]
     assert kinds(events) == ["SourceFound", "SampleRead", "Dropped", "Dropped", "SampleRead", "SourceLost"]
     samples = [event.values for event in events if isinstance(event, SampleRead)]
     assert samples == [(0.0,), (3.0,)]
 
 
-def restarted(bench: Bench, monkeypatch: pytest.MonkeyPatch, folder: Path) -> Bench:
+def restarted(bench: Bench, folder: Path) -> Bench:
     bench.memory.close()
-    return Bench(monkeypatch, folder=folder)
+    return Bench(folder=folder)
 
 
 def time_of(events: list[DriverEvent]) -> int:
@@ -277,49 +359,46 @@ def time_of(events: list[DriverEvent]) -> int:
     return sample.source_time_ns
 
 
-def test_latched_message_that_the_bridge_before_had_heard_keeps_its_time(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    first = Bench(monkeypatch, folder=tmp_path)
+def test_latched_message_that_the_bridge_before_had_heard_keeps_its_time(tmp_path: Path) -> None:
+    first = Bench(folder=tmp_path)
     link = Link(Float64, latched=True)
     first.hear(link, Float64(1.0))
     heard_ns = time_of(first.hear(link, Float64(2.0)))
-    second = restarted(first, monkeypatch, tmp_path)
-    assert time_of(second.hear(Link(Float64, latched=True), Float64(2.0))) == heard_ns
-    assert time_of(second.hear(link, Float64(2.0))) > heard_ns
-    third = restarted(second, monkeypatch, tmp_path)
+    second = restarted(first, tmp_path)
+    again = Link(Float64, latched=True)
+    assert time_of(second.hear(again, Float64(2.0))) == heard_ns
+    assert time_of(second.hear(again, Float64(2.0))) > heard_ns
+    third = restarted(second, tmp_path)
     assert time_of(third.hear(Link(Float64, latched=True), Float64(3.0))) > heard_ns
     third.memory.close()
 
 
-def test_latched_message_of_a_robot_that_was_restarted_too_is_news(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    first = Bench(monkeypatch, folder=tmp_path)
+def test_latched_message_of_a_robot_that_was_restarted_too_is_news(tmp_path: Path) -> None:
+    first = Bench(folder=tmp_path)
     link = Link(Float64, latched=True)
     first.look(link)
     heard_ns = time_of(first.hear(link, Float64(2.0)))
-    second = restarted(first, monkeypatch, tmp_path)
+    second = restarted(first, tmp_path)
     again = Link(Float64, latched=True)
-    again.endpoint_id = "http://robot:2/"
+    again.uri = "http://robot:2/"
     second.look(again)
     assert time_of(second.hear(again, Float64(2.0))) > heard_ns
     second.memory.close()
 
 
-def test_latched_message_of_a_source_that_was_lost_is_news(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    first = Bench(monkeypatch, folder=tmp_path)
+def test_latched_message_of_a_source_that_was_lost_is_news(tmp_path: Path) -> None:
+    first = Bench(folder=tmp_path)
     heard_ns = time_of(first.hear(Link(Float64, latched=True), Float64(2.0)))
     for _ in range(2):
         first.look()
-    second = restarted(first, monkeypatch, tmp_path)
+    second = restarted(first, tmp_path)
     assert time_of(second.hear(Link(Float64, latched=True), Float64(2.0))) > heard_ns
     second.memory.close()
 
 
-def test_message_that_is_not_latched_is_always_news(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    first = Bench(monkeypatch, folder=tmp_path)
+def test_message_that_is_not_latched_is_always_news(tmp_path: Path) -> None:
+    first = Bench(folder=tmp_path)
     heard_ns = time_of(first.hear(Link(Float64), Float64(2.0)))
-    second = restarted(first, monkeypatch, tmp_path)
+    second = restarted(first, tmp_path)
     assert time_of(second.hear(Link(Float64), Float64(2.0))) > heard_ns
     second.memory.close()

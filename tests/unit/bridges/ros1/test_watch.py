@@ -10,6 +10,7 @@ from structlog.testing import capture_logs
 
 pytest.importorskip("rospy", reason="needs the Python that has rospy")
 
+from ua_bridges.ros1.api import Orders
 from ua_bridges.ros1.master import SystemState
 from ua_bridges.ros1.watch import Watch
 
@@ -32,10 +33,20 @@ class Master:
 
 
 async def test_watch_whose_node_cannot_be_reached_is_over() -> None:
-    node = SimpleNamespace(name="/ua_bridge", uri="", was_shut_down=False, is_reachable=True)
+    node = SimpleNamespace(name="/ua_bridge", uri="", orders=Orders(), is_reachable=True)
     nothing: Any = None
     watch = Watch(
-        1, cast("Any", node), cast("Any", Master()), nothing, asyncio.get_running_loop(), {}, [], nothing, nothing, {}
+        1,
+        cast("Any", node),
+        cast("Any", Master()),
+        nothing,
+        asyncio.get_running_loop(),
+        {},
+        [],
+        nothing,
+        nothing,
+        {},
+        nothing,
     )
     watch.start()
     with capture_logs() as logs:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Callable
 from types import SimpleNamespace
 from typing import Any, cast
 
+from ua_bridges.ros.codec import CDR_LITTLE_ENDIAN
 from ua_bridges.ros.schema import schema_from_ros2
 from ua_bridges.ros2.classes import MessageType
 from ua_bridges.ros2.graph import Publisher
@@ -68,8 +70,16 @@ class FakeNode:
         self.node = self
 
     def create_subscription(
-        self, _cls: Any, name: str, qos: Qos, callback: Callable[..., None], on_incompatible: Callable[[str], None]
+        self,
+        _cls: Any,
+        name: str,
+        qos: Qos,
+        callback: Callable[..., None],
+        on_incompatible: Callable[[str], None],
+        *,
+        raw: bool,
     ) -> object:
+        assert raw
         self.subscriptions.append((name, qos))
         self.callback, self.tell_incompatible = callback, on_incompatible
         return object()
@@ -89,10 +99,19 @@ class FakeNode:
     def as_node(self) -> Ros2Node:
         return cast("Ros2Node", self)
 
-    def say(self, data: Any, sent_ns: int, received_ns: int = 2_000_000_000_000_000_000, **more: Any) -> None:
-        """A message comes."""
+    def say(
+        self,
+        data: float,
+        sent_ns: int,
+        received_ns: int = 2_000_000_000_000_000_000,
+        stamp: tuple[int, int] | None = None,
+    ) -> None:
+        """A message comes in CDR: an Int32, a Float64, or with a stamp a Stamped."""
+        content = struct.pack("<i" if isinstance(data, int) else "<d", data)
+        if stamp is not None:
+            content = struct.pack("<iIIxxxxd", *stamp, 1, data)
         info = {"source_timestamp": sent_ns, "received_timestamp": received_ns}
-        self.callback((Message(data=data, **more), info))
+        self.callback((CDR_LITTLE_ENDIAN + content, info))
 
 
 def publisher(

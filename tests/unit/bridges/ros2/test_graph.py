@@ -1,6 +1,6 @@
 from __future__ import annotations
 
-from ua_bridges.ros2.graph import GraphWatch, Publisher, PublishersChanged, TopicIllegal
+from ua_bridges.ros2.graph import MOST_TOPICS, GraphWatch, Publisher, PublishersChanged, TopicIllegal, TopicRefused
 from ua_bridges.ros2.qos import Offer
 
 INT = "std_msgs/msg/Int32"
@@ -77,10 +77,25 @@ def test_illegal_name_is_told_once_until_it_comes_back() -> None:
     graph, watch = Graph(), GraphWatch(5)
     graph.topics = {"/ua_5_2": [A], "/ua_240_2_1": [A]}
     changes = watch.look(graph, 0.0)
-    assert [change.topic_name for change in changes] == ["/ua_5_2", "/ua_240_2_1"]
+    assert {change.topic_name for change in changes} == {"/ua_5_2", "/ua_240_2_1"}
     assert all(isinstance(change, TopicIllegal) and change.reason for change in changes)
     assert watch.look(graph, 0.1) == []
     graph.topics = {}
     watch.look(graph, 0.2)
     graph.topics = {"/ua_5_2": [A]}
     assert len(watch.look(graph, 0.3)) == 1
+
+
+def test_topics_are_bounded_told_once_and_forgotten() -> None:
+    graph, watch = Graph(), GraphWatch(5, ["/cmd_vel"])
+    graph.topics = {f"/ua_5_2_{number}": [] for number in range(1, MOST_TOPICS + 3)}
+    assert [type(change) for change in watch.look(graph, 0.0)] == [TopicRefused, TopicRefused]
+    assert watch.look(graph, 0.1) == []
+    graph.topics = {"/ua_5_2_7": []}  # the others have gone, and had no publishers
+    watch.look(graph, 0.2)
+    graph.topics["/ua_5_2_9999"] = [publisher(b"1")]
+    assert [type(change) for change in watch.look(graph, 0.3)] == [PublishersChanged]
+    watch.forget("/ua_5_2_9999")
+    assert [type(change) for change in watch.look(graph, 0.4)] == [PublishersChanged]
+    watch.look_again("/ua_5_2_9999")
+    assert [type(change) for change in watch.look(graph, 0.5)] == [PublishersChanged]

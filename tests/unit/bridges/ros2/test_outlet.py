@@ -3,7 +3,7 @@ from __future__ import annotations
 import pytest
 from ua_bridges.ros.convert import compile_writer
 from ua_bridges.ros.errors import ConversionError
-from ua_bridges.ros2.outlet import Outlet
+from ua_bridges.ros2.outlet import MOST_HELD, Outlet
 from ua_bridges.ros2.qos import MIRROR, Qos
 
 from tests.unit.bridges.ros2.fakes import FakeNode, Message, fake_type, publisher
@@ -24,7 +24,7 @@ def test_first_messages_wait_until_the_subscribers_have_matched() -> None:
     outlet, node = make(), FakeNode()
     node.there = [publisher(b"s"), publisher(b"t")]
     for number in range(3):
-        outlet.publish(FILL, (number,))
+        outlet.publish(outlet.filling(FILL), (number,))
     node.publisher.matched = 1
     assert not attend(outlet, node, 10.0)
     assert node.publisher.sent == []
@@ -36,17 +36,26 @@ def test_first_messages_wait_until_the_subscribers_have_matched() -> None:
     node.publisher.acknowledged = True
     assert attend(outlet, node, 10.015)
     assert node.publisher.sent == [0, 1, 2]
-    outlet.publish(FILL, (3,))
+    outlet.publish(outlet.filling(FILL), (3,))
     assert node.publisher.sent == [0, 1, 2, 3]
 
 
 def test_they_do_not_wait_for_ever() -> None:
     outlet, node = make(), FakeNode()
     node.there = [publisher(b"s")]
-    outlet.publish(FILL, (0,))
+    outlet.publish(outlet.filling(FILL), (0,))
     assert not attend(outlet, node, 10.0)
     assert attend(outlet, node, 11.0)
     assert node.publisher.sent == [0]
+
+
+def test_messages_that_are_not_held_any_more_are_told() -> None:
+    outlet, node = make(), FakeNode()
+    lost = [outlet.publish(outlet.filling(FILL), (number,)) for number in range(MOST_HELD + 2)]
+    assert lost == [0] * MOST_HELD + [1, 1]
+    attend(outlet, node, 1.0)
+    assert node.publisher.sent == [2]
+    assert outlet.close(node.as_node()) == MOST_HELD - 1
 
 
 def test_nobody_is_waited_for_where_nobody_can_match() -> None:
@@ -59,7 +68,7 @@ def test_nobody_is_waited_for_where_nobody_can_match() -> None:
 def test_subscriber_that_acknowledges_nothing_gets_a_moment() -> None:
     outlet, node = make(), FakeNode()
     node.there, node.publisher.matched = [publisher(b"s", reliable=False)], 1
-    outlet.publish(FILL, (0,))
+    outlet.publish(outlet.filling(FILL), (0,))
     assert not attend(outlet, node, 10.0)
     assert node.publisher.sent == []
     assert not attend(outlet, node, 10.06)
@@ -69,7 +78,7 @@ def test_subscriber_that_acknowledges_nothing_gets_a_moment() -> None:
 
 def test_node_that_has_just_come_up_waits_for_what_it_has_not_heard_of() -> None:
     outlet, node = make(), FakeNode()
-    outlet.publish(FILL, (0,))
+    outlet.publish(outlet.filling(FILL), (0,))
     assert not attend(outlet, node, 0.1)
     node.there = [publisher(b"s")]
     assert not attend(outlet, node, 1.05)
@@ -82,8 +91,9 @@ def test_node_that_has_just_come_up_waits_for_what_it_has_not_heard_of() -> None
 
 @pytest.mark.parametrize("value", ["x", 1 << 31, None])
 def test_value_that_does_not_fit_is_refused(value: object) -> None:
+    outlet = make()
     with pytest.raises(ConversionError, match="field data"):
-        make().publish(FILL, (value,))
+        outlet.publish(outlet.filling(FILL), (value,))
 
 
 def test_close_ends_the_publisher() -> None:

@@ -3,11 +3,12 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
+from ua_bridges.ros2.arrivals import Arrivals
 from ua_bridges.ros2.feed import MappedFeed, MirrorFeed
 from ua_bridges.ros2.qos import QUEUE_DEPTH, Qos
-from ua_bridges.ros2.source import RosSource
+from ua_bridges.ros2.source import GONE_S, RosSource
 
-from tests.unit.bridges.ros2.fakes import FakeNode, Message, Recorder, fake_type, publisher
+from tests.unit.bridges.ros2.fakes import FakeNode, Recorder, fake_type, publisher
 from ua_fleet.bridge.driver import SampleRead, SourceFound
 from ua_fleet.config.schema import DataSetConfig, QosConfig, ScalarType, TopicMapping
 from ua_fleet.errors import UaFleetError
@@ -36,7 +37,7 @@ def types(monkeypatch: pytest.MonkeyPatch) -> None:
 
 class Scene:
     def __init__(self, **options: Any) -> None:
-        self.node, self.inlet, self.looks = FakeNode(), Recorder(), 0
+        self.node, self.inlet, self.looks, self.now = FakeNode(), Recorder(), 0, 100.0
         feeds = options.pop("feeds", None)
         self.source = RosSource(
             f"/{TOPIC.name}",
@@ -44,6 +45,7 @@ class Scene:
             self.node.as_node(),
             self.inlet,
             self._look,
+            clock=lambda: self.now,
             **options,
         )
 
@@ -122,18 +124,32 @@ def test_message_of_a_publisher_that_has_gone_again_is_handed_on() -> None:
     scene.source.follow([])
     scene.node.say(7, T0)
     scene.source.looked()
+    assert scene.inlet.said() == ["found", "lost"]
+    scene.now += GONE_S
+    scene.source.looked()
     assert scene.inlet.said() == ["found", "lost", "found", "7", "lost"]
+
+
+def test_messages_of_a_publisher_that_no_look_finds_do_not_lose_and_find_the_source_each_time() -> None:
+    scene = Scene()
+    scene.source.follow([publisher()])
+    scene.source.follow([])
+    for number in range(100):
+        scene.now += 0.01
+        scene.node.say(number, T0 + number)
+        scene.source.looked()
+    assert scene.inlet.said() == ["found", "lost"]
+    assert scene.looks == 1
+    scene.source.follow([publisher(b"b")])
+    scene.source.looked()
+    assert scene.inlet.said() == ["found", "lost", "found", *map(str, range(100))]
 
 
 def test_time_is_the_headers_where_it_is_plausible() -> None:
     scene = Scene()
     scene.source.follow([publisher(kind="my_msgs/msg/Stamped")])
-
-    def stamped(sec: int) -> Message:
-        return Message(stamp=Message(sec=sec, nanosec=5), frame_id="")
-
-    scene.node.say(0, T0, header=stamped(1_699_999_999), value=0.0)
-    scene.node.say(0, T0 + 1, header=stamped(12), value=0.0)
+    scene.node.say(0, T0, stamp=(1_699_999_999, 5))
+    scene.node.say(0, T0 + 1, stamp=(12, 5))
     times = [event.source_time_ns for event in scene.inlet.events if isinstance(event, SampleRead)]
     assert times == [1_699_999_999_000_000_005, T0 + 1]
 
@@ -166,8 +182,8 @@ def test_publisher_with_another_type_is_announced_anew() -> None:
 def test_message_that_cannot_be_converted_is_counted_and_ends_nothing() -> None:
     scene = Scene()
     scene.source.follow([publisher()])
-    scene.node.callback((Message(), {"source_timestamp": T0, "received_timestamp": T0}))
-    scene.node.callback((Message(), {}))
+    scene.node.callback((b"\0\1\0\0\1", {"source_timestamp": T0, "received_timestamp": T0}))
+    scene.node.callback((b"\0\1\0\0\1\0\0\0", {}))
     scene.node.say(1, T0 + 1)
     assert scene.inlet.said() == ["found", "conversion:1", "conversion:1", "1"]
 
@@ -238,3 +254,64 @@ def test_rate_limit_hands_on_the_latest_when_its_turn_comes_or_the_source_goes()
     scene.node.say(3, T0 + 3)
     scene.source.follow([])
     assert scene.inlet.said()[-2:] == ["3", "lost"]
+
+
+class LateScene(Scene):
+    """A source whose messages have waited in the subscription; the clock is the test's."""
+
+    def __init__(self, max_ages: dict[Topic, float] | None = None) -> None:
+        super().__init__()
+        self.now_ns = T0
+        arrivals = Arrivals(self.inlet, 2.0, lambda: self.now_ns, max_ages)
+        self.source = RosSource(
+            f"/{TOPIC.name}", [MirrorFeed(TOPIC, arrivals)], self.node.as_node(), arrivals, self._look
+        )
+        self.source.follow([publisher()])
+
+    def say(self, value: int, received_s: float) -> None:
+        self.node.say(value, T0 + value, int(T0 + received_s * 1e9))
+
+
+def test_sample_tells_how_long_it_has_waited_in_the_subscription() -> None:
+    scene = LateScene()
+    scene.now_ns += 1_500_000_000
+    scene.say(1, 0.0)
+    scene.say(2, 1.4999)
+    waited = [event.waited_s for event in scene.inlet.events if isinstance(event, SampleRead)]
+    assert waited == [1.5, 0.0]
+
+
+def test_message_that_has_waited_too_long_goes_where_a_newer_one_comes() -> None:
+    scene = LateScene()
+    scene.now_ns += 10_000_000_000
+    for value in range(5):
+        scene.say(value, 1.0 + value / 10)
+    scene.say(5, 9.9)
+    assert scene.inlet.said() == ["found", *["too_old:1"] * 5, "5"]
+    scene.source.looked()
+    assert scene.inlet.said()[-1] == "5"
+
+
+def test_the_last_message_comes_through_however_old_it_is() -> None:
+    scene = LateScene()
+    scene.now_ns += 10_000_000_000
+    scene.say(1, 0.0)
+    scene.say(2, 0.0)
+    assert scene.inlet.said() == ["found", "too_old:1"]
+    assert scene.source.is_waiting
+    scene.source.looked()
+    assert scene.inlet.said() == ["found", "too_old:1", "2"]
+    assert not scene.source.is_waiting
+
+
+def test_a_source_s_own_maximum_age_counts_where_it_is_shorter() -> None:
+    scene = LateScene({TOPIC: 0.5})
+    scene.now_ns += 1_000_000_000
+    scene.say(1, 0.4)
+    scene.say(2, 0.6)
+    assert scene.inlet.said() == ["found", "too_old:1", "2"]
+    longer = LateScene({TOPIC: 60.0})
+    longer.now_ns += 3_000_000_000
+    longer.say(1, 0.9)
+    longer.say(2, 1.1)
+    assert longer.inlet.said() == ["found", "too_old:1", "2"]

@@ -45,6 +45,7 @@ robots:
             done: "OK {reached}"
             failed: "ERR {message}"
             halt: "stopj()\\n"
+            halted: "STOPPED"
       home: {id: 32, via: {direct: {command: "home()\\n"}}}
 """
 

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 from ua_bridges.tcp.config import TcpBridgeConfig, TcpSink, TcpSkillMapping, TcpSource
-from ua_bridges.tcp.direct import DirectSession
+from ua_bridges.tcp.direct import MOST_LINES, DirectSession
 
 from tests.unit.bridges.tcp.tcp_fleet import fleet
 from ua_fleet.bridge.configured import configured_sinks, configured_skills, configured_sources
@@ -22,7 +22,7 @@ from ua_fleet.bridge.driver import (
     SourceLost,
 )
 from ua_fleet.counters import Drop
-from ua_fleet.errors import RobotOffline, SkillRejected
+from ua_fleet.errors import RobotBusy, RobotOffline, SkillRejected
 from ua_fleet.topics import Topic
 from ua_fleet.values import BuiltinType, StatusCode, Variant
 
@@ -42,6 +42,7 @@ class Robot:
         self.told: list[DriverEvent] = []
         self.sent: list[bytes] = []
         self.resets: list[str] = []
+        self.offences: list[str] = []
         self.now = 0.0
         self.takes = True
         self.skills = {skill.name: skill for skill in configured_skills(config, "cell", TcpSkillMapping)}
@@ -52,6 +53,7 @@ class Robot:
             self.told.append,
             self._write,
             self._reset,
+            self._misbehaves,
             self.now,
         )
         if connected:
@@ -66,6 +68,10 @@ class Robot:
 
     def _reset(self, why: str) -> None:
         self.resets.append(why)
+        self.session.lost(self.now)
+
+    def _misbehaves(self, why: str) -> None:
+        self.offences.append(why)
         self.session.lost(self.now)
 
     def after(self, seconds: float) -> None:
@@ -146,7 +152,7 @@ def test_a_halt_that_could_not_be_sent_is_told() -> None:
 def test_one_answer_is_awaited_at_a_time() -> None:
     robot = Robot()
     robot.execute("move", 0.5, "left")
-    with pytest.raises(SkillRejected, match=r"has not answered arm\.move yet"):
+    with pytest.raises(RobotBusy, match=r"has not answered arm\.move yet"):
         robot.execute("move", 0.5, "left", execution_id=OTHER)
     robot.says("OK 0.5\n")
     robot.execute("move", 0.5, "left", execution_id=OTHER)
@@ -165,7 +171,8 @@ def test_a_late_answer_is_nobody_elses() -> None:
     robot = Robot()
     robot.execute("move", 0.5, "left")
     robot.after(10.0)
-    assert robot.facts(ExecutionEnded)[0].status == StatusCode.BAD_TIMEOUT
+    (ended,) = robot.facts(ExecutionEnded)
+    assert (ended.status, ended.message) == (StatusCode.BAD_TIMEOUT, "it took longer than 10 s; it was told to stop")
     assert b"stopj()\n" in robot.sent
     assert "may still come" in robot.resets[0]
 
@@ -178,9 +185,11 @@ def test_with_a_number_the_connection_stays() -> None:
     assert robot.facts(ExecutionEnded) == []
     assert robot.drops(Drop.UNASKED) == 1
     robot.session.halt(execution, robot.now)
+    robot.after(5.0)
+    assert len(robot.facts(ExecutionForgotten)) == 1
     assert robot.resets == []
     robot.says(f"OK {number} 0.4\n")
-    assert [ended.status for ended in robot.facts(ExecutionEnded)] == [StatusCode.BAD_REQUEST_CANCELLED_BY_CLIENT]
+    assert robot.facts(ExecutionEnded) == []
 
 
 def test_a_lost_connection_leaves_it_unknown() -> None:
@@ -195,7 +204,7 @@ def test_a_lost_connection_leaves_it_unknown() -> None:
 def test_what_is_begun_before_the_robot_is_there_waits_for_it() -> None:
     robot = Robot(connected=False)
     robot.execute("move", 0.5, "left")
-    with pytest.raises(SkillRejected):
+    with pytest.raises(RobotBusy):
         robot.execute("home", execution_id=OTHER)
     robot.session.connected(1.0)
     assert robot.sent[0] == b'movej(0.5, "left")\n'
@@ -210,11 +219,48 @@ def test_but_not_for_long() -> None:
         robot.execute("home")
 
 
-def test_halting() -> None:
+@pytest.mark.parametrize(
+    ("said", "status", "message"),
+    [
+        ("STOPPED\n", StatusCode.BAD_REQUEST_CANCELLED_BY_CLIENT, "it was halted"),
+        ("ERR in its way\n", StatusCode.BAD_REQUEST_CANCELLED_BY_CLIENT, "in its way"),
+        ("OK 0.5\n", 0, ""),
+    ],
+)
+def test_halting(said: str, status: int, message: str) -> None:
     robot = Robot()
     robot.session.halt(robot.execute("move", 0.5, "left"), robot.now)
     assert robot.sent[-1] == b"stopj()\n"
-    assert robot.facts(ExecutionEnded)[0].status == StatusCode.BAD_REQUEST_CANCELLED_BY_CLIENT
+    robot.after(4.0)
+    assert robot.facts(ExecutionEnded) == [], "bytes that were sent have stopped nothing yet"
+    robot.says(said)
+    (ended,) = robot.facts(ExecutionEnded)
+    assert (ended.status, ended.message) == (status, message)
+    assert robot.resets == []
+
+
+def test_what_the_robot_says_of_a_halt_that_nobody_asked_for_is_no_answer() -> None:
+    robot = Robot()
+    robot.execute("move", 0.5, "left")
+    robot.says("STOPPED\n")
+    assert robot.facts(ExecutionEnded) == []
+
+
+def test_a_robot_that_says_nothing_of_its_halt_is_not_halted() -> None:
+    robot = Robot()
+    execution = robot.execute("move", 0.5, "left")
+    robot.session.halt(execution, robot.now)
+    robot.after(2.0)
+    robot.session.halt(execution, robot.now)
+    assert robot.sent.count(b"stopj()\n") == 2
+    robot.after(3.0)
+    assert robot.facts(ExecutionEnded) == []
+    (forgotten,) = robot.facts(ExecutionForgotten)
+    assert "nobody has seen that it stands" in forgotten.message
+    assert "may still come" in robot.resets[0]
+
+
+def test_what_was_not_sent_yet_is_halted_at_once() -> None:
     waiting = Robot(connected=False)
     waiting.session.halt(waiting.execute("move", 0.5, "left"), 0.0)
     assert waiting.sent == []
@@ -251,5 +297,16 @@ def test_values_for_the_robot() -> None:
 def test_a_line_without_end_ends_the_connection() -> None:
     robot = Robot()
     robot.says("x" * 5000)
-    assert len(robot.resets) == 1
+    assert len(robot.offences) == 1
     assert robot.drops(Drop.MALFORMED) == 1
+
+
+def test_of_a_flood_of_lines_the_latest_are_looked_at_and_the_answer() -> None:
+    robot = Robot()
+    robot.execute("move", 0.5, "left")
+    robot.session.received(b"OK 0.49\n" + b"COUNT 1\n" * 5000 + b"COUNT 2\n", robot.now, 5)
+    assert [sample.values for sample in robot.facts(SampleRead)] == [(1,)] * (MOST_LINES - 1) + [(2,)]
+    assert [ended.values for ended in robot.facts(ExecutionEnded)] == [(0.49,)]
+    assert (
+        Dropped(Drop.RATE_LIMITED, 5001 - MOST_LINES, "the robot says more lines than can be looked at") in robot.told
+    )

@@ -49,6 +49,7 @@ class Robot:
         self.told: list[DriverEvent] = []
         self.sent: list[bytes] = []
         self.resets: list[str] = []
+        self.offences: list[str] = []
         self.now = 0.0
         self.takes = True
         sources = configured_sources(self.config, "cell", TcpSource, TcpSource())
@@ -59,6 +60,7 @@ class Robot:
             self.told.append,
             self._write,
             self._reset,
+            self._misbehaves,
             self.now,
         )
         skills = configured_skills(self.config, "cell", TcpSkillMapping)
@@ -73,6 +75,10 @@ class Robot:
 
     def _reset(self, why: str) -> None:
         self.resets.append(why)
+        self.session.lost(self.now)
+
+    def _misbehaves(self, why: str) -> None:
+        self.offences.append(why)
         self.session.lost(self.now)
 
     def after(self, seconds: float) -> None:
@@ -126,6 +132,7 @@ def test_a_skill_from_the_command_to_its_results() -> None:
         (("failed", "1", "stuck"), StatusCode.BAD_UNEXPECTED_ERROR, "stuck"),
         (("failed", "0"), StatusCode.BAD_UNEXPECTED_ERROR, "the robot says so"),
         (("refused", "1", "no tool"), StatusCode.BAD_REQUEST_NOT_ALLOWED, "no tool"),
+        (("busy", "0"), StatusCode.BAD_TOO_MANY_OPERATIONS, "the robot is at another"),
         (("halted", "0"), StatusCode.BAD_REQUEST_CANCELLED_BY_CLIENT, "it was halted"),
         (("done", "1", "weld"), StatusCode.UNCERTAIN, "its result seconds is not known: it is missing"),
         (("done", "2", "weld", "x"), StatusCode.UNCERTAIN, "its result seconds is not known"),
@@ -169,7 +176,8 @@ def test_one_that_takes_too_long_is_stopped() -> None:
     robot.says("status", "running", str(NUMBER), "0")
     robot.reads()
     robot.after(10.0)
-    assert robot.facts(ExecutionEnded)[0].status == StatusCode.BAD_TIMEOUT
+    (ended,) = robot.facts(ExecutionEnded)
+    assert (ended.status, ended.message) == (StatusCode.BAD_TIMEOUT, "it took longer than 10 s; it was told to stop")
     assert robot.reads() == [["halt", "work", str(NUMBER), "0"]]
 
 
@@ -302,7 +310,7 @@ def test_the_server_informs_the_robot() -> None:
 def test_rubbish_ends_the_connection(said: bytes) -> None:
     robot = Robot()
     robot.session.received(said, robot.now, 5)
-    assert len(robot.resets) == 1
+    assert len(robot.offences) == 1
     assert robot.drops(Drop.MALFORMED) == 1
 
 
@@ -311,9 +319,9 @@ def test_a_program_that_stops_within_a_message_is_left(said: bytes) -> None:
     robot = Robot()
     robot.session.received(said, robot.now, 5)
     robot.after(1.9)
-    assert robot.resets == []
+    assert robot.offences == []
     robot.after(0.1)
-    assert "in the middle of a message" in robot.resets[0]
+    assert "in the middle of a message" in robot.offences[0]
     robot.session.connected(robot.now)
     robot.says("information", "position", "0", "2", "1", "2")
     assert robot.facts(SampleRead)[-1].values == (1.0, 2.0)

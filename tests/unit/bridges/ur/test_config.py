@@ -124,6 +124,9 @@ def test_example_is_valid() -> None:
         ("robots/ur5/skills/play/via/dashboard/text", "program", "takes no text"),
         ("robots/ur5/skills/play/via/dashboard/command", "stop", "has no end"),
         ("robots/ur5/skills/play/via/dashboard/command", "fly", "command"),
+        ("robots/ur5/skills/play/via/dashboard/end_register", 18, "the bridge's own"),
+        ("robots/ur5/skills/play/via/dashboard/end_register", 11, "end_register"),
+        ("robots/ur5/skills/load/via/dashboard/end_register", 13, "nobody waits for the end"),
         ("robots/ur5/skills/slow/via/set/value", 2.0, "not within 0 to 1"),
         ("robots/ur5/skills/grip/arguments/close/type", "Double", "is a Double"),
         ("robots/other", {"bridge": "arm"}, "has a robot already"),
@@ -145,7 +148,7 @@ def test_mistake_is_told_with_its_line(path: str, value: Any, said: str) -> None
 
 def test_own_data_and_that_of_other_spaces_have_outputs() -> None:
     text = changed("bridges/arm/mirrors/rover.wanted", {"output": "input_double_register[19]"})
-    found = {topic.name: (output.name, output.place) for topic, output in sinks_of(load(text), "arm").items()}
+    found = {topic.name: (output.name, output.place) for topic, (_, output) in sinks_of(load(text), "arm").items()}
     assert found == {
         "ua_0_2_15": ("speed_slider", None),
         "ua_301_2_91": ("input_double_register", 18),

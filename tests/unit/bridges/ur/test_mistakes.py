@@ -14,10 +14,10 @@ from typing import Any
 import pytest
 from structlog.testing import capture_logs
 from ua_bridges.ur import watching
+from ua_bridges.ur.dashboard_tasks import DashboardTask
 from ua_bridges.ur.driver import UrDriver
 from ua_bridges.ur.library.child import ChildFailed, LibraryChild
 from ua_bridges.ur.link import CommandLink
-from ua_bridges.ur.tasks import DashboardTask
 from ua_bridges.ur.telemetry import Telemetry
 
 from tests.contract.harness import Recorder

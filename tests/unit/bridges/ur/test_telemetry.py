@@ -8,12 +8,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from ua_bridges.ur.modes import RobotMode, RuntimeState, SafetyMode
 from ua_bridges.ur.outputs import find_output
-from ua_bridges.ur.state import ControllerClock, State, fault_of
+from ua_bridges.ur.state import ControllerClock, State, remark_of, stop_of
 from ua_bridges.ur.telemetry import Source, Telemetry
 from ua_bridges.ur.variables import VARIABLES, Kind, read_path
+from ua_bridges.ur.watching import Faults
 
 from tests.contract.harness import Recorder
-from ua_fleet.bridge import Dropped
+from ua_fleet.bridge import Dropped, SourceRead
 from ua_fleet.counters import Drop
 from ua_fleet.pubsub.metadata import make_field
 from ua_fleet.topics import Topic
@@ -38,11 +39,11 @@ def state(time: float, **values: Any) -> State:
     return State(time, round(time * SECOND), {**VALUES, **values})
 
 
-def source(path: str, rate: float, *, only_changes: bool = False, number: int = 11) -> Source:
+def source(path: str, rate: float, *, only_changes: bool = False, is_aging: bool = False, number: int = 11) -> Source:
     reading = read_path(path)
     assert reading is not None
     fields = (make_field(path, BuiltinType.DOUBLE, array=reading.is_array),)
-    return Source(Topic(300, 2, number), f"arm.{path}", fields, (reading,), rate, only_changes)
+    return Source(Topic(300, 2, number), f"arm.{path}", fields, (reading,), rate, only_changes, is_aging)
 
 
 @pytest.mark.parametrize(
@@ -112,6 +113,16 @@ def test_only_changes_are_told_and_each_at_once() -> None:
     assert recorder.samples(topic)[1].source_time_ns == pytest.approx(0.2 * SECOND)
 
 
+def test_each_reading_of_a_source_with_a_maximum_age_counts() -> None:
+    recorder, topic = Recorder(), Topic(300, 2, 11)
+    sources = (source("robot_mode_text", 10.0, only_changes=True, is_aging=True),)
+    telemetry = Telemetry(sources, 500.0, recorder.put)
+    for cycle in range(500):
+        telemetry.sampled(state(cycle * 0.002), 0)
+    assert [sample.values for sample in recorder.samples(topic)] == [("RUNNING",)]
+    assert sum(isinstance(event, SourceRead) for event in recorder.events) == 9, "ten times a second, as it is sent"
+
+
 def test_lost_sources_are_found_again_also_when_the_controllers_clock_began_anew() -> None:
     recorder, topic = Recorder(), Topic(300, 2, 11)
     telemetry = Telemetry((source("actual_q", 10.0),), 500.0, recorder.put)
@@ -151,14 +162,37 @@ def test_clock_begins_anew_with_the_controller() -> None:
     assert clock.unix_ns(1.0, 6000 * SECOND) == 6000 * SECOND
 
 
-def test_faults_have_their_reason() -> None:
-    assert fault_of(state(1.0), "", True) == ""
-    assert fault_of(state(1.0), "", None) == ""
-    assert fault_of(None, "the cable", None) == "connection lost: the cable"
-    assert fault_of(state(1.0), "", False).startswith("remote control is off")
+def test_stops_have_their_reason_and_what_says_nothing_of_standing_is_none() -> None:
     for mode in SafetyMode:
-        assert bool(fault_of(state(1.0, safety_mode=int(mode)), "", None)) is not mode.may_move
-    assert fault_of(state(1.0, safety_mode=99), "", None) == "the safety system says nothing"
+        is_stop = not (mode.may_move or mode is SafetyMode.UNDEFINED)
+        assert bool(stop_of(state(1.0, safety_mode=int(mode)))) is is_stop
+    odd = state(1.0, safety_mode=99)
+    assert (stop_of(odd), remark_of(odd, None)) == ("", "the safety system says nothing; see the teach pendant")
+    assert remark_of(state(1.0), True) == remark_of(state(1.0), None) == ""
+    assert remark_of(state(1.0), False).startswith("remote control is off")
+
+
+def test_only_a_stop_is_announced_once_the_arm_stands_and_a_lost_link_is_silence() -> None:
+    topic, recorder = Topic(300, 2, 20), Recorder()
+    faults = Faults((topic,), "arm.fault", recorder.put)
+    moving = [0.0, 0.5, 0.0, 0.0, 0.0, 0.0]
+    stop = int(SafetyMode.ROBOT_EMERGENCY_STOP)
+
+    def said() -> list[str]:
+        return [sample.values[0] for sample in recorder.samples(topic)]
+
+    faults.seen(state(1.0, actual_qd=moving))
+    faults.seen(state(1.1, safety_mode=int(SafetyMode.UNDEFINED)))
+    faults.seen(state(1.2, safety_mode=stop, actual_qd=moving))
+    assert said() == [""]
+    faults.seen(state(1.3, safety_mode=stop))
+    faults.seen(state(1.4, safety_mode=stop, actual_qd=moving))
+    assert [text[:14] for text in said()] == ["", "emergency stop"]
+    faults.lost()
+    faults.lost()
+    assert (len(said()), recorder.lost(topic)) == (2, 1)
+    faults.seen(state(1.5))
+    assert (said()[2:], len(recorder.found(topic))) == ([""], 2)
 
 
 def test_modes_that_a_newer_controller_may_have_are_no_crash() -> None:

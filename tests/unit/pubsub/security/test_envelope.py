@@ -34,7 +34,9 @@ from ua_fleet.pubsub.security.envelope import Envelope
 from ua_fleet.pubsub.security.groups import MOST_KEYLESS
 from ua_fleet.pubsub.security.keyring import GroupKeys
 from ua_fleet.pubsub.security.nonces import MemoryNonces, NoncesUnavailable
+from ua_fleet.pubsub.security.refused import Refused
 from ua_fleet.wire import MessageKey, SecurityMode, SecurityPolicy, payload_offset, read_security
+from ua_fleet.wire.chunks import split
 from ua_fleet.wire.messages import NetworkMessage
 from ua_fleet.wire.security import MOST_ADDED_BYTES
 
@@ -291,7 +293,7 @@ def test_publishers_that_are_no_space_have_no_group(kind: int) -> None:
 
 
 def test_publishers_that_are_heard_are_wanted_but_not_without_bound() -> None:
-    opening = envelope(0, "t-1")
+    opening = envelope(0, "t-1", asks_for_all=True)
     for space in range(2, 3000):
         plain = data(publisher_id=space)
         assert refusal(opening, plain) is Drop.NOT_SECURED
@@ -302,6 +304,45 @@ def test_publishers_that_are_heard_are_wanted_but_not_without_bound() -> None:
     assert wanted[-1] == "t-2999"
     opening.install("t-2999", group_keys(seed="new"), 0.0)
     assert opening.open(protected(data(publisher_id=2999), key_data(1, "new")), 0.0) is not None
+
+
+def test_publishers_that_nobody_configured_make_nobody_ask_for_keys() -> None:
+    """Anybody can write any PublisherId: what the key service is asked for stands in fleet.yaml."""
+    opening = envelope(0, "t-1")
+    for space in range(2, 3000):
+        assert refusal(opening, protected(data(publisher_id=space), key_data(1))) is Drop.UNKNOWN_TOKEN
+        assert refusal(opening, announcement(space)) is Drop.NOT_SECURED
+    assert opening.groups_wanted() == ["t-0", "t-1"]
+    with pytest.raises(Refused, match="no publisher of fleet"):
+        opening.open(protected(data(publisher_id=7), key_data(1)), 0.0)
+
+
+def test_no_message_of_an_insider_keeps_the_publisher_out() -> None:
+    """Whoever reads a publisher has its keys, and can write its nonces."""
+    honest, opening = sender(), reader()
+    assert opening.open(one(honest.seal(PLAIN, 0.0)), 0.0) == PLAIN
+    for number in (1 << 30, 0xFFFF_FFFF, 70_000, 1 << 20, 3 << 30):
+        forged = protected(PLAIN, key_data(1, "0t-1"), number=number)
+        assert opening.open(forged, 0.0) == PLAIN
+        for _ in range(3):
+            assert opening.open(one(honest.seal(PLAIN, 0.0)), 0.0) == PLAIN
+        assert refusal(opening, forged) is Drop.REPLAYED
+
+
+def test_probes_in_chunks_do_not_destroy_the_messages_of_others() -> None:
+    honest, counters = sender(max_datagram_bytes=1400), Counters()
+    opening = reader(counters=counters)
+    large = data("x" * 40_000)
+    whole = 0
+    for _ in range(20):
+        chunks = honest.seal(large, 0.0)
+        for number, chunk in enumerate(chunks):
+            for fake in range(3):
+                probe_chunk = split(probe() + bytes(60_000), 1400, (number * 3 + fake) & 0xFFFF)[0]
+                assert refusal(opening, probe_chunk) is Drop.NOT_SECURED
+            whole += opening.open(chunk, 0.0) == large
+    assert whole == 20
+    assert counters.drops[Drop.CHUNK_LOST] == 0
 
 
 @pytest.mark.parametrize("name", ["", "t-", "x-1", "t-01", "t-65536", "t--1", "c-1 ", "t-1\n"])

@@ -8,13 +8,13 @@ import pytest
 
 from ua_fleet.pubsub.security.nonces import (
     BLOCK,
+    LAST_NUMBER,
     MARGIN,
     MemoryNonces,
     NonceSequence,
     NoncesUnavailable,
     nonce_prefix,
 )
-from ua_fleet.pubsub.security.replay import LAST_NUMBER
 
 PREFIX = nonce_prefix(0x0203, 0xBEEF)
 

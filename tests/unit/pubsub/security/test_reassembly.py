@@ -13,7 +13,13 @@ from hypothesis import strategies as st
 from tests.unit.pubsub.security.securing import data
 from ua_fleet.counters import Counters, Drop
 from ua_fleet.errors import RemoteWireError
-from ua_fleet.pubsub.security.reassembly import CHUNK_TIMEOUT_S, LEAST_CHUNK_BYTES, MOST_MESSAGES, Reassembly
+from ua_fleet.pubsub.security.reassembly import (
+    CHUNK_TIMEOUT_S,
+    FULL_SENDERS,
+    LEAST_CHUNK_BYTES,
+    MOST_MESSAGES,
+    Reassembly,
+)
 from ua_fleet.wire import Cause, Chunk, read_chunk, split
 
 MAX = 65_536
@@ -94,7 +100,7 @@ def changed(chunk: Chunk, **changes: object) -> Chunk:
 
 
 CONTRADICTIONS: dict[str, tuple[Cause, Callable[[list[Chunk]], Chunk]]] = {
-    "reaches into the next": (Cause.CHUNK_OVERLAPS, lambda c: changed(c[1], data=c[1].data + b"z")),
+    "reaches into the next": (Cause.CHUNK_OVERLAPS, lambda c: changed(c[1], data=bytes(c[1].data) + b"z")),
     "begins in the one before": (Cause.CHUNK_OVERLAPS, lambda c: changed(c[1], offset=c[1].offset - 1)),
     "covers others": (Cause.CHUNK_OVERLAPS, lambda c: changed(c[0], data=b"z" * 3000)),
     "other data": (Cause.CHUNK_OVERLAPS, lambda c: changed(c[0], data=b"z" * len(c[0].data))),
@@ -193,7 +199,7 @@ def test_memory_under_chunks_that_never_end() -> None:
             chunk = changed(
                 head,
                 message_sequence_number=random.randrange(0x10000) if i % 2 else random.randrange(5),
-                publisher_id=random.randrange(3),
+                publisher_id=random.randrange(30),
                 offset=random.randrange(bound - size),
                 total_size=bound,
                 data=random.randbytes(size),
@@ -205,5 +211,22 @@ def test_memory_under_chunks_that_never_end() -> None:
         peak = tracemalloc.get_traced_memory()[1] - before
     finally:
         tracemalloc.stop()
-    assert peak < 2 * bound
-    assert joining.lost > 1000
+    assert peak < (FULL_SENDERS + 1) * bound
+    assert joining.lost > 100
+
+
+@pytest.mark.parametrize("forged", [1, 7])
+def test_who_never_ends_his_messages_takes_nobody_else_s_place(forged: int) -> None:
+    """An honest sender's large message comes between 10 MB of others' chunks, each of another message."""
+    joining = Joining()
+    plain = data("h" * 60_000)
+    whole: list[bytes] = []
+    for number, part in enumerate(chunks(plain, 2_000)):
+        for other in range(20):
+            flood = changed(
+                chunks(data("f" * 40_000), 30_000, 20 * number + other)[0], publisher_id=100 + (number + other) % forged
+            )
+            joining.add([flood])
+        whole += joining.add([part])
+        assert joining.reassembly.held_bytes <= FULL_SENDERS * (MAX + LEAST_CHUNK_BYTES)
+    assert whole == [plain]

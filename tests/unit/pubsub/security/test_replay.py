@@ -1,7 +1,8 @@
-"""Each number once, never an old one, also where numbers roll over."""
+"""Each number once, and nobody kept out by what another has sent."""
 
 from __future__ import annotations
 
+import tracemalloc
 from collections import Counter
 from random import Random
 
@@ -9,10 +10,12 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from ua_fleet.pubsub.security.replay import LAST_NUMBER, MOST_WINDOWS, WINDOW, ReplayWindow, ReplayWindows
+from ua_fleet.pubsub.security.nonces import BLOCK
+from ua_fleet.pubsub.security.replay import FEW, MOST_PAGES, MOST_WINDOWS, PAGE, ReplayWindow, ReplayWindows
 
 TOP = 1 << 32
 STEP = 1 << 30
+NUMBERS = st.one_of(st.integers(0, 300_000), st.integers(0, TOP - 1), st.integers(0, TOP // PAGE - 1).map(PAGE.__mul__))
 
 CASES: dict[str, tuple[bool, list[tuple[int, bool]]]] = {
     # is_unused, then numbers with whether they are taken; the first one always is.
@@ -21,19 +24,14 @@ CASES: dict[str, tuple[bool, list[tuple[int, bool]]]] = {
     "out of order": (False, [(1, True), (3, True), (2, True), (2, False), (3, False)]),
     "older than the first one, of a key in use": (False, [(7, True), (6, False), (8, True), (6, False)]),
     "older than the first one, of an unused key": (True, [(7, True), (6, True), (6, False), (1, True)]),
-    "the last one in the window": (False, [(1, True), (1025, True), (2, True), (1, False)]),
-    "one that has left the window": (False, [(1, True), (2, True), (2000, True), (976, False), (977, True)]),
-    "a block later, after a restart": (False, [(1, True), (65_537, True), (2, False), (65_538, True)]),
-    "the farthest that is newer": (False, [(1, True), (1 + STEP, True)]),
-    "one farther is invalid": (False, [(1, True), (2 + STEP, False), (2, True)]),
-    "half the way round is invalid": (False, [(1, True), (1 + TOP // 2, False)]),
-    "old": (False, [(5_000_000, True), (5_000_001, True), (1_000_000, False)]),
-    "over the top": (False, [(TOP - 1, True), (0, True), (1, True), (0, False), (TOP - 1, False)]),
-    "over the top, out of order": (False, [(TOP - 2, True), (1, True), (TOP - 1, True), (0, True), (TOP - 1, False)]),
-    "over the top, an old one": (False, [(TOP - 2, True), (2, True), (TOP - 3, False), (TOP - 4000, False)]),
-    "0 at first": (False, [(0, True), (0, False), (1, True), (TOP - 1, False)]),
-    "0 at first, of an unused key": (True, [(0, True), (0, False), (TOP - 1, True), (TOP - 1, False)]),
-    "the same slot": (False, [(5, True), (5 + WINDOW, True), (5, False), (5 + WINDOW, False)]),
+    "a jump, and what was before it": (False, [(1, True), (1 + STEP, True), (2, True), (1 + STEP, False), (2, False)]),
+    "a jump at first, of an unused key": (True, [(STEP, True), (1, True), (2, True)]),
+    "a block later, after a restart": (False, [(1, True), (65_537, True), (2, True), (65_538, True), (65_537, False)]),
+    "after a network that was away for long": (False, [(1, True), (3 << 30, True), ((3 << 30) + 1, True)]),
+    "the highest ones, and 0": (True, [(TOP - 1, True), (0, True), (1, True), (0, False), (TOP - 1, False)]),
+    "0 at first": (False, [(0, True), (0, False), (1, True)]),
+    "the same place of another page": (False, [(5, True), (5 + PAGE, True), (5, False), (5 + PAGE, False)]),
+    "the edges of a page": (True, [(PAGE, True), (PAGE + 1, True), (1, True), (PAGE, False), (PAGE + 1, False)]),
 }
 
 
@@ -43,52 +41,113 @@ def test_window(is_unused: bool, steps: list[tuple[int, bool]]) -> None:
     assert [(number, windows.take(0, number)) for number, _ in steps] == steps
 
 
-def test_a_window_that_has_walked_too_far_takes_nothing_newer() -> None:
-    """Beyond, the first numbers would look newer again."""
-    window = ReplayWindow(1, is_unused=False)
-    assert [window.take(1 + STEP), window.take(1 + 2 * STEP), window.take(1 + 3 * STEP)] == [True] * 3
-    assert not window.take(2 + 3 * STEP)
-    assert window.take(3 * STEP), "what is in the window may still come"
-    assert not window.take(1), "the first number again"
-    assert 3 * STEP == LAST_NUMBER
-
-
 @settings(max_examples=300)
+@given(first=NUMBERS, is_unused=st.booleans(), numbers=st.lists(NUMBERS, max_size=200))
+@example(first=1, is_unused=True, numbers=[PAGE * page for page in range(40)] * 2)
+def test_each_number_is_taken_once_and_of_a_key_in_use_none_before_the_first(
+    first: int, is_unused: bool, numbers: list[int]
+) -> None:
+    windows = ReplayWindows(is_unused=is_unused)
+    taken = Counter(number for number in [first, *numbers, *numbers, first] if windows.take(0, number))
+    assert max(taken.values()) == 1
+    assert is_unused or min(taken) == first
+
+
+@settings(max_examples=200)
 @given(
-    first=st.integers(0, TOP - 1),
     is_unused=st.booleans(),
-    steps=st.lists(
-        st.one_of(st.integers(-3000, 3000), st.integers(-TOP, TOP), st.sampled_from([STEP, STEP + 1, -STEP, STEP - 1]))
+    acts=st.lists(
+        st.one_of(
+            st.tuples(st.just("send"), st.integers(1, 20)),
+            st.tuples(st.just("lost"), st.integers(1, 200_000)),
+            st.tuples(st.just("restart"), st.integers(1, 3)),
+            st.tuples(st.just("insider"), st.lists(NUMBERS, max_size=MOST_PAGES - 1)),
+        ),
+        max_size=60,
     ),
 )
-@example(first=0, is_unused=True, steps=[STEP, STEP, STEP, STEP, 1])
-def test_each_number_is_taken_once_and_never_an_old_one(first: int, is_unused: bool, steps: list[int]) -> None:
-    window = ReplayWindow(first, is_unused=is_unused)
-    taken = Counter([first])
-    highest = number = first
-    walked = 0
-    for step in steps:
-        number = (number + step) % TOP
-        ahead = (number - highest) % TOP
-        if window.take(number):
-            taken[number] += 1
-            if ahead <= STEP:
-                highest, walked = number, walked + ahead
-            else:
-                assert TOP - ahead < WINDOW, "older than the window"
-                assert is_unused or TOP - ahead <= walked, "older than the first one heard"
-    assert max(taken.values()) == 1
-    assert walked <= LAST_NUMBER
+def test_no_accepted_message_keeps_the_honest_ones_out(
+    is_unused: bool, acts: list[tuple[str, int | list[int]]]
+) -> None:
+    """The sender goes on from block to block, a restart jumps to the next; whatever an insider writes in between."""
+    windows, taken, number = ReplayWindows(is_unused=is_unused), {1}, 1
+    assert windows.take(0, 1)
+    for act, how in acts:
+        if act == "send":
+            assert isinstance(how, int)
+            for _ in range(how):
+                number += 1
+                assert windows.take(0, number) is (number not in taken), number
+                assert not windows.take(0, number)
+                taken.add(number)
+        elif act == "insider":
+            assert isinstance(how, list)
+            for forged in how:
+                if windows.take(0, forged):
+                    assert forged not in taken
+                    taken.add(forged)
+        else:
+            assert isinstance(how, int)
+            number = number + how if act == "lost" else ((number - 1) // BLOCK + how) * BLOCK + how
+            number = max(number, 1)
+
+
+def test_a_page_that_was_written_ahead_is_open_when_its_sender_comes_to_it() -> None:
+    windows = ReplayWindows(is_unused=True)
+    ahead = 40 * PAGE + 5
+    assert windows.take(0, ahead)
+    for page in range(40):  # a restart each
+        assert windows.take(0, page * PAGE + 1)
+    assert not windows.take(0, ahead)
+    assert windows.take(0, 40 * PAGE + 1)
+    assert all(windows.take(0, 40 * PAGE + number) for number in range(6, 1_000))
+
+
+def test_numbers_that_are_spread_over_pages_without_end_take_no_memory_without_end() -> None:
+    windows = ReplayWindows(is_unused=True)
+    taken = [page * PAGE + 1 for page in range(6_000)]
+    assert all(windows.take(0, number) for number in taken)
+    assert not any(windows.take(0, number) for number in taken)
 
 
 @settings(max_examples=50)
-@given(start=st.integers(0, TOP - 1), count=st.integers(1, 300), random=st.randoms(use_true_random=False))
-def test_whatever_a_network_reorders_within_the_window_arrives(start: int, count: int, random: Random) -> None:
-    numbers = [(start + i) % TOP for i in range(count)]
+@given(start=st.integers(1, TOP - 400), count=st.integers(1, 300), random=st.randoms(use_true_random=False))
+def test_whatever_a_network_reorders_arrives(start: int, count: int, random: Random) -> None:
+    numbers = list(range(start, start + count))
     tail = numbers[1:] * 2
     random.shuffle(tail)
-    window = ReplayWindow(start, is_unused=False)
+    window = ReplayWindow(start)
+    assert window.take(start)
     assert Counter(number for number in tail if window.take(number)) == Counter(numbers[1:])
+
+
+def test_a_page_that_was_closed_takes_nothing_again() -> None:
+    window = ReplayWindow()
+    assert all(window.take(number) for number in range(1, FEW + 2))
+    firsts = [page * PAGE + 1 for page in range(MOST_PAGES + 1)]
+    assert all(window.take(number) for number in firsts[1:])
+    assert not window.take(1)
+    assert not window.take(FEW + 2), "what was taken of it is not known any more"
+    assert window.take(firsts[1] + 1), "the others are open"
+
+
+def test_the_page_in_use_is_not_the_one_that_is_closed() -> None:
+    window = ReplayWindow()
+    for number in range(1, 2000):
+        assert window.take(number)
+        assert window.take(number * 500_000 + 200_000), "an insider with a page of its own for each message"
+
+
+def test_a_window_stays_small_whatever_is_sent() -> None:
+    tracemalloc.start()
+    try:
+        window = ReplayWindow()
+        for number in range(0, TOP, PAGE):
+            window.take(number)
+        size, _ = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert size < 200_000
 
 
 def test_senders_have_windows_of_their_own_and_not_too_many() -> None:

@@ -67,7 +67,7 @@ class Hall:
         self.offers.follow(ROBOT)
 
     def ask(self, execution_id: bytes = ONE) -> None:
-        self.offers.request(FIX, "mechanic", ("belt",), 5, execution_id)
+        self.offers.request(FIX, "mechanic", "fix", {"what": "belt"}, 5, execution_id)
 
     def taken(self, execution_id: bytes = ONE) -> None:
         self.offers.offer("s1", "anna", FIX)
@@ -217,14 +217,14 @@ def test_a_client_cannot_be_suspended(hall: Hall) -> None:
 def test_limits_and_arguments_are_kept(hall: Hall) -> None:
     hall.taken()
     with pytest.raises(SkillRejected, match="fix: "):
-        hall.offers.request(FIX, "mechanic", (object(),), 5, TWO)
+        hall.offers.request(FIX, "mechanic", "fix", {"what": object()}, 5, TWO)
     hall.ask(TWO)
     hall.ask(THREE)
     with pytest.raises(SkillRejected, match=r"3 executions of mechanic\.fix are under way") as caught:
         hall.ask(FOUR)
     assert caught.value.ua_status == StatusCode.BAD_TOO_MANY_OPERATIONS
     with pytest.raises(SkillRejected, match="no skill that clients do"):
-        hall.offers.request(Topic(0, 2, 5), "x", (), 5, FOUR)
+        hall.offers.request(Topic(0, 2, 5), "x", "y", {}, 5, FOUR)
 
 
 def test_a_restart_ends_what_was_under_way(hall: Hall) -> None:

@@ -11,6 +11,8 @@ from ua_fleet.config.resilience_schema import ModeName
 from ua_fleet.errors import StorageUnavailable
 from ua_fleet.orchestrator import DecisionChanged
 from ua_fleet.resilience import Aborted
+from ua_fleet.scenario.consequences import SETTLE_S
+from ua_fleet.values import BuiltinType
 
 
 def test_a_run_that_cannot_be_written_down_is_none(tmp_path: Path) -> None:
@@ -75,7 +77,8 @@ def test_a_decision_ends_with_its_run(tmp_path: Path) -> None:
     operator = CONFIG.resilience.model_copy(update={"mode": ModeName.OPERATOR})
     world = World(tmp_path, config=CONFIG.model_copy(update={"resilience": operator}))
     run_id = world.start()
-    world.service.raise_fault("left", "stuck")
+    world.value(1300, "stuck", BuiltinType.STRING)
+    world.pass_time(SETTLE_S)
     assert world.service.open_decisions == 1
     world.service.abort(run_id, "", "anna")
     world.pass_time(20.0)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import pytest
@@ -72,6 +73,15 @@ def test_names_that_mean_nothing_or_too_much_have_no_value(values: FleetValues, 
         values.look_up(name)
 
 
+def test_what_is_not_a_number_is_not_known(values: FleetValues) -> None:
+    """`battery < 20` would be false and end a fault, and `not battery < 20` would be true."""
+    values.take(NodeId(2, 1001), math.nan, 0)
+    with pytest.raises(ValueUnknown, match="its robot says NaN"):
+        values.look_up("ur3.battery")
+    values.take(NodeId(2, 1001), math.inf, 0)
+    assert values.look_up("ur3.battery") == math.inf
+
+
 def test_a_bad_value_is_not_known(values: FleetValues) -> None:
     with pytest.raises(ValueUnknown, match="BadWaitingForInitialData"):
         values.look_up("ur3.battery")
@@ -131,6 +141,14 @@ def test_robots_come_and_go(values: FleetValues) -> None:
     assert values.look_up("rover.battery") == 10.0
     with pytest.raises(ValueUnknown):
         values.look_up("battery")
+
+
+def test_a_value_that_nothing_says_is_of_now_is_not_known(values: FleetValues) -> None:
+    values.take(NodeId(2, 1001), 3.0, int(StatusCode.UNCERTAIN_NO_COMMUNICATION_LAST_USABLE_VALUE))
+    with pytest.raises(ValueUnknown, match="too old"):
+        values.look_up("ur3.battery")
+    values.take(NodeId(2, 1001), 3.0, 0)
+    assert values.look_up("ur3.battery") == 3.0
 
 
 def test_the_last_value_of_what_rests_is_not_known() -> None:

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from ua_fleet.config.nodes import fleet_model
 from ua_fleet.config.schema import FleetConfig
 from ua_fleet.errors import SkillRejected, StorageUnavailable
+from ua_fleet.fleet.capacities import Capacities
 from ua_fleet.fleet.changes import ValueChanged
 from ua_fleet.fleet.model import RobotState
+from ua_fleet.monitoring import Mistakes
 from ua_fleet.orchestrator import FaultChanged, Output, RunChanged
 from ua_fleet.pubsub.events import DataReceived
 from ua_fleet.scenario.facts import RunEnded
@@ -62,20 +64,26 @@ class Robots:
     def __init__(self) -> None:
         self.asked: list[tuple[str, tuple[Any, ...], bytes]] = []
         self.halted: list[str] = []
+        self.inquired: list[bytes] = []
         self.known: dict[bytes, Outcome | None] = {}
         self.refusal: Exception | None = None
 
-    def request(self, topic: Topic, robot: str, values: tuple[Any, ...], timeout_s: float, execution_id: bytes) -> None:
+    def request(
+        self, topic: Topic, robot: str, skill: str, arguments: Mapping[str, Any], timeout_s: float, execution_id: bytes
+    ) -> None:
         if self.refusal is not None:
             raise self.refusal
         assert topic.space == 2
         assert timeout_s == 5
-        self.asked.append((robot, values, execution_id))
+        self.asked.append((robot, tuple(arguments.values()), execution_id))
         self.known[execution_id] = None
 
     def halt(self, topic: Topic, robot: str, execution_id: bytes) -> None:
         self.halted.append(robot)
         raise SkillRejected("it cannot stop")
+
+    def inquire(self, execution_id: bytes) -> None:
+        self.inquired.append(execution_id)
 
     def known_outcome(self, execution_id: bytes) -> Outcome | None:
         return self.known[execution_id]
@@ -84,10 +92,10 @@ class Robots:
 class FailingJournal(RunJournal):
     fails = False
 
-    def write(self, facts: Any, faults: Any = ()) -> None:
+    def write(self, facts: Any, faults: Any = (), halts: Any = ()) -> None:
         if self.fails:
             raise StorageUnavailable("the disk is full")
-        super().write(facts, faults)
+        super().write(facts, faults, halts)
 
 
 class World:
@@ -103,9 +111,14 @@ class World:
         self.journal = FailingJournal(folder / "runs.db")
         self.said: list[Output] = []
         self.now = 100.0
+        self.mistakes = Mistakes()
+        self.faulted: dict[str, bool] = {}
+        """Whether the faults of robots take away all that they can do, as it was told last."""
+        model = fleet_model(config)
+        self.capacities = Capacities(model.robots)
         self.service = ScenarioService(
             config,
-            fleet_model(config),
+            model,
             self.journal,
             self.robots,
             folder=folder,
@@ -115,6 +128,9 @@ class World:
             sooner=lambda: None,
             clock=lambda: self.now,
             wall_s=lambda: self.now,
+            capacities=self.capacities,
+            mistakes=self.mistakes,
+            faulted=self.faulted.__setitem__,
         )
         self.records = self.service.restore()
         self.service.go_on()
@@ -126,6 +142,8 @@ class World:
 
     def value(self, key: int | str, value: object, kind: BuiltinType = BuiltinType.DOUBLE, status: int = 0) -> None:
         self.service.value_changed(ValueChanged(NodeId(2, key), int(kind), value, status, 1, False))
+        if isinstance(key, str) or key >= 1300:
+            self.service.take_news()
 
     def hear(self, status_id: int, *executions: ExecutionStatus) -> None:
         """A robot's SkillStatus."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+from collections.abc import Mapping
 from typing import Any
 
 import pytest
@@ -45,10 +46,12 @@ class Bench:
     def get_node(self, nodeid: Any) -> Any:
         return nodeid
 
-    def request(self, topic: Topic, robot: str, values: tuple[Any, ...], timeout_s: float, execution_id: bytes) -> None:
+    def request(
+        self, topic: Topic, robot: str, skill: str, arguments: Mapping[str, Any], timeout_s: float, execution_id: bytes
+    ) -> None:
         if self.error is not None:
             raise self.error
-        self.asked.append((topic, robot, values, timeout_s, execution_id))
+        self.asked.append((topic, robot, tuple(arguments.values()), timeout_s, execution_id))
 
     def halt(self, topic: Topic, robot: str, execution_id: bytes) -> None:
         assert (topic, robot) == (Topic(2, 2, 1500), "arm")

@@ -19,6 +19,7 @@ from ua_fleet.values import BuiltinType, StatusCode
 FIRST, SECOND = bytes(15) + b"\1", bytes(15) + b"\2"
 S = ExecutionState
 NO_COMMUNICATION = int(StatusCode.BAD_NO_COMMUNICATION)
+UNATTESTED = int(StatusCode.UNCERTAIN_NO_COMMUNICATION_LAST_USABLE_VALUE)
 T = Transition
 
 
@@ -43,8 +44,15 @@ def told(changes: Sequence[SkillChange]) -> list[tuple[Transition, bytes, bool]]
     ]
 
 
-def test_a_request_runs_is_accepted_goes_on_and_ends_with_its_results() -> None:
+def heard() -> SkillTracker:
+    """A tracker whose robot has said that nothing was asked of it."""
     tracker = SkillTracker(model())
+    tracker.apply(said(), 5)
+    return tracker
+
+
+def test_a_request_runs_is_accepted_goes_on_and_ends_with_its_results() -> None:
+    tracker = heard()
     began = tracker.requested(TURN, FIRST, 10)
     assert told(began) == [(T.READY_TO_RUNNING, FIRST, False)]
     assert shown(began)["CurrentState"] == ("Running", 0)
@@ -70,6 +78,13 @@ def test_a_request_runs_is_accepted_goes_on_and_ends_with_its_results() -> None:
     assert tracker.apply(said(status(FIRST, S.RUNNING), timestamp=20), 15) == []
 
 
+def test_what_was_asked_of_a_robot_that_was_never_heard_is_shown_and_not_good() -> None:
+    tracker = SkillTracker(model())
+    assert shown(tracker.requested(TURN, FIRST, 10))["CurrentState"] == ("Running", UNATTESTED)
+    assert tracker.concluded(FIRST, Outcome(OutcomeKind.ACCEPTED, Report(S.RUNNING)), 11) == []
+    assert shown(tracker.apply(said(status(FIRST, S.RUNNING)), 12))["CurrentState"] == ("Running", 0)
+
+
 def test_a_request_that_is_made_again_after_a_restart_changes_nothing() -> None:
     tracker = SkillTracker(model())
     tracker.apply(said(status(FIRST, S.DONE)), 10)
@@ -78,11 +93,12 @@ def test_a_request_that_is_made_again_after_a_restart_changes_nothing() -> None:
 
 
 def test_an_immediate_skill_brings_its_results_in_the_answer() -> None:
-    tracker = SkillTracker(model())
+    tracker = heard()
     tracker.requested(TURN, FIRST, 10)
-    packed = pack((int(BuiltinType.DOUBLE), int(BuiltinType.UINT16)), (1.5, 2))
-    ended = tracker.concluded(FIRST, Outcome(OutcomeKind.ACCEPTED, Report(S.DONE, result=packed)), 11)
-    assert shown(ended)["Result.reached"] == (1.5, 0)
+    packed = pack((int(BuiltinType.UINT16), int(BuiltinType.DOUBLE)), (2, 1.5))
+    names = ("count", "reached")  # the bridge has them in another order than the server's fleet.yaml
+    ended = tracker.concluded(FIRST, Outcome(OutcomeKind.ACCEPTED, Report(S.DONE, result=packed), names), 11)
+    assert (shown(ended)["Result.reached"], shown(ended)["Result.count"]) == ((1.5, 0), (2, 0))
     assert told(ended) == [(T.RUNNING_TO_READY, FIRST, True)]
     repeated = tracker.apply(said(status(FIRST, S.DONE)), 12)
     assert (shown(repeated), told(repeated)) == ({}, [])
@@ -98,7 +114,7 @@ def test_an_immediate_skill_brings_its_results_in_the_answer() -> None:
     ],
 )
 def test_other_outcomes_end_an_execution(kind: OutcomeKind, report: Report, move: Transition, state: str) -> None:
-    tracker = SkillTracker(model())
+    tracker = heard()
     tracker.requested(TURN, FIRST, 10)
     ended = tracker.concluded(FIRST, Outcome(kind, report), 11)
     assert told(ended) == [(move, FIRST, True)]

@@ -4,8 +4,8 @@
 `fetch` is a skill of this program (`ua_bridges.robot`). `go` is the action server `move_base` that such robots have,
 and `load` a service of the arm; both are mapped in `fleet.yaml`, and know nothing of a fleet.
 
-On the way to UR3 the drive fails, each time: the robot says so, and stands still until a mechanic has been there, who
-tells it on the topic `/repaired`.
+On the way to UR3 the drive fails, each time: the robot says that it is not mobile any more, and stands still; its arm
+works on. Some time after the arm has loaded the box the drive turns again, so that the nine tasks can be run once more.
 """
 
 from __future__ import annotations
@@ -22,6 +22,8 @@ FETCH_ID, GO_ID, FAULT_ID = 1010, 1011, 1001
 GRASP_S, PLACE_S, LOAD_S = 5.0, 3.0, 10.0
 GIVE_UP_S = 600.0
 """So long move_base tries to drive on before it gives up by itself."""
+RESET_S = 60.0
+"""After loading, until the drive turns again."""
 
 
 class Ridgeback:
@@ -33,7 +35,6 @@ class Ridgeback:
         self._robot = node.robot(space, fault_id=FAULT_ID)
         self._robot.skill(FETCH_ID)(self.fetch)
         node.serve("/sawyer/load", self._load)
-        node.subscribe("/repaired", "std_msgs/Bool", self._mechanic, latched=False)
 
     def fetch(self, execution: Any, table: str, to: str) -> dict[str, float]:
         """Drive to a table, take the box, and bring it somewhere."""
@@ -54,13 +55,16 @@ class Ridgeback:
         self._base.drive(to, canceled, share=0.5)
         if not canceled.is_set():
             report("ridgeback", "stands still: its drive does not turn")
-            self._robot.fault("the drive does not turn")
+            self._robot.fault("mobile: the drive does not turn")
         canceled.wait(GIVE_UP_S)
         return False
 
     def _load(self) -> str:
         report("ridgeback", "begins load")
         self._node.wait(LOAD_S / self._speed)
+        reset = threading.Timer(RESET_S / self._speed, self._robot.repaired)
+        reset.daemon = True
+        reset.start()
         return "the box is on the platform"
 
     def offer_move_base(self) -> None:
@@ -101,11 +105,6 @@ class Ridgeback:
                 raise RuntimeError("the drive does not turn")
 
         self._robot.skill(GO_ID)(go)
-
-    def _mechanic(self, message: Any) -> None:
-        """A mechanic has been there, who says so by the panel of this robot: a node of the server, in `fleet.yaml`."""
-        if message.data:
-            self._robot.repaired()
 
 
 def main() -> None:

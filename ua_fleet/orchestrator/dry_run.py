@@ -1,19 +1,25 @@
-"""What a run would come to if every robot did at once what it is asked: the engine itself, in virtual time.
+"""What a run would come to if every robot did at once what it is asked: the orchestrator itself, in virtual time.
 
 given values   robots' values (`ur3.temperature`) and results of tasks (`fetch.weight`); results that are not given
-               are 0, false or empty
+               are 0, false or empty, and values that are not given those of now
+robots         have no faults and nothing else to do; who gets a task is found as in a run; what was begun first ends
+               first
 events         happen as soon as they are waited for
 time           passes at once, so that waits and timeouts are seen with their times
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections import deque
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Final
 
-from ua_fleet.scenario.effects import Effect, Happened, OpenDecision, StartTask, WantRobot
-from ua_fleet.scenario.expression import Value, ValueUnknown
+from ua_fleet.orchestrator.candidates import ResilienceSettings
+from ua_fleet.orchestrator.orchestrator import Orchestrator
+from ua_fleet.orchestrator.outputs import Output, RunChanged, TaskStarted
+from ua_fleet.resilience import Mode
+from ua_fleet.scenario import FleetView, Lookup, Scenario, Value, ValueUnknown
 from ua_fleet.scenario.facts import (
     BranchTaken,
     EventSeen,
@@ -27,15 +33,14 @@ from ua_fleet.scenario.facts import (
     TaskOutcome,
     TaskOver,
 )
-from ua_fleet.scenario.model import Scenario
-from ua_fleet.scenario.run import Run
-from ua_fleet.scenario.validate import FleetView
 from ua_fleet.values import BuiltinType
 
 __all__ = ["MOST_MOMENTS", "DryRun", "Moment", "dry_run"]
 
 MOST_MOMENTS: Final = 10_000
 """A run that comes to more is cut off: it may never end."""
+
+_RUN: Final = "dry-run"
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,85 +66,89 @@ class DryRun:
 def dry_run(
     scenario: Scenario,
     fleet: FleetView,
+    settings: ResilienceSettings,
     parameters: Mapping[str, Value] | None = None,
     values: Mapping[str, Value] | None = None,
+    *,
+    lookup: Lookup | None = None,
 ) -> DryRun:
     """Run a validated scenario without robots.
+
+    Args:
+        scenario: which.
+        fleet: the robots.
+        settings: how a robot is found for a task that any may do.
+        parameters: of the scenario.
+        values: of robots, and results of tasks.
+        lookup: values of robots that are not given; None: they are not known.
 
     Raises:
         ScenarioError: a parameter that is missing, unknown, of another kind or out of its range.
     """
-    return _Rehearsal(scenario, fleet, parameters or {}, values or {}).result()
+    return _Rehearsal(fleet, settings, values or {}, lookup).of(scenario, parameters or {})
 
 
 class _Rehearsal:
     def __init__(
-        self, scenario: Scenario, fleet: FleetView, parameters: Mapping[str, Value], values: Mapping[str, Value]
+        self, fleet: FleetView, settings: ResilienceSettings, values: Mapping[str, Value], lookup: Lookup | None
     ) -> None:
-        self._fleet, self._values = fleet, values
+        self._fleet, self._values, self._now_known = fleet, values, lookup
         self._timeline: list[Moment] = []
         self._outcome: RunOutcome | None = None
         self._reason = ""
         self._now = 0.0
         self._facts = 0
-        self._run = Run.create("dry-run", scenario, parameters, self._count, by="dry run", now=0.0)
+        self._begun: deque[TaskStarted] = deque()
+        nobody_is_asked = replace(settings, mode=Mode.AUTOMATIC)
+        self._orchestrator = Orchestrator(nobody_is_asked, fleet, self._lookup, self._count)
 
-    def result(self) -> DryRun:
-        self._take(self._run.poll(self._lookup, self._now))
+    def of(self, scenario: Scenario, parameters: Mapping[str, Value]) -> DryRun:
+        """Rehearse a scenario."""
+        orchestrator = self._orchestrator
+        self._take(orchestrator.start(_RUN, scenario, parameters, by="dry run", now=self._now))
         while self._outcome is None and self._facts <= MOST_MOMENTS:
-            waiting = sorted(set(self._run.state.waiting_for_events.values()))
-            deadline = self._run.next_deadline()
+            if self._begun:
+                self._do(self._begun.popleft())
+                continue
+            waiting = sorted(set(orchestrator.runs[_RUN].state.waiting_for_events.values()))
+            deadline = orchestrator.next_deadline()
             if waiting:
-                self._take(self._run.event(waiting[0], self._now))
+                self._take(orchestrator.event(waiting[0], self._now))
             elif deadline is not None:
                 self._now = max(self._now, deadline)
             else:
                 self._reason = "it would wait for ever: for a condition on values that do not change here"
                 break
-            self._take(self._run.poll(self._lookup, self._now))
+            self._take(orchestrator.poll(self._now))
         if self._outcome is None and not self._reason:
             self._reason = f"it was cut off after {MOST_MOMENTS} steps: it may never end"
         return DryRun(self._outcome, self._reason, tuple(self._timeline))
 
-    def _count(self, fact: Fact) -> None:
-        del fact
+    def _count(self, run_id: str, fact: Fact) -> None:
+        del run_id, fact
         self._facts += 1
 
     def _lookup(self, name: str) -> Value:
         value = self._values.get(name)
-        if value is None:
-            raise ValueUnknown(f"no value is given for {name}")
-        return value
+        if value is not None:
+            return value
+        if self._now_known is not None:
+            return self._now_known(name)
+        raise ValueUnknown(f"no value is given for {name}")
 
-    def _take(self, effects: list[Effect]) -> None:
-        """Carry out what is asked for; a loop, since each answer asks for more."""
-        waiting = list(effects)
-        while waiting and self._facts <= MOST_MOMENTS:
-            effect = waiting.pop(0)
-            match effect:
-                case Happened(fact=fact):
-                    self._tell(fact)
-                case WantRobot():
-                    waiting += self._grant(effect)
-                case StartTask():
-                    results = self._results(effect)
-                    waiting += self._run.accepted(effect.execution_id, self._now)
-                    waiting += self._run.ended(effect.execution_id, TaskOutcome.DONE, self._now, results=results)
-                case OpenDecision():
-                    waiting += self._run.not_replaced(effect.step, effect.reason, self._now)
-                case _:
-                    pass
+    def _do(self, task: TaskStarted) -> None:
+        self._take(self._orchestrator.accepted(task.execution_id, self._now))
+        done = self._orchestrator.ended(task.execution_id, TaskOutcome.DONE, self._now, results=self._results(task))
+        self._take(done)
 
-    def _grant(self, wanted: WantRobot) -> list[Effect]:
-        robot = wanted.robot
-        if robot is None:
-            able = self._fleet.able(wanted.skill, wanted.capacities)
-            if not able:
-                return self._run.nobody(wanted.step, f"no robot can do {wanted.skill}", self._now)
-            robot = able[0].name
-        return self._run.granted(wanted.step, robot, self._now, self._fleet.declared(robot, wanted.skill))
+    def _take(self, outputs: Sequence[Output]) -> None:
+        for output in outputs:
+            if isinstance(output, TaskStarted):
+                self._begun.append(output)
+            elif isinstance(output, RunChanged):
+                self._tell(output.fact)
 
-    def _results(self, task: StartTask) -> dict[str, Value]:
+    def _results(self, task: TaskStarted) -> dict[str, Value]:
         skill = self._fleet.declared(task.robot, task.skill)
         declared = skill.results if skill is not None else ()
         return {

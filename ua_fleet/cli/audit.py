@@ -1,0 +1,82 @@
+"""`ua-fleet audit`: the server's audit log."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from ua_fleet.cli.endings import EXIT_FAILED, UsageError
+from ua_fleet.cli.options import DEFAULT_CONFIG, Config, Json, state_folder
+from ua_fleet.cli.output import message, print_json, print_line
+
+if TYPE_CHECKING:
+    from ua_fleet.server.audit.chain import Link
+    from ua_fleet.server.audit.verification import Report
+
+__all__ = ["VERIFY_EXAMPLES", "verify"]
+
+VERIFY_EXAMPLES = (
+    "ua-fleet audit verify",
+    "ua-fleet audit verify --anchor 1842:9f3a5b27c04d",
+    "ua-fleet audit verify --file /backup/audit.log --json",
+)
+MIN_DIGITS = 8
+"""Of an anchor's hash."""
+
+
+def _anchor(text: str) -> Link:
+    from ua_fleet.server.audit.chain import Link
+
+    number, _, digest = text.partition(":")
+    digest = digest.lower()
+    if not number.isdecimal() or len(digest) < MIN_DIGITS or set(digest) - set("0123456789abcdef"):
+        raise UsageError(f"{text!r} is no anchor; write NUMBER:HASH, as `ua-fleet audit verify` printed it")
+    return Link(int(number), digest)
+
+
+def verify(
+    anchor: Annotated[
+        list[str] | None,
+        typer.Option(metavar="NUMBER:HASH", help="A line that has to be there; what an earlier verify printed."),
+    ] = None,
+    file: Annotated[
+        Path | None, typer.Option(help="The newest file of a log that was copied away, in place of the server's.")
+    ] = None,
+    config: Config = DEFAULT_CONFIG,
+    as_json: Json = False,
+) -> None:
+    """Check the audit log: that no line was changed, removed or inserted since the server wrote it.
+
+    Prints the last line's number and hash. Note them elsewhere: given as an anchor later, they show also a log that was
+    made anew as a whole. Ends with 1 where something is wrong, and names the line.
+    """
+    from ua_fleet.server.audit.log import LOG_FILE
+    from ua_fleet.server.audit.verification import verify as verify_log
+
+    anchors = [_anchor(text) for text in anchor or []]
+    path = file if file is not None else state_folder(config)[1] / LOG_FILE
+    report = verify_log(path, anchors)
+    if as_json:
+        print_json({**asdict(report), "whole": report.whole})
+    else:
+        _print(path, report)
+    if not report.whole:
+        raise typer.Exit(EXIT_FAILED)
+
+
+def _print(path: Path, report: Report) -> None:
+    for problem in report.problems:
+        place = "".join((problem.file, f":{problem.line}" if problem.line else ""))
+        print_line(f"{path.parent / place if place else path}: {problem.text}")
+    if report.more_problems:
+        print_line(f"and {report.more_problems} more")
+    for note in report.notes:
+        message(note)
+    if report.unchained:
+        message(f"{report.unchained} lines of an older version are not chained, and not checked")
+    if report.whole:
+        what = f"{report.lines} lines in {report.files} files, none changed, none missing"
+        print_line(f"{what}; last: {report.last.seq}:{report.last.digest}")

@@ -1,0 +1,102 @@
+"""Who could do a task of a run: what the task needs and holds, and the ranking of those who are there."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Mapping
+
+from ua_fleet.orchestrator.candidates import TaskToDo, rank_robots
+from ua_fleet.orchestrator.knowledge import Knowledge
+from ua_fleet.orchestrator.outputs import Forecast
+from ua_fleet.resilience import Ranking
+from ua_fleet.scenario import Lookup, Run, Value
+from ua_fleet.scenario.effects import OpenDecision, WantRobot
+from ua_fleet.scenario.expression import Expression
+from ua_fleet.scenario.model import Task
+from ua_fleet.scenario.parameters import known_arguments
+
+__all__ = ["Choosing"]
+
+
+class Choosing:
+    """Looks at runs and robots as they are; changes nothing."""
+
+    def __init__(self, known: Knowledge, runs: Mapping[str, Run], lookup: Lookup) -> None:
+        """Make one.
+
+        Args:
+            known: the robots.
+            runs: those that are under way, by their ids.
+            lookup: values of robots.
+        """
+        self._known, self._runs, self._lookup = known, runs, lookup
+
+    def wanted(self, run_id: str, wanted: WantRobot) -> TaskToDo:
+        """A task that waits for whichever robot can do it."""
+        run = self._runs[run_id]
+        excluded = run.state.tasks[wanted.step].excluded
+        return TaskToDo(run.task(wanted.step), wanted.capacities, self._arguments(run_id, wanted.step), "", excluded)
+
+    def asked(self, run_id: str, asked: OpenDecision, *, is_unknown: bool) -> TaskToDo:
+        """A task that somebody has to take over; `is_unknown`: nobody knows what its robot is at."""
+        run = self._runs[run_id]
+        task, excluded = run.task(asked.step), run.state.tasks[asked.step].excluded
+        needs = self._needs(asked.skill, asked.robot, asked.capacities)
+        if is_unknown:
+            excluded = {**excluded, asked.robot: "may still be at it"}
+        is_back = not is_unknown and self._known.unfit(asked.robot, needs) is None
+        return TaskToDo(task, needs, self._arguments(run_id, asked.step), asked.robot, excluded, is_back)
+
+    def runs_with(self, robot: str) -> list[str]:
+        """Ids of the runs in which a robot has tasks ahead."""
+        return [run_id for run_id, run in self._runs.items() if any(wanted == robot for wanted, _ in run.ahead())]
+
+    def forecasts(self, robot: str) -> tuple[int, Iterator[Forecast]]:
+        """How many tasks a robot has ahead, and who would take over each of them, found one by one.
+
+        What changes meanwhile is seen in those that follow; the tasks are those that there were.
+        """
+        counts: Counter[str | None] = Counter()
+        ahead: list[tuple[Run, Task]] = []
+        for run in self._runs.values():
+            for wanted, task in run.ahead():
+                counts[wanted] += 1
+                if wanted == robot:
+                    ahead.append((run, task))
+
+        def found() -> Iterator[Forecast]:
+            for run, task in ahead:
+                arguments = known_arguments(task, run.look_up)
+                todo = TaskToDo(task, self._needs(task.skill, robot, task.capacities), arguments, robot)
+                yield Forecast(run.state.run_id, task.name, self._ranked(todo, counts))
+
+        return len(ahead), found()
+
+    def ranked(self, todo: TaskToDo) -> Ranking:
+        """The ranking now."""
+        return self._ranked(todo, self._count_ahead())
+
+    def _ranked(self, todo: TaskToDo, ahead: Counter[str | None]) -> Ranking:
+        return rank_robots(
+            todo,
+            self._known.fleet,
+            self._known.settings,
+            unfit=self._known.unfit,
+            tasks_ahead=ahead.__getitem__,
+            lookup=self._lookup,
+        )
+
+    def _arguments(self, run_id: str, step: str) -> Mapping[str, Value]:
+        """As they were written; what is computed as a task was begun with it, or would be now."""
+        run = self._runs[run_id]
+        task, begun = run.task(step), run.state.tasks[step].arguments
+        computed = {name for name, value in task.arguments.items() if isinstance(value, Expression)}
+        return known_arguments(task, run.look_up) | {name: begun[name] for name in computed & begun.keys()}
+
+    def _needs(self, skill: str, robot: str, capacities: tuple[str, ...]) -> tuple[str, ...]:
+        """The capacities that a task needs: those that it names, and those that the skill needs on its robot."""
+        return tuple(dict.fromkeys((*capacities, *self._known.fleet.needs(robot, skill))))
+
+    def _count_ahead(self) -> Counter[str | None]:
+        """How many tasks of all runs each robot has ahead."""
+        return Counter(robot for run in self._runs.values() for robot, _ in run.ahead())

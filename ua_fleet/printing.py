@@ -1,0 +1,37 @@
+"""What strangers said, on its way to a person: on a terminal, in a log, in a table.
+
+Names, subjects of certificates, texts of robots and of servers are chosen by whoever sends them. Among their characters
+may be those that a terminal obeys (C0 and C1 controls), that end a line and forge the next one, or that turn the
+direction of writing, so that a line reads otherwise than it is.
+"""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+__all__ = ["harmless", "harmless_json", "harmless_lines"]
+
+
+def harmless(text: str) -> str:
+    r"""A text as one line that does nothing but be read.
+
+    Each character that is not printable by Unicode (controls, line ends, marks of direction, what is not assigned, lone
+    surrogates) is shown as its escape, e.g. `\n`, `\x9b`, `\u202e`.
+    """
+    if text.isprintable():
+        return text
+    return "".join([char if char.isprintable() else char.encode("unicode_escape").decode("ascii") for char in text])
+
+
+def harmless_lines(text: str) -> str:
+    """The same for what has several lines of our own making, such as a traceback: they stay lines."""
+    return "\n".join(map(harmless, text.split("\n")))
+
+
+def harmless_json(value: Any) -> str:
+    """A value as JSON on one line; what is not printable is escaped as JSON does it (RFC 8259 section 7)."""
+    text = json.dumps(value, ensure_ascii=False)
+    if text.isprintable():
+        return text
+    return "".join([char if char.isprintable() else json.dumps(char)[1:-1] for char in text])

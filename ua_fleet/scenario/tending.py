@@ -1,0 +1,199 @@
+"""What becomes of a task by what is known of its robot now: a fault, silence, too much time.
+
+Nothing here is told: the robots are looked at each time a run goes on, so that no order of news counts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from typing import Final, Protocol
+
+from ua_fleet.scenario.asking import cancel
+from ua_fleet.scenario.consequences import HALT_S, LEAST_SILENCE_S, SETTLE_S, TELL_S
+from ua_fleet.scenario.expression import Value
+from ua_fleet.scenario.facts import Fact, TaskHalting, TaskOutcome
+from ua_fleet.scenario.model import Task
+from ua_fleet.scenario.state import RunState, TaskPhase, TaskRun
+from ua_fleet.scenario.walk import Moment
+from ua_fleet.scenario.world import World
+
+__all__ = ["Tended", "Tending"]
+
+_UNCERTAIN: Final = (TaskPhase.ASKED, TaskPhase.LOST)
+_BEGUN: Final = (TaskPhase.ASSIGNED, TaskPhase.ACCEPTED, TaskPhase.HALTING, *_UNCERTAIN)
+
+
+class Tended(Protocol):
+    """What a run can do for one of its tasks."""
+
+    state: RunState
+
+    def robot_for(self, task: Task, task_run: TaskRun | None) -> str | None:
+        """Who is to do a task."""
+        ...
+
+    def over(
+        self,
+        step: str,
+        task_run: TaskRun,
+        outcome: TaskOutcome,
+        message: str,
+        results: Mapping[str, Value],
+        moment: Moment,
+    ) -> None:
+        """An attempt has ended."""
+        ...
+
+    def replace(self, step: str, robot: str, reason: str, moment: Moment) -> None:
+        """Look for another robot for a task that waits."""
+        ...
+
+    def ask(self, step: str, moment: Moment) -> None:
+        """Ask for what a task waits for, also once more."""
+        ...
+
+    def note(self, fact: Fact, moment: Moment) -> None:
+        """Journal and apply a fact."""
+        ...
+
+
+class Tending:
+    """Holds the tasks of a run against the world."""
+
+    def __init__(self, world: World, run: Tended) -> None:
+        """Look after the tasks of a run."""
+        self._world, self._run = world, run
+        self._held: set[str] = set()
+        """Tasks that have their robot, and wait until it is heard."""
+        self._taken_back: set[str] = set()
+        """Executions of which nobody knows, and whose robots have a fault."""
+        self._heard_since: dict[str, float] = {}
+        """Since when the robots of executions are heard again of which nobody knows."""
+        self._standing_since: dict[str, float] = {}
+        """Since when robots are heard, and known to stand, whose last word on executions is waited for."""
+
+    def held(self, step: str) -> None:
+        """A task has its robot, which is silent."""
+        self._held.add(step)
+
+    def is_away(self, robot: str, needs: Collection[str] = ()) -> bool:
+        """Whether a robot cannot be asked now for what needs some capacities; without them: for anything at all."""
+        return self._world.silent_since(robot) is not None or self._world.trouble(robot, needs) is not None
+
+    def is_tended(self, step: str, task: Task, task_run: TaskRun, moment: Moment) -> bool:
+        """Do what follows from what is known; whether that was something, so that the task need not be asked for."""
+        if task_run.phase is TaskPhase.WANTED:
+            return not self._run.state.paused and self._is_wanted_tended(step, task, task_run, moment)
+        if task_run.phase in _BEGUN:
+            self._tend_begun(step, task, task_run, moment)
+        return True
+
+    def _is_wanted_tended(self, step: str, task: Task, task_run: TaskRun, moment: Moment) -> bool:
+        robot = self._run.robot_for(task, task_run)
+        if robot is None:
+            return False  # whoever has the robots finds one
+        if (trouble := self._world.trouble(robot, self._world.needs(robot, task))) is not None:
+            self._run.replace(step, robot, trouble.reason, moment)
+            return True
+        since = self._world.silent_since(robot)
+        if since is None:
+            if step in self._held:
+                self._held.discard(step)
+                self._run.ask(step, moment)
+                return True
+            return False
+        until = since + self._world.silence_s
+        if moment.now < until:
+            moment.deadlines.append(until)
+            return False
+        self._held.discard(step)
+        self._run.replace(step, robot, self._silent(robot), moment)
+        return True
+
+    def _tend_begun(self, step: str, task: Task, task_run: TaskRun, moment: Moment) -> None:
+        robot, phase = task_run.robot, task_run.phase
+        trouble = self._world.trouble(robot, self._world.needs(robot, task))
+        since = self._world.silent_since(robot)
+        if trouble is not None and trouble.stands:
+            self._tend_standing(step, task_run, since, trouble.reason, moment)
+        elif phase is TaskPhase.HALTING:
+            self._tend_halting(step, task_run, since, moment)
+        elif phase in _UNCERTAIN:
+            if trouble is not None and task_run.execution_id not in self._taken_back:
+                self._taken_back.add(task_run.execution_id)  # its request may be on its way still
+                moment.effects.append(cancel(task_run))
+            if phase is TaskPhase.LOST:
+                self._tend_lost(step, task_run, since, moment)
+        elif trouble is not None:
+            self._halt(step, task_run, TaskOutcome.FAULT, trouble.reason, moment)
+        elif since is not None:
+            self._tend_silent(step, task, task_run, since, moment)
+        elif phase is TaskPhase.ACCEPTED and task.timeout_s is not None:
+            due = task_run.assigned_at + task.timeout_s
+            if moment.now < due:
+                moment.deadlines.append(due)
+            else:
+                self._halt(step, task_run, TaskOutcome.TIMED_OUT, f"not done in {task.timeout_s:g} s", moment)
+
+    def _tend_standing(self, step: str, task_run: TaskRun, since: float | None, reason: str, moment: Moment) -> None:
+        """Who can say that it has a fault stands: what it was at is over. It may just be saying that it was done."""
+        if task_run.phase is not TaskPhase.HALTING:
+            self._run.note(TaskHalting(moment.now, step, task_run.attempt, TaskOutcome.FAULT, reason), moment)
+            moment.effects.append(cancel(task_run))
+        if since is None:
+            until = self._standing_since.setdefault(task_run.execution_id, moment.now) + SETTLE_S
+        else:
+            self._standing_since.pop(task_run.execution_id, None)
+            until = max(since + LEAST_SILENCE_S, moment.now if task_run.halting is None else task_run.halting.at)
+        if moment.now < until:
+            moment.deadlines.append(until)
+            return
+        self._standing_since.pop(task_run.execution_id, None)
+        self._run.over(step, task_run, TaskOutcome.FAULT, reason, {}, moment)
+
+    def _tend_lost(self, step: str, task_run: TaskRun, since: float | None, moment: Moment) -> None:
+        """A robot may be at it that is waited for: not for ever, and once it is heard, not for long."""
+        until = (moment.now if task_run.lost_since is None else task_run.lost_since) + self._world.return_s
+        if since is None:
+            until = min(until, self._heard_since.setdefault(task_run.execution_id, moment.now) + TELL_S)
+            said = f"{task_run.reason}; {task_run.robot} does not say what became of it"
+        else:
+            self._heard_since.pop(task_run.execution_id, None)
+            said = f"{task_run.reason}, nor for the {self._world.return_s:g} s for which it was waited for"
+        if moment.now < until:
+            moment.deadlines.append(until)
+            return
+        self._heard_since.pop(task_run.execution_id, None)
+        self._run.over(step, task_run, TaskOutcome.UNKNOWN, said, {}, moment)
+
+    def _tend_halting(self, step: str, task_run: TaskRun, since: float | None, moment: Moment) -> None:
+        halting = task_run.halting
+        assert halting is not None, "the fact that made the phase"
+        until = halting.at + HALT_S
+        if since is not None:
+            until = max(until, since + self._world.silence_s)
+        if moment.now < until:
+            moment.deadlines.append(until)
+            return
+        said = f"{halting.reason}; {task_run.robot} did not say that it has stopped"
+        self._run.over(step, task_run, TaskOutcome.UNKNOWN, said, {}, moment)
+
+    def _tend_silent(self, step: str, task: Task, task_run: TaskRun, since: float, moment: Moment) -> None:
+        until, why = since + self._world.silence_s, self._silent(task_run.robot)
+        if task.timeout_s is not None:
+            due = max(task_run.assigned_at + task.timeout_s, since + LEAST_SILENCE_S)
+            if due < until:
+                until, why = due, f"not done in {task.timeout_s:g} s, and {task_run.robot} is silent"
+        if moment.now < until:
+            moment.deadlines.append(until)
+        else:
+            self._run.over(step, task_run, TaskOutcome.UNKNOWN, why, {}, moment)
+
+    def _halt(self, step: str, task_run: TaskRun, outcome: TaskOutcome, reason: str, moment: Moment) -> None:
+        """Have the robot stop. Nobody else begins before it says that it has."""
+        self._run.note(TaskHalting(moment.now, step, task_run.attempt, outcome, reason), moment)
+        moment.effects.append(cancel(task_run))
+        moment.deadlines.append(moment.now + HALT_S)
+
+    def _silent(self, robot: str) -> str:
+        return f"nothing is heard of {robot} for {self._world.silence_s:g} s"

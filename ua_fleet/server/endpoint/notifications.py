@@ -1,0 +1,68 @@
+"""Notifications as bytes (OPC 10000-4 7.25): encoded one by one, so that none can cost a client the others."""
+
+# pyright: reportUnknownMemberType=false, reportUnknownVariableType=false, reportUnknownArgumentType=false
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, Final
+
+from asyncua import ua
+from asyncua.ua.ua_binary import variant_to_binary
+
+from ua_fleet.server.endpoint.answers import Misfit, encode_value
+from ua_fleet.server.endpoint.stack import DECODE_ERRORS, ObjectIds, StatusCodes, ns0, status
+
+__all__ = ["change_bytes", "changes_of", "event_bytes", "event_fields", "events_of"]
+
+_CHANGES: Final = ns0(ObjectIds.DataChangeNotification_Encoding_DefaultBinary)
+_EVENTS: Final = ns0(ObjectIds.EventNotificationList_Encoding_DefaultBinary)
+_NO_FIELD: Final = ua.Variant()
+
+
+def event_fields(event: Any, clauses: Sequence[ua.SimpleAttributeOperand]) -> list[ua.Variant]:
+    """The fields of an event that a client has selected; null for what the event does not have."""
+    known: dict[str, Any] = event.data_types
+    fields: list[ua.Variant] = []
+    for clause in clauses:
+        if clause.BrowsePath:
+            name = "/".join([part.Name or "" for part in clause.BrowsePath])
+        else:
+            # Without a path it is an attribute of the event's ConditionId (OPC 10000-9 5.5.2.13).
+            name = "NodeId" if clause.AttributeId == 1 else ""
+        value = getattr(event, name, None) if name in known else None
+        fields.append(_NO_FIELD if value is None else ua.Variant(value, known[name]))
+    return fields
+
+
+def change_bytes(notification: ua.MonitoredItemNotification, room: int, misfit: Misfit, what: str) -> bytes:
+    """A MonitoredItemNotification; a value that cannot be encoded, or is longer than `room`, as its StatusCode."""
+    handle = int(notification.ClientHandle).to_bytes(4, "little")
+    return handle + encode_value(notification.Value, room, misfit, lambda: what)
+
+
+def event_bytes(notification: ua.EventFieldList, misfit: Misfit, what: str) -> bytes:
+    """An EventFieldList; a field that cannot be encoded is Bad_EncodingError."""
+    fields = notification.EventFields
+    parts = [int(notification.ClientHandle).to_bytes(4, "little"), len(fields).to_bytes(4, "little")]
+    for number, field in enumerate(fields):
+        try:
+            parts.append(variant_to_binary(field))
+        except DECODE_ERRORS as error:
+            misfit(f"{what}, field {number} of an event", error)
+            parts.append(variant_to_binary(ua.Variant(status(StatusCodes.BadEncodingError), ua.VariantType.StatusCode)))
+    return b"".join(parts)
+
+
+def changes_of(parts: Sequence[bytes]) -> ua.ExtensionObject:
+    """A DataChangeNotification of encoded notifications."""
+    return _body(_CHANGES, b"".join((len(parts).to_bytes(4, "little"), *parts, bytes(4))))
+
+
+def events_of(parts: Sequence[bytes]) -> ua.ExtensionObject:
+    """An EventNotificationList of encoded notifications."""
+    return _body(_EVENTS, b"".join((len(parts).to_bytes(4, "little"), *parts)))
+
+
+def _body(type_id: ua.NodeId, data: bytes) -> ua.ExtensionObject:
+    return ua.ExtensionObject(type_id, ua.ByteString(data))

@@ -1,0 +1,49 @@
+"""One process for each purpose: a file that is locked while it runs."""
+
+from __future__ import annotations
+
+import fcntl
+import os
+from collections.abc import Generator
+from contextlib import contextmanager
+from pathlib import Path
+
+import structlog
+
+from ua_fleet.errors import StorageUnavailable
+
+__all__ = ["process_lock"]
+
+_log = structlog.get_logger("ua_fleet.storage")
+
+
+@contextmanager
+def process_lock(path: Path, what: str) -> Generator[None]:
+    """Keep other processes out while the context lasts. The kernel lifts the lock of a process that was killed.
+
+    Where no file can be made, such as on a disk that is read only, nobody is kept out, and the log says so.
+
+    Args:
+        path: of the file, which stays.
+        what: runs, e.g. `bridge cell`, for the message.
+
+    Raises:
+        StorageUnavailable: another process has it.
+    """
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
+        descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o600)
+    except OSError as error:
+        _log.warning("a second process of this kind would not be noticed", path=str(path), reason=error.strerror)
+        yield
+        return
+    try:
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError as error:
+            raise StorageUnavailable(
+                f"{path}: {what} runs already; stop that process, or give this one a name and a state_dir of its own"
+            ) from error
+        yield
+    finally:
+        os.close(descriptor)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import signal
 from typing import Any
 
@@ -54,6 +53,15 @@ async def started(client: Client, skill: int, *arguments: Any) -> str:
     """Start a skill, as soon as the bridge has announced it."""
     result = await until(lambda: call(client, skill, *arguments), lambda result: result.StatusCode.is_good())
     return str(result.OutputArguments[0].Value)
+
+
+async def told(hall: Hall, *works: str) -> None:
+    """Wait until the machine was told this, and nothing else: its skill shows Running before."""
+
+    async def read() -> list[str]:
+        return [job.work for job in hall.machine.told()]
+
+    await until(read, lambda found: found == list(works))
 
 
 async def test_a_skill_is_started_followed_and_brings_its_results(hall: Hall) -> None:
@@ -166,6 +174,7 @@ async def test_no_more_run_at_once_than_declared(hall: Hall) -> None:
         for _ in range(2):
             await started(client, WORK, ENDLESS_WORK, 0.0)
         assert (await call(client, WORK, "weld", 0.0)).StatusCode.name == "BadTooManyOperations"
+        await told(hall, ENDLESS_WORK, ENDLESS_WORK)
     assert len(hall.machine.told()) == 2
 
 
@@ -235,6 +244,7 @@ async def test_a_killed_bridge_makes_nodes_bad_and_its_return_makes_them_true(ha
         state = reader(client, f"ns=2;s={WORK}.CurrentState")
         await started(client, WORK, "weld", 3.0)
         await until(state, lambda value: value.StatusCode.is_good() and value.Value.Value.Text == "Running")
+        await told(hall, "weld")
         bridge.end(signal.SIGKILL)
         silent = await until(state, lambda value: value.StatusCode.value == StatusCode.BAD_NO_COMMUNICATION)
         assert silent.Value.Value.Text == "Running"
@@ -248,7 +258,7 @@ async def test_a_server_that_was_started_anew_shows_the_truth(hall: Hall) -> Non
     hall.bridge()
     async with hall.server() as running, running.client() as client:
         execution = await started(client, WORK, "weld", 1.5)
-        await asyncio.sleep(0.3)
+        await told(hall, "weld")
     async with hall.server() as running, running.client() as client:
         state = reader(client, f"ns=2;s={WORK}.CurrentState")
         await until(state, lambda value: value.Value is not None and value.Value.Value is not None)

@@ -13,6 +13,7 @@ import pytest
 
 from tests.integration.tcp.conftest import StartRobot
 from tests.system import Child, Processes, clean_environment, free_tcp_port
+from tests.waiting import until
 from ua_fleet.client import ClientIdentity, FleetClient
 from ua_fleet.errors import RobotOffline
 from ua_fleet.server.users import USERS_FILE, Role, ScryptCost, UserStore
@@ -109,6 +110,7 @@ async def test_a_bridge_that_was_killed_at_work_finds_out_what_became_of_it(cell
     bridge = cell.bridge()
     await cell.reachable()
     execution = await cell.client.start_skill("machine", "move", x=1.0, y=1.0, seconds=2.0)
+    await until(lambda: cell.told() == 2)
     bridge.end(signal.SIGKILL)
     cell.bridge()
     assert await execution.result(timeout_s=15) == {}

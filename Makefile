@@ -15,6 +15,9 @@ ONLY ?=
 DEMO ?= pal
 # More options for pytest (no files) or the demonstration: make test ARGS="-k topics"
 ARGS ?=
+# How often a test that failed is run again before it counts as failed; those that were are named, with what went wrong:
+#   make test RERUNS=1
+RERUNS ?=
 # How pytest ends where ARGS choose no test at all, which one of the two environments may.
 NO_TESTS = $(if $(ARGS),5,0)
 
@@ -44,10 +47,12 @@ setup-test:
 demo: setup
 	@.venv/bin/ua-fleet demo $(DEMO) $(ARGS)
 
+REPEATS = $(if $(RERUNS),--reruns $(RERUNS) -raR --rerun-show-tracebacks)
+
 # The tests in the one environment, and in the other, which has rospy.
-MAIN_TESTS = $(PYTHON) -m pytest -n $(JOBS) --dist loadfile --no-loadscope-reorder --require="$(REQUIRE)" $(ARGS)
+MAIN_TESTS = $(PYTHON) -m pytest -n $(JOBS) --dist loadfile --no-loadscope-reorder --require="$(REQUIRE)" $(REPEATS) $(ARGS)
 ROS1_TESTS = $(PYTHON_ROS1) -m pytest tests/contract tests/unit/bridges/ros1 --drivers=ros1 --require="$(REQUIRE)" \
-	-p no:cacheprovider $(ARGS)
+	-p no:cacheprovider $(REPEATS) $(ARGS)
 
 test: setup-test
 	@code=0; \

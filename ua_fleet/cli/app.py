@@ -42,7 +42,7 @@ _GROUPS: Final = {
     "user": "Who may use the server, and what they may do.",
     "keys": "Key files of message security, where keys do not come from the server.",
     "audit": "The server's audit log.",
-    "cert": "Certificates of the server and the bridges, and which clients the server trusts.",
+    "cert": "Certificates of the server and the bridges, and whom server and clients trust.",
     "scenario": "Scenarios and their runs.",
     "fault": "Robots that cannot work.",
     "decision": "Who takes over when a robot fails.",
@@ -123,6 +123,7 @@ def _build() -> typer.Typer:
     _add(groups["cert"], "create", cert.create, cert.CREATE_EXAMPLES)
     _add(groups["cert"], "trust", cert.trust_certificate, cert.TRUST_EXAMPLES)
     _add(groups["cert"], "revoke", cert.revoke_certificate, cert.REVOKE_EXAMPLES)
+    _add(groups["cert"], "forget", cert.forget, cert.FORGET_EXAMPLES)
     _add(groups["cert"], "list", cert.show, cert.LIST_EXAMPLES)
     _add(groups["audit"], "verify", audit.verify, audit.VERIFY_EXAMPLES)
     _add(groups["keys"], "create", keys.create, keys.CREATE_EXAMPLES)

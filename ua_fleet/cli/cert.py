@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from ua_fleet.cli.endings import EXIT_FAILED, NotFound, UsageError, extra_needed
-from ua_fleet.cli.options import DEFAULT_CONFIG, Config, Json, state_folder
+from ua_fleet.cli.options import DEFAULT_CONFIG, DEFAULT_ENDPOINT, Config, Json, load_config, state_folder
 from ua_fleet.cli.output import message, print_json, print_line, print_table
 from ua_fleet.cli.process import run
 
@@ -20,10 +20,12 @@ if TYPE_CHECKING:
 
 __all__ = [
     "CREATE_EXAMPLES",
+    "FORGET_EXAMPLES",
     "LIST_EXAMPLES",
     "REVOKE_EXAMPLES",
     "TRUST_EXAMPLES",
     "create",
+    "forget",
     "revoke_certificate",
     "show",
     "trust_certificate",
@@ -42,6 +44,7 @@ TRUST_EXAMPLES = (
     "ua-fleet cert trust uaexpert.der",
     "ua-fleet cert trust --bridge cell bridge.der",
 )
+FORGET_EXAMPLES = ("ua-fleet cert forget", "ua-fleet cert forget opc.tcp://10.0.0.5:4840/ua_fleet")
 REVOKE_EXAMPLES = ("ua-fleet cert revoke 3f2a9c", "ua-fleet cert revoke --bridge cell")
 
 _BridgeName = Annotated[str | None, typer.Option("--bridge", help="Name of a bridge of the configuration file.")]
@@ -317,3 +320,39 @@ def revoke_certificate(
         print_json(_as_json(info))
     else:
         print_line(f"revoked {info.thumbprint}  {info.subject}")
+
+
+def forget(
+    endpoint: Annotated[
+        str, typer.Argument(envvar="UA_FLEET_ENDPOINT", help="URL of the OPC UA server.")
+    ] = DEFAULT_ENDPOINT,
+    bridge: _BridgeName = None,
+    config: Config = DEFAULT_CONFIG,
+    as_json: Json = False,
+) -> None:
+    """Forget the certificates that servers at an endpoint have shown to this command line, or to a bridge.
+
+    A server that shows another certificate than before is refused, since it may be an impostor, who would be given the
+    password. Where you know why it has another one, forget the old one: the next that is shown there is trusted.
+    """
+    with extra_needed("this command", "client"):
+        from ua_fleet.client import ClientIdentity, default_identity_folder
+    if bridge is None:
+        identity = ClientIdentity(default_identity_folder())
+    else:
+        fleet = load_config(config, allow_missing_ids=True)
+        _check_bridge(fleet, config, bridge)
+        identity = ClientIdentity.of_bridge(
+            config.resolve().parent / fleet.state_dir_of(bridge), fleet.fleet.name, bridge
+        )
+    forgotten = identity.known_servers.forget(endpoint)
+    if not forgotten:
+        known = ", ".join(sorted({server.endpoint for server in identity.known_servers.load()})) or "none"
+        raise NotFound(f"no server was met at {endpoint}; endpoints that are known: {known}")
+    for server in forgotten:
+        if as_json:
+            print_json(
+                {"endpoint": endpoint, "application_uri": server.application_uri, "thumbprint": server.thumbprint}
+            )
+        else:
+            print_line(f"forgotten {server.thumbprint}  {server.application_uri}".rstrip())

@@ -29,6 +29,9 @@ async def connected(options: Connection) -> AsyncGenerator[FleetClient]:
         insecure=options.insecure,
         timeout_s=options.timeout_s,
     ) as client:
-        if client.first_meeting:
-            message(f"{options.endpoint}: first meeting with this server; its certificate is trusted from now on")
+        if client.meeting.is_first:
+            others = f"; another than {', '.join(client.meeting.others)}" if client.meeting.others else ""
+            message(
+                f"{options.endpoint}: first meeting with this server{others}; its certificate is trusted from now on"
+            )
         yield client

@@ -25,6 +25,7 @@ from ua_fleet.client.addresses import parse_address
 from ua_fleet.client.convert import parse_value, plain_value
 from ua_fleet.client.events import Told, told_by
 from ua_fleet.client.identity import ClientIdentity, default_identity_folder
+from ua_fleet.client.known_servers import Meeting
 from ua_fleet.client.offers import OfferedSkill, offering
 from ua_fleet.client.skills import SkillCalls, SkillExecution, SkillInfo
 from ua_fleet.client.subscriptions import Feed, Subscriptions, subscribe
@@ -124,10 +125,10 @@ class _Bell:
 class FleetClient:
     """A connected client; made by `FleetClient.connect`."""
 
-    def __init__(self, client: Client, endpoint: str, *, first_meeting: bool) -> None:
+    def __init__(self, client: Client, endpoint: str, *, meeting: Meeting) -> None:
         self._client = client
         self.endpoint = endpoint
-        self.first_meeting = first_meeting
+        self.meeting = meeting
         """Whether the server's certificate was seen for the first time, and is trusted from now on."""
         self.on_lost: Callable[[], None] | None = None
         """Called when the connection is lost."""
@@ -181,7 +182,7 @@ class FleetClient:
         logging.getLogger("asyncua").setLevel(logging.CRITICAL + 1)
         # asyncua's watchdog waits for an answer no longer than its interval: a busy server is not a lost one.
         client = Client(endpoint, timeout=timeout_s, watchdog_intervall=timeout_s)
-        first_meeting = False
+        meeting = Meeting(is_first=False)
         with translated(endpoint):
             if not insecure:
                 identity = identity or ClientIdentity(default_identity_folder())
@@ -189,7 +190,7 @@ class FleetClient:
                 client.application_uri = identity.application_uri
                 endpoints = await client.connect_and_get_server_endpoints()
                 offer = _encrypted_endpoint(endpoint, endpoints, policy)
-                first_meeting = identity.check_server(endpoint, offer.ServerCertificate)
+                meeting = identity.check_server(endpoint, offer.ServerCertificate)
                 # As bytes: asyncua's reading of files leaves them open when it is cancelled.
                 await client.set_security(
                     POLICIES[policy],
@@ -212,7 +213,7 @@ class FleetClient:
                 client.disconnect_socket()
                 raise
         try:
-            yield cls(client, endpoint, first_meeting=first_meeting)
+            yield cls(client, endpoint, meeting=meeting)
         finally:
             await _disconnect(client)
 

@@ -2,7 +2,7 @@
 
 <folder>/
     client.der, client-key.pem     our certificate and its key (mode 0600); of a bridge, bridge.der and bridge-key.pem
-    servers.json                   thumbprints of the servers that we have met, by endpoint
+    servers.json                   the servers that we have met
     server.der                     the one server that is trusted, where somebody has put it there (pinned)
 """
 
@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import asyncio
 import hashlib
-import json
 import os
 import socket
 from datetime import UTC, datetime
@@ -28,8 +27,8 @@ from cryptography.hazmat.primitives.asymmetric.rsa import RSAPrivateKey
 from cryptography.hazmat.primitives.serialization import Encoding, load_pem_private_key
 from cryptography.x509.oid import ExtendedKeyUsageOID
 
-from ua_fleet.document import as_mapping
-from ua_fleet.errors import UPGRADE, AccessRefused, newer_version
+from ua_fleet.client.known_servers import KnownServers, Meeting
+from ua_fleet.errors import AccessRefused
 from ua_fleet.pubsub.application import bridge_application_uri
 from ua_fleet.storage.files import write_whole
 from ua_fleet.validity import Reminder, Validity
@@ -53,7 +52,14 @@ class ClientIdentity:
     """The client's application certificate, made on first use, and the servers that it has met."""
 
     def __init__(
-        self, folder: Path, *, name: str = "client", application_uri: str = "", subject: str = "", renewal: str = ""
+        self,
+        folder: Path,
+        *,
+        name: str = "client",
+        application_uri: str = "",
+        subject: str = "",
+        renewal: str = "",
+        bridge: str = "",
     ) -> None:
         """Say where the certificate is.
 
@@ -63,12 +69,13 @@ class ClientIdentity:
             application_uri: for a new certificate; by default one of this host.
             subject: common name for a new certificate.
             renewal: what to run when it has expired; without it, one that we have made ourselves is made anew.
+            bridge: whose it is, where it is a bridge's.
         """
         self.folder = folder
         self.certificate = folder / f"{name}.der"
         self.key = folder / f"{name}-key.pem"
         self.pinned_server = folder / "server.der"
-        self._servers = folder / "servers.json"
+        self.known_servers = KnownServers(folder / "servers.json", bridge=bridge)
         self.application_uri = application_uri or f"urn:{socket.gethostname()}:ua-fleet:client"
         self._subject = subject or "ua-fleet client"
         self._renewal = renewal
@@ -83,7 +90,7 @@ class ClientIdentity:
             f"ua-fleet cert trust --bridge {bridge_name} {folder / 'bridge.der'}"
         )
         subject = f"ua-fleet bridge {bridge_name}"
-        return cls(folder, name="bridge", application_uri=uri, subject=subject, renewal=renewal)
+        return cls(folder, name="bridge", application_uri=uri, subject=subject, renewal=renewal, bridge=bridge_name)
 
     async def ensure(self) -> None:
         """Make the certificate and its key, unless they are there.
@@ -186,33 +193,10 @@ class ClientIdentity:
             self.application_uri = uris[0]
         return certificate
 
-    def _known_servers(self) -> dict[str, str]:
-        try:
-            known = json.loads(self._servers.read_text(encoding="utf-8"))
-        except FileNotFoundError:
-            return {}
-        except (OSError, ValueError) as error:
-            known, reason = None, str(error)
-        else:
-            reason = "it holds no object of texts"
-        servers = as_mapping(known)
-        # This format has no version: what has one is a newer program's, and must not make servers look unknown.
-        if servers is not None and (newer := newer_version(servers.get("version"), 1)):
-            raise AccessRefused(StatusCode.BAD_SECURITY_CHECKS_FAILED, f"{self._servers} {newer}; {UPGRADE}")
-        if servers is None or not all(isinstance(value, str) for value in servers.values()):
-            raise AccessRefused(
-                StatusCode.BAD_SECURITY_CHECKS_FAILED,
-                f"{self._servers} cannot be read ({reason}); remove it, and servers are met anew",
-            )
-        return servers
-
-    def check_server(self, endpoint: str, certificate: bytes) -> bool:
+    def check_server(self, endpoint: str, certificate: bytes) -> Meeting:
         """Remember a server's certificate at the first meeting, and hold it against that later.
 
         Where `server.der` is there, that certificate and no other is the server's, from the first meeting on.
-
-        Returns:
-            Whether this is the first meeting.
 
         Raises:
             AccessRefused: the server at this endpoint shows another certificate than before, or than the pinned one, or
@@ -221,20 +205,8 @@ class ClientIdentity:
         _check_server_may_show(endpoint, certificate)
         if self.pinned_server.exists():
             self._check_pinned(endpoint, certificate)
-            return False
-        known = self._known_servers()
-        thumbprint = hashlib.sha1(certificate, usedforsecurity=False).hexdigest()
-        if endpoint in known:
-            if known[endpoint] != thumbprint:
-                raise AccessRefused(
-                    StatusCode.BAD_SECURITY_CHECKS_FAILED,
-                    f"the server at {endpoint} shows another certificate ({thumbprint}) than before "
-                    f"({known[endpoint]}); if that is right, remove its line from {self._servers}",
-                )
-            return False
-        known[endpoint] = thumbprint
-        write_whole(self._servers, f"{json.dumps(known, indent=2)}\n".encode(), 0o644)
-        return True
+            return Meeting(is_first=False)
+        return self.known_servers.meet(endpoint, certificate)
 
     def _check_pinned(self, endpoint: str, certificate: bytes) -> None:
         try:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import json
 import signal
 from pathlib import Path
 from typing import Any
@@ -107,14 +108,22 @@ def test_other_policies(site: Site, policy: str) -> None:
 def test_a_server_with_another_certificate_is_refused(site: Site) -> None:
     known = site.folder / "state-of-client" / "ua-fleet" / "client" / "servers.json"
     before = known.read_text()
-    known.write_text(before.replace(before.split('"')[3], "0" * 40))
+    mark = json.loads(before)["servers"][0]["thumbprint"]
+    known.write_text(before.replace(mark, "0" * 40))
     ended = site.run("read", GOAL)
     known.write_text("{")
     broken = site.run("read", GOAL)
+    known.write_text(before.replace(mark, "0" * 40))
+    told = ended.stderr.rpartition("run: ua-fleet ")[2].split()
+    forgotten = site.run(*told, user=None)
+    anew = site.run("read", GOAL)
     known.write_text(before)
     assert ended.code == 1
     assert "shows another certificate" in ended.stderr
-    assert "remove its line from" in ended.stderr
+    assert told[:2] == ["cert", "forget"]
+    assert (forgotten.code, anew.code) == (0, 0)
+    assert "0" * 40 in forgotten.stdout
+    assert "first meeting" in anew.stderr
     assert broken.code == 1
     assert "cannot be read" in broken.stderr
 

@@ -30,6 +30,7 @@ COMMANDS = [
     "user remove",
     "cert create",
     "cert revoke",
+    "cert forget",
     "cert trust",
     "cert list",
     "audit verify",

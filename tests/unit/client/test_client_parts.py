@@ -123,15 +123,6 @@ async def test_a_key_that_others_can_read_or_that_is_none_is_said(tmp_path: Path
     assert refused.value.__suppress_context__
 
 
-def test_a_server_is_trusted_on_first_use_and_held_to_it(tmp_path: Path) -> None:
-    identity = ClientIdentity(tmp_path)
-    endpoint = "opc.tcp://127.0.0.1:4840/ua_fleet"
-    assert identity.check_server(endpoint, b"one")
-    assert not ClientIdentity(tmp_path).check_server(endpoint, b"one")
-    with pytest.raises(AccessRefused, match="another certificate"):
-        identity.check_server(endpoint, b"two")
-
-
 async def test_an_identity_keeps_its_uri_when_the_host_is_renamed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -222,13 +213,6 @@ def test_a_server_that_may_not_show_its_certificate(tmp_path: Path, days: tuple[
     with pytest.raises(AccessRefused, match=said):
         identity.check_server("opc.tcp://x", certificate)
     assert not (tmp_path / "servers.json").exists()
-
-
-@pytest.mark.parametrize("content", ["{", "[]", '"x"'])
-def test_a_broken_list_of_servers_is_said(tmp_path: Path, content: str) -> None:
-    (tmp_path / "servers.json").write_text(content)
-    with pytest.raises(AccessRefused, match=r"servers\.json cannot be read .*; remove it, and servers are met anew"):
-        ClientIdentity(tmp_path).check_server("opc.tcp://x", b"one")
 
 
 async def test_a_slow_consumer_loses_the_oldest_changes_and_hears_the_end() -> None:

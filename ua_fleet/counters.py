@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections import Counter
 from dataclasses import dataclass, field
 from enum import StrEnum
+from typing import Final
 
-__all__ = ["Counters", "Drop"]
+__all__ = ["NO_LOSS", "Counters", "Drop"]
 
 
 class Drop(StrEnum):
@@ -99,6 +100,10 @@ class Drop(StrEnum):
     """What a robot said of an execution that nobody waits for: a second time, too late, or of another's."""
     UNTOLD = "untold"
     """A state or an event that clients were not told, since too many waited; the latest state is shown."""
+
+
+NO_LOSS: Final = frozenset({Drop.LOOP, Drop.FOREIGN, Drop.OWN_PUBLICATION, Drop.REPEATED, Drop.DUPLICATE})
+"""What was dropped because it was there already, or would have gone round: nobody misses it."""
 
 
 @dataclass(slots=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import signal
 import sys
 from pathlib import Path
 from typing import Any
@@ -15,10 +16,11 @@ from tests.system import ros_domain as ros_domain_lock
 RUN_TIMEOUT_S = 90
 
 
-def _start(processes: Processes, folder: Path, domain: int, *options: str) -> tuple[Child, Path]:
+def _start(processes: Processes, folder: Path, domain: int, *options: str, once: bool = True) -> tuple[Child, Path]:
     report = folder / "report.json"
     command = [
-        *(sys.executable, "-m", "ua_fleet.cli", "demo", "pal", "--once", "--speed", "10", "--json", str(report)),
+        *(sys.executable, "-m", "ua_fleet.cli", "demo", "pal", "--speed", "10", "--json", str(report)),
+        *(["--once"] if once else []),
         *("--domain", str(domain), "--port", str(free_tcp_port()), "--ros-master-port", str(free_tcp_port())),
         *("--pubsub-url", free_multicast_url(), "--folder", str(folder / "run")),
         *options,
@@ -67,9 +69,19 @@ def test_the_line_with_the_arm_in_ros1(processes: Processes, tmp_path: Path, ros
 @pytest.mark.needs("ros2")
 def test_the_line_without_ros1_has_the_arm_in_ros2(processes: Processes, tmp_path: Path, ros_domain: int) -> None:
     with ros_domain_lock() as arm_domain:
-        report = _run(processes, tmp_path, ros_domain, "--without-ros1", "--arm-domain", str(arm_domain))
+        options = ("--without-ros1", "--arm-domain", str(arm_domain))
+        child, path = _start(processes, tmp_path, ros_domain, *options, once=False)
+        child.wait_for("end it with Ctrl-C", RUN_TIMEOUT_S)
+        assert child.end(signal.SIGINT) == 0
+    report = json.loads(path.read_text())
     _check_line(report)
     assert report["ros1"] is False
+    # Told again at the end: by then the first time has scrolled away.
+    assert sum("user operator, password" in line for line in child.lines) == 2
+    (lost,) = (line for line in child.lines if "lost, by cause" in line)
+    (there,) = (line for line in child.lines if line.startswith("there already"))
+    assert "loop" in there
+    assert "loop" not in lost
 
 
 @pytest.mark.needs("ros1", "ros2")

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Generator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,7 +16,7 @@ if TYPE_CHECKING:
     from ua_fleet.demo.result import DemoResult
     from ua_fleet.demo.site import Site
 
-__all__ = ["report_writer", "tell_how_to_connect", "tell_result"]
+__all__ = ["report_writer", "shown_until_ctrl_c", "tell_how_to_connect", "tell_result"]
 
 
 def report_writer(path: Path | None) -> Callable[[Mapping[str, Any]], None]:
@@ -42,6 +43,16 @@ def tell_result(result: DemoResult) -> None:
         print_line(line)
     for problem in result.problems:
         message(f"ua-fleet: {problem}")
+
+
+@contextmanager
+def shown_until_ctrl_c(is_over: Callable[[], bool]) -> Generator[None]:
+    """Ctrl-C is how a demonstration that stays up ends, and no failure once `is_over`: make would print an error."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        if not is_over():
+            raise
 
 
 def tell_how_to_connect(site: Site) -> None:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ua_fleet.cli.demo import report_writer, tell_how_to_connect, tell_result
+from ua_fleet.cli.demo import report_writer, shown_until_ctrl_c, tell_how_to_connect, tell_result
 from ua_fleet.cli.options import WithoutLoopRule
 from ua_fleet.cli.output import message, print_line
 from ua_fleet.cli.process import run
@@ -50,15 +50,8 @@ def pal(
     except ImportError as error:
         raise BridgeUnavailable(f"the demonstration cannot run: {error}", extra="server") from error
 
-    problems: list[str] = []
+    ends: list[DemoResult] = []
     write_report = report_writer(json_file)
-
-    def finished(result: DemoResult) -> None:
-        write_report(result.report)
-        tell_result(result)
-        problems[:] = result.problems
-        if not once:
-            message("the line stays up for UaExpert; end it with Ctrl-C")
 
     with run_folder(folder, "pal", keep=not once) as place, claim_domain(domain, message) as mobile_domain:
         site = choose_site(
@@ -80,6 +73,16 @@ def pal(
         )
         message("starting the server, the bridges and the robots' programs (some seconds)")
         started = partial(tell_how_to_connect, site)
-        run(run_pal(setting, say=print_line, started=started, finished=finished, stay=not once))
-    if problems:
+
+        def finished(result: DemoResult) -> None:
+            write_report(result.report)
+            tell_result(result)
+            ends.append(result)
+            if not once:
+                tell_how_to_connect(site)
+                message("the line stays up for UaExpert; end it with Ctrl-C")
+
+        with shown_until_ctrl_c(lambda: bool(ends)):
+            run(run_pal(setting, say=print_line, started=started, finished=finished, stay=not once))
+    if any(result.problems for result in ends):
         raise typer.Exit(1)

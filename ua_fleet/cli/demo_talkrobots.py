@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from ua_fleet.cli.demo import report_writer, tell_how_to_connect, tell_result
+from ua_fleet.cli.demo import report_writer, shown_until_ctrl_c, tell_how_to_connect, tell_result
 from ua_fleet.cli.output import message, print_line
 from ua_fleet.cli.process import run
 from ua_fleet.errors import BridgeUnavailable
@@ -79,15 +79,8 @@ def talkrobots(
     except ImportError as error:
         raise BridgeUnavailable(f"the demonstration cannot run: {error}", extra="server") from error
     chooser: Literal["automatic", "operator"] = "automatic" if resilience is Resilience.AUTOMATIC else "operator"
-    problems: list[str] = []
+    ends: list[DemoResult] = []
     write_report = report_writer(json_file)
-
-    def finished(result: DemoResult) -> None:
-        write_report(result.report)
-        tell_result(result)
-        problems[:] = result.problems
-        if not once:
-            message("the fleet stays up for UaExpert; end it with Ctrl-C")
 
     with (
         run_folder(folder, "talkrobots", keep=not once) as place,
@@ -111,13 +104,22 @@ def talkrobots(
             if wait:
                 message(f"ready: run {SCENARIO} by the Method Run of Objects/TalkRoBots/Scenarios")
 
+        def finished(result: DemoResult) -> None:
+            write_report(result.report)
+            tell_result(result)
+            ends.append(result)
+            if not once:
+                tell_how_to_connect(site)
+                message("the fleet stays up for UaExpert; end it with Ctrl-C")
+
         ask = partial(_ask, endpoint=site.endpoint, limit_s=limit_s)
-        run(
-            run_talkrobots(
-                setting, say=print_line, ask=ask, started=started, finished=finished, wait=wait, stay=not once
+        with shown_until_ctrl_c(lambda: bool(ends)):
+            run(
+                run_talkrobots(
+                    setting, say=print_line, ask=ask, started=started, finished=finished, wait=wait, stay=not once
+                )
             )
-        )
-    if problems:
+    if any(result.problems for result in ends):
         raise typer.Exit(1)
 
 

@@ -10,6 +10,7 @@ from contextlib import aclosing, suppress
 from typing import Final
 
 from ua_fleet.client import Change, FleetClient, NodeNotFound
+from ua_fleet.counters import NO_LOSS
 from ua_fleet.demo.failing import first_failure
 from ua_fleet.demo.lines import LineEvent
 from ua_fleet.demo.pal.timeline import Timeline
@@ -149,9 +150,16 @@ class Conductor:
         lines += [
             f"{what:<56} {paper:>13}   {here}" for what, paper, here in self.timeline.delay_table(ros1=self._ros1)
         ]
-        causes = ", ".join(f"{cause} {count}" for cause, count in drops.items())
-        lines.append(f"delivered twice: {looped}; dropped, by cause: {causes or 'nothing'}")
+        lost, kept_out = _split(drops)
+        lines.append(f"delivered twice: {looped}; lost, by cause: {lost or 'nothing'}")
+        lines.append(f"there already, and so not handed on again, by cause: {kept_out or 'nothing'}")
         return DemoResult(report, lines, problems)
+
+
+def _split(drops: Mapping[str, int]) -> tuple[str, str]:
+    """Drops that lost something, and those that kept what was there already from coming twice, as texts."""
+    lost = [f"{cause} {count}" for cause, count in drops.items() if cause not in NO_LOSS]
+    return ", ".join(lost), ", ".join(f"{cause} {count}" for cause, count in drops.items() if cause in NO_LOSS)
 
 
 async def _totals(client: FleetClient) -> tuple[int, dict[str, int]]:

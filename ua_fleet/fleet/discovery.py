@@ -7,10 +7,11 @@ from typing import Final
 
 from ua_fleet.fleet.changes import Change, Noticed, SourceAdded, SourceQuarantined, SourceReleased, SourceRemoved
 from ua_fleet.fleet.model import DataSetModel, FieldModel, UnknownSources
+from ua_fleet.fleet.turnover import MINUTE, LinePerMinute, PerMinute
 from ua_fleet.pubsub.metadata import field_property, type_code
 from ua_fleet.topics import Topic
 from ua_fleet.values import ARRAY, DIMENSIONS, BuiltinType, NodeId
-from ua_fleet.wire.messages import ConfigurationVersion, DataSetMetaData, FieldMetaData
+from ua_fleet.wire.messages import DataSetMetaData, FieldMetaData
 
 __all__ = ["Discovery", "data_set_from_metadata"]
 
@@ -18,7 +19,12 @@ MAX_FIELDS: Final = 500
 """Most fields of a source that gets nodes."""
 MAX_NAME: Final = 128
 """Longest name that is shown; what is longer is cut."""
-_NO_METADATA: Final = DataSetMetaData("", (), ConfigurationVersion(0, 0))
+FIELDS_OF_ONE: Final = 20
+"""Fields that unknown sources have, for each that there may be. A field takes 2 kB with its nodes."""
+CHANGES_OF_ONE: Final = 5
+"""Changes of its fields that one unknown source may make in a minute."""
+CHANGES_OF_ALL: Final = 30
+"""Those of all unknown sources. With the most fields each takes 50 ms."""
 _TYPES: Final = frozenset(BuiltinType) - {BuiltinType.NULL, BuiltinType.DATA_VALUE, BuiltinType.DIAGNOSTIC_INFO}
 
 
@@ -61,46 +67,88 @@ def message_type_of(metadata: DataSetMetaData) -> str:
     return ""
 
 
+class _Known:
+    """A source that was met."""
+
+    __slots__ = ("aside_since", "changes", "is_listed", "metadata", "model")
+
+    def __init__(self) -> None:
+        self.metadata: DataSetMetaData | None = None
+        """The last that was looked at."""
+        self.model: DataSetModel | None = None
+        """Its nodes, where it has any."""
+        self.is_listed = False
+        """Whether it is shown among those without nodes."""
+        self.changes = PerMinute(CHANGES_OF_ONE)
+        self.aside_since: int | None = None
+        """When it has changed once too often, and was put aside."""
+
+    def withdraw(self, topic: Topic) -> list[Change]:
+        """Take back what is shown of it."""
+        changes: list[Change] = []
+        if self.is_listed:
+            changes.append(SourceReleased(topic))
+        if self.model is not None:
+            changes.append(SourceRemoved(self.model))
+        self.is_listed, self.model = False, None
+        return changes
+
+
 class Discovery:
-    """Applies the policy for unknown sources, within its bounds."""
+    """Applies the policy for unknown sources, within its bounds.
+
+    Nodes cost time when they are made and memory while they are there, and a source may announce others again and
+    again. So one source changes its fields `CHANGES_OF_ONE` times a minute and all together do `CHANGES_OF_ALL` times,
+    and they have `FIELDS_OF_ONE` fields for each source that there may be. What is beyond is listed with the reason.
+    """
 
     def __init__(self, policy: UnknownSources, max_sources: int, namespaces: Sequence[int]) -> None:
         """Make it for a fleet whose namespaces have these indices."""
         self._policy = policy
         self._max_sources = max_sources
         self._namespaces = tuple(namespaces)
-        self._known: dict[Topic, tuple[DataSetMetaData, DataSetModel | None]] = {}
+        self._known: dict[Topic, _Known] = {}
+        self._fields = 0
+        """Of all sources that have nodes."""
+        self._changes = PerMinute(CHANGES_OF_ALL)
+        self._changed, self._put_aside = LinePerMinute(), LinePerMinute()
         self._is_full = False
 
-    def meet(self, topic: Topic, metadata: DataSetMetaData) -> tuple[DataSetModel | None, list[Change]]:
+    def meet(self, topic: Topic, metadata: DataSetMetaData, now: int) -> tuple[DataSetModel | None, list[Change]]:
         """The nodes that a source has from now on, and what that changes."""
         if self._policy is UnknownSources.IGNORE:
             return None, []
         known = self._known.get(topic)
-        if known is not None and known[0] is metadata:
-            return known[1], []
-        if known is None and len(self._known) >= self._max_sources:
-            return None, self._refuse(topic)
-        before = known[1] if known is not None else None
-        late: list[Change] = []
-        if known is not None and known[0] is _NO_METADATA:
-            known = None
-            late.append(SourceReleased(topic))
-        made = self._make(topic, metadata)
-        if isinstance(made, DataSetModel):
-            self._known[topic] = metadata, made
-            if made == before:
-                return before, []
-            text = f"{topic.name} ({made.name}) is not in fleet.yaml: it gets nodes"
-            added: list[Change] = [SourceAdded(made), Noticed(False, text, topic)]
-            return made, [SourceRemoved(before), *added] if before is not None else [*late, *added]
-        self._known[topic] = metadata, None
-        changes: list[Change] = [SourceRemoved(before)] if before is not None else late
-        if known is None or before is not None:
-            name = metadata.name[:MAX_NAME]
-            changes.append(SourceQuarantined(topic, name, message_type_of(metadata), made))
-            changes.append(Noticed(True, f"{topic.name} ({name}) has no nodes: {made}", topic))
-        return None, changes
+        if known is None:
+            if len(self._known) >= self._max_sources:
+                return None, self._refuse(topic)
+            known = self._known[topic] = _Known()
+        elif known.aside_since is not None:
+            if 0 <= now - known.aside_since < MINUTE:
+                return None, []
+        elif known.metadata is metadata:
+            return known.model, []
+        made = self._make(topic, metadata, known)
+        if known.aside_since is None and made == known.model:
+            known.metadata = metadata
+            return known.model, []
+        if known.aside_since is None and isinstance(made, str) and known.model is None and known.metadata is not None:
+            known.metadata = metadata
+            return None, []
+        is_first = known.metadata is None and known.aside_since is None
+        if not is_first and not self._may_change(known, now):
+            return None, self._aside(topic, metadata, known, now)
+        known.metadata, known.aside_since = metadata, None
+        changes = self._withdraw(topic, known)
+        if isinstance(made, str):
+            return None, changes + self._list(topic, metadata, known, made, now, is_first=is_first)
+        known.model = made
+        self._fields += len(made.fields)
+        changes.append(SourceAdded(made))
+        name = f"{topic.name} ({made.name})"
+        text = f"{name} is not in fleet.yaml: it gets nodes"
+        text = text if is_first else self._changed.say(f"{name} is another than before: it gets other nodes", now)
+        return made, [*changes, Noticed(False, text, topic)] if text else changes
 
     def unannounced(self, topic: Topic) -> list[Change]:
         """A source sends data and never says what it is: it is listed, with what to do about it."""
@@ -108,7 +156,8 @@ class Discovery:
             return []
         if len(self._known) >= self._max_sources:
             return self._refuse(topic)
-        self._known[topic] = _NO_METADATA, None
+        known = self._known[topic] = _Known()
+        known.is_listed = True
         why = "it announces no metadata; state its fields in `sources` of fleet.yaml"
         return [
             SourceQuarantined(topic, "", "", why),
@@ -121,7 +170,44 @@ class Discovery:
         if known is None:
             return []
         self._is_full = False
-        return [SourceReleased(topic) if known[1] is None else SourceRemoved(known[1])]
+        return self._withdraw(topic, known)
+
+    def _may_change(self, known: _Known, now: int) -> bool:
+        is_own = known.aside_since is not None or known.changes.take(now)
+        return is_own and self._changes.take(now)
+
+    def _aside(self, topic: Topic, metadata: DataSetMetaData, known: _Known, now: int) -> list[Change]:
+        """Leave a source alone for a minute."""
+        was_aside = known.aside_since is not None
+        known.aside_since = now
+        if was_aside:
+            return []
+        changes = self._withdraw(topic, known)
+        why = (
+            f"it changes its fields too often: more than {CHANGES_OF_ONE} times in a minute, "
+            f"or {CHANGES_OF_ALL} times with other unknown sources; it is looked at again after a minute"
+        )
+        known.is_listed = True
+        changes.append(SourceQuarantined(topic, metadata.name[:MAX_NAME], message_type_of(metadata), why))
+        if text := self._put_aside.say(f"{topic.name} has no nodes: {why}", now):
+            changes.append(Noticed(True, text, topic))
+        return changes
+
+    def _list(
+        self, topic: Topic, metadata: DataSetMetaData, known: _Known, why: str, now: int, *, is_first: bool
+    ) -> list[Change]:
+        """Show a source among those without nodes."""
+        known.is_listed = True
+        name = metadata.name[:MAX_NAME]
+        text = f"{topic.name} ({name}) has no nodes: {why}"
+        text = text if is_first else self._changed.say(text, now)
+        changes: list[Change] = [SourceQuarantined(topic, name, message_type_of(metadata), why)]
+        return [*changes, Noticed(True, text, topic)] if text else changes
+
+    def _withdraw(self, topic: Topic, known: _Known) -> list[Change]:
+        if known.model is not None:
+            self._fields -= len(known.model.fields)
+        return known.withdraw(topic)
 
     def _refuse(self, topic: Topic) -> list[Change]:
         if self._is_full:
@@ -130,10 +216,15 @@ class Discovery:
         text = f"more than {self._max_sources} unknown sources; raise server.max_discovered_sources"
         return [Noticed(True, text, topic)]
 
-    def _make(self, topic: Topic, metadata: DataSetMetaData) -> DataSetModel | str:
+    def _make(self, topic: Topic, metadata: DataSetMetaData, known: _Known) -> DataSetModel | str:
         if topic.ns not in self._namespaces:
             there = ", ".join(str(index) for index in self._namespaces)
             return f"its namespace index is none of the fleet's ({there})"
         if self._policy is UnknownSources.QUARANTINE:
             return "fleet.yaml does not name it (server.unknown_sources: quarantine)"
-        return data_set_from_metadata(topic, metadata)
+        made = data_set_from_metadata(topic, metadata)
+        own = 0 if known.model is None else len(known.model.fields)
+        most = FIELDS_OF_ONE * self._max_sources
+        if isinstance(made, DataSetModel) and self._fields - own + len(made.fields) > most:
+            return f"unknown sources have {most} fields already; raise server.max_discovered_sources"
+        return made

@@ -23,6 +23,7 @@ from ua_fleet.fleet.discovery import Discovery
 from ua_fleet.fleet.members import BridgeStatus, RobotStatus, Traffic
 from ua_fleet.fleet.model import DataSetModel, FleetModel, RobotModel, RobotState, UnknownSources
 from ua_fleet.fleet.source import Source
+from ua_fleet.fleet.turnover import LinePerMinute
 from ua_fleet.pubsub.events import (
     DataReceived,
     MetaDataReceived,
@@ -75,6 +76,7 @@ class FleetState:
         """How often each source was asked for its metadata."""
         self._discovered: set[Topic] = set()
         self._silent_strangers: set[Topic] = set()
+        self._silences, self._returns = LinePerMinute(), LinePerMinute()
         self.caught: Callable[[str, Exception], None] | None = None
         """Told of a mistake that cost one robot or bridge its second; without it, the mistake is raised."""
         self._bridges = [BridgeStatus(bridge) for bridge in model.bridges]
@@ -128,7 +130,7 @@ class FleetState:
         if isinstance(event, DataReceived):
             return self._data(event, wall_ticks)
         if isinstance(event, MetaDataReceived):
-            source, changes = self._find(event.topic, event.metadata)
+            source, changes = self._find(event.topic, event.metadata, wall_ticks)
             if source is not None:
                 changes += source.bind(event.metadata, self._counters, wall_ticks)
             return changes
@@ -235,7 +237,7 @@ class FleetState:
         source = self._sources.get(topic)
         changes: list[Change] = []
         if source is None:
-            source, changes = self._find(topic, metadata)
+            source, changes = self._find(topic, metadata, wall_ticks)
             if source is None:
                 is_conflict = (topic.ns, topic.id) in self._claims
                 self._counters.drop(Drop.CONFLICT if is_conflict else Drop.UNKNOWN_SOURCE)
@@ -315,23 +317,27 @@ class FleetState:
                 if one.bridge is bridge:
                     changes += one.state(wall_ticks)
             return changes
-        return changes + self._notice_life(source)
+        return changes + self._notice_life(source, wall_ticks)
 
-    def _notice_life(self, source: Source) -> list[Change]:
+    def _notice_life(self, source: Source, wall_ticks: int) -> list[Change]:
+        """Say that a source of no robot and no bridge has come or gone: anybody may send such sources."""
         topic = source.model.topic
-        what = self._name(source)
-        if not source.alive:
+        is_silent = not source.alive
+        if is_silent:
             self._silent_strangers.add(topic)
-            return [Noticed(True, f"{what} is silent: its nodes are Bad_NoCommunication", topic)]
-        if topic not in self._silent_strangers:
+        elif topic not in self._silent_strangers:
             return []
-        self._silent_strangers.discard(topic)
-        return [Noticed(False, f"{what} is there again", topic)]
+        else:
+            self._silent_strangers.discard(topic)
+        what = "is silent: its nodes are Bad_NoCommunication" if is_silent else "is there again"
+        lines = self._silences if is_silent else self._returns
+        text = lines.say(f"{self._name(source)} {what}", wall_ticks)
+        return [Noticed(is_silent, text, topic)] if text else []
 
     def _name(self, source: Source) -> str:
         return f"{source.model.topic.name} ({source.model.name})"
 
-    def _find(self, topic: Topic, metadata: DataSetMetaData) -> tuple[Source | None, list[Change]]:
+    def _find(self, topic: Topic, metadata: DataSetMetaData, wall_ticks: int) -> tuple[Source | None, list[Change]]:
         """The source of a topic, made by the policy for unknown sources where there is none."""
         known = self._sources.get(topic)
         if known is not None and topic not in self._discovered:
@@ -344,7 +350,7 @@ class FleetState:
             whose = f"the skill {owner.name}" if owner in self._skills else owner.name
             text = f"{topic.name} claims the node of {whose}: give one of them another id"
             return None, [Noticed(True, text, topic)]
-        data_set, changes = self._discovery.meet(topic, metadata)
+        data_set, changes = self._discovery.meet(topic, metadata, wall_ticks)
         for change in changes:
             if isinstance(change, SourceRemoved):
                 self._discovered.discard(topic)

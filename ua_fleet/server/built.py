@@ -14,7 +14,7 @@ from typing import Any
 from asyncua import ua
 from asyncua.ua.attribute_ids import AttributeIds
 
-__all__ = ["BuiltNode", "Held"]
+__all__ = ["BuiltNode", "Held", "Kind", "Shared"]
 
 
 class Held:
@@ -39,6 +39,18 @@ class Held:
     def is_watched(self) -> bool:
         """Whether anybody is told of a change."""
         return bool(self._watchers)
+
+
+class Shared(Held):
+    """The value of an attribute that several nodes have, for as long as one of them is there."""
+
+    __slots__ = ("__weakref__",)
+
+
+class Kind(dict[AttributeIds, Held]):
+    """The attributes that the nodes of a kind have in common, for as long as one of them is there."""
+
+    __slots__ = ("__weakref__",)
 
 
 class BuiltNode(Mapping[AttributeIds, Held]):

@@ -15,6 +15,7 @@ import gc
 from collections.abc import Callable, Generator
 from contextlib import contextmanager
 from typing import Any, Final
+from weakref import WeakValueDictionary
 
 from asyncua import ua
 from asyncua.server.address_space import AddressSpace, NodeData
@@ -23,7 +24,7 @@ from asyncua.ua.object_ids import ObjectIds
 
 from ua_fleet.errors import ServerStartError
 from ua_fleet.fleet.model import MAX_AGE_PREFIX
-from ua_fleet.server.built import BuiltNode, Held
+from ua_fleet.server.built import BuiltNode, Held, Kind, Shared
 from ua_fleet.server.convert import raw_id, to_status
 from ua_fleet.values import QualifiedName, StatusCode
 
@@ -43,8 +44,6 @@ _DIGITS: Final = 5
 """Of the largest number that a data source has."""
 
 _TRUE: Final[Any] = True
-
-_Attributes = dict[AttributeIds, Held]
 
 
 @contextmanager
@@ -101,8 +100,9 @@ class NodeBuilder:
         self._space = space
         if not isinstance(space._nodes, _Nodes):  # noqa: SLF001 - see the module's description
             space._nodes = _Nodes(space._nodes)  # noqa: SLF001
-        self._shared: dict[tuple[str, Any], Held] = {}
-        self._kinds: dict[Any, _Attributes] = {}
+        # Names, and lengths of arrays, are a publisher's: they go with the last node that has them.
+        self._shared: WeakValueDictionary[tuple[str, Any], Shared] = WeakValueDictionary()
+        self._kinds: WeakValueDictionary[Any, Kind] = WeakValueDictionary()
         """What the nodes of a kind have in common, by all that makes it differ."""
         self._type_references: dict[ua.NodeId, ua.ReferenceDescription] = {}
         self._parent_references: dict[ua.NodeId, dict[ua.NodeId, ua.ReferenceDescription]] = {}
@@ -275,7 +275,7 @@ class NodeBuilder:
         type_definition: ua.NodeId | None,
         reference: ua.NodeId,
         node_class: ua.NodeClass,
-        attributes: _Attributes,
+        attributes: Kind,
         value: Held | None,
     ) -> None:
         """Add a node; `names` are its BrowseName, its description, and what it is shown as where that differs."""
@@ -299,19 +299,21 @@ class NodeBuilder:
         data: Any = BuiltNode(node_id, named, shown, told, attributes, value, references)
         self._space[node_id] = data
 
-    def _common(self, node_class: ua.NodeClass) -> _Attributes:
+    def _common(self, node_class: ua.NodeClass) -> Kind:
         no_mask = self._share("UInt32", 0, ua.VariantType.UInt32)
-        return {
-            AttributeIds.NodeClass: self._share("NodeClass", node_class, ua.VariantType.Int32),
-            AttributeIds.WriteMask: no_mask,
-            AttributeIds.UserWriteMask: no_mask,
-        }
+        return Kind(
+            {
+                AttributeIds.NodeClass: self._share("NodeClass", node_class, ua.VariantType.Int32),
+                AttributeIds.WriteMask: no_mask,
+                AttributeIds.UserWriteMask: no_mask,
+            }
+        )
 
-    def _share(self, kind: str, key: Any, variant_type: ua.VariantType, value: Any = None) -> Held:
+    def _share(self, kind: str, key: Any, variant_type: ua.VariantType, value: Any = None) -> Shared:
         shared = self._shared.get((kind, key))
         if shared is None:
             variant = ua.Variant(key if value is None else value, variant_type)
-            shared = self._shared[kind, key] = Held(ua.DataValue(variant))
+            shared = self._shared[kind, key] = Shared(ua.DataValue(variant))
         return shared
 
     def _to_parent(self, reference: ua.NodeId, parent: NodeData) -> ua.ReferenceDescription:

@@ -54,6 +54,8 @@ class _Then(NamedTuple):
     is_event: bool
 
 
+_MAKES_NODES: Final = (SourceAdded, SourceRemoved, RobotAdded, RobotRemoved)
+
 _Waiting = Change | SkillTransitioned | _Then
 
 
@@ -226,6 +228,8 @@ class Projection:
                     await self._apply(change)
                 except Exception as error:  # noqa: BLE001 - what is behind it has nothing to do with it
                     self._mistakes.caught("projection", error, what=type(change).__name__)
+                if isinstance(change, _MAKES_NODES):
+                    return  # hundreds of them, as many as a batch of values takes
                 continue
             if self._latest.get(change.key) is slot:
                 del self._latest[change.key]

@@ -8,12 +8,22 @@ from tests.unit.fleet.fleet_of import DOUBLE, STRING, Fleet, fleet_config, messa
 from ua_fleet.config.nodes import fleet_model
 from ua_fleet.config.schema import UnknownSources
 from ua_fleet.counters import Counters, Drop
-from ua_fleet.fleet import FleetState, SourceAdded, SourceQuarantined, SourceRemoved
-from ua_fleet.pubsub.events import DataReceived, MetaDataReceived
+from ua_fleet.fleet import (
+    Change,
+    FleetState,
+    Noticed,
+    SourceAdded,
+    SourceQuarantined,
+    SourceRemoved,
+    ValueChanged,
+)
+from ua_fleet.fleet.changes import SourceReleased
+from ua_fleet.fleet.discovery import CHANGES_OF_ALL, CHANGES_OF_ONE
+from ua_fleet.pubsub.events import DataReceived, MetaDataReceived, SourceSilent
 from ua_fleet.pubsub.metadata import make_field
 from ua_fleet.topics import Topic
-from ua_fleet.values import BuiltinType
-from ua_fleet.wire.messages import FieldMetaData
+from ua_fleet.values import TICKS_PER_SECOND, BuiltinType
+from ua_fleet.wire.messages import DataSetMetaData, FieldMetaData
 
 TOPIC = Topic(5, 2, 700)
 SINGLE = metadata_of(make_field("data", DOUBLE, properties={"RosType": "std_msgs/Float64"}), name="/speed")
@@ -141,3 +151,87 @@ def test_an_id_that_a_skill_has_is_a_conflict_whatever_the_space() -> None:
     state.remove_robot("arm")
     changes = state.apply(MetaDataReceived(Topic(5, 2, 1700), SINGLE), 1)
     assert isinstance(changes[0], SourceAdded)
+
+
+def layout(number: int, fields: int = 2) -> DataSetMetaData:
+    return metadata_of(*(make_field(f"v{number}.{field}", DOUBLE) for field in range(fields)), version=number)
+
+
+def announce(fleet: Fleet, topic: Topic, metadata: DataSetMetaData, at_s: float) -> list[Change]:
+    return fleet.state.apply(MetaDataReceived(topic, metadata), int(at_s * TICKS_PER_SECOND))
+
+
+def kinds(changes: list[Change]) -> list[type]:
+    return [type(change) for change in changes if not isinstance(change, ValueChanged)]
+
+
+def test_a_source_that_changes_too_often_is_put_aside_for_a_minute() -> None:
+    fleet = Fleet(UnknownSources.CREATE)
+    seen = [announce(fleet, TOPIC, layout(number), 100 + number) for number in range(20)]
+    assert sum(SourceAdded in kinds(changes) for changes in seen) == 1 + CHANGES_OF_ONE
+    aside = seen[1 + CHANGES_OF_ONE]
+    assert kinds(aside) == [SourceRemoved, SourceQuarantined, Noticed]
+    assert "too often" in next(change for change in aside if isinstance(change, SourceQuarantined)).reason
+    assert not any(seen[2 + CHANGES_OF_ONE :])
+    fleet.now = 120 * TICKS_PER_SECOND
+    assert fleet.hear(TOPIC, [DOUBLE] * 2, [1.0, 2.0], 4, metadata=layout(19)) == []
+    again = announce(fleet, TOPIC, layout(19), 100 + 1 + CHANGES_OF_ONE + 60)
+    assert kinds(again)[:2] == [SourceReleased, SourceAdded]
+    assert values(fleet.hear(TOPIC, [DOUBLE] * 2, [1.0, 2.0], 5, metadata=layout(19)))["700.v19.1"] == (2.0, 0, 5)
+
+
+def test_all_unknown_sources_change_no_more_often_than_so() -> None:
+    fleet = Fleet(UnknownSources.CREATE)
+    topics = [TOPIC._replace(id=1 + number) for number in range(100)]
+    seen: list[Change] = []
+    for topic in topics:
+        announce(fleet, topic, layout(0), 100)
+    for number in range(1, 4):
+        for topic in topics:
+            seen += announce(fleet, topic, layout(number), 110)
+    assert sum(isinstance(change, SourceAdded) for change in seen) == CHANGES_OF_ALL
+    assert len(notices(seen)) == 2  # one that tells of a change, and one of those that were put aside
+    later = [change for topic in topics for change in announce(fleet, topic, layout(9), 171)]
+    assert sum(isinstance(change, SourceAdded) for change in later) == CHANGES_OF_ALL
+    assert "more such changes since the last line" in notices(later)[0]
+
+
+def test_a_clock_that_was_set_back_puts_nobody_aside_for_longer() -> None:
+    fleet = Fleet(UnknownSources.CREATE)
+    for number in range(20):
+        announce(fleet, TOPIC, layout(number), 10_000)
+    assert SourceAdded in kinds(announce(fleet, TOPIC, layout(19), 100))
+
+
+def test_unknown_sources_have_a_bounded_number_of_fields() -> None:
+    fleet = Fleet(UnknownSources.CREATE, max_sources=10)
+    first, second = (TOPIC._replace(id=1 + number) for number in range(2))
+    assert SourceAdded in kinds(announce(fleet, first, layout(0, 150), 1))
+    (refused, _) = announce(fleet, second, layout(1, 51), 2)
+    assert isinstance(refused, SourceQuarantined)
+    assert "raise server.max_discovered_sources" in refused.reason
+    assert SourceAdded in kinds(announce(fleet, first, layout(2, 100), 3))
+    assert kinds(announce(fleet, second, layout(3, 51), 4))[:2] == [SourceReleased, SourceAdded]
+
+
+def test_what_was_listed_for_its_metadata_is_not_any_more_when_it_has_nodes() -> None:
+    fleet = Fleet(UnknownSources.CREATE)
+    assert SourceQuarantined in kinds(announce(fleet, TOPIC, metadata_of(), 1))
+    assert kinds(announce(fleet, TOPIC, SINGLE, 2))[:2] == [SourceReleased, SourceAdded]
+    assert kinds(announce(fleet, TOPIC, metadata_of(version=3), 3))[:2] == [SourceRemoved, SourceQuarantined]
+
+
+def test_strangers_that_come_and_go_are_a_line_a_minute() -> None:
+    fleet = Fleet(UnknownSources.CREATE)
+    topics = [TOPIC._replace(id=1 + number) for number in range(20)]
+    told: list[str] = []
+    for second in range(100, 190):
+        fleet.now = second * TICKS_PER_SECOND
+        for topic in topics:
+            if second % 2:
+                told += notices(fleet.state.apply(SourceSilent(topic), fleet.now))
+            else:
+                fleet.hear(topic, [DOUBLE], [1.0], second, metadata=SINGLE)
+    assert len(told) == 2
+    assert "is silent" in told[0]
+    assert "(and 599 more such changes since the last line)" in told[1]

@@ -169,7 +169,7 @@ def test_a_source_that_never_says_what_it_sends_is_listed_with_the_reason(policy
     assert (listed.topic, "announces no metadata; state its fields in `sources`" in listed.reason) == (topic, True)
     assert len([change for change in server.changes if isinstance(change, Noticed)]) == 1
     assert not [event for event in server.events if isinstance(event, DataReceived)]
-    released = server.state._discovery.meet(topic, METADATA[SPEED])[1]  # pyright: ignore[reportPrivateUsage]
+    released = server.state._discovery.meet(topic, METADATA[SPEED], 1)[1]  # pyright: ignore[reportPrivateUsage]
     assert isinstance(released[0], SourceReleased), "it has announced after all"
 
 

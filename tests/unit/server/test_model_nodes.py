@@ -169,3 +169,23 @@ def test_collection_goes_on_after_building() -> None:
         build()
     assert gc.isenabled()
     gc.unfreeze()
+
+
+async def test_names_that_no_node_has_any_more_are_not_kept() -> None:
+    async with types_loaded() as server:
+        builder = add_parent_and_child(server)
+        shared, kinds = len(builder._shared), len(builder._kinds)
+        for number in range(50):
+            builder.add_variable(
+                raw_id("fast.other", 2),
+                QualifiedName(2, f"other {number}"),
+                raw_id("fast", 2),
+                VARIABLE_TYPE,
+                data_type=DOUBLE,
+                value=value(),
+                value_rank=1,
+                array_length=100 + number,
+                description=f"number {number}",
+            )
+            await builder.remove(raw_id("fast.other", 2))
+        assert (len(builder._shared), len(builder._kinds)) == (shared, kinds)

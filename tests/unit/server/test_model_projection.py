@@ -87,6 +87,20 @@ async def test_others_get_their_turn_after_each_batch() -> None:
         assert turns >= 4
 
 
+async def test_others_get_their_turn_after_the_nodes_of_each_source() -> None:
+    async with fleet_built() as (_, nodes):
+        projection = Projection(nodes)
+        for number in range(20):
+            field = FieldModel(NodeId(2, 700 + number), "x", DOUBLE)
+            projection.put(SourceAdded(DataSetModel(Topic(5, 2, 700 + number), "/odom", (field,))))
+        writing = asyncio.ensure_future(projection.write_waiting())
+        turns = 0
+        while not writing.done():
+            turns += 1
+            await asyncio.sleep(0)
+        assert turns >= 20
+
+
 async def test_nodes_come_before_their_values_and_go() -> None:
     async with fleet_built() as (server, nodes):
         projection = Projection(nodes)

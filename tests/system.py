@@ -20,6 +20,8 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
+from tests import network
+
 ROOT = Path(__file__).resolve().parent.parent
 ROS1_PYTHON = ROOT / ".venv-ros1" / "bin" / "python"
 
@@ -73,6 +75,10 @@ def _umockdev() -> str | None:
     return None if shutil.which("umockdev-wrapper") else "umockdev is not installed (Debian package umockdev)"
 
 
+def _netns() -> str | None:
+    return network.missing_namespaces()
+
+
 def _dbus() -> str | None:
     return None if shutil.which("dbus-daemon") else "dbus-daemon is not installed (Debian package dbus-daemon)"
 
@@ -87,6 +93,7 @@ PARTS: dict[str, Callable[[], str | None]] = {
     "ur": _ur,
     "umockdev": _umockdev,
     "dbus": _dbus,
+    "netns": _netns,
 }
 
 

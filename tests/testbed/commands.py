@@ -84,12 +84,14 @@ class Commands:
         """Those whose end has not been told."""
         return [command for command in self.all if command.outcome is Outcome.OPEN]
 
-    def succeeded(self, robot: str, since: float) -> bool:
-        """Whether a command that was asked for since has been done."""
-        return any(
-            command.robot == robot and command.asked_at >= since and command.outcome is Outcome.DONE
-            for command in reversed(self.all)
-        )
+    def not_done(self, robot: str, since: float) -> list[str]:
+        """The skills of a robot of which no command that was asked for since has been done."""
+        done = {
+            command.skill
+            for command in self.all
+            if command.robot == robot and command.asked_at >= since and command.outcome is Outcome.DONE
+        }
+        return [skill for skill, _ in ASKED.get(robot, ()) if skill not in done]
 
     async def run(self) -> None:
         """Work until cancelled."""

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from typing import Final
 
 from tests.testbed.clients import modbus_client
-from tests.testbed.commands import ASKED, Commands
+from tests.testbed.commands import Commands
 from tests.testbed.disturb import ABSENCE_S, CONDUCTOR, GATEWAY, Deed, Kind, disturbance
 from tests.testbed.engine import CommandFailed, Container
 from tests.testbed.ledger import Account, Command, account
@@ -121,13 +121,12 @@ class Healing:
         seen = self._watcher.seen
         if not seen.is_all_good():
             return [f"{address} is {status}" for address, status in list(seen.bad.items())[:5]] or ["no connection"]
-        silent = [
-            f"no skill of {robot} was done"
-            for robot in kind.robots
-            if robot in ASKED and not self._commands.succeeded(robot, since)
+        # Each of them: one that is a service works where what the bridge publishes reaches nobody.
+        not_done = [
+            f"{robot}.{skill} was not done" for robot in kind.robots for skill in self._commands.not_done(robot, since)
         ]
-        if silent:
-            return silent
+        if not_done:
+            return not_done
         client = self._watcher.client
         if client is None:
             return ["no connection"]

@@ -14,7 +14,7 @@ import socket
 import threading
 import time
 from collections import OrderedDict
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any, Final
 
 import rosgraph.network
@@ -22,7 +22,7 @@ import rosgraph.xmlrpc
 import rospy.impl.masterslave
 import structlog
 
-from ua_bridges.ros1.tcpros import Broken, has_declarations, keep_alive, read_header, write_header
+from ua_bridges.ros1.tcpros import Broken, has_declarations, outlast, read_header, write_header
 
 __all__ = ["ApiNode", "Doorman", "Orders", "SlaveApi"]
 
@@ -32,6 +32,8 @@ HANDSHAKE_S: Final = 5.0
 """For the connection header of a subscriber."""
 MOST_WAITING: Final = 64
 """Connections that have not said what they want; then the oldest goes."""
+MOST_REFUSED: Final = 1000
+"""Subscribers that were refused, to be remembered."""
 MOST_CALL_BYTES: Final = 1 << 20
 """Of one call: a list of 10,000 publishers."""
 _log = structlog.get_logger("ua_bridges.ros1")
@@ -193,6 +195,23 @@ class Doorman:
         """`server` is rospy's TCPROSServer, whose handlers take those who say what they want."""
         self._server = server
         self._waiting = _Waiting()
+        self._lock = threading.Lock()
+        self._refused: OrderedDict[tuple[str, str], None] = OrderedDict()
+
+    def is_refused(self, topic: str, subscriber: str) -> bool:
+        """Whether the link that a node has asked for last was refused, since it wants another type or so."""
+        with self._lock:
+            return (topic, subscriber) in self._refused
+
+    def _note(self, header: Mapping[str, str], *, is_refused: bool) -> None:
+        key = header.get("topic", ""), header.get("callerid", "")
+        with self._lock:
+            if not is_refused:
+                self._refused.pop(key, None)
+            else:
+                self._refused[key] = None
+                if len(self._refused) > MOST_REFUSED:
+                    self._refused.popitem(last=False)
 
     def __call__(self, link: socket.socket, address: Any) -> None:
         """Meet a new connection; returns at once."""
@@ -205,11 +224,12 @@ class Doorman:
         try:
             deadline = time.monotonic() + HANDSHAKE_S
             header = read_header(link, deadline)
-            keep_alive(link)
+            outlast(link)
             self._waiting.remove(link)
             link.settimeout(None)
             wanted = self._server.topic_connection_handler if "topic" in header else None
             refusal = wanted(link, address, header) if wanted is not None else "no topic is asked for"
+            self._note(header, is_refused=bool(refusal))
             if refusal:
                 write_header(link, {"error": str(refusal)}, deadline)
                 link.close()

@@ -91,7 +91,7 @@ class RosNode:
         """What `rospy.impl.init.start_node` does, in a thread that can be joined."""
         rospy.impl.tcpros.init_tcpros()
         tcpros = rospy.impl.tcpros_base._tcpros_server  # noqa: SLF001 - there is no public way
-        tcpros._tcp_server_callback = Doorman(tcpros)  # noqa: SLF001
+        tcpros._tcp_server_callback = self.doorman = Doorman(tcpros)  # noqa: SLF001
         rospy.names._set_caller_id(self.name)  # noqa: SLF001 - there is no public way
         handler = SlaveApi(self.name, master_uri, self.orders)
         server = ApiNode(0, handler)

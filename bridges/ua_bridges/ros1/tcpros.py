@@ -5,6 +5,7 @@ A length is a claim: memory is taken for what came, never for what was announced
 
 from __future__ import annotations
 
+import contextlib
 import re
 import socket
 import struct
@@ -16,14 +17,18 @@ from urllib.parse import urlsplit
 
 __all__ = [
     "MOST_MESSAGE_BYTES",
+    "SILENT_S",
     "Broken",
     "ask",
     "has_declarations",
+    "has_undelivered",
     "is_there",
     "keep_alive",
+    "outlast",
     "read_header",
     "read_message",
     "topic_address",
+    "unanswered_s",
     "write_header",
 ]
 
@@ -37,6 +42,15 @@ KEEPALIVE_IDLE_S: Final = 3
 KEEPALIVE_INTERVAL_S: Final = 1
 KEEPALIVE_PROBES: Final = 3
 """A host that lost its power says nothing more: after 3 + 3 * 1 s its link counts as gone (rospy waits 150 s)."""
+SILENT_S: Final = float(KEEPALIVE_IDLE_S + KEEPALIVE_PROBES * KEEPALIVE_INTERVAL_S)
+"""The other end of a link that has acknowledged nothing for so long is away."""
+OUTAGE_S: Final = 130
+"""For so long a link to a subscriber outlasts that. rospy keeps its own end for 60 + 9 * 10 s, and has no other."""
+_MOST_RETRY_MS: Final = 1000
+_TCP_RTO_MAX_MS: Final = 44
+"""Linux 6.15; the socket module does not name it."""
+_TCP_INFO: Final = struct.Struct("8x16xI28xI")
+"""Of linux/tcp.h, `tcpi_unacked` and `tcpi_last_ack_recv` (ms)."""
 
 _LENGTH: Final = struct.Struct("<I")
 _BLOCK: Final = 1 << 20
@@ -53,6 +67,36 @@ def keep_alive(link: socket.socket) -> None:
     link.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPIDLE, KEEPALIVE_IDLE_S)
     link.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPINTVL, KEEPALIVE_INTERVAL_S)
     link.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPCNT, KEEPALIVE_PROBES)
+
+
+def outlast(link: socket.socket) -> None:
+    """Have a link to a subscriber outlast an outage of the network; `unanswered_s` tells that there is one."""
+    keep_alive(link)
+    # It takes the place of the number of probes, and holds for what was sent and is not acknowledged, too.
+    link.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, OUTAGE_S * 1000)
+    with contextlib.suppress(OSError):  # an older kernel tries again ever more seldom: after as long as the outage was
+        link.setsockopt(socket.IPPROTO_TCP, _TCP_RTO_MAX_MS, _MOST_RETRY_MS)
+
+
+def _tcp_info(link: socket.socket) -> tuple[int, int]:
+    unacknowledged, last_ack_ms = _TCP_INFO.unpack(link.getsockopt(socket.IPPROTO_TCP, socket.TCP_INFO, _TCP_INFO.size))
+    return unacknowledged, last_ack_ms
+
+
+def unanswered_s(link: socket.socket) -> float:
+    """How long ago the other end's kernel acknowledged anything; some 3 s where `keep_alive` holds it."""
+    try:
+        return _tcp_info(link)[1] / 1000
+    except OSError:
+        return float("inf")
+
+
+def has_undelivered(link: socket.socket) -> bool:
+    """Whether bytes were sent that the other end's kernel has not acknowledged."""
+    try:
+        return _tcp_info(link)[0] > 0
+    except OSError:
+        return False
 
 
 def _receive(link: socket.socket, most: int, deadline: float, what: str) -> bytes:

@@ -25,6 +25,7 @@ from ua_bridges.ros1.memory import LatchMemory
 from ua_bridges.ros1.node import RosNode
 from ua_bridges.ros1.outlet import Outlet
 from ua_bridges.ros1.source import RosSource
+from ua_bridges.ros1.subscribers import Relinking
 from ua_bridges.ros1.tcpros import is_there
 from ua_fleet.bridge.driver import DriverStatus, Dropped, Inlet, SourceForgotten
 from ua_fleet.bridge.offenders import Offenders
@@ -53,7 +54,8 @@ ASK_S: Final = 1.0
 CLOSING_S: Final = 2.0
 """For the links to end."""
 NOTE_PERIOD_S: Final = 1.0
-"""So often it is noted who is served: a call to the master for each subscriber of a latched topic."""
+"""So often it is looked who has a link, and noted who is served: a call to the master for each subscriber of a latched
+topic."""
 
 _log = structlog.get_logger("ua_bridges.ros1")
 
@@ -111,6 +113,7 @@ class Watch:
         self._stopping = threading.Event()
         self._wake = threading.Event()
         self._thread = threading.Thread(target=self._run, name="ros1-watch", daemon=True)
+        self._relinking = Relinking(node.name, inlet, node.doorman.is_refused, self._wake.set)
         self.status = DriverStatus(False, f"looking for the ROS master at {master.uri}")
         self.state = SystemState({}, {}, {})
         """What the master said last."""
@@ -177,6 +180,8 @@ class Watch:
                 return
             for name in self._node.orders.take_topics() & self._sources.keys():
                 self._registered.discard(("subscriber", name))  # registering again tells the publishers' addresses
+            for name in self._relinking.take_due():
+                self._registered.discard(("publisher", name))  # registering again tells the subscribers of us
             state = self._master.system_state()
             if state != self.state:
                 self._changed_at = self._looked_at
@@ -196,7 +201,7 @@ class Watch:
         self._check_sources(state)
         with contextlib.suppress(NotConnected):  # said at the next look
             self._check_outlets(state)
-            self._note_served(state)
+            self._look_after_subscribers(state)
 
     def _find(self, state: SystemState) -> None:
         if len(self._sources) < MOST_SOURCES or self._unheard:
@@ -302,12 +307,16 @@ class Watch:
             self._served.note(subscriber)
         return frozenset(owed)
 
-    def _note_served(self, state: SystemState | None) -> None:
+    def _look_after_subscribers(self, state: SystemState | None) -> None:
         now = time.monotonic()
-        if now >= self._note_at:
-            self._note_at = now + NOTE_PERIOD_S
-            for outlet in self._outlets:
-                self._serve(outlet, state)
+        if now < self._note_at:
+            return
+        self._note_at = now + NOTE_PERIOD_S
+        for outlet in self._outlets:
+            self._serve(outlet, state)
+        if state is not None:
+            published = [name for role, name in self._registered if role == "publisher"]
+            self._relinking.look(published, state.subscribers, self._master.node_uri, now)
 
     def _lose_sources(self) -> None:
         for source in self._sources.values():

@@ -12,6 +12,7 @@ from typing import Any
 
 from tests import system
 from tests.integration import peer
+from tests.network import Cable
 from ua_fleet.pubsub.events import DataReceived, SourceReturned, SourceSilent
 from ua_fleet.topics import Topic
 
@@ -23,13 +24,16 @@ WAIT_S = 15.0
 class Ros1Graph:
     """The processes of a test."""
 
-    def __init__(self, processes: system.Processes, folder: Path, pubsub_url: str) -> None:
+    def __init__(self, processes: system.Processes, folder: Path, pubsub_url: str, cable: Cable | None = None) -> None:
+        """With a cable, the master and all nodes are at its far end, and the bridge is at the near one."""
         self.processes, self.folder, self.pubsub_url = processes, folder, pubsub_url
         self.port = system.free_tcp_port()
-        self.uri = f"http://127.0.0.1:{self.port}"
+        self._prefix: tuple[str, ...] = () if cable is None else cable.prefix
+        self._bridge_ip, robot_ip = ("127.0.0.1", "127.0.0.1") if cable is None else (cable.near, cable.far)
+        self.uri = f"http://{robot_ip}:{self.port}"
         self.env = system.clean_environment(
             ROS_MASTER_URI=self.uri,
-            ROS_IP="127.0.0.1",
+            ROS_IP=robot_ip,
             ROS_LOG_DIR=str(folder / "log"),
             HOME=str(folder),
             UA_FLEET_RUNTIME_DIR=str(folder),
@@ -37,7 +41,8 @@ class Ros1Graph:
 
     def master(self) -> system.Child:
         """Start the master; ready when it answers."""
-        child = self.processes.start("/usr/bin/rosmaster", "--core", "-p", str(self.port), "-w", "3", env=self.env)
+        command = ("/usr/bin/rosmaster", "--core", "-p", str(self.port), "-w", "3")
+        child = self.processes.start(*self._prefix, *command, env=self.env)
         deadline = time.monotonic() + WAIT_S
         while True:
             try:
@@ -51,7 +56,8 @@ class Ros1Graph:
 
     def node(self, script: str, *args: str, ready: bool = True) -> system.Child:
         """Start a stock node."""
-        child = self.processes.start(system.ROS1_PYTHON, HERE / "nodes" / script, *args, env=self.env)
+        node = HERE / "nodes" / script
+        child = self.processes.start(*self._prefix, system.ROS1_PYTHON, node, *args, env=self.env)
         if ready:
             child.wait_for("ready")
         return child
@@ -64,10 +70,11 @@ class Ros1Graph:
 
     def bridge(self, robots: Mapping[str, Any] | None = None, **pubsub: Any) -> system.Child:
         """Start the bridge of space 1."""
+        ends = {"master_uri": self.uri, "host_ip": self._bridge_ip}
         config = {
             "version": 1,
             "pubsub": {"security": "none", "url": self.pubsub_url, **pubsub},
-            "bridges": {"ros1": {"kind": "ros1", "space": 1, "master_uri": self.uri, "status_id": STATUS.id}},
+            "bridges": {"ros1": {"kind": "ros1", "space": 1, "status_id": STATUS.id, **ends}},
             "robots": robots or {},
         }
         path = self.folder / "fleet.json"

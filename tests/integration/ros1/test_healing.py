@@ -172,6 +172,35 @@ async def test_killed_bridge_starts_again_beside_its_own_ghost(graph: Ros1Graph,
     await asyncio.to_thread(listener.wait_for, "after")
 
 
+async def test_subscriber_that_has_lost_its_link_gets_another(graph: Ros1Graph, peer: Peer) -> None:
+    graph.master()
+    bridge = graph.bridge()
+    peer.announce(FOREIGN, TEXT)
+    peer.publish(FOREIGN, "before")
+    await peer.until(lambda: "/ua_2_2_5" in graph.state()[0])
+    listener = graph.listener("/ua_2_2_5", "std_msgs/String", "--loses-link")
+    await peer.until(lambda: [line for line in listener.lines if "links" in line] == ["links 1", "links 0", "links 1"])
+    await graph.linked(listener, "/ua_2_2_5")
+    peer.publish(FOREIGN, "after")
+    await asyncio.to_thread(listener.wait_for, 'data: "after"')
+    await peer.until(lambda: peer.bridge("Drops.unlinked") == 1)
+    bridge.wait_for("a subscriber has no link; its topic is registered again")
+    await asyncio.to_thread(bridge.wait_for, "a subscriber is linked again")
+
+
+async def test_subscriber_with_another_type_is_not_asked_to_link_again(graph: Ros1Graph, peer: Peer) -> None:
+    graph.master()
+    graph.bridge()
+    peer.announce(FOREIGN, TEXT)
+    peer.publish(FOREIGN, "before")
+    await peer.until(lambda: "/ua_2_2_5" in graph.state()[0])
+    graph.listener("/ua_2_2_5", "std_msgs/Float64", "--name", "wrong")
+    graph.listener("/ua_2_2_5", "std_msgs/String", "--loses-link")
+    # Registering for the second one has the master tell both.
+    await peer.until(lambda: peer.bridge("Drops.unlinked") == 1)
+    await peer.stays(lambda: peer.bridge("Drops.unlinked") == 1, 5.0)
+
+
 async def test_bridge_leaves_nothing_behind_when_it_stops(graph: Ros1Graph, peer: Peer) -> None:
     graph.master()
     bridge = graph.bridge()

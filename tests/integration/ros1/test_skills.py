@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import secrets
 import signal
 from collections.abc import AsyncIterator
 from pathlib import Path
@@ -11,81 +10,17 @@ from typing import Any
 
 import pytest
 
-from tests.integration.actions.requesting import Requesting, requesting
+from tests.integration.actions.requesting import requesting
 from tests.integration.ros1.ros1_graph import Ros1Graph
-from tests.integration.ros1.skilled import COUNT, DRIVE, FAIL, HOLD, MOVE, NO, ROBOTS, SPACE, STATUS
-from tests.system import Child
+from tests.integration.ros1.skilled import COUNT, DRIVE, FAIL, HOLD, MOVE, NO, Robot
 from tests.waiting import until
 from ua_fleet.config.schema import FleetConfig
-from ua_fleet.skill.executions import OPEN, ExecutionState, Outcome, OutcomeKind
-from ua_fleet.skill.status import read_result
-from ua_fleet.topics import Topic
+from ua_fleet.skill.executions import ExecutionState, OutcomeKind
 from ua_fleet.values import StatusCode
 
 pytestmark = pytest.mark.needs("ros1")
 
 DONE, FAILED, UNKNOWN = ExecutionState.DONE, ExecutionState.FAILED, ExecutionState.UNKNOWN
-
-
-class Robot:
-    """A robot with skills, its bridge, and who commands it."""
-
-    def __init__(self, graph: Ros1Graph, requestor: Requesting) -> None:
-        self.graph, self._requestor = graph, requestor
-        self.bridge = graph.bridge(ROBOTS)
-        self.node: Child = graph.node("skilled.py")
-        self._status = Topic(SPACE, 2, STATUS)
-
-    def told(self) -> list[str]:
-        """What the robot was told, without the ids of goals."""
-        told = [line.removeprefix("told: ") for line in self.node.lines if line.startswith("told: ")]
-        return [" ".join(word for word in line.split() if len(word) < 32) for line in told]
-
-    async def ask(self, skill: int, *values: Any, execution_id: bytes | None = None) -> Outcome:
-        topic = Topic(SPACE, 2, skill)
-        return await self._requestor.invoke(topic, values, 20.0, execution_id)
-
-    async def begin(self, skill: int, *values: Any) -> bytes:
-        """Have it begin something, and wait until it was told."""
-        execution_id, before = secrets.token_bytes(16), len(self.told())
-        outcome = await self.ask(skill, *values, execution_id=execution_id)
-        assert outcome.kind is OutcomeKind.ACCEPTED, outcome
-        await until(lambda: len(self.told()) > before)
-        return execution_id
-
-    def seen(self, execution_id: bytes) -> tuple[ExecutionState, dict[str, Any], str] | None:
-        """State, results and message of an execution in SkillStatus."""
-        message = self._requestor.status.get(self._status)
-        if message is None or not message.values:
-            return None
-        ids, _skills, states, _progress, results, messages, _ = message.values
-        for number, one in enumerate(ids):
-            if one == execution_id:
-                return ExecutionState(states[number]), read_result(results[number]), messages[number]
-        return None
-
-    def has_ended(self, execution_id: bytes) -> bool:
-        seen = self.seen(execution_id)
-        return seen is not None and seen[0] not in OPEN
-
-    async def end(self, execution_id: bytes) -> tuple[ExecutionState, dict[str, Any], str]:
-        await until(lambda: self.has_ended(execution_id))
-        seen = self.seen(execution_id)
-        assert seen is not None
-        return seen
-
-    async def do(self, skill: int, *values: Any) -> tuple[ExecutionState, dict[str, Any], str]:
-        """Have it do something; how it ended."""
-        return await self.end(await self.begin(skill, *values))
-
-    def halt(self, skill: int, execution_id: bytes) -> None:
-        self._requestor.commands.halt(Topic(SPACE, 2, skill), "arm", execution_id)
-
-    def restart_bridge(self) -> None:
-        """Kill the bridge and start it anew."""
-        self.bridge.end(signal.SIGKILL)
-        self._requestor.status.clear()
-        self.bridge = self.graph.bridge(ROBOTS)
 
 
 @pytest.fixture

@@ -44,6 +44,7 @@ class SkilledRos1Driver(SkilledDriver, Ros1Driver):
             self._bridge.master_uri,
             lambda: self._watch.state if self._watch is not None else _NOTHING,
             thread.call,
+            inlet.put,
         )
         skills.opened(graph)
         thread.start(skills.turn)

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Any, Final
 
 import rospy
@@ -14,12 +14,19 @@ from ua_bridges.ros1.classes import TypeUnavailable, needed_type
 from ua_bridges.ros1.feed import schema_of
 from ua_bridges.ros1.master import SystemState
 from ua_bridges.ros1.outlet import QUEUE_SIZE
+from ua_bridges.ros1.subscribers import SubscriberLink, links_of
+from ua_bridges.ros1.tcpros import SILENT_S
+from ua_fleet.bridge.driver import DriverEvent, Dropped
 from ua_fleet.config.schema import QosConfig
+from ua_fleet.counters import Drop
+from ua_fleet.printing import harmless
 
 __all__ = ["Ros1Graph", "ros1_name"]
 
 SETTLE_S: Final = 1.0
 """Subscribers that the master knows have so long to link themselves after the first one has."""
+UNDELIVERED_S: Final = 20.0
+"""What was published and has not arrived for so long is not delivered any more: somebody may have asked anew."""
 
 
 def ros1_name(ros_type: str) -> str:
@@ -32,21 +39,37 @@ def ros1_name(ros_type: str) -> str:
 class _Spoken:
     """See `ua_bridges.ros.ports.Spoken`. rospy sends in threads of its own."""
 
-    def __init__(self, name: str, publisher: Any, subscribers: Callable[[], int]) -> None:
-        self._name, self._publisher, self._subscribers = name, publisher, subscribers
+    def __init__(
+        self, name: str, publisher: Any, subscribers: Callable[[], int], put: Callable[[DriverEvent], None]
+    ) -> None:
+        self._name, self._publisher, self._subscribers, self._put = name, publisher, subscribers, put
         self._since: float | None = None
 
     def look(self, now: float) -> str:
         """See Spoken."""
-        links = int(self._publisher.get_num_connections())
+        links = links_of(self._name)
         if not links:
             self._since = None
             return f"nobody subscribes to {self._name}; start the robot's node"
+        unanswered = [link for link in links if link.unanswered_s > SILENT_S]
+        if unanswered:
+            self._withdraw(unanswered)
+        if len(unanswered) == len(links):
+            self._since = None
+            return f"no subscriber of {self._name} answers; look at the network of the robot's node"
         if self._since is None:
             self._since = now
-        if links < self._subscribers() and now < self._since + SETTLE_S:
+        if len(links) < self._subscribers() and now < self._since + SETTLE_S:
             return f"{self._name} is not linked to all its subscribers yet"
         return ""
+
+    def _withdraw(self, unanswered: Iterable[SubscriberLink]) -> None:
+        """End the links on which something is on its way for too long: the robot gets it soon, or never."""
+        for link in unanswered:
+            if link.unanswered_s > UNDELIVERED_S and link.has_undelivered:
+                link.cut()
+                said = f"{self._name}: {link.subscriber} has not got what was published for {UNDELIVERED_S:g} s"
+                self._put(Dropped(Drop.UNLINKED, detail=harmless(f"{said}; it will not get it later")))
 
     def publish(self, message: Any) -> None:
         """See Spoken."""
@@ -62,6 +85,7 @@ class Ros1Graph:
         master_uri: str,
         state: Callable[[], SystemState],
         call: Callable[[Callable[[], None]], None],
+        put: Callable[[DriverEvent], None],
     ) -> None:
         """Begin with nothing published.
 
@@ -70,7 +94,9 @@ class Ros1Graph:
             master_uri: of the master.
             state: what it said last.
             call: has a step done in the skills' thread.
+            put: where is told what was not delivered.
         """
+        self._put = put
         self.node_name, self.master_uri, self.state, self.call = node_name, master_uri, state, call
         self.spoken: dict[str, str] = {}
         """Type of each topic that is published; the watch registers them."""
@@ -88,7 +114,7 @@ class Ros1Graph:
         except rospy.ROSException as error:
             raise TypeUnavailable(f"{name} is published with another type already: {error}") from error
         self.spoken[name] = kind.name
-        return _Spoken(name, publisher, lambda: self._subscribers(name))
+        return _Spoken(name, publisher, lambda: self._subscribers(name), self._put)
 
     def _subscribers(self, name: str) -> int:
         return sum(other != self.node_name for other in self.state().subscribers.get(name, ()))

@@ -1,7 +1,9 @@
 # pyright: basic, reportMissingImports=false
 """A stock ROS 1 node: prints one topic's messages, like `rostopic echo`, each on one line.
 
-listener.py TOPIC TYPE [--name NODE] [--delay S]
+listener.py TOPIC TYPE [--name NODE] [--loses-link]
+
+With --loses-link it loses its first link, as rospy does after an outage: it closes it, and makes no other by itself.
 """
 
 import argparse
@@ -16,6 +18,7 @@ parser = argparse.ArgumentParser()
 parser.add_argument("topic")
 parser.add_argument("type")
 parser.add_argument("--name", default="listener")
+parser.add_argument("--loses-link", action="store_true")
 args = parser.parse_args()
 
 
@@ -36,6 +39,9 @@ def tell_links() -> None:
         if subscriber.get_num_connections() != links:
             links = subscriber.get_num_connections()
             say(f"links {links}")
+            if links and args.loses_link:
+                args.loses_link = False
+                subscriber.impl.connections[0].close()
         rospy.sleep(0.02)
 
 

@@ -427,7 +427,7 @@ class Calling:
         self.events: list[DriverEvent] = []
         self._steps: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
         state = SystemState({}, {}, {"/hold": ["/robot"]})
-        graph = Ros1Graph("/ua_bridge", "http://127.0.0.1:1", lambda: state, self._steps.put)
+        graph = Ros1Graph("/ua_bridge", "http://127.0.0.1:1", lambda: state, self._steps.put, self.events.append)
         spec = SkillSpec("arm", "hold", Topic(1, 2, 5), Topic(1, 2, 6), config, mapping)
         self.executing = Executing(self.events.append)
         self.port = ServicePort(spec, mapping.way, self.executing, self.events.append)

@@ -10,7 +10,7 @@ from structlog.testing import capture_logs
 
 pytest.importorskip("rospy", reason="needs the Python that has rospy")
 
-from ua_bridges.ros1.api import Orders
+from ua_bridges.ros1.api import Doorman, Orders
 from ua_bridges.ros1.master import SystemState
 from ua_bridges.ros1.watch import Watch
 
@@ -25,6 +25,9 @@ class Master:
     def system_state(self) -> SystemState:
         return SystemState({}, {}, {})
 
+    def node_uri(self, _name: str) -> None:
+        pass
+
     def unregister(self, *_: object) -> None:
         pass
 
@@ -33,7 +36,7 @@ class Master:
 
 
 async def test_watch_whose_node_cannot_be_reached_is_over() -> None:
-    node = SimpleNamespace(name="/ua_bridge", uri="", orders=Orders(), is_reachable=True)
+    node = SimpleNamespace(name="/ua_bridge", uri="", orders=Orders(), is_reachable=True, doorman=Doorman(None))
     nothing: Any = None
     watch = Watch(
         1,

@@ -25,12 +25,18 @@ class Works(Plant):
         """Other times of `resilience`, and bridges that are held to be silent soon; before anything is started."""
         self._change(resilience=resilience, pubsub={"keep_alive_s": 0.2, "receive_timeout_s": 0.8})
 
+    def tell_values(self, robot: str) -> None:
+        """Have a robot tell a value, by which it is heard; before anything is started."""
+        declared: dict[str, Any] = json.loads((self.folder / "fleet.json").read_text())["robots"][robot]
+        values = {**declared.get("data", {}), "load": {"id": 1400, "type": "Double"}}
+        self._change(robots={robot: {**declared, "data": values}})
+
     def _change(self, **parts: dict[str, Any]) -> None:
         path = self.folder / "fleet.json"
         raw = json.loads(path.read_text())
         for name, part in parts.items():
             raw[name] = {**raw[name], **part}
-        if "silence_s" not in parts.get("resilience", {}):
+        if "silence_s" not in parts.get("resilience", {"silence_s": None}):
             raw["resilience"] = {"mode": raw["resilience"]["mode"]}
         path.write_text(json.dumps(raw))
         self.config = FleetConfig.model_validate(raw)

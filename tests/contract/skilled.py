@@ -74,6 +74,7 @@ class Machine:
         folder.mkdir(exist_ok=True)
         self._log = folder / "told.jsonl"
         self._forgetful, self._weak, self._frozen = folder / "forgetful", folder / "weak", folder / "frozen"
+        self._mute = folder / "mute"
 
     def begin(self, execution_id: bytes, work: str, seconds: float) -> Job:
         """Tell the machine to begin."""
@@ -123,6 +124,18 @@ class Machine:
     def freeze(self) -> None:
         """Heed no halt from now on."""
         self._frozen.touch()
+
+    @property
+    def is_mute(self) -> bool:
+        """Whether it tells no values."""
+        return self._mute.exists()
+
+    def mute(self, *, is_mute: bool) -> None:
+        """Tell no values from now on, or tell them again; what it is at goes on."""
+        if is_mute:
+            self._mute.touch()
+        else:
+            self._mute.unlink(missing_ok=True)
 
     @property
     def is_weak(self) -> bool:

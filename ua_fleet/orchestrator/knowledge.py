@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable
+from math import inf
 
 from ua_fleet.orchestrator.candidates import ResilienceSettings, TaskToDo
 from ua_fleet.orchestrator.faults import Fault, FaultChange, Faults
@@ -23,6 +24,10 @@ class Knowledge:
         self.faults = Faults()
         self._silent: dict[str, float] = {}
         """Since when, by the wall clock."""
+        self._followed: dict[str, frozenset[str]] = {}
+        """The executions that robots say they are at."""
+        self._followed_until: dict[str, float] = {}
+        """Until when robots said so of executions of runs that they say it of no more."""
 
     @property
     def silence_s(self) -> float:
@@ -37,6 +42,30 @@ class Knowledge:
     def silent_since(self, robot: str) -> float | None:
         """See World."""
         return self._silent.get(robot)
+
+    def followed_until(self, robot: str, execution_id: str) -> float:
+        """See World."""
+        if execution_id in self._followed.get(robot, ()):
+            return inf
+        return self._followed_until.get(execution_id, -inf)
+
+    def follow(self, robot: str, told: frozenset[str], under_way: Collection[str], now: float) -> bool:
+        """A robot says what it is at, or nothing says it any more; whether that changes what is known of runs.
+
+        Args:
+            robot: its name.
+            told: the executions that it is at.
+            under_way: those of all runs; of others nothing is remembered.
+            now: by the wall clock.
+        """
+        before = self._followed.get(robot, frozenset())
+        changed = {execution_id for execution_id in before ^ told if execution_id in under_way}
+        self._followed[robot] = told
+        if not changed:
+            return False
+        self._followed_until = {key: at for key, at in self._followed_until.items() if key in under_way}
+        self._followed_until.update(dict.fromkeys(changed - told, now))
+        return True
 
     def needs(self, robot: str, task: Task) -> tuple[str, ...]:
         """See World."""
@@ -56,6 +85,7 @@ class Knowledge:
     def forget(self, robot: str) -> None:
         """A robot is gone."""
         self._silent.pop(robot, None)
+        self._followed.pop(robot, None)
 
     def raised(
         self, robot: str, source: str, reason: str, now: float, capacities: tuple[str, ...] = ()

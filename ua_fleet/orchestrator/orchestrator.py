@@ -256,6 +256,12 @@ class Orchestrator:
         self._has_news = True
         return self._taken(now)
 
+    def followed(self, robot: str, told: frozenset[str], now: float) -> list[Output]:
+        """A robot's SkillStatus says which executions it is at: none of them, where nothing says so any more."""
+        if self._known.follow(robot, told, self._executions, now):
+            self._has_news = True
+        return self._taken(now)
+
     def is_silent(self, robot: str) -> bool:
         """Whether nothing is heard of a robot."""
         return self._known.silent_since(robot) is not None

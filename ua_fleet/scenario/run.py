@@ -290,7 +290,7 @@ class Run:
 
         def take(moment: Moment) -> None:
             task_run, then = self.state.tasks[step], ANSWERS[answer]
-            if then is Then.RETRY and self._world.silent_since(task_run.robot) is not None:
+            if then is Then.RETRY and self._tending.silent_since(task_run) is not None:
                 then = Then.AWAIT
             else:
                 self._let_go(step, task_run, moment)
@@ -473,7 +473,7 @@ class Run:
             task_run,
             outcome,
             moment.now,
-            is_silent=self._world.silent_since(task_run.robot) is not None,
+            is_silent=self._tending.silent_since(task_run) is not None,
             silence_s=self._world.silence_s,
             return_s=self._world.return_s,
             is_closing=self.state.closing is not None,
@@ -528,7 +528,7 @@ class Run:
 
     def _is_unknown(self, task_run: TaskRun) -> bool:
         """Whether that nobody can tell is nothing new."""
-        is_silent = self._world.silent_since(task_run.robot) is not None
+        is_silent = self._tending.silent_since(task_run) is not None
         return task_run.phase is TaskPhase.ASKED or (task_run.phase is TaskPhase.LOST and is_silent)
 
     def task(self, step: str) -> Task:

@@ -6,6 +6,7 @@ Nothing here is told: the robots are looked at each time a run goes on, so that 
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
+from math import inf
 from typing import Final, Protocol
 
 from ua_fleet.scenario.asking import cancel
@@ -80,6 +81,14 @@ class Tending:
         """Whether a robot cannot be asked now for what needs some capacities; without them: for anything at all."""
         return self._world.silent_since(robot) is not None or self._world.trouble(robot, needs) is not None
 
+    def silent_since(self, task_run: TaskRun) -> float | None:
+        """Since when neither the robot of an attempt is heard, nor its word that it is at it; None: one of them is."""
+        since = self._world.silent_since(task_run.robot)
+        if since is None or not task_run.execution_id:
+            return since
+        until = self._world.followed_until(task_run.robot, task_run.execution_id)
+        return None if until == inf else max(since, until)
+
     def is_tended(self, step: str, task: Task, task_run: TaskRun, moment: Moment) -> bool:
         """Do what follows from what is known; whether that was something, so that the task need not be asked for."""
         if task_run.phase is TaskPhase.WANTED:
@@ -113,7 +122,7 @@ class Tending:
     def _tend_begun(self, step: str, task: Task, task_run: TaskRun, moment: Moment) -> None:
         robot, phase = task_run.robot, task_run.phase
         trouble = self._world.trouble(robot, self._world.needs(robot, task))
-        since = self._world.silent_since(robot)
+        since = self.silent_since(task_run)
         if trouble is not None and trouble.stands:
             self._tend_standing(step, task_run, since, trouble.reason, moment)
         elif phase is TaskPhase.HALTING:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection
+from math import inf
 from typing import NamedTuple, Protocol
 
 from ua_fleet.scenario.model import Task
@@ -47,6 +48,12 @@ class World(Protocol):
         """
         ...
 
+    def followed_until(self, robot: str, execution_id: str) -> float:
+        """Until when the robot's SkillStatus said that it is at an execution, by the wall clock: infinity while it says
+        so, minus infinity if it never did. Its values may be lost meanwhile, so that it counts as silent.
+        """
+        ...
+
 
 class AllWell:
     """Robots that are heard and have no faults."""
@@ -68,3 +75,8 @@ class AllWell:
         """See World."""
         del robot
         return None
+
+    def followed_until(self, robot: str, execution_id: str) -> float:
+        """See World."""
+        del robot, execution_id
+        return -inf

@@ -422,9 +422,7 @@ class Hub:
                 self._look_for_robot(event)
             self._take(self.state.apply(event, wall), now)
             self._follow_skills(event, wall)
-            if self._scenarios is not None and isinstance(event, DataReceived):
-                with self.mistakes.guard("scenarios", topic=event.topic.name):
-                    self._scenarios.heard(event)
+            self._follow_executions(event)
 
     def _want(self, action: Topic) -> None:
         """See to it that a bridge announces an Action; nobody announces what clients do."""
@@ -459,6 +457,20 @@ class Hub:
         if self.tracker.knows(event.topic):
             with self.mistakes.guard("outcomes", topic=event.topic.name):
                 self.show_skills(self.tracker.apply(event, wall))
+
+    def _follow_executions(self, event: SubscriberEvent) -> None:
+        """Tell runs what robots say they are at, and when nothing says so any more."""
+        if self._scenarios is None:
+            return
+        if isinstance(event, DataReceived):
+            with self.mistakes.guard("scenarios", topic=event.topic.name):
+                self._scenarios.heard(event)
+        elif isinstance(event, SourceSilent | SourceStale | SourceRefused):
+            with self.mistakes.guard("scenarios", topic=event.topic.name):
+                self._scenarios.source_lost(event.topic)
+        elif isinstance(event, SourceReturned):
+            with self.mistakes.guard("scenarios", topic=event.topic.name):
+                self._scenarios.source_returned(event.topic)
 
     def show_skills(self, changes: Iterable[SkillChange]) -> None:
         """Show what has become of executions, in the order in which it happened."""

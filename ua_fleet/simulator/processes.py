@@ -283,7 +283,9 @@ class VirtualServer:
     def _handle(self, events: Iterable[SubscriberEvent], now: float) -> None:
         for event in events:
             if isinstance(event, DataReceived):
-                self._tasks.heard(event)
+                if self._tasks.robot_of(event.topic) is not None:
+                    self._tasks.show(event)
+                    self._tasks.take_shown(event.topic)
             elif isinstance(event, ActionReceived):
                 self._commands.receive(event, now)
             elif isinstance(event, SourceUnknown | ProbeDue):

@@ -2,17 +2,27 @@
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import Sequence
 from typing import Final
 
+from tests.contract.harness import NUMBER
 from tests.contract.skilled import FIELDS, RESULTS, TARGET, Job, Machine, SkilledDriver
-from tests.contract.virtual import Bus
+from tests.contract.virtual import Bus, VirtualRobot
 from ua_fleet.bridge import Execution, ExecutionEnded, ExecutionNotBegun, Skill, SkillTarget
 from ua_fleet.config.schema import FleetConfig
 from ua_fleet.topics import Topic
 from ua_fleet.values import StatusCode
 
-__all__ = ["ANSWERS_FOR_ANOTHER", "ANSWERS_TWICE", "FAILS_EVERY_OTHER_TIME", "HEAVY", "POISONED", "RobotDriver"]
+__all__ = [
+    "ANSWERS_FOR_ANOTHER",
+    "ANSWERS_TWICE",
+    "FAILS_EVERY_OTHER_TIME",
+    "HEAVY",
+    "POISONED",
+    "RobotDriver",
+    "tell_values",
+]
 
 FAILS_EVERY_OTHER_TIME: Final = "fails every other time"
 """Work whose name begins so fails when the machine is told first, third, fifth ... of it."""
@@ -72,3 +82,20 @@ class RobotDriver(SkilledDriver):
         if job.work == ANSWERS_TWICE:
             self._to.put(ExecutionEnded(job.execution_id, _BROKEN, (), "told again"))
             self._to.put(ExecutionEnded(job.execution_id, 0, ("another result", -1.0)))
+
+
+async def tell_values(config: FleetConfig, robot: str, bus: Bus, machine: Machine) -> None:
+    """Tell the values of a robot while its machine is not mute: another program than the one for its skills."""
+    space, values = config.space_of(robot), config.robots[robot].data.values()
+    topics = [Topic(space, 2, one.id).name for one in values if one.origin == "robot" and one.id is not None]
+    program, is_there = VirtualRobot(bus), False
+    while topics:
+        was_there, is_there = is_there, not machine.is_mute
+        for topic in topics:
+            if is_there and not was_there:
+                program.advertise(topic, NUMBER)
+            elif was_there and not is_there:
+                program.withdraw(topic)
+            if is_there:
+                program.publish(topic, NUMBER.values(1.0))
+        await asyncio.sleep(0.1)

@@ -16,7 +16,7 @@ import structlog
 
 from tests.contract.skilled import Machine
 from tests.contract.virtual import Bus
-from tests.integration.scenarios.machines import RobotDriver
+from tests.integration.scenarios.machines import RobotDriver, tell_values
 from ua_fleet.bridge.runner import run_bridge
 from ua_fleet.cli.key_source import key_source_of
 from ua_fleet.config.schema import FleetConfig
@@ -32,10 +32,13 @@ async def main(path: Path, robot: str, machine: Path) -> int:
 
     async def bridged() -> None:
         async with key_source_of(config, name, path.parent, state_dir) as keys:
-            driver = RobotDriver(config, robot, bus, Machine(machine))
+            controller = Machine(machine)
+            driver = RobotDriver(config, robot, bus, controller)
             transport = UdpTransport(config.pubsub.url, config.pubsub.interface)
             ready = partial(print, "ready", flush=True)
-            await run_bridge(config, name, driver, transport, state_dir=state_dir, keys=keys, ready=ready)
+            async with asyncio.TaskGroup() as tasks:
+                tasks.create_task(tell_values(config, robot, bus, controller))
+                await run_bridge(config, name, driver, transport, state_dir=state_dir, keys=keys, ready=ready)
 
     running = asyncio.ensure_future(bridged())
     asyncio.get_running_loop().add_signal_handler(signal.SIGTERM, running.cancel)

@@ -7,6 +7,7 @@ from collections import Counter
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field
 from itertools import count
+from math import inf
 
 from ua_fleet.errors import ScenarioError
 from ua_fleet.scenario.effects import (
@@ -50,6 +51,8 @@ class Robots:
     def __init__(self) -> None:
         self.troubles: dict[str, Trouble] = {}
         self.silent: dict[str, float] = {}
+        self.followed: dict[str, float] = {}
+        """Until when robots said that they are at executions; infinity: they say so."""
 
     def needs(self, robot: str, task: Task) -> tuple[str, ...]:
         return task.capacities
@@ -59,6 +62,9 @@ class Robots:
 
     def silent_since(self, robot: str) -> float | None:
         return self.silent.get(robot)
+
+    def followed_until(self, robot: str, execution_id: str) -> float:
+        return self.followed.get(execution_id, -inf)
 
 
 class Owner:

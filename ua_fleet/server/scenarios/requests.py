@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import contextlib
 from collections import OrderedDict
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Final, Protocol
 
@@ -28,19 +28,16 @@ from ua_fleet.orchestrator import OperatorAsked, TaskCancelled, TaskFollowed, Ta
 from ua_fleet.pubsub.events import DataReceived
 from ua_fleet.scenario import Value
 from ua_fleet.scenario.facts import TaskOutcome
+from ua_fleet.server.scenarios.outcomes import is_no_answer, outcome_of, refusal, shown_in, usable, with_status
 from ua_fleet.skill.executions import (
-    NOT_REACHED,
     OPEN,
-    ROBOT_STANDS,
     ExecutionState,
     Outcome,
     OutcomeKind,
-    Report,
     named_results,
 )
-from ua_fleet.skill.status import read_result, read_status
 from ua_fleet.topics import Topic
-from ua_fleet.values import BuiltinType, NodeId, StatusCode, is_finite, status_name
+from ua_fleet.values import BuiltinType, NodeId
 
 __all__ = ["START_WITHIN_S", "Requests", "TaskRequests"]
 
@@ -50,12 +47,6 @@ BUSY_PAUSE_S: Final = 0.5
 """Before a robot that is at something else is asked again."""
 UNREACHED_PAUSE_S: Final = 2.0
 """Before a robot that its bridge does not reach is asked again."""
-_BUSY: Final = (
-    StatusCode.BAD_TOO_MANY_OPERATIONS,
-    StatusCode.BAD_SERVER_TOO_BUSY,
-    StatusCode.BAD_CONFIGURATION_ERROR,  # the bridge has been started anew, with other arguments: ask by its new words
-)
-"""What a robot refuses now it may take later."""
 _PAUSES_S: Final = {TaskOutcome.BUSY: BUSY_PAUSE_S, TaskOutcome.UNREACHED: UNREACHED_PAUSE_S}
 ASK_AGAIN_S: Final = 0.2
 """Pause before an Action that nobody has announced is looked for again."""
@@ -65,11 +56,6 @@ another one made as long as the robot has not stopped."""
 MOST_EXECUTIONS: Final = 10_000
 
 _FLOATS: Final = (BuiltinType.FLOAT, BuiltinType.DOUBLE)
-_ENDED: Final = {
-    ExecutionState.DONE: TaskOutcome.DONE,
-    ExecutionState.UNKNOWN: TaskOutcome.UNKNOWN,
-    ExecutionState.TIMED_OUT: TaskOutcome.UNREACHED,
-}
 
 _log: Any = structlog.get_logger("ua_fleet.scenarios")
 
@@ -144,7 +130,7 @@ class TaskRequests:
         self._robots, self._requests, self._requested, self._clock = robots, requests, requested, clock
         self._accepted, self._tell_end, self._is_silent = accepted, ended, is_silent
         self._mistakes = mistakes or Mistakes()
-        self._status_topics = {robot.skill_status for robot in robots.values() if robot.skill_status is not None}
+        self._robot_of_status = {robot.skill_status: robot.name for robot in robots.values() if robot.skill_status}
         self._skills: OrderedDict[str, SkillModel] = OrderedDict()
         """The skill of each execution that was begun here."""
         self._told_by: dict[str, Topic] = {}
@@ -161,17 +147,20 @@ class TaskRequests:
         """Executions that were asked for, and of which nothing was heard yet."""
         self._shown: dict[Topic, dict[str, tuple[TaskOutcome | None, str, dict[str, Value]]]] = {}
         """The executions of each robot's last SkillStatus."""
+        self._lost: set[Topic] = set()
+        """SkillStatus that is not heard: what it said last may be so no more."""
 
     def add(self, robot: RobotModel) -> None:
         """A robot has come."""
         if robot.skill_status is not None:
-            self._status_topics.add(robot.skill_status)
+            self._robot_of_status[robot.skill_status] = robot.name
 
     def remove(self, robot: RobotModel) -> None:
         """A robot that does nothing is gone."""
         if robot.skill_status is not None:
-            self._status_topics.discard(robot.skill_status)
+            self._robot_of_status.pop(robot.skill_status, None)
             self._shown.pop(robot.skill_status, None)
+            self._lost.discard(robot.skill_status)
 
     def _know(self, execution_id: str, robot_name: str, skill_name: str) -> Topic | None:
         """Listen for an execution; the SkillStatus of its robot, None where there is no such skill any more."""
@@ -204,15 +193,11 @@ class TaskRequests:
 
     def _take_shown(self, status: Topic | None, execution_id: str) -> None:
         """What the robot has said of it last."""
-        shown = self._shown.get(status, {}).get(execution_id) if status is not None else None
+        if status is None or status in self._lost:
+            return
+        shown = self._shown.get(status, {}).get(execution_id)
         if shown is not None and execution_id in self._skills:
             self._take_state(execution_id, *shown)
-
-    def robot_silent(self, robot_name: str) -> None:
-        """Nothing is heard of a robot any more: what it said last may be so no more."""
-        robot = self._robots.get(robot_name)
-        if robot is not None and robot.skill_status is not None:
-            self._shown.pop(robot.skill_status, None)
 
     def robot_heard(self, robot_name: str) -> None:
         """A robot is heard again: it is asked for what nobody has answered."""
@@ -329,13 +314,33 @@ class TaskRequests:
             skill = self._skills[execution_id].name
             _log.warning("a robot is not halted", robot=robot, skill=skill, reason=str(error))
 
-    def heard(self, event: DataReceived) -> None:
-        """Take a robot's SkillStatus; any other data is left alone."""
-        if event.topic not in self._status_topics:
-            return
-        shown = self._shown[event.topic] = dict(_shown_in(event))
+    def robot_of(self, topic: Topic) -> str | None:
+        """The robot whose SkillStatus this is; None where it is any other data."""
+        return self._robot_of_status.get(topic)
+
+    def show(self, event: DataReceived) -> None:
+        """Know a robot's SkillStatus; `take_shown` does what follows from it."""
+        self._shown[event.topic] = dict(shown_in(event))
+        self._lost.discard(event.topic)
+
+    def lose(self, topic: Topic) -> None:
+        """A SkillStatus is not heard any more, or nothing says that its last value is of now."""
+        self._lost.add(topic)
+
+    def find(self, topic: Topic) -> None:
+        """The last value of a SkillStatus is of now again."""
+        self._lost.discard(topic)
+
+    def under_way(self, topic: Topic) -> frozenset[str]:
+        """The executions that a robot is at, as its SkillStatus says; none where that is not heard."""
+        shown = {} if topic in self._lost else self._shown.get(topic, {})
+        return frozenset([execution_id for execution_id, (outcome, *_) in shown.items() if outcome is None])
+
+    def take_shown(self, topic: Topic) -> None:
+        """Do what follows from a robot's SkillStatus."""
+        shown = self._shown.get(topic, {})
         for execution_id in shown.keys() & self._skills.keys():
-            if self._told_by[execution_id] == event.topic:
+            if self._told_by.get(execution_id) == topic:
                 self._take_state(execution_id, *shown[execution_id])
 
     def concluded(self, execution_id: bytes, outcome: Outcome) -> None:
@@ -349,18 +354,18 @@ class TaskRequests:
         if self._is_unanswered(outcome, robot):
             self._unanswered[hex_id] = robot
             return
-        message = _with_status(report.message, report.status)
+        message = with_status(report.message, report.status)
         if outcome.kind is OutcomeKind.ACCEPTED:
             self._begin_interval(hex_id)
             if report.state in OPEN or report.state is ExecutionState.DONE:
                 self._accepted(hex_id)
             if report.state is ExecutionState.DONE:
                 results = named_results(outcome, [result.name for result in skill.results])
-                self._ended(hex_id, TaskOutcome.DONE, message, _usable(results))
-            elif (end := _outcome_of(report.state, report.status)) is not None:
+                self._ended(hex_id, TaskOutcome.DONE, message, usable(results))
+            elif (end := outcome_of(report.state, report.status)) is not None:
                 self._ended(hex_id, end, message, {})
         elif outcome.kind is OutcomeKind.REFUSED:
-            self._ended(hex_id, _refusal(report.status), message, {})
+            self._ended(hex_id, refusal(report.status), message, {})
         else:
             # It came too late, so that it never begins: its bridge was away, and the robot may well be there again.
             timed_out = outcome.kind is OutcomeKind.TIMED_OUT
@@ -401,11 +406,10 @@ class TaskRequests:
 
     def _is_unanswered(self, outcome: Outcome, robot: str) -> bool:
         """Whether nobody has answered a request since its robot is silent."""
-        return outcome.kind is OutcomeKind.UNKNOWN and _is_no_answer(outcome.report) and self._is_silent(robot)
+        return outcome.kind is OutcomeKind.UNKNOWN and is_no_answer(outcome.report) and self._is_silent(robot)
 
     def _robot_of(self, execution_id: str) -> str:
-        status = self._told_by[execution_id]
-        return next((name for name, robot in self._robots.items() if robot.skill_status == status), "")
+        return self._robot_of_status.get(self._told_by[execution_id], "")
 
     def _take_state(
         self, execution_id: str, outcome: TaskOutcome | None, message: str, results: dict[str, Value]
@@ -437,54 +441,3 @@ def _typed(kind: int, value: Value) -> Value:
     if isinstance(value, bool | str):
         return value
     return float(value) if kind in _FLOATS else int(value)
-
-
-def _outcome_of(state: ExecutionState, status: int) -> TaskOutcome | None:
-    """What an execution has come to; None while it is under way."""
-    if state is ExecutionState.REFUSED:
-        return _refusal(status)
-    if state is not ExecutionState.FAILED:
-        return _ENDED.get(state)
-    if status == StatusCode.BAD_TIMEOUT:  # the driver waits no longer; nobody has seen that the robot stands
-        return TaskOutcome.UNKNOWN
-    if status in _BUSY:
-        return TaskOutcome.BUSY
-    if status in NOT_REACHED:
-        return TaskOutcome.UNREACHED
-    return TaskOutcome.STOPPED if status in ROBOT_STANDS else TaskOutcome.FAILED
-
-
-def _refusal(status: int) -> TaskOutcome:
-    if status in _BUSY:
-        return TaskOutcome.BUSY
-    if status in NOT_REACHED:
-        return TaskOutcome.UNREACHED
-    return TaskOutcome.STOPPED if status in ROBOT_STANDS else TaskOutcome.REFUSED
-
-
-def _is_no_answer(report: Report) -> bool:
-    """Whether nobody has said anything, and not the robot's side that it cannot tell."""
-    return report.state is ExecutionState.UNKNOWN and report.status == StatusCode.BAD_NO_COMMUNICATION
-
-
-def _with_status(message: str, status: int) -> str:
-    """What people read of an end: also its StatusCode, where that says something."""
-    return f"{message} ({status_name(status)})".strip() if status else message
-
-
-def _shown_in(event: DataReceived) -> Iterable[tuple[str, tuple[TaskOutcome | None, str, dict[str, Value]]]]:
-    """The executions of a SkillStatus by their ids."""
-    for said in read_status(event.metadata.fields, event.message.values):
-        if said.state is ExecutionState.ASKING:
-            continue  # the bridge is asking the robot: it will say
-        outcome, message = _outcome_of(said.state, said.status), _with_status(said.message, said.status)
-        yield said.execution_id.hex(), (outcome, message, _usable(read_result(said.result)))
-
-
-def _usable(results: Mapping[str, Any]) -> dict[str, Value]:
-    """The results that conditions can use; whoever sent them may have sent anything."""
-    return {
-        name: value
-        for name, value in results.items()
-        if isinstance(value, str) or (isinstance(value, bool | int | float) and is_finite(value))
-    }

@@ -54,7 +54,7 @@ from ua_fleet.server.scenarios.values import FleetValues, fleet_view, own_fields
 from ua_fleet.skill.executions import Outcome
 from ua_fleet.storage.run_journal import RunJournal
 from ua_fleet.topics import Topic
-from ua_fleet.values import BuiltinType, NodeId
+from ua_fleet.values import BuiltinType, NodeId, Quality, quality_of
 
 __all__ = ["ScenarioService", "TooManyRuns"]
 
@@ -435,7 +435,36 @@ class ScenarioService:
     def heard(self, event: DataReceived) -> None:
         """Take a robot's SkillStatus; any other data is left alone."""
         self.take_news()
-        self._tasks.heard(event)
+        if quality_of(event.message.status or 0) is Quality.BAD:
+            self.source_lost(event.topic)
+        elif self._tasks.robot_of(event.topic) is not None:
+            self._tasks.show(event)
+            self._take_shown(event.topic)
+
+    def source_lost(self, topic: Topic) -> None:
+        """A source is not heard any more, or its last value may not be of now: of a SkillStatus, nothing says any more
+        what the robot is at.
+        """
+        if self._tasks.robot_of(topic) is not None:
+            self.take_news()
+            self._tasks.lose(topic)
+            self._follow(topic)
+
+    def source_returned(self, topic: Topic) -> None:
+        """The last value of a source is of now again."""
+        if self._tasks.robot_of(topic) is not None:
+            self.take_news()
+            self._tasks.find(topic)
+            self._take_shown(topic)
+
+    def _take_shown(self, topic: Topic) -> None:
+        self._follow(topic)  # before what follows from it, so that a run finds that its robot is at it
+        self._tasks.take_shown(topic)
+
+    def _follow(self, topic: Topic) -> None:
+        """Know what a robot says it is at."""
+        robot = self._tasks.robot_of(topic) or ""
+        self._do(self._orchestrator.followed(robot, self._tasks.under_way(topic), self._wall_s()))
 
     def concluded(self, execution_id: bytes, outcome: Outcome) -> None:
         """The outcome of a request is known."""
@@ -457,16 +486,11 @@ class ScenarioService:
         if not self._news:
             return
         news, self._news, self._news_at = self._news, [], None
-        reachable = [(one.robot, one.active) for one in news if one.source == SILENT]
-        for robot, is_silent in reachable:
-            if is_silent:
-                self._tasks.robot_silent(robot)
         with self._mistakes.guard("faults"):
             self._do(self._orchestrator.told(news, self._wall_s()))
-        for robot, is_silent in reachable:
-            if not is_silent:
-                with self._mistakes.guard("tasks", robot=robot):
-                    self._tasks.robot_heard(robot)
+        for robot in [one.robot for one in news if one.source == SILENT and not one.active]:
+            with self._mistakes.guard("tasks", robot=robot):
+                self._tasks.robot_heard(robot)
 
     # Time.
 

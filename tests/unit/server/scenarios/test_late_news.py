@@ -6,17 +6,19 @@ from pathlib import Path
 
 import pytest
 
-from tests.unit.server.scenarios.world import ACCEPTED, CONFIG, ONE, World
+from tests.unit.server.scenarios.world import ACCEPTED, CONFIG, ONE, STATUS, World
 from ua_fleet.config.schema import FleetConfig
 from ua_fleet.errors import RobotOffline
 from ua_fleet.fleet.model import RobotState
 from ua_fleet.orchestrator import OperatorAsked, RunChanged
 from ua_fleet.scenario.consequences import HALT_S, LEAST_SILENCE_S, SETTLE_S
-from ua_fleet.scenario.facts import TaskOver
+from ua_fleet.scenario.facts import TaskOutcome, TaskOver
 from ua_fleet.skill.executions import ExecutionState, Outcome, OutcomeKind, Report
 from ua_fleet.skill.status import ExecutionStatus
 from ua_fleet.values import BuiltinType, StatusCode
 
+LONG = ONE.replace("angle: 5}", "angle: 5}, timeout_s: 500, on_unknown: replace")
+"""Its author consents to a second robot as soon as nobody knows what the first one is at."""
 NO_ANSWER = Outcome(
     OutcomeKind.UNKNOWN, Report(ExecutionState.UNKNOWN, StatusCode.BAD_NO_COMMUNICATION, "no answer came")
 )
@@ -156,3 +158,109 @@ def test_a_request_of_a_run_that_was_aborted_does_not_begin_after_a_restart(tmp_
     world.journal.close()
     again = World(tmp_path, world.robots)
     assert again.service.must_not_begin() == [execution_id]
+
+
+def begun_without_values(world: World) -> bytes:
+    """Its robot has begun a task, and then its values are lost; the execution."""
+    world.start(LONG)
+    ((_, _, execution_id),) = world.robots.asked
+    world.service.concluded(execution_id, ACCEPTED)
+    world.hear(1200, ExecutionStatus(execution_id, "grab", ExecutionState.RUNNING))
+    world.state("left", RobotState.OFFLINE)
+    return execution_id
+
+
+def ends(world: World) -> list[TaskOutcome]:
+    """How attempts have ended."""
+    return [out.fact.outcome for out in world.said if isinstance(out, RunChanged) and isinstance(out.fact, TaskOver)]
+
+
+def asked(world: World) -> list[str]:
+    return [robot for robot, _, _ in world.robots.asked]
+
+
+def test_a_robot_that_says_it_is_at_its_task_is_not_silent_for_it_though_its_values_are_lost(tmp_path: Path) -> None:
+    world = World(tmp_path)
+    execution_id = begun_without_values(world)
+    world.pass_time(100)
+    assert (ends(world), asked(world)) == ([], ["left"])
+    world.hear(1200, ExecutionStatus(execution_id, "grab", ExecutionState.DONE))
+    assert (world.ended(), asked(world)) == (["done"], ["left"])
+
+
+def test_it_is_silent_from_then_on_when_its_status_is_lost_too(tmp_path: Path) -> None:
+    world = World(tmp_path)
+    begun_without_values(world)
+    world.pass_time(100)
+    world.service.source_lost(STATUS["left"])
+    world.pass_time(29)
+    assert (ends(world), asked(world)) == ([], ["left"])
+    world.pass_time(2)
+    assert (ends(world), asked(world)) == ([TaskOutcome.UNKNOWN], ["left", "right"])
+
+
+def test_it_is_silent_from_then_on_when_it_says_so_no_more(tmp_path: Path) -> None:
+    """Its bridge was started anew, and asks the robot."""
+    world = World(tmp_path)
+    execution_id = begun_without_values(world)
+    world.pass_time(100)
+    world.hear(1200, ExecutionStatus(execution_id, "grab", ExecutionState.ASKING))
+    world.pass_time(29)
+    assert ends(world) == []
+    world.pass_time(2)
+    assert ends(world) == [TaskOutcome.UNKNOWN]
+
+
+def test_a_status_that_is_back_says_again_what_it_said(tmp_path: Path) -> None:
+    """Messages were lost for a while, and the robot has said nothing new meanwhile."""
+    world = World(tmp_path)
+    begun_without_values(world)
+    world.service.source_lost(STATUS["left"])
+    world.pass_time(20)
+    world.service.source_returned(STATUS["left"])
+    world.pass_time(100)
+    assert (ends(world), asked(world)) == ([], ["left"])
+
+
+def test_a_status_that_says_that_its_source_is_gone_says_nothing_of_executions(tmp_path: Path) -> None:
+    world = World(tmp_path)
+    execution_id = begun_without_values(world)
+    world.hear(
+        1200,
+        ExecutionStatus(execution_id, "grab", ExecutionState.RUNNING),
+        status=int(StatusCode.BAD_NO_COMMUNICATION),
+    )
+    world.pass_time(31)
+    assert ends(world) == [TaskOutcome.UNKNOWN]
+
+
+def test_another_robot_cannot_say_what_a_robot_is_at(tmp_path: Path) -> None:
+    world = World(tmp_path)
+    execution_id = begun_without_values(world)
+    world.service.source_lost(STATUS["left"])
+    world.hear(1201, ExecutionStatus(execution_id, "grab", ExecutionState.RUNNING))
+    world.pass_time(31)
+    assert ends(world) == [TaskOutcome.UNKNOWN]
+
+
+def test_after_a_restart_a_robot_without_values_is_followed_by_what_it_says(tmp_path: Path) -> None:
+    world = World(tmp_path)
+    execution_id = begun_without_values(world)
+    world.robots.known[execution_id] = ACCEPTED
+    world.journal.close()
+    again = World(tmp_path, world.robots, heard=["right"])
+    again.hear(1200, ExecutionStatus(execution_id, "grab", ExecutionState.RUNNING))
+    again.pass_time(100)
+    assert (ends(again), asked(again)) == ([], ["left"])
+
+
+def test_a_robot_without_values_that_does_not_stop_is_asked_about_once(tmp_path: Path) -> None:
+    """It was told to, since its time is over, and goes on saying that it is at it."""
+    world = World(tmp_path)
+    world.start(ONE.replace("angle: 5}", "angle: 5}, timeout_s: 20, on_unknown: retry"))
+    ((_, _, execution_id),) = world.robots.asked
+    world.service.concluded(execution_id, ACCEPTED)
+    world.hear(1200, ExecutionStatus(execution_id, "grab", ExecutionState.RUNNING))
+    world.state("left", RobotState.OFFLINE)
+    world.pass_time(20 + HALT_S)
+    assert (ends(world), world.service.open_decisions, asked(world)) == ([TaskOutcome.UNKNOWN], 1, ["left"])

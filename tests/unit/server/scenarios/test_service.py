@@ -301,7 +301,7 @@ def test_a_robot_that_is_found_at_its_task_goes_on_and_nobody_need_answer(tmp_pa
     ((_, _, execution_id),) = world.robots.asked
     world.service.concluded(execution_id, ACCEPTED)
     world.hear(1200, ExecutionStatus(execution_id, "grab", ExecutionState.RUNNING))
-    world.state("left", RobotState.OFFLINE)
+    world.silence("left")
     world.pass_time(35)
     assert world.service.open_decisions == 1, "what it said before is not of now"
     world.state("left", RobotState.IDLE)

@@ -53,6 +53,8 @@ CONFIG = FleetConfig.model_validate(
         },
     }
 )
+STATUS = {"left": Topic(2, 2, 1200), "right": Topic(2, 2, 1201)}
+"""The SkillStatus of each robot."""
 ONE = "version: 1\nname: one\nsteps:\n  - {task: a, skill: grab, robot: left, arguments: {angle: 5}}\n"
 ACCEPTED = Outcome(OutcomeKind.ACCEPTED, Report(ExecutionState.RUNNING))
 IMMEDIATE = Outcome(OutcomeKind.ACCEPTED, Report(ExecutionState.DONE))
@@ -140,18 +142,23 @@ class World:
     def state(self, robot: str, state: RobotState) -> None:
         self.value(f"Robots.{robot}.State", int(state), BuiltinType.INT32)
 
+    def silence(self, robot: str) -> None:
+        """Nothing of a robot is heard any more, neither its values nor its SkillStatus."""
+        self.state(robot, RobotState.OFFLINE)
+        self.service.source_lost(STATUS[robot])
+
     def value(self, key: int | str, value: object, kind: BuiltinType = BuiltinType.DOUBLE, status: int = 0) -> None:
         self.service.value_changed(ValueChanged(NodeId(2, key), int(kind), value, status, 1, False))
         if isinstance(key, str) or key >= 1300:
             self.service.take_news()
 
-    def hear(self, status_id: int, *executions: ExecutionStatus) -> None:
+    def hear(self, status_id: int, *executions: ExecutionStatus, status: int = 0) -> None:
         """A robot's SkillStatus."""
         shown = SkillStatus()
         for execution in executions:
             shown.show(execution)
         types, values = shown.fields()
-        message = DataSetMessage(status_id, types=types, values=values)
+        message = DataSetMessage(status_id, types=types, values=values, status=status)
         metadata = DataSetMetaData("skill status", SKILL_STATUS_FIELDS, ConfigurationVersion(1, 1))
         self.service.heard(DataReceived(Topic(2, 2, status_id), message, metadata))
 

@@ -16,6 +16,7 @@ from ua_fleet.cli.output import message, print_json, print_line
 from ua_fleet.cli.process import collection_paused, run
 from ua_fleet.cli.rules import rule_for
 from ua_fleet.cli.traffic_log import TrafficLogFile, traffic_log
+from ua_fleet.storage.process_lock import process_lock
 
 __all__ = ["EXAMPLES", "serve"]
 
@@ -77,6 +78,7 @@ def _serve(
         async with watched as monitor:
             await run_server(fleet, folder, ready=ready, rule=rule, sent=sent, monitor=monitor, once=True)
 
-    message(f"serving {fleet.fleet.name} of {config}; end it with Ctrl-C")
-    with traffic_log(traffic_file, fleet) as sent:
+    lock = process_lock(folder / fleet.server.state_dir / "server.lock", f"a server of {config}")
+    with lock, traffic_log(traffic_file, fleet) as sent:
+        message(f"serving {fleet.fleet.name} of {config}; end it with Ctrl-C")
         run(served(sent))

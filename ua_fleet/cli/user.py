@@ -50,7 +50,9 @@ def _new_password(name: str, password_file: Path | None) -> str:
         )
     from getpass import getpass
 
-    password = getpass(f"Password for {name}: ")
+    from ua_fleet.server.users import MIN_PASSWORD
+
+    password = getpass(f"Password for {name} (at least {MIN_PASSWORD} characters): ")
     if getpass("The same again: ") != password:
         raise UsageError(f"the passwords differ; nothing was changed; run again: ua-fleet user add {name}")
     return password

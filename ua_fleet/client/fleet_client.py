@@ -11,7 +11,7 @@ from collections.abc import AsyncGenerator, AsyncIterator, Callable, Mapping, Se
 from contextlib import AbstractAsyncContextManager, asynccontextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from typing import Any, Final, Self
+from typing import Any, Final, Self, overload
 
 from asyncua import Client, Node, ua
 from asyncua.common.subscription import DataChangeNotif, Subscription
@@ -262,8 +262,18 @@ class FleetClient:
                 seen.add(node_id)
                 await self._browse(self._client.get_node(child.NodeId), level + 1, depth, found, seen)
 
-    async def read(self, addresses: Sequence[str]) -> list[Reading]:
-        """The values of some nodes; one of Bad quality is a Reading too. An unknown node raises NodeNotFound."""
+    @overload
+    async def read(self, addresses: str) -> Reading: ...
+    @overload
+    async def read(self, addresses: Sequence[str]) -> list[Reading]: ...
+    async def read(self, addresses: str | Sequence[str]) -> Reading | list[Reading]:
+        """The value of a node, or those of some nodes in their order; one of Bad quality is a Reading too.
+
+        Raises:
+            NodeNotFound: there is no such node, or it has no value.
+        """
+        if isinstance(addresses, str):
+            return (await self.read([addresses]))[0]
         with translated(self.endpoint):
             nodes = [await self._node(address) for address in addresses]
             values = await self._client.uaclient.read_attributes([node.nodeid for node in nodes], ua.AttributeIds.Value)
@@ -288,7 +298,7 @@ class FleetClient:
             value = parse_value(text, kind, array=array)
             # Without a time of ours: the server's is the one that counts.
             await node.write_attribute(ua.AttributeIds.Value, ua.DataValue(value))
-        return (await self.read([address]))[0]
+        return await self.read(address)
 
     async def call(self, object_id: str, method_id: str, *arguments: ua.Variant) -> list[Any]:
         """Call a Method of an Object; its output arguments.

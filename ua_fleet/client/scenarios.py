@@ -244,7 +244,7 @@ class ScenarioClient:
             NotDone: it has not such a capacity, or the server refuses.
         """
         if capacities:
-            (reading,) = await self._client.read([f"ns=2;s=Robots.{robot}.Capacities"])
+            reading = await self._client.read(f"ns=2;s=Robots.{robot}.Capacities")
             unknown = [name for name in capacities if name not in (reading.value or ())]
             if unknown:
                 known = ", ".join(reading.value or ()) or "none"

@@ -42,7 +42,7 @@ def process_lock(path: Path, what: str) -> Generator[None]:
             fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError as error:
             raise StorageUnavailable(
-                f"{path}: {what} runs already; stop that process, or give this one a name and a state_dir of its own"
+                f"{path}: {what} runs already; stop that process, or give this one a state_dir of its own"
             ) from error
         yield
     finally:

@@ -186,4 +186,7 @@ def test_a_port_in_use_is_one_line(site: Site, tmp_path: Path) -> None:
 def test_a_second_server_in_one_folder_is_one_line(site: Site) -> None:
     ended = site.run("serve", user=None)
     assert ended.code not in (0, 130)
-    assert "another server writes this audit log" in ended.stderr.strip().splitlines()[-1]
+    assert (
+        "runs already; stop that process, or give this one a state_dir of its own"
+        in ended.stderr.strip().splitlines()[-1]
+    )

@@ -50,6 +50,16 @@ async def test_a_call_waits_for_the_results(hall: Hall) -> None:
         assert await client.call_skill("machine", "quick", seconds=0) == {"done": "weld", "seconds": 0.0}
 
 
+async def test_one_node_is_read_by_its_address(hall: Hall) -> None:
+    async with at_work(hall) as client:
+        path = "ns=2;s=Robots.machine.Capacities"
+        reading = await client.read(path)
+        assert await client.read([path]) == [reading]
+        assert reading.status_text == "Good"
+        with pytest.raises(NodeNotFound, match="'Nobody' below Objects"):
+            await client.read("Nobody/Robots")
+
+
 async def test_an_execution_has_events_and_keeps_its_result(hall: Hall) -> None:
     async with at_work(hall) as client:
         executions = [await client.start_skill("machine", "work", work=f"w{n}", seconds=0.2 * n) for n in (1, 2)]

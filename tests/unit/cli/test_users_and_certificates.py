@@ -116,7 +116,9 @@ def type_at_terminal(fleet: Path, answers: list[str]) -> tuple[int, str]:
     )
     os.close(terminal)
     shown = b""
-    for prompt, answer in zip((b"Password for anna: ", b"The same again: "), answers, strict=False):
+    for prompt, answer in zip(
+        (b"Password for anna (at least 8 characters): ", b"The same again: "), answers, strict=False
+    ):
         while prompt not in shown:
             shown += os.read(controller, 1024)
         os.write(controller, answer.encode())

@@ -167,7 +167,7 @@ async def _totals(client: FleetClient) -> tuple[int, dict[str, int]]:
     looped, drops = 0, Counter[str]()
     for place in ("Traffic", "Bridges/arm_side", "Bridges/mobile_side"):
         path = f"Fleet/{place}"
-        (reading,) = await client.read([f"{path}/Looped"])
+        reading = await client.read(f"{path}/Looped")
         looped += int(reading.value or 0)
         causes = await client.browse(f"{path}/Drops")
         for node, value in zip(causes, await client.read([node.node_id for node in causes]), strict=True):

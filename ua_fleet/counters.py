@@ -85,8 +85,8 @@ class Drop(StrEnum):
     INCOMPATIBLE_QOS = "incompatible_qos"
     """A ROS 2 publisher and subscriber whose qualities of service do not match: nothing passes between the two."""
     UNLINKED = "unlinked"
-    """A ROS 1 subscriber that the master names has no link, and its topic is registered again; or it does not answer, and
-    what waited for it was dropped."""
+    """A ROS 1 subscriber that the master names has no link, and its topic is registered again; or it does not answer,
+    and what waited for it was dropped."""
     ILLEGAL_TOPIC = "illegal_topic"
     """A name that begins like a UA topic and is none."""
     RATE_LIMITED = "rate_limited"

@@ -263,7 +263,7 @@ class FleetClient:
                 await self._browse(self._client.get_node(child.NodeId), level + 1, depth, found, seen)
 
     @overload
-    async def read(self, addresses: str) -> Reading: ...
+    async def read(self, addresses: str) -> Reading: ...  # type: ignore[overload-overlap]  # a text is a sequence of texts too
     @overload
     async def read(self, addresses: Sequence[str]) -> list[Reading]: ...
     async def read(self, addresses: str | Sequence[str]) -> Reading | list[Reading]:

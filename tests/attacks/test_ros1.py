@@ -126,6 +126,16 @@ async def test_a_publisher_that_has_been_mended_is_read_again(graph: Ros1Graph, 
         await goes_on(peer, HONEST, bridge, 1.0)
 
 
+async def test_a_silent_publisher_of_a_wrong_type_keeps_nobody_out(graph: Ros1Graph, peer: Peer) -> None:
+    await honest(graph, peer)
+    wrong = header({**FLOAT, "type": "std_msgs/String", "md5sum": "992ce8a1687cec8c8bd883ec73ca41d1"})
+    with HostilePublisher(graph.uri, "/ua_1_2_66", say(wrong)) as hostile:
+        await peer.until(lambda: hostile.links == 1)
+        graph.talker("/ua_1_2_66", "std_msgs/Float64", "{data: COUNT}", "--name", "right")
+        await peer.until(lambda: peer.good(ATTACKED))
+        await peer.until(lambda: "it says nothing, and its type is std_msgs/String" in peer.bridge("Detail"))
+
+
 async def test_a_publisher_that_floods_costs_itself(graph: Ros1Graph, peer: Peer) -> None:
     bridge = await honest(graph, peer)
     with HostilePublisher(graph.uri, "/ua_1_2_66", endless(header(), again=NUMBER * 4096)):

@@ -15,7 +15,7 @@ from ua_bridges.ros.errors import Unreadable
 from ua_bridges.ros.fields import fields_of
 from ua_bridges.ros.latched import mark_latched
 from ua_bridges.ros.mapping import MappedSource
-from ua_bridges.ros.schema import MessageSchema, schema_from_definition
+from ua_bridges.ros.schema import MessageSchema, ros1_type_name, schema_from_definition
 from ua_bridges.ros.stamp import source_time_ns
 from ua_bridges.ros1.classes import MessageType
 from ua_fleet.bridge.driver import Dropped, Inlet, SampleRead, SourceFound, SourceLost
@@ -25,7 +25,7 @@ from ua_fleet.counters import Drop
 from ua_fleet.pubsub.metadata import make_field
 from ua_fleet.topics import Topic
 
-__all__ = ["Feed", "MappedFeed", "MirrorFeed", "Read", "message_reader", "schema_of"]
+__all__ = ["Feed", "MappedFeed", "MirrorFeed", "Read", "flat_reader", "message_reader", "schema_of"]
 
 _STAMP: Final = Struct("<4xII")
 """Behind the Header's seq."""
@@ -40,6 +40,11 @@ class Feed(Protocol):
     @property
     def topic(self) -> Topic | None:
         """The UA topic that it is read for; None for a skill, which keeps nothing of a time before."""
+        ...
+
+    @property
+    def wanted_type(self) -> str | None:
+        """The type that `fleet.yaml` gives the topic, `pkg/Name`; None where it is its publishers' to say."""
         ...
 
     def announce(self, kind: MessageType, latched: bool) -> None:
@@ -60,7 +65,7 @@ def message_reader(kind: MessageType) -> Callable[[bytes], Any]:
     return lambda content: kind.cls().deserialize(content)
 
 
-def _flat_reader(kind: MessageType, wanted: frozenset[str] | None = None) -> Decoder:
+def flat_reader(kind: MessageType, wanted: frozenset[str] | None = None) -> Decoder:
     """A function from a message's bytes to the values of its flat fields, or those of them that are wanted."""
     schema = schema_of(kind)
     decode, values = compile_decoder(schema, wanted, packed_arrays=True), compile_reader(schema)
@@ -98,6 +103,8 @@ def schema_of(kind: MessageType) -> MessageSchema:
 class MirrorFeed:
     """A topic `ua_<space>_<ns>_<id>`: all that its messages hold, under the flat names of their fields."""
 
+    wanted_type = None
+
     def __init__(self, topic: Topic, inlet: Inlet) -> None:
         self.topic = topic
         self._inlet = inlet
@@ -111,7 +118,7 @@ class MirrorFeed:
 
     def reader(self, kind: MessageType) -> Read:
         """See Feed."""
-        values, stamp, topic, put = _flat_reader(kind), _stamp_reader(kind), self.topic, self._inlet.put
+        values, stamp, topic, put = flat_reader(kind), _stamp_reader(kind), self.topic, self._inlet.put
         if stamp is None:
 
             def read(content: bytes, received_ns: int, own: bool) -> None:
@@ -138,6 +145,7 @@ class MappedFeed:
         assert dataset.source_topic is not None
         self.topic = topic
         self._name = dataset.source_topic.topic
+        self.wanted_type = ros1_type_name(dataset.source_topic.type.replace("/msg/", "/"))
         self._mapped = MappedSource(dataset, browse_name)
         self._fields = tuple(make_field(name, builtin, array=array) for name, builtin, array in self._mapped.fields)
         self._put = inlet.put
@@ -155,7 +163,7 @@ class MappedFeed:
         """See Feed."""
         read_fields, stamp, type_name = self._mapped.read, _stamp_reader(kind), kind.name
         flat = self._mapped.flat(schema_of(kind))
-        message = message_reader(kind) if flat is None else _flat_reader(kind, flat.wanted)
+        message = message_reader(kind) if flat is None else flat_reader(kind, flat.wanted)
         follow = None if flat is None else flat.follow
 
         def read(content: bytes, received_ns: int, own: bool) -> None:

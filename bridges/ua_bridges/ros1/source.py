@@ -14,7 +14,7 @@ import genpy
 
 from ua_bridges.ros.errors import ConversionError, Unreadable
 from ua_bridges.ros1.classes import type_of_publisher
-from ua_bridges.ros1.feed import Feed, Read
+from ua_bridges.ros1.feed import Feed, Read, flat_reader
 from ua_bridges.ros1.graph import LinkRetry
 from ua_bridges.ros1.layout import Layout, TooMany
 from ua_bridges.ros1.link import Link
@@ -55,10 +55,20 @@ class _Reading(NamedTuple):
 class _Taken:
     """What becomes of a link's messages."""
 
-    __slots__ = ("bad", "endpoint", "heard_at", "own", "reading", "refusal")
+    __slots__ = ("bad", "endpoint", "heard_at", "is_rival", "own", "reading", "refusal")
 
-    def __init__(self, reading: _Reading | None, refusal: Dropped, *, own: bool, endpoint: str | None = None) -> None:
+    def __init__(
+        self,
+        reading: _Reading | None,
+        refusal: Dropped,
+        *,
+        own: bool,
+        endpoint: str | None = None,
+        is_rival: bool = False,
+    ) -> None:
         self.own, self.reading = own, reading
+        self.is_rival = is_rival
+        """Whether its messages are dropped since another publisher of the topic has another type."""
         self.endpoint = endpoint
         """Of a latched publisher, the address of its process: its first message may be one that was heard before."""
         self.refusal = refusal
@@ -102,6 +112,8 @@ class RosSource:
         self._feeds = feeds
         self._topic = next((feed.topic for feed in feeds if feed.topic is not None), None)
         """Of the DataSet by which a latched message is remembered."""
+        self._wanted = frozenset(feed.wanted_type for feed in feeds if feed.wanted_type is not None)
+        """The types that `fleet.yaml` gives the topic; empty where it is its publishers' to say."""
         self._node_name, self._inlet, self._offenders, self._make_link = node_name, inlet, offenders, make_link
         self._retry = LinkRetry()
         self._lock = threading.Lock()
@@ -176,11 +188,11 @@ class RosSource:
         """See LinkOwner."""
         received_ns = time.time_ns()
         taken = self._taken.get(link)
-        if taken is None:
+        if taken is None or taken.is_rival:
             with self._lock:
                 if self._links.get(link.uri) is not link:
                     return
-                taken = self._taken[link] = self._take(link)
+                taken = self._taken[link] = self._take(link, content)
         reading = taken.reading
         if reading is None:
             self._inlet.put(taken.refusal)
@@ -222,17 +234,23 @@ class RosSource:
         self._told.add(text)
         return text
 
-    def _take(self, link: Link) -> _Taken:
+    def _take(self, link: Link, content: bytes | None = None) -> _Taken:
+        """How a link's messages are read; `content` is its first one, if it has come."""
         header = link.header
         own = header.get("callerid") == self._node_name
         key = (header["type"], header["md5sum"])
         reading = self._current
         if reading is None or reading.key != key:
-            if any(taken.reading is reading and not taken.own for taken in self._taken.values() if reading):
-                text = (
-                    f"{self.name}: publishers disagree about the type; {key[0]} of {header.get('callerid')} is not read"
-                )
-                return _Taken(None, Dropped(Drop.CONFLICT, detail=text), own=own)
+            others = [
+                other for other, taken in self._taken.items() if reading and taken.reading is reading and not taken.own
+            ]
+            why = ""
+            if reading is not None and others:
+                why = "" if own else self._why_to_give_way(reading, others, link, content)
+                if not why:
+                    name = header.get("callerid")
+                    text = f"{self.name}: publishers disagree about the type; {key[0]} of {name} is not read"
+                    return _Taken(None, Dropped(Drop.CONFLICT, detail=text), own=own, is_rival=True)
             if not own:
                 self._count_change(key)
             try:
@@ -246,8 +264,37 @@ class RosSource:
             if not own:
                 self._current = reading
                 self._missing = 0
+                for other in others:
+                    self._refuse(other, why, time.monotonic())
         endpoint = link.uri if header.get("latching") == "1" and not own else None
         return _Taken(reading, _NOTHING, own=own, endpoint=endpoint)
+
+    def _why_to_give_way(self, reading: _Reading, others: Iterable[Link], link: Link, content: bytes | None) -> str:
+        """Why publishers of another type have to give way to the one of a link; empty where they have not.
+
+        `fleet.yaml` decides, where it gives the topic a type; else the first that says something. Raises Broken where
+        that is no message.
+        """
+        now_type, new_type = reading.key[0], link.header["type"]
+        if new_type in self._wanted and now_type not in self._wanted:
+            return f"its type is {now_type}; another publisher has {new_type}, as fleet.yaml says"
+        if now_type in self._wanted or content is None:
+            return ""
+        if any(self._taken[other].heard_at is not None for other in others):
+            return ""
+        header = link.header
+        try:
+            kind = type_of_publisher(new_type, header["md5sum"], header.get("message_definition", ""))
+        except UaFleetError:
+            return ""
+        try:
+            kind.layout.check(content)
+            flat_reader(kind)(content)
+        except (TooMany, Unreadable, genpy.DeserializationError, UnicodeDecodeError) as error:
+            raise Broken(f"its first message is no {new_type}: {error}") from error
+        except ConversionError:
+            pass  # a message, with a value that has no place on the other side
+        return f"it says nothing, and its type is {now_type}; another publisher says something, as {new_type}"
 
     def _count_change(self, key: tuple[str, str]) -> None:
         """Each type that nobody has installed costs a class: who changes it all the time is put aside."""

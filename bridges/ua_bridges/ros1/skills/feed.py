@@ -39,7 +39,7 @@ class SkillFeed:
             call: has a step done in the skills' thread.
             put: where drops are told.
         """
-        self._listened, self._call, self._put, self._wanted = listened, call, put, ros1_name(listened.type)
+        self._listened, self._call, self._put, self.wanted_type = listened, call, put, ros1_name(listened.type)
         self._lock = threading.Lock()
         self._waiting: deque[tuple[int, Any]] = deque()
         """Each message with its size."""
@@ -49,13 +49,13 @@ class SkillFeed:
 
     def announce(self, kind: MessageType, latched: bool) -> None:
         """See Feed."""
-        name, wanted = self._listened.name, self._wanted
+        name, wanted = self._listened.name, self.wanted_type
         said = "" if kind.name == wanted else f"{name} carries {kind.name}, and not {wanted}; correct `type`"
         self._call(partial(self._listened.source, said))
 
     def reader(self, kind: MessageType) -> Read:
         """See Feed."""
-        is_wanted, message = kind.name == self._wanted, message_reader(kind)
+        is_wanted, message = kind.name == self.wanted_type, message_reader(kind)
 
         def read(content: bytes, received_ns: int, own: bool) -> None:
             if is_wanted and not own:

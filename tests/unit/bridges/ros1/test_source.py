@@ -173,7 +173,7 @@ def test_second_publisher_keeps_the_source_alive(bench: Bench) -> None:
 
 def test_publisher_of_another_type_is_a_conflict_until_the_first_has_gone(bench: Bench) -> None:
     first, second = Link(Float64, "/a"), Link(String, "/b")
-    bench.look(first)
+    bench.hear(first, Float64(1.0))
     assert bench.look(first, second) == []
     text = "/ua_1_2_7: publishers disagree about the type; std_msgs/String of /b is not read"
     assert bench.hear(second, String("x")) == [Dropped(Drop.CONFLICT, detail=text)]
@@ -181,6 +181,55 @@ def test_publisher_of_another_type_is_a_conflict_until_the_first_has_gone(bench:
     assert bench.look(second) == [SourceLost(TOPIC)]
     assert kinds(bench.look(second)) == ["SourceFound"]
     assert kinds(bench.hear(second, String("x"))) == ["SampleRead"]
+
+
+def test_silent_publisher_gives_way_to_the_first_of_another_type_that_says_something(bench: Bench) -> None:
+    silent, other, right = Link(Float64, "/silent"), Link(String, "/other"), Link(String, "/right")
+    bench.look(silent)
+    assert bench.look(silent, other, right) == [], "a link says nothing"
+    with pytest.raises(Broken, match="its first message is no std_msgs/String"):
+        bench.hear(other, b"rubbish")
+    assert not silent.is_closed
+    found, _, sample = bench.hear(right, String("x"))
+    assert isinstance(found, SourceFound)
+    assert isinstance(sample, SampleRead)
+    assert (found.fields[0].builtin_type, sample.values) == (BuiltinType.STRING, ("x",))
+    assert (silent.is_closed, other.is_closed, right.is_closed) == (True, False, False)
+    assert bench.offenders.told(time.monotonic()) == {
+        "/ua_1_2_7 of http://silent:1/": "it says nothing, and its type is std_msgs/Float64; another publisher says "
+        "something, as std_msgs/String"
+    }
+    # When it is tried again it has to wait, whatever it says then.
+    silent = Link(Float64, "/silent")
+    bench.coming = silent
+    bench.source.connect([silent.uri], time.monotonic() + 60)
+    bench.source.link_up(cast("Any", silent))
+    bench.source.link_heard(cast("Any", silent), bytes_of(Float64(1.0)))
+    assert [event.cause for event in bench.inlet.take() if isinstance(event, Dropped)] == [Drop.CONFLICT]
+    assert bench.source.is_alive
+
+
+async def test_type_of_a_mapped_topic_is_that_of_the_file_whoever_comes_first() -> None:
+    inlet = Inlet()
+    dataset = DataSetConfig(id=9, type=ScalarType.INT32, source=TopicMapping(topic="/charge", type="std_msgs/Float64"))
+    bench = Bench(MappedFeed(Topic(1, 2, 9), dataset, "Charge", inlet, asyncio.get_running_loop()))
+    wrong, right = Link(String, "/wrong"), Link(Float64, "/right")
+    bench.look(wrong)
+    bench.hear(wrong, String("x"))
+    bench.look(wrong, right)
+    bench.hear(right, Float64(2.0))
+    sample = inlet.take()[-1]
+    assert isinstance(sample, SampleRead)
+    assert sample.values == (2,)
+    assert wrong.is_closed
+    (reason,) = bench.offenders.told(time.monotonic()).values()
+    assert reason == "its type is std_msgs/String; another publisher has std_msgs/Float64, as fleet.yaml says"
+    # Silent or not, the right one stays.
+    again = Link(String, "/again")
+    bench.look(right, again)
+    (conflict,) = bench.hear(again, String("y"))
+    assert isinstance(conflict, Dropped)
+    assert conflict.cause is Drop.CONFLICT
 
 
 def test_robot_that_comes_back_with_another_type_is_announced_again(bench: Bench) -> None:

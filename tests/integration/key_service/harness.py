@@ -15,6 +15,7 @@ from asyncua.client.client import Client as AsyncuaClient
 from asyncua.crypto import security_policies
 
 from tests.integration.server_security.harness import CHEAP, Identities, make_certificate
+from tests.standard_space import quick_start
 from tests.unit.server.key_service.fleet import fleet
 from ua_fleet.client.identity import ClientIdentity
 from ua_fleet.config.schema import FleetConfig
@@ -106,7 +107,7 @@ class Desk:
         mode: Any = ENCRYPTED,
     ) -> Client:
         """A client, not connected: a person with `user`, else the bridge whose card it is."""
-        client: Client = AsyncuaClient(self.url, timeout=5)
+        client: Client = AsyncuaClient(self.url, timeout=20)
         client.application_uri = self.cards.uri(card)
         files = self.cards.get(card)
         if policy is not None:
@@ -178,14 +179,15 @@ async def desk(
         for bridge in BRIDGES:
             trust_bridge(state_dir, bridge, cards.get(bridge).certificate)
         trust(state_dir, cards.get("visitor").certificate)
-    server = await create_server(
-        config.server.model_copy(update={"port": port, **server_config}),
-        state_dir,
-        application_uri=SERVER_URI,
-        limits=Limits(tick_s=0.02),
-        users=UserStore(state_dir / "users.yaml", CHEAP),
-        bridges={bridge_application_uri(config.fleet.name, name): name for name in config.bridges},
-    )
+    with quick_start():
+        server = await create_server(
+            config.server.model_copy(update={"port": port, **server_config}),
+            state_dir,
+            application_uri=SERVER_URI,
+            limits=Limits(tick_s=0.02),
+            users=UserStore(state_dir / "users.yaml", CHEAP),
+            bridges={bridge_application_uri(config.fleet.name, name): name for name in config.bridges},
+        )
     if policies is not None:
         server.set_security_policy(policies)
     assert await server.register_namespace("urn:test:fleet") == 2

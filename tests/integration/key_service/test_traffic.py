@@ -5,12 +5,14 @@ from __future__ import annotations
 import asyncio
 from collections.abc import AsyncGenerator
 from contextlib import asynccontextmanager
+from typing import Any
 
 import pytest
 
 from tests.integration.key_service.harness import INVALIDATE, ROTATE
 from tests.integration.security.conftest import COUNTER_ONE, COUNTER_TWO, Site, heard, holes, secured
 from tests.integration.server_security.harness import CHEAP
+from tests.standard_space import quick_start
 from tests.system import Child
 from tests.waiting import until
 from ua_fleet.client.fleet_client import FleetClient
@@ -42,11 +44,12 @@ class Plant:
     @asynccontextmanager
     async def server(self) -> AsyncGenerator[None]:
         ready: asyncio.Future[str] = asyncio.get_running_loop().create_future()
-        task = asyncio.ensure_future(run_server(self.site.config, self.site.folder, ready=ready.set_result))
-        await asyncio.wait([task], timeout=0.1)
+        with quick_start():
+            task = asyncio.ensure_future(run_server(self.site.config, self.site.folder, ready=ready.set_result))
+            waited: list[asyncio.Future[Any]] = [task, ready]
+            await asyncio.wait(waited, return_when=asyncio.FIRST_COMPLETED, timeout=30)
         try:
-            async with asyncio.timeout(30):
-                await asyncio.shield(ready)
+            assert ready.done(), "it did not start"
             yield
             assert not task.done(), task.exception()
         finally:

@@ -12,6 +12,7 @@ from typing import Any
 import pytest
 
 from tests import system
+from tests.standard_space import quick_start
 from tests.unit.server.key_service.fleet import fleet
 from ua_fleet.client.identity import ClientIdentity
 from ua_fleet.client.key_source import ServiceKeySource
@@ -39,10 +40,11 @@ def config_of(udp_url: str, **pubsub: object) -> FleetConfig:
 @asynccontextmanager
 async def serving(folder: Path, config: FleetConfig) -> AsyncGenerator[str]:
     ready: asyncio.Future[str] = asyncio.get_running_loop().create_future()
-    task = asyncio.ensure_future(run_server(config, folder, ready=ready.set_result))
-    try:
+    with quick_start():
+        task = asyncio.ensure_future(run_server(config, folder, ready=ready.set_result))
         waited: list[asyncio.Future[Any]] = [task, ready]
         await asyncio.wait(waited, return_when=asyncio.FIRST_COMPLETED, timeout=30)
+    try:
         if task.done():
             task.result()
         yield ready.result()

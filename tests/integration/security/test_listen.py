@@ -13,6 +13,7 @@ from typing import Any
 import pytest
 
 from tests.integration.cli.conftest import command
+from tests.standard_space import quick_start
 from tests.system import Child, Processes, clean_environment, free_tcp_port
 from ua_fleet.config import load
 from ua_fleet.config.security import all_groups, envelope_of
@@ -140,10 +141,11 @@ async def test_with_the_key_service(tmp_path: Path, udp_url: str, processes: Pro
     config = load(path, {})
     await introduce_bridge(config, tmp_path, "floor")
     ready: asyncio.Future[str] = asyncio.get_running_loop().create_future()
-    serving = asyncio.ensure_future(run_server(config, tmp_path, ready=ready.set_result))
-    try:
+    with quick_start():
+        serving = asyncio.ensure_future(run_server(config, tmp_path, ready=ready.set_result))
         starting: set[asyncio.Future[Any]] = {serving, ready}
         await asyncio.wait(starting, timeout=30, return_when=asyncio.FIRST_COMPLETED)
+    try:
         child = listening(processes, "-c", str(path), "--as-bridge", "floor", "--count", "2", "--timeout", "30")
         blind = listening(processes, "-c", str(path), "--count", "1", "--timeout", "30")
         async with asyncio.timeout(40):

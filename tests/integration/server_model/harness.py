@@ -6,7 +6,7 @@ import asyncio
 import importlib
 import json
 from collections.abc import AsyncGenerator, Callable, Mapping, Sequence
-from contextlib import AbstractAsyncContextManager, asynccontextmanager
+from contextlib import AbstractAsyncContextManager, asynccontextmanager, nullcontext
 from pathlib import Path
 from typing import Any, Final
 
@@ -14,6 +14,7 @@ from asyncua.client.client import Client
 from asyncua.crypto import security_policies
 
 from tests.integration.peer import Peer
+from tests.standard_space import quick_start
 from ua_fleet.config.load import load_content
 from ua_fleet.config.schema import FleetConfig
 from ua_fleet.pubsub.subscriber import LoopRule
@@ -36,6 +37,8 @@ OBSERVER: Final = ("olga", "observe-1")
 ENGINEER: Final = ("erna", "engineer-1")
 CLIENT_URI: Final = "urn:test:client"
 _BASIC: Final[Any] = security_policies.SecurityPolicyBasic256Sha256
+_certificate: list[bytes] = []
+"""Of the tests' clients, with its key."""
 
 ROBOTS: Final[Mapping[str, Any]] = {
     "rover": {
@@ -88,11 +91,16 @@ class Running:
 @asynccontextmanager
 async def connected(url: str, folder: Path, user: tuple[str, str]) -> AsyncGenerator[Client]:
     """An encrypted session of a user; the client's certificate is kept in `folder`."""
-    client = Client(url)
+    client = Client(url, timeout=20)
     client.application_uri = CLIENT_URI
     files = CertificateFiles(folder / "client.der", folder / "client.pem")
     if not files.certificate.exists():
-        create_certificate(files, application_uri=CLIENT_URI, common_name="client")
+        if _certificate:  # one for all, since a key takes its time
+            files.certificate.write_bytes(_certificate[0])
+            files.private_key.write_bytes(_certificate[1])
+        else:
+            create_certificate(files, application_uri=CLIENT_URI, common_name="client")
+            _certificate[:] = files.certificate.read_bytes(), files.private_key.read_bytes()
     await client.set_security(
         _BASIC, str(files.certificate), str(files.private_key), mode=ua.MessageSecurityMode.SignAndEncrypt
     )
@@ -104,9 +112,12 @@ async def connected(url: str, folder: Path, user: tuple[str, str]) -> AsyncGener
 
 @asynccontextmanager
 async def serving(
-    folder: Path, config: FleetConfig, *, rule: LoopRule = loop_verdict, start_s: float = 30
+    folder: Path, config: FleetConfig, *, rule: LoopRule = loop_verdict, start_s: float = 30, quick: bool = True
 ) -> AsyncGenerator[Running]:
-    """A server that serves while the context lasts, and whose end is clean; it has `start_s` to start."""
+    """A server that serves while the context lasts, and whose end is clean; it has `start_s` to start.
+
+    Without `quick` it makes the standard's nodes itself, and has the garbage collected before.
+    """
     users = UserStore(folder / config.server.state_dir / USERS_FILE, ScryptCost(2**8, 8, 1))
     users.path.parent.mkdir(parents=True, exist_ok=True)
     users.add(*OPERATOR, Role.OPERATOR, replace_existing=True)
@@ -114,9 +125,10 @@ async def serving(
     users.add(*ENGINEER, Role.ENGINEER, replace_existing=True)
     ready: asyncio.Future[str] = asyncio.get_running_loop().create_future()
     async with Peer.at(config.pubsub.url, SPACE) as peer:
-        task = asyncio.ensure_future(run_server(config, folder, ready=ready.set_result, rule=rule))
-        waited: list[asyncio.Future[Any]] = [task, ready]
-        await asyncio.wait(waited, return_when=asyncio.FIRST_COMPLETED, timeout=start_s)
+        with quick_start() if quick else nullcontext():
+            task = asyncio.ensure_future(run_server(config, folder, ready=ready.set_result, rule=rule))
+            waited: list[asyncio.Future[Any]] = [task, ready]
+            await asyncio.wait(waited, return_when=asyncio.FIRST_COMPLETED, timeout=start_s)
         if not ready.done():
             task.result()
         try:

@@ -64,7 +64,7 @@ async def test_a_process_that_serves_again_keeps_nothing_of_the_server_before(ud
 
     before = address_spaces()
     for _ in range(2):
-        async with serving(tmp_path, fleet_config(udp_url, 0)) as running, running.client():
+        async with serving(tmp_path, fleet_config(udp_url, 0), quick=False) as running, running.client():
             assert gc.get_freeze_count() > 0  # what is looked for below is out of sight now
         assert gc.get_freeze_count() == 0
         assert address_spaces() <= before

@@ -22,6 +22,7 @@ from cryptography.hazmat.primitives import hashes, serialization
 from cryptography.hazmat.primitives.asymmetric import rsa
 from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
+from tests.standard_space import quick_start
 from ua_fleet.config.schema import ServerConfig
 from ua_fleet.errors import SkillRejected
 from ua_fleet.server.certificates import CertificateFiles, create_certificate, own_files, trust
@@ -245,7 +246,7 @@ class Door:
         password: str | None = None,
     ) -> Client:
         """A client, not connected."""
-        client: Client = AsyncuaClient(self.url, timeout=5)
+        client: Client = AsyncuaClient(self.url, timeout=20)
         client.application_uri = uri
         client.session_timeout = 60_000
         if user is not None:
@@ -278,13 +279,14 @@ async def door(
     for files in (identities.client, identities.other):
         trust(state_dir, files.certificate)
     small: dict[str, Any] = {"tick_s": 0.02, "publishing_interval_ms": (10.0, 1000.0), **(limits or {})}
-    server = await create_server(
-        ServerConfig(port=0, **config),
-        state_dir,
-        application_uri=SERVER_URI,
-        users=users,
-        limits=Limits(**small),
-    )
+    with quick_start():
+        server = await create_server(
+            ServerConfig(port=0, **config),
+            state_dir,
+            application_uri=SERVER_URI,
+            users=users,
+            limits=Limits(**small),
+        )
     nodes = await build(server)
     server.require_role(nodes.methods["engineering"], Role.ENGINEER)
     async with server:
@@ -306,7 +308,7 @@ class Stock:
 
     def client(self, user: str = "") -> Client:
         """A client, not connected."""
-        client: Client = AsyncuaClient(self.url, timeout=5)
+        client: Client = AsyncuaClient(self.url, timeout=20)
         if user:
             client.set_user(user)
             client.set_password("anything")
@@ -317,7 +319,8 @@ class Stock:
 async def stock(port: int) -> AsyncGenerator[Stock]:
     """Asyncua's own server with its own defaults and our nodes."""
     server = Server()
-    await server.init()
+    with quick_start():
+        await server.init()
     server.set_endpoint(f"opc.tcp://127.0.0.1:{port}/")
     server.set_security_policy([ua.SecurityPolicyType.NoSecurity])
     nodes = await build(server)

@@ -7,6 +7,7 @@ from typing import Any
 
 from asyncua.server.server import Server
 
+from tests.standard_space import quick_start
 from ua_fleet.server.standard_nodes import forget_makers, share_attributes
 
 
@@ -39,3 +40,33 @@ async def test_what_nodes_have_in_common_is_one_object_and_reads_the_same() -> N
     another: Any = Server()
     await another.init()
     assert len(another.iserver.aspace.keys()) == len(space.keys())
+
+
+async def test_a_quick_start_gives_a_server_of_tests_the_same_nodes_for_itself() -> None:
+    def seen(server: Any) -> dict[Any, Any]:
+        nodes: dict[Any, Any] = {}
+        for node_id, node in server.iserver.aspace._nodes.items():
+            nodes[node_id] = dict(node.attributes.items()), list(node.references)
+        return {
+            node_id: ({number: held.value.Value for number, held in attributes.items()}, references)
+            for node_id, (attributes, references) in nodes.items()
+        }
+
+    whole: Any = Server()
+    await whole.init()
+    servers: list[Any] = []
+    for _ in range(3):  # the first of a process is the one that is copied
+        with quick_start():
+            server: Any = Server()
+            await server.init()
+        servers.append(server)
+    expected = seen(whole)
+    for one in servers:
+        found = seen(one)
+        assert found.keys() == expected.keys()
+        other = {node_id.Identifier for node_id in found if found[node_id] != expected[node_id]}
+        assert other <= {2256, 2257, 2260, 2266}  # ServerStatus, StartTime, BuildInfo, BuildDate: they tell the time
+    before = seen(servers[2])
+    await servers[1].get_node("i=2261").write_value("urn:another")
+    await servers[1].nodes.objects.add_object(2, "mine")
+    assert seen(servers[2]) == before

@@ -153,6 +153,15 @@ DECISIONS = _metric("decisions_open", _G, _SERVER, "Replacements that an operato
 SESSIONS = _metric("opcua_sessions", _G, _SERVER, "Sessions of OPC UA clients.")
 SUBSCRIPTIONS = _metric("opcua_subscriptions", _G, _SERVER, "Subscriptions of OPC UA clients.")
 ITEMS = _metric("opcua_monitored_items", _G, _SERVER, "Monitored items of OPC UA clients.")
+QUEUED_BYTES = _metric(
+    "opcua_queued_bytes", _G, _SERVER, "Memory of the values and events that wait for OPC UA clients."
+)
+NOTIFICATIONS_LOST = _metric(
+    "opcua_notifications_lost_total",
+    _C,
+    _SERVER,
+    "Values and events that gave way since too much waited for their client; the Overflow bit tells it.",
+)
 CONNECTIONS = _metric("opcua_connections_total", _C, _SERVER, "TCP connections that clients have made.")
 REFUSED = _metric("opcua_refused_total", _C, _SERVER, "What clients were refused, by what it was.", "what")
 REQUESTS = _metric("opcua_requests_total", _C, _SERVER, "Requests of OPC UA clients.")

@@ -117,6 +117,9 @@ class ServerFigures:
         yield metrics.SESSIONS.one(self._server.sessions)
         yield metrics.SUBSCRIPTIONS.one(len(subscriptions))
         yield metrics.ITEMS.one(sum(len(each.items) for each in subscriptions))
+        queues = self._server.queues
+        yield metrics.QUEUED_BYTES.one(queues.held_bytes)
+        yield metrics.NOTIFICATIONS_LOST.one(queues.lost)
         yield metrics.CONNECTIONS.one(statistics.connections)
         yield metrics.REQUESTS.one(statistics.requests)
         yield metrics.REFUSED.many(

@@ -28,6 +28,7 @@ from ua_fleet.server.endpoint.context import Context, NodeGate, Statistics
 from ua_fleet.server.endpoint.limits import CHUNK_BYTES, Limits
 from ua_fleet.server.endpoint.listener import Listener
 from ua_fleet.server.endpoint.processor import Services
+from ua_fleet.server.endpoint.queues import Queues
 from ua_fleet.server.endpoint.stack import AttributeIds, ObjectIds, ns0
 from ua_fleet.server.endpoint.subscriptions import Subscriptions
 from ua_fleet.server.internals import check_internals
@@ -95,10 +96,17 @@ class HardenedServer(Server):
         self.context.method_rules[method_id] = rule
         self.context.encrypted_methods.add(method_id)
 
+    @property
+    def queues(self) -> Queues:
+        """What waits for clients."""
+        registry: Any = self.iserver.subscription_service
+        queues: Queues = registry.queues
+        return queues
+
     async def prepare(self, context: Context, host: str, port: int) -> None:
         """Put our services over asyncua's; `init` has been called."""
         self._context = context
-        subscriptions = Subscriptions(self.iserver.aspace, self.iserver, context.misfit)
+        subscriptions = Subscriptions(self.iserver.aspace, self.iserver, context.misfit, context.limits)
         self.iserver.subscription_service = subscriptions
         # asyncua's own session was made before, with the registry that we replace.
         self.iserver.isession.subscription_service = subscriptions

@@ -41,6 +41,8 @@ __all__ = ["Projection"]
 _TEXTS: Final = int(BuiltinType.STRING | ARRAY)
 BATCH: Final = 250
 """Writes after which clients get their turn: about 3 ms of work."""
+WATCHERS: Final = 4
+"""Monitored items to tell that take as long as a write."""
 LARGEST_BATCH: Final = 1000
 """The same while much waits, so that it is written within a second."""
 MOST_IN_ORDER: Final = 5000
@@ -218,7 +220,8 @@ class Projection:
         values = self._nodes.values
         last_ticks: int | None = None
         source_time: datetime | None = None
-        for _ in range(count):
+        while count > 0 and self._waiting:
+            count -= 1
             slot = self._waiting.popleft()
             change, slot.is_waiting = slot.change, False
             if change is None:
@@ -246,14 +249,17 @@ class Projection:
                 self._mistakes.caught("values", error, node=str(change.key))
                 continue
             if held.is_watched:
-                await self._tell_watchers(held, value)
+                count -= await self._tell_watchers(held, value) // WATCHERS
 
-    async def _tell_watchers(self, held: Held, value: ua.DataValue) -> None:
-        for handle, tell in tuple(held.datachange_callbacks.items()):
+    async def _tell_watchers(self, held: Held, value: ua.DataValue) -> int:
+        """Tell the monitored items of a node; how many there are."""
+        watchers = tuple(held.datachange_callbacks.items())
+        for handle, tell in watchers:
             try:
                 await tell(handle, value)
             except Exception as error:  # noqa: BLE001 - one client's item must not keep the others from the value
                 self._mistakes.caught("monitored items", error)
+        return len(watchers)
 
     async def _set_capacities(self, change: CapacitiesChanged) -> None:
         gained, lost = self._nodes.set_capacities(change.robot, change.holds)

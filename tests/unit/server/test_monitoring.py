@@ -9,14 +9,17 @@ import pytest
 from asyncua import ua
 
 from ua_fleet.server.endpoint.monitoring import DataItem, Item
+from ua_fleet.server.endpoint.queues import Queues
 from ua_fleet.server.endpoint.stack import GOOD, AttributeIds, ObjectIds, ns0
+
+SPACE: Any = None
 
 
 class Owner:
     """A subscription."""
 
-    queued = 0
-    crowded = False
+    def __init__(self) -> None:
+        self.account = Queues(1 << 30, 1 << 30).account("olga")
 
     def pending(self, item: Item) -> None:
         pass
@@ -32,7 +35,7 @@ def item(deadband: float = 0.0) -> DataItem:
         request.RequestedParameters.Filter = ua.DataChangeFilter(
             ua.DataChangeTrigger.StatusValue, ua.DeadbandType.Absolute, deadband
         )
-    return DataItem(Owner(), 1, request, 100, None, ua.TimestampsToReturn.Both)
+    return DataItem(Owner(), 1, request, 100, None, ua.TimestampsToReturn.Both, SPACE)
 
 
 def value(content: Any) -> ua.DataValue:

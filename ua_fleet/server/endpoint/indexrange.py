@@ -12,7 +12,7 @@ from asyncua import ua
 
 from ua_fleet.server.endpoint.stack import Refusal, StatusCodes, status
 
-__all__ = ["IndexRange", "apply_range", "parse_range"]
+__all__ = ["IndexRange", "apply_range", "is_small", "parse_range"]
 
 IndexRange = tuple[slice, ...]
 MAX_DIMENSIONS: Final = 8
@@ -37,6 +37,11 @@ def parse_range(text: str | None) -> IndexRange | None:
     if not slices or len(slices) != len(parts) or len(slices) > MAX_DIMENSIONS:
         raise Refusal(StatusCodes.BadIndexRangeInvalid, f"index range {text[:40]!r}")
     return tuple(slices)
+
+
+def is_small(wanted: IndexRange, most: int) -> bool:
+    """Whether a part has one dimension and at most so many elements."""
+    return len(wanted) == 1 and wanted[0].stop - wanted[0].start <= most
 
 
 def apply_range(value: ua.DataValue, wanted: IndexRange) -> ua.DataValue:

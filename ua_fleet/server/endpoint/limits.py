@@ -57,9 +57,11 @@ class Limits:
     subscription_lifetime_s: float = 3_600.0
     queue_size: int = 100
     """Values or events that wait for one monitored item."""
-    queued_notifications: int = 100_000
-    """Values and events that wait in one subscription, each 256 bytes of a value as one more; then each item keeps its
-    newest alone."""
+    queued_bytes_per_user: int = 24 * 1024 * 1024
+    """Memory of the values and events that wait for one user in all sessions, or for one address without; then what has
+    waited longest gives way."""
+    queued_bytes: int = 96 * 1024 * 1024
+    """Memory of those of all users; then those of the user for whom most waits."""
     notifications_per_publish: int = 5_000
     notification_bytes: int = 1024 * 1024
     """Bytes after which a notification message is full."""
@@ -89,7 +91,7 @@ class Limits:
     def monitored_items_per_user(self) -> int:
         """Monitored items of one user in all sessions, or of one address where clients have no user.
 
-        Each takes 1.4 kB, so that a user takes less than 100 MB with them.
+        Each takes 0.8 kB, so that a user takes less than 100 MB with them and with what waits.
         """
         return 3 * self.monitored_items_per_subscription
 

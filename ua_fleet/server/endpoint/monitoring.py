@@ -1,8 +1,8 @@
 """Monitored items: what a subscription watches, and what waits to be told of it.
 
-A value is compared with the last one that was told, and queued as it is: no copy is made. That is safe because every
-write to a node, ours and a client's, brings a fresh DataValue that nobody changes afterwards; and it halves the cost of
-a notification.
+A value is compared with the last one that was told, and queued as it is: no copy is made, and what a client wants of it
+is cut out when it is sent. That is safe because every write to a node, ours and a client's, brings a fresh DataValue
+that nobody changes afterwards; and it halves the cost of a notification.
 """
 
 # pyright: reportUnknownMemberType=false, reportUnknownVariableType=false, reportUnknownArgumentType=false
@@ -13,17 +13,17 @@ from __future__ import annotations
 import dataclasses
 import functools
 import math
-from collections import deque
 from collections.abc import Generator
 from typing import Any, Final, Protocol
 
 from asyncua import ua
 from asyncua.server.address_space import AddressSpace
 
-from ua_fleet.server.endpoint.answers import Misfit, rough_bytes
+from ua_fleet.server.endpoint.answers import Misfit
 from ua_fleet.server.endpoint.filters import EventFilter, deadband_of
-from ua_fleet.server.endpoint.indexrange import IndexRange, apply_range
+from ua_fleet.server.endpoint.indexrange import IndexRange, apply_range, is_small
 from ua_fleet.server.endpoint.notifications import change_bytes, event_bytes, event_fields
+from ua_fleet.server.endpoint.queues import Account, content_bytes
 from ua_fleet.server.endpoint.stack import AttributeIds, shown, status
 
 __all__ = ["DataItem", "EventItem", "Item", "Owner"]
@@ -45,15 +45,25 @@ class _Done:
 DONE: Final = _Done()
 
 
-_WEIGHED: Final = 256
-"""Bytes of a value that count as one notification more."""
+_ENTRY_BYTES: Final = 320
+"""Of a notification of an empty value: the objects of asyncua that hold it."""
+_FIELD_BYTES: Final = 150
+"""Of a field of an event."""
+_SMALL_PART: Final = 1_000
+"""Elements or bytes of a part of an array that is compared by itself; larger ones are compared with all of it."""
 
 
 def weight(notification: Any) -> int:
-    """What a notification counts as, of those that may wait: large values count as many."""
-    if isinstance(notification, ua.MonitoredItemNotification):
-        return 1 + rough_bytes(notification.Value) // _WEIGHED
-    return 1
+    """About the memory that a notification takes, in bytes. It does not change while it waits."""
+    if isinstance(notification, ua.DataValue):
+        variant = notification.Value
+        content: Any = variant.Value if variant is not None else None
+        if content is None or isinstance(content, int | float):
+            return _ENTRY_BYTES
+        if isinstance(content, str | bytes):
+            return _ENTRY_BYTES + len(content)
+        return _ENTRY_BYTES + _content_bytes(_ByIdentity(content))
+    return _ENTRY_BYTES + sum([_FIELD_BYTES + content_bytes(field.Value) for field in notification.EventFields])
 
 
 class Owner(Protocol):
@@ -63,19 +73,25 @@ class Owner(Protocol):
         """An item has something to tell that it had not before."""
         ...
 
-    queued: int
-    """Weight of all that waits to be told."""
-
-    @property
-    def crowded(self) -> bool:
-        """Whether so much waits that each item is to keep its newest alone."""
-        ...
+    account: Account
+    """What waits for the user."""
 
 
 class Item:
     """What data and event items share: a queue of bounded length."""
 
-    __slots__ = ("client_handle", "discard_oldest", "id", "mode", "node_id", "owner", "queue", "queue_size")
+    __slots__ = (
+        "_lost_beside",
+        "client_handle",
+        "discard_oldest",
+        "id",
+        "is_owed",
+        "mode",
+        "node_id",
+        "owner",
+        "queue",
+        "queue_size",
+    )
 
     def __init__(self, owner: Owner, item_id: int, request: ua.MonitoredItemCreateRequest, queue_size: int) -> None:
         self.owner = owner
@@ -85,50 +101,82 @@ class Item:
         self.client_handle: int = request.RequestedParameters.ClientHandle
         self.discard_oldest: bool = bool(request.RequestedParameters.DiscardOldest)
         self.queue_size = queue_size
-        self.queue: deque[Any] = deque()
+        self.queue: list[Any] = []  # a deque takes 700 bytes when it is empty
+        self.is_owed = False
+        """Whether all that waited gave way, and the value is to be told as it is then."""
+        self._lost_beside = -1
+        """Where in the queue something was lost; -1 for nowhere."""
+
+    @property
+    def waits(self) -> bool:
+        """Whether there is something to tell."""
+        return bool(self.queue) or self.is_owed
 
     def put(self, notification: Any) -> None:
         """Queue a notification; a full queue loses its oldest, or keeps it and loses the newest before this one."""
-        queue, owner = self.queue, self.owner
-        if not queue:
-            self._append(notification)
-            owner.pending(self)
-            return
-        if len(queue) < self.queue_size and not owner.crowded:
-            self._append(notification)
-            return
-        owner.queued -= weight(queue.popleft() if self.discard_oldest else queue.pop())
-        self._append(notification)
-        if self.queue_size > 1:
-            self.mark_overflow(0 if self.discard_oldest else -1)
+        queue, account = self.queue, self.owner.account
+        is_lost = self.is_owed
+        if len(queue) >= self.queue_size:
+            account.release(weight(queue.pop(0 if self.discard_oldest else -1)))
+            is_lost = True
+        elif not queue and not is_lost:
+            self.owner.pending(self)
+        self.is_owed = False
+        queue.append(notification)
+        if is_lost:
+            self._lost_beside = 0 if self.discard_oldest else len(queue) - 1
+        account.hold(self, weight(notification))
 
-    def _append(self, notification: Any) -> None:
-        self.queue.append(notification)
-        self.owner.queued += weight(notification)
+    def give_way(self) -> bool:
+        """Lose the oldest that waits, or the newest but one where the oldest are to stay; whether any is left."""
+        queue = self.queue
+        at = 0 if self.discard_oldest or len(queue) == 1 else -2
+        self.owner.account.release(weight(queue.pop(at)))
+        self._lost_beside = 0 if self.discard_oldest else len(queue) - 1
+        if queue:
+            return True
+        self.is_owed = self.owes
+        return False
+
+    owes = False
+    """Whether it can tell later what it has lost."""
 
     def take(self) -> Any:
         """The oldest notification, out of the queue."""
-        notification = self.queue.popleft()
-        self.owner.queued -= weight(notification)
+        notification = self.queue.pop(0)
+        account = self.owner.account
+        account.release(weight(notification))
+        if not self.queue:
+            account.leave(self)
+        if self._lost_beside >= 0:
+            self._lost_beside -= 1
+            if self._lost_beside < 0:
+                return self.overflown(notification)
         return notification
 
-    def mark_overflow(self, at: int) -> None:
-        """Say at a place of the queue that something was lost there."""
+    def overflown(self, notification: Any) -> Any:
+        """A notification that says that something was lost beside it."""
+        return notification
 
     def encode(self, notification: Any, room: int, misfit: Misfit) -> bytes:
         """A notification as bytes; a value that takes more than `room` is told by its StatusCode alone."""
-        return change_bytes(notification, room, misfit, shown(self.node_id))
+        raise NotImplementedError
 
     def clear(self) -> None:
         """Forget what waits."""
-        self.owner.queued -= sum(map(weight, self.queue))
+        account = self.owner.account
+        account.release(sum(map(weight, self.queue)))
+        account.leave(self)
         self.queue.clear()
+        self.is_owed, self._lost_beside = False, -1
 
 
 class DataItem(Item):
     """Watches one attribute of a node."""
 
-    __slots__ = ("attribute", "deadband", "handle", "index_range", "last", "timestamps", "trigger")
+    __slots__ = ("_aspace", "attribute", "deadband", "handle", "index_range", "last", "timestamps", "trigger")
+
+    owes = True
 
     def __init__(
         self,
@@ -138,6 +186,7 @@ class DataItem(Item):
         queue_size: int,
         index_range: IndexRange | None,
         timestamps: ua.TimestampsToReturn,
+        aspace: AddressSpace,
     ) -> None:
         super().__init__(owner, item_id, request, queue_size)
         self.attribute: AttributeIds = request.ItemToMonitor.AttributeId
@@ -145,6 +194,7 @@ class DataItem(Item):
         self.timestamps = timestamps
         self.last: ua.DataValue | None = None
         self.handle = 0
+        self._aspace = aspace
         self.set_filter(request.RequestedParameters.Filter)
 
     def set_filter(self, wanted: Any) -> None:
@@ -159,16 +209,31 @@ class DataItem(Item):
             return DONE
         if value is None:
             value = ua.DataValue(StatusCode=error)
-        if self.index_range is not None:
-            value = apply_range(value, self.index_range)
         last = self.last
         if last is not None and not self._differs(last, value):
+            if not self.deadband:
+                self.last = value  # the same for this item, and the old one may go
             return DONE
         self.last = value
         if self.mode is ua.MonitoringMode.Reporting:
-            told = value if self.timestamps is ua.TimestampsToReturn.Both else with_timestamps(value, self.timestamps)
-            self.put(ua.MonitoredItemNotification(self.client_handle, told))  # pyright: ignore[reportArgumentType]
+            self.put(value)
         return DONE
+
+    def take(self) -> ua.DataValue:
+        """The oldest value, out of the queue; the one that there is now, where all that waited gave way."""
+        if self.queue:
+            taken: ua.DataValue = super().take()
+            return taken
+        self.is_owed, self._lost_beside = False, -1
+        return self.overflown(self._aspace.read_attribute_value(self.node_id, self.attribute))
+
+    def encode(self, notification: ua.DataValue, room: int, misfit: Misfit) -> bytes:
+        """A MonitoredItemNotification; a value that takes more than `room` is told by its StatusCode alone."""
+        value = notification
+        if self.index_range is not None:
+            value = apply_range(value, self.index_range)
+        value = with_timestamps(value, self.timestamps)
+        return change_bytes(self.client_handle, value, room, misfit, shown(self.node_id))
 
     def _differs(self, old: ua.DataValue, new: ua.DataValue) -> bool:
         old_status, new_status = old.StatusCode, new.StatusCode
@@ -183,6 +248,8 @@ class DataItem(Item):
         before, now = old.Value, new.Value
         if before is now:
             return False
+        if self.index_range is not None and is_small(self.index_range, _SMALL_PART):
+            before, now = apply_range(old, self.index_range).Value, apply_range(new, self.index_range).Value
         if before is None or now is None or before.VariantType != now.VariantType:
             return True
         earlier: Any = before.Value
@@ -192,17 +259,17 @@ class DataItem(Item):
         arrays = _ByIdentity(earlier), _ByIdentity(later)
         return _differ(*arrays) and not (self.deadband and _greatest_step(*arrays) <= self.deadband)
 
-    def mark_overflow(self, at: int) -> None:
-        """Set the Overflow bit of a queued value."""
-        notification = self.queue[at]
-        value = notification.Value
-        marked = dataclasses.replace(value, StatusCode=status(_code(value.StatusCode) | _OVERFLOW))
-        self.queue[at] = ua.MonitoredItemNotification(self.client_handle, marked)  # pyright: ignore[reportArgumentType]
+    def overflown(self, notification: ua.DataValue) -> ua.DataValue:
+        """A value with the Overflow bit; a queue of one value has none (OPC 10000-4 5.13.1.5)."""
+        if self.queue_size == 1:
+            return notification
+        code = _code(notification.StatusCode) | _OVERFLOW
+        return dataclasses.replace(notification, StatusCode=status(code))
 
-    def tell_again(self, aspace: AddressSpace) -> None:
+    def tell_again(self) -> None:
         """Tell the value as it is now, whether it changed or not."""
         self.last = None
-        self.changed(self.handle, aspace.read_attribute_value(self.node_id, self.attribute))
+        self.changed(self.handle, self._aspace.read_attribute_value(self.node_id, self.attribute))
 
 
 class EventItem(Item):
@@ -269,6 +336,11 @@ class _ByIdentity:
 
     def __hash__(self) -> int:
         return id(self.value)
+
+
+@functools.lru_cache(8)
+def _content_bytes(content: _ByIdentity) -> int:
+    return content_bytes(content.value)
 
 
 @functools.lru_cache(8)

@@ -35,10 +35,9 @@ def event_fields(event: Any, clauses: Sequence[ua.SimpleAttributeOperand]) -> li
     return fields
 
 
-def change_bytes(notification: ua.MonitoredItemNotification, room: int, misfit: Misfit, what: str) -> bytes:
+def change_bytes(client_handle: int, value: ua.DataValue, room: int, misfit: Misfit, what: str) -> bytes:
     """A MonitoredItemNotification; a value that cannot be encoded, or is longer than `room`, as its StatusCode."""
-    handle = int(notification.ClientHandle).to_bytes(4, "little")
-    return handle + encode_value(notification.Value, room, misfit, lambda: what)
+    return int(client_handle).to_bytes(4, "little") + encode_value(value, room, misfit, lambda: what)
 
 
 def event_bytes(notification: ua.EventFieldList, misfit: Misfit, what: str) -> bytes:

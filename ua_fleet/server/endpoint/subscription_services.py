@@ -171,7 +171,7 @@ class SubscriptionServices:
             result.AvailableSequenceNumbers = subscription.unacknowledged  # pyright: ignore[reportAttributeAccessIssue]
             for item in subscription.items if tell else ():
                 if isinstance(item, DataItem):
-                    item.tell_again(self._aspace)
+                    item.tell_again()
                     await self._end_turn(request, subscription)
         except Refusal as error:
             result.StatusCode = status(error.ua_status)
@@ -257,7 +257,9 @@ class SubscriptionServices:
             index_range = parse_range(target.IndexRange)
             if index_range is not None and target.AttributeId != AttributeIds.Value:
                 raise Refusal(StatusCodes.BadIndexRangeInvalid)
-            data = DataItem(subscription, subscription.items.next_id(), wanted, size, index_range, timestamps)
+            data = DataItem(
+                subscription, subscription.items.next_id(), wanted, size, index_range, timestamps, self._aspace
+            )
             if not (code := subscription.items.add_data(data)).is_good():
                 raise Refusal(int(code.value))
             result.MonitoredItemId = data.id
@@ -336,7 +338,7 @@ class SubscriptionServices:
             if mode is not ua.MonitoringMode.Reporting:
                 subscription.silence(item)
             elif before is not mode and isinstance(item, DataItem):
-                item.tell_again(self._aspace)
+                item.tell_again()
             response.Parameters.Results.append(GOOD)
         return response
 

@@ -22,6 +22,7 @@ from ua_fleet.server.endpoint.answers import Misfit
 from ua_fleet.server.endpoint.limits import Limits
 from ua_fleet.server.endpoint.monitoring import DataItem, EventItem, Item
 from ua_fleet.server.endpoint.notifications import changes_of, events_of
+from ua_fleet.server.endpoint.queues import Queues
 from ua_fleet.server.endpoint.sessions import PublishRequest, Session
 from ua_fleet.server.endpoint.stack import GOOD, StatusCodes, status
 from ua_fleet.server.endpoint.turns import TURN_S, Places
@@ -77,7 +78,7 @@ class MonitoredItems:
         if result.is_good():
             self._monitored_items[item.id] = item
             self._watched[item.node_id] += 1
-            item.tell_again(self._aspace)
+            item.tell_again()
         return result
 
     def add_events(self, item: EventItem) -> None:
@@ -90,6 +91,7 @@ class MonitoredItems:
         """Stop watching."""
         item = self._monitored_items.pop(item_id, None)
         if item is not None:
+            item.clear()
             self._watched[item.node_id] -= 1
             if not self._watched[item.node_id]:
                 del self._watched[item.node_id]
@@ -146,8 +148,8 @@ class ClientSubscription:
         self.session: Session | None = session
         self.owner = user
         self.owner_certificate = session.client_certificate
+        self.account = registry.queues.account(self.holder)
         self.monitored_item_srv = MonitoredItems(aspace, lambda error: registry.failed(error, subscription_id))
-        self.queued = 0
         self.kept_bytes = 0
         """Bytes of the messages that can be sent again."""
         self.interval_s = 1.0
@@ -175,11 +177,6 @@ class ClientSubscription:
     def items(self) -> MonitoredItems:
         """Its monitored items."""
         return self.monitored_item_srv
-
-    @property
-    def crowded(self) -> bool:
-        """Whether so much waits that each item is to keep its newest alone."""
-        return self.queued >= self._limits.queued_notifications
 
     @property
     def unacknowledged(self) -> list[int]:
@@ -320,12 +317,12 @@ class ClientSubscription:
         while self._pending and left > 0 and room > 0:
             item_id, item = next(iter(self._pending.items()))
             target = changes if isinstance(item, DataItem) else events
-            while item.queue and left > 0 and room > 0:
+            while item.waits and left > 0 and room > 0:
                 # The first one that is longer than the room is told nevertheless.
                 data = item.encode(item.take(), self._limits.response_bytes, self._registry.misfit)
                 target.append(data)
                 left, room = left - 1, room - len(data)
-            if not item.queue:
+            if not item.waits:
                 del self._pending[item_id]
         notifications: list[Any] = []
         if changes:
@@ -358,10 +355,8 @@ class ClientSubscription:
 
     def remove(self, item_id: int) -> ua.StatusCode:
         """Delete a monitored item with what it had to tell."""
-        item = self.items.remove(item_id)
-        if item is None:
+        if self.items.remove(item_id) is None:
             return status(StatusCodes.BadMonitoredItemIdInvalid)
-        item.clear()
         self._pending.pop(item_id, None)
         return GOOD
 
@@ -392,9 +387,10 @@ class Subscriptions(SubscriptionService):
     failed: Callable[[Exception, int], None]
     """Told of mistakes of ours, and of the subscription that they cost something."""
 
-    def __init__(self, aspace: AddressSpace, iserver: InternalServer, misfit: Misfit) -> None:
+    def __init__(self, aspace: AddressSpace, iserver: InternalServer, misfit: Misfit, limits: Limits) -> None:
         super().__init__(aspace, iserver)
         self.misfit = misfit
+        self.queues = Queues(limits.queued_bytes_per_user, limits.queued_bytes)
         self.answering = Places()
         """Of the subscriptions of each user, one has the turn to answer."""
 

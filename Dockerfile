@@ -3,7 +3,8 @@
 # What is compiled or downloaded is so in stages of its own; an image holds Debian's Python, one virtual environment
 # without pip in the versions of requirements.lock, and the system's packages that it needs.
 #
-# Build arguments: BASE, a Debian 12; PIP_INDEX_URL and CA_PEM (its text), where packages come from an own index.
+# Build arguments: BASE, a Debian 12; PIP_INDEX_URL, where packages come from an own index. A file ca.pem beside this one
+# holds authorities that pip trusts besides Debian's: it is used while building, and is in no image.
 
 ARG BASE=debian:bookworm-slim
 
@@ -20,6 +21,9 @@ RUN apt-get update -qq \
         mobile_side ridgeback_bridge ur3_bridge pioneer_1_bridge pioneer_2_bridge drone_bridge conveyor_bridge \
         temperature_sensor_bridge
 # The root file system is read-only: whoever wants a home or logs in files has /tmp.
+# Also those that stages leave have the vendor, by which `docker image prune` finds them.
+LABEL org.opencontainers.image.licenses=Apache-2.0 \
+      org.opencontainers.image.vendor="The ua_fleet authors"
 ENV PATH=/opt/ua-fleet/bin:/usr/local/bin:/usr/bin:/bin \
     HOME=/tmp \
     LANG=C.UTF-8 \
@@ -33,13 +37,12 @@ RUN apt-get update -qq \
     && DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends ca-certificates python3-venv \
     && python3 -m venv --without-pip /opt/ua-fleet
 ARG PIP_INDEX_URL
-ARG CA_PEM
 ENV PIP_CERT=/etc/ssl/certs/ca-certificates.crt PIP_NO_CACHE_DIR=1 PIP_DISABLE_PIP_VERSION_CHECK=1
 WORKDIR /src
-COPY pyproject.toml requirements.lock ./
+COPY pyproject.toml requirements.lock ca.pe[m] ./
 COPY scripts/wanted scripts/image/add scripts/image/take /usr/local/bin/
 # Debian's own pip takes minutes to resolve the wheels of ROS 2, and no hashes from constraints.
-RUN printf '%s\n' "$CA_PEM" >> "$PIP_CERT" \
+RUN if [ -f ca.pem ]; then cat ca.pem >> "$PIP_CERT"; fi \
     && python3 -m venv /opt/pip \
     && sed -n '/^pip==/,/[^\\]$/p' requirements.lock >/tmp/pip.lock \
     && /opt/pip/bin/pip install --quiet --require-hashes --requirement /tmp/pip.lock \
@@ -62,8 +65,6 @@ USER ua-fleet
 WORKDIR /tmp
 ENTRYPOINT []
 CMD ["ua-fleet", "--help"]
-LABEL org.opencontainers.image.licenses=Apache-2.0 \
-      org.opencontainers.image.vendor="The ua_fleet authors"
 
 # --- core: the server, the Modbus gateway, the conductor; bridges to PLCs, TCP robots and plugged-in devices ------
 FROM environment AS core

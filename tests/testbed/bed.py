@@ -117,7 +117,7 @@ def make_bed() -> Bed:
         "UA_FLEET_TAG": "check",
         "UA_FLEET_BASE": needs.base,
         **{name: str(port) for name, port in ports},
-        **{name: value for name in ("PIP_INDEX_URL", "CA_PEM") if (value := os.environ.get(name))},
+        **({"PIP_INDEX_URL": index} if (index := os.environ.get("PIP_INDEX_URL")) else {}),
     }
     return Bed(command, options)
 

@@ -111,10 +111,10 @@ class Compose:
         """Run it as a user does; what it writes to stdout. Raises CommandFailed."""
         return run(
             *self.command,
-            *("--project-name", self.project, "--profile", self.profile),
+            *("--project-name", self.project),
             *arguments,
             # Neither a .env of the user's nor what stands in the shell is to change what is measured.
-            environment={**_without_options(os.environ), **self.options},
+            environment={**_without_options(os.environ), **self.options, "COMPOSE_PROFILES": self.profile},
             timeout_s=timeout_s,
         )
 

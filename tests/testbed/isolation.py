@@ -104,7 +104,7 @@ for folder in ("/", "/opt/ua-fleet", "/usr/local/bin", "/etc", "/var/lib/ua-flee
     except OSError:
         pass
 """
-_SECRET: Final = re.compile(r"(?i)(password|secret|token|_key|CA_PEM|BEGIN [A-Z ]*PRIVATE KEY)")
+_SECRET: Final = re.compile(r"(?i)(password|secret|token|_key|BEGIN [A-Z ]*PRIVATE KEY)")
 # Private keys and password files in an image, outside of what Debian brings.
 _LOOK: Final = """
 import os

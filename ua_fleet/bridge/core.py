@@ -207,11 +207,11 @@ class BridgeCore:
         for datagram in self._publisher.end():
             self._send(datagram)
 
-    def poll(self, now: float, wall_ticks: int | None = None) -> None:
-        """Do what is due."""
+    def poll(self, now: float, wall_ticks: int | None = None, *, is_round: bool = False) -> None:
+        """Do what is due; `is_round` as in `Publisher.poll`."""
         for topic in self.freshness.take_stale(now):
             self._restate(topic, _LAST_USABLE, 0, now)
-        for datagram in self._publisher.poll(now, wall_ticks):
+        for datagram in self._publisher.poll(now, wall_ticks, is_round=is_round):
             self._send(datagram)
         self._subscriber.caught = self.caught
         self._hear(self._subscriber.poll(now), now)

@@ -268,12 +268,13 @@ class _Shell:
     def _on_timer(self) -> None:
         self._timer = None
         now = self._loop.time()
-        if now >= self._status_at:  # first, since it makes the keep-alive that is due with it needless
+        is_round = now >= self._status_at
+        if is_round:  # first, since it makes the keep-alive that is due with it needless
             self._status_at = now + STATUS_INTERVAL_S
             with self.mistakes.guard("each second"):
                 self._report(now)
         try:
-            self._core.poll(now, _wall_ticks())
+            self._core.poll(now, _wall_ticks(), is_round=is_round)
         except Exception as error:  # noqa: BLE001 - what is due stays due: it is tried again, and not all the time
             self.mistakes.caught("timer", error)
             self._not_before = now + PAUSE_S

@@ -45,7 +45,9 @@ from ua_fleet.wire.messages import (
 __all__ = ["MAX_DATAGRAM_BYTES", "Publisher"]
 
 _EARLY: Final = 0.05
-"""Part of its period that a message may go early, to share a NetworkMessage with one that is due."""
+"""Part of its period that any other message may go early, to share a NetworkMessage with one that is due."""
+TOGETHER: Final = 0.5
+"""Part of its period that a keep-alive may go early, to go with others."""
 _MOST_AT_ONCE: Final = 256
 """Writers that one call serves, about a millisecond of work; `next_deadline` then asks for the next call at once."""
 _REPEATED_BYTES_PER_SECOND: Final = 50_000
@@ -310,33 +312,41 @@ class Publisher:
             heapq.heappush(self._answers, (due, next(self._order), writer))
         return self._send_due_answers(now)
 
-    def poll(self, now: float, wall_ticks: int | None = None) -> list[bytes]:
+    def poll(self, now: float, wall_ticks: int | None = None, *, is_round: bool = False) -> list[bytes]:
         """Send what is due: answers that waited, announcements, repeats and keep-alives.
+
+        With one keep-alive go all those that have half of their period behind them, so that a process with many quiet
+        writers wakes once in a period for all of them, and so do those who listen.
 
         Args:
             now: the time.
             wall_ticks: the wall clock, where it is known: a status tells it.
+            is_round: whether the process wakes with a period anyhow, so that keep-alives may go with that.
         """
         if wall_ticks is not None:
             self._announcer.set_clock(now, wall_ticks)
         datagrams = self._send_due_answers(now) + self._announcer.poll(now)
         deadlines, pace = self._deadlines, self._pace
-        if not deadlines or deadlines[0][0] > now:
+        if not deadlines or (deadlines[0][0] > now and not is_round):
             return datagrams
+        keep_alive_s = self._timing.keep_alive_s
         horizon = now + self._early_s
+        latest = now + TOGETHER * keep_alive_s if is_round else horizon
         batches: _Batches = {}
-        served = 0
-        while served < _MOST_AT_ONCE and deadlines and deadlines[0][0] <= horizon and pace.allows(now):
+        served: list[Writer] = []
+        while len(served) < _MOST_AT_ONCE and deadlines and deadlines[0][0] <= latest and pace.allows(now):
             _, entry, writer = heapq.heappop(deadlines)
             if entry != writer.entry or not writer.alive:
                 continue
-            served += 1
+            served.append(writer)
             if writer.announce_at <= horizon:
                 datagrams.append(self._announce_again(writer, now))
             if writer.values is not None and writer.repeat_at <= horizon:
                 self._add_repeat(batches, writer, now)
-            elif writer.keep_alive_at(self._timing.keep_alive_s) <= horizon:
+            elif self._is_keep_alive_due(writer, now, horizon, is_round):
                 self._add_keep_alive(batches, writer, now)
+                latest, is_round = now + TOGETHER * keep_alive_s, True
+        for writer in served:
             self._queue(writer)
         return datagrams + self._send(batches)
 
@@ -429,6 +439,11 @@ class Publisher:
         writer.repeat_at = now + self._repeat_after_s(writer)
         batches.setdefault(writer.topic.ns, []).append(message)
         self._pace.take(message[1])
+
+    def _is_keep_alive_due(self, writer: Writer, now: float, horizon: float, is_round: bool) -> bool:
+        period_s = writer.keep_alive_period_s(self._timing.keep_alive_s)
+        due = writer.sent_at + period_s
+        return due <= horizon or (is_round and due <= now + TOGETHER * period_s)
 
     def _repeat_after_s(self, writer: Writer) -> float:
         """Images are repeated less often, so that a robot that rests costs little; who asks gets them at once."""

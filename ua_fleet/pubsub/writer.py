@@ -92,14 +92,13 @@ class Writer:
         self.values = None
         self.encode = None
 
-    def keep_alive_at(self, keep_alive_s: float) -> float:
-        """When this writer has to say that it lives: twice within a maximum age, since that is what it attests."""
-        period = keep_alive_s if self.max_age_s is None else min(keep_alive_s, self.max_age_s / 2)
-        return self.sent_at + period
+    def keep_alive_period_s(self, keep_alive_s: float) -> float:
+        """How often this writer has to say that it lives: twice within a maximum age, since that is what it attests."""
+        return keep_alive_s if self.max_age_s is None else min(keep_alive_s, self.max_age_s / 2)
 
     def deadline(self, keep_alive_s: float) -> float:
         """When this writer has to send something next."""
-        due = min(self.keep_alive_at(keep_alive_s), self.announce_at)
+        due = min(self.sent_at + self.keep_alive_period_s(keep_alive_s), self.announce_at)
         return due if self.values is None else min(due, self.repeat_at)
 
     def repeat(self) -> tuple[DataSetMessage, int]:

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import Any
 
 import pytest
@@ -79,6 +80,30 @@ def test_a_busy_writer_sends_neither_keep_alives_nor_repeats() -> None:
     for step in range(40):
         writing.publish(timestamp=WALL + step)
         assert writing.run_until(writing.now + 0.5) == []
+
+
+def test_the_keep_alives_of_quiet_writers_go_together_though_they_began_apart() -> None:
+    writing = Writing()
+    for number in range(8):
+        writing.announce(Topic(1, 2, 1001 + number))
+        writing.now += 0.11
+    sent = writing.run_until(writing.now + 10.0)
+    rounds = [(time, messages(datagrams)) for time, datagrams in sent if time > writing.now - 8.0]
+    assert len(rounds) <= 2 * 8
+    for number in range(8):
+        times = [time for time, parts in rounds for part in parts if part.data_set_writer_id == 1001 + number]
+        assert all(later - earlier <= 1.0 + 1e-6 for earlier, later in pairwise(times)), "none comes late"
+        assert len(times) <= 2 * 8
+
+
+def test_a_keep_alive_goes_with_a_round_once_half_of_its_period_is_over() -> None:
+    writing = Writing()
+    writing.announce()
+    assert writing.publisher.poll(100.4, is_round=True) == []
+    assert writing.publisher.poll(100.6) == []
+    [early] = messages(writing.publisher.poll(100.6, is_round=True))
+    assert early.kind == KEEP_ALIVE
+    assert writing.publisher.next_deadline() == pytest.approx(101.6)
 
 
 def test_the_first_message_is_repeated_in_time_where_keep_alives_are_rarer() -> None:

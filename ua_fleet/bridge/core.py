@@ -142,19 +142,26 @@ class BridgeCore:
         self.caught: Callable[[str, Exception], None] | None = None
         """Told of a mistake that has cost one message, with the loop that it happened in; without, it is raised."""
 
+    def sample(self, sample: SampleRead, now: float, arrived: float | None = None) -> SourceFound | None:
+        """Take in a message of the space; `arrived` is when the driver had told it, where that is not now.
+
+        Its source again where that has another maximum age from now on: for `from_space`.
+        """
+        topic, values, source_time_ns, status, own_publication, _ = sample
+        self.counters.from_space += 1
+        verdict = self._rule(Side.SPACE, topic.space, self.space, own_publication)
+        if verdict is not Verdict.TO_PUBSUB:
+            self.counters.drop(_DROPS[verdict])
+            return None
+        self.tell(topic, values, ticks_from_unix_ns(source_time_ns), status, now=now)
+        return self.freshness.told(topic, source_time_ns, status, now if arrived is None else arrived)
+
     def from_space(self, event: DriverEvent, *, now: float, wall_ticks: int, arrived: float | None = None) -> None:
-        """Take in what the driver tells; `arrived` is when it had told it, where that is not now."""
+        """Take in what the driver tells; see `sample`, which is the shorter way for most of it."""
         if isinstance(event, SampleRead):
-            self.counters.from_space += 1
-            verdict = self._rule(Side.SPACE, event.topic.space, self.space, event.own_publication)
-            if verdict is Verdict.TO_PUBSUB:
-                self.tell(event.topic, event.values, ticks_from_unix_ns(event.source_time_ns), event.status, now=now)
-                told_at = now if arrived is None else arrived
-                changed = self.freshness.told(event.topic, event.source_time_ns, event.status, told_at)
-                if changed is not None:
-                    self._found(changed, now, wall_ticks)
-            else:
-                self.counters.drop(_DROPS[verdict])
+            changed = self.sample(event, now, arrived)
+            if changed is not None:
+                self._found(changed, now, wall_ticks)
         elif isinstance(event, SourceFound):
             self._found(event, now, wall_ticks)
         elif isinstance(event, SourceLost):
@@ -193,9 +200,10 @@ class BridgeCore:
         for datagram in datagrams:
             self._send(datagram)
 
-    def from_pubsub(self, datagram: bytes, *, now: float, sender: tuple[str, int] | None = None) -> None:
-        """Take in a datagram, and where it came from."""
+    def from_pubsub(self, datagram: bytes, *, now: float, sender: tuple[str, int] | None = None) -> bool:
+        """Take in a datagram, and where it came from; whether that may have brought the next deadline nearer."""
         self._hear(self._subscriber.receive(datagram, now, sender), now)
+        return self._subscriber.is_nearer
 
     def begin(self, *, now: float, wall_ticks: int) -> None:
         """Say on PubSub that this bridge is there."""

@@ -12,7 +12,6 @@ import heapq
 import math
 from collections.abc import Mapping
 from itertools import count
-from statistics import fmean, pstdev
 from typing import Final
 
 from ua_fleet.bridge.driver import SourceFound
@@ -45,8 +44,8 @@ class Rhythm:
         intervals.append((time_ns - last) / 1e9)
         if len(intervals) < INTERVALS:
             return None
-        mean = fmean(intervals)
-        deviation = pstdev(intervals, mean)
+        mean = sum(intervals) / INTERVALS
+        deviation = math.sqrt(sum([(each - mean) ** 2 for each in intervals]) / INTERVALS)
         intervals.clear()
         return mean if deviation < MOST_DEVIATION * mean else None
 

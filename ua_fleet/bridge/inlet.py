@@ -17,6 +17,7 @@ from collections import Counter, deque
 from collections.abc import Callable, Collection, Iterable, Mapping
 from typing import Any, Final
 
+from ua_fleet.bridge.doorbell import Doorbell
 from ua_fleet.bridge.driver import (
     DriverEvent,
     Dropped,
@@ -116,7 +117,8 @@ class BoundedInlet:
         self._facts = SourceFacts()
         self._drops: Counter[tuple[Drop, str]] = Counter()
         self._look_at = float("-inf")
-        self._open = False
+        self._bell: Doorbell | None = None
+        """There once it is open."""
         self._closed = False
         self._scheduled = False
         self.arrived_at: float | None = None
@@ -140,9 +142,11 @@ class BoundedInlet:
                 self._count(event.cause, event.count, event.detail)
             else:
                 self._facts.put(event, self._taken_in)
-            if self._open and not self._scheduled:
-                self._scheduled = True
-                self._loop.call_soon_threadsafe(self._drain)
+            bell = self._bell
+            if bell is None or self._scheduled:
+                return
+            self._scheduled = True
+        bell.ring()  # without the lock, which the loop would wait for
 
     @property
     def waiting(self) -> int:
@@ -158,13 +162,16 @@ class BoundedInlet:
     def open(self) -> None:
         """Begin to hand events on, those that wait first. Called in the event loop."""
         with self._lock:
-            self._open = True
-            if not self._scheduled and not self._closed:
+            if self._bell is None and not self._closed:
+                self._bell = Doorbell(self._loop, self._drain)
                 self._scheduled = True
                 self._loop.call_soon(self._drain)
 
     def close(self) -> None:
-        """Take nothing more and forget what waits. The loop may be closed after this."""
+        """Take nothing more and forget what waits. Called in the event loop, which may be closed after this."""
+        bell, self._bell = self._bell, None
+        if bell is not None:
+            bell.close()
         with self._lock:
             self._closed = True
             self._lane.clear()
@@ -187,43 +194,47 @@ class BoundedInlet:
 
     def _drain(self) -> None:
         """Hand on what waits, until this turn is over."""
-        clock = self._clock
-        now = clock()
+        executions, sources, facts = self._lane.facts, self._facts.facts, self._facts
+        now = self._clock()
         until = now + _TURN_S
         with self._lock:
             self._drop_old(now)
         for _ in range(self._batch):
-            if self._lane:
+            if executions:
                 self._hand_on_lane(until)
             with self._lock:
-                if not self._samples and not self._facts:
+                if not self._samples and not sources:
                     break
-                number, first = self._taken_in - len(self._samples), self._facts.first
-                if first is not None and first <= number:
-                    event: DriverEvent = self._facts.pop()
+                number = self._taken_in - len(self._samples)
+                if sources and (first := facts.first) is not None and first <= number:
+                    event: DriverEvent = facts.pop()
                     arrived = None
                 elif (waiting := self._samples.popleft()) is None:
                     continue
                 else:
                     arrived, event = waiting
                     self._held -= 1
-                    if self._facts.is_void(event.topic, number):
+                    if facts.is_void(event.topic, number):
                         self._count(Drop.INLET_FULL)
                         continue
             now = self._hand_on(event, arrived)
             if now >= until:
                 break
-        if self._lane and now < until:
+        if executions and now < until:
             self._hand_on_lane(until)
         with self._lock:
-            drops = [Dropped(cause, count, detail) for (cause, detail), count in self._drops.items()]
-            self._drops.clear()
-            if self._facts or self._samples or self._lane:
+            drops = self._take_drops() if self._drops else ()
+            if self._samples or sources or executions:
                 self._loop.call_soon(self._drain)
             else:
                 self._scheduled = False
         for drop in drops:
             self._hand_on(drop, None)
+
+    def _take_drops(self) -> list[Dropped]:
+        drops = [Dropped(cause, count, detail) for (cause, detail), count in self._drops.items()]
+        self._drops.clear()
+        return drops
 
     def _hand_on_lane(self, until: float) -> None:
         """The facts of executions that wait, until the turn is over, and before an end what its robot had said."""
@@ -286,7 +297,7 @@ class BoundedInlet:
     def _drop_old(self, now: float) -> None:
         """Drop samples that have waited for too long, where a newer one of their source waits."""
         samples = self._samples
-        if not samples or now < self._look_at:
+        if len(samples) < 2 or now < self._look_at:
             return
         first = next((waiting for waiting in samples if waiting is not None), None)
         if first is None or now - first[0] <= self._shortest_s:

@@ -19,42 +19,42 @@ class Lane:
     """A queue whose length is bounded by the executions that are under way."""
 
     def __init__(self) -> None:
-        self._facts: OrderedDict[int, ExecutionFact] = OrderedDict()
-        """By their number, in their order."""
+        self.facts: OrderedDict[int, ExecutionFact] = OrderedDict()
+        """By their number, in their order. To ask it whether any waits costs less than to ask the lane."""
         self._next = 0
         self._of: dict[bytes, list[int]] = {}
         """The numbers of the facts of each execution that newer ones may push out."""
 
     def __len__(self) -> int:
-        return len(self._facts)
+        return len(self.facts)
 
     def put(self, fact: ExecutionFact) -> int:
         """Take a fact; how many others it has pushed out."""
-        self._facts[self._next] = fact
-        before = len(self._facts)
+        self.facts[self._next] = fact
+        before = len(self.facts)
         if isinstance(fact, ExecutionProgressed | ExecutionSuspended | ExecutionResumed):
-            numbers = [number for number in self._of.get(fact.execution_id, ()) if number in self._facts]
+            numbers = [number for number in self._of.get(fact.execution_id, ()) if number in self.facts]
             self._of[fact.execution_id] = self._needed([*numbers, self._next])
         else:
             self._of.pop(fact.execution_id, None)
         self._next += 1
-        return before - len(self._facts)
+        return before - len(self.facts)
 
     def pop(self) -> ExecutionFact:
         """The fact that has waited longest."""
-        _, fact = self._facts.popitem(last=False)
-        if not self._facts:
+        _, fact = self.facts.popitem(last=False)
+        if not self.facts:
             self._of.clear()
         return fact
 
     def clear(self) -> None:
         """Forget all of them."""
-        self._facts.clear()
+        self.facts.clear()
         self._of.clear()
 
     def _needed(self, numbers: list[int]) -> list[int]:
         """Of the facts of one execution those that are still to be told; the others go."""
-        facts = self._facts
+        facts = self.facts
         progress: list[int] = []
         stood: list[int] = []
         for number in numbers:

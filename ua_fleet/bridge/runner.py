@@ -221,11 +221,13 @@ class _Shell:
 
     def receive(self, datagram: bytes, sender: Address) -> None:
         """Take a datagram from the transport."""
+        is_nearer = True
         try:
-            self._core.from_pubsub(datagram, now=self._loop.time(), sender=sender)
+            is_nearer = self._core.from_pubsub(datagram, now=self._loop.time(), sender=sender)
         except Exception as error:  # noqa: BLE001 - whatever is wrong with one datagram, others are behind it
             self.mistakes.caught("datagrams", error, client=f"{sender[0]}:{sender[1]}")
-        self._arm()
+        if is_nearer:
+            self._arm()
 
     def failed(self, text: str, error: BaseException | None) -> None:
         """Log what went wrong, with the traceback where there is an exception, which is a mistake then."""
@@ -240,16 +242,20 @@ class _Shell:
     def _from_space(self, event: DriverEvent) -> None:
         try:
             now = self._loop.time()
-            self._core.from_space(event, now=now, wall_ticks=_wall_ticks(), arrived=self.inlet.arrived_at)
+            rest: DriverEvent | None = event
+            if isinstance(event, SampleRead):
+                rest = self._core.sample(event, now, self.inlet.arrived_at)
+            if rest is not None:
+                self._core.from_space(rest, now=now, wall_ticks=_wall_ticks())
         except Exception as error:  # noqa: BLE001 - whatever is wrong with one event, facts are behind it
             self.mistakes.caught("space", error, what=type(event).__name__)
-        if self._core.freshness.is_nearer:
-            self._core.freshness.is_nearer = False
-            self._arm()
         if not isinstance(event, SampleRead):
             self._arm()
             if isinstance(event, Dropped) and event.detail:
                 self._tell(event)
+        elif self._core.freshness.is_nearer:
+            self._core.freshness.is_nearer = False
+            self._arm()
 
     def _tell(self, drop: Dropped) -> None:
         if self._told.is_due(drop.cause, drop.detail, self._loop.time()):

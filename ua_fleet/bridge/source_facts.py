@@ -24,8 +24,9 @@ class SourceFacts:
     """A queue whose length is bounded by the sources that there are."""
 
     def __init__(self) -> None:
-        self._facts: OrderedDict[int, tuple[int, SourceFact]] = OrderedDict()
-        """Each with the number of samples that were put before it."""
+        self.facts: OrderedDict[int, tuple[int, SourceFact]] = OrderedDict()
+        """Each with the number of samples that were put before it. To ask it whether any waits costs less than to ask
+        the queue."""
         self._next = 0
         self._of: dict[Topic, list[int]] = {}
         """Which of them say that a source is there or not."""
@@ -35,12 +36,12 @@ class SourceFacts:
         """Of a source that came and went too fast, how many samples had been put by then."""
 
     def __len__(self) -> int:
-        return len(self._facts)
+        return len(self.facts)
 
     @property
     def first(self) -> int | None:
         """How many samples go before the fact that has waited longest; None where none waits."""
-        return next(iter(self._facts.values()))[0] if self._facts else None
+        return next(iter(self.facts.values()))[0] if self.facts else None
 
     @property
     def topics(self) -> frozenset[Topic]:
@@ -52,22 +53,22 @@ class SourceFacts:
         topic, number = fact.topic, self._next
         self._next += 1
         if isinstance(fact, SourceRead):
-            self._facts.pop(self._reads.get(topic, -1), None)  # the newer one says it too
+            self.facts.pop(self._reads.get(topic, -1), None)  # the newer one says it too
             self._reads[topic] = number
         else:
             of = self._of.setdefault(topic, [])
             if len(of) >= MOST_OF_SOURCE:
                 kept = of[-1:] if isinstance(fact, SourceForgotten) else []  # only what was lost is forgotten
                 for each in of[: len(of) - len(kept)]:
-                    del self._facts[each]
+                    del self.facts[each]
                 self._of[topic] = of = kept
                 self._void[topic] = samples
             of.append(number)
-        self._facts[number] = (samples, fact)
+        self.facts[number] = (samples, fact)
 
     def pop(self) -> SourceFact:
         """The fact that has waited longest."""
-        number, (samples, fact) = self._facts.popitem(last=False)
+        number, (samples, fact) = self.facts.popitem(last=False)
         topic = fact.topic
         if self._reads.get(topic) == number:
             del self._reads[topic]
@@ -85,5 +86,5 @@ class SourceFacts:
 
     def clear(self) -> None:
         """Forget all of them."""
-        for each in (self._facts, self._of, self._reads, self._void):
+        for each in (self.facts, self._of, self._reads, self._void):
             each.clear()

@@ -112,6 +112,9 @@ class Subscriber:
         """
         self.caught: Callable[[str, Exception], None] | None = None
         """Told of a mistake that cost one writer what time has brought it; without it, the mistake is raised."""
+        self.is_nearer = True
+        """Whether the last datagram may have brought the next deadline nearer. A new value of a writer that is heard
+        all the time, and a chunk of a message, do not: chunks that do not come are given up after seconds."""
         self._own_space = own_space
         self._timeout = timing.receive_timeout_s
         self._counters = counters
@@ -143,6 +146,7 @@ class Subscriber:
 
     def receive(self, datagram: bytes, now: float, sender: tuple[str, int] | None = None) -> list[SubscriberEvent]:
         """Take one datagram, and where it came from: a request may be answered there."""
+        self.is_nearer = True
         if (
             datagram[:_OWN_HEAD_BYTES] in self._own_heads
             and len(datagram) > _COUNT_AT
@@ -155,6 +159,7 @@ class Subscriber:
             if self._envelope is not None:
                 plain = self._envelope.open(datagram, now)
                 if plain is None:
+                    self.is_nearer = False
                     return []
                 datagram = plain
             message = self._codec.decode(datagram)
@@ -251,6 +256,7 @@ class Subscriber:
         if self._mapped:
             parts = self._receive_mapped(message, now, events)
             if not parts:
+                self.is_nearer = True
                 return events
         if message.publisher_id_type != _UINT16 or type(publisher_id) is not int:
             self._counters.drop(Drop.UNKNOWN_SOURCE, len(parts))
@@ -269,6 +275,8 @@ class Subscriber:
                     self._complaints.add_unknown(message)
                     continue
             self._receive_part(writer, part, message.timestamp, now, events)
+        if len(message.messages) != 1:  # the last one does not speak for the others
+            self.is_nearer = True
         return events
 
     def _receive_part(
@@ -362,6 +370,8 @@ class Subscriber:
             self._attest(writer, now, events)
         elif is_first and writer.max_age_s is not None:
             self._liveness.add(writer)
+        else:
+            self.is_nearer = bool(events)  # its metadata, with a maximum age
         assert writer.metadata is not None
         events.append(DataReceived(writer.topic, frame, writer.metadata))
 

@@ -17,6 +17,7 @@ from struct import error as StructError  # noqa: N812 - its name says nothing
 from typing import Any, Final, NamedTuple, cast
 
 from ua_bridges.ros.errors import ConversionError, Unreadable
+from ua_bridges.ros.exact import exact_floats
 from ua_bridges.ros.leaves import OCTETS, Form, Leaf, leaves_of
 from ua_bridges.ros.scalars import Convert, check_length, integer, is_array, scalar_writer
 from ua_bridges.ros.schema import Member, MessageSchema
@@ -396,8 +397,14 @@ def _run_writer(parts: Sequence[_Part], structs: Sequence[Struct], ros: int) -> 
         return write_scalars
 
     each = [None if part.member is None else _converter(part.member, ros) for part in parts]
+    are_floats = all(part.member is not None and part.code in "fd" for part in parts)
+    gather = exact_floats([part.length for part in parts]) if are_floats else None
 
     def write(values: Sequence[Any], out: list[bytes | memoryview], at: int) -> int:
+        if gather is not None and (exact := gather(values)) is not None:
+            struct = structs[(at - 4) & 7]
+            out.append(struct.pack(*exact))
+            return at + struct.size
         packed: list[Any] = []
         rest = iter(values)
         for (code, member, count), type_, convert in zip(parts, expected, each, strict=True):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import json
 import os
+import secrets
 import subprocess
 import sys
 import tempfile
@@ -14,9 +15,12 @@ from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from benchmarks._keys import write_keys
 from benchmarks._ros import NODES, RUNNER, Node, ros1_environment, running_master, running_node
 from benchmarks.harness import Failed
+from benchmarks.ros_nodes.load_streams import KEY_VARIABLE
 from tests import system
+from ua_fleet.config.load import load
 
 __all__ = ["NAMES", "STREAMS", "Line", "Load", "line"]
 
@@ -167,7 +171,10 @@ class Line:
 
 @contextlib.contextmanager
 def line(ros: str, *, security: str = "none") -> Generator[Line]:
-    """Start the graphs, the robots and both pairs of bridges of `ros1` or `ros2`; end them afterwards."""
+    """Start the graphs, the robots and both pairs of bridges of `ros1` or `ros2`; end them afterwards.
+
+    With `security`, which the bridges of ROS 2 alone take here, the floor encrypts and signs too.
+    """
     with contextlib.ExitStack() as stack:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
 
@@ -177,10 +184,13 @@ def line(ros: str, *, security: str = "none") -> Generator[Line]:
         group, port = system.free_multicast_url().removeprefix("opc.udp://").split(":")
         url = system.free_multicast_url()
         make = _ros1 if ros == "ros1" else _ros2
-        yield make(stack, folder, start, (group, port), {"security": security, "url": url})
+        pubsub: dict[str, Any] = {"security": security, "url": url}
+        if security != "none":
+            pubsub["keys"] = {"source": "files"}
+        yield make(stack, folder, start, (group, port), pubsub)
 
 
-def _ros2(stack: contextlib.ExitStack, folder: Path, start: Any, floor: Place, pubsub: dict[str, str]) -> Line:
+def _ros2(stack: contextlib.ExitStack, folder: Path, start: Any, floor: Place, pubsub: dict[str, Any]) -> Line:
     near, far = stack.enter_context(system.ros_domain()), stack.enter_context(system.ros_domain())
     profiles = system.ROOT / "bridges" / "ua_bridges" / "ros2" / "profiles"
 
@@ -194,6 +204,10 @@ def _ros2(stack: contextlib.ExitStack, folder: Path, start: Any, floor: Place, p
     topics = _topics(near)
     bridges = {"near": {"kind": "ros2", "space": near, "requestors": [0]}, "far": {"kind": "ros2", "space": far}}
     fleet = _written(folder / "fleet.json", pubsub, bridges, SKILL_IDS["ros2"])
+    keyed: dict[str, str] = {}
+    if pubsub["security"] != "none":
+        write_keys(folder, load(fleet, {}, allow_missing_ids=True))
+        keyed[KEY_VARIABLE] = secrets.token_hex(64)
     python = sys.executable
     publisher = start(python, NODES / "load_publisher_ros2.py", *_pairs(topics), env=env(near, "robot"))
     subscriber = start(
@@ -201,7 +215,10 @@ def _ros2(stack: contextlib.ExitStack, folder: Path, start: Any, floor: Place, p
     )
     script = NODES / "load_floor_ros2.py"
     ends = (("out", near), ("in", far))
-    floors = [start(python, script, way, *floor, *_pairs(topics, "floor"), env=env(one, "bridge")) for way, one in ends]
+    floors = [
+        start(python, script, way, *floor, *_pairs(topics, "floor"), env=env(one, "bridge") | keyed)
+        for way, one in ends
+    ]
     ours = [start(python, RUNNER, fleet, name, env=dict(os.environ)) for name in bridges]
     start(python, NODES / "starter_ros2.py", str(near), env=env(near, "robot"))
     requestor = partial(_requestor, fleet, near, SKILL_IDS["ros2"])
@@ -210,7 +227,7 @@ def _ros2(stack: contextlib.ExitStack, folder: Path, start: Any, floor: Place, p
     return running
 
 
-def _ros1(stack: contextlib.ExitStack, folder: Path, start: Any, floor: Place, pubsub: dict[str, str]) -> Line:
+def _ros1(stack: contextlib.ExitStack, folder: Path, start: Any, floor: Place, pubsub: dict[str, Any]) -> Line:
     (folder / "near").mkdir()
     (folder / "far").mkdir()
     near, far = ros1_environment(folder / "near"), ros1_environment(folder / "far")
@@ -266,7 +283,7 @@ def _pairs(topics: dict[str, dict[str, str]], *ways: str) -> list[str]:
     return [f"{stream}={topic}" for way in ways or topics for stream, topic in topics[way].items()]
 
 
-def _written(path: Path, pubsub: dict[str, str], bridges: dict[str, Any], skill_id: int) -> Path:
+def _written(path: Path, pubsub: dict[str, Any], bridges: dict[str, Any], skill_id: int) -> Path:
     """A fleet whose robot behind the first bridge has the streams as data of its own, too."""
     first = next(iter(bridges))
     double, vector = {"type": "Double"}, ("x", "y", "z")

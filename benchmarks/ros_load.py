@@ -28,25 +28,26 @@ CALLS, PAUSE_S = 40, 0.1
 ACCEPTED_MS, BUSY_MS = 20.0, 60.0
 MAPPED_GOAL, IDLE_GOAL_MS, ARRIVED_GOAL, AGE_GOAL_S = 1.3, 5.0, 0.99, 0.5
 VERSIONS = {"ros2": "ROS 2", "ros1": "ROS 1"}
+SECURED = "sign_and_encrypt"
 
 
 def median(loads: list[Load]) -> Load:
     return Load(*(statistics.median(column) for column in zip(*loads, strict=True)))
 
 
-def measured(running: Line, name: str, rounds: int) -> dict[str, Load]:
+def measured(
+    running: Line, name: str, rounds: int, ways: tuple[str, ...] = ("floor", "mirrored", "mapped")
+) -> dict[str, Load]:
     """Of each way, the median over the rounds."""
-    found: dict[str, list[Load]] = {"floor": [], "mirrored": [], "mapped": []}
+    found: dict[str, list[Load]] = {way: [] for way in ways}
     for _ in range(rounds):
         for way, loads in found.items():
             loads.append(running.measure(way, SETS[name], SECONDS))
     return {way: median(loads) for way, loads in found.items()}
 
 
-def rows(ros: str, name: str, found: dict[str, Load]) -> list[Figure]:
-    floor, mirrored, mapped = found["floor"], found["mirrored"], found["mapped"]
-    label = f"{VERSIONS[ros]}, {NAMES[name]}"
-    reference = "two processes that carry bytes"
+def mirrored_rows(label: str, goal: float, floor: Load, mirrored: Load, reference: str) -> list[Figure]:
+    """What both bridges cost, and what arrives how late."""
     return [
         at_most(
             f"{label}, mirrored, CPU of both bridges for a second",
@@ -54,15 +55,7 @@ def rows(ros: str, name: str, found: dict[str, Load]) -> list[Figure]:
             "ms",
             reference=reference,
             reference_value=floor.cpu_ms,
-            goal=GOALS[ros][name],
-        ),
-        at_most(
-            f"{label}, mapped, CPU of the near bridge",
-            mapped.near_ms,
-            "ms",
-            reference="mirrored",
-            reference_value=mirrored.near_ms,
-            goal=MAPPED_GOAL,
+            goal=goal,
         ),
         Figure(
             f"{label}, mirrored, arrived",
@@ -85,6 +78,35 @@ def rows(ros: str, name: str, found: dict[str, Load]) -> list[Figure]:
             mirrored.age_p99_s <= AGE_GOAL_S,
         ),
     ]
+
+
+def rows(ros: str, name: str, found: dict[str, Load]) -> list[Figure]:
+    floor, mirrored, mapped = found["floor"], found["mirrored"], found["mapped"]
+    label = f"{VERSIONS[ros]}, {NAMES[name]}"
+    return [
+        *mirrored_rows(label, GOALS[ros][name], floor, mirrored, "two processes that carry bytes"),
+        at_most(
+            f"{label}, mapped, CPU of the near bridge",
+            mapped.near_ms,
+            "ms",
+            reference="mirrored",
+            reference_value=mirrored.near_ms,
+            goal=MAPPED_GOAL,
+        ),
+    ]
+
+
+def secured_figures(rounds: int, names: tuple[str, ...] = tuple(SETS)) -> list[Figure]:
+    """The same of bridges that encrypt and sign, beside a floor that makes the bare AES and HMAC calls too."""
+    if reason := system.missing("ros2"):
+        raise Unavailable(reason)
+    found: list[Figure] = []
+    with line("ros2", security=SECURED) as running:
+        for name in names:
+            loads = measured(running, name, rounds, ("floor", "mirrored"))
+            label, reference = f"ROS 2 secured, {NAMES[name]}", "two processes that encrypt, sign and carry bytes"
+            found += mirrored_rows(label, GOALS["ros2"][name], loads["floor"], loads["mirrored"], reference)
+    return found
 
 
 def skill_rows(ros: str, running: Line, client: Node, rounds: int) -> list[Figure]:
@@ -136,13 +158,15 @@ def version_figures(ros: str, rounds: int, names: tuple[str, ...] = tuple(SETS))
 
 def figures(rounds: int) -> list[Figure]:
     rounds = max(rounds, FEWEST_ROUNDS)
-    return [*version_figures("ros2", rounds), *version_figures("ros1", rounds)]
+    return [*version_figures("ros2", rounds), *secured_figures(rounds), *version_figures("ros1", rounds)]
 
 
 def main() -> None:
-    """`python -m benchmarks.ros_load ros1|ros2 ROUNDS STREAM...` prints a part of it while one works on it."""
-    ros, rounds, *names = sys.argv[1:]
-    for figure in version_figures(ros, int(rounds), tuple(names) or tuple(SETS)):
+    """`python -m benchmarks.ros_load ros1|ros2|secured ROUNDS STREAM...` prints a part of it while one works on it."""
+    ros, rounds, *streams = sys.argv[1:]
+    names = tuple(streams) or tuple(SETS)
+    found = secured_figures(int(rounds), names) if ros == "secured" else version_figures(ros, int(rounds), names)
+    for figure in found:
         print(f"{figure.name:75} {figure.value:9.4g} {figure.reference_value:9.4g} {figure.ratio:6.2f} {figure.holds}")
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import os
 import socket
 import struct
 import sys
@@ -11,15 +12,61 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
-__all__ = ["RATES_HZ", "Arrivals", "ChunkReceiver", "ChunkSender", "due_times", "sizes"]
+__all__ = ["KEY_VARIABLE", "RATES_HZ", "Arrivals", "Bare", "ChunkReceiver", "ChunkSender", "due_times", "sizes"]
 
 RATES_HZ = {"imu": 200.0, "image": 10.0, "scan": 20.0, "cloud": 5.0}
 sizes = {"image": 1_000_000, "cloud": 2_000_000, "ranges": 1000}
 """Bytes of an image and of a point cloud, and numbers of a scan."""
 
 _HEADER = struct.Struct("<HIII")
-_DATA_BYTES = 65_507 - 48
+_DATA_BYTES = 65_507 - 56
 """Of a datagram of our own chunks, behind their headers."""
+_NONCE = struct.Struct("<Q")
+_TAG_BYTES = 32
+KEY_VARIABLE = "LOAD_FLOOR_KEY"
+"""In the environment: 64 bytes in hexadecimal, for AES-256 and HMAC-SHA256. Without it there is no security."""
+
+
+class Bare:
+    """The AES and HMAC calls that securing a datagram cannot do without, and nothing else of message security."""
+
+    def __init__(self, key: bytes) -> None:
+        # Not there in the environment of ROS 1, which has no use for it.
+        from cryptography.hazmat.primitives.ciphers import Cipher
+        from cryptography.hazmat.primitives.ciphers.algorithms import AES
+        from cryptography.hazmat.primitives.ciphers.modes import CTR
+        from cryptography.hazmat.primitives.hashes import SHA256
+        from cryptography.hazmat.primitives.hmac import HMAC
+
+        self._mac = HMAC(key[:32], SHA256()).copy
+        self._cipher = Cipher(AES(key[32:]), CTR(bytes(16))).encryptor()
+        self._number = 0
+
+    @classmethod
+    def of_environment(cls) -> Bare | None:
+        key = os.environ.get(KEY_VARIABLE)
+        return cls(bytes.fromhex(key)) if key else None
+
+    def _crypt(self, nonce: bytes, data: Any) -> bytes:
+        self._cipher.reset_nonce(nonce + bytes(8))
+        return self._cipher.update(data)
+
+    def protect(self, header: bytes, data: Any) -> tuple[bytes, ...]:
+        """The parts of a datagram."""
+        self._number += 1
+        nonce = _NONCE.pack(self._number)
+        ciphertext, mac = self._crypt(nonce, data), self._mac()
+        for part in (header, nonce, ciphertext):
+            mac.update(part)
+        return header, nonce, ciphertext, mac.finalize()
+
+    def unprotect(self, datagram: bytes) -> memoryview:
+        """The data; raises InvalidSignature."""
+        view, mac = memoryview(datagram), self._mac()
+        mac.update(view[:-_TAG_BYTES])
+        mac.verify(datagram[-_TAG_BYTES:])
+        at = _HEADER.size + _NONCE.size
+        return memoryview(self._crypt(datagram[_HEADER.size : at], view[at:-_TAG_BYTES]))
 
 
 def due_times(seconds: float, names: Sequence[str]) -> Iterator[tuple[float, str]]:
@@ -78,13 +125,15 @@ class ChunkSender:
         self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 1 << 20)
         self._socket.connect((group, port))
         self._number = 0
+        self._bare = Bare.of_environment()
 
     def send(self, topic: int, content: Any) -> None:
         self._number += 1
         total, view = len(content), memoryview(content)
         for offset in range(0, total, _DATA_BYTES):
             header = _HEADER.pack(topic, self._number & 0xFFFF_FFFF, offset, total)
-            self._socket.sendmsg((header, view[offset : offset + _DATA_BYTES]))
+            data = view[offset : offset + _DATA_BYTES]
+            self._socket.sendmsg((header, data) if self._bare is None else self._bare.protect(header, data))
 
 
 class ChunkReceiver:
@@ -100,13 +149,14 @@ class ChunkReceiver:
         membership = socket.inet_aton(group) + socket.inet_aton("127.0.0.1")
         self._socket.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, membership)
         self._parts: dict[int, tuple[int, list[memoryview], int]] = {}
+        self._bare = Bare.of_environment()
 
     def receive(self) -> tuple[int, bytes | memoryview]:
         """The next whole message; blocks."""
         while True:
             datagram = self._socket.recv(65_536)
             topic, number, _, total = _HEADER.unpack_from(datagram)
-            data = memoryview(datagram)[_HEADER.size :]
+            data = memoryview(datagram)[_HEADER.size :] if self._bare is None else self._bare.unprotect(datagram)
             if len(data) == total:
                 return topic, bytes(data)
             known = self._parts.get(topic)

@@ -3,7 +3,8 @@
 A robot has 30 Double values. Ours is `ua-fleet serve` with a `fleet.yaml`, which it reads and checks, and makes beside
 the values what every robot has. The floor is a bare asyncua server with as many variables, that reads no file. CPU is
 that of the process, of all its threads, as the kernel counts it; memory is what it has for itself alone (USS), beside
-that of a Python with the same modules.
+that of a Python with the same modules. All of them find their modules compiled, as a package that was installed has
+them, wherever this runs: to compile ours takes 0.5 s when it is not kept, 3 s when it is written for the first time.
 """
 
 from __future__ import annotations
@@ -55,8 +56,15 @@ def write_fleet(path: Path, robots: int) -> None:
 
 @contextlib.contextmanager
 def _running(command: Sequence[str | Path], folder: Path) -> Generator[subprocess.Popen[str]]:
+    env = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
     process = subprocess.Popen(
-        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True, cwd=folder
+        command,
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        text=True,
+        cwd=folder,
+        env=env | {"PYTHONPYCACHEPREFIX": str(folder / "compiled")},
     )
     try:
         yield process
@@ -89,6 +97,8 @@ def measured(robots: int, rounds: int) -> tuple[_Cost, _Cost, _Cost]:
             [sys.executable, _FLOOR, str(robots), str(VALUES)],
             [sys.executable, "-c", _IMPORTS],
         ]
+        for command in commands:
+            _cost(command, folder)  # compiles what is imported
         samples = [[_cost(command, folder) for command in commands] for _ in range(rounds)]
     ours, floor, modules = (
         _Cost(*(statistics.median(column) for column in zip(*costs, strict=True)))

@@ -200,10 +200,9 @@ class BridgeCore:
         for datagram in datagrams:
             self._send(datagram)
 
-    def from_pubsub(self, datagram: bytes, *, now: float, sender: tuple[str, int] | None = None) -> bool:
-        """Take in a datagram, and where it came from; whether that may have brought the next deadline nearer."""
+    def from_pubsub(self, datagram: bytes, *, now: float, sender: tuple[str, int] | None = None) -> None:
+        """Take in a datagram, and where it came from."""
         self._hear(self._subscriber.receive(datagram, now, sender), now)
-        return self._subscriber.is_nearer
 
     def begin(self, *, now: float, wall_ticks: int) -> None:
         """Say on PubSub that this bridge is there."""

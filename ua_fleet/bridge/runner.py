@@ -221,12 +221,11 @@ class _Shell:
 
     def receive(self, datagram: bytes, sender: Address) -> None:
         """Take a datagram from the transport."""
-        is_nearer = True
         try:
-            is_nearer = self._core.from_pubsub(datagram, now=self._loop.time(), sender=sender)
+            self._core.from_pubsub(datagram, now=self._loop.time(), sender=sender)
         except Exception as error:  # noqa: BLE001 - whatever is wrong with one datagram, others are behind it
             self.mistakes.caught("datagrams", error, client=f"{sender[0]}:{sender[1]}")
-        if is_nearer:
+        if self._subscriber.is_nearer:
             self._arm()
 
     def failed(self, text: str, error: BaseException | None) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 
 from ua_fleet.orchestrator.candidates import TaskToDo, rank_robots
 from ua_fleet.orchestrator.knowledge import Knowledge
@@ -30,6 +30,8 @@ class Choosing:
             lookup: values of robots.
         """
         self._known, self._runs, self._lookup = known, runs, lookup
+        self.promised: Callable[[], Iterable[str]] = tuple
+        """Robots that tasks have of which their runs are not told yet; once for each."""
 
     def wanted(self, run_id: str, wanted: WantRobot) -> TaskToDo:
         """A task that waits for whichever robot can do it."""
@@ -99,4 +101,6 @@ class Choosing:
 
     def _count_ahead(self) -> Counter[str | None]:
         """How many tasks of all runs each robot has ahead."""
-        return Counter(robot for run in self._runs.values() for robot, _ in run.ahead())
+        ahead = Counter(robot for run in self._runs.values() for robot, _ in run.ahead())
+        ahead.update(self.promised())
+        return ahead

@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from typing import TypeVarTuple
 
-from ua_fleet.errors import ScenarioError, UaFleetError
+from ua_fleet.errors import ScenarioError
 from ua_fleet.orchestrator.candidates import ResilienceSettings
 from ua_fleet.orchestrator.choosing import Choosing
+from ua_fleet.orchestrator.claims import Claim, Claims
 from ua_fleet.orchestrator.conditions import FaultFound
+from ua_fleet.orchestrator.decisions import Decisions
 from ua_fleet.orchestrator.faults import Fault, FaultChange, Faults
 from ua_fleet.orchestrator.halts import Halts
 from ua_fleet.orchestrator.knowledge import Knowledge
 from ua_fleet.orchestrator.outputs import (
-    DecisionChanged,
     FaultChanged,
     Forecast,
     Halt,
@@ -27,9 +27,10 @@ from ua_fleet.orchestrator.outputs import (
     TaskFollowed,
     TaskStarted,
 )
-from ua_fleet.resilience import Aborted, Confirmation, Decision, DecisionEvent, ReplacementChosen
-from ua_fleet.scenario import FleetView, Grant, Lookup, Reservations, Run, Scenario, Value
-from ua_fleet.scenario.consequences import LEAST_SILENCE_S, NOT_HALTED, SKILL
+from ua_fleet.orchestrator.under_way import RunsUnderWay
+from ua_fleet.resilience import Confirmation, Decision
+from ua_fleet.scenario import FleetView, Lookup, Reservations, Run, Scenario, Value
+from ua_fleet.scenario.consequences import NOT_HALTED, SKILL
 from ua_fleet.scenario.effects import (
     AskOperator,
     CancelTask,
@@ -44,7 +45,9 @@ from ua_fleet.scenario.effects import (
 from ua_fleet.scenario.facts import (
     Fact,
     RunEnded,
+    RunOutcome,
     TaskAnswered,
+    TaskAssigned,
     TaskFound,
     TaskHalting,
     TaskOutcome,
@@ -64,26 +67,6 @@ RunJournal = Callable[[str, Fact], None]
 """Writes a fact of a run down; when it returns the fact is there after a crash."""
 
 
-@dataclass(slots=True)
-class _Open:
-    """A decision with what it is about."""
-
-    run_id: str
-    asked: OpenDecision
-    decision: Decision
-    is_unknown: bool
-    """Whether it is about what nobody knows, and not about a robot that cannot."""
-
-
-@dataclass(slots=True)
-class _Anybody:
-    """A task that waits for whichever robot can do it."""
-
-    wanted: WantRobot
-    hope_until: float | None = None
-    """So long a robot may still be heard that can, where none is."""
-
-
 class Orchestrator:
     """Runs side by side. Every method that takes something in returns what follows, in order."""
 
@@ -96,19 +79,23 @@ class Orchestrator:
             lookup: values of robots, for conditions and criteria.
             journal: of all runs.
         """
+        self.caught: Callable[[str, Exception], None] | None = None
+        """Told of a mistake that cost a fault or a halt its turn; without it, the mistake is raised. Those that cost a
+        run are among the outputs."""
         self._lookup, self._journal = lookup, journal
         self._known = Knowledge(settings, fleet)
-        self.runs: dict[str, Run] = {}
+        self._outputs: list[Output] = []
+        self._under_way = RunsUnderWay(self._outputs, self._carry_out, self._given_up, self._grant_next)
+        self.runs = self._under_way.runs
         """Runs that have not ended."""
         self._choosing = Choosing(self._known, self.runs, lookup)
         self._scenarios: dict[str, Scenario] = {}
-        self._reservations = Reservations[tuple[str, str]]()
-        self._halts = Halts(self._reservations)
-        self._open: dict[str, _Open] = {}
-        self._anybody: dict[tuple[str, str], _Anybody] = {}
+        reservations = Reservations[Claim]()
+        self._halts = Halts(reservations)
+        self._claims = Claims(self._known, self._choosing, self._under_way, reservations, self._halts)
+        self._decisions = Decisions(self._known, self._choosing, self._under_way, self._outputs)
         self._executions: dict[str, str] = {}
         """The run of each execution that is under way."""
-        self._outputs: list[Output] = []
         self._has_news = False
         """Whether something became known of robots that runs have not looked at."""
 
@@ -136,7 +123,7 @@ class Orchestrator:
             raise ScenarioError(f"there is a run {run_id!r} already")
         run = Run.create(run_id, scenario, parameters, self._journal_of(run_id), by=by, now=now, world=self._known)
         self.runs[run_id], self._scenarios[run_id] = run, scenario
-        self._tell(run_id, now, Run.poll, self._lookup, now)
+        self._under_way.tell(run_id, now, Run.poll, self._lookup, now)
         return self._taken(now)
 
     def take_back(self, run_id: str, now: float) -> list[Output]:
@@ -157,40 +144,64 @@ class Orchestrator:
         any.
         """
         restored: list[str] = []
+        owed = list(halts)
         for run_id, scenario, facts in stored:
-            run = Run.restore(scenario, facts, self._journal_of(run_id), self._known)
+            try:
+                run = Run.restore(scenario, facts, self._journal_of(run_id), self._known)
+            except Exception as error:  # noqa: BLE001 - the other runs, and the server, go on
+                owed += self._not_restored(run_id, facts, error, now)
+                continue
             if run.state.outcome is not None:
                 continue
             self.runs[run_id], self._scenarios[run_id] = run, scenario
             restored.append(run_id)
             for step, task_run in run.state.tasks.items():
                 if task_run.phase in HELD_PHASES:
-                    self._reservations.want((run_id, step), task_run.robot)
-        self._halts.restore(halts, now)
+                    self._claims.hold((run_id, step), task_run.robot)
+        self._halts.restore(owed, now)
         self._has_news = True
         for run_id in restored:
-            self._tell(run_id, now, Run.again, self._lookup, now)
+            self._under_way.tell(run_id, now, Run.again, self._lookup, now)
         for run_id in restored:
-            self._tell(run_id, now, Run.poll, self._lookup, now)
+            self._under_way.tell(run_id, now, Run.poll, self._lookup, now)
         return self._taken(now)
+
+    def _not_restored(self, run_id: str, facts: list[Fact], error: Exception, now: float) -> list[Halt]:
+        """End a run whose facts cannot be taken in. What its robots may be at they are to stop."""
+        begun: dict[str, TaskAssigned] = {}
+        for fact in facts:
+            if isinstance(fact, TaskAssigned):
+                begun[fact.step] = fact
+            elif isinstance(fact, TaskOver) and fact.then not in (Then.ASK, Then.AWAIT):
+                begun.pop(fact.step, None)
+        halts = [Halt(fact.execution_id, fact.robot, fact.skill, now) for fact in begun.values()]
+        reason = f"a mistake of ua_fleet ({type(error).__name__}: {error}), so that it cannot go on; report the log"
+        ended = RunEnded(now, RunOutcome.FAILED, reason)
+        self._journal(run_id, ended)
+        self._outputs += [RunBroken(run_id, error), RunChanged(run_id, ended)]
+        self._outputs += [HaltChanged(halt, is_owed=True) for halt in halts]
+        return halts
 
     def must_not_begin(self) -> list[str]:
         """Executions that were asked for and must not begin any more, by their ids: their robots have a fault, or were
         told to stop, or their runs are to end.
         """
         to_stop = [halt.execution_id for halt in self._halts.all()]
-        to_stop += [
-            task_run.execution_id
-            for run in self.runs.values()
-            for step, task_run in run.state.tasks.items()
-            if task_run.phase in HELD_PHASES
-            and (
-                run.state.closing is not None
-                or task_run.phase is TaskPhase.HALTING
-                or self._trouble(task_run.robot, run.task(step)) is not None
-            )
-        ]
+        for run in self.runs.values():
+            held = [(step, one) for step, one in run.state.tasks.items() if one.phase in HELD_PHASES]
+            to_stop += [one.execution_id for step, one in held if self._must_not_begin(run, step, one)]
         return list(dict.fromkeys(to_stop))
+
+    def _must_not_begin(self, run: Run, step: str, task_run: TaskRun) -> bool:
+        if run.state.closing is not None or task_run.phase is TaskPhase.HALTING:
+            return True
+        try:
+            return self._trouble(task_run.robot, run.task(step)) is not None
+        except Exception as error:
+            if self.caught is None:
+                raise
+            self.caught("runs", error)
+            return True  # whatever is wrong, this harms nobody
 
     def _trouble(self, robot: str, task: Task) -> Trouble | None:
         return self._known.trouble(robot, self._known.needs(robot, task))
@@ -214,7 +225,7 @@ class Orchestrator:
     def event(self, name: str, now: float) -> list[Output]:
         """An event has happened that steps may wait for."""
         for run_id in list(self.runs):
-            self._tell(run_id, now, Run.event, name, now)
+            self._under_way.tell(run_id, now, Run.event, name, now)
         return self._taken(now)
 
     # Robots.
@@ -247,7 +258,7 @@ class Orchestrator:
     def told(self, found: Iterable[FaultFound], now: float) -> list[Output]:
         """What has become known of robots. All of it is taken in before anything follows from it."""
         for one in found:
-            self._take_in(one, now)
+            self._guard("faults", self._take_in, one, now)
         return self._taken(now)
 
     def not_heard(self, robots: Iterable[str], now: float) -> list[Output]:
@@ -297,13 +308,7 @@ class Orchestrator:
             NoCandidate: the robot is no candidate, or another was chosen before.
             ScenarioError: there is no such decision.
         """
-        opened = self._open.get(decision_id)
-        if opened is None:
-            raise ScenarioError(f"there is no decision {decision_id!r}")
-        self._rank_again(opened, now)
-        confirmation, events = opened.decision.confirm(robot, by)
-        self._decided(opened, events, now)
-        return confirmation, self._taken(now)
+        return self._decisions.confirm(decision_id, robot, by, now), self._taken(now)
 
     def set_settings(self, settings: ResilienceSettings, now: float) -> list[Output]:
         """Other criteria, judgements or modes; open decisions are ranked again."""
@@ -325,7 +330,7 @@ class Orchestrator:
     @property
     def decisions(self) -> dict[str, Decision]:
         """The open decisions by id."""
-        return {decision_id: opened.decision for decision_id, opened in self._open.items()}
+        return {opened.decision.id: opened.decision for opened in self._decisions}
 
     # Time.
 
@@ -337,9 +342,7 @@ class Orchestrator:
     def next_deadline(self) -> float | None:
         """When `poll` is to be called next even if nothing changes, or None."""
         deadlines = [run.next_deadline() for run in self.runs.values()]
-        deadlines += [opened.decision.next_deadline() for opened in self._open.values()]
-        deadlines.append(self._halts.next_deadline())
-        deadlines += [waiting.hope_until for waiting in self._anybody.values()]
+        deadlines += [part.next_deadline() for part in (self._decisions, self._halts, self._claims)]
         return min((deadline for deadline in deadlines if deadline is not None), default=None)
 
     # Within.
@@ -352,105 +355,98 @@ class Orchestrator:
         while self._has_news:
             self._has_news = False
             self._go_on(now)
-        outputs, self._outputs = self._outputs, []
+        outputs = list(self._outputs)
+        self._outputs.clear()
         return outputs
 
     def _go_on(self, now: float) -> None:
         self._look_after_halts(now)
         for run_id in list(self.runs):
-            self._tell(run_id, now, Run.poll, self._lookup, now)
-        for claim, waiting in list(self._anybody.items()):
-            self._look_for_anybody(claim, waiting, now)
-        for opened in list(self._open.values()):
-            self._rank_again(opened, now)
-            self._decided(opened, opened.decision.poll(now), now)
+            self._under_way.tell(run_id, now, Run.poll, self._lookup, now)
+        for claim in self._claims.waiting():
+            self._under_way.guard(claim[0], now, self._claims.look_again, claim, now)
+        for opened in self._decisions:
+            self._under_way.guard(opened.run_id, now, self._decisions.look_again, opened, now)
+
+    def _guard(self, loop: str, what: Callable[[*_Told], None], *told: *_Told) -> None:
+        """Do something that is no run's; a mistake costs its turn."""
+        try:
+            what(*told)
+        except Exception as error:
+            if self.caught is None:
+                raise
+            self.caught(loop, error)
 
     def _on(self, run_id: str, what: Callable[[Run], list[Effect]], now: float) -> list[Output]:
-        run = self.runs.get(run_id)
-        if run is None:
+        if run_id not in self.runs:
             raise ScenarioError(f"there is no run {run_id!r} under way")
-        self._tell(run_id, now, what)
+        self._under_way.ask(run_id, now, what)
         return self._taken(now)
 
     def _of_execution(self, execution_id: str, what: Callable[[Run], list[Effect]], now: float) -> list[Output]:
-        run_id = self._executions.get(execution_id)
-        run = self.runs.get(run_id or "")
-        if run_id is not None and run is not None:
-            self._tell(run_id, now, what)
+        self._under_way.tell(self._executions.get(execution_id, ""), now, what)
         return self._taken(now)
 
-    def _tell(self, run_id: str, now: float, what: Callable[[Run, *_Told], list[Effect]], *told: *_Told) -> None:
-        """Tell a run something, and carry out what follows. A run that cannot go on ends, and takes nothing along."""
-        run = self.runs.get(run_id)
-        if run is None:
-            return
-        try:
-            effects = what(run, *told)
-        except UaFleetError:
-            raise
-        except Exception as error:  # noqa: BLE001 - the other runs, and the server, go on
-            self._outputs.append(RunBroken(run_id, error))
-            effects = run.broken(f"a mistake of ua_fleet ({type(error).__name__}: {error}); report the log", now)
-        self._carry_out(run_id, effects, now)
+    def _carry_out(self, run_id: str, effect: Effect, now: float) -> None:
+        match effect:
+            case Happened(fact=fact):
+                self._happened(run_id, fact, now)
+            case WantRobot():
+                self._claims.want(run_id, effect, now)
+            case ReleaseRobot(step=step):
+                self._claims.let_go((run_id, step), now)
+                self._has_news = self._has_news or bool(self._halts.all())
+            case StartTask():
+                self._executions[effect.execution_id] = run_id
+                self._outputs.append(
+                    TaskStarted(
+                        run_id,
+                        effect.step,
+                        effect.task,
+                        effect.execution_id,
+                        effect.robot,
+                        effect.skill,
+                        effect.arguments,
+                        effect.timeout_s,
+                    )
+                )
+            case FollowTask():
+                self._executions[effect.execution_id] = run_id
+                self._outputs.append(
+                    TaskFollowed(effect.execution_id, effect.robot, effect.skill, effect.may_be_unasked)
+                )
+            case CancelTask():
+                halt = Halt(effect.execution_id, effect.robot, effect.skill, now)
+                if self._halts.order(halt):
+                    self._outputs.append(HaltChanged(halt, is_owed=True))
+                self._outputs.append(TaskCancelled(halt.execution_id, halt.robot, halt.skill))
+            case OpenDecision():
+                self._decisions.open(run_id, effect, now, is_unknown=False)
+            case AskOperator():
+                self._executions[effect.execution_id] = run_id  # its robot may tell later
+                self._outputs.append(
+                    OperatorAsked(
+                        run_id,
+                        effect.step,
+                        effect.task,
+                        effect.robot,
+                        effect.question,
+                        effect.skill,
+                        effect.execution_id,
+                    )
+                )
+                asked = OpenDecision(
+                    effect.step, effect.task, effect.skill, effect.capacities, effect.robot, effect.question
+                )
+                self._decisions.open(run_id, asked, now, is_unknown=True)
 
-    def _carry_out(self, run_id: str, effects: list[Effect], now: float) -> None:
-        for effect in effects:
-            match effect:
-                case Happened(fact=fact):
-                    self._happened(run_id, fact, now)
-                case WantRobot():
-                    self._want(run_id, effect, now)
-                case ReleaseRobot(step=step):
-                    self._anybody.pop((run_id, step), None)
-                    self._let_go((run_id, step), now)
-                case StartTask():
-                    self._executions[effect.execution_id] = run_id
-                    self._outputs.append(
-                        TaskStarted(
-                            run_id,
-                            effect.step,
-                            effect.task,
-                            effect.execution_id,
-                            effect.robot,
-                            effect.skill,
-                            effect.arguments,
-                            effect.timeout_s,
-                        )
-                    )
-                case FollowTask():
-                    self._executions[effect.execution_id] = run_id
-                    self._outputs.append(
-                        TaskFollowed(effect.execution_id, effect.robot, effect.skill, effect.may_be_unasked)
-                    )
-                case CancelTask():
-                    halt = Halt(effect.execution_id, effect.robot, effect.skill, now)
-                    if self._halts.order(halt):
-                        self._outputs.append(HaltChanged(halt, is_owed=True))
-                    self._outputs.append(TaskCancelled(halt.execution_id, halt.robot, halt.skill))
-                case OpenDecision():
-                    self._decide(run_id, effect, now, is_unknown=False)
-                case AskOperator():
-                    self._executions[effect.execution_id] = run_id  # its robot may tell later
-                    self._outputs.append(
-                        OperatorAsked(
-                            run_id,
-                            effect.step,
-                            effect.task,
-                            effect.robot,
-                            effect.question,
-                            effect.skill,
-                            effect.execution_id,
-                        )
-                    )
-                    asked = OpenDecision(
-                        effect.step, effect.task, effect.skill, effect.capacities, effect.robot, effect.question
-                    )
-                    self._decide(run_id, asked, now, is_unknown=True)
+    def _grant_next(self, now: float) -> bool:
+        return self._claims.grant_next(now)
 
     def _happened(self, run_id: str, fact: Fact, now: float) -> None:
         self._outputs.append(RunChanged(run_id, fact))
         if isinstance(fact, TaskOver | TaskAnswered | TaskFound | TaskHalting):
-            self._close_question(run_id, fact, now)
+            self._decisions.close(run_id, fact)
         if isinstance(fact, TaskOver):
             task_run = self.runs[run_id].state.tasks[fact.step]
             self._executions.pop(task_run.execution_id, None)
@@ -476,37 +472,23 @@ class Orchestrator:
                     lost = self._known.fleet.named_first(robot, said)[0] or self._known.fleet.needs(robot, skill)
                     self._take_in(FaultFound(robot, SKILL, True, reason, lost), now)
 
-    def _close_question(self, run_id: str, fact: TaskOver | TaskAnswered | TaskFound | TaskHalting, now: float) -> None:
-        """It is known what a robot was at, or somebody has said what follows: nobody has to choose any more."""
-        opened = self._open.get(f"{run_id}.{fact.step}")
-        if opened is None:
-            return
-        del self._open[opened.decision.id]
-        if isinstance(fact, TaskAnswered):
-            why = f"{fact.by} has answered: {fact.then.value}"
-        elif isinstance(fact, TaskFound):
-            why = f"{opened.asked.robot} has told: it is still at it"
-        elif isinstance(fact, TaskHalting):
-            why = f"{opened.asked.robot} stands: {fact.reason}"
-        else:
-            why = fact.message or fact.outcome.value
-        self._say(opened, opened.decision.give_up(why))
-
     def _end(self, run_id: str, now: float) -> None:
         run = self.runs.pop(run_id)
+        self._forget(run_id)
+        self._decisions.end(run_id, now)
+        self._claims.end(run_id, run.state.tasks, now)
+        self._has_news = self._has_news or bool(self._halts.all())
+
+    def _forget(self, run_id: str) -> None:
         del self._scenarios[run_id]
-        for opened in [opened for opened in self._open.values() if opened.run_id == run_id]:
-            self._decided(opened, opened.decision.give_up("the run has ended"), now)
         for execution_id in [key for key, owner in self._executions.items() if owner == run_id]:
             del self._executions[execution_id]
-        for step in run.state.tasks:
-            self._anybody.pop((run_id, step), None)
-            self._let_go((run_id, step), now)
 
-    def _let_go(self, claim: tuple[str, str], now: float) -> None:
-        """A run needs a robot no more, or waits for it no more."""
-        self._grant(self._halts.let_go(claim), now)
-        self._has_news = self._has_news or bool(self._halts.all())
+    def _given_up(self, run_id: str) -> None:
+        """A run that could not be ended: nobody gets what it has before somebody has looked, and a restart."""
+        self._forget(run_id)
+        self._decisions.forget(run_id)
+        self._claims.forget(run_id)
 
     def _settle(self, execution_id: str, now: float) -> None:
         """A robot has stopped, or has ended what it was to stop, or a person says so."""
@@ -517,63 +499,28 @@ class Orchestrator:
         self._outputs.append(HaltChanged(halt, is_owed=False))
         if not self._halts.of(halt.robot):
             self._take_in(FaultFound(halt.robot, NOT_HALTED, False, ""), now)
-        self._grant(grants, now)
+        self._claims.grant(grants, now)
 
     def _look_after_halts(self, now: float) -> None:
         """Tell robots again that have not stopped, and people of those about which no run asks."""
         for halt in self._halts.all():
-            trouble = self._known.trouble(halt.robot, self._known.fleet.needs(halt.robot, halt.skill))
-            if trouble is not None and trouble.stands:
-                self._settle(halt.execution_id, now)
+            self._guard("halts", self._look_whether_it_stands, halt, now)
+        self._guard("halts", self._tell_again, now)
+        self._guard("halts", self._ask_people, now)
+
+    def _look_whether_it_stands(self, halt: Halt, now: float) -> None:
+        trouble = self._known.trouble(halt.robot, self._known.fleet.needs(halt.robot, halt.skill))
+        if trouble is not None and trouble.stands:
+            self._settle(halt.execution_id, now)
+
+    def _tell_again(self, now: float) -> None:
         self._outputs += self._halts.told_again(now)
+
+    def _ask_people(self, now: float) -> None:
         for halt in self._halts.unanswered(now):
             if not any(fault.source == NOT_HALTED for fault in self.faults.active(halt.robot)):
                 said = f"it was told to stop {halt.skill}, and has not said that it has; look, then call ClearFault"
-                self._take_in(FaultFound(halt.robot, NOT_HALTED, True, said), now)
-
-    def _want(self, run_id: str, wanted: WantRobot, now: float) -> None:
-        if wanted.robot is None:
-            self._want_anybody(run_id, wanted, now)
-        else:
-            self._grant(self._reservations.want((run_id, wanted.step), wanted.robot), now)
-
-    def _want_anybody(self, run_id: str, wanted: WantRobot, now: float) -> None:
-        claim = run_id, wanted.step
-        todo = self._choosing.wanted(run_id, wanted)
-        ranking = self._choosing.ranked(todo)
-        robot = ranking.best
-        if robot is not None:
-            self._anybody[claim] = _Anybody(wanted)
-            self._grant(self._reservations.want(claim, robot), now)
-            return
-        self._grant(self._reservations.release(claim), now)
-        hope_until = self._known.hope_until(todo, now)
-        if hope_until is not None:
-            self._anybody[claim] = _Anybody(wanted, hope_until)
-            return
-        self._anybody.pop(claim, None)
-        reasons = "; ".join(f"{left.robot} {left.reason}" for left in ranking.excluded)
-        reason = f"no robot can do {wanted.skill}: {reasons or 'there is none'}"
-        self._tell(run_id, now, Run.nobody, wanted.step, reason, now)
-
-    def _look_for_anybody(self, claim: tuple[str, str], waiting: _Anybody, now: float) -> None:
-        """Look again where nobody was there, or who was to do it cannot be asked now."""
-        run_id, step = claim
-        run = self.runs.get(run_id)
-        if run is None or run.state.phase(step) is not TaskPhase.WANTED:
-            self._anybody.pop(claim, None)
-            return
-        robot = self._reservations.robot_of(claim)
-        task = run.task(step)
-        if robot is None or self._known.unfit(robot, self._known.needs(robot, task)) is not None:
-            self._want_anybody(run_id, waiting.wanted, now)
-
-    def _grant(self, grants: list[Grant[tuple[str, str]]], now: float) -> None:
-        for (run_id, step), robot in grants:
-            run = self.runs.get(run_id)
-            if run is not None:
-                skill = self._known.fleet.declared(robot, run.task(step).skill)
-                self._tell(run_id, now, Run.granted, step, robot, now, skill)
+                self._guard("faults", self._take_in, FaultFound(halt.robot, NOT_HALTED, True, said), now)
 
     def _take_in(self, found: FaultFound, now: float) -> None:
         """Know it from now on; `_taken` has runs look at it."""
@@ -588,45 +535,3 @@ class Orchestrator:
         self._has_news = True
         if change is not None:
             self._outputs.append(FaultChanged(*change))
-
-    # Decisions.
-
-    def _decide(self, run_id: str, asked: OpenDecision, now: float, *, is_unknown: bool) -> None:
-        decision_id = f"{run_id}.{asked.step}"
-        todo = self._choosing.asked(run_id, asked, is_unknown=is_unknown)
-        settings = self.settings
-        decision = Decision(
-            decision_id,
-            settings.mode,
-            self._choosing.ranked(todo),
-            limit_s=settings.limit_s,
-            on_limit=settings.on_limit,
-            now=now,
-            is_unknown=is_unknown,
-            hope_until=self._known.hope_until(todo, now),
-            not_before=now + LEAST_SILENCE_S if asked.may_be_done else None,
-        )
-        opened = self._open[decision_id] = _Open(run_id, asked, decision, is_unknown)
-        self._decided(opened, decision.begin(), now)
-
-    def _rank_again(self, opened: _Open, now: float) -> None:
-        todo = self._choosing.asked(opened.run_id, opened.asked, is_unknown=opened.is_unknown)
-        events = opened.decision.rank_again(self._choosing.ranked(todo), self._known.hope_until(todo, now))
-        self._decided(opened, events, now)
-
-    def _decided(self, opened: _Open, events: list[DecisionEvent], now: float) -> None:
-        self._say(opened, events)
-        step = opened.asked.step
-        for event in events:
-            if isinstance(event, ReplacementChosen):
-                self._open.pop(event.decision_id, None)
-                self._tell(opened.run_id, now, Run.replaced, step, event.robot, event.by, now)
-            elif isinstance(event, Aborted):
-                self._open.pop(event.decision_id, None)
-                self._tell(opened.run_id, now, Run.not_replaced, step, event.reason, now)
-
-    def _say(self, opened: _Open, events: list[DecisionEvent]) -> None:
-        asked = opened.asked
-        self._outputs += [
-            DecisionChanged(opened.run_id, asked.step, asked.task, asked.robot, asked.reason, event) for event in events
-        ]

@@ -145,8 +145,8 @@ def test_two_runs_that_want_one_robot_are_served_in_order() -> None:
     world.start("b", "  - {task: t1, robot: ridgeback, skill: grab}\n")
     world.go()
     assert world.log == [
-        *("0 a ridgeback go", "1 b ridgeback grab", "2 a ridgeback go"),
-        *("2 b done", "3 a done"),
+        *("0 a ridgeback go", "1 b ridgeback grab", "2 b done"),
+        *("2 a ridgeback go", "3 a done"),
     ]
 
 
@@ -323,8 +323,8 @@ def test_a_robot_that_is_back_takes_a_task_that_waits_for_who_stands_in() -> Non
     world.at(0.3, lambda: world.make.fault_cleared("ridgeback", "robot", 0.3))
     world.go()
     assert world.log == [
-        *("0 b pioneer_1 go", "0.3 a ridgeback go", "1 c pioneer_1 go"),
-        *("1 b done", "1.3 a done", "2 c done"),
+        *("0 b pioneer_1 go", "0.3 a ridgeback go", "1 b done"),
+        *("1 c pioneer_1 go", "1.3 a done", "2 c done"),
     ]
 
 
@@ -424,8 +424,8 @@ def test_an_abort_frees_the_robots() -> None:
     assert world.log == [
         "0 a ridgeback go",
         "0.5 ridgeback halted",
-        "1 b ridgeback go",
         "1 a aborted lunch",
+        "1 b ridgeback go",
         "2 b done",
     ]
 
@@ -450,7 +450,7 @@ def test_after_a_restart_a_robot_stays_with_what_it_is_at() -> None:
     ]
     again.take(again.make.restore_all(stored, 0.0))
     again.go()
-    assert again.log == ["0 b ur3 grab", "1 a ur3 grab", "1 b done", "2 a done"]
+    assert again.log == ["0 b ur3 grab", "1 b done", "1 a ur3 grab", "2 a done"]
 
 
 def test_the_distance_is_to_the_place_that_the_task_names() -> None:

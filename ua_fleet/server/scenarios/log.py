@@ -14,7 +14,6 @@ from ua_fleet.orchestrator import (
     FaultChanged,
     OperatorAsked,
     Output,
-    RunBroken,
     RunChanged,
     TaskStarted,
 )
@@ -54,8 +53,6 @@ class RunLog:
         """Something has happened."""
         if isinstance(output, RunChanged):
             self._fact(output.run_id, output.fact)
-        elif isinstance(output, RunBroken):
-            _log.error("a run cannot go on", run_id=output.run_id, exc_info=output.error)
         elif isinstance(output, TaskStarted):
             self._know(output.run_id, output.step, output.task, output.robot, output.skill, output.execution_id)
         elif isinstance(output, FaultChanged):

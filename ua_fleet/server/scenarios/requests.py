@@ -341,7 +341,8 @@ class TaskRequests:
         shown = self._shown.get(topic, {})
         for execution_id in shown.keys() & self._skills.keys():
             if self._told_by.get(execution_id) == topic:
-                self._take_state(execution_id, *shown[execution_id])
+                with self._mistakes.guard("tasks", execution_id=execution_id):
+                    self._take_state(execution_id, *shown[execution_id])
 
     def concluded(self, execution_id: bytes, outcome: Outcome) -> None:
         """The outcome of a request is known."""

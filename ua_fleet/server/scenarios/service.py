@@ -33,6 +33,7 @@ from ua_fleet.orchestrator import (
     Orchestrator,
     Output,
     ResilienceSettings,
+    RunBroken,
     RunChanged,
     TaskCancelled,
     TaskFollowed,
@@ -134,6 +135,7 @@ class ScenarioService:
             self._values.look_up,
             lambda run_id, fact: self._unwritten.append((run_id, fact)),
         )
+        self._orchestrator.caught = self._mistakes.caught
         self._tasks = TaskRequests(
             self._robots,
             requests,
@@ -584,6 +586,8 @@ class ScenarioService:
             self._tasks.cancel(output)
         elif isinstance(output, OperatorAsked | TaskFollowed):
             self._tasks.follow(output)
+        elif isinstance(output, RunBroken):
+            self._mistakes.caught("runs", output.error, run_id=output.run_id)
         self._show(output)
         if isinstance(output, FaultChanged):
             self._faulted(output.fault.robot, self.can_do_nothing(output.fault.robot))

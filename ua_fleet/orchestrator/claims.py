@@ -1,0 +1,150 @@
+"""Which task has which robot, and who waits for one: for a robot by its name, or for whichever can do the task."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from ua_fleet.orchestrator.choosing import Choosing
+from ua_fleet.orchestrator.halts import Halts
+from ua_fleet.orchestrator.knowledge import Knowledge
+from ua_fleet.orchestrator.under_way import RunsUnderWay
+from ua_fleet.scenario import Grant, Reservations, Run
+from ua_fleet.scenario.effects import WantRobot
+from ua_fleet.scenario.state import TaskPhase
+
+__all__ = ["Claim", "Claims"]
+
+Claim = tuple[str, str]
+"""A run's id and a step of it."""
+
+
+@dataclass(slots=True)
+class _Anybody:
+    """A task that waits for whichever robot can do it."""
+
+    wanted: WantRobot
+    hope_until: float | None = None
+    """So long a robot may still be heard that can, where none is."""
+
+
+class Claims:
+    """The claims of all runs."""
+
+    def __init__(
+        self,
+        known: Knowledge,
+        choosing: Choosing,
+        runs: RunsUnderWay,
+        reservations: Reservations[Claim],
+        halts: Halts,
+    ) -> None:
+        """Begin with none.
+
+        Args:
+            known: the robots.
+            choosing: ranks them.
+            runs: told of the robots that they have.
+            reservations: who has which robot; `halts` has some, too.
+            halts: what robots have not stopped.
+        """
+        self._known, self._choosing, self._runs = known, choosing, runs
+        self._reservations, self._halts = reservations, halts
+        self._anybody: dict[Claim, _Anybody] = {}
+        self._granted: dict[Claim, str] = {}
+        """Robots of which runs are to be told that they have them."""
+        choosing.promised = self._promised
+
+    def want(self, run_id: str, wanted: WantRobot, now: float) -> None:
+        """A task waits for its robot, or for any."""
+        if wanted.robot is None:
+            self._want_anybody(run_id, wanted, now)
+        else:
+            self.grant(self._reservations.want((run_id, wanted.step), wanted.robot), now)
+
+    def hold(self, claim: Claim, robot: str) -> None:
+        """A task has had its robot since before a restart."""
+        self._reservations.want(claim, robot)
+
+    def let_go(self, claim: Claim, now: float) -> None:
+        """A run needs a robot no more, or waits for it no more."""
+        self._anybody.pop(claim, None)
+        self.grant(self._halts.let_go(claim), now)
+
+    def end(self, run_id: str, steps: Iterable[str], now: float) -> None:
+        """A run has ended: others get its robots, as far as they stand."""
+        for step in steps:
+            self._runs.guard(run_id, now, self.let_go, (run_id, step), now)
+
+    def forget(self, run_id: str) -> None:
+        """Look for nobody any more for a run; what it has it keeps."""
+        self._anybody = {claim: waiting for claim, waiting in self._anybody.items() if claim[0] != run_id}
+
+    def waiting(self) -> list[Claim]:
+        """Tasks for which whoever can do them is looked for, or was found and has not begun."""
+        return list(self._anybody)
+
+    def next_deadline(self) -> float | None:
+        """When the hope for a robot ends, or None."""
+        return min((at for one in self._anybody.values() if (at := one.hope_until) is not None), default=None)
+
+    def look_again(self, claim: Claim, now: float) -> None:
+        """Look again where nobody was there, or who was to do it cannot be asked now."""
+        waiting = self._anybody.get(claim)
+        if waiting is None:
+            return
+        run_id, step = claim
+        run = self._runs.runs.get(run_id)
+        if run is None or run.state.phase(step) is not TaskPhase.WANTED:
+            del self._anybody[claim]
+            return
+        robot = self._reservations.robot_of(claim)
+        task = run.task(step)
+        if robot is None or self._known.unfit(robot, self._known.needs(robot, task)) is not None:
+            self._want_anybody(run_id, waiting.wanted, now)
+
+    def _promised(self) -> list[str]:
+        """The robots of tasks that any could do; a task that names its robot is counted by its run."""
+        return [robot for claim, robot in self._granted.items() if claim in self._anybody]
+
+    def grant(self, grants: list[Grant[Claim]], now: float) -> None:
+        """Tell runs of the robots that they have now, when nothing is left to carry out."""
+        self._granted.update(grants)
+        if grants:
+            self._runs.go_on(now)
+
+    def grant_next(self, now: float) -> bool:
+        """Tell one run of a robot that it has now; whether there was one to be told of."""
+        if not self._granted:
+            return False
+        claim = next(iter(self._granted))
+        robot = self._granted.pop(claim)
+        if self._reservations.holder(robot) == claim:  # and has not given it back since
+            self._runs.guard(claim[0], now, self._grant_one, claim, robot, now)
+        return True
+
+    def _grant_one(self, claim: Claim, robot: str, now: float) -> None:
+        run_id, step = claim
+        run = self._runs.runs.get(run_id)
+        if run is not None:
+            skill = self._known.fleet.declared(robot, run.task(step).skill)
+            self._runs.tell(run_id, now, Run.granted, step, robot, now, skill)
+
+    def _want_anybody(self, run_id: str, wanted: WantRobot, now: float) -> None:
+        claim = run_id, wanted.step
+        todo = self._choosing.wanted(run_id, wanted)
+        ranking = self._choosing.ranked(todo)
+        robot = ranking.best
+        if robot is not None:
+            self._anybody[claim] = _Anybody(wanted)
+            self.grant(self._reservations.want(claim, robot), now)
+            return
+        self.grant(self._reservations.release(claim), now)
+        hope_until = self._known.hope_until(todo, now)
+        if hope_until is not None:
+            self._anybody[claim] = _Anybody(wanted, hope_until)
+            return
+        self._anybody.pop(claim, None)
+        reasons = "; ".join(f"{left.robot} {left.reason}" for left in ranking.excluded)
+        reason = f"no robot can do {wanted.skill}: {reasons or 'there is none'}"
+        self._runs.tell(run_id, now, Run.nobody, wanted.step, reason, now)

@@ -1,0 +1,140 @@
+"""The open decisions of all runs: who takes a task over, and what follows from what nobody knows."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from ua_fleet.errors import ScenarioError
+from ua_fleet.orchestrator.choosing import Choosing
+from ua_fleet.orchestrator.knowledge import Knowledge
+from ua_fleet.orchestrator.outputs import DecisionChanged, Output
+from ua_fleet.orchestrator.under_way import RunsUnderWay
+from ua_fleet.resilience import Aborted, Confirmation, Decision, DecisionEvent, ReplacementChosen
+from ua_fleet.scenario import Run
+from ua_fleet.scenario.consequences import LEAST_SILENCE_S
+from ua_fleet.scenario.effects import OpenDecision
+from ua_fleet.scenario.facts import TaskAnswered, TaskFound, TaskHalting, TaskOver
+
+__all__ = ["Decisions", "Opened"]
+
+
+@dataclass(slots=True)
+class Opened:
+    """A decision with what it is about."""
+
+    run_id: str
+    asked: OpenDecision
+    decision: Decision
+    is_unknown: bool
+    """Whether it is about what nobody knows, and not about a robot that cannot."""
+
+
+class Decisions:
+    """One for each task that somebody has to decide about."""
+
+    def __init__(self, known: Knowledge, choosing: Choosing, runs: RunsUnderWay, outputs: list[Output]) -> None:
+        """Begin with none.
+
+        Args:
+            known: the robots.
+            choosing: ranks them.
+            runs: told of what was decided.
+            outputs: where it is told.
+        """
+        self._known, self._choosing, self._runs, self._outputs = known, choosing, runs, outputs
+        self._open: dict[str, Opened] = {}
+
+    def __iter__(self) -> Iterator[Opened]:
+        return iter(list(self._open.values()))
+
+    def next_deadline(self) -> float | None:
+        """When one of them is due, or None."""
+        deadlines = [opened.decision.next_deadline() for opened in self._open.values()]
+        return min((deadline for deadline in deadlines if deadline is not None), default=None)
+
+    def open(self, run_id: str, asked: OpenDecision, now: float, *, is_unknown: bool) -> None:
+        """Somebody has to decide."""
+        decision_id = f"{run_id}.{asked.step}"
+        todo = self._choosing.asked(run_id, asked, is_unknown=is_unknown)
+        settings = self._known.settings
+        decision = Decision(
+            decision_id,
+            settings.mode,
+            self._choosing.ranked(todo),
+            limit_s=settings.limit_s,
+            on_limit=settings.on_limit,
+            now=now,
+            is_unknown=is_unknown,
+            hope_until=self._known.hope_until(todo, now),
+            not_before=now + LEAST_SILENCE_S if asked.may_be_done else None,
+        )
+        opened = self._open[decision_id] = Opened(run_id, asked, decision, is_unknown)
+        self._decided(opened, decision.begin(), now)
+
+    def confirm(self, decision_id: str, robot: str, by: str, now: float) -> Confirmation:
+        """A person chooses; raises NoCandidate, or ScenarioError where there is no such decision."""
+        opened = self._open.get(decision_id)
+        if opened is None:
+            raise ScenarioError(f"there is no decision {decision_id!r}")
+        self._rank_again(opened, now)
+        confirmation, events = opened.decision.confirm(robot, by)
+        self._decided(opened, events, now)
+        return confirmation
+
+    def look_again(self, opened: Opened, now: float) -> None:
+        """Time has passed, or more is known of robots."""
+        self._rank_again(opened, now)
+        self._decided(opened, opened.decision.poll(now), now)
+
+    def close(self, run_id: str, fact: TaskOver | TaskAnswered | TaskFound | TaskHalting) -> None:
+        """It is known what a robot was at, or somebody has said what follows: nobody has to choose any more."""
+        opened = self._open.pop(f"{run_id}.{fact.step}", None)
+        if opened is None:
+            return
+        if isinstance(fact, TaskAnswered):
+            why = f"{fact.by} has answered: {fact.then.value}"
+        elif isinstance(fact, TaskFound):
+            why = f"{opened.asked.robot} has told: it is still at it"
+        elif isinstance(fact, TaskHalting):
+            why = f"{opened.asked.robot} stands: {fact.reason}"
+        else:
+            why = fact.message or fact.outcome.value
+        self._say(opened, opened.decision.give_up(why))
+
+    def end(self, run_id: str, now: float) -> None:
+        """Nobody has to decide anything for a run that has ended."""
+        for opened in self.forget(run_id):
+            self._runs.guard(run_id, now, self._give_up, opened)
+
+    def forget(self, run_id: str) -> list[Opened]:
+        """Say nothing more of a run's decisions; those that were open."""
+        gone = [opened for opened in self._open.values() if opened.run_id == run_id]
+        for opened in gone:
+            del self._open[opened.decision.id]
+        return gone
+
+    def _give_up(self, opened: Opened) -> None:
+        self._say(opened, opened.decision.give_up("the run has ended"))
+
+    def _rank_again(self, opened: Opened, now: float) -> None:
+        todo = self._choosing.asked(opened.run_id, opened.asked, is_unknown=opened.is_unknown)
+        events = opened.decision.rank_again(self._choosing.ranked(todo), self._known.hope_until(todo, now))
+        self._decided(opened, events, now)
+
+    def _decided(self, opened: Opened, events: list[DecisionEvent], now: float) -> None:
+        self._say(opened, events)
+        step = opened.asked.step
+        for event in events:
+            if isinstance(event, ReplacementChosen):
+                self._open.pop(event.decision_id, None)
+                self._runs.tell(opened.run_id, now, Run.replaced, step, event.robot, event.by, now)
+            elif isinstance(event, Aborted):
+                self._open.pop(event.decision_id, None)
+                self._runs.tell(opened.run_id, now, Run.not_replaced, step, event.reason, now)
+
+    def _say(self, opened: Opened, events: list[DecisionEvent]) -> None:
+        asked = opened.asked
+        self._outputs += [
+            DecisionChanged(opened.run_id, asked.step, asked.task, asked.robot, asked.reason, event) for event in events
+        ]

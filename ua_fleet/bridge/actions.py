@@ -11,7 +11,6 @@ requestor asks again or gives up; a driver's fact waits here and is tried again.
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
 from types import MappingProxyType
@@ -33,6 +32,7 @@ from ua_fleet.bridge.driver import (
     suspends_of,
 )
 from ua_fleet.bridge.skill_status import StatusBoard
+from ua_fleet.bridge.unrecorded import Said, Step, Unrecorded
 from ua_fleet.counters import Counters, Drop
 from ua_fleet.errors import LocalWireError, SkillError, SkillRejected, StorageUnavailable
 from ua_fleet.pubsub.events import ActionReceived
@@ -144,8 +144,7 @@ class Actions:
         """What SkillStatus has not said yet: a requestor that waits is answered first."""
         self._skills: dict[Topic, Skill] = {}
         self._skills_at, self._skills_period_s = 0.0, skills_period_s
-        self._waiting: deque[Callable[[float], Sequence[ResponderEffect]]] = deque()
-        """What could not be journaled yet, in its order."""
+        self._waiting = Unrecorded()
         self._retry_at = 0.0
         self._due: float | None = None
         self.problem = ""
@@ -182,8 +181,13 @@ class Actions:
         if isinstance(fact, ExecutionProgressed):  # is not journaled, so it waits for nothing
             self._do(self._taken(fact, now), now)
         else:
-            self._record(lambda later: self._taken(fact, later), now)
+            self._record(fact.execution_id, _said(fact), lambda later: self._taken(fact, later), now)
         self._settle(now)
+
+    @property
+    def unrecorded(self) -> int:
+        """What waits until the journal can be written."""
+        return len(self._waiting)
 
     def robot_of(self, execution_id: bytes) -> str | None:
         """The robot that an execution belongs to, where it is known."""
@@ -204,19 +208,26 @@ class Actions:
         """When `poll` is to be called next, or None. Asked for after each datagram, so it costs nothing."""
         return self._due
 
-    def _record(self, step: Callable[[float], Sequence[ResponderEffect]], now: float) -> None:
+    def _record(self, execution_id: bytes, said: Said, step: Step, now: float) -> None:
         """Do a step that has to be recorded, now or as soon as it can be."""
-        self._waiting.append(step)
-        if len(self._waiting) == 1 or now >= self._retry_at:
+        if self._responder.execution(execution_id) is None:
+            return
+        if not self._waiting.add(execution_id, said, step):
+            self._counters.drop(Drop.UNASKED)
+        elif len(self._waiting) == 1 or now >= self._retry_at:
             self._take_waiting(now)
 
     def _take_waiting(self, now: float) -> None:
         while self._waiting:
-            step = self._waiting.popleft()  # a step that fails for a mistake of ours must not keep the others back
-            effects = self._recorded(partial(step, now), now)
+            key, step = self._waiting.first()
+            try:
+                effects = self._recorded(partial(step, now), now)
+            except Exception:
+                self._waiting.remove(key)  # a step that fails for a mistake of ours must not keep the others back
+                raise
             if effects is None:
-                self._waiting.appendleft(step)
                 return
+            self._waiting.remove(key)
             self._do(effects, now)
 
     def _taken(self, fact: ExecutionFact, now: float) -> list[ResponderEffect]:
@@ -311,7 +322,8 @@ class Actions:
             self._driver.execute(_of_driver(execution))
         except SkillError as error:
             status, said = error.ua_status, str(error)
-            self._record(lambda later: self._responder.refused(execution_id, status, said, later), now)
+            step = partial(self._responder.refused, execution_id, status, said)
+            self._record(execution_id, Said.END, step, now)
         except Exception as error:  # noqa: BLE001 - whatever it was, the robot may have been told
             self._failed("the driver failed while it began an execution", error)
             self._do(self._responder.begun(execution_id, now), now)
@@ -327,13 +339,13 @@ class Actions:
             self._tell_driver(purpose, self._controlled(request))
         except SkillError as error:
             status, said = error.ua_status, str(error)
-            self._record(lambda later: self._responder.refused(request_id, status, said, later), now)
+            self._record(request_id, Said.END, partial(self._responder.refused, request_id, status, said), now)
             return
         except Exception as error:  # noqa: BLE001 - whatever it was, the robot may have been told
             did = _DID[purpose]
             self._failed(f"the driver failed while it {did} an execution", error)
             report = Report(ExecutionState.UNKNOWN, StatusCode.UNCERTAIN, f"the driver failed while it {did} this")
-        self._record(lambda later: self._responder.ended(request_id, report, later), now)
+        self._record(request_id, Said.END, partial(self._responder.ended, request_id, report), now)
 
     def _controlled(self, request: skill_journal.Execution) -> skill_journal.Execution:
         """The execution that a request to halt, suspend or resume is about; SkillRejected where it is not under way."""
@@ -449,6 +461,12 @@ class Actions:
     def _tell_all(self, datagrams: Iterable[bytes]) -> None:
         for datagram in datagrams:
             self._send(datagram)
+
+
+def _said(fact: ExecutionFact) -> Said:
+    if isinstance(fact, ExecutionSuspended | ExecutionResumed):
+        return Said.STANDING
+    return Said.NOT_BEGUN if isinstance(fact, ExecutionNotBegun) else Said.END
 
 
 def _topic_of(target: Target) -> Topic:

@@ -92,10 +92,14 @@ class PlayTask(Task):
             return Ended(FAILED, (), "the program ended before its last line; see the robot's log")
         return Forgotten("the program stands, by its end or by somebody; with `end_register` it could tell")
 
-    def halt(self, link: CommandLink, state: State) -> None:
+    def check_can_halt(self) -> None:
         """See RobotTask."""
         if not self._waits:
             raise SkillRejected(_FINAL)
+
+    def halt(self, link: CommandLink, state: State) -> None:
+        """See RobotTask."""
+        self.check_can_halt()
         self._is_halted = True
         link.stop_program()
 
@@ -157,9 +161,13 @@ class DashboardTask(Task):
             return state.runtime is RuntimeState.PAUSED
         return command is not Dashboard.STOP or state.runtime is RuntimeState.STOPPED
 
-    def halt(self, link: CommandLink, state: State) -> None:
+    def check_can_halt(self) -> None:
         """See RobotTask."""
         raise SkillRejected(_FINAL)
+
+    def halt(self, link: CommandLink, state: State) -> None:
+        """See RobotTask."""
+        self.check_can_halt()
 
 
 _FINAL: Final = "a command to the dashboard server cannot be taken back"

@@ -191,6 +191,7 @@ class UrDriver:
             raise RobotOffline(self.status().detail)
         if task is None:
             raise SkillRejected("the robot is not at it")
+        task.check_can_halt()
         self._jobs.put(lambda: self._halt(execution, task))
 
     # The commander's thread

@@ -76,8 +76,12 @@ class RobotTask(Protocol):
         """What the controller shows; None where there is nothing new."""
         ...
 
+    def check_can_halt(self) -> None:
+        """Nothing where there is a way to stop it; raises SkillRejected where there is none."""
+        ...
+
     def halt(self, link: CommandLink, state: State) -> None:
-        """Have it stop."""
+        """Have it stop, where `check_can_halt` lets it."""
         ...
 
 
@@ -85,6 +89,9 @@ class Task:
     """What all tasks begin with."""
 
     is_told = is_unsure = False
+
+    def check_can_halt(self) -> None:
+        """See RobotTask."""
 
 
 def stopped(state: State) -> Ended | None:

@@ -269,9 +269,13 @@ class SetTask(Task):
             return None
         return Ended(FAILED, (), f"{self._output.name} did not change")
 
-    def halt(self, link: CommandLink, state: State) -> None:
+    def check_can_halt(self) -> None:
         """See RobotTask."""
         raise SkillRejected("an output that is set cannot be halted")
+
+    def halt(self, link: CommandLink, state: State) -> None:
+        """See RobotTask."""
+        self.check_can_halt()
 
 
 class StopTask(Task):
@@ -310,9 +314,13 @@ class StopTask(Task):
             self._end_program(link)  # another one than ur-rtde's moves the arm
         return Progress(0.0)
 
-    def halt(self, link: CommandLink, state: State) -> None:
+    def check_can_halt(self) -> None:
         """See RobotTask."""
         raise SkillRejected("a stop cannot be stopped")
+
+    def halt(self, link: CommandLink, state: State) -> None:
+        """See RobotTask."""
+        self.check_can_halt()
 
 
 def refusal_of(task: RobotTask, state: State, remote_control: bool | None) -> str:

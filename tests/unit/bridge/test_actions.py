@@ -13,6 +13,8 @@ from ua_fleet.bridge import (
     ExecutionForgotten,
     ExecutionNotBegun,
     ExecutionProgressed,
+    ExecutionResumed,
+    ExecutionSuspended,
     Skill,
     SkillTarget,
 )
@@ -264,6 +266,46 @@ def test_an_end_that_cannot_be_recorded_waits() -> None:
     bench.now = 1.0
     bench.actions.poll(bench.now)
     assert bench.states() == [ExecutionState.DONE]
+
+
+def test_what_a_robot_repeats_while_nothing_can_be_recorded_takes_no_memory() -> None:
+    journal = FullDisk()
+    bench = Bench(journal=journal)
+    bench.ask()
+    journal.is_full = True
+    bench.tell(ExecutionEnded(OTHER, 0, (9.0,)))  # nobody has asked for that
+    for number in range(1000):
+        bench.tell(ExecutionSuspended(ID, f"{number}"))
+        bench.tell(ExecutionResumed(ID))
+    assert bench.actions.unrecorded == 0, "what is not recorded need not wait"
+    bench.tell(ExecutionEnded(ID, 0, (1.0,)))
+    for number in range(1000):
+        bench.tell(ExecutionSuspended(ID, f"{number}"))
+        bench.tell(ExecutionEnded(ID, 0, (2.0,)))
+        bench.tell(ExecutionEnded(OTHER, 0, (9.0,)))
+    assert bench.actions.unrecorded == 1
+    assert bench.counters.drops[Drop.UNASKED] == 2000
+    journal.is_full = False
+    bench.now = 1.0
+    bench.actions.poll(bench.now)
+    assert (bench.states(), bench.actions.unrecorded) == ([ExecutionState.DONE], 0)
+    assert read_result(bench.status()[4][0]) == {"grams": 1.0}, "the first end counts"
+
+
+def test_the_last_word_of_a_robot_that_stands_waits_behind_the_end_of_another() -> None:
+    journal = FullDisk()
+    bench = two_under_way(journal)
+    journal.is_full = True
+    bench.tell(ExecutionEnded(ID, 0, (1.0,)))
+    for number in range(1000):
+        bench.tell(ExecutionResumed(OTHER))
+        bench.tell(ExecutionSuspended(OTHER, f"{number}"))
+    assert bench.actions.unrecorded == 2
+    journal.is_full = False
+    bench.now = 1.0
+    bench.actions.poll(bench.now)
+    assert bench.status()[2] == (ExecutionState.DONE, ExecutionState.SUSPENDED)
+    assert bench.status()[5][1] == "999"
 
 
 def two_under_way(journal: MemoryJournal) -> Bench:

@@ -18,6 +18,7 @@ from ua_bridges.ur.dashboard_tasks import DashboardTask
 from ua_bridges.ur.driver import UrDriver
 from ua_bridges.ur.library.child import ChildFailed, LibraryChild
 from ua_bridges.ur.link import CommandLink
+from ua_bridges.ur.task import Progress
 from ua_bridges.ur.telemetry import Telemetry
 
 from tests.contract.harness import Recorder
@@ -25,6 +26,7 @@ from tests.waiting import until
 from ua_fleet.bridge.driver import Execution, ExecutionEnded, ExecutionForgotten
 from ua_fleet.bridge.executing import Ended
 from ua_fleet.config.load import load_content
+from ua_fleet.errors import SkillRejected
 from ua_fleet.topics import Topic
 
 FLEET = b"""
@@ -142,3 +144,15 @@ async def test_execution_that_cannot_be_followed_is_no_end_for_others(monkeypatc
     forgotten = [event for event in recorder.events if isinstance(event, ExecutionForgotten)]
     assert forgotten == [ExecutionForgotten(first, "a mistake of the bridge (KeyError('x')); see what the robot does")]
     assert [entry["log_level"] for entry in logs].count("error") == 1
+
+
+async def test_who_asks_for_a_halt_that_there_is_no_way_for_is_told_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(DashboardTask, "look", lambda *_: Progress(0.0))
+    monkeypatch.setattr(CommandLink, "call", answered)
+    monkeypatch.setattr("ua_bridges.ur.driver.refusal_of", not_refused)
+    execution = Execution(b"\1" * 16, Topic(300, 2, 20), 1, ())
+    async with watched(monkeypatch) as (driver, recorder):
+        await until(lambda: recorder.samples(NUMBER), "a sample")
+        driver.execute(execution)
+        with pytest.raises(SkillRejected, match="a command to the dashboard server cannot be taken back"):
+            driver.halt(execution)

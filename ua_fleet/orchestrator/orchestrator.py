@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from typing import TypeVarTuple
 
 from ua_fleet.errors import ScenarioError
 from ua_fleet.orchestrator.candidates import ResilienceSettings
@@ -12,6 +11,8 @@ from ua_fleet.orchestrator.claims import Claim, Claims
 from ua_fleet.orchestrator.conditions import FaultFound
 from ua_fleet.orchestrator.decisions import Decisions
 from ua_fleet.orchestrator.faults import Fault, FaultChange, Faults
+from ua_fleet.orchestrator.guard import Guard
+from ua_fleet.orchestrator.halting import Halting
 from ua_fleet.orchestrator.halts import Halts
 from ua_fleet.orchestrator.knowledge import Knowledge
 from ua_fleet.orchestrator.outputs import (
@@ -23,10 +24,10 @@ from ua_fleet.orchestrator.outputs import (
     Output,
     RunBroken,
     RunChanged,
-    TaskCancelled,
     TaskFollowed,
     TaskStarted,
 )
+from ua_fleet.orchestrator.restoring import end_of, halts_of
 from ua_fleet.orchestrator.under_way import RunsUnderWay
 from ua_fleet.resilience import Confirmation, Decision
 from ua_fleet.scenario import FleetView, Lookup, Reservations, Run, Scenario, Value
@@ -45,9 +46,7 @@ from ua_fleet.scenario.effects import (
 from ua_fleet.scenario.facts import (
     Fact,
     RunEnded,
-    RunOutcome,
     TaskAnswered,
-    TaskAssigned,
     TaskFound,
     TaskHalting,
     TaskOutcome,
@@ -60,8 +59,6 @@ from ua_fleet.scenario.state import TaskPhase, TaskRun
 from ua_fleet.scenario.world import Trouble
 
 __all__ = ["Orchestrator"]
-
-_Told = TypeVarTuple("_Told")
 
 RunJournal = Callable[[str, Fact], None]
 """Writes a fact of a run down; when it returns the fact is there after a crash."""
@@ -79,9 +76,7 @@ class Orchestrator:
             lookup: values of robots, for conditions and criteria.
             journal: of all runs.
         """
-        self.caught: Callable[[str, Exception], None] | None = None
-        """Told of a mistake that cost a fault or a halt its turn; without it, the mistake is raised. Those that cost a
-        run are among the outputs."""
+        self._guard = Guard()
         self._lookup, self._journal = lookup, journal
         self._known = Knowledge(settings, fleet)
         self._outputs: list[Output] = []
@@ -93,11 +88,18 @@ class Orchestrator:
         reservations = Reservations[Claim]()
         self._halts = Halts(reservations)
         self._claims = Claims(self._known, self._choosing, self._under_way, reservations, self._halts)
+        self._halting = Halting(self._halts, self._known, self._claims, self._outputs, self._guard, self._take_in)
         self._decisions = Decisions(self._known, self._choosing, self._under_way, self._outputs)
         self._executions: dict[str, str] = {}
         """The run of each execution that is under way."""
         self._has_news = False
         """Whether something became known of robots that runs have not looked at."""
+
+    def tell_mistakes(self, caught: Callable[[str, Exception], None]) -> None:
+        """Tell of each mistake that costs a fault or a halt its turn; without this it is raised. Those that cost a run
+        are among the outputs.
+        """
+        self._guard.caught = caught
 
     @property
     def settings(self) -> ResilienceSettings:
@@ -168,15 +170,7 @@ class Orchestrator:
 
     def _not_restored(self, run_id: str, facts: list[Fact], error: Exception, now: float) -> list[Halt]:
         """End a run whose facts cannot be taken in. What its robots may be at they are to stop."""
-        begun: dict[str, TaskAssigned] = {}
-        for fact in facts:
-            if isinstance(fact, TaskAssigned):
-                begun[fact.step] = fact
-            elif isinstance(fact, TaskOver) and fact.then not in (Then.ASK, Then.AWAIT):
-                begun.pop(fact.step, None)
-        halts = [Halt(fact.execution_id, fact.robot, fact.skill, now) for fact in begun.values()]
-        reason = f"a mistake of ua_fleet ({type(error).__name__}: {error}), so that it cannot go on; report the log"
-        ended = RunEnded(now, RunOutcome.FAILED, reason)
+        halts, ended = halts_of(facts, now), end_of(error, now)
         self._journal(run_id, ended)
         self._outputs += [RunBroken(run_id, error), RunChanged(run_id, ended)]
         self._outputs += [HaltChanged(halt, is_owed=True) for halt in halts]
@@ -197,10 +191,8 @@ class Orchestrator:
             return True
         try:
             return self._trouble(task_run.robot, run.task(step)) is not None
-        except Exception as error:
-            if self.caught is None:
-                raise
-            self.caught("runs", error)
+        except Exception as error:  # noqa: BLE001 - counted, or raised by `catch`
+            self._guard.catch("runs", error)
             return True  # whatever is wrong, this harms nobody
 
     def _trouble(self, robot: str, task: Task) -> Trouble | None:
@@ -245,7 +237,7 @@ class Orchestrator:
     ) -> list[Output]:
         """A robot's execution has ended."""
         if outcome is not TaskOutcome.UNKNOWN:
-            self._settle(execution_id, now)
+            self._halting.settle(execution_id, now)
         return self._of_execution(
             execution_id, lambda run: run.ended(execution_id, outcome, now, message=message, results=results), now
         )
@@ -258,7 +250,7 @@ class Orchestrator:
     def told(self, found: Iterable[FaultFound], now: float) -> list[Output]:
         """What has become known of robots. All of it is taken in before anything follows from it."""
         for one in found:
-            self._guard("faults", self._take_in, one, now)
+            self._guard.do("faults", self._take_in, one, now)
         return self._taken(now)
 
     def not_heard(self, robots: Iterable[str], now: float) -> list[Output]:
@@ -360,22 +352,13 @@ class Orchestrator:
         return outputs
 
     def _go_on(self, now: float) -> None:
-        self._look_after_halts(now)
+        self._halting.look_after(now)
         for run_id in list(self.runs):
             self._under_way.tell(run_id, now, Run.poll, self._lookup, now)
         for claim in self._claims.waiting():
             self._under_way.guard(claim[0], now, self._claims.look_again, claim, now)
         for opened in self._decisions:
             self._under_way.guard(opened.run_id, now, self._decisions.look_again, opened, now)
-
-    def _guard(self, loop: str, what: Callable[[*_Told], None], *told: *_Told) -> None:
-        """Do something that is no run's; a mistake costs its turn."""
-        try:
-            what(*told)
-        except Exception as error:
-            if self.caught is None:
-                raise
-            self.caught(loop, error)
 
     def _on(self, run_id: str, what: Callable[[Run], list[Effect]], now: float) -> list[Output]:
         if run_id not in self.runs:
@@ -416,10 +399,7 @@ class Orchestrator:
                     TaskFollowed(effect.execution_id, effect.robot, effect.skill, effect.may_be_unasked)
                 )
             case CancelTask():
-                halt = Halt(effect.execution_id, effect.robot, effect.skill, now)
-                if self._halts.order(halt):
-                    self._outputs.append(HaltChanged(halt, is_owed=True))
-                self._outputs.append(TaskCancelled(halt.execution_id, halt.robot, halt.skill))
+                self._halting.order(Halt(effect.execution_id, effect.robot, effect.skill, now))
             case OpenDecision():
                 self._decisions.open(run_id, effect, now, is_unknown=False)
             case AskOperator():
@@ -455,7 +435,7 @@ class Orchestrator:
             if (
                 fact.then is not Then.REPLACE
             ):  # that one consents to a second robot, the others say that the first is not at it
-                self._settle(self.runs[run_id].state.tasks[fact.step].execution_id, now)
+                self._halting.settle(self.runs[run_id].state.tasks[fact.step].execution_id, now)
         elif isinstance(fact, RunEnded):
             self._end(run_id, now)
 
@@ -490,38 +470,6 @@ class Orchestrator:
         self._decisions.forget(run_id)
         self._claims.forget(run_id)
 
-    def _settle(self, execution_id: str, now: float) -> None:
-        """A robot has stopped, or has ended what it was to stop, or a person says so."""
-        settled = self._halts.settle(execution_id)
-        if settled is None:
-            return
-        halt, grants = settled
-        self._outputs.append(HaltChanged(halt, is_owed=False))
-        if not self._halts.of(halt.robot):
-            self._take_in(FaultFound(halt.robot, NOT_HALTED, False, ""), now)
-        self._claims.grant(grants, now)
-
-    def _look_after_halts(self, now: float) -> None:
-        """Tell robots again that have not stopped, and people of those about which no run asks."""
-        for halt in self._halts.all():
-            self._guard("halts", self._look_whether_it_stands, halt, now)
-        self._guard("halts", self._tell_again, now)
-        self._guard("halts", self._ask_people, now)
-
-    def _look_whether_it_stands(self, halt: Halt, now: float) -> None:
-        trouble = self._known.trouble(halt.robot, self._known.fleet.needs(halt.robot, halt.skill))
-        if trouble is not None and trouble.stands:
-            self._settle(halt.execution_id, now)
-
-    def _tell_again(self, now: float) -> None:
-        self._outputs += self._halts.told_again(now)
-
-    def _ask_people(self, now: float) -> None:
-        for halt in self._halts.unanswered(now):
-            if not any(fault.source == NOT_HALTED for fault in self.faults.active(halt.robot)):
-                said = f"it was told to stop {halt.skill}, and has not said that it has; look, then call ClearFault"
-                self._guard("faults", self._take_in, FaultFound(halt.robot, NOT_HALTED, True, said), now)
-
     def _take_in(self, found: FaultFound, now: float) -> None:
         """Know it from now on; `_taken` has runs look at it."""
         change: tuple[Fault, FaultChange] | None
@@ -531,7 +479,7 @@ class Orchestrator:
             change = self._known.cleared(found.robot, found.source)
             if found.source == NOT_HALTED:
                 for halt in self._halts.of(found.robot):
-                    self._settle(halt.execution_id, now)
+                    self._halting.settle(halt.execution_id, now)
         self._has_news = True
         if change is not None:
             self._outputs.append(FaultChanged(*change))

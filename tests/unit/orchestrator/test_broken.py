@@ -21,6 +21,7 @@ from ua_fleet.orchestrator import (
     TasksAhead,
     TaskStarted,
 )
+from ua_fleet.orchestrator.knowledge import Knowledge
 from ua_fleet.resilience import Criterion, CriterionKind, Mode
 from ua_fleet.scenario import FleetView, RobotView, Value, scenario_of
 from ua_fleet.scenario.effects import Effect
@@ -33,6 +34,7 @@ from ua_fleet.scenario.facts import (
     TaskOutcome,
     TaskOver,
 )
+from ua_fleet.scenario.model import Task
 
 SETTINGS = ResilienceSettings(((Criterion("availability", CriterionKind.BENEFIT, (0, 100)), TasksAhead()),), {})
 GO = SkillModel(1, "go", ("mobile",))
@@ -246,3 +248,22 @@ def test_two_tasks_that_fail_in_one_breath_end_their_run_once() -> None:
         "0.0.0",
         "0.1.0",
     ]
+
+
+def test_what_cannot_be_looked_at_must_not_begin_after_a_restart(monkeypatch: pytest.MonkeyPatch) -> None:
+    orchestrator = BrokenRankings()
+    caught: list[str] = []
+    orchestrator.tell_mistakes(lambda loop, error: caught.append(f"{loop}: {error}"))
+    orchestrator.start("a", ONLY_NED, {}, by="anna", now=0.0)
+    orchestrator.start("b", OTHER, {}, by="anna", now=0.0)
+    assert orchestrator.must_not_begin() == []
+    needs = Knowledge.needs
+
+    def broken(known: Knowledge, robot: str, task: Task) -> tuple[str, ...]:
+        if robot == "ned":
+            raise Broken(robot)
+        return needs(known, robot, task)
+
+    monkeypatch.setattr(Knowledge, "needs", broken)
+    assert orchestrator.must_not_begin() == [orchestrator.runs["a"].state.tasks["0"].execution_id]
+    assert caught == ["runs: ned"]

@@ -11,8 +11,8 @@ from hypothesis import given
 from hypothesis import settings as settings_of_hypothesis
 from hypothesis import strategies as st
 
-from tests.unit.orchestrator.test_orchestrator import FLEET as MOBILE
-from tests.unit.orchestrator.test_orchestrator import World, settings
+from tests.unit.orchestrator.world import FLEET as MOBILE
+from tests.unit.orchestrator.world import World, settings
 from ua_fleet.errors import ScenarioError
 from ua_fleet.fleet.skills import ArgumentModel, SkillModel
 from ua_fleet.orchestrator import RunChanged

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from tests.unit.orchestrator.test_orchestrator import World
+from tests.unit.orchestrator.world import World
 from ua_fleet.orchestrator import RunChanged
 from ua_fleet.resilience import RankingChanged
 from ua_fleet.scenario.facts import TaskAssigned

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import pytest
 
-from tests.unit.orchestrator.test_orchestrator import World
+from tests.unit.orchestrator.world import World
 from ua_fleet.orchestrator import Fault, FaultChanged, RunChanged
 from ua_fleet.orchestrator.faults import Faults
 from ua_fleet.resilience import Mode, RankingChanged

@@ -135,7 +135,7 @@ class ScenarioService:
             self._values.look_up,
             lambda run_id, fact: self._unwritten.append((run_id, fact)),
         )
-        self._orchestrator.caught = self._mistakes.caught
+        self._orchestrator.tell_mistakes(self._mistakes.caught)
         self._tasks = TaskRequests(
             self._robots,
             requests,

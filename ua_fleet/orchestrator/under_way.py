@@ -120,7 +120,7 @@ class RunsUnderWay:
             return
         state = run.state
         if not effects and state.outcome is not None and not any(_is_end(*one, run_id) for one in kept):
-            effects = [Happened(RunEnded(now, state.outcome, state.reason))]  # it was lost by the mistake
+            effects.append(Happened(RunEnded(now, state.outcome, state.reason)))  # it was lost by the mistake
         self.carry_out(run_id, effects, now)
 
 

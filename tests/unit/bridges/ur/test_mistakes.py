@@ -147,7 +147,10 @@ async def test_execution_that_cannot_be_followed_is_no_end_for_others(monkeypatc
 
 
 async def test_who_asks_for_a_halt_that_there_is_no_way_for_is_told_so(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(DashboardTask, "look", lambda *_: Progress(0.0))
+    def under_way(*_: object) -> Progress:
+        return Progress(0.0)
+
+    monkeypatch.setattr(DashboardTask, "look", under_way)
     monkeypatch.setattr(CommandLink, "call", answered)
     monkeypatch.setattr("ua_bridges.ur.driver.refusal_of", not_refused)
     execution = Execution(b"\1" * 16, Topic(300, 2, 20), 1, ())

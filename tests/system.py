@@ -21,6 +21,7 @@ from types import TracebackType
 from typing import Self
 
 from tests import network
+from tests.forking import ForkedProcess
 
 ROOT = Path(__file__).resolve().parent.parent
 ROS1_PYTHON = ROOT / ".venv-ros1" / "bin" / "python"
@@ -158,20 +159,28 @@ def clean_environment(**extra: str) -> dict[str, str]:
 class Child:
     """A started process whose output is collected line by line."""
 
-    def __init__(self, args: Sequence[str | Path], env: Mapping[str, str] | None = None) -> None:
+    def __init__(
+        self, args: Sequence[str | Path], env: Mapping[str, str] | None = None, *, forked: bool = False
+    ) -> None:
+        """Start it; `forked` as a program in Python that has imported already what it needs (see `forking`)."""
         self.args = [str(arg) for arg in args]
         self.lines: list[str] = []
         self._changed = threading.Condition()
-        self.process = subprocess.Popen(
-            self.args,
-            env=dict(env) if env is not None else clean_environment(),
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
-            text=True,
-            errors="replace",
-            start_new_session=True,
-        )
+        environment = dict(env) if env is not None else clean_environment()
+        self.process: subprocess.Popen[str] | ForkedProcess
+        if forked:
+            self.process = ForkedProcess(args[0], self.args[1:], environment)
+        else:
+            self.process = subprocess.Popen(
+                self.args,
+                env=environment,
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.STDOUT,
+                text=True,
+                errors="replace",
+                start_new_session=True,
+            )
         self._reader = threading.Thread(target=self._read, daemon=True)
         self._reader.start()
 
@@ -217,7 +226,7 @@ class Child:
         self._reader.join(timeout_s)
         if self.process.stdout is not None:
             self.process.stdout.close()
-        return self.process.returncode
+        return self.process.wait()
 
 
 class Processes:
@@ -229,6 +238,12 @@ class Processes:
     def start(self, *args: str | Path, env: Mapping[str, str] | None = None) -> Child:
         """Start a process of its own group."""
         child = Child(args, env)
+        self._children.append(child)
+        return child
+
+    def fork(self, program: Path, *args: str | Path, env: Mapping[str, str] | None = None) -> Child:
+        """Start a program in this Python, of its own group, that need not import what bridges do."""
+        child = Child((program, *args), env, forked=True)
         self._children.append(child)
         return child
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import sys
 import time
 from collections.abc import AsyncGenerator
 from contextlib import asynccontextmanager
@@ -14,7 +13,7 @@ import pytest
 
 from tests.contract.skilled import QUICK, WORK, Machine
 from tests.integration.actions.requesting import Requesting, requesting
-from tests.system import Child, Processes, clean_environment
+from tests.system import Child, Processes
 from ua_fleet.config.schema import FleetConfig
 from ua_fleet.config.security import all_groups
 from ua_fleet.skill.executions import Outcome
@@ -56,14 +55,7 @@ class Cell:
 
     def bridge(self) -> Child:
         """Start the bridge, and wait until it works."""
-        child = self._processes.start(
-            sys.executable,
-            PROGRAM,
-            self.folder / "fleet.json",
-            "cell",
-            self.folder / "machine",
-            env=clean_environment(PYTHONUNBUFFERED="1", PYTHONPATH=".:bridges"),
-        )
+        child = self._processes.fork(PROGRAM, self.folder / "fleet.json", "cell", self.folder / "machine")
         child.wait_for("ready")
         return child
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import secrets
 import signal
-import sys
 from pathlib import Path
 
 import pytest
@@ -13,7 +12,7 @@ import pytest
 from tests.contract.skilled import DEADLY_BEGUN_WORK, DEADLY_WORK, ENDLESS_WORK
 from tests.integration.actions.conftest import QUICK_ACTION, Cell, work
 from tests.integration.actions.requesting import LossyTransport, Requesting
-from tests.system import Child, Processes, clean_environment
+from tests.system import Child, Processes
 from tests.waiting import until
 from ua_fleet.skill.executions import ExecutionState, Outcome, OutcomeKind
 
@@ -68,16 +67,8 @@ async def test_bridge_killed_while_the_machine_works(cell: Cell) -> None:
 
 
 def asking_process(cell: Cell, processes: Processes, execution_id: bytes, what: str, seconds: float) -> Child:
-    return processes.start(
-        sys.executable,
-        ASKING,
-        cell.folder / "fleet.json",
-        cell.folder / "requestor0",
-        execution_id.hex(),
-        what,
-        str(seconds),
-        env=clean_environment(PYTHONUNBUFFERED="1", PYTHONPATH=".:bridges"),
-    )
+    folder = cell.folder
+    return processes.fork(ASKING, folder / "fleet.json", folder / "requestor0", execution_id.hex(), what, str(seconds))
 
 
 async def test_requestor_killed_while_it_waits_goes_on(cell: Cell, processes: Processes) -> None:

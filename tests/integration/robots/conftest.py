@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import sys
 import time
 from collections.abc import AsyncGenerator, Mapping
 from contextlib import asynccontextmanager
@@ -15,7 +14,7 @@ from asyncua.client.client import Client
 
 from tests.contract.skilled import QUICK, STATUS, WORK, Machine
 from tests.integration.server_model.harness import Running, serving, ua
-from tests.system import Child, Processes, clean_environment
+from tests.system import Child, Processes
 from ua_fleet.config.schema import FleetConfig
 from ua_fleet.config.security import all_groups
 from ua_fleet.storage.key_files import KeyFile, KeyFolder
@@ -132,14 +131,7 @@ class Yard:
 
     def bridge(self) -> Child:
         """Start the bridge, and wait until it works."""
-        child = self._processes.start(
-            sys.executable,
-            PROGRAM,
-            self.theirs / "fleet.json",
-            "cell",
-            self.folder / "machine",
-            env=clean_environment(PYTHONUNBUFFERED="1", PYTHONPATH=".:bridges"),
-        )
+        child = self._processes.fork(PROGRAM, self.theirs / "fleet.json", "cell", self.folder / "machine")
         child.wait_for("ready")
         return child
 

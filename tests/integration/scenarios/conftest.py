@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import json
-import sys
 import time
 from collections.abc import AsyncGenerator, Mapping, Sequence
 from contextlib import AbstractAsyncContextManager, asynccontextmanager
@@ -16,7 +15,7 @@ from asyncua.client.client import Client
 
 from tests.contract.skilled import Machine
 from tests.integration.server_model.harness import OPERATOR, Running, connected, serving, ua, until
-from tests.system import Child, Processes, clean_environment
+from tests.system import Child, Processes
 from ua_fleet.config.schema import FleetConfig
 from ua_fleet.config.security import all_groups
 from ua_fleet.server.introduce import introduce_bridge
@@ -125,9 +124,8 @@ class Plant:
         for operator in (OPERATOR, SECOND):
             users.add(*operator, Role.OPERATOR, replace_existing=True)
 
-    def _start(self, *command: str | Path) -> Child:
-        environment = clean_environment(PYTHONUNBUFFERED="1", PYTHONPATH=".:bridges")
-        return self._processes.start(sys.executable, *command, env=environment)
+    def _start(self, program: Path, *arguments: str | Path) -> Child:
+        return self._processes.fork(program, *arguments)
 
     @asynccontextmanager
     async def server(self) -> AsyncGenerator[Running]:

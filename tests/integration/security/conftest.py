@@ -71,8 +71,11 @@ class Site:
         self, name: str, *, fleet: str = "fleet.json", wait: bool = True, python: str | Path = sys.executable
     ) -> Child:
         """Start a bridge; with `wait` it is ready when this returns."""
-        environment = clean_environment(PYTHONUNBUFFERED="1", PYTHONPATH=".")
-        child = self._processes.start(python, PROGRAM, self.folder / fleet, name, env=environment)
+        if python == sys.executable:
+            child = self._processes.fork(PROGRAM, self.folder / fleet, name)
+        else:
+            environment = clean_environment(PYTHONUNBUFFERED="1", PYTHONPATH=".")
+            child = self._processes.start(python, PROGRAM, self.folder / fleet, name, env=environment)
         if wait:
             child.wait_for("ready")
         return child

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import sys
 from collections.abc import AsyncGenerator
 from contextlib import asynccontextmanager
 from pathlib import Path
@@ -13,7 +12,7 @@ import pytest
 
 from tests.contract.skilled import QUICK, STATUS, WORK, Machine
 from tests.integration.server_model.harness import Running, serving
-from tests.system import Child, Processes, clean_environment
+from tests.system import Child, Processes
 from ua_fleet.config.schema import FleetConfig
 
 PROGRAM: Final = Path(__file__).parents[1] / "actions" / "skilled_bridge.py"
@@ -68,14 +67,7 @@ class Hall:
 
     def bridge(self) -> Child:
         """Start the bridge, and wait until it works."""
-        child = self._processes.start(
-            sys.executable,
-            PROGRAM,
-            self.folder / "fleet.json",
-            "cell",
-            self.folder / "machine",
-            env=clean_environment(PYTHONUNBUFFERED="1", PYTHONPATH=".:bridges"),
-        )
+        child = self._processes.fork(PROGRAM, self.folder / "fleet.json", "cell", self.folder / "machine")
         child.wait_for("ready")
         return child
 

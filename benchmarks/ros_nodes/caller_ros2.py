@@ -10,21 +10,16 @@ import threading
 import time
 
 import rclpy
-from rclpy.experimental.events_executor import EventsExecutor
 from std_srvs.srv import Trigger
+
+from benchmarks.ros_nodes.spinning_ros2 import spinning
 
 
 def main() -> None:
     rclpy.init()
     node = rclpy.create_node("benchmark_caller")
     client = node.create_client(Trigger, "/bare")
-    executor = EventsExecutor()
-    executor.add_node(node)
-    stopping, answered = threading.Event(), threading.Event()
-
-    def spin() -> None:
-        while not stopping.is_set():
-            executor.spin_once(timeout_sec=0.2)
+    answered = threading.Event()
 
     def call() -> float:
         answered.clear()
@@ -34,23 +29,17 @@ def main() -> None:
             raise TimeoutError("/bare does not answer")
         return called
 
-    thread = threading.Thread(target=spin)
-    thread.start()
-    if not client.wait_for_service(20):
-        raise TimeoutError("nobody serves /bare")
-    print("ready", flush=True)
-    for line in sys.stdin:
-        count, pause_s = line.split()
-        times: list[float] = []
-        for _ in range(int(count)):
-            time.sleep(float(pause_s))
-            times.append(call())
-        print(json.dumps(times), flush=True)
-    stopping.set()
-    thread.join()
-    executor.shutdown()
-    node.destroy_node()
-    rclpy.shutdown()
+    with spinning(node):
+        if not client.wait_for_service(20):
+            raise TimeoutError("nobody serves /bare")
+        print("ready", flush=True)
+        for line in sys.stdin:
+            count, pause_s = line.split()
+            times: list[float] = []
+            for _ in range(int(count)):
+                time.sleep(float(pause_s))
+                times.append(call())
+            print(json.dumps(times), flush=True)
 
 
 main()

@@ -16,7 +16,8 @@ from typing import Any
 
 import rclpy
 from rcl_interfaces.srv import ListParameters
-from rclpy.experimental.events_executor import EventsExecutor
+
+from benchmarks.ros_nodes.spinning_ros2 import spinning
 
 
 def main(is_caller: bool) -> None:
@@ -31,13 +32,7 @@ def main(is_caller: bool) -> None:
         client = node.create_client(ListParameters, "/benchmark_echo")
     else:
         node.create_service(ListParameters, "/benchmark_echo", echo)
-    executor = EventsExecutor()
-    executor.add_node(node)
-    stopping, answered = threading.Event(), threading.Event()
-
-    def spin() -> None:
-        while not stopping.is_set():
-            executor.spin_once(timeout_sec=0.2)
+    answered = threading.Event()
 
     def call(text: str) -> float:
         answered.clear()
@@ -49,23 +44,17 @@ def main(is_caller: bool) -> None:
             raise RuntimeError("the service has not given back what it got")
         return round((time.perf_counter() - called) * 1e6, 1)
 
-    thread = threading.Thread(target=spin)
-    thread.start()
-    if is_caller and not client.wait_for_service(20):
-        raise TimeoutError("nobody serves /benchmark_echo")
-    print("ready", flush=True)
-    for line in sys.stdin:
-        characters, count, pause_s = line.split()
-        times: list[float] = []
-        for number in range(int(count)):
-            time.sleep(float(pause_s))
-            times.append(call(chr(97 + number % 26) * int(characters)))
-        print(json.dumps(times), flush=True)
-    stopping.set()
-    thread.join()
-    executor.shutdown()
-    node.destroy_node()
-    rclpy.shutdown()
+    with spinning(node):
+        if is_caller and not client.wait_for_service(20):
+            raise TimeoutError("nobody serves /benchmark_echo")
+        print("ready", flush=True)
+        for line in sys.stdin:
+            characters, count, pause_s = line.split()
+            times: list[float] = []
+            for number in range(int(count)):
+                time.sleep(float(pause_s))
+                times.append(call(chr(97 + number % 26) * int(characters)))
+            print(json.dumps(times), flush=True)
 
 
 main(sys.argv[1] == "call")

@@ -6,15 +6,14 @@ load_subscriber_ros2.py STREAM=TOPIC...
 
 import struct
 import sys
-import threading
 from functools import partial
 
 import rclpy
-from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.qos import QoSProfile
 from sensor_msgs.msg import Image, Imu, LaserScan, PointCloud2
 
 from benchmarks.ros_nodes.load_streams import Arrivals
+from benchmarks.ros_nodes.spinning_ros2 import spinning
 
 TYPES = {"imu": Imu, "scan": LaserScan, "image": Image, "cloud": PointCloud2}
 
@@ -26,22 +25,8 @@ def main() -> None:
     for each in sys.argv[1:]:
         stream, topic = each.split("=")
         node.create_subscription(TYPES[stream], topic, partial(arrivals.heard, topic), QoSProfile(depth=50), raw=True)
-    executor = EventsExecutor()
-    executor.add_node(node)
-    stopping = threading.Event()
-
-    def spin() -> None:
-        while not stopping.is_set():
-            executor.spin_once(timeout_sec=0.2)
-
-    thread = threading.Thread(target=spin)
-    thread.start()
-    arrivals.serve()
-    stopping.set()
-    thread.join()
-    executor.shutdown()
-    node.destroy_node()
-    rclpy.shutdown()
+    with spinning(node):
+        arrivals.serve()
 
 
 main()

@@ -9,15 +9,15 @@ It offers the skill `go` (id 1010) by the decorator, begins `push` (id 1011) by 
 
 import json
 import sys
-import threading
 import time
 
 import rclpy
-from rclpy.experimental.events_executor import EventsExecutor
 from std_msgs.msg import Float64
 from std_srvs.srv import Trigger
 from ua_bridges.robot import Execution
 from ua_bridges.robot.ros2 import Robot
+
+from benchmarks.ros_nodes.spinning_ros2 import spinning
 
 
 def main() -> None:
@@ -39,26 +39,12 @@ def main() -> None:
 
     node.create_subscription(Float64, "/push", push, 10)
     node.create_service(Trigger, "/bare", bare)
-    executor = EventsExecutor()
-    executor.add_node(node)
-    stopping = threading.Event()
-
-    def spin() -> None:
-        while not stopping.is_set():
-            executor.spin_once(timeout_sec=0.2)
-
-    thread = threading.Thread(target=spin)
-    thread.start()
-    print("ready", flush=True)
-    for _ in sys.stdin:
-        taken = began[:]
-        del began[: len(taken)]
-        print(json.dumps(taken), flush=True)
-    stopping.set()
-    thread.join()
-    executor.shutdown()
-    node.destroy_node()
-    rclpy.shutdown()
+    with spinning(node):
+        print("ready", flush=True)
+        for _ in sys.stdin:
+            taken = began[:]
+            del began[: len(taken)]
+            print(json.dumps(taken), flush=True)
 
 
 main()

@@ -8,14 +8,14 @@ stdout: `ready`; stdin: `TOPIC`, answered with a JSON list of the ages in micros
 
 import json
 import sys
-import threading
 import time
 from functools import partial
 
 import rclpy
-from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.qos import QoSProfile
 from std_msgs.msg import Float64
+
+from benchmarks.ros_nodes.spinning_ros2 import spinning
 
 
 def main() -> None:
@@ -29,27 +29,13 @@ def main() -> None:
 
     for topic, noted in ages.items():
         node.create_subscription(Float64, topic, partial(heard, noted), QoSProfile(depth=10_000))
-    executor = EventsExecutor()
-    executor.add_node(node)
-    stopping = threading.Event()
-
-    def spin() -> None:
-        while not stopping.is_set():
-            executor.spin_once(timeout_sec=0.2)
-
-    thread = threading.Thread(target=spin)
-    thread.start()
-    print("ready", flush=True)
-    for line in sys.stdin:
-        noted = ages[line.strip()]
-        taken = noted[:]
-        del noted[: len(taken)]
-        print(json.dumps([round(age * 1e6, 1) for age in taken]), flush=True)
-    stopping.set()
-    thread.join()
-    executor.shutdown()
-    node.destroy_node()
-    rclpy.shutdown()
+    with spinning(node):
+        print("ready", flush=True)
+        for line in sys.stdin:
+            noted = ages[line.strip()]
+            taken = noted[:]
+            del noted[: len(taken)]
+            print(json.dumps([round(age * 1e6, 1) for age in taken]), flush=True)
 
 
 main()

@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from tests.attacks.servers import Serve, endless, goes_on, hostile, silent
-from tests.integration.modbus.conftest import Device, Start, device, of, start
+from tests.integration.modbus.conftest import Bench, Device, Start, device, holding, of, start
 from tests.integration.modbus.test_lines import certificate
 from ua_fleet.counters import Drop
 from ua_fleet.topics import Topic
@@ -80,9 +80,12 @@ PUT_ASIDE = {
 """Who says what no device should, and why it is let go of."""
 
 
-def holding(device: str, number: int) -> dict[str, Any]:
-    """A register of a device as data."""
-    return {"id": number, "type": "UInt16", "source": {"device": device, "at": {"table": "holding", "address": 1}}}
+async def beside_an_honest_one(device: Device, start: Start, port: int, **more: Any) -> Bench:
+    """A bridge with a hostile device at a port, whose register has the id 10, and an honest one."""
+    return await start(
+        {"bad": {**of(device, **more), "port": port}, "good": of(device)},
+        {"bad": holding("bad", 10), "good": holding("good", HONEST.id, 2)},
+    )
 
 
 # asyncio leaves a transport unclosed whose TLS handshake was cut off.
@@ -100,21 +103,7 @@ async def test_a_device_that_misbehaves_costs_itself(
         context.load_cert_chain(tmp_path / "plc.pem", tmp_path / "plc.key")
         more = {"tls": {"ca": "plc.pem"}}
     with hostile(KINDS[kind], context) as port:
-        bench = await start(
-            {"bad": {**of(device, **more), "port": port}, "good": of(device)},
-            {
-                "bad": {
-                    "id": 10,
-                    "type": "UInt16",
-                    "source": {"device": "bad", "at": {"table": "holding", "address": 1}},
-                },
-                "good": {
-                    "id": 11,
-                    "type": "UInt16",
-                    "source": {"device": "good", "at": {"table": "holding", "address": 2}},
-                },
-            },
-        )
+        bench = await beside_an_honest_one(device, start, port, **more)
         await goes_on(bench.recorder, HONEST, 2.0)
         if kind in PUT_ASIDE:
             assert PUT_ASIDE[kind] in bench.driver.status().aside["bad"]
@@ -127,21 +116,7 @@ async def test_a_device_that_misbehaves_costs_itself(
 async def test_a_port_that_speaks_no_tls_costs_itself(device: Device, start: Start, tmp_path: Path, kind: str) -> None:
     certificate(tmp_path, "plc")
     with hostile(KINDS[kind], None) as port:
-        bench = await start(
-            {"bad": {**of(device, tls={"ca": "plc.pem"}), "port": port}, "good": of(device)},
-            {
-                "bad": {
-                    "id": 10,
-                    "type": "UInt16",
-                    "source": {"device": "bad", "at": {"table": "holding", "address": 1}},
-                },
-                "good": {
-                    "id": 11,
-                    "type": "UInt16",
-                    "source": {"device": "good", "at": {"table": "holding", "address": 2}},
-                },
-            },
-        )
+        bench = await beside_an_honest_one(device, start, port, tls={"ca": "plc.pem"})
         await goes_on(bench.recorder, HONEST, 2.0)
         assert "bad (127.0.0.1" in bench.driver.status().detail
         assert "look at its power" in bench.driver.status().detail

@@ -137,5 +137,11 @@ def of(device: Device, **more: Any) -> dict[str, Any]:
     return {"host": "127.0.0.1", "port": device.port, **options, **more}
 
 
+def holding(device: str, number: int, address: int = 1) -> dict[str, Any]:
+    """A register of a device as data."""
+    at = {"table": "holding", "address": address}
+    return {"id": number, "type": "UInt16", "source": {"device": device, "at": at}}
+
+
 def silent_at(*addresses: int) -> Behave:
     return lambda pdu, address, count: None if address in addresses else words(pdu, address, count)

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from tests.contract.harness import NUMBER, message_of
-from tests.integration.modbus.conftest import Behave, Device, Start, of, silent_at, words
+from tests.integration.modbus.conftest import Behave, Device, Start, holding, of, silent_at, words
 from tests.waiting import until
 from ua_fleet.counters import Drop
 from ua_fleet.topics import Topic
@@ -124,18 +124,7 @@ async def test_slow_device_holds_up_no_other(device: Device, start: Start) -> No
     await quick.listen()
     try:
         device.behave = lambda pdu, address, count: None
-        data = {
-            "slow": {
-                "id": 10,
-                "type": "UInt16",
-                "source": {"device": "slow", "at": {"table": "holding", "address": 1}},
-            },
-            "quick": {
-                "id": 11,
-                "type": "UInt16",
-                "source": {"device": "quick", "at": {"table": "holding", "address": 2}},
-            },
-        }
+        data = {"slow": holding("slow", 10), "quick": holding("quick", 11, 2)}
         number = 0
 
         def count_up(pdu: bytes, address: int, count: int) -> bytes:

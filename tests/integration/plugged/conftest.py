@@ -36,6 +36,19 @@ BUS_CONFIG = """\
 </busconfig>
 """
 
+ROVER = """
+version: 1
+pubsub: {security: none}
+bridges: {pc: {kind: plugged, space: 300, status_id: 1, bus: "ADDRESS"}}
+robots:
+  rover_pc:
+    bridge: pc
+    skill_status_id: 1902
+    data:
+      gas: {id: 10, type: Double, source: {signal: trbots.gas}}
+"""
+"""A fleet of one robot with the bus at ADDRESS; its first value is there, and more data, then skills, may follow."""
+
 
 class Bridge:
     """A driver at work, and what it tells."""

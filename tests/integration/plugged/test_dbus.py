@@ -17,7 +17,7 @@ from ua_bridges.plugged import bus as bus_module
 from ua_bridges.plugged.bus import Signal
 
 from tests.contract.harness import NUMBER, Recorder, message_of
-from tests.integration.plugged.conftest import BusDaemon, started
+from tests.integration.plugged.conftest import ROVER, BusDaemon, started
 from tests.waiting import until
 from ua_fleet.bridge import Offenders
 from ua_fleet.bridge.driver import ExecutionEnded
@@ -28,16 +28,9 @@ from ua_fleet.values import StatusCode
 
 pytestmark = pytest.mark.needs("dbus")
 
-FLEET = """
-version: 1
-pubsub: {security: none}
-bridges: {pc: {kind: plugged, space: 300, status_id: 1, bus: "ADDRESS"}}
-robots:
-  rover_pc:
-    bridge: pc
-    skill_status_id: 1902
-    data:
-      gas: {id: 10, type: Double, source: {signal: trbots.gas}}
+FLEET = (
+    ROVER
+    + """\
       where: {id: 11, fields: {x: {type: Double}, y: {type: Int16}}, source: {signal: trbots.where, sender: trbots.gas}}
       lamp: {id: 12, type: Double, origin: server, sink: {call: {name: trbots.lamp, member: Dim}}}
     skills:
@@ -49,6 +42,7 @@ robots:
         timeout_s: 1
         via: {call: {name: trbots.lamp, path: /trbots/lamp, member: Add}}
 """
+)
 LAMP = Topic(0, 2, 12)
 
 

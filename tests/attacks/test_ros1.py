@@ -16,7 +16,7 @@ from urllib.parse import urlsplit
 import pytest
 
 from tests import system
-from tests.attacks.bridges import OLDEST_S, age_s, goes_on, goes_on_a_while, limit_memory, threads
+from tests.attacks.bridges import MOST_GROWTH_BYTES, OLDEST_S, age_s, goes_on, goes_on_a_while, limit_memory, threads
 from tests.attacks.ros1_publisher import (
     FLOAT,
     HostilePublisher,
@@ -124,6 +124,7 @@ async def test_a_publisher_that_has_been_mended_is_read_again(graph: Ros1Graph, 
         publisher.serve = endless(header(), again=NUMBER, pause_s=0.05)
         await peer.until(lambda: peer.good(ATTACKED) and age_s(peer, ATTACKED) < OLDEST_S)
         await goes_on(peer, HONEST, bridge, 1.0)
+        assert peer.good(ATTACKED)[-1] == (1.5,)
 
 
 async def test_a_silent_publisher_of_a_wrong_type_keeps_nobody_out(graph: Ros1Graph, peer: Peer) -> None:
@@ -140,7 +141,10 @@ async def test_a_publisher_that_floods_costs_itself(graph: Ros1Graph, peer: Peer
     bridge = await honest(graph, peer)
     with HostilePublisher(graph.uri, "/ua_1_2_66", endless(header(), again=NUMBER * 4096)):
         await peer.until(lambda: peer.good(ATTACKED))
-        await goes_on(peer, HONEST, bridge, 6.0)
+        course = await goes_on(peer, HONEST, bridge, 6.0)
+        assert course.oldest_s < OLDEST_S
+        assert course.grown_bytes < MOST_GROWTH_BYTES
+        assert set(peer.good(ATTACKED)) == {(1.5,)}
 
 
 async def test_a_publisher_that_changes_its_type_at_each_link_costs_itself(graph: Ros1Graph, peer: Peer) -> None:
@@ -155,6 +159,8 @@ async def test_a_publisher_that_changes_its_type_at_each_link_costs_itself(graph
             hostile.call_master("registerPublisher", "/ua_1_2_66", "std_msgs/Float64", hostile.uri)
             await goes_on_a_while(peer, HONEST, bridge, 0.2)
         await peer.until(lambda: peer.bridge("Drops.misbehaved"))
+        await peer.until(lambda: "changed the type of its topic" in peer.bridge("Detail"))
+        assert (await goes_on(peer, HONEST, bridge, 0.5)).oldest_s < OLDEST_S
 
 
 async def test_silent_connections_to_its_ports_keep_nobody_out(graph: Ros1Graph, peer: Peer) -> None:
@@ -202,8 +208,16 @@ async def test_orders_of_strangers_are_not_done(graph: Ros1Graph, peer: Peer) ->
 async def test_topics_that_come_and_go_leave_nothing_behind(graph: Ros1Graph, peer: Peer) -> None:
     bridge = await honest(graph, peer)
     with HostilePublisher(graph.uri, "/ua_1_2_66", endless(header(), again=NUMBER, pause_s=0.1)) as hostile:
-        for number in range(1000, 1400):
-            hostile.call_master("registerPublisher", f"/ua_1_2_{number}", "std_msgs/Float64", hostile.uri)
-            hostile.call_master("unregisterPublisher", f"/ua_1_2_{number}", hostile.uri)
-        await goes_on(peer, HONEST, bridge, 3.0)
+
+        def come_and_go() -> None:
+            for number in range(1000, 1400):
+                hostile.call_master("registerPublisher", f"/ua_1_2_{number}", "std_msgs/Float64", hostile.uri)
+                hostile.call_master("unregisterPublisher", f"/ua_1_2_{number}", hostile.uri)
+
+        # In a thread: a loop that does not run hears nothing, and takes the honest value for an old one.
+        coming = asyncio.ensure_future(asyncio.to_thread(come_and_go))
+        while not coming.done():
+            await goes_on_a_while(peer, HONEST, bridge, 0.2)
+        await coming
+        assert (await goes_on(peer, HONEST, bridge, 3.0)).oldest_s < OLDEST_S
     await peer.until(lambda: threads(bridge) < 40)

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from ua_bridges.ros2.sources import MOST_GONE
 
-from tests.attacks.bridges import cpu_share, goes_on, goes_on_a_while, limit_memory
+from tests.attacks.bridges import OLDEST_S, Course, cpu_share, goes_on, goes_on_a_while, limit_memory
 from tests.integration.peer import Peer
 from tests.integration.ros2.conftest import STATUS_ID, Ros2Space
 from tests.system import Child, Processes
@@ -68,11 +68,13 @@ class Honest:
         await asyncio.to_thread(program.wait_for, "ready")
         return program
 
-    async def goes_on_until_done(self, program: Child, timeout_s: float = 120) -> None:
+    async def goes_on_until_done(self, program: Child, timeout_s: float = 120) -> Course:
+        """See `goes_on`: until a program has done what it does, and a second more."""
+        worst = Course()
         async with asyncio.timeout(timeout_s):
             while "done" not in program.lines:
-                await goes_on_a_while(self._peer, self.topic, self.bridge, 0.5)
-        await goes_on(self._peer, self.topic, self.bridge, 1.0)
+                worst = worst.or_worse(await goes_on_a_while(self._peer, self.topic, self.bridge, 0.5))
+        return worst.or_worse(await goes_on(self._peer, self.topic, self.bridge, 1.0))
 
 
 @pytest.fixture
@@ -87,21 +89,25 @@ async def test_a_source_of_another_space_that_changes_its_type_ends_no_bridge(
 ) -> None:
     peer.announce(OTHER, NUMBER)
     listener = await asyncio.to_thread(ros2.listener, f"/{OTHER.name}", "std_msgs/Float64")
+    worst = Course()
     for turn in range(8):
         peer.announce(FOREIGN, (NUMBER, TEXT)[turn % 2])
         peer.publish(FOREIGN, (1.0, "text")[turn % 2])
         if not turn:
             await asyncio.to_thread(ros2.listener, f"/{FOREIGN.name}", "std_msgs/Float64")
-        await goes_on_a_while(peer, honest.topic, honest.bridge, 0.5)
+        worst = worst.or_worse(await goes_on_a_while(peer, honest.topic, honest.bridge, 0.5))
+    assert worst.oldest_s < OLDEST_S
     texts = await asyncio.to_thread(ros2.listener, f"/{FOREIGN.name}", "std_msgs/String")
     peer.publish(OTHER, 5.0)
     peer.publish(FOREIGN, "the last")
     await asyncio.to_thread(listener.wait_for, "5.0")
     await asyncio.to_thread(texts.wait_for, "the last")
+    assert honest.bridge.process.poll() is None
 
 
 async def test_many_topics_at_once_make_nobody_wait(honest: Honest, peer: Peer) -> None:
-    await honest.goes_on_until_done(await honest.attack("crowd", 500))
+    course = await honest.goes_on_until_done(await honest.attack("crowd", 500))
+    assert course.oldest_s < OLDEST_S
 
 
 async def test_topics_that_come_and_go_leave_nothing_behind(honest: Honest, peer: Peer) -> None:
@@ -119,4 +125,5 @@ async def test_topics_that_come_and_go_leave_nothing_behind(honest: Honest, peer
 
 @pytest.mark.parametrize(("kind", "number"), [("changing", 40), ("rubbish", 40), ("flooding", 6)])
 async def test_a_topic_that_is_misused_costs_itself(honest: Honest, kind: str, number: int) -> None:
-    await honest.goes_on_until_done(await honest.attack(kind, number))
+    course = await honest.goes_on_until_done(await honest.attack(kind, number))
+    assert course.oldest_s < OLDEST_S

@@ -109,9 +109,16 @@ class Ros1Graph:
                 await asyncio.sleep(0.02)
 
     def _served_by_bridge(self) -> set[str]:
-        with xmlrpc.client.ServerProxy(self.uri_of("/ua_bridge")) as bridge:
-            answer: Any = bridge.getBusInfo("/test")
-        return {link[4] for link in answer[2] if link[2] == "o"}
+        return {link[4] for link in self._links_from("/ua_bridge")}
+
+    def links(self, node: str, topic: str) -> set[int]:
+        """The links from a node to the subscribers of a topic, by their numbers."""
+        return {link[0] for link in self._links_from(node) if link[4] == topic}
+
+    def _links_from(self, node: str) -> list[Any]:
+        with xmlrpc.client.ServerProxy(self.uri_of(node)) as proxy:
+            answer: Any = proxy.getBusInfo("/test")
+        return [link for link in answer[2] if link[2] == "o"]
 
     def _known(self) -> tuple[dict[str, list[str]], ...]:
         with xmlrpc.client.ServerProxy(self.uri) as master:

@@ -63,7 +63,7 @@ SKILLS: dict[str, Any] = {
         "id": COUNT,
         "arguments": {"tenths": {"type": "Int32"}},
         "results": {"counted": {"type": "Int32"}},
-        "timeout_s": 6.0,
+        "timeout_s": 30.0,
         "via": {
             "action": {
                 "name": "/count",

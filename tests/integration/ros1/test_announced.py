@@ -33,7 +33,7 @@ async def test_it_is_commanded_as_its_bridge_announces_it(graph: Ros1Graph, tmp_
         FleetClient.connect(
             running.url, user=ENGINEER[0], password=ENGINEER[1], identity=ClientIdentity(tmp_path / "identity")
         ) as client,
-        asyncio.timeout(40),
+        asyncio.timeout(90),  # a busy machine takes its time; nothing here is about how long
     ):
         while True:
             try:
@@ -43,7 +43,10 @@ async def test_it_is_commanded_as_its_bridge_announces_it(graph: Ros1Graph, tmp_
             else:
                 break
         assert results == {"distance": 2.5}
-        (arm,) = await RobotClient(client).robots()
-        assert (arm.name, arm.state, arm.origin) == ("arm", "idle", "announced")
-        assert set(arm.skills) == set(ROBOTS["arm"]["skills"])
-    assert any("drive dock" in line for line in robot.lines)
+        while True:  # the end of the skill is told before the state that follows from it
+            (arm,) = await RobotClient(client).robots()
+            if arm.state == "idle" and set(arm.skills) == set(ROBOTS["arm"]["skills"]):
+                break
+            await asyncio.sleep(0.1)
+        assert (arm.name, arm.origin) == ("arm", "announced")
+    await asyncio.to_thread(robot.wait_for, "drive dock")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import time
 from typing import Any
 
 import pytest
@@ -71,6 +72,8 @@ async def test_topic_of_another_type_than_configured_is_bad_and_the_rest_goes_on
     assert peer.data(CHARGE)[0].message.values == (StatusCode.BAD_TYPE_MISMATCH,)
     assert peer.good(BATTERY)[0] == (80.0,)
     reason = "the topic carries std_msgs/String, fleet.yaml says std_msgs/Float64"
+    await asyncio.to_thread(bridge.wait_for, reason)
+    await peer.until(lambda: len(peer.data(CHARGE)) > 3)
     assert len([line for line in bridge.lines if reason in line]) == 1
 
 
@@ -90,8 +93,16 @@ async def test_rate_limit_lets_the_last_value_through(graph: Ros1Graph, peer: Pe
     await peer.until(lambda: (299.0,) in peer.good(CHARGE))
     values = [value for (value,) in peer.good(CHARGE)]
     assert values == sorted(set(values))
-    assert 5 <= len(values) <= 11  # 1.5 s at 5 Hz
-    await peer.until(lambda: (peer.bridge("Drops.rate_limited") or 0) > 250)
+    # However long it took, on a busy machine: 5 in a second, beside the first and the last.
+    assert 3 <= len(values) <= 5.0 * span_s(peer, CHARGE) + 2
+    await peer.until(lambda: peer.bridge("Drops.rate_limited") == 300 - len(values))
+
+
+def span_s(peer: Peer, topic: Topic) -> float:
+    """From the first to the last value of a source, by their times."""
+    times = [message.timestamp for message in peer.messages(topic) if message.timestamp is not None]
+    ticks: int = times[-1] - times[0]
+    return ticks / 1e7
 
 
 async def test_what_clients_write_reaches_the_robots_own_topic(graph: Ros1Graph, udp_url: str) -> None:
@@ -129,11 +140,13 @@ async def test_sink_is_rate_limited_and_latched(graph: Ros1Graph, udp_url: str) 
     async with Peer.at(udp_url) as server:
         await graph.linked(early, "/limit")
         server.announce(COMMAND, (make_field("Limit", BuiltinType.DOUBLE),))
+        begun = time.monotonic()
         for number in range(100):
             server.publish(COMMAND, float(number))
             await asyncio.sleep(0.005)
         await asyncio.to_thread(early.wait_for, "data: 99.0")
-        assert len([line for line in early.lines if "heard" in line]) < 10
+        most = 5.0 * (time.monotonic() - begun) + 2
+        assert len([line for line in early.lines if "heard" in line]) <= most
         late = graph.listener("/limit", "std_msgs/Float64", "--name", "late")
         assert await asyncio.to_thread(late.wait_for, "heard") == "heard latched: data: 99.0"
 

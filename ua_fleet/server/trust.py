@@ -45,6 +45,7 @@ MAX_KEY_BITS: Final = 4096
 """Key lengths of all policies that we offer (OPC 10000-7, MinAsymmetricKeyLength and MaxAsymmetricKeyLength)."""
 MAX_CHAIN: Final = 5
 MAX_CHAIN_BYTES: Final = 16_384
+_MOST_ASKED: Final = 1_000
 _WEAK_HASHES: Final = (hashes.MD5, hashes.SHA1)
 
 
@@ -144,6 +145,39 @@ class CertificateFolder:
         return self.certificates
 
 
+class RevocationList:
+    """The certificates that a CA has revoked. What was asked once is not looked for again: a list may have 100,000."""
+
+    def __init__(self, path: Path) -> None:
+        """Read a file, DER or PEM; raises OSError or ValueError."""
+        data = path.read_bytes()
+        pem = data.lstrip().startswith(b"-----BEGIN")
+        self._list = x509.load_pem_x509_crl(data) if pem else x509.load_der_x509_crl(data)
+        self.issuer = self._list.issuer
+        self._signers: dict[bytes, bool] = {}
+        self._asked: dict[int, bool] = {}
+
+    def is_signed_by(self, authority: x509.Certificate) -> bool:
+        """Whether this CA has made the list."""
+        mark = authority.fingerprint(hashes.SHA256())
+        known = self._signers.get(mark)
+        if known is None:
+            key = authority.public_key()
+            known = isinstance(key, rsa.RSAPublicKey) and self._list.is_signature_valid(key)
+            known = self._signers[mark] = known and authority.subject == self.issuer
+        return known
+
+    def names(self, serial_number: int) -> bool:
+        """Whether a certificate of that CA is revoked."""
+        known = self._asked.get(serial_number)
+        if known is None:
+            if len(self._asked) >= _MOST_ASKED:
+                self._asked.clear()
+            known = self._list.get_revoked_certificate_by_serial_number(serial_number) is not None
+            self._asked[serial_number] = known
+        return known
+
+
 class TrustList:
     """Checks client certificates against the folders of one server."""
 
@@ -165,6 +199,8 @@ class TrustList:
         self._bridges = CertificateFolder(folder / CertificateState.BRIDGE)
         self._issuers = CertificateFolder(folder / CertificateState.ISSUER)
         self._revocations = folder / "crl"
+        self._lists: dict[Path, tuple[tuple[int, ...], RevocationList]] = {}
+        """Of each file, by what tells it from another one in its place."""
         rejected = folder / CertificateState.REJECTED
         self._rejected = RejectedCertificates(rejected)
         for path in (self._trusted.path, self._bridges.path, self._issuers.path, self._revocations, rejected):
@@ -260,37 +296,30 @@ class TrustList:
         for revocations in self._load_revocations():
             if revocations.issuer != certificate.issuer:
                 continue
-            if not any(_signed(revocations, authority) for authority in authorities):
+            if not any(revocations.is_signed_by(authority) for authority in authorities):
                 continue
-            if revocations.get_revoked_certificate_by_serial_number(certificate.serial_number) is not None:
+            if revocations.names(certificate.serial_number):
                 raise CertificateRefused(REVOKED, f"certificate {thumbprint(certificate)[:12]} is revoked")
 
-    def _load_revocations(self) -> list[x509.CertificateRevocationList]:
-        found: list[x509.CertificateRevocationList] = []
+    def _load_revocations(self) -> list[RevocationList]:
+        """The revocation lists that there are now; each is read again when its file is another than before."""
         if self._revocations.is_dir() and (problem := open_to_others(self._revocations)):
             raise CertificateRefused(INVALID, problem)
+        known, self._lists = self._lists, {}
         for path in sorted(self._revocations.iterdir()) if self._revocations.is_dir() else []:
             try:
-                data = path.read_bytes()
-                pem = data.lstrip().startswith(b"-----BEGIN")
-                found.append(x509.load_pem_x509_crl(data) if pem else x509.load_der_x509_crl(data))
+                status = path.stat()
+                mark = (status.st_mtime_ns, status.st_ctime_ns, status.st_size, status.st_ino)
+                before = known.get(path)
+                self._lists[path] = (mark, RevocationList(path)) if before is None or before[0] != mark else before
             except (OSError, ValueError) as error:
                 # A list that cannot be read must not let revoked certificates in.
                 raise CertificateRefused(INVALID, f"{path}: no readable revocation list ({error})") from error
-        return found
+        return [revocations for _, revocations in self._lists.values()]
 
 
 def _named(certificate: x509.Certificate) -> str:
     return f"certificate {thumbprint(certificate)[:12]} of {certificate.subject.rfc4514_string()[:100]!r}"
-
-
-def _signed(revocations: x509.CertificateRevocationList, authority: x509.Certificate) -> bool:
-    key = authority.public_key()
-    return (
-        authority.subject == revocations.issuer
-        and isinstance(key, rsa.RSAPublicKey)
-        and revocations.is_signature_valid(key)
-    )
 
 
 def _check_use(certificate: x509.Certificate) -> None:

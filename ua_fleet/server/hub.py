@@ -406,7 +406,7 @@ class Hub:
 
     def _handle_one(self, event: SubscriberEvent, now: float, wall: int) -> None:
         if isinstance(event, SourceUnknown | ProbeDue):
-            if event.datagram:
+            if event.datagram is not None:
                 self._send(event.datagram)
             if isinstance(event, SourceUnknown):
                 self._take(self.state.apply(event, wall), now)

@@ -16,6 +16,7 @@ ASYNCUA_VERSION: Final = "2.1.0"
 
 _USED: Final[Mapping[str, tuple[str, ...]]] = {
     "asyncua.common.connection": (
+        "MessageChunk.message_to_chunks(security_policy, body, max_chunk_size, message_type)",
         "SecureConnection._check_incoming_chunk(chunk)",
         "SecureConnection._drop_incoming_parts()",
         "SecureConnection._receive(msg)",

@@ -10,11 +10,11 @@ how long, and how much a client may send.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any, Final
 
 from asyncua import ua
-from asyncua.common.connection import SecureConnection, TransportLimits
+from asyncua.common.connection import MessageChunk, SecureConnection, TransportLimits
 from asyncua.common.utils import Buffer
 from asyncua.crypto.security_policies import SecurityPolicyFactory, SecurityPolicyNone
 from asyncua.server.internal_server import InternalServer
@@ -107,6 +107,23 @@ class _SecureConnection(SecureConnection):
             self._look(uri, chain)
         self.chain = chain
         self.security_policy = matching.create(_der(chain[0]))
+
+    def chunks(self, data: bytes, request_id: int) -> Iterator[bytes]:
+        """The chunks of a response, each made when it is asked for: encrypting takes most of the time."""
+        made: list[Any] = MessageChunk.message_to_chunks(
+            self.security_policy,
+            data,
+            self._limits.max_send_buffer,
+            message_type=_MESSAGE,
+            channel_id=self.security_token.ChannelId,
+            request_id=request_id,
+            token_id=self.security_token.TokenId,
+        )
+        for chunk in made:
+            self._sequence_number = self._sequence_number % 0xFFFF_FFFF + 1
+            chunk.SequenceHeader.SequenceNumber = self._sequence_number
+            encoded: bytes = chunk.to_binary()
+            yield encoded
 
     @property
     def pending(self) -> int:
@@ -346,6 +363,10 @@ class Channel:
     def respond(self, data: bytes, request_id: int) -> None:
         """Put an encoded response out."""
         self._send(data, request_id, _MESSAGE)
+
+    def chunks(self, data: bytes, request_id: int) -> Iterator[bytes]:
+        """An encoded response as chunks. Nothing else may be sent between the first one and the last (OPC 10000-6)."""
+        return self._secure.chunks(data, request_id)
 
     def _send(self, data: bytes, request_id: int, message_type: Any) -> None:
         self.output.append(self._secure.message_to_binary(data, message_type=message_type, request_id=request_id))

@@ -9,6 +9,7 @@ all others get Bad_ServiceUnsupported.
 
 from __future__ import annotations
 
+import asyncio
 import contextlib
 import time
 from collections.abc import Awaitable, Callable, Generator
@@ -43,7 +44,7 @@ from ua_fleet.server.endpoint.sessions import Session, Sessions
 from ua_fleet.server.endpoint.stack import DECODE_ERRORS, ObjectIds, Refusal, StatusCodes, name_of, status, status_of
 from ua_fleet.server.endpoint.subscription_services import SubscriptionServices
 from ua_fleet.server.endpoint.subscriptions import Subscriptions
-from ua_fleet.server.endpoint.turns import Turns
+from ua_fleet.server.endpoint.turns import LARGE_BYTES, TURN_S, Turns
 from ua_fleet.server.endpoint.views import ViewServices
 from ua_fleet.server.trust import CertificateRefused
 
@@ -145,6 +146,8 @@ class Processor:
         self._early_requests = 0
         self._owed_s = 0.0
         """Computing time of this connection since it has no user."""
+        self._behind: list[tuple[bytes, int]] | None = None
+        """Responses that wait behind the chunks of a large one, while there is one."""
         self._turns: Turns | None = None
         """Of the request that is worked on."""
         self._deadline = connection.opened_at + context.limits.handshake_s
@@ -322,7 +325,27 @@ class Processor:
             self._fault(name, handle, request_id, code, str(error))
             return
         if response is not None:
-            self.respond(response, handle, request_id)
+            await self._send(self._encoded(response, handle), request_id)
+
+    async def _send(self, data: bytes, request_id: int) -> None:
+        """Send a response; others get their turn between the chunks of a large one."""
+        if len(data) <= LARGE_BYTES:
+            self._put(data, request_id)
+            return
+        self._behind = []
+        try:
+            began = time.monotonic()
+            for chunk in self._channel.chunks(data, request_id):
+                self._connection.send(chunk)
+                if time.monotonic() - began > TURN_S:
+                    await asyncio.sleep(0)
+                    began = time.monotonic()
+                if self._connection.over:
+                    break
+        finally:
+            behind, self._behind = self._behind, None
+        for waiting in behind:
+            self._put(*waiting)
 
     def _fault(self, name: str, handle: int, request_id: int, code: int, reason: str) -> None:
         self._context.statistics.requests_refused += 1
@@ -332,9 +355,21 @@ class Processor:
         self.respond(fault, handle, request_id)
 
     def respond(self, response: Any, handle: int, request_id: int) -> None:
-        """Send a response; one that cannot be encoded, or is too long for the client, becomes a fault."""
+        """Send a response, once the large one is out that is being sent."""
+        data = self._encoded(response, handle)
+        if self._behind is not None:
+            self._behind.append((data, request_id))
+        else:
+            self._put(data, request_id)
+
+    def _put(self, data: bytes, request_id: int) -> None:
+        self._channel.respond(data, request_id)
+        self._flush()
+
+    def _encoded(self, response: Any, handle: int) -> bytes:
+        """The bytes of a response; one that cannot be encoded, or is too long for the client, becomes a fault."""
         try:
-            data = self._channel.encode(response, handle)
+            return self._channel.encode(response, handle)
         except DECODE_ERRORS as error:
             fault = ua.ServiceFault()
             long = isinstance(error, OverflowError)
@@ -342,9 +377,7 @@ class Processor:
             fault.ResponseHeader.ServiceResult = status(code)
             if not long:
                 _log.error("response cannot be encoded", response=type(response).__name__, reason=str(error)[:200])
-            data = self._channel.encode(fault, handle)
-        self._channel.respond(data, request_id)
-        self._flush()
+            return self._channel.encode(fault, handle)
 
     async def _dispatch(self, head: RequestHead, body: Buffer, request_id: int) -> Any:
         """The response to a request, or None when it is answered later; raises errors with a StatusCode."""

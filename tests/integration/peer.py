@@ -68,7 +68,8 @@ class Peer:
     def _take(self, events: list[SubscriberEvent]) -> None:
         for event in events:
             if isinstance(event, SourceUnknown):
-                self._send([event.datagram])
+                if event.datagram is not None:
+                    self._send([event.datagram])
             elif isinstance(event, ProbeReceived):
                 self._send(self._publisher.answer(event.probe, self._now()))
         self.events += events

@@ -284,7 +284,7 @@ class BridgeCore:
             if self.stale is not None:
                 self.stale(event.topic, not isinstance(event, SourceReturned) or event.topic in self._bad)
         elif isinstance(event, SourceUnknown | ProbeDue):
-            if event.datagram:
+            if event.datagram is not None:
                 self._send(event.datagram)
         elif isinstance(event, ProbeReceived):
             for datagram in self._publisher.answer(event.probe, now):

@@ -135,7 +135,7 @@ class Listener:
     def _show(self, events: list[SubscriberEvent], opened: Opened | None) -> None:
         for event in events:
             if isinstance(event, SourceUnknown):
-                if event.datagram and self._transport is not None:
+                if event.datagram is not None and self._transport is not None:
                     self._transport.send(event.datagram)
                 continue
             shown = _described(event)

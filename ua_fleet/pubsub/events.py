@@ -45,8 +45,8 @@ class SourceUnknown(NamedTuple):
     """Something was heard of a source whose metadata is not known, also after the delays that probes must keep."""
 
     topic: Topic
-    datagram: bytes
-    """The probe to send now; empty where the probe of a SourceUnknown beside this one asks for this source too."""
+    datagram: bytes | None
+    """The probe to send now; None where the probe of a SourceUnknown beside this one asks for this source too."""
 
 
 class SourceSilent(NamedTuple):

@@ -601,10 +601,11 @@ class Subscriber:
             for start in range(0, len(writers), IDS_IN_PROBE):
                 part = writers[start : start + IDS_IN_PROBE]
                 ids = tuple(sorted({writer.key[1] for writer in part}))
+                datagram: bytes | None
                 datagram = encode_probe(Probe(publisher_id, kind, ProbeKind.DATA_SET_META_DATA.value, ids))
                 for writer in part:
                     events.append(SourceUnknown(writer.topic, datagram))
-                    datagram = b""
+                    datagram = None
 
     def _count_malformed(self, error: RemoteWireError) -> None:
         self._counters.drop_malformed(error.cause)

@@ -289,7 +289,7 @@ class VirtualServer:
             elif isinstance(event, ActionReceived):
                 self._commands.receive(event, now)
             elif isinstance(event, SourceUnknown | ProbeDue):
-                if event.datagram:
+                if event.datagram is not None:
                     self._send(event.datagram)
             elif isinstance(event, ProbeReceived):
                 self._send_all(self._publisher.answer(event.probe, now))

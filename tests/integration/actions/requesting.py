@@ -131,7 +131,7 @@ class Requesting:
                 if isinstance(event.announcement, ActionMetaDataAnnouncement):
                     self.commands.announced(event.announcement)
             elif isinstance(event, ProbeDue | SourceUnknown):
-                if event.datagram:
+                if event.datagram is not None:
                     self.send(event.datagram)
             elif isinstance(event, DataReceived):
                 self.status[event.topic] = event.message

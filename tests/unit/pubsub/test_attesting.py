@@ -190,7 +190,7 @@ def test_a_value_that_was_lost_on_its_way_is_asked_for_at_the_next_keep_alive() 
         for _, datagrams in writing.run_until(now):
             got += reading.receive(datagrams, now)
         for event in reading.subscriber.poll(now):
-            if isinstance(event, SourceUnknown):
+            if isinstance(event, SourceUnknown) and event.datagram is not None:
                 probe = CODEC.decode(event.datagram)
                 assert isinstance(probe, Probe)
                 got += reading.receive(writing.publisher.answer(probe, now), now)

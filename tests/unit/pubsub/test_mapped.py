@@ -138,6 +138,7 @@ def test_a_publisher_that_announces_what_it_sends_needs_no_fields() -> None:
     assert subscriber.receive(CODEC.encode(message), 0.0) == []
     [unknown] = subscriber.poll(0.6)
     assert isinstance(unknown, SourceUnknown)
+    assert unknown.datagram is not None
     probe = CODEC.decode(unknown.datagram)
     assert probe == Probe("oven", PublisherIdType.STRING, ProbeKind.DATA_SET_META_DATA, (9,))
     fleet = Fleet()

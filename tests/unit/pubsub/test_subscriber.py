@@ -225,6 +225,7 @@ def test_wrong_metadata_of_the_right_version_is_probed_for() -> None:
     assert reading.counters.drops == {Drop.LAYOUT: 1}
     [(time, unknown)] = reading.run_until(100.6)
     assert isinstance(unknown, SourceUnknown)
+    assert unknown.datagram is not None
     probe = CODEC.decode(unknown.datagram)
     assert isinstance(probe, Probe)
     events = reading.receive(writing.publisher.answer(probe, time), time)
@@ -276,6 +277,7 @@ def test_data_before_its_metadata_is_probed_for_and_not_lost() -> None:
     assert reading.counters.drops == {Drop.NO_METADATA: 1}
     [(time, unknown)] = reading.run_until(100.6)
     assert isinstance(unknown, SourceUnknown)
+    assert unknown.datagram is not None
     assert 100.1 <= time <= 100.5
     probe = CODEC.decode(unknown.datagram)
     assert probe == Probe(1, PublisherIdType.UINT16, ProbeKind.DATA_SET_META_DATA, (1001,))

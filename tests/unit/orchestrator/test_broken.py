@@ -23,7 +23,7 @@ from ua_fleet.orchestrator import (
 )
 from ua_fleet.orchestrator.knowledge import Knowledge
 from ua_fleet.resilience import Criterion, CriterionKind, Mode
-from ua_fleet.scenario import FleetView, RobotView, Value, scenario_of
+from ua_fleet.scenario import FleetView, Lookup, RobotView, Run, Value, scenario_of
 from ua_fleet.scenario.effects import Effect
 from ua_fleet.scenario.facts import (
     Fact,
@@ -267,3 +267,19 @@ def test_what_cannot_be_looked_at_must_not_begin_after_a_restart(monkeypatch: py
     monkeypatch.setattr(Knowledge, "needs", broken)
     assert orchestrator.must_not_begin() == [orchestrator.runs["a"].state.tasks["0"].execution_id]
     assert caught == ["runs: ned"]
+
+
+def test_a_run_that_ends_in_the_breath_of_a_mistake_is_told_to_have_ended(monkeypatch: pytest.MonkeyPatch) -> None:
+    orchestrator = BrokenRankings()
+    orchestrator.start("a", scenario_of(f"{HEAD}  - {{wait: 5}}\n"), {}, by="anna", now=0.0)
+    poll = orchestrator.runs["a"].poll
+
+    def broken(_run: Run, lookup: Lookup, now: float) -> list[Effect]:
+        poll(lookup, now)
+        raise Broken("late")
+
+    monkeypatch.setattr(Run, "poll", broken)
+    outputs = orchestrator.poll(6.0)
+    assert (mistakes(outputs), ended(outputs)["a"].outcome) == ([("a", "late")], RunOutcome.DONE)
+    assert [type(fact) for _, fact in orchestrator.journal].count(RunEnded) == 1
+    assert orchestrator.runs == {}

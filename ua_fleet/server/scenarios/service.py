@@ -2,15 +2,14 @@
 
     values, SkillStatus, outcomes, time, people -> orchestrator -> facts -> journal -> requests to robots; nodes, events
 
-What follows from one input is written down as one, before any of it is carried out or shown. Where that fails it is
-tried again until it is written: nothing is carried out meanwhile, and nothing is lost. Everything here runs in the
-server's event loop; the hub calls `poll` when `next_deadline` has come.
+What follows is written down before it is carried out or shown (`carrying`). Everything here runs in the server's event
+loop; the hub calls `poll` when `next_deadline` has come.
 """
 
 from __future__ import annotations
 
 import secrets
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Final
@@ -28,7 +27,6 @@ from ua_fleet.orchestrator import (
     FaultChanged,
     FaultFound,
     Forecast,
-    HaltChanged,
     OperatorAsked,
     Orchestrator,
     Output,
@@ -45,6 +43,7 @@ from ua_fleet.resilience import Confirmation
 from ua_fleet.scenario import Scenario, Value
 from ua_fleet.scenario.consequences import NOT_HALTED, SILENT
 from ua_fleet.scenario.facts import Fact, RunEnded, TaskOutcome
+from ua_fleet.server.scenarios.carrying import OutputCarrier
 from ua_fleet.server.scenarios.finding import FaultFinder
 from ua_fleet.server.scenarios.kept_settings import KeptSettings
 from ua_fleet.server.scenarios.library import Checked, Library, Listed, ScenarioUnknown, parameters_of, read_values
@@ -59,8 +58,6 @@ from ua_fleet.values import BuiltinType, NodeId, Quality, quality_of
 
 __all__ = ["ScenarioService", "TooManyRuns"]
 
-RETRY_S: Final = 1.0
-"""After a journal that could not be written it is tried again after so long."""
 COALESCE_S: Final = 0.1
 """Numbers are looked at so often at most; a Boolean at once."""
 MOST_NAME: Final = 200
@@ -123,17 +120,16 @@ class ScenarioService:
         self.fleet = fleet_view(model.robots, self._values.meanings, capacities)
         self.library = Library(folder)
         self._finder = FaultFinder(model, config.resilience.rules(), self._named_first)
-        self._unwritten: list[tuple[str, Fact]] = []
-        self._held: list[Output] = []
-        """Outputs that are carried out once their facts are written."""
-        self._changed_faults: dict[str, Fault] = {}
-        self._changed_halts: dict[str, HaltChanged] = {}
         self._settings = KeptSettings(config.resilience.settings(), journal)
+        self._carrier = OutputCarrier(
+            journal, self._carry_out, self._not_asked, mistakes=self._mistakes, clock=clock, sooner=sooner
+        )
+        self._do = self._carrier.do
         self._orchestrator = Orchestrator(
             self._settings.current,
             self.fleet,
             self._values.look_up,
-            lambda run_id, fact: self._unwritten.append((run_id, fact)),
+            self._carrier.note,
         )
         self._orchestrator.tell_mistakes(self._mistakes.caught)
         self._tasks = TaskRequests(
@@ -153,12 +149,13 @@ class ScenarioService:
         self._heard_by: float | None = None
         """When robots that were not heard since the start are silent."""
         self._dirty_at: float | None = None
-        self._retry_at: float | None = None
-        self._is_carrying_out = False
-        self.problem = ""
-        """Why runs stand still; empty while they go on."""
 
     # What is there.
+
+    @property
+    def problem(self) -> str:
+        """Why runs stand still; empty while they go on."""
+        return self._carrier.problem
 
     @property
     def settings(self) -> ResilienceSettings:
@@ -218,7 +215,7 @@ class ScenarioService:
         outputs += self._orchestrator.restore_all(stored, now, halts)
         if stored:
             _log.info("runs go on", runs=len(stored))
-        self._held += outputs
+        self._carrier.hold(outputs)
         return records
 
     def must_not_begin(self) -> list[bytes]:
@@ -263,11 +260,12 @@ class ScenarioService:
         stamp = datetime.fromtimestamp(now, UTC).strftime("%Y%m%d-%H%M%S")
         run_id = f"{stamp}-{secrets.token_hex(3)}"  # never used twice: execution ids follow from it
         outputs = self._orchestrator.start(run_id, scenario, parameters_of(scenario, names, values), by=by, now=now)
-        created = next(fact for owner, fact in self._unwritten if owner == run_id)
+        created = self._carrier.first_unwritten(run_id)
+        assert created is not None, "a run begins with a fact"
         try:
             self._do([RunChanged(run_id, created), *outputs], must_be_written=True)
         except StorageUnavailable:
-            if (run_id, created) in self._unwritten:
+            if self._carrier.first_unwritten(run_id) is created:
                 self._take_back(run_id, now)
                 raise
         _log.info("run started", run_id=run_id, scenario=scenario.name, by=by)
@@ -276,8 +274,7 @@ class ScenarioService:
     def _take_back(self, run_id: str, now: float) -> None:
         """A run of which nothing is written down and nothing was carried out."""
         outputs = self._orchestrator.take_back(run_id, now)
-        self._unwritten = [(owner, fact) for owner, fact in self._unwritten if owner != run_id]
-        self._held = [output for output in self._held if getattr(output, "run_id", "") != run_id]
+        self._carrier.drop(run_id)
         self._do([output for output in outputs if getattr(output, "run_id", "") != run_id])
 
     def rehearse(
@@ -499,9 +496,7 @@ class ScenarioService:
     def poll(self) -> None:
         """Do what is due."""
         now = self._clock()
-        if self._retry_at is not None and now >= self._retry_at:
-            self._retry_at = None
-            self._do([])
+        self._carrier.poll(now)
         if self._heard_by is not None and now >= self._heard_by:
             self._heard_by = None
             self._news += self._finder.not_heard()
@@ -510,13 +505,13 @@ class ScenarioService:
         if (self._dirty_at is not None and now >= self._dirty_at) or (due is not None and self._wall_s() >= due):
             self._dirty_at = None
             self._do(self._orchestrator.poll(self._wall_s()))
-        self._tasks.poll(may_begin=not self._held)
+        self._tasks.poll(may_begin=not self._carrier.is_behind)
 
     def next_deadline(self) -> float | None:
         """When `poll` is to be called next, by the monotonic clock, or None."""
         due = self._orchestrator.next_deadline()
-        deadlines = [self._retry_at, self._heard_by, self._news_at, self._dirty_at]
-        deadlines.append(self._tasks.next_deadline(may_begin=not self._held))
+        deadlines = [self._carrier.retry_at, self._heard_by, self._news_at, self._dirty_at]
+        deadlines.append(self._tasks.next_deadline(may_begin=not self._carrier.is_behind))
         if due is not None:
             deadlines.append(self._clock() + max(0.0, due - self._wall_s()))
         return min((deadline for deadline in deadlines if deadline is not None), default=None)
@@ -532,56 +527,9 @@ class ScenarioService:
 
     # Carrying out.
 
-    def _do(self, outputs: Iterable[Output], *, must_be_written: bool = False) -> None:
-        """Write down what has happened, then carry it out, and what follows from that."""
-        self._held += outputs
-        if self._is_carrying_out:
-            return  # whoever carries out takes this as well
-        self._is_carrying_out = True
-        try:
-            while self._held or self._unwritten:
-                self._write()
-                output = self._held.pop(0) if self._held else None
-                if output is not None:
-                    try:
-                        self._carry_out(output)
-                    except StorageUnavailable:
-                        raise
-                    except Exception as error:  # noqa: BLE001 - the outputs behind it are other runs' too
-                        self._mistakes.caught("outputs of runs", error, what=type(output).__name__)
-                        if isinstance(output, TaskStarted):
-                            self._tasks.failed(output.execution_id, error)
-        except StorageUnavailable as error:
-            if self._retry_at is None:
-                _log.error("runs cannot be written down, and stand still", reason=str(error))
-            self.problem = f"runs cannot be written down, and stand still: {error}"
-            self._retry_at = self._clock() + RETRY_S
-            if must_be_written:
-                raise
-        finally:
-            self._is_carrying_out = False
-        self._sooner()
-
-    def _write(self) -> None:
-        for output in self._held:
-            if isinstance(output, FaultChanged):
-                self._changed_faults[output.fault.id] = output.fault
-            elif isinstance(output, HaltChanged):
-                self._changed_halts[output.halt.execution_id] = output
-        if not (self._unwritten or self._changed_faults or self._changed_halts):
-            return
-        self._journal.write(self._unwritten, self._changed_faults.values(), self._changed_halts.values())
-        if self.problem:
-            self.problem = ""
-            _log.info("runs are written down again, and go on")
-        self._unwritten.clear()
-        self._changed_faults.clear()
-        self._changed_halts.clear()
-
-    def _carry_out(self, output: Output) -> None:
+    def _carry_out(self, output: Output, taken_back: Collection[str]) -> None:
         if isinstance(output, TaskStarted):
-            ids = [later.execution_id for later in self._held if isinstance(later, TaskCancelled)]
-            self._tasks.begin(output, is_taken_back=output.execution_id in ids)
+            self._tasks.begin(output, is_taken_back=output.execution_id in taken_back)
         elif isinstance(output, TaskCancelled):
             self._tasks.cancel(output)
         elif isinstance(output, OperatorAsked | TaskFollowed):
@@ -594,6 +542,9 @@ class ScenarioService:
         if isinstance(output, RunChanged) and isinstance(output.fact, RunEnded):
             for run_id in self._journal.prune(self._config.scenarios.kept_runs):
                 self._forgotten(run_id)
+
+    def _not_asked(self, execution_id: str, error: Exception) -> None:
+        self._tasks.failed(execution_id, error)
 
     # Within.
 

@@ -84,6 +84,16 @@ def _dbus() -> str | None:
     return None if shutil.which("dbus-daemon") else "dbus-daemon is not installed (Debian package dbus-daemon)"
 
 
+def o6_python() -> str:
+    """A Python that has o6 (PyPI): its licence keeps it out of our own environments."""
+    return os.environ.get("UA_FLEET_O6_PYTHON", sys.executable)
+
+
+def _o6() -> str | None:
+    found = subprocess.run([o6_python(), "-c", "import o6"], capture_output=True, check=False).returncode == 0
+    return None if found else "no o6: pip install o6 into an environment, its Python as UA_FLEET_O6_PYTHON"
+
+
 PARTS: dict[str, Callable[[], str | None]] = {
     "ros1": _ros1,
     "ros2": _ros2,
@@ -94,6 +104,7 @@ PARTS: dict[str, Callable[[], str | None]] = {
     "ur": _ur,
     "umockdev": _umockdev,
     "dbus": _dbus,
+    "o6": _o6,
     "netns": _netns,
 }
 

@@ -85,9 +85,10 @@ class Fleet:
 @given(
     late_s=st.tuples(*[st.integers(0, 3)] * 3),
     gone_at=st.integers(0, LIFETIME - 1),
-    away=st.integers(0, SETTINGS.max_future_keys * LIFETIME - LIFETIME // 2 - 3),
+    away=st.integers(0, SETTINGS.max_future_keys * LIFETIME - LIFETIME // 2 - 3 - RETRY),  # until the last has asked
     delays=st.tuples(*[st.integers(0, RETRY)] * 3),
 )
+@example(late_s=(0, 0, 1), gone_at=20, away=3 * LIFETIME + LIFETIME // 2 - 3 - RETRY, delays=(0, RETRY, RETRY))
 def test_nothing_is_lost_while_keys_last_that_everybody_has(
     late_s: tuple[int, int, int], gone_at: int, away: int, delays: tuple[int, int, int]
 ) -> None:

@@ -47,7 +47,7 @@ class SkilledRos1Driver(SkilledDriver, Ros1Driver):
             inlet.put,
         )
         skills.opened(graph)
-        thread.start(skills.turn)
+        thread.start(skills.turn, lambda: skills.is_busy)
         return [
             (listened.name, SkillFeed(listened, thread.call, inlet.put))
             for port in skills

@@ -14,7 +14,9 @@ import structlog
 __all__ = ["SkillThread"]
 
 TURN_S: Final = 0.1
-"""So often it is looked for what is due."""
+"""So often it is looked for what is due ..."""
+QUIET_TURN_S: Final = 0.5
+"""... and so often while no skill is under way."""
 
 _log = structlog.get_logger("ua_bridges.ros1")
 
@@ -28,10 +30,16 @@ class SkillThread:
         self._steps: queue.SimpleQueue[Step | None] = queue.SimpleQueue()
         self._thread = threading.Thread(target=self._run, name="ros1-skills", daemon=True)
         self._turn: Callable[[float], None]
+        self._is_busy: Callable[[], bool]
 
-    def start(self, turn: Callable[[float], None]) -> None:
-        """Begin to work; what was called before is done now."""
-        self._turn = turn
+    def start(self, turn: Callable[[float], None], is_busy: Callable[[], bool]) -> None:
+        """Begin to work; what was called before is done now.
+
+        Args:
+            turn: does what is due at a time.
+            is_busy: whether more may be due soon.
+        """
+        self._turn, self._is_busy = turn, is_busy
         self._thread.start()
 
     def call(self, step: Step) -> None:
@@ -49,8 +57,8 @@ class SkillThread:
         while True:
             now = time.monotonic()
             if now >= turn_at:
-                turn_at = now + TURN_S
                 self._do(partial(self._turn, now))
+                turn_at = now + (TURN_S if self._is_busy() else QUIET_TURN_S)
             try:
                 step = self._steps.get(timeout=max(turn_at - time.monotonic(), 0.0))
             except queue.Empty:
@@ -58,6 +66,7 @@ class SkillThread:
             if step is None:
                 return
             self._do(step)
+            turn_at = min(turn_at, time.monotonic() + TURN_S)
 
     @staticmethod
     def _do(step: Step) -> None:

@@ -17,13 +17,35 @@ __all__ = ["Catalog"]
 _VERSIONS: Final = 4
 """Versions of one DataSetWriter that are remembered: messages of the one before may still be on their way."""
 
+_METADATA_BYTES: Final = 500
+_FIELD_BYTES: Final = 300
+_ELEMENT_BYTES: Final = 50
+_BYTES_FOR_ONE: Final = 1_000
+"""Memory for each DataSetWriter that there may be: metadata of one field takes about so much."""
+
 _Key = tuple[PublisherKey, int]
 
 
+def _size(metadata: DataSetMetaData) -> int:
+    """About the memory that metadata takes, in bytes."""
+    return _METADATA_BYTES + sum(
+        _FIELD_BYTES + len(field.name) + sum(_property_size(value) for _, _, value in field.properties)
+        for field in metadata.fields
+    )
+
+
+def _property_size(value: object) -> int:
+    if isinstance(value, str | bytes):
+        return _FIELD_BYTES + len(value)
+    return _FIELD_BYTES + (_ELEMENT_BYTES * len(value) if isinstance(value, tuple | list) else 0)  # pyright: ignore[reportUnknownArgumentType]
+
+
 class _Entry:
-    __slots__ = ("versions", "writers")
+    __slots__ = ("size", "versions", "writers")
 
     def __init__(self) -> None:
+        self.size = 0
+        """Memory of its versions."""
         self.versions: dict[ConfigurationVersion, DataSetMetaData] = {}
         """The newest announced last."""
         self.writers: list[RemoteWriter] = []
@@ -37,11 +59,14 @@ class Catalog:
         self._entries: dict[_Key, _Entry] = {}
         self._orphans: dict[_Key, None] = {}
         self._max_orphans = max_orphans
+        self._orphan_bytes, self._most_orphan_bytes = 0, max_orphans * _BYTES_FOR_ONE
 
     def add_writer(self, writer: RemoteWriter) -> None:
         """Know a writer that was heard."""
-        self._orphans.pop(writer.key, None)
-        self._entries.setdefault(writer.key, _Entry()).writers.append(writer)
+        entry = self._entries.setdefault(writer.key, _Entry())
+        if self._orphans.pop(writer.key, False) is None:
+            self._orphan_bytes -= entry.size
+        entry.writers.append(writer)
 
     def remove_writer(self, writer: RemoteWriter) -> None:
         """Forget a writer, and what was announced for it."""
@@ -60,20 +85,31 @@ class Catalog:
         entry = self._entries.get(key)
         if entry is None:
             if len(self._orphans) >= self._max_orphans:
-                oldest = next(iter(self._orphans))
-                del self._orphans[oldest], self._entries[oldest]
+                self._forget_oldest()
             entry = self._entries[key] = _Entry()
             self._orphans[key] = None
         versions = entry.versions
         version = metadata.configuration_version
         if versions.get(version) == metadata:
             return
+        before = entry.size
         versions.pop(version, None)
         versions[version] = metadata
         if len(versions) > _VERSIONS:
             del versions[next(iter(versions))]
+        entry.size = sum(map(_size, versions.values()))
+        if not entry.writers:
+            self._orphan_bytes += entry.size - before
+            while self._orphan_bytes > self._most_orphan_bytes:
+                self._forget_oldest()
         for writer in entry.writers:
             writer.major = UNBOUND
+
+    def _forget_oldest(self) -> None:
+        """Forget what was announced first of what no writer was heard for. Who sends it is asked for it again."""
+        oldest = next(iter(self._orphans))
+        del self._orphans[oldest]
+        self._orphan_bytes -= self._entries.pop(oldest).size
 
     def find(self, key: _Key, message: DataSetMessage) -> DataSetMetaData | None:
         """The newest metadata that fits the version in a message's header, as far as that has one."""

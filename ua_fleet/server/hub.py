@@ -12,7 +12,7 @@ import time
 from collections.abc import Collection, Iterable
 from functools import partial
 from pathlib import Path
-from typing import Protocol
+from typing import Final, Protocol
 
 import structlog
 
@@ -76,12 +76,20 @@ BURST = 20
 """DataSets that are announced at once at the start, so that receivers' buffers hold them."""
 BURST_PAUSE_S = 0.005
 
+LEAST_WRITERS: Final = 50_000
+"""DataSetWriters that a server can know at least; a fleet with many sources knows twice as many as there may be."""
+
 _log = structlog.get_logger("ua_fleet.server")
 
 
 def wall_ticks() -> int:
     """The time of the wall clock."""
     return ticks_from_unix_ns(time.time_ns())
+
+
+def _sources(model: FleetModel) -> int:
+    """Data sources that are configured."""
+    return len(model.bridges) + sum(1 for robot in model.robots for _ in robot.all_data_sets())
 
 
 class Announced(Protocol):
@@ -161,6 +169,7 @@ class Hub:
             codec,
             rule,
             envelope=self.envelope,
+            max_writers=max(LEAST_WRITERS, 2 * (_sources(model) + config.server.max_discovered_sources)),
             max_ages=max_ages_of(config),
             mapped=mapped_sources(config),
         )

@@ -37,6 +37,8 @@ __all__ = ["UdpTransport"]
 _LARGEST_DATAGRAM: Final = 65_536
 _BATCH: Final = 64
 """Datagrams that are read at each wake-up at most, so that the event loop gets on."""
+_BATCH_BYTES: Final = 256 * 1024
+"""Bytes of them: a description of 300 fields takes 40 KB, and some milliseconds to read."""
 _CHECK_PERIOD_S: Final = 1.0
 _WARNING_PERIOD_S: Final = 60.0
 _SEND_BUFFER_BYTES: Final = 1024 * 1024
@@ -268,16 +270,20 @@ class UdpTransport:
         assert receive is not None
         recvfrom = receiver.recvfrom
         values: list[tuple[bytes, Address]] = []
+        left = _BATCH_BYTES
         for _ in range(_BATCH):
             try:
                 datagram, sender = recvfrom(_LARGEST_DATAGRAM)
             except OSError:  # no more, or closed by `receive`; a broken interface is seen by the check
                 break
             stats.received += 1
+            left -= len(datagram)
             if is_action(datagram):
                 receive(datagram, sender)
             else:
                 values.append((datagram, sender))
+            if left <= 0:
+                break
         for datagram, sender in values:
             receive(datagram, sender)
 

@@ -1,6 +1,7 @@
 """Whatever becomes known in whatever order, and however often the server is started anew: no execution reaches a robot
 with a fault that keeps it from that task; nobody begins a task that another may still be at unless somebody consents;
-no robot is asked for something while it may be at something else; and no run goes on for ever without a robot at work.
+no robot is asked for something while it may be at something else; no robot is silent for what it says it is at; no run
+meets a mistake of ours, or goes on for ever without a robot at work.
 """
 
 from __future__ import annotations
@@ -25,6 +26,7 @@ from ua_fleet.orchestrator import (
     Orchestrator,
     Output,
     ResilienceSettings,
+    RunBroken,
     TaskCancelled,
     TasksAhead,
     TaskStarted,
@@ -32,7 +34,7 @@ from ua_fleet.orchestrator import (
 from ua_fleet.resilience import Criterion, CriterionKind, Mode, OnLimit, RankingChanged, ReplacementChosen
 from ua_fleet.scenario import FleetView, RobotView, Scenario, Value, ValueUnknown, scenario_of
 from ua_fleet.scenario.consequences import NOT_HALTED
-from ua_fleet.scenario.facts import Fact, RunEnded, TaskOutcome, decode_fact, encode_fact
+from ua_fleet.scenario.facts import Fact, RunEnded, TaskOutcome, TaskOver, decode_fact, encode_fact
 
 ROBOTS = ("r1", "r2", "r3")
 SOURCES = ("announced", "robot", "battery_low", "silent")
@@ -81,6 +83,10 @@ class Fleet(RuleBasedStateMachine):
         self.consented: set[tuple[str, str]] = set()
         self.unknown: dict[str, DecisionChanged] = {}
         self.questions: set[str] = set()
+        self.unsure: set[str] = set()
+        """Executions of which their bridges cannot tell."""
+        self.said: dict[str, frozenset[str]] = {}
+        """What robots say they are at, whose SkillStatus is heard, though their values may be lost."""
         self.make = self._orchestrator()
 
     def _orchestrator(self) -> Orchestrator:
@@ -90,6 +96,9 @@ class Fleet(RuleBasedStateMachine):
         raise ValueUnknown(f"{name} is not known")
 
     def _write(self, run_id: str, fact: Fact) -> None:
+        if isinstance(fact, TaskOver) and ("nothing is heard" in fact.message or "is silent" in fact.message):
+            over = self.make.runs[run_id].state.tasks[fact.step]
+            assert over.execution_id not in self.said.get(over.robot, ()), "it says that it is at it"
         self.journal.setdefault(run_id, []).append(encode_fact(fact))
 
     # What is carried out.
@@ -110,6 +119,8 @@ class Fleet(RuleBasedStateMachine):
                 self.questions.add(f"{output.run_id}.{output.step}")
             elif isinstance(output, DecisionChanged):
                 self._decided(output)
+            elif isinstance(output, RunBroken):
+                raise output.error
 
     def _decided(self, changed: DecisionChanged) -> None:
         decision_id = changed.event.decision_id
@@ -204,6 +215,31 @@ class Fleet(RuleBasedStateMachine):
         request.state = "at work"
         self._take(self.make.accepted(execution_id, self.now))
 
+    def _say(self, robot: str) -> None:
+        at_work = [key for key, one in self._in("at work") if one.robot == robot and key not in self.unsure]
+        self.said[robot] = frozenset(at_work)
+        self._take(self.make.followed(robot, self.said[robot], self.now))
+
+    @rule(robot=robots)
+    def say_what_it_is_at(self, robot: str) -> None:
+        self._say(robot)
+
+    @rule(data=st.data())
+    def lose_the_values_of_a_robot_at_work(self, data: st.DataObject) -> None:
+        at_work = self._in("at work")
+        if at_work:
+            _, request = data.draw(st.sampled_from(at_work))
+            self._say(request.robot)
+            self._take(self.make.told([FaultFound(request.robot, "silent", True, "its values are lost")], self.now))
+
+    @rule(robot=robots)
+    def lose_what_it_says(self, robot: str) -> None:
+        self.said.pop(robot, None)
+        self._take(self.make.followed(robot, frozenset(), self.now))
+
+    def _is_heard(self, robot: str) -> bool:
+        return robot in self.said or not self.make.is_silent(robot)
+
     @rule(data=st.data())
     def answer_for_what_was_withdrawn(self, data: st.DataObject) -> None:
         waiting = self._in("withdrawn")
@@ -224,10 +260,14 @@ class Fleet(RuleBasedStateMachine):
         if not waiting:
             return
         execution_id, request = data.draw(st.sampled_from(waiting))
-        if self.make.is_silent(request.robot):
+        if not self._is_heard(request.robot):
             return
         if outcome is not TaskOutcome.UNKNOWN:
             request.state = "over"
+        else:
+            self.unsure.add(execution_id)  # its SkillStatus says so from now on
+        if request.robot in self.said:
+            self._say(request.robot)
         self._take(self.make.ended(execution_id, outcome, self.now))
 
     @rule(seconds=st.sampled_from((0.5, 6.0, 15.0, 31.0, 60.0)))
@@ -284,6 +324,7 @@ class Fleet(RuleBasedStateMachine):
     def restart(self) -> None:
         """Everything that was written down is there again, and nothing is heard of anybody yet."""
         self.make = self._orchestrator()
+        self.said.clear()
         self.unknown.clear()
         for fault in list(self.faults.values()):
             self._take(self.make.fault_raised(fault.robot, fault.source, fault.reason, fault.since, fault.capacities))

@@ -13,6 +13,7 @@ from ua_fleet.orchestrator import (
     Orchestrator,
     Output,
     ResilienceSettings,
+    RunBroken,
     RunChanged,
     TaskCancelled,
     TasksAhead,
@@ -97,6 +98,8 @@ class World:
                 self.log.append(f"{self.now:g} {output.robot} halted")
                 if output.robot not in self.unstoppable:
                     self.take(self.make.ended(output.execution_id, TaskOutcome.FAILED, self.now, message="stopped"))
+            elif isinstance(output, RunBroken):
+                raise output.error
             elif isinstance(output, RunChanged) and isinstance(output.fact, RunEnded):
                 fact = output.fact
                 self.log.append(f"{self.now:g} {output.run_id} {fact.outcome.value} {fact.reason}".rstrip())

@@ -1,7 +1,11 @@
 """The exchange with a small program on a robot: messages field by field, and what became of each number. Pure.
 
 A command is sent once. A program that does not answer it in time, or whose connection was lost meanwhile, is asked by
-its number; only one that says `never` is told again. So nothing is done twice, whatever breaks in between.
+its number; only one that says `never` is told again, and only over another connection than the one before. So nothing
+is done twice, whatever breaks in between.
+
+`never` is believed of a number of which the program has said nothing before, and which it was not sent over this very
+connection. Otherwise it contradicts itself, and nobody knows what it does.
 """
 
 from __future__ import annotations
@@ -51,8 +55,12 @@ class _Told:
     """None where a bridge before us has sent it."""
     is_sent: bool
     """Whether the robot may have heard of it."""
-    is_asked: bool = False
-    """Whether it was asked about since it was told last."""
+    connection: int = 0
+    """Over which one it was told; 0 where it was told over none, or a bridge before us did."""
+    asked: int = 0
+    """Questions over this connection that are not answered yet, as far as we know."""
+    stale: int = 0
+    """Those of them that were asked before it was told over this connection."""
 
 
 class InterpreterSession:
@@ -80,6 +88,8 @@ class InterpreterSession:
         self._ask_at: dict[int, float] = {}
         self._asked_for: Mapping[str, tuple[Any, ...] | None] = {}
         self._is_connected = False
+        self._connection = 0
+        """The number of this connection, or of the last."""
         self._offline_since = now
         self._fields, self._messages = FieldReader(link), MessageReader(link.most_fields)
         self._begun_at: float | None = None
@@ -99,12 +109,14 @@ class InterpreterSession:
     def connected(self, now: float) -> None:
         """The robot's program is there. It is told what waited, and asked about all else that is open."""
         self._is_connected = True
+        self._connection += 1
         self._outbox.clear()
         self._fields, self._messages = FieldReader(self._link), MessageReader(self._link.most_fields)
         self._begun_at = None
         for data in self._data.values():
             self._sources.found(data)
         for number, told in self._told.items():
+            told.asked = told.stale = 0
             if told.command is not None and not told.is_sent:
                 self._tell(number, told.command, now)
             else:
@@ -189,6 +201,10 @@ class InterpreterSession:
                 self._executing.unasked(told.execution_id if told else b"", f"number {message.number}")
             return
         execution_id = told.execution_id
+        if state is RobotState.NEVER:
+            self._never(message.number, told, now)
+            return
+        told.asked = max(told.asked - 1, 0)
         if state is RobotState.RUNNING:
             self._ask_at[message.number] = now + ASK_AGAIN_S
             self._executing.progress(execution_id, _fraction(said), "" if _is_number(said) else said)
@@ -204,16 +220,37 @@ class InterpreterSession:
             )
         elif state is RobotState.HALTED:
             self._close(message.number, halted(said))
-        elif state is RobotState.UNKNOWN:
-            del self._told[message.number]
-            self._executing.forget(execution_id, said or "the program on the robot remembers nothing of it")
-        elif not told.is_asked:  # it answers the command itself, and would be told again and again
-            self._sources.dropped(Drop.MALFORMED, "the program says `never` of a number that it was just told")
-        elif told.command is not None:
-            self._tell(message.number, told.command, now)
         else:
-            del self._told[message.number]
-            self._executing.never(execution_id)
+            self._forget(message.number, told, said or "the program on the robot remembers nothing of it")
+
+    def _never(self, number: int, told: _Told, now: float) -> None:
+        """It says that it never heard of a number: it is told, unless that cannot be true."""
+        opened = self._executing.get(told.execution_id)
+        assert opened is not None, "looked at before"
+        if opened.told is not None:
+            said = "the program on the robot was at it, and now says that it never heard of it"
+            self._contradicted(number, told, said)
+        elif told.connection == self._connection:
+            if told.stale:  # it answers what it was asked before it was told
+                told.stale -= 1
+                self._sources.dropped(Drop.UNASKED, "the program answers `never` once more, to an earlier question")
+            else:
+                said = "the program on the robot was sent it over this connection, and says that it never heard of it"
+                self._contradicted(number, told, said)
+        elif told.command is not None:
+            told.stale = max(told.asked - 1, 0)
+            self._tell(number, told.command, now)
+        else:
+            del self._told[number]
+            self._executing.never(told.execution_id)
+
+    def _contradicted(self, number: int, told: _Told, why: str) -> None:
+        self._sources.dropped(Drop.MALFORMED, f"number {number}: {why}")
+        self._forget(number, told, f"{why}; see what the robot does")
+
+    def _forget(self, number: int, told: _Told, why: str) -> None:
+        del self._told[number]
+        self._executing.forget(told.execution_id, why)
 
     def _close(self, number: int, ended: Ended) -> None:
         self._executing.end(self._told[number].execution_id, ended)
@@ -240,7 +277,7 @@ class InterpreterSession:
 
     def _tell(self, number: int, command: Encoded, now: float) -> None:
         told = self._told[number]
-        told.is_sent, told.is_asked = True, False
+        told.is_sent, told.connection = True, self._connection
         self._ask_at[number] = now + self._link.answer_timeout_s
         self._post(command, now)
 
@@ -322,7 +359,7 @@ class InterpreterSession:
             for number, ask_at in self._ask_at.items():
                 if now >= ask_at:
                     self._ask_at[number] = now + timeout_s
-                    self._told[number].is_asked = True
+                    self._told[number].asked += 1
                     self._send(Message(Type.QUERY, _subtype(self._told[number].skill), number), now)
         waiting = self._sources.turn(now)
         return min((at for at in (waiting, self._due()) if at is not None), default=None)

@@ -380,18 +380,56 @@ def test_of_values_that_wait_the_latest_counts() -> None:
     assert robot.sent == [b"information", b"text", b"0", b"1", b"0", b"information", b"text", b"0", b"1", b"499"]
 
 
-def test_a_program_that_says_never_to_everything_is_not_told_without_end() -> None:
+def test_never_over_the_connection_that_had_the_command_is_no_answer() -> None:
     robot = Robot()
     robot.execute()
-    robot.reads()
+    for _ in range(7):
+        robot.after(1.2)  # it stands still, and is asked again and again
+    assert [message[0] for message in robot.reads()] == ["command", *["query"] * 3]
     for _ in range(100):
         robot.says("status", "never", str(NUMBER), "0")
+    (forgotten,) = robot.facts(ExecutionForgotten)
+    assert "over this connection" in forgotten.message
+    assert robot.drops(Drop.MALFORMED) == 1
+    robot.after(10.0)
     assert robot.reads() == []
-    assert robot.drops(Drop.MALFORMED) == 100
-    robot.after(2.0)
+
+
+@pytest.mark.parametrize("is_lost", [True, False])
+def test_never_after_running_is_not_believed(is_lost: bool) -> None:
+    robot = Robot()
+    robot.execute()
+    robot.says("status", "running", str(NUMBER), "0")
+    robot.reads()
+    if is_lost:
+        robot.session.lost(robot.now)
+        robot.now += 1
+        robot.session.connected(robot.now)
+    else:
+        robot.after(5.0)
     assert [message[0] for message in robot.reads()] == ["query"]
     robot.says("status", "never", str(NUMBER), "0")
+    (forgotten,) = robot.facts(ExecutionForgotten)
+    assert "was at it" in forgotten.message
+    assert robot.drops(Drop.MALFORMED) == 1
+    assert robot.reads() == []
+
+
+def test_answers_to_questions_before_the_command_do_not_count_against_it() -> None:
+    robot = Robot()
+    robot.execute()
+    robot.session.lost(robot.now)
+    robot.session.connected(robot.now)
+    robot.after(2.0)
+    robot.after(2.0)
+    assert [message[0] for message in robot.reads()] == ["command", "query", "query", "query"]
+    for _ in range(3):
+        robot.says("status", "never", str(NUMBER), "0")
     assert [message[0] for message in robot.reads()] == ["command"]
+    assert robot.facts(ExecutionForgotten) == []
+    robot.says("status", "never", str(NUMBER), "0")
+    assert len(robot.facts(ExecutionForgotten)) == 1
+    assert robot.reads() == []
 
 
 def test_a_program_that_asks_without_end_and_reads_nothing_is_left_and_met_again() -> None:

@@ -46,16 +46,17 @@ class Halting:
             self._outputs.append(HaltChanged(halt, is_owed=True))
         self._outputs.append(TaskCancelled(halt.execution_id, halt.robot, halt.skill))
 
-    def settle(self, execution_id: str, now: float) -> None:
-        """A robot has stopped, or has ended what it was to stop, or a person says so."""
+    def settle(self, execution_id: str, now: float) -> bool:
+        """A robot has stopped, or has ended what it was to stop, or a person says so; whether it was told to stop."""
         settled = self._halts.settle(execution_id)
         if settled is None:
-            return
+            return False
         halt, grants = settled
         self._outputs.append(HaltChanged(halt, is_owed=False))
         if not self._halts.of(halt.robot):
             self._take_in(FaultFound(halt.robot, NOT_HALTED, False, ""), now)
         self._claims.grant(grants, now)
+        return True
 
     def look_after(self, now: float) -> None:
         """Tell robots again that have not stopped, and people of those about which no run asks."""

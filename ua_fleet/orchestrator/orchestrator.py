@@ -235,9 +235,11 @@ class Orchestrator:
         message: str = "",
         results: Mapping[str, Value] | None = None,
     ) -> list[Output]:
-        """A robot's execution has ended."""
+        """A robot's execution has ended; HALTED: because it was halted, by its run or by anybody else."""
         if outcome is not TaskOutcome.UNKNOWN:
-            self._halting.settle(execution_id, now)
+            was_ours = self._halting.settle(execution_id, now)
+            if was_ours and outcome is TaskOutcome.HALTED:
+                outcome = TaskOutcome.FAILED
         return self._of_execution(
             execution_id, lambda run: run.ended(execution_id, outcome, now, message=message, results=results), now
         )

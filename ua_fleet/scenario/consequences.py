@@ -17,6 +17,7 @@ How an attempt ended, and what follows:
     refused
     stopped       the robot has a fault; another one at once
     fault         another robot at once
+    halted        the task fails: who halts a robot may stand beside it, and nobody is to begin to move there
     busy          asked again for BUSY_S, then as refused
     unreached     asked again for `silence_s`, then as refused; also a request that came too late to be begun
     unknown       what `on_unknown` says: nobody else begins without somebody's consent
@@ -110,7 +111,7 @@ def after_end(
     """
     if outcome is TaskOutcome.DONE:
         return Then.DONE
-    if is_closing:
+    if is_closing or outcome is TaskOutcome.HALTED:
         return Then.FAILED
     if outcome is TaskOutcome.UNKNOWN:
         return _after_unknown(task, attempt, now, return_s=return_s, is_silent=is_silent)

@@ -66,6 +66,8 @@ class TaskOutcome(StrEnum):
     """Nobody can tell whether it was done."""
     FAULT = "fault"
     """The robot failed meanwhile."""
+    HALTED = "halted"
+    """Somebody else than the run had the robot stop."""
 
 
 class Then(StrEnum):

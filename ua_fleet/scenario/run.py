@@ -238,6 +238,9 @@ class Run:
                 how = outcome if outcome is TaskOutcome.STOPPED else halting.outcome
                 if task_run.phase is TaskPhase.HALTING:
                     said = f"{halting.reason}; it was halted: {message or outcome.value}"
+            elif outcome is TaskOutcome.HALTED:
+                who = f"a client halted {task_run.skill} on {task_run.executed_by}"
+                said = f"task {task_run.name}: {who}, so that nobody begins it: {message or outcome.value}"
             self.over(step, task_run, how, said, results or {}, moment, is_told=True)
 
         return self._after(now, take)

@@ -270,3 +270,15 @@ def test_what_was_done_before_the_second_robot_was_free_is_not_done_again() -> N
     world.end(execution_id, TaskOutcome.DONE)
     assert world.ends() == {"a": RunOutcome.DONE}
     assert world.asked() == [("busy", "ted"), ("a", "ned")]
+
+
+@pytest.mark.parametrize("is_asked", [False, True])
+def test_a_halt_of_the_run_itself_is_no_halt_of_a_client(is_asked: bool) -> None:
+    world = World()
+    execution_id = world.run("a", ", on_unknown: ask")
+    world.accept(execution_id)
+    if is_asked:
+        world.end(execution_id, TaskOutcome.UNKNOWN)  # what follows takes it back, without a wait for its end
+    world.take(world.make.fault_raised("ned", "robot", "hot", world.now))
+    world.end(execution_id, TaskOutcome.HALTED)
+    assert world.asked() == [("a", "ned"), ("a", "ted")]

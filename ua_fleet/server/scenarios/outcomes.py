@@ -39,6 +39,8 @@ def outcome_of(state: ExecutionState, status: int) -> TaskOutcome | None:
         return TaskOutcome.BUSY
     if status in NOT_REACHED:
         return TaskOutcome.UNREACHED
+    if status == StatusCode.BAD_REQUEST_CANCELLED_BY_CLIENT:
+        return TaskOutcome.HALTED
     return TaskOutcome.STOPPED if status in ROBOT_STANDS else TaskOutcome.FAILED
 
 
@@ -48,6 +50,8 @@ def refusal(status: int) -> TaskOutcome:
         return TaskOutcome.BUSY
     if status in NOT_REACHED:
         return TaskOutcome.UNREACHED
+    if status == StatusCode.BAD_REQUEST_CANCELLED_BY_CLIENT:
+        return TaskOutcome.HALTED
     return TaskOutcome.STOPPED if status in ROBOT_STANDS else TaskOutcome.REFUSED
 
 

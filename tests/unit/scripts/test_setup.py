@@ -105,7 +105,8 @@ def test_an_environment_whose_making_was_interrupted_is_made_again(checkout: Che
 def test_ci_requires_every_part_that_tests_can_lack() -> None:
     run = (system.ROOT / ".ci" / "run").read_text(encoding="utf-8")
     required = run.partition("require=")[2].split()[0]
-    assert sorted(required.split(",")) == sorted(system.PARTS)
+    by_hand = {"o6"}  # set-up does not install it (UA_FLEET_O6_PYTHON)
+    assert set(required.split(",")) == system.PARTS.keys() - by_hand
 
 
 def test_every_file_that_is_installed_has_its_hash() -> None:

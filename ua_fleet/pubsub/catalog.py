@@ -22,6 +22,8 @@ _FIELD_BYTES: Final = 300
 _ELEMENT_BYTES: Final = 50
 _BYTES_FOR_ONE: Final = 1_000
 """Memory for each DataSetWriter that there may be: metadata of one field takes about so much."""
+_BYTES_FOR_ONE_HEARD: Final = 2_000
+"""The same for those that were heard: several fields."""
 
 _Key = tuple[PublisherKey, int]
 
@@ -53,13 +55,18 @@ class _Entry:
 
 
 class Catalog:
-    """Announced metadata by (PublisherId, DataSetWriterId), with a bound on what nobody has sent data for."""
+    """Announced metadata by (PublisherId, DataSetWriterId), with a bound on what nobody has sent data for, and another.
+
+    Of what was announced for writers that are heard nothing gives way to a newcomer: whoever comes when there is no
+    room has no metadata, so that its messages are dropped and counted as such, and is asked for it again.
+    """
 
     def __init__(self, max_orphans: int) -> None:
         self._entries: dict[_Key, _Entry] = {}
         self._orphans: dict[_Key, None] = {}
         self._max_orphans = max_orphans
         self._orphan_bytes, self._most_orphan_bytes = 0, max_orphans * _BYTES_FOR_ONE
+        self._heard_bytes, self._most_heard_bytes = 0, max_orphans * _BYTES_FOR_ONE_HEARD
 
     def add_writer(self, writer: RemoteWriter) -> None:
         """Know a writer that was heard."""
@@ -67,12 +74,16 @@ class Catalog:
         if self._orphans.pop(writer.key, False) is None:
             self._orphan_bytes -= entry.size
         entry.writers.append(writer)
+        if len(entry.writers) == 1:
+            self._heard_bytes += entry.size
+            self._make_fit(entry)
 
     def remove_writer(self, writer: RemoteWriter) -> None:
         """Forget a writer, and what was announced for it."""
         entry = self._entries[writer.key]
         entry.writers.remove(writer)
         if not entry.writers:
+            self._heard_bytes -= entry.size
             del self._entries[writer.key]
 
     def writers(self, key: _Key) -> list[RemoteWriter]:
@@ -98,12 +109,22 @@ class Catalog:
         if len(versions) > _VERSIONS:
             del versions[next(iter(versions))]
         entry.size = sum(map(_size, versions.values()))
-        if not entry.writers:
+        if entry.writers:
+            self._heard_bytes += entry.size - before
+            self._make_fit(entry)
+        else:
             self._orphan_bytes += entry.size - before
             while self._orphan_bytes > self._most_orphan_bytes:
                 self._forget_oldest()
         for writer in entry.writers:
             writer.major = UNBOUND
+
+    def _make_fit(self, entry: _Entry) -> None:
+        """Forget the oldest versions of an entry until there is room for what is left, if anything."""
+        while self._heard_bytes > self._most_heard_bytes and entry.versions:
+            gone = _size(entry.versions.pop(next(iter(entry.versions))))
+            entry.size -= gone
+            self._heard_bytes -= gone
 
     def _forget_oldest(self) -> None:
         """Forget what was announced first of what no writer was heard for. Who sends it is asked for it again."""

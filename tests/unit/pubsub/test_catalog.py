@@ -38,7 +38,45 @@ def test_small_ones_are_bounded_by_their_number() -> None:
 
 def test_what_a_writer_was_heard_for_gives_its_room_back() -> None:
     catalog = Catalog(100)
-    for number in range(1, 20):
-        catalog.announced((2, number), described(100))
+    for number in range(1, 26):
+        catalog.announced((2, number), described(20))
         catalog.add_writer(RemoteWriter(Topic(2, 2, number), 0.0, Counters()))
-    assert all(catalog.find((2, number), DATA) is not None for number in range(1, 20))
+    assert all(catalog.find((2, number), DATA) is not None for number in range(1, 26))
+
+
+def test_what_writers_were_heard_for_is_bounded_too_and_the_newcomer_has_no_room() -> None:
+    catalog = Catalog(100)
+    honest = RemoteWriter(Topic(2, 2, 1), 0.0, Counters())
+    catalog.announced((2, 1), described(10))
+    catalog.add_writer(honest)
+    strangers = [RemoteWriter(Topic(3, 2, number), 0.0, Counters()) for number in range(1, 101)]
+    for stranger in strangers:
+        catalog.announced(stranger.key, described(20))
+        catalog.add_writer(stranger)
+    known = [stranger for stranger in strangers if catalog.find(stranger.key, DATA) is not None]
+    assert known == strangers[: len(known)]
+    assert 10 < len(known) < 40
+    assert catalog.find(honest.key, DATA) is not None
+    # One that changes has its newest, as long as that fits.
+    changed = described(10)._replace(configuration_version=ConfigurationVersion(2, 2))
+    catalog.announced(honest.key, changed)
+    assert catalog.find(honest.key, DataSetMessage(1, major_version=2, minor_version=2)) == changed
+    for stranger in known:
+        catalog.remove_writer(stranger)
+    catalog.announced(strangers[-1].key, described(20))
+    assert catalog.find(strangers[-1].key, DATA) is not None
+
+
+def test_versions_of_one_writer_make_room_for_its_newest() -> None:
+    catalog = Catalog(10)
+    writer = RemoteWriter(Topic(2, 2, 1), 0.0, Counters())
+    catalog.add_writer(writer)
+    for number in range(1, 4):
+        metadata = described(40)._replace(configuration_version=ConfigurationVersion(number, number))
+        catalog.announced(writer.key, metadata)
+    found = [
+        number
+        for number in range(1, 4)
+        if catalog.find(writer.key, DataSetMessage(1, major_version=number, minor_version=number)) is not None
+    ]
+    assert found == [3]

@@ -248,6 +248,12 @@ class HandshakeSkill(
     """How often the program is asked while it is at it."""
     accept_s: float = Field(default=5.0, gt=0, le=3600)
     """A request that is not begun within this time is taken back."""
+    cycle_s: float | None = Field(default=None, gt=0, le=3600)
+    """The longest time from the program's reading of `request` to its writing of `accepted`.
+
+    What was taken back and is not begun for so long counts as never begun, and another robot may do it. Left out:
+    nobody knows what the program has read, and the execution is Unknown.
+    """
 
     @model_validator(mode="after")
     def _check(self) -> HandshakeSkill:

@@ -6,9 +6,11 @@
                                             then accepted := n
                                             results, then done or error, and clears busy
     halt := n                               stops execution n, and ends it with error
+    request := 0                            nothing: what it has not read yet is taken back
 
-`n` goes from 1 to 65535 and around, never 0, and is never the number before. It is recorded (`memory.py`) before it is
-written. So after any restart of the bridge the two words tell what became of an execution:
+`n` goes from 1 to 65535 and around, never 0, and is never the number before, nor one that was taken back: a program may
+have read that, and begin it yet. It is recorded (`memory.py`) before it is written, or taken back. So after any restart
+of the bridge the two words tell what became of an execution:
 
     request, accepted                       it
     accepted = n                            was begun: busy, done and error are about it
@@ -19,7 +21,7 @@ written. So after any restart of the bridge the two words tell what became of an
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from enum import Enum
 from typing import Any, Final, NamedTuple
 
@@ -59,10 +61,19 @@ class Phase(Enum):
     """The words are about another one: nobody can tell."""
 
 
-def next_number(words: StatusWords) -> int:
-    """The number of a new execution: another one than any that the device still shows."""
-    number = words.request % LAST_NUMBER + 1
-    return number % LAST_NUMBER + 1 if number == words.accepted else number
+def next_number(words: StatusWords, last: int | None = None, withdrawn: Collection[int] = ()) -> int:
+    """The number of a new execution: another one than any that the device shows, or may still begin.
+
+    Args:
+        words: what the device shows.
+        last: the number that it was given last; None where nobody remembers it.
+        withdrawn: numbers that were taken back, and that it may have read before.
+    """
+    number = words.request if last is None else last
+    while True:
+        number = number % LAST_NUMBER + 1
+        if number not in (words.request, words.accepted) and number not in withdrawn:
+            return number
 
 
 def phase_of(words: StatusWords, number: int, before: int) -> Phase:

@@ -8,6 +8,8 @@ from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from typing import Final, Protocol
 
+import structlog
+
 from ua_bridges.modbus.handshake import Phase, SkillRegisters, StatusWords, next_number, phase_of
 from ua_bridges.modbus.link import NoAnswer, RequestFailed
 from ua_bridges.modbus.memory import Given, HandshakeMemory
@@ -22,6 +24,7 @@ from ua_fleet.bridge.driver import (
     ExecutionNotBegun,
 )
 from ua_fleet.bridge.executing import Ended, Executing, ended_text
+from ua_fleet.counters import Drop
 from ua_fleet.errors import LocalWireError, SkillRejected, StorageUnavailable
 from ua_fleet.registers import Cell, RegisterUnfit, Span
 from ua_fleet.skill.executions import pack, unpack
@@ -29,8 +32,14 @@ from ua_fleet.values import StatusCode
 
 __all__ = ["DeviceRequests", "Handshake", "check_can_halt"]
 
+_LEAST_WATCH_S: Final = 0.2
+_LATE_LOOK_S: Final = 1.0
+"""How often a device is asked whether it has begun what was taken back from it."""
 _HALTED_S: Final = 5.0
 """So long a program that was told to stop has to end what it does."""
+
+
+_log = structlog.get_logger("ua_bridges.modbus")
 
 
 class DeviceRequests(Protocol):
@@ -55,6 +64,9 @@ class _Job:
         """Whether the device has shown its number."""
         self.accept_by: float | None = None
         self.is_withdrawn = False
+        """Whether it was taken back from the device, or is about to be."""
+        self.watch_until: float | None = None
+        """So long the device is asked whether it has begun what was taken back."""
         self.is_halting = False
         self.is_overdue = False
         """Whether it is halted since it took too long."""
@@ -93,12 +105,20 @@ class Handshake:
         self._name, self._memory, self._executing, self._put, self._free = name, memory, executing, put, free
         self._job: _Job | None = None
         self._asked: deque[_Job] = deque()
+        self._withdrawn: dict[int, bytes] = {}
+        """Executions by their numbers that were taken back, and that the device may begin yet."""
+        self._late = 0
+        """The number of one that it has begun after all."""
+        self._registers: SkillRegisters | None = None
+        """Where to look for it."""
+        with contextlib.suppress(StorageUnavailable):  # said again, and louder, with the first execution
+            self._withdrawn = memory.withdrawn(name)
         self.due = 0.0
 
     @property
     def is_idle(self) -> bool:
         """Whether there is nothing to do."""
-        return self._job is None
+        return self._job is None and not (self._withdrawn and self._registers is not None)
 
     def begin(self, registers: SkillRegisters, execution: Execution, writes: Sequence[Writing | BitWrite]) -> None:
         """Give an execution to the device at the next turn."""
@@ -129,6 +149,7 @@ class Handshake:
         self._executing.begin(registers.skill, execution, time.monotonic())
         job = _Job(registers, execution, ())
         job.number, job.before, job.is_begun = given.number, given.before, True
+        job.is_withdrawn = given.number in self._withdrawn
         self._start(job)
 
     def halt(self, execution_id: bytes) -> None:
@@ -141,10 +162,12 @@ class Handshake:
         """Do the next step; where the device does not answer it, the next turn tries again."""
         job = self._job
         if job is None:
+            await self._look_for_late(device, now)
             return
         self.due = now + job.registers.via.poll_s
         try:
-            words = await self._words(device, job)
+            words = await self._words(device, job.registers)
+            await self._check_late(device, job.registers, words)
             job.trouble = ""
             if not job.is_begun:
                 await self._give(device, job, words, now)
@@ -163,8 +186,7 @@ class Handshake:
         self._put(fact)
         self._free(fact.execution_id)
 
-    async def _words(self, device: DeviceRequests, job: _Job) -> StatusWords:
-        registers = job.registers
+    async def _words(self, device: DeviceRequests, registers: SkillRegisters) -> StatusWords:
         cells = dict(await device.read_plan(registers.first))
         if registers.then is not None:
             cells.update(await device.read_plan(registers.then))
@@ -172,7 +194,8 @@ class Handshake:
 
     async def _give(self, device: DeviceRequests, job: _Job, words: StatusWords, now: float) -> None:
         if words.busy:
-            self._end(job, Ended(StatusCode.BAD_TOO_MANY_OPERATIONS, (), "the device is busy with something else"))
+            what = f"number {self._late}, which was taken back from it" if self._late else "something else"
+            self._end(job, Ended(StatusCode.BAD_TOO_MANY_OPERATIONS, (), f"the device is busy with {what}"))
             return
         if job.is_halting:
             self._end(job, Ended(StatusCode.BAD_REQUEST_CANCELLED_BY_CLIENT, (), "stopped before it began"))
@@ -181,8 +204,10 @@ class Handshake:
             await device.write(write)
         if self._check_time(job, time.monotonic()):
             return  # whoever asked for it is told so: it must not be done after that
-        number, job.before = next_number(words), words.request
         try:
+            last = self._memory.last(self._name)
+            number = next_number(words, last and last.number, self._withdrawn)
+            job.before = words.request
             self._memory.give(Given(job.id, self._name, number, job.before))
         except StorageUnavailable as error:
             self._end(job, Ended(error.ua_status, (), str(error)))
@@ -195,6 +220,8 @@ class Handshake:
     async def _follow(self, device: DeviceRequests, job: _Job, words: StatusWords, now: float) -> None:
         phase = phase_of(words, job.number, job.before)
         job.was_seen |= phase not in (Phase.NEVER_WRITTEN, Phase.LOST)
+        if words.accepted == job.number:
+            self._settle()  # a program that has begun this one begins none from before any more
         if phase is Phase.RUNNING:
             if job.is_halting and not job.halt_written:
                 await self._write_halt(device, job)
@@ -214,7 +241,7 @@ class Handshake:
         elif phase is Phase.WAITING:
             await self._wait(device, job, now)
         elif job.is_withdrawn:
-            self._not_taken(job)
+            await self._watch(device, job, now)
         elif phase is Phase.NEVER_WRITTEN and not job.was_seen:
             self._never_written(job)
         else:
@@ -226,10 +253,27 @@ class Handshake:
             job.accept_by = now + job.registers.via.accept_s
         if now < job.accept_by and not job.is_halting:
             return
-        await device.write(Writing(job.registers.request.span, (job.before,)))
+        try:
+            self._memory.withdraw(job.id, self._name, job.number)
+        except StorageUnavailable as error:
+            job.trouble = str(error)
+            self._check_time(job, now)
+            return  # the request stays there, and is followed
+        self._withdrawn[job.number] = job.id
         job.is_withdrawn = True
-        # A program that had read the request in this very moment says so within its next cycle.
-        self.due = now + max(2 * job.registers.via.poll_s, 0.2)
+        # Not the number before: a program that begins this one all the same would do that one again after it.
+        await device.write(Writing(job.registers.request.span, (0,)))
+        if job.is_halting:
+            await self._write_halt(device, job)
+
+    async def _watch(self, device: DeviceRequests, job: _Job, now: float) -> None:
+        """It was taken back. A program that had read it before begins it all the same."""
+        via = job.registers.via
+        if job.watch_until is None:
+            watch_s = via.cycle_s if job.is_halting or via.cycle_s is not None else via.accept_s
+            job.watch_until = now + max(watch_s or 0.0, 2 * via.poll_s, _LEAST_WATCH_S)
+        if now >= job.watch_until:
+            await self._not_taken(device, job)
 
     def _never_written(self, job: _Job) -> None:
         if job.accept_by is None:  # asked about: a bridge before us recorded it, and got no farther
@@ -238,12 +282,59 @@ class Handshake:
         else:
             self._end(job, Ended(StatusCode.BAD_NO_COMMUNICATION, (), "the request did not arrive in the device"))
 
-    def _not_taken(self, job: _Job) -> None:
+    async def _not_taken(self, device: DeviceRequests, job: _Job) -> None:
+        via = job.registers.via
+        if job.registers.halt is not None and not job.halt_written:
+            await self._write_halt(device, job)  # should it begin it yet, it stops at once
+        self._registers = job.registers
+        text = f"the device did not begin within {via.accept_s:g} s; is its program running?"
         if job.is_halting:
             self._end(job, Ended(StatusCode.BAD_REQUEST_CANCELLED_BY_CLIENT, (), "stopped before it began"))
-        else:
-            text = f"the device did not begin within {job.registers.via.accept_s:g} s; is its program running?"
+        elif via.cycle_s is not None:
             self._end(job, Ended(StatusCode.BAD_NO_COMMUNICATION, (), text))
+        else:
+            self._forget(job, f"{text} It was taken back, and the program may have read it before; see what it does")
+
+    # What was taken back and is begun after all
+
+    async def _look_for_late(self, device: DeviceRequests, now: float) -> None:
+        """Nothing is under way, as far as we know."""
+        registers = self._registers
+        if registers is None:
+            return
+        self.due = now + _LATE_LOOK_S
+        try:
+            await self._check_late(device, registers, await self._words(device, registers))
+        except NoAnswer:
+            pass  # which was counted
+        except RequestFailed as failed:
+            self._put(Dropped(failed.cause, 1, f"{registers.skill.label}: {failed.reason}"))
+
+    async def _check_late(self, device: DeviceRequests, registers: SkillRegisters, words: StatusWords) -> None:
+        """Whether the device is at what was taken back from it; it is stopped, where it can be."""
+        execution_id = self._withdrawn.get(words.accepted)
+        if execution_id is None or (self._job is not None and self._job.id == execution_id):
+            self._late = 0
+            return
+        if self._late != words.accepted:
+            self._late = words.accepted
+            said = f"{registers.skill.label}: the device has begun number {words.accepted}, which was taken back"
+            _log.error(
+                f"{said}; see what it does, and raise accept_s", handshake=self._name, execution=execution_id.hex()
+            )
+            self._put(Dropped(Drop.UNASKED, 1, said))
+            if words.busy and registers.halt is not None:
+                await device.write(Writing(registers.halt.span, (words.accepted,)))
+        if not words.busy:
+            self._late = 0
+            self._settle()
+
+    def _settle(self) -> None:
+        """The device begins none of them any more."""
+        if self._withdrawn:
+            with contextlib.suppress(StorageUnavailable):  # their numbers are not given until it can be written
+                self._memory.settle(self._name)
+                self._withdrawn.clear()
 
     async def _done(self, device: DeviceRequests, job: _Job) -> None:
         job.is_done = True

@@ -16,6 +16,12 @@ __all__ = ["Given", "HandshakeMemory"]
 _VERSION: Final = 1
 _KEPT: Final = 1000
 """Executions that are remembered."""
+_MOST_WITHDRAWN: Final = 1000
+"""Numbers of one handshake that are kept; 65,535 have to be left to choose from."""
+_WITHDRAWN: Final = """CREATE TABLE IF NOT EXISTS withdrawn (
+    place INTEGER PRIMARY KEY AUTOINCREMENT, handshake TEXT NOT NULL, number INTEGER NOT NULL,
+    execution_id BLOB NOT NULL UNIQUE) STRICT"""
+"""Added to a file of an earlier version, which leaves it alone."""
 _SCHEMA: Final = (
     """CREATE TABLE given (
     place INTEGER PRIMARY KEY AUTOINCREMENT, execution_id BLOB NOT NULL UNIQUE, handshake TEXT NOT NULL,
@@ -47,6 +53,7 @@ class HandshakeMemory:
         self.is_new = not path.exists()
         """Whether nothing can be known of executions before."""
         self._database = Database(path, version=_VERSION, schema=_SCHEMA)
+        self._database.commit((_WITHDRAWN, ()))
 
     def close(self) -> None:
         """Give the file free. Safe to call twice."""
@@ -64,6 +71,23 @@ class HandshakeMemory:
         """An execution has ended."""
         statement = "UPDATE given SET status = ?, message = ?, result = ? WHERE execution_id = ?"
         self._database.commit((statement, (status, message, result, execution_id)))
+
+    def withdraw(self, execution_id: bytes, handshake: str, number: int) -> None:
+        """An execution is about to be taken back from its device, which may begin it all the same."""
+        values = (handshake, number, execution_id)
+        self._database.commit(
+            ("INSERT OR IGNORE INTO withdrawn (handshake, number, execution_id) VALUES (?, ?, ?)", values),
+            ("DELETE FROM withdrawn WHERE place <= (SELECT max(place) FROM withdrawn) - ?", (_MOST_WITHDRAWN,)),
+        )
+
+    def settle(self, handshake: str) -> None:
+        """A device has shown that it begins none of what was taken back from it any more."""
+        self._database.commit(("DELETE FROM withdrawn WHERE handshake = ?", (handshake,)))
+
+    def withdrawn(self, handshake: str) -> dict[int, bytes]:
+        """The execution of each number that was taken back, and that its device may begin yet."""
+        rows = self._database.read("SELECT number, execution_id FROM withdrawn WHERE handshake = ?", (handshake,))
+        return dict(rows)
 
     def find(self, execution_id: bytes) -> Given | None:
         """What is remembered of an execution."""

@@ -34,11 +34,11 @@ FACTS = (ExecutionEnded, ExecutionForgotten, ExecutionNotBegun)
 class Machine:
     """A PLC with the program `work`, and a driver for it."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, cycle: str = "          cycle_s: 0.1\n") -> None:
         port = free_tcp_port()
         self.plc = PlcProcess("--port", str(port))
         content = FLEET.format(port=port).replace(
-            "          poll_s: 0.02\n", "          poll_s: 0.02\n          accept_s: 0.4\n"
+            "          poll_s: 0.02\n", f"          poll_s: 0.02\n          accept_s: 0.4\n{cycle}"
         )
         self._config, self._folder = load_content(content.encode(), "fleet.yaml", {}), folder
         self.recorder = Recorder()
@@ -97,6 +97,90 @@ async def machine(tmp_path: Path) -> AsyncGenerator[Machine]:
     finally:
         await made.driver.stop()
         made.plc.end()
+
+
+@pytest.fixture
+async def slow(tmp_path: Path) -> AsyncGenerator[Machine]:
+    """A PLC of which nobody says how long it takes from reading to beginning."""
+    made = Machine(tmp_path, "")
+    await made.driver.start(made.recorder)
+    try:
+        yield made
+    finally:
+        await made.driver.stop()
+        made.plc.end()
+
+
+def read_before(machine: Machine, number: int) -> None:
+    """The program begins what it has read before it was taken back."""
+    machine.plc.do("put", table="holding", address=100, type="uint16", values=[number])
+    machine.plc.do("run")
+
+
+async def test_whether_a_slow_program_has_read_it_nobody_knows(slow: Machine) -> None:
+    slow.plc.do("stop")
+    first = slow.begin("never ends")
+    told = await slow.end(first)
+    assert isinstance(told, ExecutionForgotten)
+    assert "did not begin within 0.4 s" in told.message
+    assert slow.word(104) == 1  # should it begin it yet, it stops
+    second = slow.begin("paint")
+    await until(lambda: slow.word(100) == 2, "another number")
+    read_before(slow, 1)
+    await until(lambda: slow.recorder.dropped(Drop.UNASKED), "that it has begun after all")
+    ended = await slow.end(second)
+    assert not (isinstance(ended, ExecutionEnded) and ended.status == StatusCode.GOOD)
+
+
+async def test_what_a_slow_program_begins_while_it_is_watched_is_followed(slow: Machine) -> None:
+    slow.plc.do("stop")
+    execution = slow.begin("weld")
+    await until(lambda: slow.word(100) == 1, "the request")
+    await until(lambda: slow.word(100) == 0, "the withdrawal")
+    read_before(slow, 1)
+    assert await slow.end(execution) == ExecutionEnded(execution.execution_id, 0, ("weld", 0.0))
+    await asyncio.sleep(0.2)
+    assert slow.plc.told == ["weld"]
+
+
+async def test_withdrawn_number_that_is_begun_later_is_said_and_stopped(slow: Machine) -> None:
+    slow.plc.do("stop")
+    await slow.end(slow.begin("never ends"))
+    slow.plc.do("put", table="holding", address=104, type="uint16", values=[0])
+    read_before(slow, 1)
+    await until(lambda: slow.recorder.dropped(Drop.UNASKED), "that it has begun after all")
+    await until(lambda: slow.word(104) == 1 and not slow.word(102) & 1, "the halt")
+    again = slow.begin("paint")
+    assert await slow.end(again) == ExecutionEnded(again.execution_id, 0, ("paint", 0.0))
+    assert slow.word(101) == 2
+
+
+async def test_withdrawn_number_is_not_given_after_a_restart(slow: Machine) -> None:
+    slow.plc.do("stop")
+    await slow.end(slow.begin("weld"))
+    await slow.restart()
+    second = slow.begin("paint")
+    await until(lambda: slow.word(100) == 2, "another number")
+    slow.plc.do("run")
+    assert await slow.end(second) == ExecutionEnded(second.execution_id, 0, ("paint", 0.0))
+
+
+async def test_driver_that_was_restarted_while_it_watched_does_not_know_either(slow: Machine) -> None:
+    await slow.end(slow.begin("paint"))
+    slow.plc.do("stop")
+    execution = slow.begin("weld")
+    await until(lambda: slow.word(100) == 2, "the request")
+    await until(lambda: slow.word(100) == 0, "the withdrawal")
+    await slow.restart()
+    slow.driver.query(execution)
+    assert isinstance(await slow.end(execution), ExecutionForgotten)
+
+
+async def test_program_that_begins_what_was_taken_back_does_not_begin_the_one_before_again(slow: Machine) -> None:
+    await slow.end(slow.begin("paint"))
+    slow.plc.do("stop")
+    await slow.end(slow.begin("weld"))
+    assert slow.word(100) == 0  # and not 1, which the program would do again after 2
 
 
 async def test_request_that_is_not_begun_is_taken_back_and_never_done(machine: Machine) -> None:

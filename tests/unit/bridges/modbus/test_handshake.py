@@ -45,6 +45,13 @@ def test_a_new_number_is_none_that_the_device_shows(request: int, accepted: int)
     assert number not in (request, accepted)
 
 
+@given(NUMBERS, NUMBERS, NUMBERS, st.sets(NUMBERS, max_size=20))
+def test_a_new_number_is_none_that_was_taken_back(request: int, accepted: int, last: int, withdrawn: set[int]) -> None:
+    number = next_number(StatusWords(request, accepted), last, withdrawn)
+    assert 1 <= number <= 0xFFFF
+    assert number not in (request, accepted, last, *withdrawn)
+
+
 @given(NUMBERS, NUMBERS, st.booleans(), st.booleans(), st.booleans())
 def test_nothing_that_the_device_shows_before_is_taken_for_the_new_execution(
     request: int, accepted: int, busy: bool, done: bool, error: bool

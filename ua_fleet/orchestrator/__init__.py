@@ -23,6 +23,7 @@ from ua_fleet.orchestrator.outputs import (
     TaskCancelled,
     TaskFollowed,
     TaskStarted,
+    TaskWaiting,
 )
 
 __all__ = [
@@ -48,6 +49,7 @@ __all__ = [
     "TaskCancelled",
     "TaskFollowed",
     "TaskStarted",
+    "TaskWaiting",
     "TasksAhead",
     "ValueOf",
 ]

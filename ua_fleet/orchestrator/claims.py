@@ -25,7 +25,9 @@ class _Anybody:
 
     wanted: WantRobot
     hope_until: float | None = None
-    """So long a robot may still be heard that can, where none is."""
+    """So long a robot may still be heard that can, or be free, where none is."""
+    since: float | None = None
+    """Since when there is none."""
 
 
 class Claims:
@@ -135,16 +137,21 @@ class Claims:
         todo = self._choosing.wanted(run_id, wanted)
         ranking = self._choosing.ranked(todo)
         robot = ranking.best
+        before = self._anybody.get(claim)
         if robot is not None:
             self._anybody[claim] = _Anybody(wanted)
+            if before is not None and before.since is not None:
+                self._runs.tell(run_id, now, Run.waits, wanted.step, "", now)
             self.grant(self._reservations.want(claim, robot), now)
             return
         self.grant(self._reservations.release(claim), now)
-        hope_until = self._known.hope_until(todo, now)
-        if hope_until is not None:
-            self._anybody[claim] = _Anybody(wanted, hope_until)
-            return
-        self._anybody.pop(claim, None)
+        since = now if before is None or before.since is None else before.since
+        hope_until = self._known.hope_until(todo, since, now)
         reasons = "; ".join(f"{left.robot} {left.reason}" for left in ranking.excluded)
         reason = f"no robot can do {wanted.skill}: {reasons or 'there is none'}"
+        if hope_until is not None:
+            self._anybody[claim] = _Anybody(wanted, hope_until, since)
+            self._runs.tell(run_id, now, Run.waits, wanted.step, reason, now)
+            return
+        self._anybody.pop(claim, None)
         self._runs.tell(run_id, now, Run.nobody, wanted.step, reason, now)

@@ -28,6 +28,7 @@ class Opened:
     decision: Decision
     is_unknown: bool
     """Whether it is about what nobody knows, and not about a robot that cannot."""
+    since: float
 
 
 class Decisions:
@@ -66,10 +67,10 @@ class Decisions:
             on_limit=settings.on_limit,
             now=now,
             is_unknown=is_unknown,
-            hope_until=self._known.hope_until(todo, now),
+            hope_until=self._known.hope_until(todo, now, now),
             not_before=now + LEAST_SILENCE_S if asked.may_be_done else None,
         )
-        opened = self._open[decision_id] = Opened(run_id, asked, decision, is_unknown)
+        opened = self._open[decision_id] = Opened(run_id, asked, decision, is_unknown, now)
         self._decided(opened, decision.begin(), now)
 
     def confirm(self, decision_id: str, robot: str, by: str, now: float) -> Confirmation:
@@ -119,7 +120,9 @@ class Decisions:
 
     def _rank_again(self, opened: Opened, now: float) -> None:
         todo = self._choosing.asked(opened.run_id, opened.asked, is_unknown=opened.is_unknown)
-        events = opened.decision.rank_again(self._choosing.ranked(todo), self._known.hope_until(todo, now))
+        events = opened.decision.rank_again(
+            self._choosing.ranked(todo), self._known.hope_until(todo, opened.since, now)
+        )
         self._decided(opened, events, now)
 
     def _decided(self, opened: Opened, events: list[DecisionEvent], now: float) -> None:

@@ -4,15 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable
 from math import inf
+from typing import Final
 
 from ua_fleet.orchestrator.candidates import ResilienceSettings, TaskToDo
 from ua_fleet.orchestrator.faults import Fault, FaultChange, Faults
 from ua_fleet.scenario import FleetView
-from ua_fleet.scenario.consequences import SILENT, meaning_of
+from ua_fleet.scenario.consequences import BUSY_S, SILENT, meaning_of
 from ua_fleet.scenario.model import Task
 from ua_fleet.scenario.world import Trouble
 
 __all__ = ["Knowledge"]
+
+MOST_EXECUTIONS: Final = 10_000
+"""Executions of runs that are told from those of others."""
+_ELSEWHERE: Final = "is at what no run has asked for"
 
 
 class Knowledge:
@@ -28,6 +33,8 @@ class Knowledge:
         """The executions that robots say they are at."""
         self._followed_until: dict[str, float] = {}
         """Until when robots said so of executions of runs that they say it of no more."""
+        self._of_runs: dict[str, None] = {}
+        """Executions that runs have asked for, also those that are over: their robots may say it later."""
 
     @property
     def silence_s(self) -> float:
@@ -49,6 +56,18 @@ class Knowledge:
             return inf
         return self._followed_until.get(execution_id, -inf)
 
+    def occupied(self, robot: str) -> str | None:
+        """See World."""
+        is_occupied = any(execution_id not in self._of_runs for execution_id in self._followed.get(robot, ()))
+        return f"{robot} {_ELSEWHERE}" if is_occupied else None
+
+    def asked_for(self, execution_id: str) -> None:
+        """A run has a robot do this."""
+        self._of_runs.pop(execution_id, None)
+        self._of_runs[execution_id] = None
+        if len(self._of_runs) > MOST_EXECUTIONS:
+            del self._of_runs[next(iter(self._of_runs))]
+
     def follow(self, robot: str, told: frozenset[str], under_way: Collection[str], now: float) -> bool:
         """A robot says what it is at, or nothing says it any more; whether that changes what is known of runs.
 
@@ -58,11 +77,11 @@ class Knowledge:
             under_way: those of all runs; of others nothing is remembered.
             now: by the wall clock.
         """
-        before = self._followed.get(robot, frozenset())
+        before, was_occupied = self._followed.get(robot, frozenset()), self.occupied(robot)
         changed = {execution_id for execution_id in before ^ told if execution_id in under_way}
         self._followed[robot] = told
         if not changed:
-            return False
+            return self.occupied(robot) != was_occupied
         self._followed_until = {key: at for key, at in self._followed_until.items() if key in under_way}
         self._followed_until.update(dict.fromkeys(changed - told, now))
         return True
@@ -103,17 +122,32 @@ class Knowledge:
 
     def unfit(self, robot: str, needs: Collection[str]) -> str | None:
         """Why a robot cannot be given now what needs these capacities; None where it can."""
-        return self.faults.unfit(robot, needs) or ("is silent" if robot in self._silent else None)
+        if (reason := self.faults.unfit(robot, needs)) is not None:
+            return reason
+        if robot in self._silent:
+            return "is silent"
+        return _ELSEWHERE if self.occupied(robot) is not None else None
 
-    def hope_until(self, todo: TaskToDo, now: float) -> float | None:
-        """Until when a robot may still be heard that could do a task; None where there is none, or no time left."""
-        task = todo.task
-        able = [
-            robot
-            for robot in self.fleet.able(task.skill, todo.capacities)
-            if robot.name in self._silent
-            and robot.name not in todo.excluded
-            and self.faults.unfit(robot.name, (*todo.capacities, *self.needs(robot.name, task))) is None
-        ]
-        until = [self._silent[robot.name] + self.silence_s for robot in able if not todo.problems(robot)]
-        return max((at for at in until if at > now), default=None)
+    def hope_until(self, todo: TaskToDo, since: float, now: float) -> float | None:
+        """Until when a robot may still be heard, or be free, that could do a task; None where there is none, or no time
+        left.
+
+        Args:
+            todo: what has to be done.
+            since: since when somebody is looked for.
+            now: by the wall clock.
+        """
+        until: list[float] = []
+        for robot in self.fleet.able(todo.task.skill, todo.capacities):
+            needs = (*todo.capacities, *self.needs(robot.name, todo.task))
+            if robot.name in todo.excluded or self.faults.unfit(robot.name, needs) is not None:
+                continue
+            if robot.name in self._silent:
+                at = self._silent[robot.name] + self.silence_s
+            elif robot.name != todo.failed and self.occupied(robot.name) is not None:
+                at = since + BUSY_S
+            else:
+                continue
+            if at > now and not todo.problems(robot):
+                until.append(at)
+        return max(until, default=None)

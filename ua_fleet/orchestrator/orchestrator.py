@@ -26,6 +26,7 @@ from ua_fleet.orchestrator.outputs import (
     RunChanged,
     TaskFollowed,
     TaskStarted,
+    TaskWaiting,
 )
 from ua_fleet.orchestrator.restoring import end_of, halts_of
 from ua_fleet.orchestrator.under_way import RunsUnderWay
@@ -41,6 +42,7 @@ from ua_fleet.scenario.effects import (
     OpenDecision,
     ReleaseRobot,
     StartTask,
+    TaskWaits,
     WantRobot,
 )
 from ua_fleet.scenario.facts import (
@@ -157,10 +159,14 @@ class Orchestrator:
                 continue
             self.runs[run_id], self._scenarios[run_id] = run, scenario
             restored.append(run_id)
+            for execution_id in run.state.executions:
+                self._known.asked_for(execution_id)
             for step, task_run in run.state.tasks.items():
                 if task_run.phase in HELD_PHASES:
                     self._claims.hold((run_id, step), task_run.robot)
         self._halts.restore(owed, now)
+        for halt in owed:
+            self._known.asked_for(halt.execution_id)
         self._has_news = True
         for run_id in restored:
             self._under_way.tell(run_id, now, Run.again, self._lookup, now)
@@ -382,7 +388,7 @@ class Orchestrator:
                 self._claims.let_go((run_id, step), now)
                 self._has_news = self._has_news or bool(self._halts.all())
             case StartTask():
-                self._executions[effect.execution_id] = run_id
+                self._know(effect.execution_id, run_id)
                 self._outputs.append(
                     TaskStarted(
                         run_id,
@@ -396,16 +402,18 @@ class Orchestrator:
                     )
                 )
             case FollowTask():
-                self._executions[effect.execution_id] = run_id
+                self._know(effect.execution_id, run_id)
                 self._outputs.append(
                     TaskFollowed(effect.execution_id, effect.robot, effect.skill, effect.may_be_unasked)
                 )
+            case TaskWaits():
+                self._outputs.append(TaskWaiting(run_id, effect))
             case CancelTask():
                 self._halting.order(Halt(effect.execution_id, effect.robot, effect.skill, now))
             case OpenDecision():
                 self._decisions.open(run_id, effect, now, is_unknown=False)
             case AskOperator():
-                self._executions[effect.execution_id] = run_id  # its robot may tell later
+                self._know(effect.execution_id, run_id)  # its robot may tell later
                 self._outputs.append(
                     OperatorAsked(
                         run_id,
@@ -421,6 +429,10 @@ class Orchestrator:
                     effect.step, effect.task, effect.skill, effect.capacities, effect.robot, effect.question
                 )
                 self._decisions.open(run_id, asked, now, is_unknown=True)
+
+    def _know(self, execution_id: str, run_id: str) -> None:
+        self._executions[execution_id] = run_id
+        self._known.asked_for(execution_id)
 
     def _grant_next(self, now: float) -> bool:
         return self._claims.grant_next(now)

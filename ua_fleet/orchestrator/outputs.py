@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from ua_fleet.orchestrator.faults import Fault, FaultChange
 from ua_fleet.resilience import DecisionEvent, Ranking
 from ua_fleet.scenario import Value
+from ua_fleet.scenario.effects import TaskWaits
 from ua_fleet.scenario.facts import Fact
 
 __all__ = [
@@ -23,6 +24,7 @@ __all__ = [
     "TaskCancelled",
     "TaskFollowed",
     "TaskStarted",
+    "TaskWaiting",
 ]
 
 
@@ -38,6 +40,14 @@ class TaskStarted:
     skill: str
     arguments: Mapping[str, Value]
     timeout_s: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class TaskWaiting:
+    """Why a task of a run cannot begin now, for people; it is written nowhere."""
+
+    run_id: str
+    waits: TaskWaits
 
 
 @dataclass(frozen=True, slots=True)
@@ -140,6 +150,7 @@ Output = (
     TaskStarted
     | TaskFollowed
     | TaskCancelled
+    | TaskWaiting
     | RunBroken
     | RunChanged
     | DecisionChanged

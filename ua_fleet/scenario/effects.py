@@ -17,6 +17,7 @@ __all__ = [
     "OpenDecision",
     "ReleaseRobot",
     "StartTask",
+    "TaskWaits",
     "WantRobot",
 ]
 
@@ -81,6 +82,19 @@ class CancelTask:
 
 
 @dataclass(frozen=True, slots=True)
+class TaskWaits:
+    """Why a task cannot begin now, for people; said again when that changes."""
+
+    step: str
+    task: str
+    skill: str
+    robot: str
+    """Empty where any robot will do."""
+    reason: str
+    """Empty: it waits for this no more."""
+
+
+@dataclass(frozen=True, slots=True)
 class OpenDecision:
     """Somebody has to take a task over. Answer: `replaced` or `not_replaced`."""
 
@@ -110,4 +124,6 @@ class AskOperator:
     capacities: tuple[str, ...] = ()
 
 
-Effect = Happened | WantRobot | ReleaseRobot | StartTask | FollowTask | CancelTask | OpenDecision | AskOperator
+Effect = (
+    Happened | WantRobot | ReleaseRobot | StartTask | FollowTask | CancelTask | TaskWaits | OpenDecision | AskOperator
+)

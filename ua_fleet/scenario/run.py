@@ -178,9 +178,9 @@ class Run:
                 moment.effects.append(ReleaseRobot(step))
             elif (trouble := self._trouble(robot, step)) is not None:
                 self.replace(step, robot, trouble.reason, moment)
-            elif self._world.silent_since(robot) is None:
+            elif self._world.silent_since(robot) is None and self._world.occupied(robot) is None:
                 self._assign(step, task_run, robot, skill, moment)
-            elif self.robot_for(self.task(step), task_run) is None:  # it is for anybody who is heard
+            elif self.robot_for(self.task(step), task_run) is None:  # it is for anybody who is heard, and free
                 moment.effects.append(ReleaseRobot(step))
                 self.ask(step, moment)
             else:
@@ -194,6 +194,15 @@ class Run:
         def take(moment: Moment) -> None:
             if self.state.phase(step) is TaskPhase.WANTED:
                 self.replace(step, "", reason, moment)
+
+        return self._after(now, take)
+
+    def waits(self, step: str, reason: str, now: float) -> list[Effect]:
+        """No robot can do a task now that waits for any; one may be able to soon."""
+
+        def take(moment: Moment) -> None:
+            if self.state.phase(step) is TaskPhase.WANTED:
+                self._tending.tell(step, self.task(step), "", reason, moment)
 
         return self._after(now, take)
 

@@ -10,7 +10,8 @@ from math import inf
 from typing import Final, Protocol
 
 from ua_fleet.scenario.asking import cancel
-from ua_fleet.scenario.consequences import HALT_S, LEAST_SILENCE_S, SETTLE_S, TELL_S
+from ua_fleet.scenario.consequences import BUSY_S, HALT_S, LEAST_SILENCE_S, SETTLE_S, TELL_S
+from ua_fleet.scenario.effects import TaskWaits
 from ua_fleet.scenario.expression import Value
 from ua_fleet.scenario.facts import Fact, TaskHalting, TaskOutcome
 from ua_fleet.scenario.model import Task
@@ -65,7 +66,11 @@ class Tending:
         """Look after the tasks of a run."""
         self._world, self._run = world, run
         self._held: set[str] = set()
-        """Tasks that have their robot, and wait until it is heard."""
+        """Tasks that have their robot, and wait until it is heard, or free."""
+        self._occupied_since: dict[str, float] = {}
+        """Since when the robots that tasks have are at what no run has asked for; begins anew after a restart."""
+        self._told: dict[str, str] = {}
+        """Why tasks wait, as it was told last."""
         self._taken_back: set[str] = set()
         """Executions of which nobody knows, and whose robots have a fault."""
         self._heard_since: dict[str, float] = {}
@@ -74,7 +79,7 @@ class Tending:
         """Since when robots are heard, and known to stand, whose last word on executions is waited for."""
 
     def held(self, step: str) -> None:
-        """A task has its robot, which is silent."""
+        """A task has its robot, which is silent, or is at something else."""
         self._held.add(step)
 
     def is_away(self, robot: str, needs: Collection[str] = ()) -> bool:
@@ -92,7 +97,11 @@ class Tending:
     def is_tended(self, step: str, task: Task, task_run: TaskRun, moment: Moment) -> bool:
         """Do what follows from what is known; whether that was something, so that the task need not be asked for."""
         if task_run.phase is TaskPhase.WANTED:
-            return not self._run.state.paused and self._is_wanted_tended(step, task, task_run, moment)
+            if self._run.state.paused:
+                self._forget(step)
+                return False
+            return self._is_wanted_tended(step, task, task_run, moment)
+        self._forget(step)
         if task_run.phase in _BEGUN:
             self._tend_begun(step, task, task_run, moment)
         return True
@@ -102,22 +111,43 @@ class Tending:
         if robot is None:
             return False  # whoever has the robots finds one
         if (trouble := self._world.trouble(robot, self._world.needs(robot, task))) is not None:
-            self._run.replace(step, robot, trouble.reason, moment)
+            self._give_up(step, robot, trouble.reason, moment)
             return True
-        since = self._world.silent_since(robot)
-        if since is None:
-            if step in self._held:
-                self._held.discard(step)
+        since, occupied = self._world.silent_since(robot), self._world.occupied(robot)
+        if since is not None:
+            until, why, gives_up = since + self._world.silence_s, f"nothing is heard of {robot}", self._silent(robot)
+        elif occupied is not None and step in self._held:
+            until = self._occupied_since.setdefault(step, moment.now) + BUSY_S
+            why, gives_up = occupied, f"{occupied}, for {BUSY_S:g} s"
+        else:
+            was_held = step in self._held
+            self.tell(step, task, robot, "", moment)
+            self._forget(step)
+            if was_held:
                 self._run.ask(step, moment)
-                return True
-            return False
-        until = since + self._world.silence_s
+            return was_held
         if moment.now < until:
             moment.deadlines.append(until)
+            self.tell(step, task, robot, why, moment)
             return False
-        self._held.discard(step)
-        self._run.replace(step, robot, self._silent(robot), moment)
+        self._give_up(step, robot, gives_up, moment)
         return True
+
+    def tell(self, step: str, task: Task, robot: str, reason: str, moment: Moment) -> None:
+        """Say why a task waits, where that is new."""
+        if self._told.get(step, "") != reason:
+            self._told[step] = reason
+            moment.effects.append(TaskWaits(step, task.name, task.skill, robot, reason))
+
+    def _give_up(self, step: str, robot: str, reason: str, moment: Moment) -> None:
+        self._forget(step)
+        self._run.replace(step, robot, reason, moment)
+
+    def _forget(self, step: str) -> None:
+        """A task does not have its robot any more, or has no reason to wait with it."""
+        self._held.discard(step)
+        self._occupied_since.pop(step, None)
+        self._told.pop(step, None)
 
     def _tend_begun(self, step: str, task: Task, task_run: TaskRun, moment: Moment) -> None:
         robot, phase = task_run.robot, task_run.phase

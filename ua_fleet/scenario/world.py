@@ -48,6 +48,10 @@ class World(Protocol):
         """
         ...
 
+    def occupied(self, robot: str) -> str | None:
+        """Why a robot is not free though no run has it: it says that it is at what no run has asked for."""
+        ...
+
     def followed_until(self, robot: str, execution_id: str) -> float:
         """Until when the robot's SkillStatus said that it is at an execution, by the wall clock: infinity while it says
         so, minus infinity if it never did. Its values may be lost meanwhile, so that it counts as silent.
@@ -72,6 +76,11 @@ class AllWell:
         return None
 
     def silent_since(self, robot: str) -> float | None:
+        """See World."""
+        del robot
+        return None
+
+    def occupied(self, robot: str) -> str | None:
         """See World."""
         del robot
         return None

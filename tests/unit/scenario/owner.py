@@ -19,6 +19,7 @@ from ua_fleet.scenario.effects import (
     OpenDecision,
     ReleaseRobot,
     StartTask,
+    TaskWaits,
     WantRobot,
 )
 from ua_fleet.scenario.expression import Value, ValueUnknown
@@ -51,6 +52,8 @@ class Robots:
     def __init__(self) -> None:
         self.troubles: dict[str, Trouble] = {}
         self.silent: dict[str, float] = {}
+        self.busy: dict[str, str] = {}
+        """Robots that are at what no run has asked for, and that in words."""
         self.followed: dict[str, float] = {}
         """Until when robots said that they are at executions; infinity: they say so."""
 
@@ -62,6 +65,9 @@ class Robots:
 
     def silent_since(self, robot: str) -> float | None:
         return self.silent.get(robot)
+
+    def occupied(self, robot: str) -> str | None:
+        return self.busy.get(robot)
 
     def followed_until(self, robot: str, execution_id: str) -> float:
         return self.followed.get(execution_id, -inf)
@@ -202,6 +208,8 @@ class Owner:
                     self._cancel(effect.execution_id)
                 case FollowTask():
                     self._follow(effect)
+                case TaskWaits():
+                    self.log.append(f"{self.now:g} {effect.task} waits: {effect.reason}")
                 case ReleaseRobot():
                     pass
 

@@ -10,6 +10,7 @@ from typing import Final, NamedTuple
 from ua_fleet.orchestrator import DecisionChanged
 from ua_fleet.resilience import Aborted, Ranking, RankingChanged, ReplacementChosen
 from ua_fleet.scenario import Value, read_scenario
+from ua_fleet.scenario.effects import TaskWaits
 from ua_fleet.scenario.facts import Fact, ReplacementWanted, RunCreated, RunEnded, TaskOver
 from ua_fleet.scenario.state import RunState, TaskPhase
 
@@ -43,6 +44,8 @@ class RunRecord:
         self.ended: float | None = None
         self.state = RunState()
         self._messages: dict[str, str] = {}
+        self._waiting: dict[str, TaskWaits] = {}
+        """Why tasks cannot begin now."""
 
     @classmethod
     def of(cls, run_id: str, facts: Iterable[Fact]) -> RunRecord:
@@ -55,6 +58,7 @@ class RunRecord:
     def apply(self, fact: Fact) -> None:
         """Take a fact in."""
         self.state.apply(fact)
+        self._waiting.pop(getattr(fact, "step", ""), None)
         match fact:
             case RunCreated():
                 self.started = fact.at
@@ -67,6 +71,12 @@ class RunRecord:
                 self._messages[fact.step] = fact.reason
             case _:
                 pass
+
+    def show_waiting(self, waits: TaskWaits) -> None:
+        """Know why a task cannot begin now."""
+        self._waiting.pop(waits.step, None)
+        if waits.reason and waits.step not in self.state.ended:
+            self._waiting[waits.step] = waits
 
     @property
     def shown_state(self) -> str:
@@ -104,7 +114,18 @@ class RunRecord:
                     self._messages.get(step, ""),
                 )
             )
-        return rows
+        shown = {row.step: place for place, row in enumerate(rows)}
+        for step, waits in self._waiting.items() if self.state.outcome is None else ():
+            if (place := shown.get(step)) is None:
+                rows.append(_waiting_row(waits))
+            else:
+                rows[place] = rows[place]._replace(robot=waits.robot or rows[place].robot, message=waits.reason)
+        return rows[-MOST_ROWS:]
+
+
+def _waiting_row(waits: TaskWaits) -> TaskRow:
+    state = TaskPhase.WANTED.name.lower()
+    return TaskRow(waits.step, waits.task, waits.robot, waits.skill, state, 0, "{}", waits.reason)
 
 
 @dataclass(slots=True)

@@ -18,6 +18,7 @@ from ua_fleet.orchestrator import (
     Output,
     ResilienceSettings,
     RunChanged,
+    TaskWaiting,
 )
 from ua_fleet.server.convert import raw_id
 from ua_fleet.server.endpoint.stack import ObjectIds, ns0
@@ -74,6 +75,10 @@ class ScenarioView:
                 record.apply(fact)
                 self._nodes.show_run(record)
                 self._tell_of_run(record, fact_event(record, fact))
+            case TaskWaiting(run_id=run_id, waits=waits):
+                if (record := self.runs.get(run_id)) is not None:
+                    record.show_waiting(waits)
+                    self._nodes.show_run(record)
             case OperatorAsked(run_id=run_id):
                 record = self.runs[run_id]
                 self._tell_of_run(record, question_event(record, output))

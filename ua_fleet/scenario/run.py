@@ -81,6 +81,8 @@ _ALL_WELL: Final = AllWell()
 _NAMESPACE: Final = uuid.UUID("6f2c4f0e-4f6c-5d0e-9a57-0b8c5d3f7a11")
 _ASKED_FOR: Final = (TaskPhase.ASSIGNED, TaskPhase.ACCEPTED)
 _ACTIVE: Final = (*_ASKED_FOR, TaskPhase.HALTING)
+_NEVER_BEGUN: Final = (TaskOutcome.REFUSED, TaskOutcome.BUSY, TaskOutcome.UNREACHED)
+"""What never reached its robot did not take it too long."""
 _UNCERTAIN: Final = (TaskPhase.ASKED, TaskPhase.LOST)
 _DECIDABLE: Final = (TaskPhase.REPLACING, TaskPhase.ASKED)
 _NOT_BEGUN: Final = (TaskPhase.REPLACING, TaskPhase.WANTED)
@@ -244,7 +246,8 @@ class Run:
             elif task_run.phase not in _ACTIVE:
                 said = f"{task_run.executed_by} has told after all: {message or outcome.value}; nobody need answer"
             if halting is not None and outcome not in (TaskOutcome.DONE, TaskOutcome.UNKNOWN):
-                how = outcome if outcome is TaskOutcome.STOPPED else halting.outcome
+                is_begun = halting.outcome is not TaskOutcome.TIMED_OUT or outcome not in _NEVER_BEGUN
+                how = halting.outcome if is_begun and outcome is not TaskOutcome.STOPPED else outcome
                 if task_run.phase is TaskPhase.HALTING:
                     said = f"{halting.reason}; it was halted: {message or outcome.value}"
             elif outcome is TaskOutcome.HALTED:

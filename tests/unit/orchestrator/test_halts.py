@@ -282,3 +282,29 @@ def test_a_halt_of_the_run_itself_is_no_halt_of_a_client(is_asked: bool) -> None
     world.take(world.make.fault_raised("ned", "robot", "hot", world.now))
     world.end(execution_id, TaskOutcome.HALTED)
     assert world.asked() == [("a", "ned"), ("a", "ted")]
+
+
+@pytest.mark.parametrize("outcome", [TaskOutcome.UNREACHED, TaskOutcome.BUSY, TaskOutcome.REFUSED])
+@pytest.mark.parametrize("is_asked", [False, True])
+def test_what_never_reached_its_robot_is_no_fault_of_it(outcome: TaskOutcome, is_asked: bool) -> None:
+    """A PLC that stands is accepted for by its bridge, which says in the end that nothing was given to it."""
+    world = World()
+    execution_id = world.run("a", ", timeout_s: 35")
+    world.accept(execution_id)
+    world.go(35)
+    if is_asked:
+        world.go(HALT_S)
+    world.end(execution_id, outcome)
+    assert world.asked() == [("a", "ned"), ("a", "ted")], "longer than silence_s nobody asks an unreached robot again"
+    world.end(world.of(TaskStarted)[-1].execution_id, TaskOutcome.DONE)
+    assert world.ends() == {"a": RunOutcome.DONE}
+    assert list(world.make.faults) == []
+
+
+def test_what_never_reached_its_robot_is_asked_of_it_again_as_if_it_had_not_been() -> None:
+    world = World()
+    execution_id = world.run("a", ", timeout_s: 20")
+    world.accept(execution_id)
+    world.go(20)
+    world.end(execution_id, TaskOutcome.UNREACHED)
+    assert world.asked() == [("a", "ned"), ("a", "ned")]

@@ -66,7 +66,7 @@ class Drop(StrEnum):
     UNKNOWN_SOURCE = "unknown_source"
     """A source that the policy for unknown sources does not let in."""
     CONFLICT = "conflict"
-    """A second source claims the node of another."""
+    """A second source claims the node of another, or another process says that it is this bridge."""
     INLET_FULL = "inlet_full"
     """More messages than the bridge could hand on, from the robot side or, while robots connect, to it; the oldest
     went."""

@@ -34,7 +34,7 @@ from ua_fleet.bridge.driver import (
 from ua_fleet.bridge.skill_status import StatusBoard
 from ua_fleet.bridge.unrecorded import Said, Step, Unrecorded
 from ua_fleet.counters import Counters, Drop
-from ua_fleet.errors import LocalWireError, SkillError, SkillRejected, StorageUnavailable
+from ua_fleet.errors import LocalWireError, RobotOffline, SkillError, SkillRejected, StorageUnavailable
 from ua_fleet.pubsub.events import ActionReceived
 from ua_fleet.pubsub.metadata import fields_version, type_codes
 from ua_fleet.pubsub.publisher import Publisher
@@ -149,6 +149,8 @@ class Actions:
         self._due: float | None = None
         self.problem = ""
         """Why executions cannot be recorded; empty while they can."""
+        self.rival: Callable[[float], str] = lambda _now: ""
+        """Why nothing may be begun now; empty where it may. What is under way goes on, and can be stopped."""
 
     def begin(self, now: float) -> None:
         """Announce the skills, and ask the driver about executions of a run before."""
@@ -319,6 +321,8 @@ class Actions:
             self._control(execution, now)
             return
         try:
+            if problem := self.rival(now):
+                raise RobotOffline(problem)
             self._driver.execute(_of_driver(execution))
         except SkillError as error:
             status, said = error.ua_status, str(error)

@@ -38,6 +38,7 @@ from ua_fleet.bridge.figures import BridgeFigures
 from ua_fleet.bridge.inlet import BoundedInlet
 from ua_fleet.bridge.lag import LagMeter
 from ua_fleet.bridge.link_log import LinkLog
+from ua_fleet.bridge.rival import Rival
 from ua_fleet.bridge.status import STATUS_FIELDS, STATUS_INTERVAL_S, aside_text, status_topic, status_values
 from ua_fleet.bridge.told import ToldReasons
 from ua_fleet.bridge.wanted import Wants
@@ -59,7 +60,7 @@ from ua_fleet.skill.journal import MemoryJournal, ResponderJournal
 from ua_fleet.storage.journal import SqliteJournal
 from ua_fleet.storage.process_lock import process_lock
 from ua_fleet.topics import Topic, loop_verdict
-from ua_fleet.transport.base import Address, Transport
+from ua_fleet.transport.base import Address, KnowsItself, Transport
 from ua_fleet.transport.paced import PacedSender
 from ua_fleet.transport.sealed import Sent
 from ua_fleet.values import ticks_from_unix_ns
@@ -168,6 +169,17 @@ class _Shell:
             rule=rule,
             definitions=announced_robots(config, bridge_name),
         )
+        self._rival = Rival()
+        if isinstance(transport, KnowsItself):
+            is_own = transport.is_own
+
+            def impostor(sender: Address, now: float) -> bool:
+                if is_own(sender):
+                    return False
+                self._rival.heard(sender, now)
+                return True
+
+            self._subscriber.impostor, self._actions.rival = impostor, self._rival.problem
         self._data_of: dict[str, set[Topic]] = {}
         """The data of each robot of `fleet.yaml`."""
         for robot, _, topic, _ in every_data_set(config):
@@ -292,6 +304,10 @@ class _Shell:
             self.over.set_exception(DriverFailed(f"bridge {self._name}: {' '.join(status.detail.split())}"))
         if problem := self.envelope.problem or self.keys.problem() or self._actions.problem:
             status = replace(status, detail=f"{status.detail}; {problem}")
+        if rival := self._rival.problem(now):
+            status = replace(status, detail=f"{status.detail}; {rival}")
+            if self._rival.is_due(now):
+                self._log.error(rival)
         self._links.take(status)
         if status.aside:
             status = replace(status, detail=f"{status.detail}; {aside_text(status.aside)}")

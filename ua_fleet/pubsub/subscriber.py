@@ -115,6 +115,8 @@ class Subscriber:
         self.is_nearer = True
         """Whether the last datagram may have brought the next deadline nearer. A new value of a writer that is heard
         all the time, and a chunk of a message, do not: chunks that do not come are given up after seconds."""
+        self.impostor: Callable[[tuple[str, int], float], bool] | None = None
+        """Told who has sent a message with our PublisherId, and when; whether that is somebody else."""
         self._own_space = own_space
         self._timeout = timing.receive_timeout_s
         self._counters = counters
@@ -153,7 +155,7 @@ class Subscriber:
             and not self._comes_in(self._own_space)
         ):
             self._counters.messages_in += datagram[_COUNT_AT]
-            self._counters.drop(Drop.LOOP, datagram[_COUNT_AT])
+            self._counters.drop(self._cause_of_own(datagram, sender, now), datagram[_COUNT_AT])
             return []
         try:
             if self._envelope is not None:
@@ -178,6 +180,14 @@ class Subscriber:
         if isinstance(message, ActionMessage):
             return self._receive_action(message, sender)
         return [] if isinstance(message, NetworkMessage) else self._receive_announcement(message)
+
+    def _cause_of_own(self, datagram: bytes, sender: tuple[str, int] | None, now: float) -> Drop:
+        """Whether a message with our PublisherId came back to us, or is another process's that has our keys."""
+        if sender is None or self.impostor is None:
+            return Drop.LOOP
+        if self._envelope is not None and not self._envelope.is_of_another(datagram, now):
+            return Drop.LOOP
+        return Drop.CONFLICT if self.impostor(sender, now) else Drop.LOOP
 
     def known(self, topic: Topic) -> list[SubscriberEvent]:
         """What was heard of a source last, for one who begins to follow it now."""

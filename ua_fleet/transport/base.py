@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 from ua_fleet.counters import Counters, Drop
 
-__all__ = ["Address", "Receive", "Sends", "Transport", "TransportStats"]
+__all__ = ["Address", "KnowsItself", "Receive", "Sends", "Transport", "TransportStats"]
 
 Address = tuple[str, int]
 """IP address and port of a sender."""
@@ -46,6 +46,15 @@ class Sends(Protocol):
 
         The address that members see as the sender of a datagram is one that this transport receives at.
         """
+        ...
+
+
+@runtime_checkable
+class KnowsItself(Protocol):
+    """A transport that can tell its own messages from those of others."""
+
+    def is_own(self, sender: Address) -> bool:
+        """Whether what came from there was sent by this transport."""
         ...
 
 

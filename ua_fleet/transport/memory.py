@@ -122,6 +122,10 @@ class MemoryEndpoint:
         self._network = network
         self._receive: Receive | None = None
 
+    def is_own(self, sender: Address) -> bool:
+        """See KnowsItself."""
+        return sender == self.address
+
     def attach(self, receive: Receive) -> None:
         """Hand each datagram to `receive` from now on: `start` without an event loop."""
         self._receive = receive

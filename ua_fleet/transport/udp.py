@@ -21,6 +21,7 @@ import errno
 import ipaddress
 import socket
 import struct
+from collections import deque
 from typing import Final
 
 import structlog
@@ -88,6 +89,8 @@ class UdpTransport:
         self._sender: socket.socket | None = None
         self._direct: socket.socket | None = None
         """At the sender's port: hears answers, sends to one address."""
+        self._own: deque[Address] = deque(maxlen=4)
+        """Where this transport has sent from, the latest last."""
         self._state = b""
         """The interface's state when it was last looked up; empty where it is to be looked up."""
         self._timer: asyncio.TimerHandle | None = None
@@ -102,6 +105,10 @@ class UdpTransport:
         """Datagrams that it has dropped, which the kernel counts among the receiver's drops."""
         self._warned_at = float("-inf")
         self._warned_drops = 0
+
+    def is_own(self, sender: Address) -> bool:
+        """See KnowsItself. What was sent before the sender was opened anew may still be in the receive buffer."""
+        return sender in self._own
 
     async def start(self, receive: Receive) -> None:
         """Open the sockets and hand each datagram to `receive` from now on."""
@@ -249,6 +256,7 @@ class UdpTransport:
             direct.close()
             raise self._route_error(interface, error) from error
         self._sender, self._direct = sender, direct
+        self._own.append(sender.getsockname())
         if self._is_multicast and self._receiver is not None and not self._hears_itself:
             self._is_filtered = attach_own_filter(self._receiver, sender)
         self._read(direct)

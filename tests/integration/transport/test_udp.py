@@ -89,6 +89,15 @@ async def test_what_a_transport_sends_itself_can_be_kept_out_by_the_kernel(udp_u
     assert (deaf.transport.stats.received, deaf.transport.stats.kernel_drops) == (2, 0)
 
 
+async def test_a_transport_tells_its_own_messages_from_those_of_another_process(udp_url: str, start: Start) -> None:
+    first, second = await start(udp_url), await start(udp_url)
+    first.transport.send(b"first")
+    second.transport.send(b"second")
+    heard = await first.until(2)
+    own = dict(zip(heard, map(first.transport.is_own, first.senders), strict=True))
+    assert own == {b"first": True, b"second": False}
+
+
 async def test_kernel_drops_are_counted_beside_a_transport_s_own_datagrams(udp_url: str, start: Start) -> None:
     deaf = await start(udp_url, hears_itself=False, receive_buffer_bytes=4096)
     other = await start(udp_url)

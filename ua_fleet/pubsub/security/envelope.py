@@ -45,6 +45,7 @@ _PROBE: Final = MessageType.PROBE << 2
 _THE_PUBLISHER: Final = 0
 _ANY_MEMBER: Final = -1
 _NOBODY: Final = -2
+_ANOTHER: Final = -3
 """Whose replay window counts: see `replay.py`."""
 _read_nonce = Struct("<H2xI").unpack
 
@@ -187,6 +188,26 @@ class Envelope:
             raise Refused(Drop.NOT_SECURED, heard, self._mode)
         group = self._telemetry.get(publisher_id) or self._meet(heard)
         return self._verified(heard, group, _THE_PUBLISHER, now)
+
+    def is_of_another(self, datagram: bytes, now: float) -> bool:
+        """Whether data with our PublisherId may be another process's.
+
+        Without security it may. Otherwise it needs our group's signature, and a nonce that is not of this process: what
+        is ours and somebody sends again is no sign of another one.
+        """
+        if self._mode is _NONE:
+            return True
+        try:
+            heard = read_security(datagram)
+        except RemoteWireError:
+            return False
+        group = self._telemetry.get(self._own_space)
+        if group is None or heard.mode < self._mode or heard.nonce[: len(self._prefix)] == self._prefix:
+            return False
+        try:
+            return self._verified(heard, group, _ANOTHER, now) is not None
+        except (Refused, RemoteWireError):
+            return False
 
     def _open_unsecured(self, datagram: bytes, now: float) -> bytes | None:
         """Without security: a chunk is taken in, unless it is our own. The subscriber looks at all else."""

@@ -41,6 +41,7 @@ __all__ = [
     "SILENT",
     "SKILL",
     "TELL_S",
+    "VALUE_S",
     "FaultMeaning",
     "after_end",
     "meaning_of",
@@ -64,6 +65,10 @@ LEAST_SILENCE_S: Final = 5.0
 """A bridge that is started anew is heard within this: before, a task's own time-out says nothing of a silent robot."""
 TELL_S: Final = 10.0
 """A robot that is heard again has told within this what became of an execution, or cannot."""
+
+VALUE_S: Final = 10.0
+"""So long a task waits for the value of an argument whose robot is heard: as long as `if` does by itself. The values of
+a robot that is heard again come one by one."""
 
 
 class FaultMeaning(NamedTuple):

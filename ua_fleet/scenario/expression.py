@@ -50,6 +50,11 @@ class ExpressionInvalid(ScenarioError):
 class ValueUnknown(ScenarioError):
     """A condition cannot be decided now: a value is not known, or is of the wrong kind."""
 
+    def __init__(self, message: str, robot: str = "") -> None:
+        """Say why; `robot` is whose value it is, where that is known."""
+        super().__init__(message)
+        self.robot = robot
+
 
 @dataclass(frozen=True, slots=True)
 class Expression:

@@ -181,6 +181,9 @@ class Run:
             elif (trouble := self._trouble(robot, step)) is not None:
                 self.replace(step, robot, trouble.reason, moment)
             elif self._world.silent_since(robot) is None and self._world.occupied(robot) is None:
+                if self.missing(self.task(step), moment) is not None:
+                    self._tending.lacks(step)
+                    return
                 self._assign(step, task_run, robot, skill, moment)
             elif self.robot_for(self.task(step), task_run) is None:  # it is for anybody who is heard, and free
                 moment.effects.append(ReleaseRobot(step))
@@ -456,14 +459,22 @@ class Run:
     def _trouble(self, robot: str, step: str) -> Trouble | None:
         return self._world.trouble(robot, self._world.needs(robot, self.task(step)))
 
+    def missing(self, task: Task, moment: Moment) -> ValueUnknown | None:
+        """The first argument that has no value now."""
+        try:
+            arguments_for(task, None, moment.lookup)
+        except ValueUnknown as error:
+            return error
+        return None
+
+    def fail(self, step: str, reason: str, moment: Moment) -> None:
+        """A task that waits for a robot, or has one that was not asked yet, cannot be done."""
+        moment.effects.append(ReleaseRobot(step))
+        self.note(StepEnded(moment.now, step, StepState.FAILED, reason), moment)
+
     def _assign(self, step: str, task_run: TaskRun, robot: str, skill: SkillModel | None, moment: Moment) -> None:
         task = self.task(step)
-        try:
-            arguments = arguments_for(task, skill, moment.lookup)
-        except ValueUnknown as error:
-            moment.effects.append(ReleaseRobot(step))
-            self.note(StepEnded(moment.now, step, StepState.FAILED, f"task {task.name}: {error}"), moment)
-            return
+        arguments = arguments_for(task, skill, moment.lookup)
         attempt = task_run.attempt + 1
         execution_id = uuid.uuid5(_NAMESPACE, f"{self.state.run_id}/{step}/{attempt}").hex
         self.note(

@@ -10,9 +10,9 @@ from math import inf
 from typing import Final, Protocol
 
 from ua_fleet.scenario.asking import cancel
-from ua_fleet.scenario.consequences import BUSY_S, HALT_S, LEAST_SILENCE_S, SETTLE_S, TELL_S
+from ua_fleet.scenario.consequences import BUSY_S, HALT_S, LEAST_SILENCE_S, SETTLE_S, TELL_S, VALUE_S
 from ua_fleet.scenario.effects import TaskWaits
-from ua_fleet.scenario.expression import Value
+from ua_fleet.scenario.expression import Value, ValueUnknown
 from ua_fleet.scenario.facts import Fact, TaskHalting, TaskOutcome
 from ua_fleet.scenario.model import Task
 from ua_fleet.scenario.state import RunState, TaskPhase, TaskRun
@@ -54,6 +54,14 @@ class Tended(Protocol):
         """Ask for what a task waits for, also once more."""
         ...
 
+    def missing(self, task: Task, moment: Moment) -> ValueUnknown | None:
+        """The first argument that has no value now."""
+        ...
+
+    def fail(self, step: str, reason: str, moment: Moment) -> None:
+        """A task that was not begun cannot be done."""
+        ...
+
     def note(self, fact: Fact, moment: Moment) -> None:
         """Journal and apply a fact."""
         ...
@@ -69,6 +77,10 @@ class Tending:
         """Tasks that have their robot, and wait until it is heard, or free."""
         self._occupied_since: dict[str, float] = {}
         """Since when the robots that tasks have are at what no run has asked for; begins anew after a restart."""
+        self._lacking: dict[str, float | None] = {}
+        """Tasks that have their robot and lack the value of an argument, and since when; None: whose value it is, is
+        silent. Begins anew after a restart.
+        """
         self._told: dict[str, str] = {}
         """Why tasks wait, as it was told last."""
         self._taken_back: set[str] = set()
@@ -81,6 +93,10 @@ class Tending:
     def held(self, step: str) -> None:
         """A task has its robot, which is silent, or is at something else."""
         self._held.add(step)
+
+    def lacks(self, step: str) -> None:
+        """A task has its robot, and an argument of it has no value now."""
+        self._lacking.setdefault(step, None)
 
     def is_away(self, robot: str, needs: Collection[str] = ()) -> bool:
         """Whether a robot cannot be asked now for what needs some capacities; without them: for anything at all."""
@@ -109,7 +125,7 @@ class Tending:
     def _is_wanted_tended(self, step: str, task: Task, task_run: TaskRun, moment: Moment) -> bool:
         robot = self._run.robot_for(task, task_run)
         if robot is None:
-            return False  # whoever has the robots finds one
+            return self._is_value_tended(step, task, "", moment)  # whoever has the robots finds one
         if (trouble := self._world.trouble(robot, self._world.needs(robot, task))) is not None:
             self._give_up(step, robot, trouble.reason, moment)
             return True
@@ -119,6 +135,8 @@ class Tending:
         elif occupied is not None and step in self._held:
             until = self._occupied_since.setdefault(step, moment.now) + BUSY_S
             why, gives_up = occupied, f"{occupied}, for {BUSY_S:g} s"
+        elif step in self._lacking:
+            return self._is_value_tended(step, task, robot, moment)
         else:
             was_held = step in self._held
             self.tell(step, task, robot, "", moment)
@@ -126,11 +144,38 @@ class Tending:
             if was_held:
                 self._run.ask(step, moment)
             return was_held
+        if step in self._lacking:
+            self._lacking[step] = None
         if moment.now < until:
             moment.deadlines.append(until)
             self.tell(step, task, robot, why, moment)
             return False
         self._give_up(step, robot, gives_up, moment)
+        return True
+
+    def _is_value_tended(self, step: str, task: Task, robot: str, moment: Moment) -> bool:
+        """See to a task that may lack the value of an argument, and would begin now if it were known."""
+        if step not in self._lacking:
+            return False
+        missing = self._run.missing(task, moment)
+        if missing is None:
+            self.tell(step, task, robot, "", moment)
+            self._forget(step)
+            self._run.ask(step, moment)
+            return True
+        silent_since = self._world.silent_since(missing.robot) if missing.robot else None
+        if silent_since is not None:
+            self._lacking[step], until = None, silent_since + self._world.silence_s
+        else:
+            since = self._lacking[step]
+            since = self._lacking[step] = moment.now if since is None else since
+            until = since + VALUE_S
+        if moment.now < until:
+            moment.deadlines.append(until)
+            self.tell(step, task, robot, str(missing), moment)
+            return False
+        self._forget(step)
+        self._run.fail(step, f"task {task.name}: {missing}", moment)
         return True
 
     def tell(self, step: str, task: Task, robot: str, reason: str, moment: Moment) -> None:
@@ -147,6 +192,7 @@ class Tending:
         """A task does not have its robot any more, or has no reason to wait with it."""
         self._held.discard(step)
         self._occupied_since.pop(step, None)
+        self._lacking.pop(step, None)
         self._told.pop(step, None)
 
     def _tend_begun(self, step: str, task: Task, task_run: TaskRun, moment: Moment) -> None:

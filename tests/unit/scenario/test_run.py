@@ -420,7 +420,7 @@ def test_parameters_are_checked(given: dict[str, int | str], said: str) -> None:
 def test_a_task_whose_argument_has_no_value_fails_with_the_reason() -> None:
     world = owner("  - {task: a, robot: ned, skill: pick, arguments: {x: =nowhere.there + 1}}\n")
     world.go()
-    assert world.log == ["0 failed task a: nowhere.there is not known"]
+    assert world.log == ["0 a waits: nowhere.there is not known", "10 failed task a: nowhere.there is not known"]
 
 
 @pytest.mark.parametrize(

@@ -111,24 +111,25 @@ class FleetValues:
         status = self._status.get(full)
         if status is None:
             raise ValueUnknown(f"there is no value {name!r}")
+        robot = full.partition(".")[0]
         if status & _BAD:
-            raise ValueUnknown(f"{name} is not known now ({status_name(status)})")
+            raise ValueUnknown(f"{name} is not known now ({status_name(status)})", robot)
         if status >> 16 == _LAST_USABLE >> 16:
-            raise ValueUnknown(f"{name} is not known now (its last value is too old, or of an earlier start)")
+            raise ValueUnknown(f"{name} is not known now (its last value is too old, or of an earlier start)", robot)
         if status == StatusCode.UNCERTAIN_LAST_USABLE_VALUE and full in self._on_demand:
-            raise ValueUnknown(f"{name} is not known now (it was not read since somebody needed it last)")
+            raise ValueUnknown(f"{name} is not known now (it was not read since somebody needed it last)", robot)
         value = self._values.get(full)
         if index is not None:
             if not isinstance(value, tuple | list):
-                raise ValueUnknown(f"{own} is no array")
+                raise ValueUnknown(f"{own} is no array", robot)
             elements = cast("Sequence[object]", value)
             if index >= len(elements):
-                raise ValueUnknown(f"{own} has {len(elements)} elements now, and no {name}")
+                raise ValueUnknown(f"{own} has {len(elements)} elements now, and no {name}", robot)
             value = elements[index]
         if not isinstance(value, bool | int | float | str):
-            raise ValueUnknown(f"{name} is not known now (no number, text or truth value)")
+            raise ValueUnknown(f"{name} is not known now (no number, text or truth value)", robot)
         if isinstance(value, float) and math.isnan(value):  # each comparison with it is false, and its `not` true
-            raise ValueUnknown(f"{name} is not known now (its robot says NaN)")
+            raise ValueUnknown(f"{name} is not known now (its robot says NaN)", robot)
         return value
 
 

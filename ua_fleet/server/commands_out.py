@@ -35,7 +35,7 @@ from ua_fleet.skill.executions import (
     halt_id,
 )
 from ua_fleet.skill.journal import RequestorJournal
-from ua_fleet.skill.requestor import OutcomeCorrected, Requestor, RequestorEffect, RequestPace, Send
+from ua_fleet.skill.requestor import Contradicted, OutcomeCorrected, Requestor, RequestorEffect, RequestPace, Send
 from ua_fleet.topics import SERVER_SPACE, Topic
 from ua_fleet.values import BuiltinType, StatusCode
 from ua_fleet.wire.actions import encode_action
@@ -52,6 +52,8 @@ HALT_TIMEOUT_S: Final = 60.0
 MOST_REMEMBERED: Final = 1000
 """Executions of which it is known how often they were to be halted."""
 _CONTROLS: Final = {HALT_TARGETS: "stop", SUSPEND_TARGETS: "suspend", RESUME_TARGETS: "resume"}
+REFUSAL_WAIT_S: Final = 0.1
+"""What is refused goes to another robot at once; so long another process of its bridge may say that it began it."""
 RETRY_S: Final = 1.0
 """After a journal that could not be written, it is tried again after so long."""
 
@@ -99,7 +101,7 @@ class SkillCommands:
         self._requestor = Requestor(
             RequestorName.checked(space, instance),
             journal,
-            pace=pace or RequestPace(),
+            pace=pace or RequestPace(refusal_wait_s=REFUSAL_WAIT_S),
             must_be_verified=must_be_verified,
         )
         self._catalog = ActionCatalog()
@@ -221,6 +223,7 @@ class SkillCommands:
     def receive(self, event: ActionReceived, now: float) -> None:
         """Take responses."""
         self._try(lambda: self._requestor.receive(event.message, now, verified=event.verified), now)
+        self._sooner()
 
     def announced(self, announcement: ActionMetaDataAnnouncement) -> None:
         """Learn of an Action that can be invoked."""
@@ -258,6 +261,13 @@ class SkillCommands:
         for effect in effects:
             if isinstance(effect, Send):
                 self._send(encode_action(effect.message))
+            elif isinstance(effect, Contradicted):
+                self.outcomes["contradicted"] += 1
+                _log.error(
+                    "a request was refused and accepted: two processes say that they are one bridge; end one of them",
+                    space=effect.target.publisher_id,
+                    execution=effect.execution_id.hex(),
+                )
             elif isinstance(effect, OutcomeCorrected):
                 self.outcomes["corrected"] += 1
                 self._tell(effect.execution_id, effect.outcome)

@@ -27,7 +27,15 @@ from ua_fleet.skill.executions import (
 )
 from ua_fleet.skill.journal import Execution, MemoryJournal, Request, RequestorJournal, ResponderJournal
 from ua_fleet.skill.offers import Offer
-from ua_fleet.skill.requestor import Concluded, OutcomeCorrected, Requestor, RequestorEffect, RequestPace, Send
+from ua_fleet.skill.requestor import (
+    Concluded,
+    Contradicted,
+    OutcomeCorrected,
+    Requestor,
+    RequestorEffect,
+    RequestPace,
+    Send,
+)
 from ua_fleet.skill.responder import (
     Execute,
     ExecutionChanged,
@@ -40,6 +48,7 @@ from ua_fleet.skill.responder import (
 
 __all__ = [
     "Concluded",
+    "Contradicted",
     "Execute",
     "Execution",
     "ExecutionChanged",

@@ -8,9 +8,12 @@ A request is journaled, then sent as ActionState Executing, and repeated (OPC 10
     ASKING   Executing heard                                           wait for Done, ask again if it falls silent
     ASKING   timeout over, or `withdraw`                               ask on with TimeoutHint 0
     ASKING   Done heard                                                journal outcome, tell it, send Idle -> CLOSING
+    ASKING   Done with a refusal heard, and `refusal_wait_s` is not 0  the same after so long; an acceptance that is
+                                                                       heard in it wins
     ASKING   timeout and grace over                                    journal Unknown, tell it          -> closed
     CLOSING  interval over, no Idle heard                              send Idle again, a few times      -> closed
     CLOSING  Idle heard                                                                                  -> closed
+    any      Done contradicts the outcome: refused and accepted        tell that; accepted wins, and corrects the other
     closed   Done heard                                                send Idle; where the outcome was Unknown and is
                                                                        known now: journal it, tell the correction
     closed   `inquire`, the outcome Unknown because no answer came     ask with TimeoutHint 0            -> ASKING
@@ -50,7 +53,7 @@ from ua_fleet.skill.journal import Request, RequestorJournal
 from ua_fleet.values import TICKS_PER_SECOND, StatusCode, Variant
 from ua_fleet.wire.actions import ActionMessage, ActionState
 
-__all__ = ["Concluded", "OutcomeCorrected", "RequestPace", "Requestor", "RequestorEffect", "Send"]
+__all__ = ["Concluded", "Contradicted", "OutcomeCorrected", "RequestPace", "Requestor", "RequestorEffect", "Send"]
 
 REQUEST_ID: Final = 1
 """Unique within RequestorId and CorrelationData, as the specification wants it: each execution has its own of those."""
@@ -58,6 +61,7 @@ _NO_ANSWER: Final = Outcome(
     OutcomeKind.UNKNOWN,
     Report(ExecutionState.UNKNOWN, StatusCode.BAD_NO_COMMUNICATION, "no answer came; see what the robot does"),
 )
+_CONTRADICTION: Final = {OutcomeKind.ACCEPTED, OutcomeKind.REFUSED}
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,7 +87,15 @@ class OutcomeCorrected:
     outcome: Outcome
 
 
-RequestorEffect = Send | Concluded | OutcomeCorrected
+@dataclass(frozen=True, slots=True)
+class Contradicted:
+    """One responder has refused a request that another one has accepted: two processes say that they are one bridge."""
+
+    execution_id: bytes
+    target: Target
+
+
+RequestorEffect = Send | Concluded | OutcomeCorrected | Contradicted
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,6 +109,8 @@ class RequestPace:
     """So long after its timeout it is asked what became of a request."""
     most_closing: int = 5
     """So often is Idle sent where nothing comes back."""
+    refusal_wait_s: float = 0.0
+    """So long after a refusal it is listened whether another responder accepts the request; then the refusal counts."""
 
 
 class _Phase(Enum):
@@ -116,6 +130,8 @@ class _Exchange:
     arguments: tuple[Variant, ...]
     sent: int = 0
     """Messages of this phase, since the last answer."""
+    refused: Outcome | None = None
+    """A refusal that counts at `next_at`, unless an acceptance comes before."""
 
 
 class Requestor:
@@ -149,6 +165,8 @@ class Requestor:
         self._requests = {request.execution_id: request for request in journal.requests()}
         self._last_issued = max((request.issued for request in self._requests.values()), default=0)
         self._exchanges: dict[bytes, _Exchange] = {}
+        self._contradicted: dict[bytes, None] = {}
+        """Executions of which that was told, the oldest first."""
 
     def outcome(self, execution_id: bytes) -> Outcome | None:
         """What is known of a request; None while it is asked for, KeyError where it was never made or is forgotten."""
@@ -221,7 +239,7 @@ class Requestor:
         Where the journal cannot write that, it holds until a restart.
         """
         exchange = self._exchanges.get(execution_id)
-        if exchange is None or exchange.phase is not _Phase.ASKING or exchange.deadline <= now:
+        if exchange is None or exchange.phase is not _Phase.ASKING or exchange.deadline <= now or exchange.refused:
             return []
         exchange.deadline = exchange.next_at = now
         self._journal.withdrawn(execution_id)
@@ -256,7 +274,18 @@ class Requestor:
         effects: list[RequestorEffect] = []
         for execution_id, exchange in list(self._exchanges.items()):
             request = self._requests[execution_id]
-            if now >= exchange.give_up:
+            if exchange.refused is not None:
+                if now < exchange.next_at:
+                    continue
+                try:
+                    effects += self._conclude(request, exchange.refused)
+                except StorageUnavailable:
+                    exchange.next_at = now + self._pace.longest_interval_s
+                    if not effects:
+                        raise
+                    break  # what was journaled before has to be told
+                effects.append(self._close(request, exchange, now))
+            elif now >= exchange.give_up:
                 try:
                     again = request.outcome is not None  # an inquiry: it is as unknown as it was
                     effects += [Concluded(execution_id, _NO_ANSWER)] if again else self._conclude(request, _NO_ANSWER)
@@ -276,7 +305,7 @@ class Requestor:
 
     def next_deadline(self) -> float | None:
         """When `poll` is to be called next, or None."""
-        return min((min(exchange.next_at, exchange.give_up) for exchange in self._exchanges.values()), default=None)
+        return min((_due(exchange) for exchange in self._exchanges.values()), default=None)
 
     def _ask(self, request: Request, now: float, deadline: float) -> list[RequestorEffect]:
         give_up = deadline + self._pace.grace_s
@@ -326,6 +355,8 @@ class Requestor:
             return self._receive_done(request, exchange, message, now)
         if exchange is None:
             return []
+        if exchange.refused is not None:
+            return []
         if message.action_state == ActionState.EXECUTING and exchange.phase is _Phase.ASKING:
             # It repeats that by itself; should it fall silent, it was started anew and has to be asked again.
             exchange.sent = 0
@@ -339,17 +370,38 @@ class Requestor:
     def _receive_done(
         self, request: Request, exchange: _Exchange | None, message: ActionMessage, now: float
     ) -> list[RequestorEffect]:
-        if exchange is not None and exchange.phase is _Phase.CLOSING:
-            return []  # Idle is repeated anyway
         outcome = outcome_of(read_answer(message))
         told = request.outcome
+        before = exchange.refused if exchange is not None and exchange.refused is not None else told
         effects: list[RequestorEffect] = []
+        if before is not None and {before.kind, outcome.kind} == _CONTRADICTION:
+            if outcome.kind is OutcomeKind.ACCEPTED and told is before:
+                effects += self._conclude(request, outcome)
+            effects += self._contradicts(request)
+        if exchange is not None and exchange.phase is _Phase.CLOSING:
+            return effects  # Idle is repeated anyway
+        if exchange is not None and told is None and outcome.kind is OutcomeKind.REFUSED and self._pace.refusal_wait_s:
+            if exchange.refused is None:
+                exchange.refused, exchange.next_at = outcome, now + self._pace.refusal_wait_s
+            return effects
         if told is None or (told.kind is OutcomeKind.UNKNOWN and outcome.kind is not OutcomeKind.UNKNOWN):
             effects += self._conclude(request, outcome)
         if exchange is None:
             return [*effects, Send(self._message(request, ActionState.IDLE))]
-        exchange.phase, exchange.give_up, exchange.sent = _Phase.CLOSING, math.inf, 0
-        return [*effects, self._say(request, exchange, now)]
+        return [*effects, self._close(request, exchange, now)]
+
+    def _close(self, request: Request, exchange: _Exchange, now: float) -> Send:
+        exchange.phase, exchange.give_up, exchange.sent, exchange.refused = _Phase.CLOSING, math.inf, 0, None
+        return self._say(request, exchange, now)
+
+    def _contradicts(self, request: Request) -> list[RequestorEffect]:
+        """Once for each request: both answers are repeated."""
+        if request.execution_id in self._contradicted:
+            return []
+        self._contradicted[request.execution_id] = None
+        if len(self._contradicted) > self._most_remembered:
+            del self._contradicted[next(iter(self._contradicted))]
+        return [Contradicted(request.execution_id, request.target)]
 
     def _conclude(self, request: Request, outcome: Outcome) -> list[RequestorEffect]:
         self._journal.concluded(request.execution_id, outcome)
@@ -373,6 +425,10 @@ class Requestor:
             self._journal.forget_requests(oldest)
             for execution_id in oldest:
                 del self._requests[execution_id]
+
+
+def _due(exchange: _Exchange) -> float:
+    return exchange.next_at if exchange.refused is not None else min(exchange.next_at, exchange.give_up)
 
 
 def _target_of(message: ActionMessage) -> Target | None:

@@ -67,6 +67,7 @@ async def test_arguments_go_with_the_version_of_what_was_announced() -> None:
     assert again.requests()[0].major_version == request.major_version, "also after a restart"
     refused = Report(ExecutionState.REFUSED, StatusCode.BAD_CONFIGURATION_ERROR, "other arguments")
     bench.respond(request, refused)
+    bench.commands.poll(10.0)  # nobody else has accepted it meanwhile
     assert (bench.told, bench.wanted) == ([OutcomeKind.REFUSED], [(300, 1501)]), "it is asked what is announced now"
 
 
@@ -90,6 +91,7 @@ async def test_a_halt_names_its_execution_is_asked_for_once_and_a_refusal_is_log
     (request,) = bench.requests()
     assert (request.action_target_id, request.correlation_data, request.values) == (1 | HALT_TARGETS, halt_id(ID), ())
     bench.respond(request, Report(ExecutionState.REFUSED, message="it holds a load"))
+    bench.commands.poll(10.0)  # nobody else has accepted it meanwhile
     said = capsys.readouterr().out
     assert "a robot did not do it" in said
     assert "stop" in said

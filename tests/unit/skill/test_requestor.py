@@ -7,6 +7,7 @@ import pytest
 from ua_fleet.errors import LocalWireError, SkillRejected, StorageUnavailable
 from ua_fleet.skill import (
     Concluded,
+    Contradicted,
     ExecutionState,
     MemoryJournal,
     Outcome,
@@ -127,11 +128,12 @@ def test_executing_stops_the_repetition_for_a_while() -> None:
 def test_done_is_the_outcome_and_acknowledged_until_idle_comes(state: ExecutionState, kind: OutcomeKind) -> None:
     requestor = make()
     start(requestor)
-    concluded, idle = requestor.receive(said(ActionState.DONE, Report(state, StatusCode.BAD, "so it is", b"")), 0.2)
+    answer = said(ActionState.DONE, Report(state, StatusCode.BAD, "so it is", b""))
+    concluded, idle = requestor.receive(answer, 0.2)
     assert concluded == Concluded(ID, Outcome(kind, Report(state, StatusCode.BAD, "so it is")))
     assert isinstance(idle, Send)
     assert (idle.message.action_state, idle.message.types) == (ActionState.IDLE, ())
-    assert requestor.receive(RUNNING, 0.25) == [], "said again before it heard our Idle"
+    assert requestor.receive(answer, 0.25) == [], "said again before it heard our Idle"
     assert sent(requestor.poll(0.31)) == idle.message
     assert requestor.receive(said(ActionState.IDLE), 0.35) == []
     assert requestor.next_deadline() is None
@@ -174,7 +176,7 @@ def test_an_answer_that_comes_late_corrects_unknown_and_nothing_else() -> None:
     assert corrected == OutcomeCorrected(ID, Outcome(OutcomeKind.ACCEPTED, Report(ExecutionState.RUNNING)))
     assert isinstance(idle, Send)
     refused = said(ActionState.DONE, Report(ExecutionState.REFUSED))
-    assert [type(effect) for effect in requestor.receive(refused, 6.0)] == [Send]
+    assert [type(effect) for effect in requestor.receive(refused, 6.0)] == [Contradicted, Send]
     assert isinstance(corrected, OutcomeCorrected)
     assert requestor.outcome(ID) == corrected.outcome
 
@@ -354,3 +356,70 @@ def test_a_withdrawal_that_cannot_be_written_holds_until_a_restart() -> None:
     with pytest.raises(StorageUnavailable):
         requestor.withdraw(ID, 0.25)
     assert sent(requestor.poll(0.25)).timeout_hint_ms == 0.0
+
+
+REFUSED = said(ActionState.DONE, Report(ExecutionState.REFUSED, StatusCode.BAD_TOO_MANY_OPERATIONS, "busy"))
+
+
+def kinds(effects: list[RequestorEffect]) -> list[OutcomeKind]:
+    return [effect.outcome.kind for effect in effects if isinstance(effect, Concluded | OutcomeCorrected)]
+
+
+def waiting(journal: MemoryJournal | None = None) -> Requestor:
+    pace = RequestPace(interval_s=0.1, longest_interval_s=0.4, grace_s=2.0, most_closing=2, refusal_wait_s=0.1)
+    return Requestor(RequestorName.checked(0, "server"), journal or MemoryJournal(), pace=pace)
+
+
+def test_an_acceptance_soon_after_a_refusal_wins() -> None:
+    requestor = waiting()
+    start(requestor)
+    assert requestor.receive(REFUSED, 0.01) == []
+    effects = requestor.receive(RUNNING, 0.02)
+    assert kinds(effects) == [OutcomeKind.ACCEPTED]
+    assert Contradicted(ID, TARGET) in effects
+    assert sent(effects).action_state == ActionState.IDLE
+    later = requestor.receive(REFUSED, 0.03) + requestor.poll(0.2) + requestor.poll(3.0)
+    assert kinds(later) == []
+    assert not any(isinstance(effect, Contradicted) for effect in later), "said once"
+
+
+def test_a_refusal_that_nobody_contradicts_counts_after_a_moment() -> None:
+    journal = BrokenJournal()
+    requestor = waiting(journal)
+    start(requestor)
+    assert requestor.receive(REFUSED, 0.01) == []
+    assert requestor.receive(REFUSED, 0.05) == []
+    assert requestor.poll(0.1) == []
+    assert requestor.next_deadline() == pytest.approx(0.11)
+    journal.broken = True
+    with pytest.raises(StorageUnavailable):
+        requestor.poll(0.12)
+    journal.broken = False
+    effects = requestor.poll(0.6)
+    assert kinds(effects) == [OutcomeKind.REFUSED]
+    assert sent(effects).action_state == ActionState.IDLE
+
+
+@pytest.mark.parametrize("is_closed", [False, True])
+def test_an_acceptance_corrects_a_refusal_that_was_told(is_closed: bool) -> None:
+    requestor = make()
+    start(requestor)
+    assert kinds(requestor.receive(REFUSED, 0.1)) == [OutcomeKind.REFUSED]
+    if is_closed:
+        requestor.receive(said(ActionState.IDLE), 0.2)
+    effects = requestor.receive(RUNNING, 0.3)
+    assert kinds(effects) == [OutcomeKind.ACCEPTED]
+    assert isinstance(effects[0], OutcomeCorrected)
+    assert Contradicted(ID, TARGET) in effects
+    assert requestor.outcome(ID) == effects[0].outcome
+
+
+def test_a_refusal_after_an_acceptance_is_told_and_changes_nothing() -> None:
+    requestor = make()
+    start(requestor)
+    assert kinds(requestor.receive(RUNNING, 0.1)) == [OutcomeKind.ACCEPTED]
+    assert requestor.receive(REFUSED, 0.2) == [Contradicted(ID, TARGET)]
+    assert requestor.receive(REFUSED, 0.3) == []
+    outcome = requestor.outcome(ID)
+    assert outcome is not None
+    assert outcome.kind is OutcomeKind.ACCEPTED

@@ -17,6 +17,7 @@ from random import Random
 
 from ua_fleet.counters import Counters
 from ua_fleet.skill import (
+    Contradicted,
     Execute,
     Execution,
     ExecutionState,
@@ -290,6 +291,7 @@ class World:
                 if isinstance(effect, Send):
                     self._here.send(self._wrap(effect.message))
                 else:
+                    assert not isinstance(effect, Contradicted), "one responder has refused and accepted one execution"
                     self.seen["corrected"] += isinstance(effect, OutcomeCorrected)
                     self._learn(effect.execution_id, effect.outcome)
         except Crash:

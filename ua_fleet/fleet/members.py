@@ -58,7 +58,10 @@ class BridgeStatus:
 class RobotStatus:
     """Whether a robot can be reached: while any of its own sources is alive.
 
-    A robot without sources of its own can be reached while its bridge can; without a bridge that is known, while its
+    Its fault node is one of them: its bridge has it from the robot, and says when the robot is not reached. SkillStatus
+    is none, which a bridge publishes of robots that it does not reach.
+
+    A robot without data of its own can be reached while its bridge can; without a bridge that is known, while its
     SkillStatus is heard. Offline goes before Faulted, and that before Busy.
     """
 
@@ -80,6 +83,8 @@ class RobotStatus:
         self.model = model
         self.bridge = bridge
         self.sources = tuple([data_set.topic for data_set in model.data_sets if not data_set.writable])
+        if self.sources and model.fault is not None:
+            self.sources += (model.fault.topic,)
         if not self.sources and bridge is None and model.skill_status is not None:
             self.sources = (model.skill_status,)
         self.alive = 0

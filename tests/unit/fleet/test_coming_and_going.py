@@ -19,7 +19,7 @@ from ua_fleet.fleet.model import FleetModel
 from ua_fleet.pubsub.events import SourceSilent
 from ua_fleet.pubsub.metadata import make_field
 from ua_fleet.topics import Topic
-from ua_fleet.values import BuiltinType
+from ua_fleet.values import BuiltinType, StatusCode
 
 HEIGHT = Topic(2, 2, 1101)
 STATUS = Topic(2, 2, 1110)
@@ -94,6 +94,21 @@ def test_a_robot_of_a_bridge_that_nobody_knows_is_there_while_its_skill_status_i
     said = metadata_of(make_field("Skill", BuiltinType.STRING, array=True))
     assert state_of(fleet.hear(STATUS, [DOUBLE], [1.0], metadata=said)) is RobotState.IDLE
     assert state_of(fleet.state.apply(SourceSilent(STATUS), 2)) is RobotState.OFFLINE
+
+
+def test_a_robot_that_says_nothing_but_its_fault_is_heard() -> None:
+    """It has sent no data since its bridge and the server were started anew, and has none to send."""
+    fleet, fault = Fleet(), Topic(2, 2, 1120)
+    fleet.state.add_robot(robot(fault_id=fault.id))
+    text = metadata_of(make_field("data", BuiltinType.STRING))
+    assert state_of(fleet.state.tick(1)) is RobotState.OFFLINE
+    said = metadata_of(make_field("Skill", BuiltinType.STRING, array=True))
+    assert state_of(fleet.hear(STATUS, [DOUBLE], [1.0], metadata=said)) is None, "its bridge says so without it"
+    assert state_of(fleet.hear(fault, [BuiltinType.STRING], [""], metadata=text)) is RobotState.IDLE
+    lost = int(StatusCode.BAD_NO_COMMUNICATION)
+    assert state_of(fleet.hear(fault, [BuiltinType.STRING], [""], metadata=text, status=lost)) is RobotState.OFFLINE
+    assert state_of(fleet.hear(fault, [BuiltinType.STRING], [""], metadata=text)) is RobotState.IDLE
+    assert state_of(fleet.state.apply(SourceSilent(fault), 2)) is RobotState.OFFLINE
 
 
 def test_offline_goes_before_faulted_and_that_before_busy() -> None:

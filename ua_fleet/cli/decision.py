@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import asdict
 from enum import StrEnum
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
 
@@ -14,7 +14,7 @@ from ua_fleet.cli.output import print_json, print_line, print_table
 from ua_fleet.cli.scenario import with_scenarios
 
 if TYPE_CHECKING:
-    from ua_fleet.client import ScenarioClient
+    from ua_fleet.client import FaultInfo, ScenarioClient
 
 __all__ = [
     "ACK_EXAMPLES",
@@ -34,8 +34,12 @@ __all__ = [
     "raise_fault",
     "set_mode",
     "show",
+    "taken_away",
     "whatif",
 ]
+
+_SILENT: Final = "silent"
+"""The source of a fault that takes nothing away: it is there to be seen."""
 
 FAULT_EXAMPLES = ("ua-fleet fault list -u anna",)
 ACK_EXAMPLES = ('ua-fleet fault ack ur3.silent --comment "I look after it" -u anna',)
@@ -70,6 +74,11 @@ class LimitName(StrEnum):
     ABORT = "abort"
 
 
+def taken_away(fault: FaultInfo) -> str:
+    """What a fault takes away from its robot, in words."""
+    return "nothing" if fault.source == _SILENT else " ".join(fault.capacities) or "all"
+
+
 @connecting
 def faults(
     connection: Connection,
@@ -88,7 +97,7 @@ def faults(
                 fault.fault_id,
                 "active" if fault.active else "over",
                 "acknowledged" if fault.acknowledged else "-",
-                " ".join(fault.capacities) or "all",
+                taken_away(fault),
                 fault.reason,
             )
             for fault in found

@@ -21,6 +21,7 @@ import errno
 import ipaddress
 import socket
 import struct
+import time
 from collections import deque
 from typing import Final
 
@@ -40,6 +41,8 @@ _BATCH: Final = 64
 """Datagrams that are read at each wake-up at most, so that the event loop gets on."""
 _BATCH_BYTES: Final = 256 * 1024
 """Bytes of them: a description of 300 fields takes 40 KB, and some milliseconds to read."""
+_TURN_S: Final = 0.005
+"""Time for which they are handed on, before others have theirs."""
 _CHECK_PERIOD_S: Final = 1.0
 _WARNING_PERIOD_S: Final = 60.0
 _SEND_BUFFER_BYTES: Final = 1024 * 1024
@@ -82,6 +85,8 @@ class UdpTransport:
         self._ttl = ttl
         self._wanted_buffer_bytes = receive_buffer_bytes
         self._is_multicast = False
+        self._waiting: deque[tuple[bytes, Address]] = deque()
+        """What was read, and is handed on in the next turns."""
         self._loop: asyncio.AbstractEventLoop | None = None
         self._receive: Receive | None = None
         self._interface: Interface | None = None
@@ -151,6 +156,7 @@ class UdpTransport:
             self._timer = None
         self._close_receiver()
         self._close_sender()
+        self._waiting.clear()
 
     async def _resolve(self, loop: asyncio.AbstractEventLoop) -> str:
         try:
@@ -274,10 +280,11 @@ class UdpTransport:
 
     def _drain(self, receiver: socket.socket) -> None:
         """Read what is there, up to a bound, Actions first; the event loop calls again while there is more."""
-        receive, stats = self._receive, self.stats
+        receive, stats, values = self._receive, self.stats, self._waiting
         assert receive is not None
+        if values:
+            return  # they come first
         recvfrom = receiver.recvfrom
-        values: list[tuple[bytes, Address]] = []
         left = _BATCH_BYTES
         for _ in range(_BATCH):
             try:
@@ -292,8 +299,22 @@ class UdpTransport:
                 values.append((datagram, sender))
             if left <= 0:
                 break
-        for datagram, sender in values:
-            receive(datagram, sender)
+        self._hand_on()
+
+    def _hand_on(self) -> None:
+        """Hand on what was read, for a turn; the rest in the next one, so that the event loop gets on."""
+        receive, values, clock = self._receive, self._waiting, time.monotonic
+        assert receive is not None
+        assert self._loop is not None
+        until = clock() + _TURN_S
+        try:
+            while values:
+                receive(*values.popleft())
+                if clock() >= until:
+                    break
+        finally:
+            if values:
+                self._loop.call_soon(self._hand_on)
 
     def _send_again(self, sender: socket.socket, datagram: bytes, error: OSError) -> None:
         """After a refusal: an ICMP answer to an earlier datagram is reported here once, then the way is free."""

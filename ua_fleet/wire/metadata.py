@@ -5,7 +5,7 @@ from __future__ import annotations
 from struct import Struct
 from typing import Any, Final
 
-from ua_fleet.errors import LocalWireError
+from ua_fleet.errors import LocalWireError, RemoteWireError
 from ua_fleet.values import BuiltinType, NodeId, QualifiedName
 from ua_fleet.wire.builtin import (
     decode_guid,
@@ -25,6 +25,7 @@ from ua_fleet.wire.builtin import (
     encode_strings,
     encode_uint32s,
 )
+from ua_fleet.wire.causes import Cause
 from ua_fleet.wire.cursor import Cursor
 from ua_fleet.wire.messages import ConfigurationVersion, DataSetMetaData, FieldMetaData
 from ua_fleet.wire.variant import decode_variant, encode_typed
@@ -36,6 +37,9 @@ SMALLEST_DESCRIPTION: Final = 8
 SMALLEST_FIELD: Final = 43
 SMALLEST_PROPERTY: Final = 7
 
+MOST_DESCRIBED: Final = 2_000
+"""Fields, their properties and what describes data types, together: 20,000 take half a second to read."""
+
 _FLAGS_AND_TYPE = Struct("<HB")
 _INT64 = Struct("<q")
 
@@ -43,21 +47,32 @@ _INT64 = Struct("<q")
 def decode_metadata(cursor: Cursor) -> DataSetMetaData:
     """A DataSetMetaDataType. Descriptions of structures, enumerations and simple types are checked and passed over."""
     namespaces = decode_strings(cursor)
-    for _ in range(cursor.length(SMALLEST_DESCRIPTION) or 0):
-        _pass_structure(cursor)
-    for _ in range(cursor.length(SMALLEST_DESCRIPTION) or 0):
-        _pass_enumeration(cursor)
-    for _ in range(cursor.length(SMALLEST_DESCRIPTION) or 0):
+    most = cursor.elements + MOST_DESCRIBED
+    for _ in range(_count(cursor, SMALLEST_DESCRIPTION, most)):
+        _pass_structure(cursor, most)
+    for _ in range(_count(cursor, SMALLEST_DESCRIPTION, most)):
+        _pass_enumeration(cursor, most)
+    for _ in range(_count(cursor, SMALLEST_DESCRIPTION, most)):
         _pass_simple_type(cursor)
     name = decode_string(cursor) or ""
     description = decode_localized_text(cursor)
-    fields = tuple([_decode_field(cursor) for _ in range(cursor.length(SMALLEST_FIELD) or 0)])
+    fields = tuple([_decode_field(cursor, most) for _ in range(_count(cursor, SMALLEST_FIELD, most))])
     class_id = decode_guid(cursor)
     version = ConfigurationVersion(cursor.uint32(), cursor.uint32())
     return DataSetMetaData(name, fields, version, description, class_id, namespaces)
 
 
-def _decode_field(cursor: Cursor) -> FieldMetaData:
+def _count(cursor: Cursor, smallest: int, most: int) -> int:
+    """How many parts follow; raises RemoteWireError where the message has more than `most` by then."""
+    before = cursor.elements
+    count = cursor.length(smallest) or 0
+    cursor.elements = before + count  # whether or not the cursor has counted them
+    if cursor.elements > most:
+        raise RemoteWireError(Cause.TOO_MANY, f"metadata of more than {MOST_DESCRIBED} parts", cursor.position - 4)
+    return count
+
+
+def _decode_field(cursor: Cursor, most: int) -> FieldMetaData:
     name = decode_string(cursor) or ""
     description = decode_localized_text(cursor)
     field_flags, builtin_type = cursor.unpack(_FLAGS_AND_TYPE)
@@ -72,7 +87,7 @@ def _decode_field(cursor: Cursor) -> FieldMetaData:
         array_dimensions=decode_uint32s(cursor),
         max_string_length=cursor.uint32(),
         data_set_field_id=decode_guid(cursor),
-        properties=tuple([_decode_property(cursor) for _ in range(cursor.length(SMALLEST_PROPERTY) or 0)]),
+        properties=tuple([_decode_property(cursor) for _ in range(_count(cursor, SMALLEST_PROPERTY, most))]),
     )
 
 
@@ -82,13 +97,13 @@ def _decode_property(cursor: Cursor) -> tuple[QualifiedName, int, Any]:
     return key, variant.type, variant.value
 
 
-def _pass_structure(cursor: Cursor) -> None:
+def _pass_structure(cursor: Cursor, most: int) -> None:
     decode_node_id(cursor)
     decode_qualified_name(cursor)
     decode_node_id(cursor)  # DefaultEncodingId
     decode_node_id(cursor)  # BaseDataType
     cursor.int32()  # StructureType
-    for _ in range(cursor.length(1) or 0):
+    for _ in range(_count(cursor, 1, most)):
         decode_string(cursor)
         decode_localized_text(cursor)
         decode_node_id(cursor)
@@ -98,10 +113,10 @@ def _pass_structure(cursor: Cursor) -> None:
         cursor.byte()  # IsOptional
 
 
-def _pass_enumeration(cursor: Cursor) -> None:
+def _pass_enumeration(cursor: Cursor, most: int) -> None:
     decode_node_id(cursor)
     decode_qualified_name(cursor)
-    for _ in range(cursor.length(1) or 0):
+    for _ in range(_count(cursor, 1, most)):
         cursor.unpack(_INT64)
         decode_localized_text(cursor)
         decode_localized_text(cursor)

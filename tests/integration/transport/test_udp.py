@@ -9,6 +9,7 @@ import re
 import socket
 import struct
 import subprocess
+import time
 from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
 from contextlib import AsyncExitStack
 from pathlib import Path
@@ -122,6 +123,34 @@ async def test_an_action_is_taken_before_the_values_that_came_before_it(udp_url:
     sender.transport.send(action)
     heard = await listening.until(21)
     assert heard == [action, *[b"value %d" % number for number in range(20)]]
+
+
+async def test_others_have_their_turn_between_messages_that_take_long(udp_url: str, start: Start) -> None:
+    """A description of 500 fields takes some milliseconds to read: a batch of them stopped the server for 0.3 s."""
+    loop = asyncio.get_running_loop()
+    turns: list[int] = []
+    turn = 0
+
+    def count() -> None:
+        nonlocal turn
+        turn += 1
+        loop.call_soon(count)
+
+    listening = await start(udp_url)
+    sender = await start(udp_url)
+
+    def receive(datagram: bytes, address: Address) -> None:
+        listening.receive(datagram, address)
+        turns.append(turn)
+        time.sleep(0.006)
+
+    await listening.transport.close()
+    await listening.transport.start(receive)
+    for number in range(20):
+        sender.transport.send(bytes([number]))
+    loop.call_soon(count)
+    assert await listening.until(20) == [bytes([number]) for number in range(20)]
+    assert len(set(turns)) == 20
 
 
 async def test_another_group_on_the_same_port_is_not_heard(udp_url: str, start: Start) -> None:

@@ -45,6 +45,7 @@ from ua_fleet.wire.messages import (
     FrameKind,
     PublisherIdType,
 )
+from ua_fleet.wire.metadata import MOST_DESCRIBED, SMALLEST_FIELD
 
 HEAD = "f1 01 0200 01 0200 01 0900"
 ACTION = "d1 81 20 0200 01 0900"
@@ -168,6 +169,16 @@ TABLE: list[tuple[str, Cause, str]] = [
         + "02 0000 0900"
         + (MOST_ELEMENTS + 1).to_bytes(4, "little").hex()
         + "ff" * 4 * (MOST_ELEMENTS + 1),
+    ),
+    (
+        "metadata of more fields than there can be",
+        Cause.TOO_MANY,
+        ANNOUNCEMENT
+        + "02 0000 0900"
+        + "ffffffff" * 5
+        + "00"
+        + (MOST_DESCRIBED + 1).to_bytes(4, "little").hex()
+        + "00" * SMALLEST_FIELD * (MOST_DESCRIBED + 1),
     ),
     ("a StatusCode too few", Cause.ANNOUNCEMENT_COUNTS, encode_announcement(WRITERS._replace(statuses=(0,))).hex()),
     ("a Method too few", Cause.ANNOUNCEMENT_COUNTS, encode_announcement(ACTIONS._replace(methods=(METHOD,))).hex()),

@@ -60,6 +60,8 @@ __all__ = ["ScenarioService", "TooManyRuns"]
 
 COALESCE_S: Final = 0.1
 """Numbers are looked at so often at most; a Boolean at once."""
+LINKED: Final = "Connected"
+"""The field of a bridge's status that says whether it reaches its robots."""
 MOST_NAME: Final = 200
 """Characters of a reason or a name that people give."""
 
@@ -115,6 +117,15 @@ class ScenarioService:
         self._clock, self._wall_s, self._capacities = clock, wall_s, capacities
         self._mistakes = mistakes or Mistakes()
         self._robots = {robot.name: robot for robot in model.robots}
+        self._bridge_linked = {
+            field.key: bridge.name
+            for bridge in model.bridges
+            for field in (bridge.status.fields if bridge.status is not None else ())
+            if field.name == LINKED
+        }
+        """The bridges, by the nodes that say whether they reach their robots."""
+        self._apart: set[str] = set()
+        """Bridges that do not: what they said last of their robots' executions is not what the robots say."""
         self._own = own_fields(model.robots)
         self._values = FleetValues(model)
         self.fleet = fleet_view(model.robots, self._values.meanings, capacities)
@@ -417,7 +428,9 @@ class ScenarioService:
 
     def value_changed(self, change: ValueChanged) -> None:
         """A node of the fleet has another value or status."""
-        if self._finder.knows(change):
+        if (bridge := self._bridge_linked.get(change.key)) is not None:
+            self._take_link(bridge, reaches=change.value is not False)
+        elif self._finder.knows(change):
             if news := self._finder.changed(change):
                 self._news += news
                 self._news_at = self._clock()
@@ -438,6 +451,8 @@ class ScenarioService:
             self.source_lost(event.topic)
         elif self._tasks.robot_of(event.topic) is not None:
             self._tasks.show(event)
+            if self._is_apart(event.topic):
+                self._tasks.lose(event.topic)
             self._take_shown(event.topic)
 
     def source_lost(self, topic: Topic) -> None:
@@ -451,7 +466,7 @@ class ScenarioService:
 
     def source_returned(self, topic: Topic) -> None:
         """The last value of a source is of now again."""
-        if self._tasks.robot_of(topic) is not None:
+        if self._tasks.robot_of(topic) is not None and not self._is_apart(topic):
             self.take_news()
             self._tasks.find(topic)
             self._take_shown(topic)
@@ -459,6 +474,24 @@ class ScenarioService:
     def _take_shown(self, topic: Topic) -> None:
         self._follow(topic)  # before what follows from it, so that a run finds that its robot is at it
         self._tasks.take_shown(topic)
+
+    def _take_link(self, bridge: str, *, reaches: bool) -> None:
+        """A bridge reaches its robots, or has lost one: then it says no longer what any of them is at. Those whose
+        values are there are heard all the same.
+        """
+        if reaches is (bridge not in self._apart):
+            return
+        (self._apart.discard if reaches else self._apart.add)(bridge)
+        for topic in [robot.skill_status for robot in self._robots.values() if robot.bridge == bridge]:
+            if topic is not None and reaches:
+                self.source_returned(topic)
+            elif topic is not None:
+                self.source_lost(topic)
+
+    def _is_apart(self, topic: Topic) -> bool:
+        """Whether a SkillStatus is of a robot whose bridge has lost it, or another of its robots."""
+        robot = self._robots.get(self._tasks.robot_of(topic) or "")
+        return robot is not None and robot.bridge in self._apart
 
     def _follow(self, topic: Topic) -> None:
         """Know what a robot says it is at."""

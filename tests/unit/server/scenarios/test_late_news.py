@@ -222,6 +222,25 @@ def test_a_status_that_is_back_says_again_what_it_said(tmp_path: Path) -> None:
     assert (ends(world), asked(world)) == ([], ["left"])
 
 
+def test_a_bridge_that_has_lost_its_robot_does_not_speak_for_it(tmp_path: Path) -> None:
+    """The robot's program was killed: its bridge goes on, and knows no end of what was under way."""
+    world = World(tmp_path)
+    execution_id = begun_without_values(world)
+    world.pass_time(100)
+    world.value("900.Connected", False, BuiltinType.BOOLEAN)
+    world.pass_time(20)
+    world.value("900.Connected", True, BuiltinType.BOOLEAN)
+    world.pass_time(100)
+    assert ends(world) == []
+    world.value("900.Connected", False, BuiltinType.BOOLEAN)
+    world.service.source_returned(STATUS["left"])
+    world.hear(1200, ExecutionStatus(execution_id, "grab", ExecutionState.RUNNING))
+    world.pass_time(29)
+    assert (ends(world), asked(world)) == ([], ["left"])
+    world.pass_time(2)
+    assert (ends(world), asked(world)) == ([TaskOutcome.UNKNOWN], ["left", "right"])
+
+
 def test_a_status_that_says_that_its_source_is_gone_says_nothing_of_executions(tmp_path: Path) -> None:
     world = World(tmp_path)
     execution_id = begun_without_values(world)

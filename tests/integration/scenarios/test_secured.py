@@ -107,7 +107,7 @@ async def test_a_run_goes_on_through_new_keys_a_fault_and_a_bridge_that_comes_ba
         ("middle", "by hand"),
         *[("left", "first"), ("left", "long"), ("middle", "long"), ("middle", "after"), ("left", "back")],
     ]
-    assert plant.told().count(("right", "lap")) > 5
+    assert plant.told().count(("right", "lap")) >= 3, "one at least with each key"
 
 
 @pytest.mark.parametrize("plant", [FILES], indirect=True)

@@ -210,14 +210,14 @@ async def test_what_a_lost_client_had_taken_is_unknown_until_it_is_back(yard: Ya
 
 
 async def test_time_runs_out_for_what_nobody_takes_and_what_nobody_ends(yard: Yard) -> None:
-    quick = SKILL.replace("timeout_s: 20", "timeout_s: 0.6\nlimits: {requests_at_once: 2}")
+    quick = SKILL.replace("timeout_s: 20", "timeout_s: 2\nlimits: {requests_at_once: 2}")
     async with yard.server() as running, running.client(ENGINEER) as person:
         await offer(person, quick)
         untaken, taken = await started(person), await started(person)
         assert (await start(person)).StatusCode.name == "BadTooManyOperations"
         assert (await call(person, OFFERS, "Accept", taken)).status == 0
         assert (await ended(person, taken)).Value.Value.value == 0x4000_0000
-        assert "did not say how it ended within 0.6 s" in (await shown(person, "Message")).Value.Value
+        assert "did not say how it ended within 2 s" in (await shown(person, "Message")).Value.Value
         late = await call(person, OFFERS, "Accept", untaken)
         assert late.message == "it is over: timed_out"
 

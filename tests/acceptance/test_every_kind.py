@@ -47,7 +47,7 @@ def faulted(batch: int) -> str:
 
 SCENARIOS: Final = {
     # Actionlib shows a goal that has ended for 5 s: the arm is still at it when its bridge is back.
-    "bridges_within": each(1, 30, arm_tenths=99) + each(2, 0),
+    "bridges_within": each(1, 60, arm_tenths=99) + each(2, 0),
     "bridges_between": each(3, 0) + "  - {wait: null, event: go_on}\n" + each(4, 1),
     "server_within": each(5, 40) + each(6, 0),
     "all_between": each(7, 0) + "  - {wait: null, event: go_on}\n" + each(8, 1),
@@ -154,7 +154,7 @@ async def between(client: Client, run_id: str, seen: Seen, batch: int) -> None:
 
 async def test_all_bridges_are_killed_within_tasks(plant: EveryKind) -> None:
     """Each robot goes on, and has done each of its tasks once. The box alone cannot tell."""
-    first = {robot: job_of(robot, 1, 99 if robot == "arm" else 30) for robot in ROBOTS}
+    first = {robot: job_of(robot, 1, 99 if robot == "arm" else 60) for robot in ROBOTS}
     async with plant.client() as client:
         await all_work(client)
         seen = Seen(plant)

@@ -10,19 +10,17 @@ how long, and how much a client may send.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any, Final
 
 from asyncua import ua
-from asyncua.common.connection import MessageChunk, SecureConnection, TransportLimits
+from asyncua.common.connection import TransportLimits
 from asyncua.common.utils import Buffer
-from asyncua.crypto.security_policies import SecurityPolicyFactory, SecurityPolicyNone
+from asyncua.crypto.security_policies import SecurityPolicyFactory
 from asyncua.server.internal_server import InternalServer
 from asyncua.ua.ua_binary import header_from_binary, struct_to_binary, uatcp_to_binary
 from cryptography import x509
 from cryptography.exceptions import InvalidSignature
-from cryptography.hazmat.primitives.asymmetric import rsa
-from cryptography.hazmat.primitives.serialization import Encoding
 
 from ua_fleet.errors import RemoteWireError
 from ua_fleet.server.endpoint.answers import Answer
@@ -30,19 +28,16 @@ from ua_fleet.server.endpoint.audit_events import ChannelOpened
 from ua_fleet.server.endpoint.connection import FrameError
 from ua_fleet.server.endpoint.decoding import Hello, OpenRequest, check_open_header, decode_hello, decode_open
 from ua_fleet.server.endpoint.limits import CHUNK_BYTES, MIN_CHUNK_BYTES, Limits
+from ua_fleet.server.endpoint.secure_connection import NONE_URI, CheckedConnection, der
 from ua_fleet.server.endpoint.stack import DECODE_ERRORS, Refusal, StatusCodes, name_of, status
 from ua_fleet.server.trust import (
     MAX_CHAIN_BYTES,
-    MAX_KEY_BITS,
-    MIN_KEY_BITS,
-    CertificateRefused,
     TrustList,
     split_chain,
 )
 
 __all__ = ["Channel"]
 
-NONE_URI: Final = SecurityPolicyNone.URI
 # asyncua declares these as an enumeration and uses them as the bytes that they are.
 _HELLO: Final[Any] = ua.MessageType.Hello
 _ACKNOWLEDGE: Final[Any] = ua.MessageType.Acknowledge
@@ -50,89 +45,11 @@ _ERROR: Final[Any] = ua.MessageType.Error
 _OPEN: Final[Any] = ua.MessageType.SecureOpen
 _CLOSE: Final[Any] = ua.MessageType.SecureClose
 _MESSAGE: Final[Any] = ua.MessageType.SecureMessage
-_NO_SECURITY: Final[Any] = SecurityPolicyNone
 _CHUNKS_BEFORE_AUTHENTICATION: Final = 16
 _MOST_ENCRYPTED: Final = 4_096
 """Encrypted bytes of an OpenSecureChannel. Each 256 or 512 of them are one use of the server's private key; a client
 with the longest keys needs some 1,500."""
 _ABORTS_BEFORE_AUTHENTICATION: Final = 16
-
-
-class _SecureConnection(SecureConnection):
-    """asyncua's, with a certificate that is looked at before its key is used."""
-
-    def __init__(
-        self,
-        limits: TransportLimits,
-        policies: Sequence[SecurityPolicyFactory],
-        look: Callable[[str, list[x509.Certificate]], None],
-    ) -> None:
-        """Open channels with these policies; `look` raises for a chain of certificates that is not accepted."""
-        super().__init__(_NO_SECURITY(), limits)
-        self.set_policy_factories(list(policies))
-        self.chain: list[x509.Certificate] = []
-        self._look = look
-        self.aborted = 0
-        """Messages that the client has given up in the middle."""
-
-    def _receive(self, msg: Any) -> Any:
-        if msg.MessageHeader.ChunkType != ua.ChunkType.Abort:
-            return super()._receive(msg)
-        # asyncua would write the client's reason into our log, 64 KiB of whatever it is.
-        self._check_incoming_chunk(msg)
-        self._drop_incoming_parts()
-        self.aborted += 1
-        return None
-
-    def select_policy(
-        self, uri: str, peer_certificate: bytes | None, mode: ua.MessageSecurityMode | None = None
-    ) -> None:
-        matching = next((policy for policy in self._policies if policy.matches(uri, mode)), None)
-        if uri == NONE_URI:
-            if mode not in (None, ua.MessageSecurityMode.None_):
-                raise FrameError(StatusCodes.BadSecurityModeRejected, f"mode {mode} without a policy")
-            # Without an endpoint for it the channel serves discovery alone (OPC 10000-4 5.5.2).
-            self.security_policy = matching.create(None) if matching else _NO_SECURITY()
-            self.chain = []
-            return
-        if matching is None:
-            raise FrameError(StatusCodes.BadSecurityPolicyRejected, f"policy {uri!r:.100}, mode {mode}")
-        chain = split_chain(peer_certificate or b"")
-        key = chain[0].public_key()
-        if not isinstance(key, rsa.RSAPublicKey) or not MIN_KEY_BITS <= key.key_size <= MAX_KEY_BITS:
-            raise CertificateRefused(StatusCodes.BadCertificatePolicyCheckFailed, "the key is too short or no RSA")
-        if mode is None:
-            # The first look at the message, before the server's private key is used for it.
-            self.chain = chain
-            self._look(uri, chain)
-        self.chain = chain
-        self.security_policy = matching.create(_der(chain[0]))
-
-    def chunks(self, data: bytes, request_id: int) -> Iterator[bytes]:
-        """The chunks of a response, each made when it is asked for: encrypting takes most of the time."""
-        made: list[Any] = MessageChunk.message_to_chunks(
-            self.security_policy,
-            data,
-            self._limits.max_send_buffer,
-            message_type=_MESSAGE,
-            channel_id=self.security_token.ChannelId,
-            request_id=request_id,
-            token_id=self.security_token.TokenId,
-        )
-        for chunk in made:
-            self._sequence_number = self._sequence_number % 0xFFFF_FFFF + 1
-            chunk.SequenceHeader.SequenceNumber = self._sequence_number
-            encoded: bytes = chunk.to_binary()
-            yield encoded
-
-    @property
-    def pending(self) -> int:
-        """Bytes of a message whose last chunk has not come."""
-        return self._incoming_size
-
-
-def _der(certificate: x509.Certificate) -> bytes:
-    return certificate.public_bytes(Encoding.DER)
 
 
 def _parameters(request: OpenRequest, lifetime_ms: int) -> Any:
@@ -157,11 +74,13 @@ class Channel:
             max_chunk_count=_CHUNKS_BEFORE_AUTHENTICATION,
             max_message_size=CHUNK_BYTES,
         )
-        self._secure = _SecureConnection(self._transport_limits, policies, self._look)
+        self._secure = CheckedConnection(self._transport_limits, policies, self._look)
         self._none_offered = any(policy.cls.URI == NONE_URI for policy in policies)
         self._hello = False
         self._asked: ChannelOpened | None = None
-        self._response_bytes = 0
+        self._most_chunks = 0
+        self.response_bytes = 0
+        """Bytes that the client takes in one response (Hello, OPC 10000-6 7.1.2.3); 0 for any number."""
         self._authenticated = False
         self.expires_at = float("inf")
         self.output: list[bytes] = []
@@ -287,7 +206,8 @@ class Channel:
         self._hello = True
         self._transport_limits.max_send_buffer = min(CHUNK_BYTES, hello.receive_buffer)
         self._transport_limits.max_recv_buffer = min(CHUNK_BYTES, hello.send_buffer)
-        self._response_bytes = hello.max_message
+        self.response_bytes = hello.max_message
+        self._most_chunks = hello.max_chunks
         acknowledge: Any = ua.Acknowledge()
         acknowledge.ProtocolVersion = 0
         acknowledge.ReceiveBufferSize = self._transport_limits.max_recv_buffer
@@ -298,7 +218,7 @@ class Channel:
 
     def _look(self, uri: str, chain: list[x509.Certificate]) -> None:
         """Raise CertificateRefused before the server's private key is used for a stranger's message."""
-        certificate = _der(chain[0])[:MAX_CHAIN_BYTES]
+        certificate = der(chain[0])[:MAX_CHAIN_BYTES]
         # What else it asks for is encrypted yet.
         self._asked = ChannelOpened(0, certificate, renewal=False, policy_uri=uri, mode=0, lifetime_ms=0.0)
         self._trust.check(chain)
@@ -336,6 +256,10 @@ class Channel:
         self.expires_at = time.monotonic() + lifetime * 1.25
         response = ua.OpenSecureChannelResponse()
         response.Parameters = self._secure.open(_parameters(request, int(lifetime * 1000)), self._iserver)
+        if self._most_chunks:
+            # How much a chunk holds depends on the policy.
+            in_chunks = self._secure.most_bytes(self._most_chunks)
+            self.response_bytes = min(self.response_bytes or in_chunks, in_chunks)
         response.ResponseHeader.RequestHandle = request.head.handle  # pyright: ignore[reportAttributeAccessIssue]
         self._send(struct_to_binary(response), message.SequenceHeader().RequestId, _OPEN)
 
@@ -345,19 +269,20 @@ class Channel:
             raise FrameError(StatusCodes.BadSecurityPolicyRejected, "a renewal with another policy")
         if self.secured:
             chain = split_chain(algorithm.SenderCertificate or b"")
-            if _der(chain[0]) != self.client_certificate:
+            if der(chain[0]) != self.client_certificate:
                 raise FrameError(StatusCodes.BadSecurityChecksFailed, "a renewal with another certificate")
 
-    def encode(self, response: Any, handle: int) -> bytes:
-        """The bytes of a response; raises OverflowError when it is longer than the client takes."""
+    def encode(self, response: Any, handle: int, most: int = 0) -> bytes:
+        """The bytes of a response; raises OverflowError when there are more than `most`, or than the client takes."""
         if isinstance(response, Answer):
             response.response.ResponseHeader.RequestHandle = handle
             data = response.encode()
         else:
             response.ResponseHeader.RequestHandle = handle
             data = struct_to_binary(response)
-        if len(data) > self._response_bytes >= MIN_CHUNK_BYTES:
-            raise OverflowError(f"a response of {len(data)} bytes, the client takes {self._response_bytes}")
+        most = min(most or self.response_bytes, self.response_bytes or most)
+        if len(data) > most > 0 and not isinstance(response, ua.ServiceFault):
+            raise OverflowError(f"a response of {len(data)} bytes, the client takes {most}")
         return data
 
     def respond(self, data: bytes, request_id: int) -> None:

@@ -54,6 +54,7 @@ class Hello:
     receive_buffer: int
     send_buffer: int
     max_message: int
+    max_chunks: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,9 +85,9 @@ class OpenRequest:
 def decode_hello(data: bytes) -> Hello:
     """The body of a Hello; raises RemoteWireError."""
     cursor = Cursor(data)
-    _, receive_buffer, send_buffer, max_message, _ = cursor.unpack(_HELLO)
+    _, receive_buffer, send_buffer, max_message, max_chunks = cursor.unpack(_HELLO)
     decode_string(cursor)
-    return Hello(receive_buffer, send_buffer, max_message)
+    return Hello(receive_buffer, send_buffer, max_message, max_chunks)
 
 
 def check_open_header(data: bytes) -> tuple[str, int]:

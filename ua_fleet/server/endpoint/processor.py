@@ -166,6 +166,11 @@ class Processor:
             return Progress.TRUSTED if self._channel.sessions_allowed else Progress.DISCOVERY
         return Progress.HELLO if self._channel.greeted else Progress.CONNECTED
 
+    @property
+    def response_bytes(self) -> int:
+        """Bytes that the client takes in one response; 0 for any number."""
+        return self._channel.response_bytes
+
     def room(self) -> int:
         """Bytes that the next frame may have."""
         return self._channel.room()
@@ -325,7 +330,9 @@ class Processor:
             self._fault(name, handle, request_id, code, str(error))
             return
         if response is not None:
-            await self._send(self._encoded(response, handle), request_id)
+            session = self._services.sessions.find(head.token)
+            most = session.most_response_bytes if session is not None else 0
+            await self._send(self._encoded(response, handle, most), request_id)
 
     async def _send(self, data: bytes, request_id: int) -> None:
         """Send a response; others get their turn between the chunks of a large one."""
@@ -354,9 +361,9 @@ class Processor:
         fault.ResponseHeader.ServiceResult = status(code)
         self.respond(fault, handle, request_id)
 
-    def respond(self, response: Any, handle: int, request_id: int) -> None:
+    def respond(self, response: Any, handle: int, request_id: int, most: int = 0) -> None:
         """Send a response, once the large one is out that is being sent."""
-        data = self._encoded(response, handle)
+        data = self._encoded(response, handle, most)
         if self._behind is not None:
             self._behind.append((data, request_id))
         else:
@@ -366,10 +373,10 @@ class Processor:
         self._channel.respond(data, request_id)
         self._flush()
 
-    def _encoded(self, response: Any, handle: int) -> bytes:
+    def _encoded(self, response: Any, handle: int, most: int) -> bytes:
         """The bytes of a response; one that cannot be encoded, or is too long for the client, becomes a fault."""
         try:
-            return self._channel.encode(response, handle)
+            return self._channel.encode(response, handle, most)
         except DECODE_ERRORS as error:
             fault = ua.ServiceFault()
             long = isinstance(error, OverflowError)
@@ -407,6 +414,8 @@ class Processor:
             self.fall_back()
             return response
         if not session.active or session.user is None:
+            # OPC 10000-4 5.7.3.1: a session that is used before it is activated is closed.
+            await services.end(session, delete_subscriptions=True)
             raise Refusal(StatusCodes.BadSessionNotActivated)
         session.last_seen = time.monotonic()
         user = session.user

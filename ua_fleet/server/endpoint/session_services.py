@@ -73,12 +73,13 @@ class SessionServices:
             # Whose session it will be is not known yet; what is known is that nothing can give way for it.
             self._context.statistics.sessions_refused += 1
             raise Refusal(StatusCodes.BadTooManySessions, f"{len(held)} sessions, server.max_sessions")
-        for session in self._sessions.on(link):
-            if not session.active:
-                await self.end(session, delete_subscriptions=True)
+        waiting = [session for session in self._sessions.on(link) if not session.active]
+        for session in waiting[: max(len(waiting) + 1 - self._limits.inactive_sessions, 0)]:
+            await self.end(session, delete_subscriptions=True)
         least, most = self._limits.session_timeout_s
         wish = float(params.RequestedSessionTimeout or 0) / 1000
-        session = Session(link, certificate, application, min(max(wish, least), most) if wish == wish else least)
+        timeout_s = min(max(wish, least), most) if wish == wish else least
+        session = Session(link, certificate, application, timeout_s, int(params.MaxResponseMessageSize or 0))
         self._sessions.add(session)
         self._context.statistics.sessions += 1
         return session, await self._created(session, channel, params, server)

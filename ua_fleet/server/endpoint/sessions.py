@@ -40,6 +40,10 @@ NONCE_BYTES: Final = 32
 """OPC 10000-4 5.6.2.2: at least 32."""
 
 
+_AROUND_BYTES: Final = 2_048
+"""Of a PublishResponse besides its notifications: header, sequence numbers, and results of acknowledgements."""
+
+
 class Link(Protocol):
     """The connection that a session is bound to."""
 
@@ -51,8 +55,13 @@ class Link(Protocol):
         """Whether the client keeps up."""
         ...
 
-    def respond(self, response: Any, handle: int, request_id: int) -> None:
-        """Send a response."""
+    @property
+    def response_bytes(self) -> int:
+        """Bytes that the client takes in one response; 0 for any number."""
+        ...
+
+    def respond(self, response: Any, handle: int, request_id: int, most: int = 0) -> None:
+        """Send a response; one of more than `most` bytes, or more than the client takes, as a fault."""
         ...
 
 
@@ -74,6 +83,8 @@ class Session:
     client_certificate: bytes
     application: str
     timeout_s: float
+    most_response_bytes: int = 0
+    """MaxResponseMessageSize of the client; 0 for any size."""
     token: bytes = field(default_factory=lambda: secrets.token_bytes(TOKEN_BYTES))
     session_id: ua.NodeId = field(default_factory=lambda: guid_id(uuid.uuid4(), 1))
     nonce: bytes = field(default_factory=lambda: secrets.token_bytes(NONCE_BYTES))
@@ -123,6 +134,11 @@ class Session:
     def address(self) -> str:
         """Address of the client, the last one while there is none."""
         return self.link.address if self.link is not None else self.last_address
+
+    def room(self, wish: int) -> int:
+        """Bytes of `wish` after which a notification message is full for this client; its last part may have more."""
+        limits = [self.most_response_bytes, self.link.response_bytes if self.link is not None else 0]
+        return min([wish, *(max((limit - _AROUND_BYTES) // 2, 1) for limit in limits if limit)])
 
     def bind(self, link: Link) -> None:
         """The client has come, or come back, on this connection."""

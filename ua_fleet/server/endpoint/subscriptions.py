@@ -295,7 +295,7 @@ class ClientSubscription:
         response = ua.PublishResponse()
         response.Parameters = result
         if self.session is not None and self.session.link is not None:
-            self.session.link.respond(response, request.handle, request.request_id)
+            self.session.link.respond(response, request.handle, request.request_id, self.session.most_response_bytes)
 
     def _keep(self, sequence: int, message: ua.NotificationMessage) -> None:
         """Keep a message until it is acknowledged, as far as there is room for its user's."""
@@ -311,7 +311,10 @@ class ClientSubscription:
 
     def _take(self) -> list[Any]:
         """As many notifications as one response may have, as DataChangeNotification and EventNotificationList."""
-        left, room = self.max_notifications, self._limits.notification_bytes
+        left, most = self.max_notifications, self._limits.response_bytes
+        room = self._limits.notification_bytes
+        if self.session is not None:
+            room, most = self.session.room(room), self.session.room(most)
         changes: list[bytes] = []
         events: list[bytes] = []
         while self._pending and left > 0 and room > 0:
@@ -319,7 +322,7 @@ class ClientSubscription:
             target = changes if isinstance(item, DataItem) else events
             while item.waits and left > 0 and room > 0:
                 # The first one that is longer than the room is told nevertheless.
-                data = item.encode(item.take(), self._limits.response_bytes, self._registry.misfit)
+                data = item.encode(item.take(), most, self._registry.misfit)
                 target.append(data)
                 left, room = left - 1, room - len(data)
             if not item.waits:

@@ -1,0 +1,145 @@
+"""What OPC 10000-4 and 10000-6 say of channels and sessions, asked through asyncua's client."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from tests.integration.server_security.harness import Client, Door, bad, send, ua
+from tests.integration.server_security.test_limits import create_subscription, monitored
+from tests.integration.server_security.test_sessions import open_channel
+from tests.integration.server_security.test_subscriptions import create_items, publish, values
+
+pytestmark = pytest.mark.asyncio(loop_scope="module")
+
+
+async def read_plain(client: Client, hardened: Door) -> Any:
+    return await client.get_node(hardened.nodes.plain).read_value()
+
+
+async def leave(client: Client) -> None:
+    """Drop a connection that has no session to close."""
+    await client._cancel_task(client._renew_channel_task)
+    client.disconnect_socket()
+
+
+async def test_two_renewals_in_a_row_have_two_tokens(hardened: Door) -> None:
+    """asyncua counts from the token in use, so that both get the same id."""
+    async with hardened.connected() as client:
+        protocol: Any = client.uaclient.protocol
+        protocol.revolve_security_token = lambda: None  # only when this test says so
+        connection = protocol._connection
+        issued = connection.security_token.TokenId
+        await client.open_secure_channel(renew=True)
+        first = connection.next_security_token.TokenId
+        connection.revolve_tokens()
+        await client.open_secure_channel(renew=True)
+        second = connection.next_security_token.TokenId
+        assert len({issued, first, second}) == 3
+        assert await read_plain(client, hardened) == 7.0  # under the first, while the second waits
+        connection.revolve_tokens()
+        assert await read_plain(client, hardened) == 7.0
+
+
+async def test_renewals_that_are_never_used_are_forgotten(hardened: Door) -> None:
+    async with hardened.connected() as client:
+        for _ in range(10):
+            await client.open_secure_channel(renew=True)
+        assert await read_plain(client, hardened) == 7.0
+
+
+@pytest.mark.parametrize("limit", ["max_chunkcount", "max_messagesize"])
+async def test_responses_are_as_large_as_the_client_takes(hardened: Door, limit: str) -> None:
+    """Stock asyncua sends whatever it has."""
+    client = await hardened.client()
+    setattr(client, limit, 1 if limit == "max_chunkcount" else 65_000)
+    await client.connect()
+    text = client.get_node(hardened.nodes.text)
+    server_side = hardened.server.get_node(hardened.nodes.text)
+    await server_side.write_value("x" * 60_000)
+    assert len(await text.read_value()) == 60_000
+    await server_side.write_value("x" * 70_000)
+    assert await bad(text.read_value()) == "BadResponseTooLarge"
+    # What does not fit is told by its StatusCode; the subscription, and its other values, go on.
+    subscription = (await create_subscription(client)).SubscriptionId
+    await create_items(client, subscription, monitored(hardened.nodes.text), monitored(hardened.nodes.plain))
+    told = await publish(client)
+    seen = [item.Value for data in told.NotificationMessage.NotificationData for item in data.MonitoredItems]
+    while len(seen) < 2:
+        told = await publish(client)
+        seen += [item.Value for data in told.NotificationMessage.NotificationData for item in data.MonitoredItems]
+    assert [value.StatusCode.name for value in seen] == ["BadEncodingLimitsExceeded", "Good"]
+    await server_side.write_value("abcdef")
+    assert values(await publish(client)) == ["abcdef"]
+    await client.disconnect()
+
+
+async def test_max_response_message_size_of_a_session(hardened: Door) -> None:
+    client = await hardened.client()
+    create: Any = client.uaclient.create_session
+
+    async def with_limit(parameters: Any) -> Any:
+        parameters.MaxResponseMessageSize = 20_000
+        return await create(parameters)
+
+    client.uaclient.create_session = with_limit
+    await client.connect()
+    server_side = hardened.server.get_node(hardened.nodes.text)
+    await server_side.write_value("x" * 30_000)
+    assert await bad(client.get_node(hardened.nodes.text).read_value()) == "BadResponseTooLarge"
+    await server_side.write_value("abcdef")
+    assert await client.get_node(hardened.nodes.text).read_value() == "abcdef"
+    await client.disconnect()
+
+
+async def test_a_session_that_is_used_before_its_activation_is_closed(hardened: Door) -> None:
+    """OPC 10000-4 5.7.3.1. Stock asyncua keeps it."""
+    client = await hardened.client()
+    await open_channel(client)
+    await client.create_session()
+    assert await bad(read_plain(client, hardened)) == "BadSessionNotActivated"
+    assert await bad(client.activate_session(client._username, client._password)) == "BadSessionIdInvalid"
+    await leave(client)
+
+
+async def test_a_channel_has_several_sessions(hardened: Door) -> None:
+    """OPC 10000-4 5.7.2.1: a second CreateSession leaves the first as it is, activated or not."""
+    client = await hardened.client()
+    await open_channel(client)
+    await client.create_session()
+    session = client.uaclient.session
+    token, nonce = session.authentication_token, client._server_nonce
+    await client.create_session()
+    second, second_nonce = session.authentication_token, client._server_nonce
+    session.restore_authentication_token(token)
+    client._server_nonce = nonce
+    await client.activate_session(client._username, client._password)
+    assert await read_plain(client, hardened) == 7.0
+    session.restore_authentication_token(second)
+    client._server_nonce = second_nonce
+    await client.activate_session(client._username, client._password)
+    assert await read_plain(client, hardened) == 7.0
+    session.restore_authentication_token(token)
+    assert await read_plain(client, hardened) == 7.0
+    for each in (token, second):
+        session.restore_authentication_token(each)
+        await send(client, ua.CloseSessionRequest(), ua.CloseSessionResponse)
+    await leave(client)
+
+
+async def test_sessions_that_wait_on_one_connection_are_bounded(hardened: Door) -> None:
+    client = await hardened.client()
+    await open_channel(client)
+    await client.create_session()
+    session = client.uaclient.session
+    token, nonce = session.authentication_token, client._server_nonce
+    server: Any = hardened.server
+    before = len(server._services.sessions)
+    for _ in range(20):
+        await client.create_session()
+    assert len(server._services.sessions) == before + 9
+    session.restore_authentication_token(token)
+    client._server_nonce = nonce
+    assert await bad(client.activate_session(client._username, client._password)) == "BadSessionIdInvalid"
+    await leave(client)

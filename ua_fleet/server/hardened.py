@@ -12,6 +12,7 @@ from typing import Any
 
 import structlog
 from asyncua import ua
+from asyncua.crypto import security_policies
 from asyncua.server.server import Server
 
 from ua_fleet.config.audit_schema import AuditConfig
@@ -29,10 +30,16 @@ from ua_fleet.server.endpoint.limits import CHUNK_BYTES, Limits
 from ua_fleet.server.endpoint.listener import Listener
 from ua_fleet.server.endpoint.processor import Services
 from ua_fleet.server.endpoint.queues import Queues
-from ua_fleet.server.endpoint.stack import AttributeIds, ObjectIds, ns0
+from ua_fleet.server.endpoint.stack import AttributeIds
 from ua_fleet.server.endpoint.subscriptions import Subscriptions
 from ua_fleet.server.internals import check_internals
 from ua_fleet.server.nodes import paused_collection, release_collection
+from ua_fleet.server.standard_model import (
+    close_declarations,
+    fill_key_service,
+    fill_standard_nodes,
+    remove_unsupported,
+)
 from ua_fleet.server.standard_nodes import share_attributes
 from ua_fleet.server.trust import TrustList
 from ua_fleet.server.users import USERS_FILE, Role, User, UserStore
@@ -46,6 +53,12 @@ _ENCRYPTED = [
     ua.SecurityPolicyType.Aes128Sha256RsaOaep_SignAndEncrypt,
     ua.SecurityPolicyType.Aes256Sha256RsaPss_SignAndEncrypt,
 ]
+_POLICY_URIS = (
+    security_policies.SecurityPolicyBasic256Sha256.URI,
+    security_policies.SecurityPolicyAes128Sha256RsaOaep.URI,
+    security_policies.SecurityPolicyAes256Sha256RsaPss.URI,
+    security_policies.SecurityPolicyNone.URI,
+)
 
 
 class HardenedServer(Server):
@@ -117,7 +130,6 @@ class HardenedServer(Server):
         self._services = Services(context, subscriptions)
         self._listener = Listener(self._services, host, port)
         await context.limits.advertise(self)
-        await self.get_node(ns0(ObjectIds.Server_Auditing)).write_value(True)
         _close_standard_nodes(self)
 
     async def start(self) -> None:
@@ -268,6 +280,12 @@ async def create_server(
         server_id=application_uri,
         bridges=BridgeTrust(state_dir, names) if names else None,
     )
+    space = server.iserver.aspace
+    remove_unsupported(space, key_service=bridges is not None)
+    fill_standard_nodes(space, context.limits, _POLICY_URIS[: None if config.allow_none_security else -1])
+    if bridges is not None:
+        fill_key_service(space)
+    close_declarations(space)
     await server.prepare(context, config.host, config.port)
-    share_attributes(server.iserver.aspace)
+    share_attributes(space)
     return server

@@ -11,10 +11,14 @@ from importlib.resources.abc import Traversable
 from pathlib import Path
 from typing import Final
 
+from asyncua import ua
+from asyncua.server.address_space import AddressSpace
 from asyncua.server.server import Server
 
 from ua_fleet.errors import ServerStartError
 from ua_fleet.fleet.model import FIRST_NAMESPACE
+from ua_fleet.server.convert import raw_id
+from ua_fleet.server.standard_model import close_declarations, set_value
 from ua_fleet.topics import TYPES_URI
 
 __all__ = ["TYPES_INDEX", "TypeId", "load_types", "nodeset_file"]
@@ -74,3 +78,15 @@ async def load_types(server: Server, fleet_uri: str, fleet_index: int, others: S
                 f"fleet.namespace_uri or fleet.namespaces"
             )
     await server.import_xml(xmlstring=text)
+    _fill_metadata(server.iserver.aspace)
+    close_declarations(server.iserver.aspace)
+
+
+def _fill_metadata(space: AddressSpace) -> None:
+    """Say which NodeIds of the types' namespace are static: asyncua loses what the nodeset says."""
+    for identifier, value, variant_type in (
+        (6015, [0], ua.VariantType.Int32),
+        (6016, ["1:65535"], ua.VariantType.String),
+        (6017, "", ua.VariantType.String),
+    ):
+        set_value(space, raw_id(identifier, TYPES_INDEX), value, variant_type)

@@ -37,7 +37,6 @@ __all__ = ["KeyServiceNodes"]
 _GET_KEYS: Final = ns0(ObjectIds.PublishSubscribe_GetSecurityKeys)
 _GET_GROUP: Final = ns0(ObjectIds.PublishSubscribe_GetSecurityGroup)
 _GROUPS: Final = ns0(ObjectIds.PublishSubscribe_SecurityGroups)
-_IS_SERVER: Final = ns0(ObjectIds.PublishSubscribe_PubSubCapablities_SupportSecurityKeyServer)
 _GROUP_TYPE: Final = ns0(ObjectIds.SecurityGroupType)
 _INVALIDATE: Final = ns0(ObjectIds.SecurityGroupType_InvalidateKeys)
 _ROTATE: Final = ns0(ObjectIds.SecurityGroupType_ForceKeyRotation)
@@ -66,7 +65,6 @@ class KeyServiceNodes:
         for group_id in self._service.group_ids:
             self._add_group(builder, group_id)
         self._add_changes(builder)
-        await self._server.get_node(_IS_SERVER).write_value(ua.Variant(True, ua.VariantType.Boolean))
         for method_id, call, rule in (
             (_GET_KEYS, self._get_keys, _is_bridge),
             (_GET_GROUP, self._get_group, _is_bridge_or_engineer),

@@ -257,7 +257,59 @@ async def test_lifetime_without_publish_requests_ends(hardened: Door) -> None:
             if subscription not in hardened.server.iserver.subscription_service.subscriptions:
                 break
             await asyncio.sleep(0.02)
+        told = await publish(client)
+        assert told.SubscriptionId == subscription
+        (change,) = told.NotificationMessage.NotificationData
+        assert change.Status.name == "BadTimeout"
         assert await bad(publish(client)) == "BadNoSubscription"
+
+
+async def test_a_session_is_told_later_that_its_subscription_has_gone(hardened: Door) -> None:
+    """Without a Publish request the StatusChangeNotification waits for the next one, and takes no sequence number."""
+    async with (
+        hardened.connected() as old,
+        hardened.connected() as new,
+        watching(old, hardened.nodes.value) as (subscription, item),
+    ):
+        first = await publish(old)
+        request, response, pick = attacks(subscription, item, hardened.nodes.value)["TransferSubscriptions"]
+        request.Parameters.SendInitialValues = True
+        assert await attack(new, request, response, pick) == "Good"
+        moved = await publish(new)
+        assert moved.NotificationMessage.SequenceNumber == first.NotificationMessage.SequenceNumber + 1
+        assert moved.AvailableSequenceNumbers == [1, 2]
+        told = await publish(old)
+        assert [data.Status.name for data in told.NotificationMessage.NotificationData] == [
+            "GoodSubscriptionTransferred"
+        ]
+        assert told.SubscriptionId == subscription
+        assert await bad(publish(old)) == "BadNoSubscription"
+        delete, response, pick = attacks(subscription, item, hardened.nodes.value)["DeleteSubscriptions"]
+        assert await attack(new, delete, response, pick) == "Good"
+
+
+async def test_requests_that_wait_are_answered_when_the_session_is_closed(hardened: Door) -> None:
+    async with hardened.connected() as client, watching(client, hardened.nodes.plain):
+        await publish(client)
+        waiting = asyncio.ensure_future(bad(publish(client)))
+        await client.get_node(hardened.nodes.plain).read_value()  # after that the server has the request that waits
+        await send(client, ua.CloseSessionRequest(), ua.CloseSessionResponse)
+        assert await waiting == "BadSessionClosed"
+
+
+async def test_cycles_without_publish_requests_end_a_quiet_subscription(hardened: Door) -> None:
+    """Each publishing cycle counts, not only those with something to tell (OPC 10000-4 5.14.1.1)."""
+    async with hardened.connected() as client:
+        created = await create_subscription(
+            client, RequestedPublishingInterval=1000, RequestedMaxKeepAliveCount=20, RequestedLifetimeCount=60
+        )
+        assert (created.RevisedMaxKeepAliveCount, created.RevisedLifetimeCount) == (20, 60)
+        await publish(client)
+        subscription: Any = hardened.server.iserver.subscription_service.subscriptions[created.SubscriptionId]
+        cycles = 1
+        while await subscription._cycle():
+            cycles += 1
+        assert cycles == 60
 
 
 async def test_a_subscription_that_fails_is_logged_and_its_client_told(

@@ -178,6 +178,7 @@ class SessionServices:
         self._events.session_ended(Who(session.caller), session, cause)
         self._sessions.remove(session)
         self._depart(session)
+        session.refuse_requests(StatusCodes.BadSessionClosed)
         user = session.user
         for subscription in list(session.subscriptions.values()):
             kept = user is not None and self._subscriptions.orphans(user) < self._limits.subscriptions_per_session

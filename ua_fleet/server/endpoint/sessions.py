@@ -44,6 +44,9 @@ _AROUND_BYTES: Final = 2_048
 """Of a PublishResponse besides its notifications: header, sequence numbers, and results of acknowledgements."""
 
 
+_MOST_FAREWELLS: Final = 50
+
+
 class Link(Protocol):
     """The connection that a session is bound to."""
 
@@ -100,6 +103,8 @@ class Session:
     late: OrderedDict[int, None] = field(default_factory=OrderedDict)
     """Ids of subscriptions that have something to send and no request to send it with."""
     requests: deque[PublishRequest] = field(default_factory=deque)
+    farewells: deque[tuple[int, Any]] = field(default_factory=lambda: deque[tuple[int, Any]](maxlen=_MOST_FAREWELLS))
+    """Last messages of subscriptions that it has no more, with their ids; each goes with the next Publish request."""
     continuations: OrderedDict[bytes, list[Any]] = field(default_factory=OrderedDict)
 
     @property
@@ -158,15 +163,45 @@ class Session:
         self.link = None
         self.requests.clear()
 
+    @property
+    def has_request(self) -> bool:
+        """Whether a Publish request waits that can be answered now."""
+        if self.link is None or not self.link.writable:
+            return False
+        self.drop_expired_requests()
+        return bool(self.requests)
+
     def take_request(self, subscription_id: int) -> PublishRequest | None:
         """A Publish request to answer; without one the subscription is remembered as late."""
-        if self.link is not None and self.link.writable:
-            self.drop_expired_requests()
-            if self.requests:
-                self.late.pop(subscription_id, None)
-                return self.requests.popleft()
+        if self.has_request:
+            self.late.pop(subscription_id, None)
+            return self.requests.popleft()
         self.late[subscription_id] = None
         return None
+
+    def say_farewell(self, subscription_id: int, message: Any) -> None:
+        """Send the last message of a subscription, now if a Publish request waits."""
+        if not self.has_request:
+            self.farewells.append((subscription_id, message))
+            return
+        request = self.requests.popleft()
+        self.answer_with_farewell(request, subscription_id, message)
+
+    def answer_with_farewell(self, request: PublishRequest, subscription_id: int, message: Any) -> None:
+        """Answer a Publish request with the last message of a subscription."""
+        result: Any = ua.PublishResult()
+        result.SubscriptionId = subscription_id
+        result.NotificationMessage = message
+        result.Results = request.results
+        response = ua.PublishResponse()
+        response.Parameters = result
+        if self.link is not None:
+            self.link.respond(response, request.handle, request.request_id)
+
+    def refuse_requests(self, code: int) -> None:
+        """Answer all Publish requests that wait with a fault."""
+        while self.requests:
+            self.refuse_request(self.requests.popleft(), code)
 
     def drop_expired_requests(self) -> None:
         """Answer the Publish requests whose time is over with Bad_Timeout."""

@@ -87,9 +87,6 @@ class SubscriptionServices:
                 await self._subscriptions.delete(subscription)
                 response.Results.append(GOOD)
             await self._end_turn(request)
-        if not request.session.subscriptions:
-            while request.session.requests:
-                request.session.refuse_request(request.session.requests.popleft(), StatusCodes.BadNoSubscription)
         return response
 
     def _foreign(self, request: Request, service: str, subscription_id: int) -> None:
@@ -115,7 +112,7 @@ class SubscriptionServices:
     async def publish(self, request: Request, params: ua.PublishParameters) -> None:
         """Publish: answered at once if a subscription is late, otherwise when there is something to tell."""
         session = request.session
-        if not session.subscriptions:
+        if not session.subscriptions and not session.farewells:
             raise Refusal(StatusCodes.BadNoSubscription)
         acknowledgements = params.SubscriptionAcknowledgements or []
         if len(acknowledgements) > self._limits.nodes_per_request:
@@ -130,6 +127,9 @@ class SubscriptionServices:
         session.drop_expired_requests()
         wait = request.timeout_s or _LONGEST_WAIT_S
         waiting = PublishRequest(request.handle, request.request_id, time.monotonic() + wait, results)
+        if session.farewells:
+            session.answer_with_farewell(waiting, *session.farewells.popleft())
+            return
         for late in list(session.late):
             del session.late[late]
             subscription = session.subscriptions.get(late)

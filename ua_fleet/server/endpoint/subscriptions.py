@@ -210,6 +210,7 @@ class ClientSubscription:
     async def _run(self) -> None:
         try:
             await self._publish()
+            self.tell_status(StatusCodes.BadTimeout)
         except Exception as error:  # noqa: BLE001 - counted and logged; nobody waits for this task
             self._registry.failed(error, self.id)
             with contextlib.suppress(Exception):  # what is wrong may be wrong with this, too
@@ -235,14 +236,13 @@ class ClientSubscription:
         if not (self._first or self._has_news()):
             self._quiet_cycles += 1
             if self._quiet_cycles < self.keep_alive_count:
-                return True
+                return self._lives_on()
         # However many subscriptions of a user are due at once, others have their turn between two large answers.
         async with self._registry.answering.of(self.holder):
             while self._first or self._has_news() or self._quiet_cycles >= self.keep_alive_count:
                 request = self.session.take_request(self.id) if self.session is not None else None
                 if request is None:
-                    self._cycles_without_request += 1
-                    return self._cycles_without_request < self.lifetime_count
+                    return self._lives_on()
                 began = time.monotonic()
                 more = self.answer(request)
                 if time.monotonic() - began > TURN_S:
@@ -250,6 +250,14 @@ class ClientSubscription:
                 if not more:
                     break
         return True
+
+    def _lives_on(self) -> bool:
+        """Count the cycles in which there was no Publish request (OPC 10000-4 5.14.1.1); False ends the lifetime."""
+        if self.session is not None and self.session.has_request:
+            self._cycles_without_request = 0
+            return True
+        self._cycles_without_request += 1
+        return self._cycles_without_request < self.lifetime_count
 
     @property
     def holder(self) -> str:
@@ -335,14 +343,17 @@ class ClientSubscription:
         return notifications
 
     def tell_status(self, code: int) -> None:
-        """Tell the client at once that the subscription has changed, if a request waits."""
-        if self.session is None or (request := self.session.take_request(self.id)) is None:
+        """Tell the session that the subscription has gone: now, or with its next Publish request.
+
+        It is not kept and takes no number: a session that takes the subscription over misses nothing.
+        """
+        if self.session is None:
             return
         message = ua.NotificationMessage()
         message.PublishTime = datetime.now(UTC)
         message.SequenceNumber = self._sequence  # pyright: ignore[reportAttributeAccessIssue]
         message.NotificationData = [ua.StatusChangeNotification(Status=status(code))]
-        self._send(request, message, more=False)
+        self.session.say_farewell(self.id, message)
 
     def acknowledge(self, sequence: int) -> ua.StatusCode:
         """The client has a notification message."""
@@ -375,6 +386,8 @@ class ClientSubscription:
             self.tell_status(StatusCodes.GoodSubscriptionTransferred)
             old.subscriptions.pop(self.id, None)
             old.late.pop(self.id, None)
+            if not old.subscriptions:
+                old.refuse_requests(StatusCodes.BadNoSubscription)
         self.session = session
         session.subscriptions[self.id] = self
         self.touch()
@@ -424,9 +437,11 @@ class Subscriptions(SubscriptionService):
     def forget(self, subscription: ClientSubscription) -> None:
         """Take a subscription out of the registry and of its session."""
         self.subscriptions.pop(subscription.id, None)
-        if subscription.session is not None:
-            subscription.session.subscriptions.pop(subscription.id, None)
-            subscription.session.late.pop(subscription.id, None)
+        if (session := subscription.session) is not None:
+            session.subscriptions.pop(subscription.id, None)
+            session.late.pop(subscription.id, None)
+            if not session.subscriptions:
+                session.refuse_requests(StatusCodes.BadNoSubscription)
 
     async def delete(self, subscription: ClientSubscription) -> None:
         """End a subscription."""

@@ -30,6 +30,7 @@ from ua_fleet.server.endpoint.limits import CHUNK_BYTES, Limits
 from ua_fleet.server.endpoint.listener import Listener
 from ua_fleet.server.endpoint.processor import Services
 from ua_fleet.server.endpoint.queues import Queues
+from ua_fleet.server.endpoint.server_methods import ServerMethods
 from ua_fleet.server.endpoint.stack import AttributeIds
 from ua_fleet.server.endpoint.subscriptions import Subscriptions
 from ua_fleet.server.internals import check_internals
@@ -128,6 +129,7 @@ class HardenedServer(Server):
             "subscriptions", error, subscription=number
         )
         self._services = Services(context, subscriptions)
+        ServerMethods(subscriptions).link(self.iserver.aspace, context)
         self._listener = Listener(self._services, host, port)
         await context.limits.advertise(self)
         _close_standard_nodes(self)

@@ -59,6 +59,9 @@ _UNSUPPORTED: Final = (
     "HAConfiguration",
     # OPC 10000-20: no files.
     "FileSystem",
+    # OPC 10000-4 6.8: no subscription outlasts the server. OPC 10000-5 9.4: nobody stops it from a client.
+    "Server_SetSubscriptionDurable",
+    "Server_RequestServerStateChange",
     # OPC 10000-5: optional, and not kept.
     "Server_UrisVersion",
     "Server_EstimatedReturnTime",

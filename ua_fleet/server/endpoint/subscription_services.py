@@ -169,10 +169,9 @@ class SubscriptionServices:
         try:
             subscription = self._transfer(request, subscription_id)
             result.AvailableSequenceNumbers = subscription.unacknowledged  # pyright: ignore[reportAttributeAccessIssue]
-            for item in subscription.items if tell else ():
-                if isinstance(item, DataItem):
-                    item.tell_again()
-                    await self._end_turn(request, subscription)
+            for item in subscription.reporting() if tell else ():
+                item.tell_again()
+                await self._end_turn(request, subscription)
         except Refusal as error:
             result.StatusCode = status(error.ua_status)
             self._context.audit.refuse(

@@ -379,6 +379,14 @@ class ClientSubscription:
         item.clear()
         self._pending.pop(item.id, None)
 
+    def reporting(self) -> Iterator[DataItem]:
+        """Its items that report values, but for those that are removed meanwhile."""
+        for item in self.items:
+            if not isinstance(item, DataItem) or self.items.get(item.id) is not item:
+                continue
+            if item.mode is ua.MonitoringMode.Reporting:
+                yield item
+
     def move(self, session: Session) -> None:
         """Give the subscription to another session of its owner."""
         old = self.session

@@ -8,9 +8,10 @@ direction of writing, so that a line reads otherwise than it is.
 from __future__ import annotations
 
 import json
+from datetime import UTC, datetime
 from typing import Any
 
-__all__ = ["harmless", "harmless_json", "harmless_lines"]
+__all__ = ["harmless", "harmless_json", "harmless_lines", "utc_text"]
 
 
 def harmless(text: str) -> str:
@@ -35,3 +36,8 @@ def harmless_json(value: Any) -> str:
     if text.isprintable():
         return text
     return "".join([char if char.isprintable() else json.dumps(char)[1:-1] for char in text])
+
+
+def utc_text(seconds: float) -> str:
+    """A time of the wall clock, in seconds since 1970, to the second: `2030-01-31 12:00:00 UTC`."""
+    return datetime.fromtimestamp(seconds, UTC).strftime("%Y-%m-%d %H:%M:%S UTC")

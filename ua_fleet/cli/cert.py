@@ -12,6 +12,7 @@ from ua_fleet.cli.endings import EXIT_FAILED, NotFound, UsageError, extra_needed
 from ua_fleet.cli.options import DEFAULT_CONFIG, DEFAULT_ENDPOINT, Config, Json, load_config, state_folder
 from ua_fleet.cli.output import message, print_json, print_line, print_table
 from ua_fleet.cli.process import run
+from ua_fleet.printing import utc_text
 
 if TYPE_CHECKING:
     from ua_fleet.config import FleetConfig
@@ -284,14 +285,10 @@ def _is_meant(folder: Path, what: str) -> bool:
     if not Path(what).is_file():
         refused = rejection_of(info.path)
         print_line(f"address      {refused.address or 'not known'}")
-        print_line(f"refused      {_time_text(refused.last_s)}, first {_time_text(refused.first_s)}")
+        print_line(f"refused      {utc_text(refused.last_s)}, first {utc_text(refused.first_s)}")
     print_line(f"valid until  {info.validity.end:%Y-%m-%d}")
     print_line(f"thumbprint   {info.thumbprint}")
     return typer.confirm("Is this what the client shows of itself? Trust it", err=True)
-
-
-def _time_text(time_s: float) -> str:
-    return datetime.fromtimestamp(time_s, UTC).strftime("%Y-%m-%d %H:%M:%S UTC")
 
 
 def revoke_certificate(

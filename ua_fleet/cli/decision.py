@@ -47,7 +47,7 @@ RAISE_EXAMPLES = (
     'ua-fleet fault raise ur3 "gripper stuck" -u anna',
     'ua-fleet fault raise rover "the drive is hot" --capacity mobile -u anna',
 )
-CLEAR_EXAMPLES = ("ua-fleet fault clear ur3 -u anna",)
+CLEAR_EXAMPLES = ("ua-fleet fault clear ur3 -u anna", "ua-fleet fault clear ur3.not_halted -u anna")
 LIST_EXAMPLES = ("ua-fleet decision list -u anna", "ua-fleet decision list -u anna --json")
 CONFIRM_EXAMPLES = ("ua-fleet decision confirm 20300131-120000-a1b2c3.0 ur3 -u anna",)
 MODE_EXAMPLES = (
@@ -84,7 +84,11 @@ def faults(
     connection: Connection,
     as_json: Json = False,
 ) -> None:
-    """List the faults that are active, or that nobody has acknowledged."""
+    """List the faults that are active, or that nobody has acknowledged.
+
+    `fault clear ID` ends one that a person can end, of the sources skill, robot and not_halted; the others end by
+    themselves.
+    """
 
     async def work(scenarios: ScenarioClient) -> None:
         found = await scenarios.faults()
@@ -97,12 +101,13 @@ def faults(
                 fault.fault_id,
                 "active" if fault.active else "over",
                 "acknowledged" if fault.acknowledged else "-",
+                (fault.since or "")[:19].replace("T", " "),
                 taken_away(fault),
                 fault.reason,
             )
             for fault in found
         ]
-        print_table([("fault", "state", "seen", "takes away", "reason"), *rows])
+        print_table([("fault", "state", "seen", "since (UTC)", "takes away", "reason"), *rows])
 
     with_scenarios(connection, work)
 
@@ -147,7 +152,9 @@ def raise_fault(
 @connecting
 def clear_fault(
     connection: Connection,
-    robot: Annotated[str, typer.Argument(help="The robot that can work again.")],
+    robot: Annotated[
+        str, typer.Argument(help="The robot that can work again, or the id of one of its faults: ur3.robot.")
+    ],
     as_json: Json = False,
 ) -> None:
     """Say that a robot can work again. Not where the cause of its fault can be seen to be there still."""

@@ -141,6 +141,8 @@ def run(
             print_line(run_id)
         if wait:
             await _follow(scenarios, run_id, as_json=as_json)
+        elif (info := await scenarios.run_info(run_id)).reason:
+            message(info.reason)
 
     with_scenarios(connection, work)
 
@@ -295,6 +297,7 @@ async def _follow(scenarios: ScenarioClient, run_id: str, *, as_json: bool) -> N
 async def _print_changes(scenarios: ScenarioClient, run_id: str, *, as_json: bool) -> RunInfo | None:
     """Print a run whenever it changes; how it was last."""
     last: RunInfo | None = None
+    shown = told = ""
     async with aclosing(scenarios.follow(run_id)) as changes:
         async for info in changes:
             last = info
@@ -305,7 +308,14 @@ async def _print_changes(scenarios: ScenarioClient, run_id: str, *, as_json: boo
                     f"{task} ({robot}) {state}"
                     for task, robot, state in zip(info.tasks, info.robots, info.states, strict=False)
                 ]
-                print_line(f"{info.state}: {', '.join(tasks) or 'no task yet'}")
+                line = f"{info.state}: {', '.join(tasks) or 'no task yet'}"
+                if line != shown:
+                    shown = line
+                    print_line(line)
+                if info.reason != told and not info.is_over:
+                    told = info.reason
+                    if told:
+                        print_line(f"  {told}")
     return last
 
 

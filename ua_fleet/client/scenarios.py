@@ -75,7 +75,10 @@ class DryRunInfo:
 
 @dataclass(frozen=True, slots=True)
 class RunInfo:
-    """A run as it is now; the tuples have an item for each task whose turn has come."""
+    """A run as it is now; the tuples have an item for each task whose turn has come.
+
+    `reason` says while it goes on what its tasks wait for, and in the end why it has ended.
+    """
 
     run_id: str
     state: str
@@ -89,6 +92,7 @@ class RunInfo:
     states: tuple[str, ...]
     results: tuple[str, ...]
     skills: tuple[str, ...]
+    messages: tuple[str, ...] = ()
 
     @property
     def is_over(self) -> bool:
@@ -108,6 +112,8 @@ class FaultInfo:
     acknowledged: bool
     capacities: tuple[str, ...] = ()
     """What it takes away; empty: all."""
+    since: str | None = None
+    """Since when it is active, or is not any more; ISO 8601."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -201,7 +207,7 @@ class ScenarioClient:
     async def run_info(self, run_id: str) -> RunInfo:
         """A run as it is now; NodeNotFound where there is none."""
         names = ("State", "Scenario", "StartTime", "StartedBy", "Reason")
-        arrays = ("Tasks", "Robots", "States", "Results", "Skills")
+        arrays = ("Tasks", "Robots", "States", "Results", "Skills", "Messages")
         state, scenario, started, by, reason, *columns = await self._read(f"Scenarios.Runs.{run_id}", (*names, *arrays))
         return RunInfo(run_id, state, scenario, started, by, reason, *(tuple(column or ()) for column in columns))
 
@@ -213,7 +219,8 @@ class ScenarioClient:
         """A run now, and whenever something about it changes, until it has ended."""
         path = f"ns=2;s=Fleet.Scenarios.Runs.{run_id}"
         before: RunInfo | None = None
-        async with aclosing(self._client.watch([f"{path}.State", f"{path}.States", f"{path}.Robots"])) as changes:
+        watched = [f"{path}.{name}" for name in ("State", "States", "Robots", "Reason")]
+        async with aclosing(self._client.watch(watched)) as changes:
             async for _ in changes:
                 info = await self.run_info(run_id)
                 if info != before:
@@ -225,11 +232,12 @@ class ScenarioClient:
     async def faults(self) -> list[FaultInfo]:
         """Faults that are active, or that nobody has acknowledged."""
         found: list[FaultInfo] = []
-        names = ("Robot", "FaultSource", "Reason", "ActiveState.Id", "AckedState.Id", "Capacities", "Retain")
+        names = ("Robot", "FaultSource", "Reason", "ActiveState.Id", "AckedState.Id", "Capacities")
         for fault_id in await self._below("Faults"):
-            robot, source, reason, active, seen, capacities, retain = await self._read(f"Faults.{fault_id}", names)
+            robot, source, reason, active, seen, capacities = await self._read(f"Faults.{fault_id}", names)
+            retain, since = await self._read(f"Faults.{fault_id}", ("Retain", "ActiveState.TransitionTime"))
             if retain:
-                found.append(FaultInfo(fault_id, robot, source, reason, active, seen, tuple(capacities or ())))
+                found.append(FaultInfo(fault_id, robot, source, reason, active, seen, tuple(capacities or ()), since))
         return found
 
     async def raise_fault(self, robot: str, reason: str, capacities: Sequence[str] = ()) -> None:
@@ -253,7 +261,9 @@ class ScenarioClient:
         await self._call("Faults", "RaiseFault", text(robot), text(reason))
 
     async def clear_fault(self, robot: str) -> None:
-        """Say that a robot can work again; not where the cause can be seen to be there still."""
+        """Say that a robot can work again, or, by the id of a fault, that this one is over; not where the cause can be
+        seen to be there still.
+        """
         await self._call("Faults", "ClearFault", text(robot))
 
     async def acknowledge(self, fault_id: str, comment: str) -> None:

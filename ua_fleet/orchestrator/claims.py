@@ -147,7 +147,7 @@ class Claims:
         self.grant(self._reservations.release(claim), now)
         since = now if before is None or before.since is None else before.since
         hope_until = self._known.hope_until(todo, since, now)
-        reasons = "; ".join(f"{left.robot} {left.reason}" for left in ranking.excluded)
+        reasons = "; ".join(self._known.why_not(left.robot, left.reason, todo.task) for left in ranking.excluded)
         reason = f"no robot can do {wanted.skill}: {reasons or 'there is none'}"
         if hope_until is not None:
             self._anybody[claim] = _Anybody(wanted, hope_until, since)

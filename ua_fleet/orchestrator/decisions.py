@@ -86,7 +86,18 @@ class Decisions:
     def look_again(self, opened: Opened, now: float) -> None:
         """Time has passed, or more is known of robots."""
         self._rank_again(opened, now)
+        if self._is_back(opened):
+            self._decided(opened, opened.decision.take_back(opened.asked.robot), now)
         self._decided(opened, opened.decision.poll(now), now)
+
+    def _is_back(self, opened: Opened) -> bool:
+        """Whether the robot that could not even begin can do it now: it has its task back, and nobody need choose."""
+        run, asked = self._runs.runs.get(opened.run_id), opened.asked
+        if run is None or opened.is_unknown or not asked.robot or opened.decision.outcome is not None:
+            return False
+        task_run = run.state.tasks[asked.step]
+        ranked = opened.decision.ranking.ranked
+        return not task_run.attempt and any(place.robot == asked.robot for place in ranked)
 
     def close(self, run_id: str, fact: TaskOver | TaskAnswered | TaskFound | TaskHalting) -> None:
         """It is known what a robot was at, or somebody has said what follows: nobody has to choose any more."""
@@ -139,5 +150,8 @@ class Decisions:
     def _say(self, opened: Opened, events: list[DecisionEvent]) -> None:
         asked = opened.asked
         self._outputs += [
-            DecisionChanged(opened.run_id, asked.step, asked.task, asked.robot, asked.reason, event) for event in events
+            DecisionChanged(
+                opened.run_id, asked.step, asked.task, asked.robot, asked.reason, event, opened.decision.next_deadline()
+            )
+            for event in events
         ]

@@ -16,9 +16,10 @@ from enum import Enum, auto
 from typing import Final
 
 from ua_fleet.errors import ScenarioError
-from ua_fleet.scenario.consequences import RAISED, SKILL, meaning_of
+from ua_fleet.printing import utc_text
+from ua_fleet.scenario.consequences import ANNOUNCED, NOT_HALTED, RAISED, SKILL, meaning_of
 
-__all__ = ["Fault", "FaultChange", "Faults"]
+__all__ = ["BY_PERSON", "Fault", "FaultChange", "Faults"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,7 +44,28 @@ class Fault:
             return False
         return not self.capacities or any(capacity in needs for capacity in self.capacities)
 
+    @property
+    def cure(self) -> str:
+        """What ends it, for people: the command, where it takes a person."""
+        if self.source == ANNOUNCED:
+            return f"it ends when {self.robot} says that it is repaired"
+        if self.source in BY_PERSON:
+            return f"{BY_PERSON[self.source]}, run: ua-fleet fault clear {self.id}"
+        return "it ends by itself, with what was found"
 
+    @property
+    def told(self) -> str:
+        """Who has it since when, what it is, and what ends it, in one line for people."""
+        what = f"lacks {', '.join(self.capacities)}" if self.capacities else "has a fault"
+        return f"{self.robot} {what}: {self.reason} ({self.id}, since {utc_text(self.since)}); {self.cure}"
+
+
+BY_PERSON: Final = {
+    NOT_HALTED: "when it was seen to stand",
+    RAISED: "when it can work again",
+    SKILL: "when it can work again",
+}
+"""Sources of faults that a person ends, and when."""
 _ADDING: Final = (RAISED, SKILL)
 """Sources of which each word is about something more; the others tell all that is wrong each time."""
 _MOST_REASON: Final = 200

@@ -76,5 +76,6 @@ class Halting:
     def _ask_people(self, now: float) -> None:
         for halt in self._halts.unanswered(now):
             if not any(fault.source == NOT_HALTED for fault in self._known.faults.active(halt.robot)):
-                said = f"it was told to stop {halt.skill}, and has not said that it has; look, then call ClearFault"
+                what = f"{halt.skill} ({halt.why})" if halt.why else halt.skill
+                said = f"it was told to stop {what}, and has not said that it has"
                 self._guard.do("faults", self._take_in, FaultFound(halt.robot, NOT_HALTED, True, said), now)

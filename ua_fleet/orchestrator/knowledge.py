@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable
+from collections.abc import Callable, Collection, Iterable
 from math import inf
 from typing import Final
 
@@ -17,6 +17,7 @@ __all__ = ["Knowledge"]
 
 MOST_EXECUTIONS: Final = 10_000
 """Executions of runs that are told from those of others."""
+_SILENT: Final = "is silent"
 _ELSEWHERE: Final = "is at what no run has asked for"
 
 
@@ -27,6 +28,8 @@ class Knowledge:
         """Know of no faults; all robots are heard until `not_heard`."""
         self.settings, self.fleet = settings, fleet
         self.faults = Faults()
+        self.explain_silence: Callable[[str], str] = _unexplained
+        """See `why_silent`."""
         self._silent: dict[str, float] = {}
         """Since when, by the wall clock."""
         self._followed: dict[str, frozenset[str]] = {}
@@ -49,6 +52,25 @@ class Knowledge:
     def silent_since(self, robot: str) -> float | None:
         """See World."""
         return self._silent.get(robot)
+
+    def why_silent(self, robot: str) -> str:
+        """See World."""
+        return self.explain_silence(robot)
+
+    def why_not(self, robot: str, reason: str, task: Task) -> str:
+        """Why a robot is no candidate for a task, for people: where it has a fault, or is silent, all that is known.
+
+        Args:
+            robot: its name.
+            reason: as the ranking says it.
+            task: what it would do.
+        """
+        needs = self.needs(robot, task)
+        if reason == self.faults.unfit(robot, needs) and (trouble := self.trouble(robot, needs)) is not None:
+            return trouble.told
+        if reason == _SILENT and (why := self.why_silent(robot)):
+            return f"{robot} {reason}: {why}"
+        return f"{robot} {reason}"
 
     def followed_until(self, robot: str, execution_id: str) -> float:
         """See World."""
@@ -95,7 +117,8 @@ class Knowledge:
         keeping = self.faults.keeping(robot, needs)
         if not keeping:
             return None
-        return Trouble(keeping[0].reason, any(meaning_of(fault.source).stands for fault in keeping))
+        told = "; ".join(fault.told for fault in keeping)
+        return Trouble(keeping[0].reason, any(meaning_of(fault.source).stands for fault in keeping), told)
 
     def not_heard(self, robots: Iterable[str], now: float) -> None:
         """Nothing is heard of robots, from now on."""
@@ -125,7 +148,7 @@ class Knowledge:
         if (reason := self.faults.unfit(robot, needs)) is not None:
             return reason
         if robot in self._silent:
-            return "is silent"
+            return _SILENT
         return _ELSEWHERE if self.occupied(robot) is not None else None
 
     def hope_until(self, todo: TaskToDo, since: float, now: float) -> float | None:
@@ -151,3 +174,8 @@ class Knowledge:
             if at > now and not todo.problems(robot):
                 until.append(at)
         return max(until, default=None)
+
+
+def _unexplained(robot: str) -> str:
+    del robot
+    return ""

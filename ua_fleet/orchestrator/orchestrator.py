@@ -97,6 +97,10 @@ class Orchestrator:
         self._has_news = False
         """Whether something became known of robots that runs have not looked at."""
 
+    def explain_silence(self, explain: Callable[[str], str]) -> None:
+        """Have somebody say why nothing is heard of a robot, and what to do: its bridge is away, say. May be empty."""
+        self._known.explain_silence = explain
+
     def tell_mistakes(self, caught: Callable[[str, Exception], None]) -> None:
         """Tell of each mistake that costs a fault or a halt its turn; without this it is raised. Those that cost a run
         are among the outputs.
@@ -409,7 +413,8 @@ class Orchestrator:
             case TaskWaits():
                 self._outputs.append(TaskWaiting(run_id, effect))
             case CancelTask():
-                self._halting.order(Halt(effect.execution_id, effect.robot, effect.skill, now))
+                why = self._why_halted(run_id, effect.execution_id)
+                self._halting.order(Halt(effect.execution_id, effect.robot, effect.skill, now, why))
             case OpenDecision():
                 self._decisions.open(run_id, effect, now, is_unknown=False)
             case AskOperator():
@@ -429,6 +434,17 @@ class Orchestrator:
                     effect.step, effect.task, effect.skill, effect.capacities, effect.robot, effect.question
                 )
                 self._decisions.open(run_id, asked, now, is_unknown=True)
+
+    def _why_halted(self, run_id: str, execution_id: str) -> str:
+        """Which task of which run an execution is, and why it is told to stop, for people."""
+        run = self.runs.get(run_id)
+        if run is None or (task_run := run.state.tasks.get(run.state.executions.get(execution_id, ""))) is None:
+            return f"run {run_id}"
+        closing = run.state.closing
+        why = task_run.reason if task_run.halting is None else task_run.halting.reason
+        if closing is not None:
+            why = f"{closing.reason}; {why}" if why else closing.reason
+        return f"task {task_run.name} of run {run_id}{f': {why}' if why else ''}"
 
     def _know(self, execution_id: str, run_id: str) -> None:
         self._executions[execution_id] = run_id

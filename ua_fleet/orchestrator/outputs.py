@@ -78,6 +78,8 @@ class Halt:
     robot: str
     skill: str
     since: float
+    why: str = ""
+    """Which task of which run it was at, and why it was told to stop, for people."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,6 +116,8 @@ class DecisionChanged:
     failed: str
     reason: str
     event: DecisionEvent
+    until: float | None = None
+    """While it is open: when it is decided at the latest, by the wall clock; None where nobody knows."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -65,7 +65,7 @@ class ReplacementChosen:
     decision_id: str
     robot: str
     by: str
-    """The operator's name, or `automatic`, or `limit`."""
+    """The operator's name, or `automatic`, or `limit`; `back`: the robot that could not begin, and now can."""
     ranking: Ranking
 
 
@@ -161,6 +161,10 @@ class Decision:
             reason = next((left.reason for left in self.ranking.excluded if left.robot == robot), "no such candidate")
             raise NoCandidate(f"{self.id}: {robot} cannot take over: {reason}")
         return Confirmation.TAKEN, [self._choose(robot, by)]
+
+    def take_back(self, robot: str) -> list[DecisionEvent]:
+        """The robot that could not begin can do it now."""
+        return [self._choose(robot, "back")] if self.outcome is None else []
 
     def give_up(self, reason: str) -> list[DecisionEvent]:
         """End it without a choice: nobody needs one any more."""

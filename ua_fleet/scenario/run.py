@@ -179,7 +179,7 @@ class Run:
             if task_run is None or not wanted or self.state.paused or self.state.closing is not None:
                 moment.effects.append(ReleaseRobot(step))
             elif (trouble := self._trouble(robot, step)) is not None:
-                self.replace(step, robot, trouble.reason, moment)
+                self.replace(step, robot, trouble.told or trouble.reason, moment)
             elif self._world.silent_since(robot) is None and self._world.occupied(robot) is None:
                 if self.missing(self.task(step), moment) is not None:
                     self._tending.lacks(step)
@@ -290,7 +290,8 @@ class Run:
             said = "; ".join(f"{robot}: {text}" for robot, text in task_run.said.items() if text != task_run.reason)
             last = next((robot for robot, text in task_run.said.items() if text == task_run.reason), "")
             first = task_run.reason if last in task_run.reason else f"{last}: {task_run.reason}"
-            why = f"task {self.task(step).name}: {first}; {reason}{f' ({said})' if said else ''}"
+            begun = "" if task_run.attempt else " was not begun"
+            why = f"task {self.task(step).name}{begun}: {first}; {reason}{f' ({said})' if said else ''}"
             self.note(StepEnded(now, step, StepState.FAILED, why), moment)
 
         return self._after(now, take)

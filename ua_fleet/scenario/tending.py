@@ -127,11 +127,12 @@ class Tending:
         if robot is None:
             return self._is_value_tended(step, task, "", moment)  # whoever has the robots finds one
         if (trouble := self._world.trouble(robot, self._world.needs(robot, task))) is not None:
-            self._give_up(step, robot, trouble.reason, moment)
+            self._give_up(step, robot, trouble.told or trouble.reason, moment)
             return True
         since, occupied = self._world.silent_since(robot), self._world.occupied(robot)
         if since is not None:
-            until, why, gives_up = since + self._world.silence_s, f"nothing is heard of {robot}", self._silent(robot)
+            until, gives_up = since + self._world.silence_s, self._silent(robot)
+            why = self._explained(robot, f"nothing is heard of {robot}")
         elif occupied is not None and step in self._held:
             until = self._occupied_since.setdefault(step, moment.now) + BUSY_S
             why, gives_up = occupied, f"{occupied}, for {BUSY_S:g} s"
@@ -268,7 +269,12 @@ class Tending:
         if task.timeout_s is not None:
             due = max(task_run.assigned_at + task.timeout_s, since + LEAST_SILENCE_S)
             if due < until:
-                until, why = due, f"not done in {task.timeout_s:g} s, and {task_run.robot} is silent"
+                until, why = (
+                    due,
+                    self._explained(
+                        task_run.robot, f"not done in {task.timeout_s:g} s, and {task_run.robot} is silent"
+                    ),
+                )
         if moment.now < until:
             moment.deadlines.append(until)
         else:
@@ -281,4 +287,8 @@ class Tending:
         moment.deadlines.append(moment.now + HALT_S)
 
     def _silent(self, robot: str) -> str:
-        return f"nothing is heard of {robot} for {self._world.silence_s:g} s"
+        return self._explained(robot, f"nothing is heard of {robot} for {self._world.silence_s:g} s")
+
+    def _explained(self, robot: str, what: str) -> str:
+        why = self._world.why_silent(robot)
+        return f"{what}: {why}" if why else what

@@ -17,6 +17,8 @@ class Trouble(NamedTuple):
     reason: str
     stands: bool = False
     """Whether it is known to stand: what it was at is over. Else it has to be halted, and to say that it has."""
+    told: str = ""
+    """The same for people whose task it keeps from being begun: which fault, since when, and what ends it."""
 
 
 class World(Protocol):
@@ -46,6 +48,10 @@ class World(Protocol):
         """Since when nothing is heard of a robot, by the wall clock, the server's start at the earliest; None: it is
         heard.
         """
+        ...
+
+    def why_silent(self, robot: str) -> str:
+        """What is known of why nothing is heard of a robot, and what to do, for people; may be empty."""
         ...
 
     def occupied(self, robot: str) -> str | None:
@@ -79,6 +85,11 @@ class AllWell:
         """See World."""
         del robot
         return None
+
+    def why_silent(self, robot: str) -> str:
+        """See World."""
+        del robot
+        return ""
 
     def occupied(self, robot: str) -> str | None:
         """See World."""

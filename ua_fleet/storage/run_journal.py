@@ -39,6 +39,10 @@ _HALTS: Final = """CREATE TABLE IF NOT EXISTS halts (execution_id TEXT PRIMARY K
     skill TEXT NOT NULL, since REAL NOT NULL) STRICT"""
 """Likewise. An earlier version leaves them alone."""
 
+_HALT_REASONS: Final = """CREATE TABLE IF NOT EXISTS halt_reasons (execution_id TEXT PRIMARY KEY, why TEXT NOT NULL)
+    STRICT"""
+"""Likewise."""
+
 _Statement = tuple[str, Sequence[Any]]
 
 
@@ -66,7 +70,7 @@ class RunJournal:
         """Open a journal, or begin one; no other process can use it until `close`."""
         self._database = Database(path, version=_VERSION, schema=_SCHEMA)
         try:
-            self._database.commit((_SETTINGS, ()), (_FAULT_CAPACITIES, ()), (_HALTS, ()))
+            self._database.commit((_SETTINGS, ()), (_FAULT_CAPACITIES, ()), (_HALTS, ()), (_HALT_REASONS, ()))
         except BaseException:
             self._database.close()
             raise
@@ -100,7 +104,10 @@ class RunJournal:
             if changed.is_owed:
                 row = (halt.execution_id, halt.robot, halt.skill, halt.since)
                 statements.append(("INSERT OR REPLACE INTO halts VALUES (?, ?, ?, ?)", row))
+                reason = (halt.execution_id, halt.why)
+                statements.append(("INSERT OR REPLACE INTO halt_reasons VALUES (?, ?)", reason))
             else:
+                statements.append(("DELETE FROM halt_reasons WHERE execution_id = ?", (halt.execution_id,)))
                 statements.append(("DELETE FROM halts WHERE execution_id = ?", (halt.execution_id,)))
         if statements:
             self._database.commit(*statements)
@@ -144,7 +151,10 @@ class RunJournal:
 
     def halts(self) -> list[Halt]:
         """What robots were told to stop, and have not said that they have."""
-        rows = self._database.read("SELECT execution_id, robot, skill, since FROM halts ORDER BY since")
+        rows = self._database.read(
+            "SELECT execution_id, robot, skill, since, coalesce(why, '') FROM halts"
+            " LEFT JOIN halt_reasons USING (execution_id) ORDER BY since"
+        )
         return [Halt(*row) for row in rows]
 
     def settings(self) -> dict[str, StoredSetting]:

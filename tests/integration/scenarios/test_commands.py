@@ -144,3 +144,32 @@ async def test_a_fault_that_a_person_raises_and_who_decides(plant: Plant) -> Non
         wrong = await command(running, "decision", "judge", "one/another=3", user=ENGINEER)
         assert (wrong.code, "another" in wrong.errors) == (2, True)
         assert "write e.g. battery/distance=2" in (await command(running, "decision", "judge", "one=3")).errors
+
+
+async def test_a_run_says_which_fault_it_waits_for_and_goes_on_when_that_is_cleared(plant: Plant) -> None:
+    plant.scenario("short", "  - {task: a, skill: work, robot: left}\n")
+    plant.bridge("left")
+    async with plant.server() as running:
+        async with running.client() as client:
+            await until(lambda: client.get_node("ns=2;s=Robots.left.State").read_value(), lambda state: state != 0)
+        assert (await command(running, "fault", "raise", "left", "gripper stuck")).code == 0
+        waits = asyncio.create_task(command(running, "scenario", "run", "short", "--wait"))
+
+        async def found() -> Any:
+            return (await command(running, "decision", "list")).objects
+
+        (decision,) = await until(found, bool, timeout_s=30)
+        told = "left has a fault: gripper stuck (left.robot, since "
+        assert decision["reason"].startswith(told)
+        assert decision["reason"].endswith("run: ua-fleet fault clear left.robot")
+        (fault,) = [one for one in (await command(running, "fault", "list")).objects if one["source"] == "robot"]
+        assert fault["since"] is not None
+        unknown = await command(running, "fault", "clear", "left.gripper")
+        assert (unknown.code, "its faults now: left.robot" in unknown.errors) == (3, True)
+        assert (await command(running, "fault", "clear", "left.robot")).code == 0
+        ran = await waits
+        assert ran.code == 0, ran.errors
+        reasons = [one["reason"] for one in ran.objects if one.get("states") == ["replacing"]]
+        assert reasons[-1].startswith(f"task a waits: {told}")
+        assert "no other robot can do it now; waits until " in reasons[-1]
+        assert ran.objects[-1]["reason"] == ""

@@ -248,7 +248,7 @@ def test_without_any_fit_robot_the_reason_is_said() -> None:
     decision = world.decisions()[0]
     assert "ur3 is silent" in decision.reason
     (line,) = world.log
-    assert line.startswith("0 a failed task t1: no robot can do grab: ")
+    assert line.startswith("0 a failed task t1 was not begun: no robot can do grab: ")
     assert line.endswith("; the mode is Abort")
 
 

@@ -66,6 +66,9 @@ class Robots:
     def silent_since(self, robot: str) -> float | None:
         return self.silent.get(robot)
 
+    def why_silent(self, robot: str) -> str:
+        return ""
+
     def occupied(self, robot: str) -> str | None:
         return self.busy.get(robot)
 

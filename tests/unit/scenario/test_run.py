@@ -272,7 +272,7 @@ def test_without_any_robot_a_replacement_is_asked_for() -> None:
     world = owner("  - {task: a, capacity: fly, skill: look}\n")
     world.stand_in = lambda decision: None
     world.go()
-    assert world.log == ["0 failed task a: no robot has fly; no robot is left that can take over"]
+    assert world.log == ["0 failed task a was not begun: no robot has fly; no robot is left that can take over"]
     assert world.decisions[0].reason == "no robot has fly"
 
 

@@ -9,6 +9,7 @@ from typing import Final, NamedTuple
 from asyncua.ua.object_ids import ObjectIds
 
 from ua_fleet.orchestrator import Fault
+from ua_fleet.orchestrator.faults import BY_PERSON
 from ua_fleet.server.endpoint.stack import ns0
 from ua_fleet.server.nodeset import TYPES_INDEX, TypeId
 from ua_fleet.values import ARRAY, BuiltinType, LocalizedText, NodeId, Variant
@@ -53,11 +54,16 @@ def severity_of(fault: Fault) -> int:
 def alarm_message(fault: Fault) -> str:
     """One line for people."""
     lacks = f" lacks {', '.join(fault.capacities)}" if fault.capacities else ""
-    return f"{fault.robot}{lacks}: {fault.reason}" if fault.active else f"{fault.robot}: over: {fault.reason}"
+    if not fault.active:
+        return f"{fault.robot}: over: {fault.reason}"
+    cure = f"; {fault.cure}" if fault.source in BY_PERSON else ""
+    return f"{fault.robot}{lacks}: {fault.reason}{cure}"
 
 
-def alarm_fields(fault: Fault, condition: NodeId, event_id: bytes, comment: Comment, ticks: int) -> dict[str, Variant]:
-    """The fields of a fault's event, and the values of its node."""
+def alarm_fields(
+    fault: Fault, condition: NodeId, event_id: bytes, comment: Comment, ticks: int, since: int
+) -> dict[str, Variant]:
+    """The fields of a fault's event, and the values of its node; `since` it is active, or is not any more."""
     acknowledged = "Acknowledged" if fault.acknowledged else "Unacknowledged"
     return {
         "NodeId": Variant(int(BuiltinType.NODE_ID), condition),  # ConditionId, OPC 10000-9 5.5.2.13
@@ -84,6 +90,7 @@ def alarm_fields(fault: Fault, condition: NodeId, event_id: bytes, comment: Comm
         "AckedState/Id": _flag(fault.acknowledged),
         "ActiveState": _text("Active" if fault.active else "Inactive"),
         "ActiveState/Id": _flag(fault.active),
+        "ActiveState/TransitionTime": _time(since),
         "InputNode": Variant(int(BuiltinType.NODE_ID), _NULL),
         "SuppressedOrShelved": _flag(False),
         "NormalState": Variant(int(BuiltinType.NODE_ID), _NULL),

@@ -56,6 +56,7 @@ _REFRESH: Final = ns0(ObjectIds.ConditionType_ConditionRefresh)
 _SCENARIO: Final = Argument("Scenario", _TEXT, "name of a scenario of the folder, or the text of one")
 _RUN_ID: Final = Argument("RunId", _TEXT, "the run")
 _ROBOT: Final = Argument("Robot", _TEXT, "name of a robot")
+_ROBOT_OR_FAULT: Final = Argument("Robot", _TEXT, "name of a robot: all its faults; or id of one, e.g. ur3.robot")
 _PARAMETERS: Final = (
     Argument("ParameterNames", _TEXTS, "parameters of the scenario; the others have their defaults"),
     Argument("ParameterValues", _TEXTS, "their values, e.g. 20, true, left"),
@@ -150,7 +151,7 @@ class ScenarioMethods:
         reason = Argument("Reason", _TEXT, "what is wrong; mobile: the drive is hot takes mobile alone away")
         for name, work, inputs in (
             ("RaiseFault", self._raise_fault, (_ROBOT, reason)),
-            ("ClearFault", self._clear_fault, (_ROBOT,)),
+            ("ClearFault", self._clear_fault, (_ROBOT_OR_FAULT,)),
         ):
             method = add(FAULTS, name, operator, work, inputs, ())
             self._server.context.method_rules[method] = _may_speak_for_robots
@@ -309,7 +310,7 @@ class ScenarioMethods:
         return ()
 
     async def _clear_fault(self, robot: str) -> Sequence[Any]:
-        self._check_robot(robot)
+        self._check_robot(robot.partition(".")[0])
         self._service.clear_fault(robot)
         return ()
 

@@ -117,7 +117,7 @@ class ScenarioNodes:
             "EndTime": Variant(_TIME, None if ended is None else ticks_of(ended)),
             "StartedBy": Variant(_TEXT, record.state.by),
             "Parameters": Variant(_TEXT, record.parameters),
-            "Reason": Variant(_TEXT, record.state.reason),
+            "Reason": Variant(_TEXT, record.shown_reason),
         }
         for column, (name, kind) in enumerate(
             (

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from typing import Final, NamedTuple
 
 from ua_fleet.orchestrator import DecisionChanged
+from ua_fleet.printing import utc_text
 from ua_fleet.resilience import Aborted, Ranking, RankingChanged, ReplacementChosen
 from ua_fleet.scenario import Value, read_scenario
 from ua_fleet.scenario.effects import TaskWaits
@@ -18,6 +19,11 @@ __all__ = ["DecisionRecord", "RunRecord", "TaskRow"]
 
 MOST_ROWS: Final = 500
 """Tasks of a run that are shown: the last ones, where repetitions make more."""
+
+
+MOST_REASONS: Final = 5
+"""Tasks of which a run says at once why they wait."""
+_DECIDED_ABOUT: Final = (TaskPhase.REPLACING, TaskPhase.ASKED)
 
 
 class TaskRow(NamedTuple):
@@ -46,6 +52,8 @@ class RunRecord:
         self._messages: dict[str, str] = {}
         self._waiting: dict[str, TaskWaits] = {}
         """Why tasks cannot begin now."""
+        self._decisions: dict[str, str] = {}
+        """What the open decisions about tasks wait for."""
 
     @classmethod
     def of(cls, run_id: str, facts: Iterable[Fact]) -> RunRecord:
@@ -58,7 +66,10 @@ class RunRecord:
     def apply(self, fact: Fact) -> None:
         """Take a fact in."""
         self.state.apply(fact)
-        self._waiting.pop(getattr(fact, "step", ""), None)
+        step: str = getattr(fact, "step", "")
+        self._waiting.pop(step, None)
+        if step in self._decisions and self.state.phase(step) not in _DECIDED_ABOUT:
+            del self._decisions[step]
         match fact:
             case RunCreated():
                 self.started = fact.at
@@ -77,6 +88,29 @@ class RunRecord:
         self._waiting.pop(waits.step, None)
         if waits.reason and waits.step not in self.state.ended:
             self._waiting[waits.step] = waits
+
+    def show_decision(self, decision: DecisionRecord, until: float | None) -> None:
+        """Know what a decision about a task waits for, or that it is over; `until` when it waits at the latest."""
+        self._decisions.pop(decision.step, None)
+        if decision.state == "open":
+            is_asked = self.state.phase(decision.step) is TaskPhase.ASKED
+            self._decisions[decision.step] = decision.awaited(is_asked=is_asked, until=until)
+
+    @property
+    def shown_reason(self) -> str:
+        """Why it has ended, or is to end; while it goes on, what its tasks wait for, and what people can do."""
+        if self.state.outcome is not None:
+            return self.state.reason
+        said = [self.state.closing.reason] if self.state.closing is not None else []
+        said += self._decisions.values()
+        said += [f"task {waits.task} waits: {waits.reason}" for waits in self._waiting.values()]
+        said += [
+            f"task {task.name}: {task.robot} is to stop, and has not said that it has: {task.halting.reason}"
+            for step, task in self.state.tasks.items()
+            if task.phase is TaskPhase.HALTING and task.halting is not None and step not in self._decisions
+        ]
+        more = len(said) - MOST_REASONS
+        return "; ".join([*said[:MOST_REASONS], *([f"and {more} more"] if more > 0 else [])])
 
     @property
     def shown_state(self) -> str:
@@ -149,6 +183,24 @@ class DecisionRecord:
         """The record of a decision of which nothing was said before."""
         event = changed.event
         return cls(event.decision_id, changed.run_id, changed.step, changed.task, changed.failed, changed.reason)
+
+    def awaited(self, *, is_asked: bool, until: float | None) -> str:
+        """What it waits for while it is open, and the commands that end it, for people.
+
+        Args:
+            is_asked: whether nobody knows what the first robot is at.
+            until: when it is decided without people, by the wall clock; None: not by itself.
+        """
+        ranked = () if self.ranking is None else self.ranking.ranked
+        ways: list[str] = []
+        if is_asked:
+            ways.append(f"say what became of it: ua-fleet scenario answer {self.run_id} {self.task} done|retry|fail")
+        if ranked:
+            ways.append(f"say who does it: ua-fleet decision confirm {self.id} {'|'.join(one.robot for one in ranked)}")
+        else:
+            ways.append("no other robot can do it now")
+        limit = "" if until is None else f"; waits until {utc_text(until)}"
+        return f"task {self.task} waits: {self.reason}; {'; '.join(ways)}{limit}"
 
     def apply(self, changed: DecisionChanged) -> None:
         """Take in what was said."""

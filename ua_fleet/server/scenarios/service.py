@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import secrets
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Final
@@ -43,6 +44,7 @@ from ua_fleet.resilience import Confirmation
 from ua_fleet.scenario import Scenario, Value
 from ua_fleet.scenario.consequences import NOT_HALTED, SILENT
 from ua_fleet.scenario.facts import Fact, RunEnded, TaskOutcome
+from ua_fleet.server.scenarios.away import BridgesSeen
 from ua_fleet.server.scenarios.carrying import OutputCarrier
 from ua_fleet.server.scenarios.finding import FaultFinder
 from ua_fleet.server.scenarios.kept_settings import KeptSettings
@@ -60,8 +62,6 @@ __all__ = ["ScenarioService", "TooManyRuns"]
 
 COALESCE_S: Final = 0.1
 """Numbers are looked at so often at most; a Boolean at once."""
-LINKED: Final = "Connected"
-"""The field of a bridge's status that says whether it reaches its robots."""
 MOST_NAME: Final = 200
 """Characters of a reason or a name that people give."""
 
@@ -117,15 +117,7 @@ class ScenarioService:
         self._clock, self._wall_s, self._capacities = clock, wall_s, capacities
         self._mistakes = mistakes or Mistakes()
         self._robots = {robot.name: robot for robot in model.robots}
-        self._bridge_linked = {
-            field.key: bridge.name
-            for bridge in model.bridges
-            for field in (bridge.status.fields if bridge.status is not None else ())
-            if field.name == LINKED
-        }
-        """The bridges, by the nodes that say whether they reach their robots."""
-        self._apart: set[str] = set()
-        """Bridges that do not: what they said last of their robots' executions is not what the robots say."""
+        self._bridges = BridgesSeen(model, self._robots, wall_s)
         self._own = own_fields(model.robots)
         self._values = FleetValues(model)
         self.fleet = fleet_view(model.robots, self._values.meanings, capacities)
@@ -143,6 +135,7 @@ class ScenarioService:
             self._carrier.note,
         )
         self._orchestrator.tell_mistakes(self._mistakes.caught)
+        self._orchestrator.explain_silence(self._bridges.why_silent)
         self._tasks = TaskRequests(
             self._robots,
             requests,
@@ -368,13 +361,23 @@ class ScenarioService:
         faults = self._orchestrator.faults
         return bool(faults.keeping(robot, ())) or (bool(each) and all(faults.keeping(robot, one) for one in each))
 
-    def clear_fault(self, robot: str) -> None:
+    def clear_fault(self, name: str) -> None:
         """A robot, or somebody for it, says that it can work again.
 
+        Args:
+            name: of the robot, for all of its faults; or the id of one of them, `<robot>.<source>`.
+
         Raises:
+            ScenarioUnknown: there is no such robot, or it has no such fault.
             ScenarioError: it has no other faults than those whose cause is there still.
         """
+        robot, _, source = name.partition(".")
         active = self._orchestrator.faults.active(self._robot(robot).name)
+        if source:
+            known = ", ".join(fault.id for fault in active) or "none"
+            active = [fault for fault in active if fault.source == source]
+            if not active:
+                raise ScenarioUnknown(f"{robot} has no fault {name[:MOST_NAME]!r}; its faults now: {known}")
         there = [fault for fault in active if self._finder.is_there(fault)]
         if active and active == there:
             causes = ", ".join(f"{fault.source} ({fault.reason})" for fault in there)
@@ -428,13 +431,12 @@ class ScenarioService:
 
     def value_changed(self, change: ValueChanged) -> None:
         """A node of the fleet has another value or status."""
-        if (bridge := self._bridge_linked.get(change.key)) is not None:
-            self._take_link(bridge, reaches=change.value is not False)
+        if (bridge := self._bridges.comes_or_goes(change)) is not None:
+            self._tell_of_bridge(bridge)
+        elif (link := self._bridges.linked(change)) is not None:
+            self._take_link(*link)
         elif self._finder.knows(change):
-            if news := self._finder.changed(change):
-                self._news += news
-                self._news_at = self._clock()
-                self._sooner()
+            self._tell_soon(self._finder.changed(change))
         elif self._values.change(change):
             self._look_again(is_urgent=change.type == BuiltinType.BOOLEAN)
 
@@ -451,7 +453,7 @@ class ScenarioService:
             self.source_lost(event.topic)
         elif self._tasks.robot_of(event.topic) is not None:
             self._tasks.show(event)
-            if self._is_apart(event.topic):
+            if self._bridges.is_apart(self._tasks.robot_of(event.topic) or ""):
                 self._tasks.lose(event.topic)
             self._take_shown(event.topic)
 
@@ -466,7 +468,7 @@ class ScenarioService:
 
     def source_returned(self, topic: Topic) -> None:
         """The last value of a source is of now again."""
-        if self._tasks.robot_of(topic) is not None and not self._is_apart(topic):
+        if self._tasks.robot_of(topic) is not None and not self._bridges.is_apart(self._tasks.robot_of(topic) or ""):
             self.take_news()
             self._tasks.find(topic)
             self._take_shown(topic)
@@ -475,23 +477,37 @@ class ScenarioService:
         self._follow(topic)  # before what follows from it, so that a run finds that its robot is at it
         self._tasks.take_shown(topic)
 
-    def _take_link(self, bridge: str, *, reaches: bool) -> None:
+    def _take_link(self, bridge: str, reaches: bool) -> None:
         """A bridge reaches its robots, or has lost one: then it says no longer what any of them is at. Those whose
         values are there are heard all the same.
         """
-        if reaches is (bridge not in self._apart):
+        if not self._bridges.set_link(bridge, reaches=reaches):
             return
-        (self._apart.discard if reaches else self._apart.add)(bridge)
         for topic in [robot.skill_status for robot in self._robots.values() if robot.bridge == bridge]:
             if topic is not None and reaches:
                 self.source_returned(topic)
             elif topic is not None:
                 self.source_lost(topic)
 
-    def _is_apart(self, topic: Topic) -> bool:
-        """Whether a SkillStatus is of a robot whose bridge has lost it, or another of its robots."""
-        robot = self._robots.get(self._tasks.robot_of(topic) or "")
-        return robot is not None and robot.bridge in self._apart
+    def _tell_of_bridge(self, bridge: str) -> None:
+        """A bridge has come or gone: faults of its robots that are silent say so, and runs that wait for them."""
+        robots = {robot.name for robot in self._robots.values() if robot.bridge == bridge}
+        silent = [one for one in self.faults if one.active and one.source == SILENT and one.robot in robots]
+        self._tell_soon([FaultFound(one.robot, SILENT, True, one.reason.partition(":")[0]) for one in silent])
+        self._look_again(is_urgent=True)
+
+    def _tell_soon(self, news: Sequence[FaultFound]) -> None:
+        """Have what became known of robots taken in with what comes in the same batch."""
+        if news:
+            self._news += news
+            self._news_at = self._clock()
+            self._sooner()
+
+    def _explained(self, found: FaultFound) -> FaultFound:
+        """What was found, with why nothing is heard of a robot that is silent."""
+        if found.source == SILENT and found.active and (why := self._bridges.why_silent(found.robot)):
+            return replace(found, reason=f"{found.reason}: {why}")
+        return found
 
     def _follow(self, topic: Topic) -> None:
         """Know what a robot says it is at."""
@@ -519,7 +535,7 @@ class ScenarioService:
             return
         news, self._news, self._news_at = self._news, [], None
         with self._mistakes.guard("faults"):
-            self._do(self._orchestrator.told(news, self._wall_s()))
+            self._do(self._orchestrator.told([self._explained(one) for one in news], self._wall_s()))
         for robot in [one.robot for one in news if one.source == SILENT and not one.active]:
             with self._mistakes.guard("tasks", robot=robot):
                 self._tasks.robot_heard(robot)

@@ -27,7 +27,7 @@ from ua_fleet.server.nodeset import TYPES_INDEX, TypeId
 from ua_fleet.server.projection import Projection
 from ua_fleet.server.scenarios.alarms import Comment, alarm_fields, alarm_message, severity_of
 from ua_fleet.server.scenarios.events import Told, decision_event, fact_event, question_event
-from ua_fleet.server.scenarios.nodes import FAULTS, RESILIENCE, SCENARIOS, ScenarioNodes
+from ua_fleet.server.scenarios.nodes import FAULTS, RESILIENCE, SCENARIOS, ScenarioNodes, ticks_of
 from ua_fleet.server.scenarios.records import DecisionRecord, RunRecord
 from ua_fleet.values import NodeId
 
@@ -54,6 +54,8 @@ class ScenarioView:
         self._faults: dict[str, Fault] = {}
         self._alarms: dict[str, tuple[Told, int]] = {}
         """What was told last of each fault that is retained, and when."""
+        self._over_since: dict[str, int] = {}
+        """Since when faults are not active any more."""
 
     def restored(self, records: Iterable[RunRecord]) -> None:
         """Show the runs of the journal."""
@@ -126,6 +128,8 @@ class ScenarioView:
         decision.apply(changed)
         self._nodes.show_decision(decision)
         record = self.runs[changed.run_id]
+        record.show_decision(decision, changed.until)
+        self._nodes.show_run(record)
         told = decision_event(record, decision, changed)
         source = self._nodes.key(f"{RESILIENCE}.Decisions.{decision_id}")
         self._projection.tell(partial(self._emit, told, source, decision_id, self._wall_ticks()))
@@ -141,7 +145,10 @@ class ScenarioView:
         self._event_ids.setdefault(fault.id, deque(maxlen=MOST_EVENT_IDS)).append(event_id)
         ticks = self._wall_ticks()
         condition = self._nodes.key(f"{FAULTS}.{fault.id}")
-        fields = alarm_fields(fault, condition, event_id, self._comments.get(fault.id, Comment()), ticks)
+        if fault.active:
+            self._over_since.pop(fault.id, None)
+        since = ticks_of(fault.since) if fault.active else self._over_since.setdefault(fault.id, ticks)
+        fields = alarm_fields(fault, condition, event_id, self._comments.get(fault.id, Comment()), ticks, since)
         self._nodes.show_fault(fault.id, fields)
         told = Told(TypeId.FAULT_ALARM, alarm_message(fault), severity_of(fault), fields)
         if fields["Retain"].value:

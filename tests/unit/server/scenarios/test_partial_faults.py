@@ -142,5 +142,5 @@ def test_a_robot_is_faulted_when_nothing_is_left_that_it_can_do(tmp_path: Path) 
 def test_an_alarm_says_what_is_lost() -> None:
     fault = Fault("left.announced", "left", "announced", "hot", True, False, 1.0, "", ("mobile", "grab"))
     assert alarm_message(fault) == "left lacks mobile, grab: hot"
-    fields = alarm_fields(fault, NodeId(2, "x"), b"e", Comment(), 1)
+    fields = alarm_fields(fault, NodeId(2, "x"), b"e", Comment(), 1, 1)
     assert fields["Capacities"].value == ("mobile", "grab")

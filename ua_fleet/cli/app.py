@@ -34,7 +34,8 @@ A first fleet:
   ua-fleet user add anna --role operator    nobody gets in without a user
   ua-fleet serve                            the OPC UA server
   ua-fleet bridge cell                      one process for each bridge
-  ua-fleet browse -u anna                   look at it
+  ua-fleet login --user anna                once, with the password
+  ua-fleet browse                           look at it
 """
 
 _GROUPS: Final = {
@@ -85,6 +86,7 @@ def _build() -> typer.Typer:
         demo_talkrobots,
         healthcheck,
         keys,
+        login,
         modbus,
         offer,
         pubsub,
@@ -105,6 +107,9 @@ def _build() -> typer.Typer:
 
     _add(whole, "serve", serve.serve, serve.EXAMPLES)
     _add(whole, "bridge", bridge.bridge, bridge.EXAMPLES)
+    _add(whole, "login", login.login, login.LOGIN_EXAMPLES)
+    _add(whole, "logout", login.logout, login.LOGOUT_EXAMPLES)
+    _add(whole, "contexts", login.contexts, login.CONTEXTS_EXAMPLES)
     _add(whole, "browse", browse.browse, browse.EXAMPLES)
     _add(whole, "read", read.read, read.EXAMPLES)
     _add(whole, "write", write.write, write.EXAMPLES)
@@ -120,6 +125,8 @@ def _build() -> typer.Typer:
     _add(groups["user"], "add", user.add, user.ADD_EXAMPLES)
     _add(groups["user"], "list", user.show, user.LIST_EXAMPLES)
     _add(groups["user"], "remove", user.remove, user.REMOVE_EXAMPLES)
+    _add(groups["user"], "keys", user.keys, user.KEYS_EXAMPLES)
+    _add(groups["user"], "logout", user.logout, user.LOGOUT_EXAMPLES)
     _add(groups["cert"], "create", cert.create, cert.CREATE_EXAMPLES)
     _add(groups["cert"], "trust", cert.trust_certificate, cert.TRUST_EXAMPLES)
     _add(groups["cert"], "revoke", cert.revoke_certificate, cert.REVOKE_EXAMPLES)

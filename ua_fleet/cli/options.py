@@ -8,6 +8,7 @@ import stat
 import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from datetime import UTC, datetime
 from enum import StrEnum
 from functools import wraps
 from pathlib import Path
@@ -18,6 +19,7 @@ import typer
 from ua_fleet.cli.endings import UsageError
 
 if TYPE_CHECKING:
+    from ua_fleet.cli.context_file import Context
     from ua_fleet.config import FleetConfig
 
 __all__ = [
@@ -25,6 +27,7 @@ __all__ = [
     "DEFAULT_ENDPOINT",
     "Config",
     "Connection",
+    "ContextName",
     "Endpoint",
     "Insecure",
     "Json",
@@ -34,8 +37,10 @@ __all__ = [
     "Timeout",
     "User",
     "WithoutLoopRule",
+    "complete_context",
     "connecting",
     "load_config",
+    "password_for",
     "read_secret",
     "state_folder",
 ]
@@ -51,7 +56,21 @@ Json = Annotated[bool, typer.Option("--json", help="Print JSON, one object a lin
 Endpoint = Annotated[
     str, typer.Option("--endpoint", "-e", envvar="UA_FLEET_ENDPOINT", help="URL of the OPC UA server.")
 ]
-User = Annotated[str | None, typer.Option("--user", "-u", envvar="UA_FLEET_USER", help="User; without it, anonymous.")]
+_Server = Annotated[
+    str | None,
+    typer.Option(
+        "--endpoint",
+        "-e",
+        envvar="UA_FLEET_ENDPOINT",
+        help=f"URL of the OPC UA server; without it that of the context, or {DEFAULT_ENDPOINT}.",
+    ),
+]
+User = Annotated[
+    str | None,
+    typer.Option(
+        "--user", "-u", envvar="UA_FLEET_USER", help="User; without it that of the context, or '' for anonymous."
+    ),
+]
 PasswordFile = Annotated[
     Path | None,
     typer.Option(
@@ -79,21 +98,85 @@ class Connection:
     insecure: bool
     timeout_s: float
 
+    context: str = ""
+    """The context that it is of, where its key is the password."""
+    server_uri: str = ""
+    """ApplicationUri of the server that may be given the password; empty: of any."""
+
     @classmethod
     def of(
         cls,
-        endpoint: str,
+        endpoint: str | None,
         user: str | None,
         password_file: Path | None,
-        policy: Policy,
+        context: str | None,
+        policy: Policy | None,
         insecure: bool,
         timeout: float,
     ) -> Connection:
-        """Ask for the password where it is not given; to be called before an event loop runs, for Ctrl-C to work."""
-        return cls(endpoint, user or None, _password_for(user, password_file), policy, insecure, timeout)
+        """Say where and as whom, by the options and the contexts in which this user of the machine is logged in.
+
+        A context that is named says both. Without one, what is not given is that of the current one; where a server or
+        a user are given, the context of these has the key. Where it has to, it asks for the password; so it is to be
+        called before an event loop runs, for Ctrl-C to work.
+        """
+        from ua_fleet.cli.context_file import ContextFile
+
+        contexts = ContextFile().load()
+        if context is not None:
+            found: Context | None = contexts.named(context)
+            assert found is not None
+            _check_not_both(found, endpoint, user)
+        elif endpoint is None and user is None:
+            found = contexts.chosen
+        else:
+            current = contexts.chosen
+            endpoint = endpoint or (current.endpoint if current is not None else DEFAULT_ENDPOINT)
+            is_given = password_file is not None or (user is not None and "UA_FLEET_PASSWORD" in os.environ)
+            found = None if is_given or user == "" else contexts.of(endpoint, user)
+        if found is None:
+            chosen = policy or Policy.BASIC256SHA256
+            password = password_for(user, password_file)
+            return cls(endpoint or DEFAULT_ENDPOINT, user or None, password, chosen, insecure, timeout)
+        chosen, insecure = policy or Policy(found.policy), insecure or found.insecure
+        if password_file is not None:
+            return cls(found.endpoint, found.user, read_secret(password_file), chosen, insecure, timeout)
+        if found.has_ended(datetime.now(UTC)):
+            raise UsageError(
+                f"the key of context {found.name} ended {found.valid_until:%Y-%m-%d %H:%M} UTC; "
+                f"log in again: {found.login_command}"
+            )
+        return cls(found.endpoint, found.user, found.secret(), chosen, insecure, timeout, found.name, found.server_uri)
 
 
-SecurityPolicy = Annotated[Policy, typer.Option("--policy", help="Security policy of the connection.")]
+def _check_not_both(context: Context, endpoint: str | None, user: str | None) -> None:
+    """Refuse a context together with another server or user; what stands in the environment gives way."""
+    for name, given, own in (("endpoint", endpoint, context.endpoint), ("user", user, context.user)):
+        if given not in (None, own, os.environ.get(f"UA_FLEET_{name.upper()}")):
+            raise UsageError(f"context {context.name} has the {name} {own}; leave out --context or --{name} {given}")
+
+
+def complete_context(incomplete: str) -> list[str]:
+    """The names of contexts that begin so, for a shell."""
+    from ua_fleet.cli.context_file import names
+
+    return list(names(incomplete))
+
+
+_CONTEXT_HELP: Final = "Where `ua-fleet login` has logged in; without it the current one (`ua-fleet contexts`)."
+ContextName = Annotated[
+    str | None,
+    typer.Option("--context", "-c", envvar="UA_FLEET_CONTEXT", help=_CONTEXT_HELP, autocompletion=complete_context),
+]
+_LongContextName = Annotated[
+    str | None,
+    typer.Option("--context", envvar="UA_FLEET_CONTEXT", help=_CONTEXT_HELP, autocompletion=complete_context),
+]
+"""Where `-c` is the configuration file."""
+SecurityPolicy = Annotated[
+    Policy | None,
+    typer.Option("--policy", help=f"Security policy of the connection; otherwise {Policy.BASIC256SHA256.value}."),
+]
 Insecure = Annotated[bool, typer.Option("--insecure", help="Neither sign nor encrypt, where the server allows it.")]
 Timeout = Annotated[float, typer.Option(help="Longest wait for an answer, in seconds.", min=0.1)]
 WithoutLoopRule = Annotated[
@@ -103,10 +186,11 @@ WithoutLoopRule = Annotated[
 
 
 def _connection_options(
-    endpoint: Endpoint = DEFAULT_ENDPOINT,
+    endpoint: _Server = None,
     user: User = None,
     password_file: PasswordFile = None,
-    policy: SecurityPolicy = Policy.BASIC256SHA256,
+    context: ContextName = None,
+    policy: SecurityPolicy = None,
     insecure: Insecure = False,
     timeout: Timeout = CONNECT_TIMEOUT_S,
 ) -> None:
@@ -122,6 +206,8 @@ def connecting(command: Callable[..., None]) -> Callable[..., None]:
     options = dict(inspect.signature(_connection_options, eval_str=True).parameters)
     if "timeout" in wanted.parameters:
         del options["timeout"]
+    if "config" in wanted.parameters:
+        options["context"] = options["context"].replace(annotation=_LongContextName)
     own = [parameter for name, parameter in wanted.parameters.items() if name != "connection"]
     needed = [parameter for parameter in own if parameter.default is parameter.empty]
     others = [parameter for parameter in own if parameter not in needed]
@@ -173,7 +259,7 @@ def _read_private(path: Path) -> str:
         return file.read()
 
 
-def _password_for(user: str | None, password_file: Path | None) -> str | None:
+def password_for(user: str | None, password_file: Path | None) -> str | None:
     """The password of a user: from the file, the environment, or asked for on a terminal."""
     if not user:
         return None
@@ -183,7 +269,10 @@ def _password_for(user: str | None, password_file: Path | None) -> str | None:
     if given is not None:
         return given
     if not sys.stdin.isatty():
-        raise UsageError(f"there is no password for {user}; give --password-file or UA_FLEET_PASSWORD")
+        raise UsageError(
+            f"there is no password for {user}; give --password-file or UA_FLEET_PASSWORD, or log in on a terminal: "
+            f"ua-fleet login --user {user}"
+        )
     from getpass import getpass
 
     return getpass(f"Password of {user}: ")

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import sys
+import time
+from datetime import UTC, datetime
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -14,9 +16,22 @@ from ua_fleet.cli.options import DEFAULT_CONFIG, Config, Json, read_secret, stat
 from ua_fleet.cli.output import message, print_json, print_line, print_table
 
 if TYPE_CHECKING:
+    from ua_fleet.server.session_keys import SessionKeys
     from ua_fleet.server.users import UserStore
 
-__all__ = ["ADD_EXAMPLES", "LIST_EXAMPLES", "REMOVE_EXAMPLES", "RoleName", "add", "remove", "show"]
+__all__ = [
+    "ADD_EXAMPLES",
+    "KEYS_EXAMPLES",
+    "LIST_EXAMPLES",
+    "LOGOUT_EXAMPLES",
+    "REMOVE_EXAMPLES",
+    "RoleName",
+    "add",
+    "keys",
+    "logout",
+    "remove",
+    "show",
+]
 
 ADD_EXAMPLES = (
     "ua-fleet user add anna --role operator",
@@ -24,6 +39,8 @@ ADD_EXAMPLES = (
 )
 LIST_EXAMPLES = ("ua-fleet user list", "ua-fleet user list --json -c hall2.yaml")
 REMOVE_EXAMPLES = ("ua-fleet user remove anna",)
+KEYS_EXAMPLES = ("ua-fleet user keys", "ua-fleet user keys anna --json")
+LOGOUT_EXAMPLES = ("ua-fleet user logout anna", "ua-fleet user logout anna --key 9f3a5b27c04d1e88")
 
 
 class RoleName(StrEnum):
@@ -39,6 +56,14 @@ def _store(config: Path) -> UserStore:
 
     _, folder = state_folder(config)
     return UserStore(folder / USERS_FILE)
+
+
+def _session_keys(config: Path) -> SessionKeys:
+    from ua_fleet.server.session_keys import DAY_S, KEYS_FILE, SessionKeys
+    from ua_fleet.server.users import USERS_FILE, UserStore
+
+    fleet, folder = state_folder(config)
+    return SessionKeys(folder / KEYS_FILE, UserStore(folder / USERS_FILE), fleet.server.max_session_key_days * DAY_S)
 
 
 def _new_password(name: str, password_file: Path | None) -> str:
@@ -118,3 +143,53 @@ def remove(
         print_json({"removed": name})
     else:
         print_line(f"removed {name}")
+
+
+def keys(
+    name: Annotated[str | None, typer.Argument(help="A user; without one, all of them.")] = None,
+    config: Config = DEFAULT_CONFIG,
+    as_json: Json = False,
+) -> None:
+    """List the session keys by which users log in without their passwords, and until when they are valid."""
+    found = _session_keys(config).list(time.time(), name)
+    if as_json:
+        for key in found:
+            times = {"issued": _time(key.issued).isoformat(), "valid_until": _time(key.until).isoformat()}
+            print_json({"user": key.user, "key": key.id, "name": key.name, **times})
+        return
+    if not found:
+        message("there are no session keys; users get one with: ua-fleet login")
+        return
+    rows = [(key.user, key.id, key.name, f"{_time(key.until):%Y-%m-%d %H:%M} UTC") for key in found]
+    print_table([("user", "key", "name", "valid until"), *rows])
+
+
+def logout(
+    name: Annotated[str, typer.Argument(help="The user's name.")],
+    key: Annotated[str | None, typer.Option(help="Only this key, as `ua-fleet user keys` shows it.")] = None,
+    config: Config = DEFAULT_CONFIG,
+    as_json: Json = False,
+) -> None:
+    """End the session keys of a user, and the sessions that were opened with them.
+
+    A running server does so at once. The password stays; `user add --replace` sets another one, and ends all keys too.
+    """
+    stored, now = _session_keys(config), time.time()
+    found = stored.list(now, name)
+    ended = [one for one in found if key in (None, one.id)]
+    if not ended:
+        which = f"no session key {key}" if key is not None else "no session keys"
+        raise NotFound(f"user {name} has {which}; list them with: ua-fleet user keys")
+    if key is None:
+        stored.revoke_all(name, now)
+    else:
+        stored.revoke(name, key, now)
+    for one in ended:
+        if as_json:
+            print_json({"user": name, "ended": one.id, "name": one.name})
+        else:
+            print_line(f"ended {one.id}  {one.name}")
+
+
+def _time(time_s: float) -> datetime:
+    return datetime.fromtimestamp(time_s, UTC).replace(microsecond=0)

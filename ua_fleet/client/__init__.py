@@ -6,7 +6,7 @@ print(change.value, change.status_text)
 """
 
 from ua_fleet.client.events import DecisionTold, FaultTold, RankedRobot, RankingInfo, RunTold, StepTold, Told
-from ua_fleet.client.fleet_client import POLICIES, Change, FleetClient, NodeInfo, Reading
+from ua_fleet.client.fleet_client import POLICIES, AnotherServer, Change, FleetClient, NodeInfo, Reading
 from ua_fleet.client.identity import ClientIdentity, default_identity_folder
 from ua_fleet.client.methods import NotDone
 from ua_fleet.client.offers import OfferedSkill, SkillRequest
@@ -22,11 +22,13 @@ from ua_fleet.client.scenarios import (
     ScenarioInfo,
     WouldHappen,
 )
+from ua_fleet.client.session_keys import IssuedKey, issue_session_key, revoke_session_key
 from ua_fleet.client.skills import SkillArgument, SkillEvent, SkillExecution, SkillInfo
 from ua_fleet.client.translated import NodeNotFound
 
 __all__ = [
     "POLICIES",
+    "AnotherServer",
     "Change",
     "ClientIdentity",
     "DecisionInfo",
@@ -36,6 +38,7 @@ __all__ = [
     "FaultTold",
     "FleetClient",
     "Forecast",
+    "IssuedKey",
     "NodeInfo",
     "NodeNotFound",
     "NotDone",
@@ -60,4 +63,6 @@ __all__ = [
     "Told",
     "WouldHappen",
     "default_identity_folder",
+    "issue_session_key",
+    "revoke_session_key",
 ]

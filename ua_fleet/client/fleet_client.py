@@ -25,7 +25,7 @@ from ua_fleet.client.addresses import parse_address
 from ua_fleet.client.convert import parse_value, plain_value
 from ua_fleet.client.events import Told, told_by
 from ua_fleet.client.identity import ClientIdentity, default_identity_folder
-from ua_fleet.client.known_servers import Meeting
+from ua_fleet.client.known_servers import Meeting, application_uri_of
 from ua_fleet.client.offers import OfferedSkill, offering
 from ua_fleet.client.skills import SkillCalls, SkillExecution, SkillInfo
 from ua_fleet.client.subscriptions import Feed, Subscriptions, subscribe
@@ -33,7 +33,7 @@ from ua_fleet.client.translated import NodeNotFound, quietly, translated
 from ua_fleet.errors import AccessRefused, NotConnected
 from ua_fleet.values import StatusCode
 
-__all__ = ["POLICIES", "Change", "FleetClient", "NodeInfo", "Reading"]
+__all__ = ["POLICIES", "AnotherServer", "Change", "FleetClient", "NodeInfo", "Reading"]
 
 POLICIES: Final[dict[str, type[security_policies.SecurityPolicy]]] = {
     "Basic256Sha256": security_policies.SecurityPolicyBasic256Sha256,
@@ -122,12 +122,23 @@ class _Bell:
         """Called by asyncua when the server ends the subscription; the connection's end says so too."""
 
 
+class AnotherServer(AccessRefused):
+    """Another server answers at an endpoint than the one that was meant."""
+
+    def __init__(self, endpoint: str, found: str, wanted: str) -> None:
+        super().__init__(
+            StatusCode.BAD_SECURITY_CHECKS_FAILED, f"another server answers at {endpoint}: {found}, not {wanted}"
+        )
+
+
 class FleetClient:
     """A connected client; made by `FleetClient.connect`."""
 
-    def __init__(self, client: Client, endpoint: str, *, meeting: Meeting) -> None:
+    def __init__(self, client: Client, endpoint: str, *, meeting: Meeting, server_uri: str) -> None:
         self._client = client
         self.endpoint = endpoint
+        self.server_uri = server_uri
+        """ApplicationUri in the server's certificate; empty without security."""
         self.meeting = meeting
         """Whether the server's certificate was seen for the first time, and is trusted from now on."""
         self.on_lost: Callable[[], None] | None = None
@@ -159,6 +170,7 @@ class FleetClient:
         policy: str = "Basic256Sha256",
         insecure: bool = False,
         as_application: bool = False,
+        server_uri: str = "",
         timeout_s: float = 10.0,
     ) -> AsyncGenerator[Self]:
         """Connect, signed and encrypted, and hand out the client.
@@ -166,23 +178,25 @@ class FleetClient:
         Args:
             endpoint: URL such as `opc.tcp://127.0.0.1:4840/ua_fleet`.
             user: user name; without it the client is anonymous, which most servers refuse.
-            password: the user's password.
+            password: the user's password, or a session key of the user.
             identity: own certificate and known servers; by default those of this user of the machine.
             policy: security policy, one of POLICIES.
             insecure: neither sign nor encrypt, where the server allows that.
             as_application: log in by the identity's own certificate, as bridges do.
+            server_uri: ApplicationUri of the server that may be given the password; empty: of any.
             timeout_s: longest wait for any answer.
 
         Raises:
             NotConnected: nobody answers there.
             SendTimeout: the server did not answer in time.
+            AnotherServer: it has another ApplicationUri; it was not given the password.
             AccessRefused: the server refuses this client or user, or is not the server that it was.
         """
         # asyncua logs, some of it as critical, what is raised to us anyhow.
         logging.getLogger("asyncua").setLevel(logging.CRITICAL + 1)
         # asyncua's watchdog waits for an answer no longer than its interval: a busy server is not a lost one.
         client = Client(endpoint, timeout=timeout_s, watchdog_intervall=timeout_s)
-        meeting = Meeting(is_first=False)
+        meeting, shown_uri = Meeting(is_first=False), ""
         with translated(endpoint):
             if not insecure:
                 identity = identity or ClientIdentity(default_identity_folder())
@@ -190,6 +204,9 @@ class FleetClient:
                 client.application_uri = identity.application_uri
                 endpoints = await client.connect_and_get_server_endpoints()
                 offer = _encrypted_endpoint(endpoint, endpoints, policy)
+                shown_uri = application_uri_of(offer.ServerCertificate)
+                if server_uri and shown_uri != server_uri:
+                    raise AnotherServer(endpoint, shown_uri, server_uri)
                 meeting = identity.check_server(endpoint, offer.ServerCertificate)
                 # As bytes: asyncua's reading of files leaves them open when it is cancelled.
                 await client.set_security(
@@ -213,7 +230,7 @@ class FleetClient:
                 client.disconnect_socket()
                 raise
         try:
-            yield cls(client, endpoint, meeting=meeting)
+            yield cls(client, endpoint, meeting=meeting, server_uri=shown_uri)
         finally:
             await _disconnect(client)
 

@@ -3,6 +3,7 @@
 <folder>/
     client.der, client-key.pem     our certificate and its key (mode 0600); of a bridge, bridge.der and bridge-key.pem
     servers.json                   the servers that we have met
+    contexts.json                  where the command line is logged in (cli/context_file.py)
     server.der                     the one server that is trusted, where somebody has put it there (pinned)
 """
 
@@ -10,7 +11,6 @@ from __future__ import annotations
 
 import asyncio
 import hashlib
-import os
 import socket
 from datetime import UTC, datetime
 from pathlib import Path
@@ -31,18 +31,13 @@ from ua_fleet.client.known_servers import KnownServers, Meeting
 from ua_fleet.errors import AccessRefused
 from ua_fleet.pubsub.application import bridge_application_uri
 from ua_fleet.storage.files import write_whole
+from ua_fleet.storage.user_folder import default_identity_folder
 from ua_fleet.validity import Reminder, Validity
 from ua_fleet.values import StatusCode
 
 __all__ = ["ClientIdentity", "default_identity_folder"]
 
 _log: Any = structlog.get_logger("ua_fleet.certificates")
-
-
-def default_identity_folder() -> Path:
-    """Where the client keeps its certificate: `$XDG_STATE_HOME/ua-fleet/client`."""
-    base = os.environ.get("XDG_STATE_HOME") or str(Path.home() / ".local" / "state")
-    return Path(base) / "ua-fleet" / "client"
 
 
 VALID_DAYS: Final = 5 * 365

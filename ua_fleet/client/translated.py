@@ -16,11 +16,12 @@ from ua_fleet.values import StatusCode
 
 __all__ = ["NodeNotFound", "quietly", "translated"]
 
+_LOG_IN: Final = "the server wants a user and a password; log in: ua-fleet login --user NAME"
 _REMEDIES: Final = {
     ua.StatusCodes.BadUserAccessDenied: "user or password is wrong, or the user's role does not allow this; "
     "see: ua-fleet user list",
-    ua.StatusCodes.BadIdentityTokenRejected: "the server wants a user and a password: --user and --password-file",
-    ua.StatusCodes.BadIdentityTokenInvalid: "the server wants a user and a password: --user and --password-file",
+    ua.StatusCodes.BadIdentityTokenRejected: _LOG_IN,
+    ua.StatusCodes.BadIdentityTokenInvalid: _LOG_IN,
     ua.StatusCodes.BadSecurityChecksFailed: "the server does not trust this client's certificate; "
     "on the server run: ua-fleet cert trust --last --show",
     ua.StatusCodes.BadCertificateUntrusted: "the server does not trust this client's certificate; "

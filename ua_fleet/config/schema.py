@@ -320,6 +320,8 @@ class ServerConfig(Model, frozen=True):
     """Let clients in without a user; they get the role observer. Says so at every start."""
     trust_all_clients: bool = False
     """Accept any client certificate. Otherwise each must be trusted by `ua-fleet cert trust`."""
+    max_session_key_days: float = Field(default=30, ge=0, le=3650)
+    """Longest life of a session key, by which clients do without the password; 0: there are none."""
     unknown_sources: UnknownSources = UnknownSources.QUARANTINE
     """`create`: read-only nodes under Discovered. `quarantine`: listed, but no values. `ignore`: counted only."""
     max_discovered_sources: int = Field(default=1000, ge=0)

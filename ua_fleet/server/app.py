@@ -29,6 +29,7 @@ from ua_fleet.server.key_service.local import LocalKeySource
 from ua_fleet.server.key_service.nodes import KeyServiceNodes
 from ua_fleet.server.key_service.service import KeyService
 from ua_fleet.server.nodeset import load_types
+from ua_fleet.server.parts import NodeParts
 from ua_fleet.server.projection import Projection
 from ua_fleet.server.robots.changes import tell_capacities
 from ua_fleet.server.robots.roster import Roster
@@ -36,6 +37,7 @@ from ua_fleet.server.robots.router import SkillRouter
 from ua_fleet.server.robots.setup import add_roster, make_offers
 from ua_fleet.server.scenarios.log import RunLog
 from ua_fleet.server.scenarios.setup import add_scenarios
+from ua_fleet.server.session_key_methods import SessionKeyMethods
 from ua_fleet.server.skills.ends import SkillEnds
 from ua_fleet.server.skills.events import tell_transition
 from ua_fleet.server.skills.methods import SkillMethods
@@ -122,6 +124,7 @@ async def run_server(
         await load_types(server, config.fleet.namespace_uri, config.fleet.namespace_index, config.fleet.namespaces)
         nodes = FleetNodes(server.iserver.aspace, model)
         nodes.build()
+        SessionKeyMethods(server, NodeParts(server.iserver.aspace, nodes.ns)).build()
         keys: KeySource | None = None
         if has_key_service:
             service = KeyService(config, state_dir)

@@ -35,6 +35,7 @@ from ua_fleet.server.endpoint.stack import AttributeIds
 from ua_fleet.server.endpoint.subscriptions import Subscriptions
 from ua_fleet.server.internals import check_internals
 from ua_fleet.server.nodes import paused_collection, release_collection
+from ua_fleet.server.session_keys import DAY_S, KEYS_FILE, SessionKeys
 from ua_fleet.server.standard_model import (
     close_declarations,
     fill_key_service,
@@ -249,6 +250,8 @@ async def create_server(
         ) from error
     store = users or UserStore(state_dir / USERS_FILE)
     store.check()
+    session_keys = SessionKeys(state_dir / KEYS_FILE, store, config.max_session_key_days * DAY_S)
+    session_keys.check()
     files = ensure_application_certificate(state_dir, application_uri, [config.host])
     trust = TrustList(state_dir, trust_all=config.trust_all_clients, bridges=bridges)
     server = HardenedServer()
@@ -275,6 +278,7 @@ async def create_server(
         limits=limits or Limits.from_config(config),
         trust=trust,
         users=store,
+        session_keys=session_keys,
         audit=_audit_log(config.audit, state_dir, files_dir or state_dir),
         private_key=server.iserver.private_key,
         allow_none_security=config.allow_none_security,

@@ -51,6 +51,7 @@ MOST_LOGGED: Final = 500
 _TEXT: Final = int(BuiltinType.STRING)
 _FLAG: Final = int(BuiltinType.BOOLEAN)
 _NODE: Final = int(BuiltinType.NODE_ID)
+_TIME: Final = int(BuiltinType.DATETIME)
 
 _log: Any = structlog.get_logger("ua_fleet.server")
 
@@ -185,4 +186,4 @@ def _plain(argument: ua.Variant) -> Any:
 def _nothing(kind: int) -> Any:
     if kind & ARRAY:
         return []
-    return {_TEXT: "", _FLAG: False, _NODE: NodeId(0, 0)}.get(kind, 0.0)
+    return {_TEXT: "", _FLAG: False, _NODE: NodeId(0, 0), _TIME: None}.get(kind, 0.0)

@@ -13,16 +13,12 @@ from __future__ import annotations
 import asyncio
 import base64
 import binascii
-import contextlib
-import fcntl
 import hashlib
 import hmac
-import os
 import re
 import secrets
 import threading
 from collections import Counter
-from collections.abc import Generator
 from concurrent.futures import ThreadPoolExecutor
 from contextvars import ContextVar
 from dataclasses import dataclass, replace
@@ -33,7 +29,9 @@ from typing import Any, Final
 import yaml
 
 from ua_fleet.errors import UPGRADE, ServerStartError, UaFleetError, newer_version
+from ua_fleet.server.key_text import looks_like_key
 from ua_fleet.storage.files import write_whole
+from ua_fleet.storage.private_file import exclusive, not_private, signature_of
 from ua_fleet.values import StatusCode
 
 __all__ = ["ANONYMOUS", "DEFAULT_COST", "Role", "ScryptCost", "User", "UserFileError", "UserStore", "current_user"]
@@ -81,6 +79,8 @@ class User:
     anonymous: bool = False
     bridge: str = ""
     """The bridge that this is; it has proved so by its certificate. Empty for people."""
+    session_key: str = ""
+    """Id of the session key by which this user has proved it; empty for a password."""
 
     @classmethod
     def of_bridge(cls, name: str) -> User:
@@ -187,17 +187,12 @@ class UserStore:
             except FileNotFoundError:
                 self._forget()
                 return
-            signature = (status.st_mtime_ns, status.st_ino, status.st_size, status.st_mode, status.st_uid)
+            signature = signature_of(status)
             if signature == self._signature:
                 return
             self._forget()
-            if status.st_mode & 0o077:
-                raise UserFileError(
-                    f"{self._path}: others may read or write it (mode {status.st_mode & 0o777:o}); "
-                    f"run: chmod 600 {self._path}"
-                )
-            if status.st_uid not in (os.geteuid(), 0):
-                raise UserFileError(f"{self._path}: belongs to another user; run: chown $USER {self._path}")
+            if problem := not_private(self._path, status):
+                raise UserFileError(problem)
             self._entries = self._parse()
             self._signature = signature
             self.generation += 1
@@ -232,9 +227,11 @@ class UserStore:
             raise UserFileError(f"the password must have {MIN_PASSWORD} to {MAX_PASSWORD} characters")
         if "\0" in password:
             raise UserFileError("the password has a NUL character; choose one without")
+        if looks_like_key(password):
+            raise UserFileError("the password looks like a session key; choose another one")
         salt = secrets.token_bytes(16)
         entry = _Entry(User(name, role), self._cost, salt, self._cost.hash(password, salt))
-        with self._exclusive():
+        with exclusive(self._path):
             self.refresh()
             if name in self._entries and not replace_existing:
                 raise UserFileError(f"user {name} exists; remove it first with: ua-fleet user remove {name}")
@@ -243,7 +240,7 @@ class UserStore:
 
     def remove(self, name: str) -> None:
         """Remove a user; raises UserFileError when there is none of that name."""
-        with self._exclusive():
+        with exclusive(self._path):
             self.refresh()
             if name not in self._entries:
                 raise UserFileError(f"there is no user {name}; list them with: ua-fleet user list")
@@ -258,6 +255,11 @@ class UserStore:
         """A user as last read, without looking at the file."""
         entry = self._entries.get(name)
         return entry.user if entry else None
+
+    def mark(self, name: str) -> str:
+        """What changes with a user's password, and says nothing of it; empty without such a user."""
+        entry = self._entries.get(name)
+        return hashlib.sha256(entry.salt + entry.hash).hexdigest() if entry is not None else ""
 
     def verify(self, name: str, password: str) -> User | None:
         """The user, if the password is right. Unknown users and wrong passwords take the same time."""
@@ -294,17 +296,6 @@ class UserStore:
             self._waiting[origin] -= 1
             if not self._waiting[origin]:
                 del self._waiting[origin]
-
-    @contextlib.contextmanager
-    def _exclusive(self) -> Generator[None]:
-        """Keep other processes from changing the file at the same time."""
-        self._path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
-        lock = os.open(self._path.with_suffix(".lock"), os.O_CREAT | os.O_RDWR | os.O_CLOEXEC, 0o600)
-        try:
-            fcntl.flock(lock, fcntl.LOCK_EX)
-            yield
-        finally:
-            os.close(lock)
 
     def _write(self, entries: dict[str, _Entry]) -> None:
         document = {"version": VERSION, "users": {name: entries[name].dump() for name in sorted(entries)}}

@@ -95,7 +95,7 @@ def test_who_does_not_get_in(site: Site) -> None:
     assert "BadUserAccessDenied: user or password is wrong" in ended.stderr
     ended = site.run("read", GOAL, user=None)
     assert ended.code == 1
-    assert "the server wants a user and a password: --user and --password-file" in ended.stderr
+    assert "the server wants a user and a password; log in: ua-fleet login --user NAME" in ended.stderr
     ended = site.run("read", GOAL, "--insecure")
     assert ended.code != 0
 

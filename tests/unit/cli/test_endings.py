@@ -155,7 +155,10 @@ def test_no_password_and_nobody_to_ask(invoke: Invoke) -> None:
     ended = invoke("read", "i=85", "-u", "anna")
     assert (ended.code, ended.stderr) == (
         2,
-        "ua-fleet: there is no password for anna; give --password-file or UA_FLEET_PASSWORD\n",
+        (
+            "ua-fleet: there is no password for anna; give --password-file or UA_FLEET_PASSWORD, or log in on a "
+            "terminal: ua-fleet login --user anna\n"
+        ),
     )
 
 

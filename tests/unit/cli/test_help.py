@@ -14,6 +14,9 @@ from ua_fleet.cli.app import app
 COMMANDS = [
     "serve",
     "bridge",
+    "login",
+    "logout",
+    "contexts",
     "browse",
     "read",
     "write",
@@ -28,6 +31,8 @@ COMMANDS = [
     "user add",
     "user list",
     "user remove",
+    "user keys",
+    "user logout",
     "cert create",
     "cert revoke",
     "cert forget",

@@ -5,6 +5,7 @@ import os
 import pty
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -18,6 +19,7 @@ from ua_fleet.resilience import Mode, OnLimit
 from ua_fleet.server import certificates
 from ua_fleet.server.certificates import CertificateFiles, create_certificate
 from ua_fleet.server.rejected import RejectedCertificates
+from ua_fleet.server.session_keys import DAY_S, KEYS_FILE, SessionKeys
 from ua_fleet.server.users import USERS_FILE, Role, ScryptCost, UserStore
 
 PASSWORD = "correct horse"
@@ -74,6 +76,32 @@ def test_add_list_remove(invoke: Invoke, fleet: Path) -> None:
     ]
     assert invoke("user", "remove", "anna").stdout == "removed anna\n"
     assert [user.name for user in store_of(fleet).list()] == ["bob"]
+
+
+def test_session_keys_are_listed_and_ended(invoke: Invoke, fleet: Path) -> None:
+    users = store_of(fleet)
+    users.add("anna", PASSWORD, Role.OPERATOR)
+    users.add("bert", PASSWORD, Role.OBSERVER)
+    assert "there are no session keys" in invoke("user", "keys", "-c", str(fleet)).stderr
+    keys = SessionKeys(fleet.parent / "state" / KEYS_FILE, users, 30 * DAY_S)
+    now = time.time()
+    desk, lab = (keys.issue("anna", name, DAY_S, now).key for name in ("desk", "lab"))
+    other = keys.issue("bert", "desk", DAY_S, now).key
+    listed = invoke("user", "keys", "anna", "-c", str(fleet), "--json")
+    assert [json.loads(line)["key"] for line in listed.stdout.splitlines()] == [desk.id, lab.id]
+    shown = invoke("user", "keys", "-c", str(fleet)).stdout.splitlines()
+    assert [line.split()[:3] for line in shown[1:]] == [
+        ["anna", desk.id, "desk"],
+        ["anna", lab.id, "lab"],
+        ["bert", other.id, "desk"],
+    ]
+    ended = invoke("user", "logout", "anna", "--key", desk.id, "-c", str(fleet))
+    assert ended.stdout == f"ended {desk.id}  desk\n"
+    assert invoke("user", "logout", "anna", "-c", str(fleet)).stdout == f"ended {lab.id}  lab\n"
+    again = invoke("user", "logout", "anna", "-c", str(fleet))
+    assert again.code == 3
+    assert "ua-fleet user keys" in again.stderr
+    assert [key.id for key in keys.list(now)] == [other.id]
 
 
 def test_what_is_refused(invoke: Invoke, fleet: Path) -> None:

@@ -19,6 +19,7 @@ from ua_fleet.server.endpoint.limits import Limits
 from ua_fleet.server.endpoint.strangers import StrangersTime
 from ua_fleet.server.endpoint.throttle import LoginThrottle
 from ua_fleet.server.endpoint.turns import Places
+from ua_fleet.server.session_keys import SessionKeys
 from ua_fleet.server.trust import TrustList
 from ua_fleet.server.users import Role, User, UserStore
 
@@ -70,6 +71,7 @@ class Context:
     limits: Limits
     trust: TrustList
     users: UserStore
+    session_keys: SessionKeys
     audit: AuditLog
     private_key: Any
     allow_none_security: bool
@@ -95,6 +97,8 @@ class Context:
     """What has cost a request, an item or a subscription."""
     encrypted_methods: set[ua.NodeId] = field(default_factory=set[ua.NodeId])
     """Methods that may be called over an encrypted channel alone."""
+    secret_methods: set[ua.NodeId] = field(default_factory=set[ua.NodeId])
+    """Methods whose outputs no audit event shows."""
 
     def may_call(self, user: User, method_id: ua.NodeId) -> bool:
         """Whether a user may call a method at all."""

@@ -17,6 +17,7 @@ from ua_fleet.server.audit import Caller
 from ua_fleet.server.endpoint.admission import Admission, Waiting
 from ua_fleet.server.endpoint.connection import Connection
 from ua_fleet.server.endpoint.processor import Processor, Services, Stage, refuse_stranger
+from ua_fleet.server.session_keys import KeyFileError
 from ua_fleet.server.users import UserFileError
 
 __all__ = ["Listener"]
@@ -41,7 +42,7 @@ class Listener:
         self._tasks: set[asyncio.Task[None]] = set()
         self._housekeeping: asyncio.Task[None] | None = None
         self._generation = self._context.users.generation
-        self._users_broken = False
+        self._users_broken = self._keys_broken = False
         self._bridges = self._bridges_generation()
         self.port = port
         """The port that is listened on; the system's choice where 0 was asked for."""
@@ -161,6 +162,14 @@ class Listener:
         if users.generation != self._generation:
             self._generation = users.generation
             await self._services.session.follow_users()
+        try:
+            self._context.session_keys.refresh()
+            self._keys_broken = False
+        except KeyFileError as error:
+            if not self._keys_broken:
+                self._keys_broken = True
+                _log.error("file of session keys cannot be used: none of them is valid", reason=str(error))
+        await self._services.session.follow_session_keys()
         if (generation := self._bridges_generation()) != self._bridges:
             self._bridges = generation
             await self._services.session.follow_bridges()

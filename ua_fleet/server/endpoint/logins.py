@@ -17,6 +17,8 @@ from ua_fleet.server.endpoint.channel import Channel
 from ua_fleet.server.endpoint.context import Context
 from ua_fleet.server.endpoint.signatures import check_signature
 from ua_fleet.server.endpoint.stack import Refusal, StatusCodes
+from ua_fleet.server.key_text import parse_key
+from ua_fleet.server.session_keys import KeyFileError
 from ua_fleet.server.users import ANONYMOUS, User, UserFileError
 
 __all__ = ["identify"]
@@ -104,7 +106,7 @@ def _bridge(
 async def _person(
     context: Context, token: ua.UserNameIdentityToken, *, nonce: bytes, encrypted: bool, address: str
 ) -> User:
-    """The user whose password this is."""
+    """The user whose password, or session key, this is."""
     name = token.UserName or ""
     source = name[:_MAX_NAME]
     shown = repr(source)
@@ -117,13 +119,18 @@ async def _person(
         # To look at it has taken the server's private key: it counts like a wrong one.
         context.throttle.failure(address, source, time.monotonic())
         raise
+    key = parse_key(password)
     try:
-        user = await context.users.authenticate(name, password, origin=address)
-    except UserFileError as error:
+        if key is not None:
+            user = context.session_keys.verify(name, key, time.time())
+        else:
+            user = await context.users.authenticate(name, password, origin=address)
+    except (UserFileError, KeyFileError) as error:
         raise Refusal(StatusCodes.BadServerTooBusy, str(error)) from error
     if user is None:
         context.throttle.failure(address, source, time.monotonic())
-        raise Refusal(StatusCodes.BadUserAccessDenied, f"login of {shown}: wrong user or password")
+        what = f"session key {key.id} is not valid" if key is not None else "wrong user or password"
+        raise Refusal(StatusCodes.BadUserAccessDenied, f"login of {shown}: {what}")
     context.throttle.success(address, source)
     return user
 

@@ -83,7 +83,8 @@ class MethodServices:
             self._context.statistics.calls += 1
             code = int(result.StatusCode.value)
             self._record(request, wanted, code)
-            self._events.called(request.who, wanted, result.OutputArguments or [], code)
+            is_secret = wanted.MethodId in self._context.secret_methods
+            self._events.called(request.who, wanted, [] if is_secret else result.OutputArguments or [], code)
             await request.turns.end(answer.size)
         return answer
 

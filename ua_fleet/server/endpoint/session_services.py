@@ -5,11 +5,13 @@
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 from typing import Any
 
 from asyncua import ua
 from cryptography import x509
 
+from ua_fleet.server.audit import Caller
 from ua_fleet.server.endpoint.audit_events import AuditEvents, Who
 from ua_fleet.server.endpoint.channel import Channel
 from ua_fleet.server.endpoint.context import Context
@@ -152,7 +154,8 @@ class SessionServices:
             self._context.audit.record("logout", old.caller, "BadSessionClosed", reason="made room for a newer session")
             await self.end(old, delete_subscriptions=True)
         self._context.statistics.logins += 1
-        self._context.audit.record("login", session.caller, "Good", application=session.application[:200])
+        by = {"session_key": user.session_key} if user.session_key else {}
+        self._context.audit.record("login", session.caller, "Good", application=session.application[:200], **by)
         response: Any = ua.ActivateSessionResponse()
         response.Parameters.ServerNonce = session.new_nonce()
         return session, response
@@ -219,7 +222,20 @@ class SessionServices:
                 self._context.audit.record("logout", session.caller, "BadUserAccessDenied", reason="user removed")
                 await self.end(session, delete_subscriptions=True)
             else:
-                session.user = user
+                session.user = replace(user, session_key=session.user.session_key)
+
+    async def follow_session_keys(self) -> None:
+        """Sessions end with the session key that they were opened with: revoked, too old, or of an old password."""
+        keys, now = self._context.session_keys, time.time()
+        for session in self._sessions:
+            if session.user is not None and not session.closed and not keys.holds(session.user, now):
+                reason = f"session key {session.user.session_key} has ended"
+                self._context.audit.record("logout", session.caller, "BadUserAccessDenied", reason=reason)
+                await self.end(session, delete_subscriptions=True)
+        for key in keys.drain_gone(now):
+            self._context.audit.record(
+                "session_key", Caller("server", key.user), "Good", what="revoked", key=key.id, name=key.name
+            )
 
     async def follow_bridges(self) -> None:
         """The folder of bridges' certificates has changed: who is not known by his any more loses his sessions."""

@@ -161,7 +161,7 @@ async def test_requested_times_and_queues_are_revised(small: Door) -> None:
         request.Parameters.TimestampsToReturn = ua.TimestampsToReturn.Both
         request.Parameters.ItemsToCreate = [monitored(small.nodes.plain, QueueSize=1_000_000, SamplingInterval=100.0)]
         created = (await send(client, request, ua.CreateMonitoredItemsResponse)).Results[0]
-        assert (created.RevisedQueueSize, created.RevisedSamplingInterval) == (4, 0.0)
+        assert (created.RevisedQueueSize, created.RevisedSamplingInterval) == (4, 100.0)
         modify = ua.ModifyMonitoredItemsRequest()
         modify.Parameters.SubscriptionId = revised.SubscriptionId
         modify.Parameters.TimestampsToReturn = ua.TimestampsToReturn.Both

@@ -336,13 +336,18 @@ async def test_a_subscription_that_fails_is_logged_and_its_client_told(
 @pytest.mark.parametrize(
     ("make", "status"),
     [
-        (ua.EventFilter, "BadMonitoredItemFilterInvalid"),
-        (lambda: ua.DataChangeFilter(DeadbandType=ua.DeadbandType.Percent), "BadMonitoredItemFilterUnsupported"),
+        (ua.EventFilter, "BadFilterNotAllowed"),
+        (ua.AggregateFilter, "BadMonitoredItemFilterUnsupported"),
+        (lambda: ua.DataChangeFilter(DeadbandType=ua.DeadbandType.Percent), "BadDeadbandFilterInvalid"),
+        (
+            lambda: ua.DataChangeFilter(DeadbandType=ua.DeadbandType.Absolute, DeadbandValue=-1.0),
+            "BadDeadbandFilterInvalid",
+        ),
         (
             lambda: ua.DataChangeFilter(DeadbandType=ua.DeadbandType.Absolute, DeadbandValue=float("nan")),
             "BadDeadbandFilterInvalid",
         ),
-        (lambda: ua.DataChangeFilter(DeadbandType=77), "BadMonitoredItemFilterInvalid"),
+        (lambda: ua.DataChangeFilter(DeadbandType=77), "BadDeadbandFilterInvalid"),
     ],
 )
 async def test_filters_are_checked(hardened: Door, make: Any, status: str) -> None:

@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 from asyncua import ua
 
+from ua_fleet.server.endpoint import monitoring
 from ua_fleet.server.endpoint.monitoring import DataItem, Item
 from ua_fleet.server.endpoint.queues import Queues
 from ua_fleet.server.endpoint.stack import GOOD, AttributeIds, ObjectIds, ns0
@@ -21,25 +22,32 @@ class Owner:
     def __init__(self) -> None:
         self.account = Queues(1 << 30, 1 << 30).account("olga")
 
+        self.told: list[Item] = []
+        self.held: list[DataItem] = []
+
     def pending(self, item: Item) -> None:
-        pass
+        self.told.append(item)
+
+    def fired(self, item: Item) -> None:
+        raise AssertionError(item)
+
+    def hold(self, item: DataItem) -> None:
+        self.held.append(item)
 
 
-def item(deadband: float = 0.0) -> DataItem:
+def item(deadband: float = 0.0, interval_s: float = 0.0) -> DataItem:
     request: Any = ua.MonitoredItemCreateRequest()
     request.ItemToMonitor.NodeId = ns0(ObjectIds.Server)
     request.ItemToMonitor.AttributeId = AttributeIds.Value
     request.MonitoringMode = ua.MonitoringMode.Reporting
     request.RequestedParameters.Filter = None
-    if deadband:
-        request.RequestedParameters.Filter = ua.DataChangeFilter(
-            ua.DataChangeTrigger.StatusValue, ua.DeadbandType.Absolute, deadband
-        )
-    return DataItem(Owner(), 1, request, 100, None, ua.TimestampsToReturn.Both, SPACE)
+    both = ua.TimestampsToReturn.Both
+    return DataItem(Owner(), 1, request, 100, None, both, SPACE, deadband=deadband, interval_s=interval_s)
 
 
 def value(content: Any) -> ua.DataValue:
-    return ua.DataValue(ua.Variant(content), GOOD)  # pyright: ignore[reportArgumentType]
+    variant = content if isinstance(content, ua.Variant) else ua.Variant(content)
+    return ua.DataValue(variant, GOOD)  # pyright: ignore[reportArgumentType]
 
 
 @pytest.mark.parametrize(
@@ -59,6 +67,12 @@ def value(content: Any) -> ua.DataValue:
         ([1.0, 2.0], [1.0], 9.0, True),
         ([math.inf], [-math.inf], 9.0, True),
         ("a", "b", 0.0, True),
+        (math.nan, float("nan"), 0.0, False),
+        (1.0, math.nan, 0.0, True),
+        (math.nan, 1.0, 0.0, True),
+        (ua.Variant(None, ua.VariantType.String), "", 0.0, False),
+        (ua.Variant(None, ua.VariantType.String), "a", 0.0, True),
+        ("a", ua.Variant(None, ua.VariantType.String), 0.0, True),
     ],
 )
 def test_what_is_told(before: Any, now: Any, deadband: float, is_told: bool) -> None:
@@ -95,3 +109,48 @@ def test_an_array_is_compared_once_for_all_items(deadband: float) -> None:
     for each in watching:
         each.changed(0, second)
     assert 0 < Counting.compared <= 100
+
+
+class Clock:
+    """A clock that is set by hand."""
+
+    now = 100.0
+
+    def monotonic(self) -> float:
+        return self.now
+
+
+@pytest.fixture
+def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
+    made = Clock()
+    monkeypatch.setattr(monitoring, "time", made)
+    return made
+
+
+def told(watching: DataItem) -> list[Any]:
+    return [each.Value.Value for each in watching.queue]
+
+
+def write(watching: DataItem, clock: Clock, at: float, content: float) -> None:
+    clock.now = 100 + at
+    watching.changed(0, value(content))
+
+
+def test_between_two_samples_the_last_value_waits(clock: Clock) -> None:
+    watching = item(interval_s=1.0)
+    write(watching, clock, 0.0, 1.0)
+    write(watching, clock, 0.1, 2.0)
+    write(watching, clock, 0.9, 3.0)
+    assert told(watching) == [1.0]
+    watching.sample(100.99)
+    assert told(watching) == [1.0]
+    watching.sample(101.0)
+    assert told(watching) == [1.0, 3.0]
+    assert not watching.holds
+
+
+def test_each_sample_is_what_was_there_at_its_time(clock: Clock) -> None:
+    watching = item(interval_s=1.0)
+    for at, content in ((0.0, 1.0), (0.5, 2.0), (1.2, 3.0), (2.4, 3.5), (2.6, 4.0), (9.0, 5.0)):
+        write(watching, clock, at, content)
+    assert told(watching) == [1.0, 2.0, 3.0, 4.0, 5.0]

@@ -34,6 +34,12 @@ class Owner:
     def pending(self, item: Item) -> None:
         self.waiting.append(item)
 
+    def fired(self, item: Item) -> None:
+        raise AssertionError(item)
+
+    def hold(self, item: Item) -> None:
+        raise AssertionError(item)
+
 
 def value(content: Any) -> Any:
     return ua.DataValue(ua.Variant(content), GOOD)  # pyright: ignore[reportArgumentType]

@@ -4,8 +4,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import struct
 from dataclasses import dataclass
+from enum import IntEnum
 from typing import Any, Final
 
 from asyncua.common.utils import Buffer
@@ -199,10 +201,18 @@ async def decode_parameters(
 def _decode(kind: Any, walk: Any, scan: Scan, rest: Buffer) -> Any:
     walk(scan)
     try:
-        value = from_binary(kind, rest)
+        # An enumeration is checked by its service, which has a StatusCode for a number that is none of it.
+        is_enumeration = isinstance(kind, type) and issubclass(kind, IntEnum)
+        value = _enumerated(kind, from_binary("Int32", rest)) if is_enumeration else from_binary(kind, rest)
     except DECODE_ERRORS as error:
         raise Refusal(StatusCodes.BadDecodingError, f"{kind.__name__}: {type(error).__name__}") from error
     if rest.cur_pos != scan.position:
         # The scan vouches only for what it has read in the same way.
         raise Refusal(StatusCodes.BadDecodingError, f"{kind.__name__}: ambiguous encoding")
     return value
+
+
+def _enumerated(kind: type[IntEnum], number: int) -> int:
+    with contextlib.suppress(ValueError):
+        return kind(number)
+    return number

@@ -21,7 +21,7 @@ from asyncua.ua.uaprotocol_auto import DataChangeFilter
 
 from ua_fleet.server.endpoint.stack import DECODE_ERRORS, AttributeIds, ObjectIds, Refusal, StatusCodes, ns0
 
-__all__ = ["EventFilter", "check_data_filter", "check_event_filter", "deadband_of", "filter_of"]
+__all__ = ["EventFilter", "check_data_filter", "check_event_filter", "filter_of"]
 
 _log = logging.getLogger("ua_fleet.server.filters")
 
@@ -42,6 +42,8 @@ _COUNTS: Final = {
     ua.FilterOperator.OfType: 1,
 }
 """The operators that are evaluated, with their least number of operands."""
+_HAS_PROPERTY: Final = ns0(ObjectIds.HasProperty)
+_EU_RANGE: Final = ua.QualifiedName("EURange", ua.UInt16(0))
 _NUMBERS: Final = range(2, 12)
 """Built-in types SByte (2) to Double (11)."""
 _LONGEST_PATTERN: Final = 200
@@ -232,30 +234,47 @@ def _size_of(literal: ua.Variant) -> int:
         raise Refusal(StatusCodes.BadFilterLiteralInvalid, str(error)) from error
 
 
-def check_data_filter(wanted: Any, *, attribute: int, value: ua.DataValue) -> None:
-    """Raise Refusal for a filter that a data item of this attribute cannot have."""
+def check_data_filter(
+    aspace: AddressSpace, wanted: Any, *, node_id: ua.NodeId, attribute: int, value: ua.DataValue
+) -> float:
+    """The deadband of a data item's filter, in the units of the value; 0 without one.
+
+    Raises Refusal for a filter that an item of this attribute cannot have.
+    """
     if wanted is None:
-        return
+        return 0.0
+    if attribute != AttributeIds.Value or isinstance(wanted, ua.EventFilter):
+        raise Refusal(StatusCodes.BadFilterNotAllowed, "this filter does not go with this attribute")
     if not isinstance(wanted, DataChangeFilter):
-        raise Refusal(StatusCodes.BadMonitoredItemFilterInvalid, "a data item takes a DataChangeFilter")
-    if attribute != AttributeIds.Value:
-        raise Refusal(StatusCodes.BadFilterNotAllowed, "a filter on another attribute than Value")
+        raise Refusal(StatusCodes.BadMonitoredItemFilterUnsupported, "a data item takes a DataChangeFilter")
     try:
-        trigger = ua.DataChangeTrigger(wanted.Trigger)
-        kind = ua.DeadbandType(wanted.DeadbandType)
+        ua.DataChangeTrigger(wanted.Trigger)
     except ValueError as error:
         raise Refusal(StatusCodes.BadMonitoredItemFilterInvalid, str(error)) from error
+    try:
+        kind = ua.DeadbandType(wanted.DeadbandType)
+    except ValueError as error:
+        raise Refusal(StatusCodes.BadDeadbandFilterInvalid, str(error)) from error
+    if kind == ua.DeadbandType.None_:
+        return 0.0
+    known = value.Value is not None and value.Value.Value is not None
+    if known and value.Value is not None and value.Value.VariantType.value not in _NUMBERS:
+        raise Refusal(StatusCodes.BadFilterNotAllowed, f"a deadband on a {value.Value.VariantType.name}")
+    most = 100.0 if kind == ua.DeadbandType.Percent else math.inf
+    if not (math.isfinite(wanted.DeadbandValue) and 0 <= wanted.DeadbandValue <= most):
+        raise Refusal(StatusCodes.BadDeadbandFilterInvalid, f"deadband {wanted.DeadbandValue}")
     if kind == ua.DeadbandType.Percent:
-        raise Refusal(StatusCodes.BadMonitoredItemFilterUnsupported, "a deadband in percent")
-    if kind == ua.DeadbandType.Absolute:
-        if not (math.isfinite(wanted.DeadbandValue) and wanted.DeadbandValue >= 0):
-            raise Refusal(StatusCodes.BadDeadbandFilterInvalid, f"deadband {wanted.DeadbandValue}")
-        known = value.Value is not None and value.Value.Value is not None
-        if known and value.Value is not None and value.Value.VariantType.value not in _NUMBERS:
-            raise Refusal(StatusCodes.BadFilterNotAllowed, f"a deadband on a {value.Value.VariantType.name}")
-    del trigger
+        return float(wanted.DeadbandValue) / 100 * _span_of(aspace, node_id)
+    return float(wanted.DeadbandValue)
 
 
-def deadband_of(wanted: Any) -> float:
-    """The absolute deadband of a checked filter, 0 without one."""
-    return float(wanted.DeadbandValue) if wanted.DeadbandType == ua.DeadbandType.Absolute else 0.0
+def _span_of(aspace: AddressSpace, node_id: ua.NodeId) -> float:
+    """From the lower to the upper end of a node's EURange (OPC 10000-8 7.2); raises Refusal for one that has none."""
+    node = aspace.get(node_id)
+    for reference in node.references if node is not None else ():
+        if reference.IsForward and reference.ReferenceTypeId == _HAS_PROPERTY and reference.BrowseName == _EU_RANGE:
+            variant = aspace.read_attribute_value(reference.NodeId, AttributeIds.Value).Value
+            found: Any = variant.Value if variant is not None else None
+            if isinstance(found, ua.Range) and math.isfinite(found.High - found.Low) and found.High >= found.Low:
+                return float(found.High - found.Low)
+    raise Refusal(StatusCodes.BadDeadbandFilterInvalid, "a deadband in percent on a node without EURange")

@@ -57,6 +57,10 @@ class Limits:
     """Time for one method call."""
     publishing_interval_ms: tuple[float, float] = (50.0, 60_000.0)
     subscription_lifetime_s: float = 3_600.0
+    sampling_interval_s: float = 3_600.0
+    """Longest sampling interval of a monitored item."""
+    triggering_links: int = 1_000
+    """Triggering links of one subscription: each publishing cycle may have to follow all of them."""
     queue_size: int = 100
     """Values or events that wait for one monitored item."""
     queued_bytes_per_user: int = 24 * 1024 * 1024

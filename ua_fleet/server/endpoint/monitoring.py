@@ -3,6 +3,9 @@
 A value is compared with the last one that was told, and queued as it is: no copy is made, and what a client wants of it
 is cut out when it is sent. That is safe because every write to a node, ours and a client's, brings a fresh DataValue
 that nobody changes afterwards; and it halves the cost of a notification.
+
+Nothing is polled. An item whose sampling interval is 0 looks at each write; one that has an interval looks at what is
+there when its time has come, and a value that is written before that waits, the last one alone (OPC 10000-4 5.13.1.2).
 """
 
 # pyright: reportUnknownMemberType=false, reportUnknownVariableType=false, reportUnknownArgumentType=false
@@ -13,6 +16,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import math
+import time
 from collections.abc import Generator
 from typing import Any, Final, Protocol
 
@@ -20,7 +24,7 @@ from asyncua import ua
 from asyncua.server.address_space import AddressSpace
 
 from ua_fleet.server.endpoint.answers import Misfit
-from ua_fleet.server.endpoint.filters import EventFilter, deadband_of
+from ua_fleet.server.endpoint.filters import EventFilter
 from ua_fleet.server.endpoint.indexrange import IndexRange, apply_range, is_small
 from ua_fleet.server.endpoint.notifications import change_bytes, event_bytes, event_fields
 from ua_fleet.server.endpoint.queues import Account, content_bytes
@@ -70,7 +74,15 @@ class Owner(Protocol):
     """The subscription of an item."""
 
     def pending(self, item: Item) -> None:
-        """An item has something to tell that it had not before."""
+        """An item that reports has something to tell that it had not before."""
+        ...
+
+    def fired(self, item: Item) -> None:
+        """An item with triggering links has a notification."""
+        ...
+
+    def hold(self, item: DataItem) -> None:
+        """A value of an item waits until the next sample is due."""
         ...
 
     account: Account
@@ -86,6 +98,7 @@ class Item:
         "discard_oldest",
         "id",
         "is_owed",
+        "links",
         "mode",
         "node_id",
         "owner",
@@ -102,6 +115,8 @@ class Item:
         self.discard_oldest: bool = bool(request.RequestedParameters.DiscardOldest)
         self.queue_size = queue_size
         self.queue: list[Any] = []  # a deque takes 700 bytes when it is empty
+        self.links: dict[int, None] | None = None
+        """Ids of the items that are reported when this one has a notification (OPC 10000-4 5.13.1.6)."""
         self.is_owed = False
         """Whether all that waited gave way, and the value is to be told as it is then."""
         self._lost_beside = -1
@@ -119,13 +134,22 @@ class Item:
         if len(queue) >= self.queue_size:
             account.release(weight(queue.pop(0 if self.discard_oldest else -1)))
             is_lost = True
-        elif not queue and not is_lost:
+        elif not queue and not is_lost and self.mode is ua.MonitoringMode.Reporting:
             self.owner.pending(self)
         self.is_owed = False
         queue.append(notification)
         if is_lost:
             self._lost_beside = 0 if self.discard_oldest else len(queue) - 1
         account.hold(self, weight(notification))
+        if self.links:
+            self.owner.fired(self)
+
+    def resize(self, queue_size: int) -> None:
+        """Have another length of the queue; what it has no room for is lost."""
+        while len(self.queue) > queue_size:
+            self.owner.account.release(weight(self.queue.pop(0 if self.discard_oldest else -1)))
+            self._lost_beside = 0 if self.discard_oldest else queue_size - 1
+        self.queue_size = queue_size
 
     def give_way(self) -> bool:
         """Lose the oldest that waits, or the newest but one where the oldest are to stay; whether any is left."""
@@ -174,7 +198,19 @@ class Item:
 class DataItem(Item):
     """Watches one attribute of a node."""
 
-    __slots__ = ("_aspace", "attribute", "deadband", "handle", "index_range", "last", "timestamps", "trigger")
+    __slots__ = (
+        "_aspace",
+        "_held",
+        "attribute",
+        "deadband",
+        "due",
+        "handle",
+        "index_range",
+        "interval_s",
+        "last",
+        "timestamps",
+        "trigger",
+    )
 
     owes = True
 
@@ -187,6 +223,9 @@ class DataItem(Item):
         index_range: IndexRange | None,
         timestamps: ua.TimestampsToReturn,
         aspace: AddressSpace,
+        *,
+        interval_s: float = 0.0,
+        deadband: float = 0.0,
     ) -> None:
         super().__init__(owner, item_id, request, queue_size)
         self.attribute: AttributeIds = request.ItemToMonitor.AttributeId
@@ -195,13 +234,35 @@ class DataItem(Item):
         self.last: ua.DataValue | None = None
         self.handle = 0
         self._aspace = aspace
-        self.set_filter(request.RequestedParameters.Filter)
+        self.interval_s = interval_s
+        """Sampling interval; 0 tells each write."""
+        self.due = 0.0
+        """When the next sample is due, on the monotonic clock."""
+        self._held: ua.DataValue | None = None
+        """The value that was written before a sample was due."""
+        self.set_filter(request.RequestedParameters.Filter, deadband)
 
-    def set_filter(self, wanted: Any) -> None:
+    def set_filter(self, wanted: Any, deadband: float) -> None:
         """Take a DataChangeFilter that has been checked, or None for changes of value and status."""
         trigger = ua.DataChangeTrigger.StatusValue if wanted is None else ua.DataChangeTrigger(wanted.Trigger)
+        with_deadband = wanted is not None and bool(wanted.DeadbandType)
+        if trigger is ua.DataChangeTrigger.StatusValueTimestamp and with_deadband:
+            trigger = ua.DataChangeTrigger.StatusValue  # OPC 10000-4 7.10
         self.trigger: ua.DataChangeTrigger = trigger
-        self.deadband: float = 0.0 if wanted is None else deadband_of(wanted)
+        self.deadband = deadband
+        """Greatest difference of numbers that is not told."""
+
+    @property
+    def holds(self) -> bool:
+        """Whether a value waits until the next sample is due."""
+        return self._held is not None
+
+    def set_interval(self, interval_s: float) -> None:
+        """Have another sampling interval."""
+        self.interval_s = interval_s
+        if self._held is not None:
+            self.due = min(self.due, time.monotonic() + interval_s)
+            self.owner.hold(self)
 
     def changed(self, handle: int, value: ua.DataValue | None, error: ua.StatusCode | None = None) -> _Done:
         """Asyncua's callback for each write to the node; with an error the node has been deleted."""
@@ -209,15 +270,42 @@ class DataItem(Item):
             return DONE
         if value is None:
             value = ua.DataValue(StatusCode=error)
+        if self.interval_s:
+            self._sample(value, time.monotonic())
+        else:
+            self._look_at(value)
+        return DONE
+
+    def _sample(self, value: ua.DataValue, now: float) -> None:
+        """Take a written value when a sample is due, and hold it until then otherwise."""
+        if now >= self.due:
+            self.sample(now)
+        if now >= self.due:
+            self.due = now + self.interval_s
+            self._look_at(value)
+            return
+        if self._held is None:
+            self.owner.hold(self)
+        self._held = value
+
+    def sample(self, now: float) -> None:
+        """Look at the value that was there when a sample was due, if one is."""
+        if self._held is None or now < self.due:
+            return
+        held, self._held = self._held, None
+        # The next one is an interval after this one, or now where that is over too.
+        self.due += self.interval_s
+        self._look_at(held)
+
+    def _look_at(self, value: ua.DataValue) -> None:
+        """Queue a value that differs from the last one."""
         last = self.last
         if last is not None and not self._differs(last, value):
             if not self.deadband:
                 self.last = value  # the same for this item, and the old one may go
-            return DONE
+            return
         self.last = value
-        if self.mode is ua.MonitoringMode.Reporting:
-            self.put(value)
-        return DONE
+        self.put(value)
 
     def take(self) -> ua.DataValue:
         """The oldest value, out of the queue; the one that there is now, where all that waited gave way."""
@@ -254,8 +342,12 @@ class DataItem(Item):
             return True
         earlier: Any = before.Value
         later: Any = now.Value
+        if earlier is None or later is None:
+            return not (_is_empty(earlier) and _is_empty(later))
         if not isinstance(later, list | tuple):
-            return earlier != later and not (self.deadband and _step(earlier, later) <= self.deadband)
+            if earlier == later or (earlier != earlier and later != later):  # a NaN is told once
+                return False
+            return not (self.deadband and _step(earlier, later) <= self.deadband)
         arrays = _ByIdentity(earlier), _ByIdentity(later)
         return _differ(*arrays) and not (self.deadband and _greatest_step(*arrays) <= self.deadband)
 
@@ -268,8 +360,16 @@ class DataItem(Item):
 
     def tell_again(self) -> None:
         """Tell the value as it is now, whether it changed or not."""
-        self.last = None
-        self.changed(self.handle, self._aspace.read_attribute_value(self.node_id, self.attribute))
+        if self.mode is ua.MonitoringMode.Disabled:
+            return
+        self.last = self._held = None
+        self.due = time.monotonic() + self.interval_s
+        self._look_at(self._aspace.read_attribute_value(self.node_id, self.attribute))
+
+    def clear(self) -> None:
+        """Forget what waits."""
+        super().clear()
+        self._held = None
 
 
 class EventItem(Item):
@@ -290,7 +390,7 @@ class EventItem(Item):
 
     def happened(self, event: Any) -> None:
         """An event of the node; it is queued if it passes the filter."""
-        if self.mode is not ua.MonitoringMode.Reporting or not self.filter.passes(event):
+        if self.mode is ua.MonitoringMode.Disabled or not self.filter.passes(event):
             return
         fields = event_fields(event, self.filter.select)
         self.put(ua.EventFieldList(self.client_handle, fields))  # pyright: ignore[reportArgumentType]
@@ -318,6 +418,11 @@ def with_timestamps(value: ua.DataValue, wanted: ua.TimestampsToReturn) -> ua.Da
 
 def _code(code: ua.StatusCode | None) -> int:
     return 0 if code is None else int(code.value)
+
+
+def _is_empty(content: Any) -> bool:
+    """Whether it is null, or what counts as that (OPC 10000-4 7.10)."""
+    return content is None or (isinstance(content, str | bytes | list | tuple) and not content)
 
 
 class _ByIdentity:

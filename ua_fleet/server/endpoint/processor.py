@@ -110,6 +110,7 @@ class Services:
                 ("CreateMonitoredItems", ua.CreateMonitoredItemsParameters, subs.create_monitored_items),
                 ("ModifyMonitoredItems", ua.ModifyMonitoredItemsParameters, subs.modify_monitored_items),
                 ("SetMonitoringMode", ua.SetMonitoringModeParameters, subs.set_monitoring_mode),
+                ("SetTriggering", ua.SetTriggeringParameters, subs.set_triggering),
                 ("DeleteMonitoredItems", ua.DeleteMonitoredItemsParameters, subs.delete_monitored_items),
             )
         }

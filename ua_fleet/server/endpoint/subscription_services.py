@@ -252,18 +252,28 @@ class SubscriptionServices:
             result.MonitoredItemId = events.id
         else:
             value = readable_value(self._aspace, target.NodeId, target.AttributeId)
-            check_data_filter(parameters.Filter, attribute=target.AttributeId, value=value)
+            deadband = check_data_filter(
+                self._aspace, parameters.Filter, node_id=target.NodeId, attribute=target.AttributeId, value=value
+            )
             index_range = parse_range(target.IndexRange)
             if index_range is not None and target.AttributeId != AttributeIds.Value:
                 raise Refusal(StatusCodes.BadIndexRangeInvalid)
+            interval_s = self._sampling_s(subscription, target.NodeId, target.AttributeId, parameters)
             data = DataItem(
-                subscription, subscription.items.next_id(), wanted, size, index_range, timestamps, self._aspace
+                subscription,
+                subscription.items.next_id(),
+                wanted,
+                size,
+                index_range,
+                timestamps,
+                self._aspace,
+                interval_s=interval_s,
+                deadband=deadband,
             )
             if not (code := subscription.items.add_data(data)).is_good():
                 raise Refusal(int(code.value))
             result.MonitoredItemId = data.id
-        # Values are told when they are written; there is no sampling.
-        result.RevisedSamplingInterval = 0.0
+            result.RevisedSamplingInterval = interval_s * 1000
         result.RevisedQueueSize = size
         return result
 
@@ -277,6 +287,19 @@ class SubscriptionServices:
                 f"the filters of this session would take {steps + made.cost} steps for each event",
             )
         return made
+
+    def _sampling_s(
+        self, subscription: ClientSubscription, node_id: ua.NodeId, attribute: int, parameters: ua.MonitoringParameters
+    ) -> float:
+        """The sampling interval of a data item (OPC 10000-4 5.13.1.2, 7.21); 0 tells each write."""
+        wish = float(parameters.SamplingInterval)
+        interval_s = wish / 1000 if wish >= 0 else subscription.interval_s
+        if attribute == AttributeIds.Value:
+            variant = self._aspace.read_attribute_value(node_id, AttributeIds.MinimumSamplingInterval).Value
+            least = variant.Value if variant is not None else None
+            if isinstance(least, int | float) and least > 0:
+                interval_s = max(interval_s, least / 1000)
+        return min(interval_s, self._limits.sampling_interval_s)
 
     def _queue_size(self, requested: int) -> int:
         return min(max(int(requested), 1), self._limits.queue_size)
@@ -307,18 +330,21 @@ class SubscriptionServices:
         if item is None:
             raise Refusal(StatusCodes.BadMonitoredItemIdInvalid)
         parameters.Filter = filter_of(parameters)
+        result: Any = ua.MonitoredItemModifyResult()
         if isinstance(item, EventItem):
             item.filter = self._event_filter(request, parameters.Filter, item.filter.cost)
         elif isinstance(item, DataItem):
             value = self._aspace.read_attribute_value(item.node_id, item.attribute)
-            check_data_filter(parameters.Filter, attribute=item.attribute, value=value)
-            item.set_filter(parameters.Filter)
+            deadband = check_data_filter(
+                self._aspace, parameters.Filter, node_id=item.node_id, attribute=item.attribute, value=value
+            )
+            item.set_filter(parameters.Filter, deadband)
+            item.set_interval(self._sampling_s(subscription, item.node_id, item.attribute, parameters))
             item.timestamps = timestamps
+            result.RevisedSamplingInterval = item.interval_s * 1000
         item.client_handle = parameters.ClientHandle
         item.discard_oldest = bool(parameters.DiscardOldest)
-        item.queue_size = self._queue_size(parameters.QueueSize)
-        result: Any = ua.MonitoredItemModifyResult()
-        result.RevisedSamplingInterval = 0.0
+        item.resize(self._queue_size(parameters.QueueSize))
         result.RevisedQueueSize = item.queue_size
         return result
 
@@ -333,12 +359,26 @@ class SubscriptionServices:
             if item is None:
                 response.Parameters.Results.append(status(StatusCodes.BadMonitoredItemIdInvalid))
                 continue
-            before, item.mode = item.mode, mode
-            if mode is not ua.MonitoringMode.Reporting:
-                subscription.silence(item)
-            elif before is not mode and isinstance(item, DataItem):
-                item.tell_again()
+            subscription.set_mode(item, mode)
             response.Parameters.Results.append(GOOD)
+        return response
+
+    async def set_triggering(self, request: Request, params: ua.SetTriggeringParameters) -> Any:
+        """SetTriggering: links are removed first, then added."""
+        subscription = self._own(request, params.SubscriptionId)
+        operations([*params.LinksToRemove, *params.LinksToAdd], self._limits.nodes_per_request)
+        items = subscription.items
+        triggering = items.get(params.TriggeringItemId)
+        if triggering is None:
+            raise Refusal(StatusCodes.BadMonitoredItemIdInvalid, f"monitored item {params.TriggeringItemId}")
+        response = ua.SetTriggeringResponse()
+        for linked_id in params.LinksToRemove:
+            response.Parameters.RemoveResults.append(items.remove_link(triggering, linked_id))
+            await self._end_turn(request, subscription)
+        for linked_id in params.LinksToAdd:
+            result = items.add_link(triggering, linked_id, self._limits.triggering_links)
+            response.Parameters.AddResults.append(result)
+            await self._end_turn(request, subscription)
         return response
 
     async def delete_monitored_items(self, request: Request, params: ua.DeleteMonitoredItemsParameters) -> Any:

@@ -8,7 +8,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import time
-from collections import Counter, OrderedDict
+from collections import OrderedDict
 from collections.abc import Callable, Iterator
 from datetime import UTC, datetime
 from typing import Any, Final
@@ -20,7 +20,8 @@ from asyncua.server.subscription_service import SubscriptionService
 
 from ua_fleet.server.endpoint.answers import Misfit
 from ua_fleet.server.endpoint.limits import Limits
-from ua_fleet.server.endpoint.monitoring import DataItem, EventItem, Item
+from ua_fleet.server.endpoint.monitored_items import MonitoredItems
+from ua_fleet.server.endpoint.monitoring import DataItem, Item
 from ua_fleet.server.endpoint.notifications import changes_of, events_of
 from ua_fleet.server.endpoint.queues import Queues
 from ua_fleet.server.endpoint.sessions import PublishRequest, Session
@@ -28,108 +29,9 @@ from ua_fleet.server.endpoint.stack import GOOD, StatusCodes, status
 from ua_fleet.server.endpoint.turns import TURN_S, Places
 from ua_fleet.server.users import User
 
-__all__ = ["ClientSubscription", "MonitoredItems", "Subscriptions"]
+__all__ = ["ClientSubscription", "Subscriptions"]
 
 _FIRST_SEQUENCE: Final = 1
-
-
-class MonitoredItems:
-    """The items of one subscription; asyncua gives it the events."""
-
-    def __init__(self, aspace: AddressSpace, failed: Callable[[Exception], None]) -> None:
-        self._aspace, self._failed = aspace, failed
-        self._monitored_items: dict[int, Item] = {}
-        self._by_node: dict[ua.NodeId, dict[int, EventItem]] = {}
-        self._watched: Counter[ua.NodeId] = Counter()
-        self._last_id = 0
-
-    def __len__(self) -> int:
-        return len(self._monitored_items)
-
-    def __iter__(self) -> Any:
-        return iter(list(self._monitored_items.values()))
-
-    def get(self, item_id: int) -> Item | None:
-        """An item by its id."""
-        return self._monitored_items.get(item_id)
-
-    def next_id(self) -> int:
-        """The id of the next item."""
-        self._last_id += 1
-        return self._last_id
-
-    @property
-    def event_items(self) -> int:
-        """Items that watch events."""
-        return sum(map(len, self._by_node.values()))
-
-    @property
-    def filter_steps(self) -> int:
-        """Steps that the filters of these items take for one event."""
-        return sum(item.filter.cost for items in self._by_node.values() for item in items.values())
-
-    def on(self, node_id: ua.NodeId) -> int:
-        """Items that watch a node."""
-        return self._watched[node_id]
-
-    def add_data(self, item: DataItem) -> ua.StatusCode:
-        """Watch a node's attribute, and tell its value as it is now."""
-        result, item.handle = self._aspace.add_datachange_callback(item.node_id, item.attribute, item.changed)
-        if result.is_good():
-            self._monitored_items[item.id] = item
-            self._watched[item.node_id] += 1
-            item.tell_again()
-        return result
-
-    def add_events(self, item: EventItem) -> None:
-        """Watch the events of a node."""
-        self._monitored_items[item.id] = item
-        self._watched[item.node_id] += 1
-        self._by_node.setdefault(item.node_id, {})[item.id] = item
-
-    def remove(self, item_id: int) -> Item | None:
-        """Stop watching."""
-        item = self._monitored_items.pop(item_id, None)
-        if item is not None:
-            item.clear()
-            self._watched[item.node_id] -= 1
-            if not self._watched[item.node_id]:
-                del self._watched[item.node_id]
-        if isinstance(item, DataItem):
-            # The node, and the callback with it, may have been deleted.
-            with contextlib.suppress(KeyError):
-                self._aspace.delete_datachange_callback(item.handle)
-        elif isinstance(item, EventItem):
-            others = self._by_node[item.node_id]
-            del others[item_id]
-            if not others:
-                del self._by_node[item.node_id]
-        return item
-
-    def remove_all(self) -> None:
-        """Stop watching everything."""
-        for item_id in list(self._monitored_items):
-            self.remove(item_id)
-
-    def watches(self, node_id: ua.NodeId) -> bool:
-        """Whether an item is told of this node's events."""
-        return node_id in self._by_node
-
-    def tell(self, event: Any) -> None:
-        """Tell the items of the event's node."""
-        for item in list(self._by_node.get(event.emitting_node, {}).values()):
-            item.happened(event)
-
-    async def trigger_event(self, event: Any, mid: int | None = None) -> bool:
-        """Tell the items of the event's node; called by asyncua."""
-        items = self._by_node.get(event.emitting_node)
-        for item in list(items.values()) if items else []:
-            if mid is None or item.id == mid:
-                try:
-                    item.happened(event)
-                except Exception as error:  # noqa: BLE001 - costs this item the event, and the others nothing
-                    self._failed(error)
-        return bool(items)
 
 
 class ClientSubscription:
@@ -233,6 +135,8 @@ class ClientSubscription:
 
     async def _cycle(self) -> bool:
         """One publishing interval is over; whether the subscription lives on."""
+        self.items.sample(time.monotonic())
+        self._report_triggered()
         if not (self._first or self._has_news()):
             self._quiet_cycles += 1
             if self._quiet_cycles < self.keep_alive_count:
@@ -273,6 +177,18 @@ class ClientSubscription:
         """An item has something to tell that it had not before."""
         self._pending[item.id] = item
 
+    def fired(self, item: Item) -> None:
+        """An item with triggering links has a notification."""
+        self.items.fired(item)
+
+    def hold(self, item: DataItem) -> None:
+        """A value waits until the next sample of its item is due."""
+        self.items.hold(item)
+
+    def _report_triggered(self) -> None:
+        for item in self.items.triggered():
+            self.pending(item)
+
     def touch(self) -> None:
         """The client has used the subscription: its lifetime begins again."""
         self._cycles_without_request = 0
@@ -282,6 +198,7 @@ class ClientSubscription:
         self.touch()
         self._quiet_cycles = 0
         self._first = False
+        self._report_triggered()
         message = ua.NotificationMessage()
         message.PublishTime = datetime.now(UTC)
         message.NotificationData = self._take() if self.enabled else []
@@ -374,10 +291,17 @@ class ClientSubscription:
         self._pending.pop(item_id, None)
         return GOOD
 
-    def silence(self, item: Item) -> None:
-        """Forget what an item had to tell."""
-        item.clear()
-        self._pending.pop(item.id, None)
+    def set_mode(self, item: Item, mode: ua.MonitoringMode) -> None:
+        """Have an item report, only sample, or do nothing (OPC 10000-4 5.13.1.3)."""
+        before, item.mode = item.mode, mode
+        if mode is ua.MonitoringMode.Disabled:
+            item.clear()
+        if mode is not ua.MonitoringMode.Reporting:
+            self._pending.pop(item.id, None)
+        elif item.waits:
+            self.pending(item)
+        if before is ua.MonitoringMode.Disabled and mode is not before and isinstance(item, DataItem):
+            item.tell_again()
 
     def reporting(self) -> Iterator[DataItem]:
         """Its items that report values, but for those that are removed meanwhile."""

@@ -35,18 +35,24 @@ class Publication(NamedTuple):
 
 
 class _DataSet:
-    __slots__ = ("model", "newest", "pending", "types", "values")
+    __slots__ = ("model", "newest", "pending", "sent", "types", "values")
 
     def __init__(self, model: DataSetModel) -> None:
         self.model = model
         self.types = [_STATUS] * len(model.fields)
         self.values: list[Any] = [_WAITING] * len(model.fields)
         self.newest = 0
+        self.sent = 0
+        """Time of the last publication."""
         self.pending: dict[int, int] = {}
         """Fields that were written and not published yet, with their times."""
 
+    def floor(self, index: int) -> int:
+        """The time after which a write of a field has to be; fields that are published together may have the same."""
+        return self.newest if index in self.pending else self.sent
+
     def publication(self) -> Publication:
-        timestamp = max(self.pending.values())
+        timestamp = self.sent = max(self.pending.values())
         self.pending.clear()
         return Publication(self.model.topic, tuple(self.types), tuple(self.values), timestamp)
 
@@ -107,23 +113,28 @@ class Commands:
             return StatusCode.BAD_OUT_OF_RANGE
         return StatusCode.GOOD
 
+    def check_time(self, key: NodeId, source_timestamp: int | None, wall_ticks: int) -> StatusCode:
+        """Whether a write may have the time that a client gives it: after the last publication, and not to come."""
+        state, index = self._fields[key]
+        if source_timestamp is None or state.floor(index) < source_timestamp <= wall_ticks:
+            return StatusCode.GOOD
+        return StatusCode.BAD_WRITE_NOT_SUPPORTED
+
     def write(
         self, key: NodeId, type_code: int, value: Any, source_timestamp: int | None, wall_ticks: int
     ) -> tuple[int, Publication | None]:
         """Take a write that has been checked.
 
-        A time that the client gives is taken where it lies between the last one and now: Timestamps strictly increase.
+        A time that the client gives has passed `check_time`: Timestamps of publications strictly increase.
 
         Returns:
             the write's time, and what has to be sent before it.
         """
         state, index = self._fields[key]
-        before = None
-        if index in state.pending:
-            before = state.publication()
         timestamp = max(wall_ticks, state.newest + 1)
-        if source_timestamp is not None and state.newest < source_timestamp <= wall_ticks:
+        if source_timestamp is not None and state.floor(index) < source_timestamp <= wall_ticks:
             timestamp = source_timestamp
+        before = state.publication() if index in state.pending else None
         if not state.pending or timestamp > state.newest:
             state.newest = timestamp
         state.types[index], state.values[index] = type_code, value

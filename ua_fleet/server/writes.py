@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable
-from datetime import UTC, datetime
+from datetime import UTC
 from typing import Any
 
 from asyncua import ua
@@ -15,7 +15,7 @@ from ua_fleet.fleet.commands import Commands, Publication
 from ua_fleet.server.address_space import FleetNodes
 from ua_fleet.server.convert import fleet_variant
 from ua_fleet.server.users import User
-from ua_fleet.values import NodeId, datetime_from_ticks, ticks_from_datetime
+from ua_fleet.values import NodeId, StatusCode, datetime_from_ticks, ticks_from_datetime
 
 __all__ = ["ClientWrites"]
 
@@ -49,15 +49,23 @@ class ClientWrites:
     def check_write(self, node_id: ua.NodeId, value: ua.DataValue, user: User) -> int:
         """StatusCode of a write before it happens; 0 lets it go on."""
         del user  # the write service has looked at the role, the AccessLevel and the status before
-        return int(self._commands.check(_key(node_id), *fleet_variant(value.Value)))
+        key = _key(node_id)
+        code = int(self._commands.check(key, *fleet_variant(value.Value)))
+        if code:
+            return code
+        # A DataSet goes to the robots with Good values and a time of 100 ns: what else a client gives would be lost.
+        status = int(value.StatusCode.value) if value.StatusCode is not None else 0
+        picoseconds = value.SourcePicoseconds or value.ServerPicoseconds
+        if status or value.ServerTimestamp is not None or picoseconds:
+            return int(StatusCode.BAD_WRITE_NOT_SUPPORTED)
+        return int(self._commands.check_time(key, _ticks(value), self._wall_ticks()))
 
     def written(self, node_id: ua.NodeId, value: ua.DataValue, user: User) -> None:
         """A client's write has been done: publish it, and give the node the time that it is published with."""
         del user
         key = _key(node_id)
         type_code, content = fleet_variant(value.Value)
-        given: Any = value.SourceTimestamp
-        source_timestamp = None if given is None else ticks_from_datetime(_aware(given))
+        source_timestamp = _ticks(value)
         timestamp, before = self._commands.write(key, type_code, content, source_timestamp, self._wall_ticks())
         if before is not None:
             self._publish(before)
@@ -72,5 +80,8 @@ def _key(node_id: ua.NodeId) -> NodeId:
     return NodeId(int(node_id.NamespaceIndex), identifier)
 
 
-def _aware(moment: datetime) -> datetime:
-    return moment.replace(tzinfo=UTC) if moment.tzinfo is None else moment
+def _ticks(value: ua.DataValue) -> int | None:
+    given: Any = value.SourceTimestamp
+    if given is None:
+        return None
+    return ticks_from_datetime(given.replace(tzinfo=UTC) if given.tzinfo is None else given)

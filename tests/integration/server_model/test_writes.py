@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -26,6 +27,11 @@ from ua_fleet.values import StatusCode, datetime_from_ticks
 DOUBLE = ua.VariantType.Double
 
 
+def valued(**options: Any) -> Any:
+    """A value with a status or a time that a client gives it."""
+    return ua.DataValue(ua.Variant(0.5, DOUBLE), **options)
+
+
 async def write(client: Any, *writes: tuple[str, Any]) -> list[str]:
     """Write Variants in one request; the names of the StatusCodes."""
     nodes = [client.get_node(node_id) for node_id, _ in writes]
@@ -45,6 +51,25 @@ async def test_a_write_is_published_with_the_nodes_time(udp_url: str, tcp_port: 
         timestamp = peer.messages(GOAL)[-1].timestamp
         assert timestamp is not None
         assert node.SourceTimestamp == datetime_from_ticks(timestamp)
+
+
+async def test_the_time_that_a_client_gives_is_the_nodes_and_is_published(
+    udp_url: str, tcp_port: int, tmp_path: Path
+) -> None:
+    """It was Good, and dropped."""
+    async with serving(tmp_path, fleet_config(udp_url, tcp_port)) as running, running.client() as client:
+        peer = running.peer
+        await peer.until(lambda: peer.good(GOAL) == [(0.0,)])
+        given = datetime.now(UTC)
+        assert await write(client, ("ns=2;i=1002", valued(SourceTimestamp=given))) == ["Good"]
+        await peer.until(lambda: peer.good(GOAL)[-1] == (0.5,))
+        assert (await reader(client, "ns=2;i=1002")()).SourceTimestamp == given
+        assert datetime_from_ticks(peer.messages(GOAL)[-1].timestamp or 0) == given
+        assert await write(client, ("ns=2;i=1002", valued(SourceTimestamp=given))) == ["BadWriteNotSupported"]
+        # The fields of one DataSet are published together, so they may have the same time.
+        same = [valued(SourceTimestamp=datetime.now(UTC))] * 2
+        fields = zip(("ns=2;s=1003.linear.x", "ns=2;s=1003.angular.z"), same, strict=True)
+        assert await write(client, *fields) == ["Good", "Good"]
 
 
 async def test_both_fields_of_one_request_are_published_once(udp_url: str, tcp_port: int, tmp_path: Path) -> None:
@@ -92,13 +117,16 @@ async def test_every_write_of_a_request_is_published(udp_url: str, tcp_port: int
         ("ns=2;i=1002", ua.Variant(), "BadTypeMismatch"),
         ("ns=2;i=1001", ua.Variant(0.5, DOUBLE), "BadNotWritable"),
         ("ns=2;s=Robots.rover.State", ua.Variant(1, ua.VariantType.Int32), "BadNotWritable"),
-        (
-            "ns=2;i=1002",
-            ua.DataValue(ua.Variant(0.5, DOUBLE), ua.StatusCode(0x40000000)),
-            "BadWriteNotSupported",
-        ),
+        ("ns=2;i=1002", valued(StatusCode=ua.StatusCode(0x4000_0000)), "BadWriteNotSupported"),
+        ("ns=2;i=1002", valued(StatusCode=ua.StatusCode(0x0000_0400)), "BadWriteNotSupported"),
+        ("ns=2;i=1002", valued(ServerTimestamp=datetime.now(UTC)), "BadWriteNotSupported"),
+        ("ns=2;i=1002", valued(SourceTimestamp=datetime(2001, 1, 1, tzinfo=UTC)), "BadWriteNotSupported"),
+        ("ns=2;i=1002", valued(SourceTimestamp=datetime(2101, 1, 1, tzinfo=UTC)), "BadWriteNotSupported"),
     ],
-    ids=["range", "nan", "type", "array", "null", "robots", "state", "status"],
+    ids=[
+        *("range", "nan", "type", "array", "null", "robots", "state"),
+        *("uncertain", "good_bits", "server_time", "past", "future"),
+    ],
 )
 async def test_what_may_not_be_written_is_refused_and_not_published(
     node_id: str, value: Any, expected: str, udp_url: str, tcp_port: int, tmp_path: Path

@@ -18,10 +18,11 @@ from ua_fleet.server.audit import summary
 from ua_fleet.server.endpoint.answers import Answer, rough_bytes
 from ua_fleet.server.endpoint.audit_events import AuditEvents
 from ua_fleet.server.endpoint.context import Context
-from ua_fleet.server.endpoint.indexrange import apply_range, parse_range
+from ua_fleet.server.endpoint.data_types import DataTypes
+from ua_fleet.server.endpoint.indexrange import apply_range, parse_range, replace_range
 from ua_fleet.server.endpoint.monitoring import with_timestamps
 from ua_fleet.server.endpoint.request import Request, operations
-from ua_fleet.server.endpoint.stack import AttributeIds, Refusal, StatusCodes, name_of, shown, status, status_of
+from ua_fleet.server.endpoint.stack import GOOD, AttributeIds, Refusal, StatusCodes, name_of, shown, status, status_of
 from ua_fleet.server.users import Role, User
 
 __all__ = ["AttributeServices", "access_level", "readable_value"]
@@ -60,6 +61,7 @@ class AttributeServices:
     def __init__(self, context: Context, events: AuditEvents) -> None:
         self._context, self._limits, self._events = context, context.limits, events
         self._aspace = context.iserver.aspace
+        self._types = DataTypes(self._aspace)
 
     async def read(self, request: Request, params: ua.ReadParameters) -> Any:
         """Read."""
@@ -98,18 +100,25 @@ class AttributeServices:
             value = apply_range(value, index_range)
         encoding = wanted.DataEncoding
         if encoding is not None and encoding.Name:
-            self._check_encoding(encoding, attribute)
-        if attribute == AttributeIds.UserExecutable and not self._context.may_call(user, wanted.NodeId):
+            self._check_encoding(encoding, wanted)
+        if attribute == AttributeIds.UserExecutable and not self._callable(user, wanted.NodeId):
             return _but(value, lambda _: False)
         if attribute == AttributeIds.UserAccessLevel and not user.role.covers(Role.OPERATOR):
             return _but(value, lambda level: level & ~WRITE)
         return value
 
-    @staticmethod
-    def _check_encoding(encoding: ua.QualifiedName, attribute: int) -> None:
-        if attribute != AttributeIds.Value:
+    def _callable(self, user: User, method_id: ua.NodeId) -> bool:
+        """Whether a user may call a method, and there is one: those of the standard's types are declarations alone."""
+        node = self._aspace.get(method_id)
+        return node is not None and node.call is not None and self._context.may_call(user, method_id)
+
+    def _check_encoding(self, encoding: ua.QualifiedName, wanted: ua.ReadValueId) -> None:
+        """Only a value that is a Structure can have an encoding (OPC 10000-4 7.39.2)."""
+        variant = self._aspace.read_attribute_value(wanted.NodeId, AttributeIds.DataType).Value
+        is_structure = variant is not None and self._types.is_structure(variant.Value)
+        if wanted.AttributeId != AttributeIds.Value or not is_structure:
             raise Refusal(StatusCodes.BadDataEncodingInvalid)
-        if encoding.Name != "Default Binary":
+        if encoding.Name != "Default Binary" or encoding.NamespaceIndex:
             raise Refusal(StatusCodes.BadDataEncodingUnsupported)
 
     async def write(self, request: Request, params: ua.WriteParameters) -> Any:
@@ -146,15 +155,21 @@ class AttributeServices:
 
     async def _write(self, request: Request, wanted: ua.WriteValue) -> int:
         """StatusCode of one write."""
-        node_id, given = wanted.NodeId, wanted.Value
+        node_id = wanted.NodeId
         try:
-            now: Any = datetime.now(UTC)
             self._check_write(request.user, wanted)
-            # The time of a command is ours, and a fresh DataValue is never changed afterwards.
-            value = ua.DataValue(given.Value, status(0), SourceTimestamp=now, ServerTimestamp=now)
+            value = self._whole(wanted)
             gate = self._context.gate
             if gate is not None and (code := gate.check_write(node_id, value, request.user)):
                 return int(code)
+            now: Any = datetime.now(UTC)
+            # A DataValue is never changed afterwards, so it is a fresh one; without a time it is written now.
+            value = dataclasses.replace(
+                value,
+                StatusCode=value.StatusCode or GOOD,
+                SourceTimestamp=value.SourceTimestamp or now,
+                ServerTimestamp=value.ServerTimestamp or now,
+            )
             result = await self._aspace.write_attribute_value(node_id, AttributeIds.Value, value)
             if result.is_good() and gate is not None:
                 gate.written(node_id, value, request.user)
@@ -176,13 +191,21 @@ class AttributeServices:
             raise Refusal(StatusCodes.BadNotWritable)
         if not user.role.covers(Role.OPERATOR):
             raise Refusal(StatusCodes.BadUserAccessDenied)
-        if wanted.IndexRange:
-            raise Refusal(StatusCodes.BadWriteNotSupported)
         given = wanted.Value
         if given is None or given.Value is None or given.Value.Value is None:
             raise Refusal(StatusCodes.BadTypeMismatch)
         if given.StatusCode is not None and not given.StatusCode.is_good():
             raise Refusal(StatusCodes.BadWriteNotSupported)
+
+    def _whole(self, wanted: ua.WriteValue) -> ua.DataValue:
+        """What the node shall have after a write: the value given, or its own with a part of it replaced."""
+        given: ua.DataValue = wanted.Value
+        index_range = parse_range(wanted.IndexRange)
+        before = self._aspace.read_attribute_value(wanted.NodeId, AttributeIds.Value).Value
+        variant = _as_bytes(given.Value, before)
+        if index_range is not None:
+            variant = replace_range(before, index_range, variant)
+        return given if variant is given.Value else dataclasses.replace(given, Value=variant)
 
     async def history_read(self, request: Request, params: ua.HistoryReadParameters) -> Any:
         """HistoryRead of nodes that have and show a history."""
@@ -219,6 +242,14 @@ class AttributeServices:
             allowed = access_level(self._aspace, node_id) & HISTORY
         if not allowed:
             raise Refusal(StatusCodes.BadHistoryOperationUnsupported)
+
+
+def _as_bytes(given: Any, before: ua.Variant | None) -> Any:
+    """A ByteString for an array of Byte is such an array (OPC 10000-4 5.11.4.2)."""
+    is_bytes = given.VariantType == ua.VariantType.ByteString and isinstance(given.Value, bytes)
+    if is_bytes and before is not None and before.VariantType == ua.VariantType.Byte and isinstance(before.Value, list):
+        return ua.Variant(list(given.Value), ua.VariantType.Byte, is_array=True)
+    return given
 
 
 def _no_value(code: int) -> ua.DataValue:

@@ -8,9 +8,9 @@ from __future__ import annotations
 import asyncio
 import contextvars
 import inspect
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import partial
-from typing import Any, Final
+from typing import Any
 
 import structlog
 from asyncua import ua
@@ -20,6 +20,7 @@ from ua_fleet.server.audit import summary
 from ua_fleet.server.endpoint.answers import Answer
 from ua_fleet.server.endpoint.audit_events import AuditEvents
 from ua_fleet.server.endpoint.context import Context
+from ua_fleet.server.endpoint.data_types import DataTypes
 from ua_fleet.server.endpoint.request import Request, operations
 from ua_fleet.server.endpoint.sessions import current_session
 from ua_fleet.server.endpoint.stack import (
@@ -40,15 +41,9 @@ __all__ = ["MethodServices"]
 
 _log = structlog.get_logger("ua_fleet.server")
 
-_ABSTRACT: Final[dict[int, frozenset[int]]] = {
-    24: frozenset(range(1, 26)),
-    26: frozenset(range(2, 12)),
-    27: frozenset((2, 4, 6, 8)),
-    28: frozenset((3, 5, 7, 9)),
-    29: frozenset((6,)),
-}
-"""Built-in types that fit BaseDataType, Number, Integer, UInteger and Enumeration (OPC 10000-3 8)."""
+_HAS_COMPONENT = ns0(ObjectIds.HasComponent)
 _HAS_SUBTYPE = ns0(ObjectIds.HasSubtype)
+_HAS_TYPE = ns0(ObjectIds.HasTypeDefinition)
 _HAS_PROPERTY = ns0(ObjectIds.HasProperty)
 
 
@@ -66,7 +61,7 @@ class MethodServices:
     def __init__(self, context: Context, events: AuditEvents) -> None:
         self._context, self._limits, self._events = context, context.limits, events
         self._aspace = context.iserver.aspace
-        self._types: dict[ua.NodeId, frozenset[int]] = {}
+        self._types = DataTypes(self._aspace)
 
     async def call(self, request: Request, params: ua.CallParameters) -> Any:
         """Call: one method after the other, each with a line in the audit log."""
@@ -101,8 +96,9 @@ class MethodServices:
     async def _call(self, request: Request, wanted: ua.CallMethodRequest) -> ua.CallMethodResult:
         result = ua.CallMethodResult()
         try:
-            implementation = self._check(request, wanted)
-            self._check_arguments(wanted)
+            method_id = self._method(wanted)
+            implementation = self._check(request, method_id)
+            self._check_arguments(method_id, wanted)
             returned = await self._run(request, implementation, wanted)
             if isinstance(returned, ua.CallMethodResult):
                 result = returned
@@ -127,31 +123,58 @@ class MethodServices:
             result.InputArgumentResults = [GOOD] * len(wanted.InputArguments or [])
         return result
 
-    def _check(self, request: Request, wanted: ua.CallMethodRequest) -> Callable[..., Any]:
-        """The implementation of a method; raises Refusal where this user may not call it there."""
+    def _method(self, wanted: ua.CallMethodRequest) -> ua.NodeId:
+        """The Method of the Object; a client may also name that of the Object's type (OPC 10000-4 5.12.2)."""
         owner, method = self._aspace.get(wanted.ObjectId), self._aspace.get(wanted.MethodId)
         if owner is None:
             raise Refusal(StatusCodes.BadNodeIdUnknown)
-        if method is None or not any(ref.IsForward and ref.NodeId == wanted.MethodId for ref in owner.references):
+        if method is None or not _is_method(method):
             raise Refusal(StatusCodes.BadMethodInvalid)
-        if method.call is None:
-            raise Refusal(StatusCodes.BadNotImplemented if _is_method(method) else StatusCodes.BadMethodInvalid)
-        if not self._flag(wanted.MethodId, AttributeIds.Executable):
+        if any(ref.IsForward and ref.NodeId == wanted.MethodId for ref in owner.references):
+            named: ua.NodeId = wanted.MethodId
+            return named
+        of_types = {ref.NodeId: ref.BrowseName for type_ in self._types_of(owner) for ref in _components(type_)}
+        name = of_types.get(wanted.MethodId)
+        own: list[ua.NodeId] = [ref.NodeId for ref in _components(owner) if ref.BrowseName == name]
+        if name is None or not own:
+            raise Refusal(StatusCodes.BadMethodInvalid)
+        return own[0]
+
+    def _types_of(self, owner: NodeData) -> Iterator[NodeData]:
+        """An Object's type, and the types that this one is a subtype of."""
+        node: NodeData | None = owner
+        reference, forward = _HAS_TYPE, True
+        while node is not None:
+            above = (
+                ref.NodeId for ref in node.references if ref.ReferenceTypeId == reference and ref.IsForward == forward
+            )
+            node = self._aspace.get(next(above, ua.NodeId()))
+            if node is not None:
+                yield node
+            reference, forward = _HAS_SUBTYPE, False
+
+    def _check(self, request: Request, method_id: ua.NodeId) -> Callable[..., Any]:
+        """The implementation of a method; raises Refusal where this user may not call it there."""
+        method = self._aspace[method_id]
+        if not self._flag(method_id, AttributeIds.Executable):
             raise Refusal(StatusCodes.BadNotExecutable)
-        if wanted.MethodId in self._context.encrypted_methods and not request.encrypted:
+        if method.call is None:
+            raise Refusal(StatusCodes.BadNotImplemented)
+        if method_id in self._context.encrypted_methods and not request.encrypted:
             raise Refusal(StatusCodes.BadSecurityModeInsufficient)
-        allowed = self._context.may_call(request.user, wanted.MethodId)
-        if not allowed or not self._flag(wanted.MethodId, AttributeIds.UserExecutable):
+        allowed = self._context.may_call(request.user, method_id)
+        if not allowed or not self._flag(method_id, AttributeIds.UserExecutable):
             raise Refusal(StatusCodes.BadUserAccessDenied)
-        return method.call
+        implementation: Callable[..., Any] = method.call
+        return implementation
 
     def _flag(self, node_id: ua.NodeId, attribute: AttributeIds) -> bool:
         variant = self._aspace.read_attribute_value(node_id, attribute).Value
         return variant is not None and variant.Value is True
 
-    def _check_arguments(self, wanted: ua.CallMethodRequest) -> None:
+    def _check_arguments(self, method_id: ua.NodeId, wanted: ua.CallMethodRequest) -> None:
         given = wanted.InputArguments or []
-        declared = self._declared(wanted.MethodId)
+        declared = self._declared(method_id)
         if len(given) < len(declared):
             raise Refusal(StatusCodes.BadArgumentsMissing, f"{len(given)} arguments of {len(declared)}")
         if len(given) > len(declared):
@@ -182,35 +205,11 @@ class MethodServices:
         )
         if rank > 1 and value.Dimensions is not None and len(value.Dimensions) != rank:
             shape = False
-        types = self._builtin_types(argument.DataType)
+        types = self._types.builtin_types(argument.DataType)
         if value.VariantType.value == 0:
             # Only types that have a null may be left out.
             return rank >= 0 or bool(types & {12, 15, 22})
         return shape and value.VariantType.value in types
-
-    def _builtin_types(self, data_type: ua.NodeId) -> frozenset[int]:
-        """The built-in types that values of a DataType have on the wire."""
-        known = self._types.get(data_type)
-        if known is not None:
-            return known
-        current: ua.NodeId | None = data_type
-        found = frozenset[int]()
-        for _ in range(50):
-            if current is None:
-                break
-            identifier = current.Identifier
-            if current.NamespaceIndex == 0 and isinstance(identifier, int) and identifier <= 29:
-                found = _ABSTRACT.get(identifier, frozenset((identifier,)))
-                break
-            node = self._aspace.get(current)
-            parents = (
-                ref.NodeId
-                for ref in (node.references if node is not None else ())
-                if not ref.IsForward and ref.ReferenceTypeId == _HAS_SUBTYPE
-            )
-            current = next(parents, None)
-        self._types[data_type] = found
-        return found
 
     async def _run(self, request: Request, implementation: Callable[..., Any], wanted: ua.CallMethodRequest) -> Any:
         arguments = [wanted.ObjectId, *(wanted.InputArguments or [])]
@@ -226,6 +225,10 @@ class MethodServices:
         finally:
             current_user.reset(token)
             current_session.reset(session)
+
+
+def _components(node: NodeData) -> Iterator[ua.ReferenceDescription]:
+    return (ref for ref in node.references if ref.IsForward and ref.ReferenceTypeId == _HAS_COMPONENT)
 
 
 def _is_method(node: NodeData) -> bool:

@@ -40,7 +40,9 @@ class SessionServices:
     async def get_endpoints(self, params: ua.GetEndpointsParameters, server: tuple[str, int] | None) -> Any:
         """GetEndpoints, on any channel."""
         response = ua.GetEndpointsResponse()
-        response.Endpoints = await self._context.iserver.get_endpoints(params, sockname=server)
+        endpoints = await self._context.iserver.get_endpoints(params, sockname=server)
+        profiles = set(params.ProfileUris or [])
+        response.Endpoints = [each for each in endpoints if not profiles or each.TransportProfileUri in profiles]
         return response
 
     def find_servers(self, params: ua.FindServersParameters, server: tuple[str, int] | None) -> Any:

@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import secrets
 from functools import partial
 from typing import Any, Final
@@ -17,7 +18,16 @@ from ua_fleet.server.endpoint.answers import Answer
 from ua_fleet.server.endpoint.context import Context
 from ua_fleet.server.endpoint.request import Request, operations
 from ua_fleet.server.endpoint.sessions import Session
-from ua_fleet.server.endpoint.stack import DECODE_ERRORS, ObjectIds, Refusal, StatusCodes, ns0, shown, status
+from ua_fleet.server.endpoint.stack import (
+    DECODE_ERRORS,
+    AttributeIds,
+    ObjectIds,
+    Refusal,
+    StatusCodes,
+    ns0,
+    shown,
+    status,
+)
 from ua_fleet.server.endpoint.turns import Turns
 
 __all__ = ["ViewServices"]
@@ -27,6 +37,25 @@ _RESULT_BYTES: Final = 28
 """StatusCode, ContinuationPoint and number of references of a BrowseResult."""
 
 
+_ALL_FIELDS: Final = 63
+"""BrowseResultMask.All."""
+_FIELDS: Final = {
+    1: ("ReferenceTypeId", ua.NodeId()),
+    2: ("IsForward", False),
+    4: ("NodeClass", ua.NodeClass.Unspecified),
+    8: ("BrowseName", ua.QualifiedName()),
+    16: ("DisplayName", ua.LocalizedText()),
+    32: ("TypeDefinition", ua.ExpandedNodeId()),
+}
+"""Bits of BrowseResultMask: the field, and what stands in its place where it is not wanted (OPC 10000-4 7.5)."""
+
+
+def _masked(ref: ua.ReferenceDescription, mask: int) -> ua.ReferenceDescription:
+    """A reference with the fields that a client wants."""
+    unwanted: dict[str, Any] = {name: null for bit, (name, null) in _FIELDS.items() if not mask & bit}
+    return dataclasses.replace(ref, **unwanted)
+
+
 class _Portions:
     """The BrowseResults of one response: what does not fit into it waits at a continuation point."""
 
@@ -34,10 +63,17 @@ class _Portions:
         self.answer = Answer(response, context.limits.response_bytes)
         self._session, self._misfit = session, context.misfit
         self._points = context.limits.continuation_points
-        self._known: dict[int, tuple[ua.ReferenceDescription, bytes]] = {}
+        self._made: set[bytes] = set()
+        """Continuation points of this response."""
+        self._known: dict[tuple[int, int], tuple[ua.ReferenceDescription, bytes]] = {}
 
-    def add(self, references: list[ua.ReferenceDescription], portion: int) -> None:
+    def add(self, references: list[ua.ReferenceDescription], portion: int, mask: int) -> None:
         """Add a result with at most `portion` references, and a continuation point for the rest.
+
+        Args:
+            references: those of the result.
+            portion: how many of them the client takes at a time.
+            mask: which of their fields it wants, as bits of BrowseResultMask.
 
         Raises:
             Refusal: there is a rest, and no continuation point for it.
@@ -45,7 +81,7 @@ class _Portions:
         parts: list[bytes] = []
         size, taken = _RESULT_BYTES, 0
         for ref in references[:portion]:
-            data = self._encode(ref)
+            data = self._encode(ref, mask)
             if size + len(data) > self.answer.left:
                 break
             size += len(data)
@@ -54,10 +90,10 @@ class _Portions:
                 parts.append(data)
         point = b""
         if taken < len(references):
-            if len(self._session.continuations) >= self._points:
-                raise Refusal(StatusCodes.BadNoContinuationPoints)
+            self._make_room()
             point = secrets.token_bytes(16)
-            self._session.continuations[point] = [portion, references[taken:]]
+            self._made.add(point)
+            self._session.continuations[point] = [portion, references[taken:], mask]
         length = (len(point) or -1).to_bytes(4, "little", signed=True)
         head = (bytes(4), length, point, len(parts).to_bytes(4, "little"))
         data = b"".join((*head, *parts))
@@ -66,17 +102,27 @@ class _Portions:
         else:
             self.answer.add_small(data)
 
-    def _encode(self, ref: ua.ReferenceDescription) -> bytes:
+    def _make_room(self) -> None:
+        """Free the oldest continuation point of an earlier request, if there are too many (OPC 10000-4 7.9)."""
+        held = self._session.continuations
+        if len(held) < self._points:
+            return
+        earlier = next((point for point in held if point not in self._made), None)
+        if earlier is None:
+            raise Refusal(StatusCodes.BadNoContinuationPoints)
+        del held[earlier]
+
+    def _encode(self, ref: ua.ReferenceDescription, mask: int) -> bytes:
         """A reference as bytes, which are made once for a response; empty for one that cannot be encoded."""
-        known = self._known.get(id(ref))
+        known = self._known.get((id(ref), mask))
         if known is not None:
             return known[1]
         try:
-            data = struct_to_binary(ref)
+            data = struct_to_binary(ref if mask & _ALL_FIELDS == _ALL_FIELDS else _masked(ref, mask))
         except DECODE_ERRORS as error:
             self._misfit(f"a reference to {shown(ref.NodeId)}", error)
             data = b""
-        self._known[id(ref)] = ref, data
+        self._known[id(ref), mask] = ref, data
         return data
 
     def refuse(self, code: int) -> None:
@@ -104,7 +150,7 @@ class ViewServices:
         portions = _Portions(request.session, ua.BrowseResponse(), self._context)
         for description in nodes:
             try:
-                portions.add(self._references(description, types), portion)
+                portions.add(self._references(description, types), portion, int(description.ResultMask))
             except Refusal as error:
                 portions.refuse(error.ua_status)
             await request.turns.end(portions.answer.size)
@@ -140,7 +186,7 @@ class ViewServices:
         """The reference types that fit, or None for all."""
         if reference_type is None or reference_type.is_null():
             return None
-        if self._aspace.get(reference_type) is None:
+        if not self._is_reference_type(reference_type):
             raise Refusal(StatusCodes.BadReferenceTypeIdInvalid)
         if not include:
             return frozenset((reference_type,))
@@ -156,6 +202,10 @@ class ViewServices:
             known[reference_type] = frozenset(found)
         return known[reference_type]
 
+    def _is_reference_type(self, node_id: ua.NodeId) -> bool:
+        variant = self._aspace.read_attribute_value(node_id, AttributeIds.NodeClass).Value
+        return variant is not None and variant.Value == ua.NodeClass.ReferenceType
+
     async def browse_next(self, request: Request, params: ua.BrowseNextParameters) -> Any:
         """BrowseNext."""
         portions = _Portions(request.session, ua.BrowseNextResponse(), self._context)
@@ -164,9 +214,9 @@ class ViewServices:
             if rest is None:
                 portions.refuse(StatusCodes.BadContinuationPointInvalid)
             elif params.ReleaseContinuationPoints:
-                portions.add([], 0)
+                portions.add([], 0, 0)
             else:
-                portions.add(rest[1], rest[0])
+                portions.add(rest[1], rest[0], rest[2])
             await request.turns.end(portions.answer.size)
         return portions.answer
 
@@ -201,8 +251,7 @@ class ViewServices:
             raise Refusal(StatusCodes.BadNothingToDo)
         if len(elements) > self._limits.browse_path_elements:
             raise Refusal(StatusCodes.BadQueryTooComplex)
-        last = elements[-1].TargetName
-        if last is None or not last.Name:
+        if any(element.TargetName is None or not element.TargetName.Name for element in elements):
             raise Refusal(StatusCodes.BadBrowseNameInvalid)
         current: dict[ua.NodeId, None] = {path.StartingNode: None}
         for element in elements:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,12 +12,13 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from ua_fleet.cli.endings import EXIT_USAGE
-from ua_fleet.cli.options import DEFAULT_CONFIG, Json, load_config
+from ua_fleet.cli.options import DEFAULT_CONFIG, Json
 from ua_fleet.cli.output import message, print_json, print_line
 from ua_fleet.errors import ConfigError, ConfigInvalid
 
 if TYPE_CHECKING:
     from ua_fleet.config import FleetConfig
+    from ua_fleet.document import Document
 
 __all__ = [
     "CHECK_EXAMPLES",
@@ -30,7 +32,7 @@ __all__ = [
 ]
 
 INIT_EXAMPLES = ("ua-fleet config init", "ua-fleet config init hall2.yaml")
-CHECK_EXAMPLES = ("ua-fleet config check", "ua-fleet config check hall2.yaml --json")
+CHECK_EXAMPLES = ("ua-fleet config check", "ua-fleet config check --ros", "ua-fleet config check hall2.yaml --json")
 SCHEMA_EXAMPLES = (
     "ua-fleet config schema -o fleet.schema.json",
     "ua-fleet config schema --scenario -o scenarios/scenario.schema.json",
@@ -38,6 +40,10 @@ SCHEMA_EXAMPLES = (
 IDS_EXAMPLES = ("ua-fleet config assign-ids", "ua-fleet config assign-ids hall2.yaml --json")
 
 File = Annotated[Path, typer.Argument(help="The configuration file.", envvar="UA_FLEET_CONFIG")]
+
+Installed = Annotated[
+    bool, typer.Option("--ros", help="Hold mapped topics against the message types that are installed here, too.")
+]
 
 Scenarios = Annotated[bool, typer.Option(help="Check the scenarios in the fleet's folder as well.")]
 
@@ -93,21 +99,51 @@ def _problems_of_scenarios(config: FleetConfig, folder: Path) -> Sequence[Config
     return Library(folder / config.scenarios.folder).problems(view)
 
 
-def check(file: File = DEFAULT_CONFIG, scenarios: Scenarios = True, as_json: Json = False) -> None:
+def _loaded(file: Path) -> tuple[FleetConfig, Document]:
+    from ua_fleet.config.load import load_document, read_content
+
+    return load_document(read_content(file), str(file), os.environ)
+
+
+def _findings_here(config: FleetConfig, document: Document) -> tuple[list[ConfigError], list[ConfigError]]:
+    """What is wrong by what is installed here, and of what this machine cannot tell."""
+    doubts: list[ConfigError] = []
+    for name, bridge in config.bridges.items():
+        for path, finding in bridge.findings_here(name, config.robots):
+            document.problem(path, finding.text, finding.suggestion)
+            if finding.is_doubt:
+                doubts.append(document.problems.pop())
+    return document.problems, doubts
+
+
+def check(
+    file: File = DEFAULT_CONFIG, scenarios: Scenarios = True, ros: Installed = False, as_json: Json = False
+) -> None:
     """Check a configuration file and print all its problems, each with its line and a suggestion.
 
     The scenarios in its folder are held against the fleet as well; robots that are registered while the server runs are
     not known here. The environment counts as it will when the server runs: ${VAR} in the file, and
     UA_FLEET__SERVER__PORT and the like. Exit code 2 if there are problems.
+
+    With --ros each mapped topic's message type, and each path of a field in it, is looked up as well, of ROS 1 and
+    ROS 2 alike; nothing of ROS need run. A type whose package is not installed on this machine is told, and is no
+    problem: the bridge may run elsewhere.
     """
+    doubts: list[ConfigError] = []
     try:
-        config = load_config(file)
-        problems = _problems_of_scenarios(config, file.parent) if scenarios else ()
+        config, document = _loaded(file)
+        problems = list(_problems_of_scenarios(config, file.parent)) if scenarios else []
+        if ros:
+            found, doubts = _findings_here(config, document)
+            problems = [*found, *problems]
     except ConfigInvalid as error:
-        config, problems = None, error.problems
+        config, problems = None, list(error.problems)
+    not_checked = {"not_checked": [_as_json(doubt) for doubt in doubts]} if ros else {}
+    for doubt in doubts if not as_json else ():
+        message(f"not checked: {doubt}")
     if config is None or problems:
         if as_json:
-            print_json({"valid": False, "problems": [_as_json(problem) for problem in problems]})
+            print_json({"valid": False, "problems": [_as_json(problem) for problem in problems], **not_checked})
         else:
             for problem in problems:
                 print_line(str(problem))
@@ -123,6 +159,7 @@ def check(file: File = DEFAULT_CONFIG, scenarios: Scenarios = True, as_json: Jso
                 "robots": size.robots,
                 "data_sources": size.data_sources,
                 "problems": [],
+                **not_checked,
             }
         )
     else:

@@ -21,9 +21,13 @@ from ua_fleet.errors import TopicInvalid
 from ua_fleet.fleet.model import FLEET_NAMESPACE
 from ua_fleet.names import closest, listed
 from ua_fleet.topics import check_space
+from ua_fleet.wire.metadata import MOST_DESCRIBED
 
 __all__ = ["Parts", "check_all", "check_ids_given", "check_namespaces", "check_robots", "no_namespace"]
 
+MOST_FIELDS: Final = MOST_DESCRIBED - 10
+"""Of a data source: with its properties (type, definition and age of its messages) it has no more parts than are
+read."""
 _UA_TOPIC: Final = re.compile(r"/?ua_[0-9]")
 _BITS: Final = re.compile(r"(U?)(?:Int)(\d+)")
 _SHORTEST_LIFETIME_S: Final = 2.0
@@ -132,6 +136,17 @@ def _check_directions(parts: Parts) -> None:
         if dataset.origin == "robot" and dataset.sink is not None:
             text = "data of origin robot is read from the robot; a sink needs `origin: server`"
             parts.document.problem((*path, "sink"), text)
+
+
+def _check_sizes(parts: Parts) -> None:
+    """The server reads no description of more parts: it would have no values of such a source."""
+    for (robot, name), dataset in parts.data.items():
+        count = len(dataset.fields)
+        if count > MOST_FIELDS:
+            text = f"{count} fields; a data source has {MOST_FIELDS} at most, or the server drops its description"
+            parts.document.problem(
+                ("robots", robot, "data", name, "fields"), text, "spread them over several data sources"
+            )
 
 
 def _check_kinds(parts: Parts) -> None:
@@ -345,6 +360,7 @@ _CHECKS: Final[tuple[Callable[[Parts], None], ...]] = (
     _check_keys,
     _check_skills,
     _check_kinds,
+    _check_sizes,
     check_resilience,
 )
 

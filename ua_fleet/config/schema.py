@@ -7,7 +7,7 @@ each problem and checks what one model alone cannot see (ids used twice, a robot
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, ClassVar, Literal, NamedTuple
 
 from pydantic import BaseModel, Field, SerializeAsAny, field_validator, model_validator
 
@@ -29,6 +29,7 @@ __all__ = [
     "DataMapping",
     "DataSetConfig",
     "FieldConfig",
+    "Finding",
     "FleetConfig",
     "FleetInfo",
     "KeysConfig",
@@ -228,6 +229,15 @@ class RobotConfig(Model, frozen=True):
     """For a robot that announces its own faults: numeric id of that DataSet, a text that is empty while all is well."""
 
 
+class Finding(NamedTuple):
+    """What a look at this machine shows of a key of the file."""
+
+    text: str
+    suggestion: str = ""
+    is_doubt: bool = False
+    """Whether this machine cannot tell: that is no problem of the file."""
+
+
 class BridgeConfig(Model, frozen=True):
     """What every bridge has. Each bridge package derives its own model from this one in its `config.py`.
 
@@ -281,6 +291,12 @@ class BridgeConfig(Model, frozen=True):
 
         Returns:
             For each problem the path of the key from the top of the file, the problem, and a suggestion or "".
+        """
+        return ()
+
+    def findings_here(self, name: str, robots: Mapping[str, RobotConfig]) -> Iterable[tuple[KeyPath, Finding]]:
+        """What a valid file has wrong by what is installed on this machine, such as message types; arguments as in
+        `fleet_problems`.
         """
         return ()
 

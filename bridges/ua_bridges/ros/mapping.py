@@ -22,7 +22,17 @@ from ua_fleet.wire.packed import LETTERS, is_packed
 if TYPE_CHECKING:
     from typing_extensions import Buffer
 
-__all__ = ["FieldProblem", "FieldUnfit", "FlatPaths", "Follow", "MappedSource", "cast_scalar", "compile_path"]
+__all__ = [
+    "FieldProblem",
+    "FieldUnfit",
+    "FlatPaths",
+    "Follow",
+    "MappedSource",
+    "cast_scalar",
+    "compile_path",
+    "flat_path",
+    "steps_of",
+]
 
 INTEGER_RANGES: Final = {
     ScalarType.SBYTE: (-(1 << 7), (1 << 7) - 1),
@@ -77,7 +87,8 @@ class FieldProblem(NamedTuple):
     new: bool
 
 
-def _steps_of(path: str) -> list[str | int]:
+def steps_of(path: str) -> list[str | int]:
+    """The names and indices of a path; raises ValueError for what is none."""
     steps: list[str | int] = []
     for part in path.split("."):
         match = _STEP.fullmatch(part)
@@ -90,7 +101,7 @@ def _steps_of(path: str) -> list[str | int]:
 
 def compile_path(path: str) -> Follow:
     """A function that follows `twist.linear.x` or `position[2]` into a message; it raises FieldUnfit."""
-    steps = _steps_of(path)
+    steps = steps_of(path)
 
     def follow(message: Any) -> Any:
         value = message
@@ -217,9 +228,9 @@ class _Time(NamedTuple):
     nanosec: int
 
 
-def _flat_path(leaves: Sequence[Leaf], path: str) -> tuple[Follow, tuple[int, ...]] | None:
+def flat_path(leaves: Sequence[Leaf], path: str) -> tuple[Follow, tuple[int, ...]] | None:
     """A function like that of `compile_path` for flat fields, and which of them it needs; None where there is none."""
-    steps = _steps_of(path)
+    steps = steps_of(path)
     numbers = [step for step in steps if isinstance(step, int)]
     whole = ".".join(step for step in steps if isinstance(step, str))
     for index, leaf in enumerate(leaves):
@@ -284,7 +295,7 @@ class MappedSource:
     def flat(self, schema: MessageSchema) -> FlatPaths | None:
         """How the values are found in the flat fields of a message; None where that takes the message object."""
         leaves = leaves_of(schema)
-        found = [_flat_path(leaves, field.path) for field in self._fields]
+        found = [flat_path(leaves, field.path) for field in self._fields]
         wanted = frozenset(leaves[index].name for each in found if each is not None for index in each[1])
         follow = [each[0] for each in found if each is not None]
         return FlatPaths(tuple(follow), wanted) if len(follow) == len(found) else None

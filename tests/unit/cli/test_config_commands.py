@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from pathlib import Path
 
 import pytest
@@ -138,3 +139,77 @@ def test_show(invoke: Invoke, fleet: Path, monkeypatch: pytest.MonkeyPatch) -> N
     ended = invoke("config", "show", "-c", "none.yaml")
     assert ended.code == 2
     assert "there is no such file" in ended.stderr
+
+
+ROS = """version: 1
+pubsub: {security: none}
+bridges:
+  floor: {kind: ros2, space: 2, status_id: 1001}
+  cell: {kind: ros1, status_id: 1002}
+robots:
+  carrier:
+    bridge: floor
+    data:
+      odom:
+        id: 1003
+        fields:
+          x: {type: Double, path: pose.z}
+          frame: {type: String}
+        source: {topic: /odom, type: hall_msgs/Odometry}
+      near:
+        id: 1004
+        type: Double
+        source: {topic: /near, type: hall_msgs/Odometri}
+  ned:
+    bridge: cell
+    data:
+      odom:
+        id: 1005
+        type: String
+        path: frame
+        source: {topic: /odom, type: hall_msgs/Odometry}
+      elsewhere:
+        id: 1006
+        type: Double
+        source: {topic: /far, type: far_msgs/Far}
+"""
+
+
+def test_message_types_that_are_installed_are_known(
+    invoke: Invoke, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """One folder has the package as ROS 2 generates it, another as ROS 1 does."""
+    two, one = tmp_path / "two/hall_msgs/msg", tmp_path / "one/hall_msgs/msg"
+    for folder in (two, one):
+        folder.mkdir(parents=True)
+    (two / "__init__.py").write_text(
+        "from hall_msgs.msg._odometry import Odometry  # noqa\nfrom hall_msgs.msg._pose import Pose  # noqa\n"
+    )
+    (two / "_odometry.py").write_text("_fields_and_field_types = {'frame': 'string', 'pose': 'hall_msgs/Pose'}\n")
+    (two / "_pose.py").write_text("_fields_and_field_types = {'x': 'double'}\n")
+    (one / "__init__.py").write_text("from ._Odometry import *\n")
+    (one / "_Odometry.py").write_text("_full_text = 'string frame'\n")
+    monkeypatch.setattr(sys, "path", [str(tmp_path / name) for name in ("two", "one")] + sys.path)
+    (tmp_path / "fleet.yaml").write_text(ROS)
+    assert invoke("config", "check").code == 0
+    ended = invoke("config", "check", "--ros")
+    assert ended.code == 2
+    key = "robots.carrier.data"
+    meant = "did you mean `pose.x`? it has: `pose.x`"
+    has = "did you mean `hall_msgs/Odometry`? hall_msgs has: `hall_msgs/Odometry`, `hall_msgs/Pose`"
+    assert ended.stdout.splitlines() == [
+        f"fleet.yaml:13:{key}.odom.fields.x.path: hall_msgs/Odometry has no field pose.z; {meant}",
+        f"fleet.yaml:19:{key}.near.source.type: hall_msgs has no message type hall_msgs/Odometri in ROS 2; {has}",
+    ]
+    doubt = (
+        "fleet.yaml:31:robots.ned.data.elsewhere.source.type: messages of far_msgs for ROS 1 are not installed here: "
+        "far_msgs/Far was not looked at; install the package here, or check where the bridge runs"
+    )
+    assert f"not checked: {doubt}\n" in ended.stderr
+    right = ROS.replace("pose.z", "pose.x").replace("Odometri}", "Pose}")
+    right = right.replace("        type: Double\n", "        type: Double\n        path: x\n", 1)
+    (tmp_path / "fleet.yaml").write_text(right)
+    ended = invoke("config", "check", "--ros", "--json")
+    assert ended.code == 0, ended.stdout
+    said = json.loads(ended.stdout)
+    assert [one["key"] for one in said["not_checked"]] == ["robots.ned.data.elsewhere.source.type"]

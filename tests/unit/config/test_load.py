@@ -688,3 +688,18 @@ def test_the_checks_go_through_all_data_a_few_times_however_many_robots_there_ar
     config = load_module.load_content(text.encode(), "f.yaml", {})
     assert list(config.robots) == names
     assert seen[0].passes <= 8
+
+
+def test_a_data_source_has_no_more_fields_than_the_server_reads(tmp_path: Path) -> None:
+    def fleet(count: int) -> str:
+        fields = "".join(f"          f{number}: {{type: Double}}\n" for number in range(count))
+        return (
+            "version: 1\npubsub: {security: none}\nbridges:\n  cell: {kind: ros1, status_id: 1}\n"
+            f"robots:\n  ned:\n    bridge: cell\n    data:\n      much:\n        id: 2\n        fields:\n{fields}"
+        )
+
+    accepted(tmp_path, fleet(1990))
+    text = "1991 fields; a data source has 1990 at most, or the server drops its description"
+    assert problems(tmp_path, fleet(1991)) == [
+        f"F:11:robots.ned.data.much.fields: {text}; spread them over several data sources"
+    ]

@@ -5,16 +5,19 @@ from typing import Any
 
 import pytest
 from asyncua import ua
+from asyncua.server.address_space import AddressSpace
 from hypothesis import given
 from hypothesis import strategies as st
 
 from ua_fleet.server.endpoint import filters
+from ua_fleet.server.endpoint.event_fields import EventFields
 from ua_fleet.server.endpoint.filters import check_event_filter
 from ua_fleet.server.endpoint.indexrange import parse_range
 from ua_fleet.server.endpoint.stack import Refusal
 
-NOWHERE: Any = None
-"""In the place of an address space: these filters are not evaluated."""
+NOWHERE = AddressSpace()
+"""An address space of no nodes: these filters are not evaluated."""
+FIELDS = EventFields(NOWHERE)
 evaluator: Any = filters._Evaluator.__new__(filters._Evaluator)  # pyright: ignore[reportPrivateUsage]
 
 
@@ -84,7 +87,7 @@ def literal(value: Any) -> ua.LiteralOperand:
 
 def test_a_filter_costs_what_one_event_takes() -> None:
     def cost(wanted: ua.EventFilter) -> int:
-        return check_event_filter(NOWHERE, wanted, 100).cost
+        return check_event_filter(NOWHERE, wanted, 100, FIELDS).cost
 
     assert cost(event_filter(fields=7)) == 7
     equal = element(ua.FilterOperator.Equals, literal(1), literal(1))
@@ -112,7 +115,7 @@ def test_a_filter_costs_what_one_event_takes() -> None:
 )
 def test_a_filter_that_would_take_long_is_refused(wanted: ua.EventFilter) -> None:
     with pytest.raises(Refusal):
-        check_event_filter(NOWHERE, wanted, 100)
+        check_event_filter(NOWHERE, wanted, 100, FIELDS)
 
 
 def test_the_costliest_pattern_takes_no_more_steps_of_python_than_it_has_parts() -> None:

@@ -19,9 +19,10 @@ from asyncua.ua.ua_binary import variant_to_binary
 # The class that is decoded; `ua` has one derived from it under the same name.
 from asyncua.ua.uaprotocol_auto import DataChangeFilter
 
-from ua_fleet.server.endpoint.stack import DECODE_ERRORS, AttributeIds, ObjectIds, Refusal, StatusCodes, ns0
+from ua_fleet.server.endpoint.event_fields import EventFields, field_of
+from ua_fleet.server.endpoint.stack import DECODE_ERRORS, AttributeIds, ObjectIds, Refusal, StatusCodes, ns0, status
 
-__all__ = ["EventFilter", "check_data_filter", "check_event_filter", "filter_of"]
+__all__ = ["EventFilter", "FilterRefused", "check_data_filter", "check_event_filter", "filter_of"]
 
 _log = logging.getLogger("ua_fleet.server.filters")
 
@@ -141,8 +142,10 @@ def _expression(sign: str) -> str:
 class EventFilter:
     """Which events an item tells of, and which of their fields."""
 
-    def __init__(self, aspace: AddressSpace, wanted: ua.EventFilter) -> None:
-        self.select = wanted.SelectClauses
+    def __init__(self, aspace: AddressSpace, wanted: ua.EventFilter, result: ua.EventFilterResult | None) -> None:
+        self.select = [field_of(clause) for clause in wanted.SelectClauses or []]
+        self.result = result
+        """What the client is told of it; None where it gave none."""
         self.cost = _cost_of(wanted)
         """Steps that one event takes."""
         self._where = _Evaluator(_log, aspace, wanted.WhereClause)
@@ -163,43 +166,81 @@ def filter_of(parameters: ua.MonitoringParameters) -> Any:
     return None if isinstance(wanted, ua.ExtensionObject) and wanted.TypeId.is_null() else wanted
 
 
-def check_event_filter(aspace: AddressSpace, wanted: Any, limit: int) -> EventFilter:
-    """The filter of an event item; raises Refusal for one that cannot be evaluated."""
+class FilterRefused(Refusal):
+    """An EventFilter that cannot be taken; `result` says which of its parts is wrong."""
+
+    def __init__(self, code: int, reason: str, result: ua.EventFilterResult) -> None:
+        self.result = result
+        super().__init__(code, reason)
+
+
+def check_event_filter(aspace: AddressSpace, wanted: Any, limit: int, declared: EventFields) -> EventFilter:
+    """The filter of an event item; raises Refusal for one that cannot be evaluated.
+
+    Args:
+        aspace: the server's nodes.
+        wanted: an EventFilter, or None for all events and none of their fields.
+        limit: elements that each clause may have.
+        declared: the fields that there are.
+    """
+    if wanted is None:
+        return EventFilter(aspace, ua.EventFilter(), None)
     if not isinstance(wanted, ua.EventFilter):
-        raise Refusal(StatusCodes.BadMonitoredItemFilterInvalid, "an event item needs an EventFilter")
+        raise Refusal(StatusCodes.BadFilterNotAllowed, "an event item takes an EventFilter")
     elements = wanted.WhereClause.Elements or []
     if len(elements) > limit or len(wanted.SelectClauses or []) > limit:
-        raise Refusal(StatusCodes.BadMonitoredItemFilterInvalid, f"a filter of more than {limit} elements")
+        raise Refusal(StatusCodes.BadEventFilterInvalid, f"a filter of more than {limit} elements")
+    if any(len(element.FilterOperands or []) > limit for element in elements):
+        raise Refusal(StatusCodes.BadEventFilterInvalid, f"an element of more than {limit} operands")
+    result: Any = ua.EventFilterResult()
+    result.SelectClauseResults = declared.check_all(wanted.SelectClauses or [])
     for index, element in enumerate(elements):
-        operands = element.FilterOperands or []
-        least = _COUNTS.get(element.FilterOperator)
-        if least is None:
-            raise Refusal(StatusCodes.BadMonitoredItemFilterUnsupported, f"operator {element.FilterOperator}")
-        if not least <= len(operands) <= limit:
-            raise Refusal(StatusCodes.BadMonitoredItemFilterInvalid, "a wrong number of operands")
-        for operand in operands:
-            if not isinstance(operand, _OPERANDS):
-                raise Refusal(StatusCodes.BadMonitoredItemFilterInvalid, "an unknown operand")
-            # Elements refer to later ones only, so that no filter refers to itself (OPC 10000-4 7.7.4.2).
-            if isinstance(operand, ua.ElementOperand) and not index < operand.Index < len(elements):
-                raise Refusal(StatusCodes.BadMonitoredItemFilterInvalid, "an element that refers backwards")
-        _check_like(element)
-    made = EventFilter(aspace, wanted)
+        result.WhereClauseResult.ElementResults.append(_element_result(element, index, len(elements)))
+    for found in result.WhereClauseResult.ElementResults:
+        code = int(found.StatusCode.value)
+        if code == StatusCodes.BadFilterOperatorUnsupported:
+            raise FilterRefused(StatusCodes.BadMonitoredItemFilterUnsupported, found.StatusCode.name, result)
+        if code:
+            raise FilterRefused(StatusCodes.BadMonitoredItemFilterInvalid, found.StatusCode.name, result)
+    made = EventFilter(aspace, wanted, result)
     if made.cost > _COSTLIEST:
         raise Refusal(StatusCodes.BadMonitoredItemFilterInvalid, f"a filter of {made.cost} steps for each event")
     return made
 
 
-def _check_like(element: ua.ContentFilterElement) -> None:
-    """Refuse a Like whose pattern is not known now, or is too long."""
-    if element.FilterOperator != ua.FilterOperator.Like:
-        return
-    pattern = _literal(element.FilterOperands[1])
-    if not isinstance(pattern, str) or len(pattern) > _LONGEST_PATTERN:
-        raise Refusal(
-            StatusCodes.BadFilterLiteralInvalid,
-            f"the pattern of Like has to be a String of at most {_LONGEST_PATTERN} characters",
-        )
+def _element_result(element: ua.ContentFilterElement, index: int, count: int) -> Any:
+    """Whether an element of a where clause can be evaluated, and which of its operands cannot (OPC 10000-4 7.7.2)."""
+    result: Any = ua.ContentFilterElementResult()
+    operands = element.FilterOperands or []
+    least = _COUNTS.get(element.FilterOperator)
+    if least is None:
+        result.StatusCode = status(StatusCodes.BadFilterOperatorUnsupported)
+        return result
+    most = len(operands) if element.FilterOperator == ua.FilterOperator.InList else least
+    if not least <= len(operands) <= most:
+        result.StatusCode = status(StatusCodes.BadFilterOperandCountMismatch)
+        return result
+    codes = [_operand_code(operand, index, count) for operand in operands]
+    if element.FilterOperator == ua.FilterOperator.Like and not _is_pattern(_literal(operands[1])):
+        codes[1] = int(StatusCodes.BadFilterLiteralInvalid)
+    if any(codes):
+        result.StatusCode = status(next(filter(None, codes)))
+        result.OperandStatusCodes = [status(code) for code in codes]
+    return result
+
+
+def _operand_code(operand: Any, index: int, count: int) -> int:
+    if not isinstance(operand, _OPERANDS):
+        return int(StatusCodes.BadFilterOperandInvalid)
+    # Elements refer to later ones only, so that no filter refers to itself (OPC 10000-4 7.7.1).
+    if isinstance(operand, ua.ElementOperand) and not index < operand.Index < count:
+        return int(StatusCodes.BadFilterElementInvalid)
+    return 0
+
+
+def _is_pattern(literal: Any) -> bool:
+    """Whether a Like has a pattern that is known now, and is short."""
+    return isinstance(literal, str) and len(literal) <= _LONGEST_PATTERN
 
 
 def _literal(operand: Any) -> Any:

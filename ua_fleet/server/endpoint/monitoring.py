@@ -26,7 +26,7 @@ from asyncua.server.address_space import AddressSpace
 from ua_fleet.server.endpoint.answers import Misfit
 from ua_fleet.server.endpoint.filters import EventFilter
 from ua_fleet.server.endpoint.indexrange import IndexRange, apply_range, is_small
-from ua_fleet.server.endpoint.notifications import change_bytes, event_bytes, event_fields
+from ua_fleet.server.endpoint.notifications import change_bytes, event_bytes
 from ua_fleet.server.endpoint.queues import Account, content_bytes
 from ua_fleet.server.endpoint.stack import AttributeIds, shown, status
 
@@ -392,7 +392,7 @@ class EventItem(Item):
         """An event of the node; it is queued if it passes the filter."""
         if self.mode is ua.MonitoringMode.Disabled or not self.filter.passes(event):
             return
-        fields = event_fields(event, self.filter.select)
+        fields = [field.of(event) for field in self.filter.select]
         self.put(ua.EventFieldList(self.client_handle, fields))  # pyright: ignore[reportArgumentType]
 
     def encode(self, notification: Any, room: int, misfit: Misfit) -> bytes:

@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, Final
+from typing import Final
 
 from asyncua import ua
 from asyncua.ua.ua_binary import variant_to_binary
@@ -13,26 +13,10 @@ from asyncua.ua.ua_binary import variant_to_binary
 from ua_fleet.server.endpoint.answers import Misfit, encode_value
 from ua_fleet.server.endpoint.stack import DECODE_ERRORS, ObjectIds, StatusCodes, ns0, status
 
-__all__ = ["change_bytes", "changes_of", "event_bytes", "event_fields", "events_of"]
+__all__ = ["change_bytes", "changes_of", "event_bytes", "events_of"]
 
 _CHANGES: Final = ns0(ObjectIds.DataChangeNotification_Encoding_DefaultBinary)
 _EVENTS: Final = ns0(ObjectIds.EventNotificationList_Encoding_DefaultBinary)
-_NO_FIELD: Final = ua.Variant()
-
-
-def event_fields(event: Any, clauses: Sequence[ua.SimpleAttributeOperand]) -> list[ua.Variant]:
-    """The fields of an event that a client has selected; null for what the event does not have."""
-    known: dict[str, Any] = event.data_types
-    fields: list[ua.Variant] = []
-    for clause in clauses:
-        if clause.BrowsePath:
-            name = "/".join([part.Name or "" for part in clause.BrowsePath])
-        else:
-            # Without a path it is an attribute of the event's ConditionId (OPC 10000-9 5.5.2.13).
-            name = "NodeId" if clause.AttributeId == 1 else ""
-        value = getattr(event, name, None) if name in known else None
-        fields.append(_NO_FIELD if value is None else ua.Variant(value, known[name]))
-    return fields
 
 
 def change_bytes(client_handle: int, value: ua.DataValue, room: int, misfit: Misfit, what: str) -> bytes:

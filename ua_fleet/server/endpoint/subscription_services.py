@@ -12,7 +12,14 @@ from asyncua import ua
 
 from ua_fleet.server.endpoint.attributes import readable_value
 from ua_fleet.server.endpoint.context import Context
-from ua_fleet.server.endpoint.filters import EventFilter, check_data_filter, check_event_filter, filter_of
+from ua_fleet.server.endpoint.event_fields import EventFields
+from ua_fleet.server.endpoint.filters import (
+    EventFilter,
+    FilterRefused,
+    check_data_filter,
+    check_event_filter,
+    filter_of,
+)
 from ua_fleet.server.endpoint.indexrange import parse_range
 from ua_fleet.server.endpoint.monitoring import DataItem, EventItem
 from ua_fleet.server.endpoint.request import Request, operations
@@ -33,6 +40,7 @@ class SubscriptionServices:
     def __init__(self, context: Context, subscriptions: Subscriptions) -> None:
         self._context, self._limits, self._subscriptions = context, context.limits, subscriptions
         self._aspace = context.iserver.aspace
+        self._declared = EventFields(self._aspace)
 
     def _own(self, request: Request, subscription_id: int) -> ClientSubscription:
         subscription = request.session.subscriptions.get(subscription_id)
@@ -208,6 +216,7 @@ class SubscriptionServices:
                 left -= 1
             except Refusal as error:
                 result = ua.MonitoredItemCreateResult(status(error.ua_status))
+                _tell_filter(result, error)
             response.Results.append(result)
             if await self._end_turn(request, subscription):
                 left = self._items_left(subscription)  # another session of the user may have had its turn
@@ -237,7 +246,7 @@ class SubscriptionServices:
             raise Refusal(StatusCodes.BadTooManyMonitoredItems, "too many items of one user on one node")
         size = self._queue_size(parameters.QueueSize)
         result: Any = ua.MonitoredItemCreateResult()
-        if target.AttributeId == AttributeIds.EventNotifier and isinstance(parameters.Filter, ua.EventFilter):
+        if target.AttributeId == AttributeIds.EventNotifier:
             notifier = self._aspace.read_attribute_value(target.NodeId, AttributeIds.EventNotifier)
             bits = notifier.Value.Value if notifier.Value is not None else None
             if not bits or not int(bits) & 1:
@@ -250,6 +259,8 @@ class SubscriptionServices:
             events = EventItem(subscription, subscription.items.next_id(), wanted, size, event_filter)
             subscription.items.add_events(events)
             result.MonitoredItemId = events.id
+            if event_filter.result is not None:
+                result.FilterResult = event_filter.result
         else:
             value = readable_value(self._aspace, target.NodeId, target.AttributeId)
             deadband = check_data_filter(
@@ -279,7 +290,7 @@ class SubscriptionServices:
 
     def _event_filter(self, request: Request, wanted: Any, taken_off: int = 0) -> EventFilter:
         """A filter that all those of the session leave room for; `taken_off` are the steps of the one that goes."""
-        made = check_event_filter(self._aspace, wanted, self._limits.filter_elements)
+        made = check_event_filter(self._aspace, wanted, self._limits.filter_elements, self._declared)
         steps = sum(own.items.filter_steps for own in request.session.subscriptions.values()) - taken_off
         if steps + made.cost > self._limits.filter_steps_per_session:
             raise Refusal(
@@ -314,6 +325,7 @@ class SubscriptionServices:
                 result = self._modify_item(request, subscription, wanted, timestamps)
             except Refusal as error:
                 result = ua.MonitoredItemModifyResult(status(error.ua_status))
+                _tell_filter(result, error)
             response.Results.append(result)
             await self._end_turn(request, subscription)
         return response
@@ -333,6 +345,9 @@ class SubscriptionServices:
         result: Any = ua.MonitoredItemModifyResult()
         if isinstance(item, EventItem):
             item.filter = self._event_filter(request, parameters.Filter, item.filter.cost)
+            if item.filter.result is not None:
+                result.FilterResult = item.filter.result
+            parameters.QueueSize = parameters.QueueSize or ua.UInt32(self._limits.queue_size)
         elif isinstance(item, DataItem):
             value = self._aspace.read_attribute_value(item.node_id, item.attribute)
             deadband = check_data_filter(
@@ -389,6 +404,12 @@ class SubscriptionServices:
             response.Results.append(subscription.remove(item_id))
             await self._end_turn(request, subscription)
         return response
+
+
+def _tell_filter(result: Any, error: Refusal) -> None:
+    """Say which part of a filter is wrong."""
+    if isinstance(error, FilterRefused):
+        result.FilterResult = error.result
 
 
 def _revised(subscription: ClientSubscription) -> tuple[float, int, int]:

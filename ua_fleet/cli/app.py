@@ -32,8 +32,8 @@ A first fleet:
   ua-fleet config check fleet.yaml          find its mistakes
   ua-fleet config assign-ids fleet.yaml     give each data source its address
   ua-fleet user add anna --role operator    nobody gets in without a user
-  ua-fleet serve                            the OPC UA server
-  ua-fleet bridge cell                      one process for each bridge
+  ua-fleet up                               the OPC UA server and all bridges, for trying
+  ua-fleet serve, ua-fleet bridge cell      each of them alone
   ua-fleet login --user anna                once, with the password
   ua-fleet browse                           look at it
 """
@@ -100,6 +100,7 @@ def _build() -> typer.Typer:
         simulate,
         skill,
         testbed,
+        up,
         user,
         watch,
         write,
@@ -107,6 +108,7 @@ def _build() -> typer.Typer:
 
     _add(whole, "serve", serve.serve, serve.EXAMPLES)
     _add(whole, "bridge", bridge.bridge, bridge.EXAMPLES)
+    _add(whole, "up", up.up, up.EXAMPLES)
     _add(whole, "login", login.login, login.LOGIN_EXAMPLES)
     _add(whole, "logout", login.logout, login.LOGOUT_EXAMPLES)
     _add(whole, "contexts", login.contexts, login.CONTEXTS_EXAMPLES)

@@ -5,9 +5,6 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import json
-import os
-import shutil
-import signal
 import socket
 import time
 from collections import deque
@@ -16,6 +13,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Final, Self
 
+from ua_fleet.bridge.children import end_child, how_it_ended, start_child
 from ua_fleet.errors import UaFleetError
 
 __all__ = ["DemoFailed", "Processes", "free_loopback_address", "free_tcp_port", "udp_port_in_use"]
@@ -66,18 +64,9 @@ class Processes:
     ) -> None:
         """Start a process in a session of its own. `on_line` gets each line that it prints on stdout."""
         log = self._log_folder / f"{name}.log"
-        # Children end with us, also when we are killed.
-        guard = ["setpriv", "--pdeathsig", "TERM"] if shutil.which("setpriv") else []
         errors = log.open("ab")
         try:
-            started = await asyncio.create_subprocess_exec(
-                *(*guard, *(str(arg) for arg in args)),
-                env=dict(environment),
-                stdin=asyncio.subprocess.DEVNULL,
-                stdout=asyncio.subprocess.PIPE,
-                stderr=errors,
-                start_new_session=True,
-            )
+            started = await start_child(args, environment, stderr=errors)
         except OSError as problem:
             raise DemoFailed(f"{name} does not start: {problem}") from problem
         finally:
@@ -158,19 +147,11 @@ class Processes:
         """Raise DemoFailed if a process has ended, with the last line that it wrote."""
         for process in self._processes.values():
             if (code := process.code) is not None:
-                how = f"ended with code {code}" if code >= 0 else f"was ended by {signal.Signals(-code).name}"
                 said = _last_words(process.log.read_text(encoding="utf-8", errors="replace"))
-                raise DemoFailed(f"{process.name} {how}{f': {said}' if said else ''}; see {process.log}")
+                raise DemoFailed(f"{process.name} {how_it_ended(code)}{f': {said}' if said else ''}; see {process.log}")
 
     async def _end(self, process: _Process) -> None:
-        for number in (signal.SIGTERM, signal.SIGKILL):
-            if process.process.returncode is not None:
-                break
-            with contextlib.suppress(ProcessLookupError):
-                os.killpg(process.process.pid, number)
-            with contextlib.suppress(TimeoutError):
-                async with asyncio.timeout(5):
-                    await process.process.wait()
+        await end_child(process.process)
         if process.reader is not None:
             await process.reader
 

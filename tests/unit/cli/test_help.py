@@ -14,6 +14,7 @@ from ua_fleet.cli.app import app
 COMMANDS = [
     "serve",
     "bridge",
+    "up",
     "login",
     "logout",
     "contexts",
@@ -78,6 +79,7 @@ WITHOUT_JSON = {
     "config schema",  # prints nothing else
     "testbed prepare",  # tells no data
     "testbed robot",  # is another program then
+    "up",  # shows the lines of other processes
     "testbed run",  # its result stands in a file
 }
 

@@ -154,3 +154,18 @@ def test_each_sample_is_what_was_there_at_its_time(clock: Clock) -> None:
     for at, content in ((0.0, 1.0), (0.5, 2.0), (1.2, 3.0), (2.4, 3.5), (2.6, 4.0), (9.0, 5.0)):
         write(watching, clock, at, content)
     assert told(watching) == [1.0, 2.0, 3.0, 4.0, 5.0]
+
+
+def test_another_interval_counts_from_the_last_sample(clock: Clock) -> None:
+    watching = item(interval_s=100.0)
+    write(watching, clock, 0.0, 1.0)
+    write(watching, clock, 3.0, 2.0)
+    watching.set_interval(2.0)
+    watching.sample(103.0)
+    assert told(watching) == [1.0, 2.0]
+    write(watching, clock, 3.1, 3.0)
+    assert watching.holds
+    watching.set_interval(0.0)
+    write(watching, clock, 3.2, 4.0)
+    watching.sample(103.2)
+    assert told(watching) == [1.0, 2.0, 3.0, 4.0]

@@ -51,7 +51,8 @@ class Limits:
     """A client that does not read its responses for so long is cut off."""
     contended_s: float = 10.0
     """As `stalled_s`, where other large requests of the same user wait for the client to read."""
-    session_timeout_s: tuple[float, float] = (5.0, 600.0)
+    session_timeout_s: tuple[float, float] = (0.5, 600.0)
+    """Between what a session timeout is; a client that asks for 0 gets the longest."""
     channel_lifetime_s: tuple[float, float] = (10.0, 3_600.0)
     method_s: float = 3.0
     """Time for one method call."""

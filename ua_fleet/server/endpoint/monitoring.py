@@ -258,11 +258,16 @@ class DataItem(Item):
         return self._held is not None
 
     def set_interval(self, interval_s: float) -> None:
-        """Have another sampling interval."""
+        """Have another sampling interval, counted from the last sample."""
+        self.due += interval_s - self.interval_s
         self.interval_s = interval_s
-        if self._held is not None:
-            self.due = min(self.due, time.monotonic() + interval_s)
+        if self._held is None:
+            return
+        if interval_s:
             self.owner.hold(self)
+        else:
+            held, self._held = self._held, None
+            self._look_at(held)
 
     def changed(self, handle: int, value: ua.DataValue | None, error: ua.StatusCode | None = None) -> _Done:
         """Asyncua's callback for each write to the node; with an error the node has been deleted."""

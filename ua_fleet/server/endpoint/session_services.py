@@ -81,7 +81,7 @@ class SessionServices:
         for session in waiting[: max(len(waiting) + 1 - self._limits.inactive_sessions, 0)]:
             await self.end(session, delete_subscriptions=True)
         least, most = self._limits.session_timeout_s
-        wish = float(params.RequestedSessionTimeout or 0) / 1000
+        wish = float(params.RequestedSessionTimeout or most * 1000) / 1000
         timeout_s = min(max(wish, least), most) if wish == wish else least
         session = Session(link, certificate, application, timeout_s, int(params.MaxResponseMessageSize or 0))
         self._sessions.add(session)

@@ -16,6 +16,7 @@ from typing import Annotated, Any, Final, NoReturn
 import typer
 
 from ua_fleet import __version__
+from ua_fleet.cli.completion import prepare_completion
 from ua_fleet.cli.endings import UsageProblems, exit_code_of
 from ua_fleet.cli.output import message
 from ua_fleet.errors import ConfigInvalid, JudgementsInvalid, ScenarioInvalid, UaFleetError
@@ -80,6 +81,7 @@ def _build() -> typer.Typer:
         bridge,
         browse,
         cert,
+        completion,
         config,
         decision,
         demo_pal,
@@ -112,6 +114,7 @@ def _build() -> typer.Typer:
     _add(whole, "login", login.login, login.LOGIN_EXAMPLES)
     _add(whole, "logout", login.logout, login.LOGOUT_EXAMPLES)
     _add(whole, "contexts", login.contexts, login.CONTEXTS_EXAMPLES)
+    _add(whole, "completion", completion.completion, completion.EXAMPLES)
     _add(whole, "browse", browse.browse, browse.EXAMPLES)
     _add(whole, "read", read.read, read.EXAMPLES)
     _add(whole, "write", write.write, write.EXAMPLES)
@@ -228,6 +231,7 @@ def main() -> NoReturn:
     """Run the command that the arguments name, and exit."""
     # Ended by a supervisor is ended in order, as with Ctrl-C.
     signal.signal(signal.SIGTERM, _interrupt)
+    prepare_completion()
     try:
         app(prog_name="ua-fleet")
     except SystemExit as ending:

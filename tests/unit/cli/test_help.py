@@ -18,6 +18,7 @@ COMMANDS = [
     "login",
     "logout",
     "contexts",
+    "completion",
     "browse",
     "read",
     "write",
@@ -79,6 +80,7 @@ WITHOUT_JSON = {
     "config schema",  # prints nothing else
     "testbed prepare",  # tells no data
     "testbed robot",  # is another program then
+    "completion",  # prints a script
     "up",  # shows the lines of other processes
     "testbed run",  # its result stands in a file
 }

@@ -5,13 +5,14 @@ from __future__ import annotations
 import importlib
 from collections.abc import Callable
 from importlib import metadata
-from typing import Final
+from typing import Any, Final
 
 from ua_fleet.bridge.driver import Driver
-from ua_fleet.config.schema import FleetConfig
+from ua_fleet.config.schema import BridgeConfig, FleetConfig
+from ua_fleet.config.topics_seen import TopicSeen
 from ua_fleet.errors import BridgeUnavailable
 
-__all__ = ["ENTRY_POINT_GROUP", "load_driver"]
+__all__ = ["ENTRY_POINT_GROUP", "load_driver", "topics_of"]
 
 ENTRY_POINT_GROUP: Final = "ua_fleet.bridges"
 """Entry points of a bridge package: its kind, and the configuration model in its `config.py`."""
@@ -23,16 +24,33 @@ def load_driver(config: FleetConfig, bridge_name: str) -> Driver:
     Raises:
         BridgeUnavailable: no such kind of bridge, or a library that it needs is missing.
     """
+    create: Callable[[FleetConfig, str], Driver] = _part(config, bridge_name, "driver").create_driver
+    return create(config, bridge_name)
+
+
+def topics_of(config: FleetConfig, bridge_name: str, within_s: float) -> list[TopicSeen]:
+    """The topics that are in the space of a configured bridge now, by the module `topics` of its package.
+
+    Raises:
+        BridgeUnavailable: bridges of its kind have no topics, or a library that it needs is missing.
+        NotConnected: the space cannot be reached.
+    """
+    seen: Callable[[BridgeConfig, float], list[TopicSeen]] = _part(config, bridge_name, "topics").topics_seen
+    return seen(config.bridges[bridge_name], within_s)
+
+
+def _part(config: FleetConfig, bridge_name: str, name: str) -> Any:
+    """A module of the package of a bridge's kind."""
     kind = config.bridges[bridge_name].kind
     entry = next(iter(metadata.entry_points(group=ENTRY_POINT_GROUP, name=kind)), None)
     if entry is None:
         known = ", ".join(sorted(metadata.entry_points(group=ENTRY_POINT_GROUP).names))
         raise BridgeUnavailable(f"bridge {bridge_name}: no bridge of kind {kind!r} is installed; there are: {known}")
-    package = entry.module.rpartition(".")[0]
+    module = f"{entry.module.rpartition('.')[0]}.{name}"
     try:
-        module = importlib.import_module(f"{package}.driver")
+        return importlib.import_module(module)
     except ImportError as error:
+        if error.name == module:
+            raise BridgeUnavailable(f"bridge {bridge_name}: bridges of kind {kind} have no {name}") from error
         extras = metadata.metadata("ua-fleet").get_all("Provides-Extra") or []
         raise BridgeUnavailable(f"bridge {bridge_name}: {error}", extra=kind if kind in extras else "") from error
-    create: Callable[[FleetConfig, str], Driver] = module.create_driver
-    return create(config, bridge_name)

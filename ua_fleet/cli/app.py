@@ -40,7 +40,7 @@ A first fleet:
 """
 
 _GROUPS: Final = {
-    "config": "The configuration file: write, check and show it, assign ids, its schema for editors.",
+    "config": "The configuration file: write, check and show it, assign ids, add topics, its schema for editors.",
     "user": "Who may use the server, and what they may do.",
     "keys": "Key files of message security, where keys do not come from the server.",
     "audit": "The server's audit log.",
@@ -77,6 +77,7 @@ def _add(group: typer.Typer, name: str, command: Callable[..., Any], examples: t
 def _build() -> typer.Typer:
     whole = _new(_HELP)
     from ua_fleet.cli import (
+        add_topics,
         audit,
         bridge,
         browse,
@@ -125,6 +126,7 @@ def _build() -> typer.Typer:
     _add(groups["config"], "init", config.init, config.INIT_EXAMPLES)
     _add(groups["config"], "check", config.check, config.CHECK_EXAMPLES)
     _add(groups["config"], "assign-ids", config.assign, config.IDS_EXAMPLES)
+    _add(groups["config"], "add-topics", add_topics.add_topics, add_topics.EXAMPLES)
     _add(groups["config"], "show", show_config.show, show_config.SHOW_EXAMPLES)
     _add(groups["config"], "schema", config.schema, config.SCHEMA_EXAMPLES)
     _add(groups["user"], "add", user.add, user.ADD_EXAMPLES)

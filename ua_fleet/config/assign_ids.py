@@ -19,14 +19,14 @@ from ua_fleet.errors import ConfigError, ConfigInvalid
 from ua_fleet.fleet.model import FLEET_NAMESPACE
 from ua_fleet.storage.files import write_whole
 
-__all__ = ["FIRST_ID", "assign_ids", "insert_ids"]
+__all__ = ["BOM", "FIRST_ID", "LINE_BREAK", "assign_ids", "insert_ids", "replace_file"]
 
 FIRST_ID: Final = 1001
 LAST_ID: Final = 65_535
 
-_LINE_BREAK: Final = re.compile("\r\n|[\r\n\x85\u2028\u2029]")
+LINE_BREAK: Final = re.compile("\r\n|[\r\n\x85\u2028\u2029]")
 """All that YAML 1.1, which the parser follows, takes for the end of a line."""
-_BOM: Final = b"\xef\xbb\xbf"
+BOM: Final = b"\xef\xbb\xbf"
 
 
 def _owners(document: Document) -> dict[KeyPath, str]:
@@ -86,7 +86,7 @@ def _insertion(text: str, document: Document, path: KeyPath, key: str, number: i
         return position, f"{key}: {number}, "
     # Straight under the line of the mapping's own name, so that a comment stays with the key that follows it.
     name = next(start for name, start, _ in document.mappings[path[:-1]].keys if name == path[-1])
-    line_end = _LINE_BREAK.search(text, name)
+    line_end = LINE_BREAK.search(text, name)
     if line_end is None or line_end.end() > position - column:
         return position, f"{key}: {number}, "  # no layout that takes an id: the check below says so
     return line_end.end(), f"{text[position - column : position]}{key}: {number}{line_end[0]}"
@@ -107,7 +107,7 @@ def insert_ids(content: bytes, file: str) -> tuple[bytes, dict[str, int]]:
         highest.note(_home(document, path), _at(document.data, path).get(key))
     for name, robot in (as_mapping(document.data.get("robots")) or {}).items():
         highest.note(_home(document, ("robots", name)), (as_mapping(robot) or {}).get("fault_id"))
-    text = content.removeprefix(_BOM).decode("utf-8")
+    text = content.removeprefix(BOM).decode("utf-8")
     given: dict[KeyPath, int] = {}
     insertions: list[tuple[int, str]] = []
     for path, key in owners.items():
@@ -130,7 +130,7 @@ def insert_ids(content: bytes, file: str) -> tuple[bytes, dict[str, int]]:
     for position, piece in sorted(insertions):
         pieces += (text[done:position], piece)
         done = position
-    byte_order_mark = _BOM if content.startswith(_BOM) else b""
+    byte_order_mark = BOM if content.startswith(BOM) else b""
     changed = byte_order_mark + "".join((*pieces, text[done:])).encode()
     _check_result(document, read_document(changed, file), given)
     return changed, {key_text(path): value for path, value in given.items()}
@@ -146,7 +146,7 @@ def _check_result(before: Document, after: Document, given: dict[KeyPath, int]) 
         raise ConfigInvalid(before.problems)
 
 
-def _replace_file(path: Path, content: bytes) -> None:
+def replace_file(path: Path, content: bytes) -> None:
     """Write a file whole or not at all, with its mode and, where we may, its owner."""
     try:
         target = path.resolve(strict=True)
@@ -169,5 +169,5 @@ def assign_ids(path: str | Path, environment: Mapping[str, str] | None = None) -
     load_content(content, file, of_file, allow_missing_ids=True)
     changed, given = insert_ids(content, file)
     if given:
-        _replace_file(Path(path), changed)
+        replace_file(Path(path), changed)
     return given

@@ -85,6 +85,14 @@ class RosMaster:
         except (TypeError, ValueError) as error:
             raise NotConnected(f"what answers at {self.uri} is no ROS master; correct `master_uri`") from error
 
+    def topic_types(self) -> dict[str, str]:
+        """The type of each topic that somebody has registered with one."""
+        answer = self._call("getTopicTypes")
+        try:
+            return {str(topic): str(kind) for topic, kind in answer}
+        except (TypeError, ValueError) as error:
+            raise NotConnected(f"what answers at {self.uri} is no ROS master; correct `master_uri`") from error
+
     def register_publisher(self, topic: str, message_type: str, node_uri: str) -> None:
         """Make the node a publisher of the topic; the master tells its subscribers. May be repeated."""
         self._call("registerPublisher", topic, message_type, node_uri)

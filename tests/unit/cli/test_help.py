@@ -27,6 +27,7 @@ COMMANDS = [
     "healthcheck",
     "config init",
     "config check",
+    "config add-topics",
     "config assign-ids",
     "config schema",
     "config show",

@@ -1,0 +1,96 @@
+"""`ua-fleet config add-topics`: the topics of a running graph as data of the fleet."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Final
+
+import typer
+
+from ua_fleet.cli.endings import UsageError
+from ua_fleet.cli.options import DEFAULT_CONFIG, Config, Json, load_config
+from ua_fleet.cli.output import message, print_json, print_line
+from ua_fleet.names import closest, listed
+from ua_fleet.printing import harmless
+
+if TYPE_CHECKING:
+    from ua_fleet.config.topics_seen import Addition, Plan
+
+__all__ = ["EXAMPLES", "add_topics"]
+
+EXAMPLES: Final = (
+    "ua-fleet config add-topics floor --dry-run",
+    "ua-fleet config add-topics floor --robot carrier --topic '/carrier/*'",
+)
+
+
+def add_topics(
+    bridge: Annotated[str, typer.Argument(help="The bridge of the configuration in whose space to look.")],
+    robot: Annotated[
+        str | None, typer.Option(help="Whose data they become; written too if it is not there yet.", show_default=False)
+    ] = None,
+    topic: Annotated[str, typer.Option(help="Only topics whose names match it, as in a shell.")] = "*",
+    dry_run: Annotated[bool, typer.Option("--dry-run", help="Print what would be written, and write nothing.")] = False,
+    max_rate_hz: Annotated[
+        float, typer.Option(help="Of what is read: at most so many messages a second are carried.", min=0.001)
+    ] = 10.0,
+    within: Annotated[float, typer.Option(help="ROS 2: how long to look for nodes, in seconds.", min=0.1)] = 3.0,
+    config: Config = DEFAULT_CONFIG,
+    as_json: Json = False,
+) -> None:
+    """Look at the running ROS graph of a bridge, and write its topics into the configuration file as data, with ids.
+
+    What a robot publishes becomes data that is read; what a robot only subscribes to becomes data that clients write,
+    and with that a command. What is mapped already is left out, and so is what cannot be mapped, each with the reason.
+    Without --robot a topic goes to the robot whose name it begins with, or to the only one of the bridge. Comments and
+    order of the file stay. The file is checked before it is replaced, as a whole or not at all.
+    """
+    from ua_fleet.bridge.registry import topics_of
+    from ua_fleet.config.add_data import add_data, write
+    from ua_fleet.config.topics_seen import plan_additions
+
+    fleet = load_config(config, allow_missing_ids=True)
+    if bridge not in fleet.bridges:
+        hint = closest(bridge, fleet.bridges) or f"there are: {listed(fleet.bridges)}"
+        raise UsageError(f"{config}: there is no bridge {bridge!r}; {hint}")
+    if robot is not None and robot in fleet.robots and fleet.robots[robot].bridge != bridge:
+        raise UsageError(f"{config}: {robot} is a robot of bridge {fleet.robots[robot].bridge}; name another --robot")
+    seen = topics_of(fleet, bridge, within)
+    plan = plan_additions(seen, fleet.robots, bridge, robot=robot, pattern=topic, max_rate_hz=max_rate_hz)
+    ids: dict[str, int] = {}
+    if plan.additions:
+        content, ids = add_data(config, bridge, plan.additions)
+        if not dry_run:
+            write(config, content)
+    _tell(plan, ids, config, as_json=as_json, dry_run=dry_run)
+
+
+def _tell(plan: Plan, ids: dict[str, int], config: Path, *, as_json: bool, dry_run: bool) -> None:
+    for one in plan.additions:
+        key = f"robots.{one.robot}.data.{one.name}"
+        if as_json:
+            number = ids.get(f"{key}.id")
+            command = one.seen.is_command
+            said = {"key": key, "id": number, "topic": one.seen.topic, "type": one.seen.type, "command": command}
+            print_json({**said, "fields": len(one.seen.fields), "written": not dry_run})
+        else:
+            _print(one, key)
+            for line in one.lines() if dry_run else ():
+                print_line(f"    {line}")
+    for left in plan.left_out:
+        if as_json:
+            print_json({"topic": left.topic, "left_out": left.reason})
+        else:
+            message(f"left out: {harmless(left.topic)}: {harmless(left.reason)}")
+    if not plan.additions:
+        message(f"{config}: nothing to add")
+    elif dry_run:
+        message(f"{config}: nothing was written (--dry-run); {len(plan.additions)} data sources would be")
+    else:
+        message(f"{config}: {len(plan.additions)} data sources written; start the server and the bridge again")
+
+
+def _print(one: Addition, key: str) -> None:
+    way = "to" if one.seen.is_command else "from"
+    count = len(one.seen.fields)
+    print_line(f"{key}: {way} {one.seen.topic} ({one.seen.type}), {count} {'value' if count == 1 else 'values'}")

@@ -272,17 +272,16 @@ class Channel:
             if der(chain[0]) != self.client_certificate:
                 raise FrameError(StatusCodes.BadSecurityChecksFailed, "a renewal with another certificate")
 
-    def encode(self, response: Any, handle: int, most: int = 0) -> bytes:
-        """The bytes of a response; raises OverflowError when there are more than `most`, or than the client takes."""
+    def encode(self, response: Any, handle: int) -> bytes:
+        """The bytes of a response; raises OverflowError when it is longer than the client takes."""
         if isinstance(response, Answer):
             response.response.ResponseHeader.RequestHandle = handle
             data = response.encode()
         else:
             response.ResponseHeader.RequestHandle = handle
             data = struct_to_binary(response)
-        most = min(most or self.response_bytes, self.response_bytes or most)
-        if len(data) > most > 0 and not isinstance(response, ua.ServiceFault):
-            raise OverflowError(f"a response of {len(data)} bytes, the client takes {most}")
+        if len(data) > self.response_bytes > 0 and not isinstance(response, ua.ServiceFault):
+            raise OverflowError(f"a response of {len(data)} bytes, the client takes {self.response_bytes}")
         return data
 
     def respond(self, data: bytes, request_id: int) -> None:

@@ -331,9 +331,7 @@ class Processor:
             self._fault(name, handle, request_id, code, str(error))
             return
         if response is not None:
-            session = self._services.sessions.find(head.token)
-            most = session.most_response_bytes if session is not None else 0
-            await self._send(self._encoded(response, handle, most), request_id)
+            await self._send(self._encoded(response, handle), request_id)
 
     async def _send(self, data: bytes, request_id: int) -> None:
         """Send a response; others get their turn between the chunks of a large one."""
@@ -362,9 +360,9 @@ class Processor:
         fault.ResponseHeader.ServiceResult = status(code)
         self.respond(fault, handle, request_id)
 
-    def respond(self, response: Any, handle: int, request_id: int, most: int = 0) -> None:
+    def respond(self, response: Any, handle: int, request_id: int) -> None:
         """Send a response, once the large one is out that is being sent."""
-        data = self._encoded(response, handle, most)
+        data = self._encoded(response, handle)
         if self._behind is not None:
             self._behind.append((data, request_id))
         else:
@@ -374,10 +372,10 @@ class Processor:
         self._channel.respond(data, request_id)
         self._flush()
 
-    def _encoded(self, response: Any, handle: int, most: int) -> bytes:
+    def _encoded(self, response: Any, handle: int) -> bytes:
         """The bytes of a response; one that cannot be encoded, or is too long for the client, becomes a fault."""
         try:
-            return self._channel.encode(response, handle, most)
+            return self._channel.encode(response, handle)
         except DECODE_ERRORS as error:
             fault = ua.ServiceFault()
             long = isinstance(error, OverflowError)

@@ -63,8 +63,8 @@ class Link(Protocol):
         """Bytes that the client takes in one response; 0 for any number."""
         ...
 
-    def respond(self, response: Any, handle: int, request_id: int, most: int = 0) -> None:
-        """Send a response; one of more than `most` bytes, or more than the client takes, as a fault."""
+    def respond(self, response: Any, handle: int, request_id: int) -> None:
+        """Send a response; one of more bytes than the client takes as a fault."""
         ...
 
 
@@ -87,7 +87,8 @@ class Session:
     application: str
     timeout_s: float
     most_response_bytes: int = 0
-    """MaxResponseMessageSize of the client; 0 for any size."""
+    """MaxResponseMessageSize of the client; 0 for any size. Notification messages are no larger, other responses may be:
+    node-opcua always says 800,000 and takes 64 MiB. What Hello says is what a client really takes."""
     token: bytes = field(default_factory=lambda: secrets.token_bytes(TOKEN_BYTES))
     session_id: ua.NodeId = field(default_factory=lambda: guid_id(uuid.uuid4(), 1))
     nonce: bytes = field(default_factory=lambda: secrets.token_bytes(NONCE_BYTES))
@@ -142,8 +143,12 @@ class Session:
 
     def room(self, wish: int) -> int:
         """Bytes of `wish` after which a notification message is full for this client; its last part may have more."""
-        limits = [self.most_response_bytes, self.link.response_bytes if self.link is not None else 0]
-        return min([wish, *(max((limit - _AROUND_BYTES) // 2, 1) for limit in limits if limit)])
+        limits = (self.most_response_bytes, self.link.response_bytes if self.link is not None else 0)
+        return _within(wish, limits)
+
+    def room_for_one(self, wish: int) -> int:
+        """Bytes of `wish` that one notification may have for this client."""
+        return _within(wish, (self.link.response_bytes if self.link is not None else 0,))
 
     def bind(self, link: Link) -> None:
         """The client has come, or come back, on this connection."""
@@ -215,6 +220,10 @@ class Session:
             fault = ua.ServiceFault()
             fault.ResponseHeader.ServiceResult = status(code)
             self.link.respond(fault, request.handle, request.request_id)
+
+
+def _within(wish: int, limits: tuple[int, ...]) -> int:
+    return min([wish, *(max((limit - _AROUND_BYTES) // 2, 1) for limit in limits if limit)])
 
 
 class Sessions:

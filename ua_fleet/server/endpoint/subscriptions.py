@@ -220,7 +220,7 @@ class ClientSubscription:
         response = ua.PublishResponse()
         response.Parameters = result
         if self.session is not None and self.session.link is not None:
-            self.session.link.respond(response, request.handle, request.request_id, self.session.most_response_bytes)
+            self.session.link.respond(response, request.handle, request.request_id)
 
     def _keep(self, sequence: int, message: ua.NotificationMessage) -> None:
         """Keep a message until it is acknowledged, as far as there is room for its user's."""
@@ -239,7 +239,7 @@ class ClientSubscription:
         left, most = self.max_notifications, self._limits.response_bytes
         room = self._limits.notification_bytes
         if self.session is not None:
-            room, most = self.session.room(room), self.session.room(most)
+            room, most = self.session.room(room), self.session.room_for_one(most)
         changes: list[bytes] = []
         events: list[bytes] = []
         while self._pending and left > 0 and room > 0:

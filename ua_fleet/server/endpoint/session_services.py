@@ -130,7 +130,9 @@ class SessionServices:
         before = session.link
         # Only an active session is taken along to a new channel, and only by the certificate that it belongs to.
         same = channel.secured and session.client_certificate == channel.client_certificate
-        if before is not link and not (session.active and same):
+        if before is not link and not session.active:
+            raise Refusal(StatusCodes.BadSessionNotActivated, "first activated on another channel than its own")
+        if before is not link and not same:
             raise Refusal(StatusCodes.BadSessionIdInvalid, "the session of another channel")
         self._check_certificate(channel)
         if channel.secured:

@@ -87,8 +87,10 @@ class Session:
     application: str
     timeout_s: float
     most_response_bytes: int = 0
-    """MaxResponseMessageSize of the client; 0 for any size. Notification messages are no larger, other responses may be:
-    node-opcua always says 800,000 and takes 64 MiB. What Hello says is what a client really takes."""
+    """MaxResponseMessageSize of the client; 0 for any size. Notification messages are no larger.
+
+    Other responses may be: node-opcua always says 800,000 and takes 64 MiB. What Hello says is what it really takes.
+    """
     token: bytes = field(default_factory=lambda: secrets.token_bytes(TOKEN_BYTES))
     session_id: ua.NodeId = field(default_factory=lambda: guid_id(uuid.uuid4(), 1))
     nonce: bytes = field(default_factory=lambda: secrets.token_bytes(NONCE_BYTES))

@@ -5,8 +5,11 @@ async for change in client.watch(["ua_1_2_1001"]):
 print(change.value, change.status_text)
 """
 
+from ua_fleet.client.browsing import NodeInfo
+from ua_fleet.client.details import ValueDetails
 from ua_fleet.client.events import DecisionTold, FaultTold, RankedRobot, RankingInfo, RunTold, StepTold, Told
-from ua_fleet.client.fleet_client import POLICIES, AnotherServer, Change, FleetClient, NodeInfo, Reading
+from ua_fleet.client.finding import SelectedNode
+from ua_fleet.client.fleet_client import POLICIES, AnotherServer, Change, FleetClient, Reading
 from ua_fleet.client.identity import ClientIdentity, default_identity_folder
 from ua_fleet.client.methods import NotDone
 from ua_fleet.client.offers import OfferedSkill, SkillRequest
@@ -54,6 +57,7 @@ __all__ = [
     "RunTold",
     "ScenarioClient",
     "ScenarioInfo",
+    "SelectedNode",
     "SkillArgument",
     "SkillEvent",
     "SkillExecution",
@@ -61,6 +65,7 @@ __all__ = [
     "SkillRequest",
     "StepTold",
     "Told",
+    "ValueDetails",
     "WouldHappen",
     "default_identity_folder",
     "issue_session_key",

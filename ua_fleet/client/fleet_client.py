@@ -6,7 +6,6 @@
 from __future__ import annotations
 
 import logging
-import re
 from collections.abc import AsyncGenerator, AsyncIterator, Callable, Mapping, Sequence
 from contextlib import AbstractAsyncContextManager, asynccontextmanager
 from dataclasses import dataclass
@@ -17,13 +16,15 @@ from asyncua import Client, Node, ua
 from asyncua.common.subscription import DataChangeNotif, Subscription
 from asyncua.crypto import security_policies
 from asyncua.crypto.uacrypto import CertProperties
-from asyncua.ua.uaerrors import UaError
 from cryptography.hazmat.primitives.serialization import load_pem_private_key
 from cryptography.x509 import load_der_x509_certificate
 
-from ua_fleet.client.addresses import parse_address
+from ua_fleet.client.batches import Batches
+from ua_fleet.client.browsing import NodeInfo, browse_below
 from ua_fleet.client.convert import parse_value, plain_value
+from ua_fleet.client.details import ValueDetails, value_details
 from ua_fleet.client.events import Told, told_by
+from ua_fleet.client.finding import Finder, SelectedNode
 from ua_fleet.client.identity import ClientIdentity, default_identity_folder
 from ua_fleet.client.known_servers import Meeting, application_uri_of
 from ua_fleet.client.offers import OfferedSkill, offering
@@ -41,21 +42,8 @@ POLICIES: Final[dict[str, type[security_policies.SecurityPolicy]]] = {
     "Aes256Sha256RsaPss": security_policies.SecurityPolicyAes256Sha256RsaPss,
 }
 """Security policies by the end of their URI (OPC 10000-7)."""
-_LEFT_OUT: Final = re.compile(r"G[0-9]{2,}|Data")
-"""Folders of the server's model that hold nothing but order: groups of at most 100, and a robot's data."""
 _QUEUE: Final = 100_000
 """Changes that may wait for a slow consumer; then the oldest is dropped, and counted in `FleetClient.dropped`."""
-
-
-@dataclass(frozen=True, slots=True)
-class NodeInfo:
-    """A node as it is browsed."""
-
-    node_id: str
-    browse_name: str
-    display_name: str
-    node_class: str
-    depth: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,11 +77,6 @@ def _reading(node_id: str, data: ua.DataValue) -> Reading:
         source_time=_aware(data.SourceTimestamp),
         server_time=_aware(data.ServerTimestamp),
     )
-
-
-def _info(node_id: str, child: ua.ReferenceDescription, level: int) -> NodeInfo:
-    name = child.BrowseName.Name or ""
-    return NodeInfo(node_id, name, child.DisplayName.Text or name, child.NodeClass.name, level)
 
 
 def _aware(moment: datetime | None) -> datetime | None:
@@ -144,6 +127,10 @@ class FleetClient:
         self.on_lost: Callable[[], None] | None = None
         """Called when the connection is lost."""
         self._subscriptions = Subscriptions(client, endpoint)
+        self.batches = Batches(client)
+        """Browse and Read of many nodes; raises asyncua's errors."""
+        self._finder = Finder(client, self.batches)
+        self._node = self._finder.node
         self._skills = SkillCalls(client, self._node, endpoint)
         client.connection_lost_callback = self._lost
 
@@ -234,50 +221,34 @@ class FleetClient:
         finally:
             await _disconnect(client)
 
-    async def _node(self, address: str) -> Node:
-        parsed = parse_address(address)
-        if isinstance(parsed, str):
-            try:
-                return self._client.get_node(parsed)
-            except (UaError, ValueError):
-                raise NodeNotFound(f"{address!r} is not a NodeId; look with: ua-fleet browse") from None
-        node = self._client.nodes.objects
-        for depth, name in enumerate(parsed):
-            below = await self._child(node, name)
-            if below is None:
-                above = "/".join(parsed[:depth]) or "Objects"
-                raise NodeNotFound(f"there is no {name!r} below {above}; look with: ua-fleet browse {above}")
-            node = below
-        return node
-
-    async def _child(self, node: Node, name: str) -> Node | None:
-        """The node of that name below a node; groups and `Data` folders may be left out of a path."""
-        children = await node.get_children_descriptions(refs=ua.ObjectIds.HierarchicalReferences)
-        for child in children:
-            browse_name = child.BrowseName
-            if name in (browse_name.Name, f"{browse_name.NamespaceIndex}:{browse_name.Name}", child.DisplayName.Text):
-                return self._client.get_node(child.NodeId)
-        for child in children:
-            if _LEFT_OUT.fullmatch(child.BrowseName.Name or ""):
-                below = await self._child(self._client.get_node(child.NodeId), name)
-                if below is not None:
-                    return below
-        return None
-
     async def browse(self, address: str = "Objects", *, depth: int = 1) -> list[NodeInfo]:
-        """The nodes below a node, depth first, down to `depth` levels."""
-        with translated(self.endpoint):
-            found: list[NodeInfo] = []
-            await self._browse(await self._node(address), 0, depth, found, set())
-            return found
+        """The nodes below a node, depth first, down to `depth` levels.
 
-    async def _browse(self, node: Node, level: int, depth: int, found: list[NodeInfo], seen: set[str]) -> None:
-        for child in await node.get_children_descriptions(refs=ua.ObjectIds.HierarchicalReferences):
-            node_id = child.NodeId.to_string()
-            found.append(_info(node_id, child, level))
-            if level + 1 < depth and node_id not in seen:
-                seen.add(node_id)
-                await self._browse(self._client.get_node(child.NodeId), level + 1, depth, found, seen)
+        Raises:
+            NodeNotFound: there is no such node.
+            NotConnected: the connection was lost.
+        """
+        with translated(self.endpoint):
+            return await browse_below(self.batches, (await self._node(address)).nodeid, depth=depth)
+
+    async def select(self, addresses: Sequence[str]) -> list[SelectedNode]:
+        """The Variables that are meant, each once.
+
+        Args:
+            addresses: of Variables; of Objects, which stand for all Variables below them; names such as `rover` or
+                `rover.battery` below the robots and bridges; and patterns of them, such as `rover.*.battery`.
+
+        Raises:
+            NodeNotFound: an address or a pattern stands for no Variable.
+            NotConnected: the connection was lost.
+        """
+        with translated(self.endpoint):
+            return await self._finder.select(addresses)
+
+    async def details(self, node_ids: Sequence[str]) -> list[ValueDetails]:
+        """Units of Variables, and the names that the values of enumerations have."""
+        with translated(self.endpoint):
+            return await value_details(self.batches, [ua.NodeId.from_string(one) for one in node_ids])
 
     @overload
     async def read(self, addresses: str) -> Reading: ...  # type: ignore[overload-overlap]  # a text is a sequence of texts too
@@ -293,7 +264,7 @@ class FleetClient:
             return (await self.read([addresses]))[0]
         with translated(self.endpoint):
             nodes = [await self._node(address) for address in addresses]
-            values = await self._client.uaclient.read_attributes([node.nodeid for node in nodes], ua.AttributeIds.Value)
+            values = await self.batches.read([node.nodeid for node in nodes])
         readings = [_reading(node.nodeid.to_string(), value) for node, value in zip(nodes, values, strict=True)]
         for address, reading in zip(addresses, readings, strict=True):
             if reading.status in (ua.StatusCodes.BadNodeIdUnknown, ua.StatusCodes.BadNodeIdInvalid):
@@ -441,10 +412,13 @@ class FleetClient:
             nodes = [await self._node(address) for address in addresses]
 
         async def begin(subscription: Subscription) -> None:
-            results = await subscription.subscribe_data_change(nodes, queuesize=1000, sampling_interval=ua.Double(0))
-            for address, result in zip(addresses, results, strict=True):
-                if isinstance(result, ua.StatusCode):
-                    raise NodeNotFound(f"{address} cannot be watched: {result.name}; look with: ua-fleet browse")
+            at_once = await self.batches.monitored_items_at_once()
+            for at in range(0, len(nodes), at_once):
+                part = nodes[at : at + at_once]
+                results = await subscription.subscribe_data_change(part, queuesize=1000, sampling_interval=ua.Double(0))
+                for address, result in zip(addresses[at:], results, strict=False):
+                    if isinstance(result, ua.StatusCode):
+                        raise NodeNotFound(f"{address} cannot be watched: {result.name}; look with: ua-fleet browse")
 
         async with self._subscriptions.open(changes, period_ms, begin):
             while (change := await changes.next()) is not None:

@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-import json
 import sys
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from ua_fleet.cli.table import Cell, table_lines
 from ua_fleet.printing import harmless, harmless_json
 
-if TYPE_CHECKING:
-    from ua_fleet.client import Reading
-
-__all__ = ["message", "print_json", "print_line", "print_reading", "print_table"]
+__all__ = ["message", "print_json", "print_line", "print_table", "write_line"]
 
 
 def message(text: str) -> None:
@@ -32,31 +29,13 @@ def print_json(value: Any) -> None:
     print_line(harmless_json(value))
 
 
-def print_table(rows: Sequence[Sequence[str]]) -> None:
+def print_table(rows: Sequence[Sequence[Cell | str]], *, width: int | None = None, colours: bool = False) -> None:
     """Print rows with aligned columns; the first row is the heading."""
-    rows = [[harmless(cell) for cell in row] for row in rows]
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    for row in rows:
-        print_line("  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip())
+    for line in table_lines(rows, width=width, colours=colours):
+        write_line(line)
 
 
-def print_reading(address: str, reading: Reading, *, as_json: bool) -> None:
-    """Print a node's value with its quality and time."""
-    time = reading.source_time or reading.server_time
-    if as_json:
-        print_json(
-            {
-                "node": address,
-                "node_id": reading.node_id,
-                "value": reading.value,
-                "type": reading.type_name,
-                "status": reading.status_text,
-                "source_time": reading.source_time.isoformat() if reading.source_time else None,
-                "server_time": reading.server_time.isoformat() if reading.server_time else None,
-            }
-        )
-        return
-    value = "-" if reading.value is None else json.dumps(reading.value, ensure_ascii=False)
-    quality = "" if reading.status == 0 else f"  {reading.status_text}"
-    stamp = f"  {time.isoformat(timespec='milliseconds')}" if time else ""
-    print_line(f"{address} = {value}{quality}{stamp}")
+def write_line(line: str) -> None:
+    """Print a line at once whose parts have been made harmless, and may have colours."""
+    sys.stdout.write(line + "\n")
+    sys.stdout.flush()

@@ -3,56 +3,168 @@
 from __future__ import annotations
 
 import asyncio
+import math
+import time
+from collections.abc import Callable, Coroutine, Sequence
 from contextlib import aclosing
-from typing import Annotated
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
 
 from ua_fleet.cli.connect import connected
+from ua_fleet.cli.endings import UsageError
 from ua_fleet.cli.options import Connection, Json, connecting
-from ua_fleet.cli.output import print_reading
+from ua_fleet.cli.output import message, print_json, print_line
 from ua_fleet.cli.process import run
+from ua_fleet.cli.read import Nodes
+from ua_fleet.cli.readings import Full, ReadingLines, Utc, has_never_come, waiting_text
+from ua_fleet.cli.screen import ColorOption, ColorWhen, live_screen, terminal_width
+from ua_fleet.cli.table import table_lines
+from ua_fleet.cli.watched import Watched
 from ua_fleet.errors import SendTimeout
+
+if TYPE_CHECKING:
+    from ua_fleet.client import FleetClient, Reading, SelectedNode
 
 __all__ = ["EXAMPLES", "watch"]
 
-EXAMPLES = ("ua-fleet watch ua_1_2_1001 -u anna", "ua-fleet watch ua_1_2_1001 --count 10 --timeout 30 -u anna --json")
+EXAMPLES = (
+    "ua-fleet watch ned.battery -u anna",
+    "ua-fleet watch ned '*.battery' --table --rate --age -u anna",
+    "ua-fleet watch 'ned.*' --rate -u anna",
+    "ua-fleet watch ua_1_2_1001 --count 10 --timeout 30 -u anna --json",
+)
+
+PICTURE_S: Final = 0.5
+"""Between two pictures of a table."""
+RATES_S: Final = 1.0
 
 
 @connecting
 def watch(
     connection: Connection,
-    nodes: Annotated[list[str], typer.Argument(help="NodeIds, UA topics, or paths.")],
-    count: Annotated[int | None, typer.Option(help="End after so many lines.", min=1)] = None,
+    nodes: Nodes,
+    table: Annotated[bool, typer.Option("--table", help="Show a table that is kept up to date.")] = False,
+    rate: Annotated[
+        bool, typer.Option("--rate", help="Tell each second how many values come, in place of them or in the table.")
+    ] = False,
+    age: Annotated[bool, typer.Option("--age", help="Tell how old each value is, by this machine's clock.")] = False,
+    count: Annotated[int | None, typer.Option(help="End after so many values.", min=1)] = None,
     timeout: Annotated[float | None, typer.Option(help="End after so many seconds.", min=0.1)] = None,
     period_ms: Annotated[float, typer.Option(help="Publishing interval in milliseconds.", min=10)] = 100.0,
+    full: Full = False,
+    utc: Utc = False,
+    color: ColorOption = ColorWhen.AUTO,
     as_json: Json = False,
 ) -> None:
     """Print the values of some nodes, and then each change until Ctrl-C.
 
-    With --count, exit code 5 if so many lines did not come within --timeout.
+    Nodes are given as for `read`. The values that there are when it begins are not counted for --rate. With --count,
+    exit code 5 if so many values did not come within --timeout.
     """
-
-    async def follow() -> None:
-        async with connected(connection) as client:
-            names: dict[str, str] = {
-                reading.node_id: node for node, reading in zip(nodes, await client.read(nodes), strict=True)
-            }
-            left = count
-            async with aclosing(client.watch(nodes, period_ms=period_ms)) as changes:
-                async for change in changes:
-                    print_reading(names.get(change.node_id, change.node_id), change, as_json=as_json)
-                    if left is not None:
-                        left -= 1
-                        if left == 0:
-                            return
+    if table and as_json:
+        raise UsageError("--table is for people and --json for programs; leave one of them out")
+    wanted = _Wanted(table, rate, age, count, period_ms)
 
     async def main() -> None:
         try:
-            async with asyncio.timeout(timeout):
-                await follow()
+            async with asyncio.timeout(timeout), connected(connection) as client:
+                selected = list({one.node_id: one for one in await client.select(nodes)}.values())
+                lines = await ReadingLines.of(client, selected, full=full, utc=utc, color=color, as_json=as_json)
+                await _follow(client, selected, lines, wanted)
         except TimeoutError:
             if count is not None:
-                raise SendTimeout(f"{count} lines did not come within {timeout} s; try a longer --timeout") from None
+                raise SendTimeout(f"{count} values did not come within {timeout} s; try a longer --timeout") from None
 
     run(main())
+
+
+@dataclass(frozen=True, slots=True)
+class _Wanted:
+    """What the options say."""
+
+    table: bool
+    rate: bool
+    age: bool
+    count: int | None
+    period_ms: float
+
+
+async def _follow(client: FleetClient, nodes: Sequence[SelectedNode], lines: ReadingLines, wanted: _Wanted) -> None:
+    watched = Watched(nodes, lines.styles, now=time.monotonic())
+
+    def take(change: Reading) -> None:
+        watched.take(change, time.monotonic())
+
+    if wanted.table:
+        with live_screen() as screen:
+
+            def draw() -> None:
+                rows, waiting = watched.rows(
+                    time.monotonic(), datetime.now(UTC), lines.zone, with_rate=wanted.rate, with_age=wanted.age
+                )
+                picture = table_lines(rows, width=terminal_width(), colours=lines.colours)
+                screen.show([*picture, waiting_text(waiting)] if waiting else picture)
+
+            await _with_pictures(_each(client, nodes, wanted, take), PICTURE_S, draw)
+    elif wanted.rate:
+        await _with_pictures(_each(client, nodes, wanted, take), RATES_S, lambda: _print_rates(watched, lines.as_json))
+    else:
+        names = {node.node_id: node.name for node in nodes}
+        expected = {node.node_id for node in nodes if not node.is_named and not lines.as_json}
+        """What is below Objects, and is shown from its first value on."""
+
+        def show(change: Reading) -> None:
+            if change.node_id in expected and has_never_come(change):
+                return
+            lines.show(names[change.node_id], change, arrived=datetime.now(UTC) if wanted.age else None)
+
+        await _each(client, nodes, wanted, show)
+
+
+async def _each(
+    client: FleetClient, nodes: Sequence[SelectedNode], wanted: _Wanted, take: Callable[[Reading], None]
+) -> None:
+    """Hand over each value, until there were as many as wanted."""
+    left = math.inf if wanted.count is None else wanted.count
+    # Whether a value is new is told by its time, and not only by what it is.
+    changes = client.watch(
+        [one.node_id for one in nodes], period_ms=wanted.period_ms, with_times=wanted.table or wanted.rate
+    )
+    try:
+        async with aclosing(changes):
+            async for change in changes:
+                take(change)
+                left -= 1
+                if left == 0:
+                    return
+    finally:
+        if client.dropped:
+            message(f"{client.dropped} values were dropped: they came faster than they could be shown")
+
+
+async def _with_pictures(work: Coroutine[None, None, None], period_s: float, draw: Callable[[], None]) -> None:
+    """Draw what there is now and then, while something is under way, and at its end."""
+
+    async def pictures() -> None:
+        while True:
+            await asyncio.sleep(period_s)
+            draw()
+
+    drawing = asyncio.ensure_future(pictures())
+    try:
+        await work
+        draw()
+    finally:
+        drawing.cancel()
+        await asyncio.wait([drawing])
+
+
+def _print_rates(watched: Watched, as_json: bool) -> None:
+    for node, per_s, total in watched.rates(time.monotonic()):
+        if as_json:
+            print_json({"node": node.name, "node_id": node.node_id, "per_s": round(per_s, 3), "count": total})
+        else:
+            print_line(f"{node.name}  {per_s:.1f} values/s, {total} in all")

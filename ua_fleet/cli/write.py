@@ -8,8 +8,8 @@ import typer
 
 from ua_fleet.cli.connect import connected
 from ua_fleet.cli.options import Connection, Json, connecting
-from ua_fleet.cli.output import print_reading
 from ua_fleet.cli.process import run
+from ua_fleet.cli.readings import ReadingLines
 
 __all__ = ["EXAMPLES", "write"]
 
@@ -30,6 +30,8 @@ def write(
 
     async def main() -> None:
         async with connected(connection) as client:
-            print_reading(node, await client.write(node, value), as_json=as_json)
+            reading = await client.write(node, value)
+            selected = await client.select([reading.node_id])
+            (await ReadingLines.of(client, selected, as_json=as_json)).show(node, reading)
 
     run(main())

@@ -6,7 +6,9 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Sequence
+from dataclasses import fields, is_dataclass
 from datetime import datetime
+from enum import Enum
 from typing import Any, Final
 
 from asyncua import ua
@@ -91,7 +93,9 @@ def parse_value(text: str, kind: ua.VariantType, *, array: bool) -> ua.Variant:
 
 
 def plain_value(value: Any) -> Any:
-    """A value as JSON can hold it: times as ISO 8601, bytes as hexadecimal, NaN as text."""
+    """A value as JSON can hold it: times as ISO 8601, bytes as hexadecimal, NaN as text,
+    a StatusCode by its name, a structure as an object of its fields.
+    """
     if isinstance(value, list | tuple):
         elements: Sequence[Any] = value
         return [plain_value(element) for element in elements]
@@ -103,6 +107,16 @@ def plain_value(value: Any) -> Any:
         return str(value)
     if isinstance(value, ua.LocalizedText):
         return value.Text
+    if isinstance(value, ua.StatusCode):
+        return value.name
+    if isinstance(value, ua.NodeId):
+        return value.to_string()
+    if isinstance(value, ua.QualifiedName):
+        return f"{value.NamespaceIndex}:{value.Name}"
+    if isinstance(value, Enum):
+        return value.value
+    if is_dataclass(value) and not isinstance(value, type):  # a structure
+        return {each.name: plain_value(getattr(value, each.name)) for each in fields(value)}
     if value is None or isinstance(value, bool | int | float | str):
         return value
     return str(value)

@@ -37,6 +37,8 @@ class SelectedNode:
     node_id: str
     name: str
     """As it was asked for, or its place below what was asked for, e.g. `rover/battery`."""
+    is_named: bool = True
+    """Whether it was asked for itself, by an address or a pattern; else an Object above it was."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,6 +62,7 @@ class _Found:
     name: str
     order: tuple[int, ...]
     node_class: ua.NodeClass
+    is_named: bool
 
 
 class Finder:
@@ -85,27 +88,31 @@ class Finder:
         return node
 
     async def select(self, addresses: Sequence[str]) -> list[SelectedNode]:
-        """The Variables that addresses and patterns stand for, in their order, each once.
+        """The Variables that addresses and patterns stand for, in their order.
 
-        An Object stands for all Variables below it; Properties are left out but where they are named.
+        An Object stands for all Variables below it that were not found before; Properties are left out but where they
+        are named.
         """
-        found: dict[str, SelectedNode] = {}
+        found: list[SelectedNode] = []
+        known: set[str] = set()
         for address in addresses:
-            for one in await self._selected(address):
-                found.setdefault(one.node_id, one)
-        return list(found.values())
+            selected = await self._selected(address)
+            found += [one for one in selected if one.node_id not in known or one.name == address]
+            known.update(one.node_id for one in selected)
+        return found
 
     async def _selected(self, address: str) -> list[SelectedNode]:
         if not isinstance(parse_address(address), str) and has_wildcard(address):
-            selected = [
-                one for one in await self._matching(Pattern(address)) if one.node_class is ua.NodeClass.Variable
-            ]
+            selected = _variables(await self._matching(Pattern(address)))
             if not selected:
                 raise NodeNotFound(f"no value has a name like {address!r}; look with: ua-fleet browse Fleet/Robots")
-            return [SelectedNode(one.node.to_string(), one.name) for one in selected]
+            return selected
         node = (await self.node(address)).nodeid
         (node_class,) = await self._batches.read([node], ua.AttributeIds.NodeClass)
-        if node_class.Value is None or node_class.Value.Value != ua.NodeClass.Object:
+        kind = None if node_class.Value is None else node_class.Value.Value
+        if kind is None:
+            raise NodeNotFound(f"there is no node {address}; look with: ua-fleet browse")
+        if kind != ua.NodeClass.Object:
             return [SelectedNode(node.to_string(), address)]
         start = _Place(node, address.rstrip("/"), (), frozenset(), is_below=True)
         below = _variables(await self._walk([start], None))
@@ -177,8 +184,10 @@ class Finder:
                     is_property = child.ReferenceTypeId == _HAS_PROPERTY
                     is_named = place.is_match and (not is_property or (pattern is not None and pattern.ends_literally))
                     if is_named or (whole and above.is_below and not is_property):
-                        found.append(_Found(child.NodeId, place.name, place.order, child.NodeClass))
-                    may_go_on = bool(place.states) or (whole and place.is_below)
+                        found.append(_Found(child.NodeId, place.name, place.order, child.NodeClass, is_named))
+                    # What is below a value is looked at where it is named, and not for each of 100,000 values.
+                    is_leaf = child.NodeClass is ua.NodeClass.Variable and (pattern is None or pattern.has_depth)
+                    may_go_on = not is_leaf and (bool(place.states) or (whole and place.is_below))
                     if may_go_on and not is_property and place.node not in seen:
                         seen.add(place.node)
                         deeper.append(place)
@@ -201,4 +210,5 @@ def _below(
 
 
 def _variables(found: Sequence[_Found]) -> list[SelectedNode]:
-    return [SelectedNode(one.node.to_string(), one.name) for one in found if one.node_class is ua.NodeClass.Variable]
+    variables = [one for one in found if one.node_class is ua.NodeClass.Variable]
+    return [SelectedNode(one.node.to_string(), one.name, one.is_named) for one in variables]

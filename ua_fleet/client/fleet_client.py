@@ -232,7 +232,7 @@ class FleetClient:
             return await browse_below(self.batches, (await self._node(address)).nodeid, depth=depth)
 
     async def select(self, addresses: Sequence[str]) -> list[SelectedNode]:
-        """The Variables that are meant, each once.
+        """The Variables that are meant, in the order of their addresses.
 
         Args:
             addresses: of Variables; of Objects, which stand for all Variables below them; names such as `rover` or
@@ -400,8 +400,15 @@ class FleetClient:
         """
         return told_by(self._client, self.endpoint, self._subscriptions)
 
-    async def watch(self, addresses: Sequence[str], *, period_ms: float = 100.0) -> AsyncGenerator[Change]:
+    async def watch(
+        self, addresses: Sequence[str], *, period_ms: float = 100.0, with_times: bool = False
+    ) -> AsyncGenerator[Change]:
         """The current values of some nodes, then each change, until the iteration is closed.
+
+        Args:
+            addresses: of the nodes.
+            period_ms: publishing interval.
+            with_times: whether a value counts as changed where its SourceTimestamp alone is another.
 
         Raises:
             NodeNotFound: one of the nodes does not exist.
@@ -415,7 +422,8 @@ class FleetClient:
             at_once = await self.batches.monitored_items_at_once()
             for at in range(0, len(nodes), at_once):
                 part = nodes[at : at + at_once]
-                results = await subscription.subscribe_data_change(part, queuesize=1000, sampling_interval=ua.Double(0))
+                items = [_item(node.nodeid, at + place, with_times) for place, node in enumerate(part)]
+                results = await subscription.create_monitored_items(items)
                 for address, result in zip(addresses[at:], results, strict=False):
                     if isinstance(result, ua.StatusCode):
                         raise NodeNotFound(f"{address} cannot be watched: {result.name}; look with: ua-fleet browse")
@@ -424,6 +432,19 @@ class FleetClient:
             while (change := await changes.next()) is not None:
                 yield change
             raise NotConnected(f"the connection to {self.endpoint} was lost")
+
+
+def _item(node_id: ua.NodeId, handle: int, with_times: bool) -> ua.MonitoredItemCreateRequest:
+    item = ua.MonitoredItemCreateRequest()
+    item.ItemToMonitor.NodeId = node_id
+    item.ItemToMonitor.AttributeId = ua.AttributeIds.Value
+    item.MonitoringMode = ua.MonitoringMode.Reporting
+    asked = item.RequestedParameters
+    asked.ClientHandle, asked.SamplingInterval = ua.IntegerId(handle), ua.Duration(0)
+    asked.QueueSize, asked.DiscardOldest = ua.Counter(1000), True
+    if with_times:
+        asked.Filter = ua.DataChangeFilter(Trigger=ua.DataChangeTrigger.StatusValueTimestamp)
+    return item
 
 
 def _encrypted_endpoint(

@@ -27,7 +27,7 @@ class Pattern:
     `/`, or, in a pattern without `/`, by `.`, which also stands for a dot that a name has.
     """
 
-    __slots__ = ("_tokens", "ends_literally", "first", "start")
+    __slots__ = ("_tokens", "ends_literally", "first", "has_depth", "start")
 
     def __init__(self, text: str) -> None:
         self._tokens = _tokens(text.strip("/"))
@@ -37,6 +37,8 @@ class Pattern:
         """The first name, with its wildcards."""
         self.ends_literally = not has_wildcard(parts[-1])
         """Whether it spells out the last name."""
+        self.has_depth = _DEEP in text
+        """Whether it may name nodes at any depth."""
         self.start = self._closed({0})
         """Where nothing has been fed yet."""
 

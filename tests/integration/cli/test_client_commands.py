@@ -28,8 +28,27 @@ def test_browse(site: Site) -> None:
     nodes = {node["browse_name"]: node for node in ended.objects}
     assert nodes["speed"]["node_id"] == "ns=2;i=1002"
     assert nodes["rover"]["depth"] < nodes["speed"]["depth"]
+    assert nodes["speed"]["type_name"] == "Double"
+    assert nodes["steps"]["type_name"] == "Int32[]"
+    assert nodes["State"]["type_name"] == "RobotStateEnumeration"
     text = site.run("browse", user="olga").stdout
-    assert "Fleet (Hall)  [Object]  ns=2;s=Fleet\n" in text
+    assert "Fleet (Hall)  [Object]  ns=2;s=Fleet  … " in text
+
+
+def test_browse_is_a_tree_and_says_what_it_leaves_out(site: Site) -> None:
+    site.run("write", GOAL, "0.5")
+    ended = site.run("browse", "rover", "--depth", "2", "--values", user="olga")
+    assert ended.code == 0, ended.stderr
+    lines = ended.stdout.splitlines()
+    assert '├─ Capacities  [String[]]  ns=2;s=Robots.rover.Capacities  = ["mobile"]' in lines
+    assert any(line.startswith("   ├─ goal  [Double]  ns=2;i=1003  = 0.5") for line in lines)
+    assert any(line.startswith("   ├─ name  [String]  ns=2;i=1004  = ") for line in lines)
+    assert any(line.startswith("   └─ pose  [Object]  ns=2;i=1006  … 2 below") for line in lines)
+    assert "2 nodes are directly below these; --depth 3 lists them" in ended.stderr
+    whole = site.run("browse", "rover", "--depth", "5", "--json", user="olga")
+    assert whole.stderr == ""
+    names = [one["browse_name"] for one in whole.objects]
+    assert names.index("pose") < names.index("x")
 
 
 def test_each_way_to_name_a_node_reads_the_same(site: Site) -> None:
@@ -45,6 +64,54 @@ def test_each_way_to_name_a_node_reads_the_same(site: Site) -> None:
 def test_a_value_that_never_came_is_not_shown_as_one(site: Site) -> None:
     ended = site.run("read", NAME)
     assert (ended.code, ended.stdout.split()[:4]) == (0, [NAME, "=", "-", "BadWaitingForInitialData"])
+
+
+def test_robots_are_read_by_their_names(site: Site) -> None:
+    site.run("write", GOAL, "0.25")
+    whole = site.run("read", "rover", "--json", user="olga").objects
+    assert [one["node"] for one in whole] == [
+        f"rover/{name}" for name in ("State", "LastUpdate", "speed", "goal", "name", "steps", "pose/x", "pose/frame")
+    ]
+    text = site.run("read", "rover.goal", "rover", "--utc", user="olga")
+    assert (text.code, text.stdout.count("goal = 0.25  20")) == (0, 1)  # it is not told again below rover
+    assert "+00:00" in text.stdout
+    assert "have never come (BadWaitingForInitialData); --empty shows which" in text.stderr
+    assert "rover/State = 0 (Offline)" in text.stdout
+    speed = site.run("read", "rover/speed", "--json").objects[0]
+    assert (speed["unit"], speed["node_id"]) == ("m/s", "ns=2;i=1002")
+
+
+@pytest.mark.parametrize(
+    ("pattern", "names"),
+    [
+        ("rover.*.goal", ["rover/goal"]),
+        ("r*/?oal", ["rover/goal"]),
+        ("**.x", ["rover/pose/x"]),
+        ("Fleet/Robots/*/pose/*", ["Fleet/Robots/rover/pose/x", "Fleet/Robots/rover/pose/frame"]),
+        ("*.pose", ["rover/pose/x", "rover/pose/frame"]),
+        ("floor.Kind", ["floor.Kind"]),
+        ("floor.?ind", []),
+        ("Fleet.Bridges.*.Online", ["Fleet/Bridges/floor/Online"]),
+        ("rover.speed.Eng*Units", []),
+        ("rover.speed.EngineeringUnits", ["rover.speed.EngineeringUnits"]),
+    ],
+)
+def test_patterns_name_values(site: Site, pattern: str, names: list[str]) -> None:
+    ended = site.run("read", pattern, "--json", user="olga")
+    assert (ended.code, [one["node"] for one in ended.objects]) == (0 if names else 3, names), ended.stderr
+
+
+def test_what_nothing_matches_is_said(site: Site) -> None:
+    ended = site.run("watch", "rover", "*.batery", user="olga")
+    assert (ended.code, ended.stdout) == (3, "")
+    assert "no value has a name like '*.batery'; look with: ua-fleet browse Fleet/Robots" in ended.stderr
+
+
+def test_a_long_array_is_cut_for_people_and_whole_for_programs(site: Site) -> None:
+    site.run("write", STEPS, json.dumps(list(range(1000))))
+    assert "steps = [0, 1, 2, 3, 4, 5, 6, 7, … 1,000 elements]  20" in site.run("read", "rover.steps").stdout
+    assert " 999]" in site.run("read", "rover.steps", "--full").stdout
+    assert site.run("read", "rover.steps", "--json").objects[0]["value"] == list(range(1000))
 
 
 @pytest.mark.parametrize(
@@ -68,7 +135,7 @@ REFUSED = [
     (("read", "ua_2_2_4000"), 3, "there is no node ua_2_2_4000; look with: ua-fleet browse"),
     (("read", "Hall/Robts"), 3, "there is no 'Robts' below Hall; look with: ua-fleet browse Hall"),
     (("read", "ns=x;i=1"), 3, "look with: ua-fleet browse"),
-    (("read", "i=85"), 3, "i=85 has no value; look below it with: ua-fleet browse i=85"),
+    (("read", "rover/Skills"), 3, "rover/Skills has no value; look below it with: ua-fleet browse rover/Skills"),
     (("watch", "ua_2_2_4000"), 3, "there is no node ua_2_2_4000"),
     (("write", "ua_2_2_4000", "1"), 3, "BadNodeIdUnknown"),
 ]
@@ -135,7 +202,7 @@ def test_watch_ends_by_count_and_by_time(site: Site) -> None:
     ended = site.run("watch", GOAL, "--count", "2", "--timeout", "4.5")
     assert ended.code == 5
     assert ended.stdout.startswith(f"{GOAL} = 0.5")
-    assert "2 lines did not come within 4.5 s" in ended.stderr
+    assert "2 values did not come within 4.5 s" in ended.stderr
     assert site.run("watch", GOAL, "--timeout", "1.5").code == 0
 
 
@@ -156,11 +223,41 @@ async def test_a_robots_values_arrive_and_go_bad_with_their_source(site: Site) -
         robot.announce(pose, (make_field("x", BuiltinType.DOUBLE), make_field("frame", BuiltinType.STRING)))
         robot.publish(topic, 1.5)
         robot.publish(pose, 7.25, "map")
-        await asyncio.to_thread(child.wait_for, f"{SPEED} = 1.5  20")
+        await asyncio.to_thread(child.wait_for, f"{SPEED} = 1.5 m/s  20")
         await asyncio.to_thread(child.wait_for, "ns=2;s=1006.x = 7.25")
         await asyncio.to_thread(child.wait_for, 'ns=2;s=1006.frame = "map"')
-    await asyncio.to_thread(child.wait_for, f"{SPEED} = 1.5  BadNoCommunication")
+    await asyncio.to_thread(child.wait_for, f"{SPEED} = 1.5 m/s  BadNoCommunication")
     assert await asyncio.to_thread(child.end, signal.SIGTERM) == 130
+
+
+async def test_rates_and_a_table(site: Site) -> None:
+    topic = Topic.parse(SPEED)
+    child = site.start("watch", SPEED, "--rate", "--json", "--timeout", "20")
+    async with Peer.at(site.url, space=2) as robot:
+        robot.announce(topic, (make_field("speed", BuiltinType.DOUBLE),))
+        told: list[Any] = []
+        async with asyncio.timeout(20):
+            # The same value each time: it counts, since its time is another one.
+            while not told or told[-1]["count"] < 10:
+                robot.publish(topic, 1.5)
+                await asyncio.sleep(0.15)
+                told = [json.loads(line) for line in list(child.lines) if line.startswith("{")]
+        assert 0 < told[-1]["per_s"] < 10
+        assert told[-1]["node"] == SPEED
+        table = await asyncio.to_thread(
+            site.run, "watch", "rover.speed", "--table", "--age", "--rate", "--count", "1", "--color", "never"
+        )
+    assert table.code == 0, table.stderr
+    heading, row = table.stdout.splitlines()[-3:-1]
+    assert heading.split() == ["node", "value", "per", "s", "age", "status"]
+    assert row.split()[:3] == ["rover.speed", "1.5", "m/s"]
+    await asyncio.to_thread(child.end, signal.SIGINT)
+
+
+def test_a_table_is_not_for_programs(site: Site) -> None:
+    ended = site.run("watch", GOAL, "--table", "--json")
+    assert (ended.code, ended.stdout) == (2, "")
+    assert "leave one of them out" in ended.stderr
 
 
 def test_nobody_answers_and_nobody_answers_in_time(site: Site, tcp_port: int) -> None:

@@ -4,8 +4,12 @@ from __future__ import annotations
 
 import asyncio
 import json
+import shutil
+import time
+from collections.abc import AsyncGenerator
+from contextlib import aclosing, asynccontextmanager
 from dataclasses import asdict
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Final, Literal
 
 import typer
 
@@ -14,9 +18,11 @@ from ua_fleet.cli.endings import UsageError
 from ua_fleet.cli.options import Connection, Json, connecting
 from ua_fleet.cli.output import message, print_json, print_line
 from ua_fleet.cli.process import run
+from ua_fleet.cli.skill_progress import ProgressLine, SkillProgress, progress_text
+from ua_fleet.errors import UaFleetError
 
 if TYPE_CHECKING:
-    from ua_fleet.client import SkillInfo
+    from ua_fleet.client import FleetClient, SkillExecution, SkillInfo
 
 __all__ = [
     "CALL_EXAMPLES",
@@ -32,7 +38,7 @@ __all__ = [
     "suspend",
 ]
 
-LIST_EXAMPLES = ("ua-fleet skill list ur3 -u anna", "ua-fleet skill list ur3 -u anna --json")
+LIST_EXAMPLES = ("ua-fleet skill list -u anna", "ua-fleet skill list ur3 -u anna --json")
 CALL_EXAMPLES = (
     "ua-fleet skill call ur3 turn angle=20 -u anna",
     "ua-fleet skill call ur3 turn angle=-20 --for 60 -u anna --json",
@@ -42,6 +48,11 @@ HALT_EXAMPLES = ("ua-fleet skill halt ur3 turn -u anna",)
 SUSPEND_EXAMPLES = ("ua-fleet skill suspend ur3 turn -u anna",)
 RESUME_EXAMPLES = ("ua-fleet skill resume ur3 turn -u anna",)
 
+_TOLD: Final = ("ExecutionId", "CurrentState", "Progress", "Message")
+_TICK_S: Final = 0.2
+_HALTED_S: Final = 10.0
+"""So long a robot may take to halt, before it is left to itself."""
+
 _Robot = Annotated[str, typer.Argument(help="Name of the robot.")]
 _Skill = Annotated[str, typer.Argument(help="Name of the skill.")]
 
@@ -49,18 +60,21 @@ _Skill = Annotated[str, typer.Argument(help="Name of the skill.")]
 @connecting
 def show(
     connection: Connection,
-    robot: _Robot,
+    robot: Annotated[str | None, typer.Argument(help="Name of the robot; without it, all robots.")] = None,
     as_json: Json = False,
 ) -> None:
-    """List the skills of a robot, with their arguments and their state."""
+    """List the skills of a robot, or of all robots, with their arguments and their state."""
 
     async def main() -> None:
         async with connected(connection) as client:
-            for skill in await client.skills(robot):
+            skills = await client.skills(robot)
+            for skill in skills:
                 if as_json:
                     print_json(asdict(skill))
                 else:
-                    _print(skill)
+                    _print(skill, with_robot=robot is None)
+            if not skills:
+                message("there are no skills" if robot is None else f"{robot} has no skills")
 
     run(main())
 
@@ -77,9 +91,15 @@ def call(
         float | None, typer.Option("--for", help="Wait so many seconds for the end; else its timeout.", min=0.1)
     ] = None,
     start_only: Annotated[bool, typer.Option("--start", help="Print the execution's id, and do not wait.")] = False,
+    halts: Annotated[
+        bool, typer.Option("--halt-on-interrupt", help="Ctrl-C halts the skill; else the robot goes on.")
+    ] = False,
     as_json: Json = False,
 ) -> None:
     """Have a robot do a skill, and print its results when it is done.
+
+    Meanwhile stderr tells its state, how far it is and what the robot says: on a terminal in one line that is kept up
+    to date, else in a line for each change.
 
     Exit code 1 if it failed or was refused, 3 if there is no such skill, 4 if the robot or the server cannot be
     reached, 5 if it did not end in time; it goes on then.
@@ -94,9 +114,10 @@ def call(
                 return
             message(f"{robot}.{skill} runs; execution {execution.id}")
             try:
-                results = await execution.result(timeout_s=wait_s or execution.timeout_s)
+                async with _told(client, execution):
+                    results = await execution.result(timeout_s=wait_s or execution.timeout_s)
             except asyncio.CancelledError:
-                message(f"the robot goes on with execution {execution.id}")
+                await _interrupted(client, execution, halts=halts)
                 raise
             if as_json:
                 print_json({"execution_id": execution.id, "results": results})
@@ -105,6 +126,60 @@ def call(
                     print_line(f"{name} = {json.dumps(value, ensure_ascii=False)}")
 
     run(main())
+
+
+@asynccontextmanager
+async def _told(client: FleetClient, execution: SkillExecution) -> AsyncGenerator[None]:
+    """Tell on stderr how an execution goes on, as long as the context lasts."""
+    known = SkillProgress(execution.robot, execution.skill, execution.id, execution.timeout_s)
+    line = ProgressLine(columns=shutil.get_terminal_size().columns)
+    began = time.monotonic()
+
+    def show(*, is_change: bool) -> None:
+        line.show(progress_text(known, time.monotonic() - began, with_bar=line.is_live), is_change=is_change)
+
+    async def follow() -> None:
+        names = {execution.members[name]: name for name in _TOLD if name in execution.members}
+        async with aclosing(client.watch(list(names))) as changes:
+            async for change in changes:
+                # What a silent robot said last is not how it stands now.
+                if change.status == 0 and known.take(names[change.node_id], change.value):
+                    show(is_change=True)
+
+    async def tick() -> None:
+        while True:
+            show(is_change=False)
+            await asyncio.sleep(_TICK_S)
+
+    tasks = [asyncio.ensure_future(follow()), asyncio.ensure_future(tick())]
+    try:
+        yield
+    finally:
+        for task in tasks:
+            task.cancel()
+        await asyncio.wait(tasks)
+        for task in tasks:
+            if not task.cancelled():
+                task.exception()  # what it was is told by the wait for the result
+        line.end()
+
+
+async def _interrupted(client: FleetClient, execution: SkillExecution, *, halts: bool) -> None:
+    """Say what becomes of an execution for which nobody waits any more."""
+    name = f"{execution.robot} {execution.skill}"
+    if not halts:
+        message(f"the robot goes on with execution {execution.id}; stop it with: ua-fleet skill halt {name}")
+        return
+    try:
+        await client.halt_skill(execution.robot, execution.skill)
+        async with asyncio.timeout(_HALTED_S):
+            await execution.result()
+    except TimeoutError:
+        message(f"{execution.robot} was asked to halt, and has not told its end; see: ua-fleet skill list {name}")
+    except UaFleetError as error:
+        message(f"halted: {error}" if execution.is_over else f"not halted: {error}")
+    else:
+        message("the robot was done before it could be halted")
 
 
 @connecting
@@ -159,13 +234,14 @@ def argument(text: str) -> tuple[str, Any]:
     return name, parsed if isinstance(parsed, bool | int | float | str) else value
 
 
-def _print(skill: SkillInfo) -> None:
+def _print(skill: SkillInfo, *, with_robot: bool) -> None:
     arguments = ", ".join(
         f"{one.name}: {one.type_name}"
         + ("" if one.default is None else f" = {json.dumps(one.default, ensure_ascii=False)}")
         for one in skill.arguments
     )
-    print_line(f"{skill.name}({arguments})  {skill.state or 'not heard'}  {skill.node_id}")
+    name = f"{skill.robot}.{skill.name}" if with_robot else skill.name
+    print_line(f"{name}({arguments})  {skill.state or 'not heard'}  {skill.node_id}")
     if skill.description:
         print_line(f"  {skill.description}")
     for one in skill.arguments:

@@ -120,6 +120,12 @@ class Finder:
             raise NodeNotFound(f"{address} has no value; look below it with: ua-fleet browse {address}")
         return below
 
+    async def robots(self) -> dict[str, ua.NodeId]:
+        """The nodes of all robots, by their names."""
+        (groups,) = await self._batches.browse([_ROBOTS], classes=int(ua.NodeClass.Object))
+        answers = await self._batches.browse([group.NodeId for group in groups], classes=int(ua.NodeClass.Object))
+        return {str(child.BrowseName.Name): child.NodeId for children in answers for child in children}
+
     def _by_id(self, text: str) -> Node:
         try:
             return self._client.get_node(text)

@@ -131,7 +131,7 @@ class FleetClient:
         """Browse and Read of many nodes; raises asyncua's errors."""
         self._finder = Finder(client, self.batches)
         self._node = self._finder.node
-        self._skills = SkillCalls(client, self._node, endpoint)
+        self._skills = SkillCalls(client, self._node, self.batches, endpoint)
         client.connection_lost_callback = self._lost
 
     @property
@@ -303,8 +303,15 @@ class FleetClient:
             result.StatusCode.check()
         return [variant.Value for variant in result.OutputArguments or ()]
 
-    async def skills(self, robot: str) -> list[SkillInfo]:
-        """The skills of a robot, with their arguments. NodeNotFound where there is no such robot."""
+    async def robots(self) -> dict[str, ua.NodeId]:
+        """The nodes of all robots, by their names."""
+        with translated(self.endpoint):
+            return await self._finder.robots()
+
+    async def skills(self, robot: str | None = None) -> list[SkillInfo]:
+        """The skills of a robot, or of all, with their arguments. NodeNotFound where there is no such robot."""
+        if robot is None:
+            return await self._skills.all_of_fleet(await self.robots())
         return await self._skills.all_of(robot)
 
     async def start_skill(self, robot: str, skill: str, /, **arguments: Any) -> SkillExecution:

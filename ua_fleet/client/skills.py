@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import asyncio
 from collections import OrderedDict
-from collections.abc import AsyncGenerator, Awaitable, Callable, Mapping
+from collections.abc import AsyncGenerator, Awaitable, Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from typing import Any, Final
@@ -25,7 +25,9 @@ from typing import Any, Final
 from asyncua import Client, Node, ua
 from asyncua.common.subscription import Subscription
 
+from ua_fleet.client.batches import Batches
 from ua_fleet.client.convert import plain_value
+from ua_fleet.client.skill_nodes import KnownSkill, SkillArgument, SkillInfo, SkillNode, read_skills, skill_nodes
 from ua_fleet.client.subscriptions import subscribe
 from ua_fleet.client.translated import NodeNotFound, translated
 from ua_fleet.errors import AccessRefused, NotConnected, RobotOffline, SkillFailed, SkillRejected, SkillTimeout
@@ -36,7 +38,6 @@ __all__ = ["SkillArgument", "SkillCalls", "SkillEvent", "SkillExecution", "Skill
 
 _EVENT_TYPE: Final = 1011
 """SkillTransitionEventType; see nodesets/UaFleet.NodeIds.csv."""
-_FOLDER: Final = ua.NodeId(ua.Int32(ua.ObjectIds.FolderType))
 _EARLY: Final = 1000
 """Events that are kept for executions whose Start has not been answered yet."""
 _QUEUE: Final = 10_000
@@ -50,31 +51,6 @@ _REASONS: Final = {
     ua.StatusCodes.BadInvalidState: "it is not in a state for that; see: ua-fleet skill list",
     ua.StatusCodes.BadResourceUnavailable: "the server cannot record it; see its log",
 }
-
-
-@dataclass(frozen=True, slots=True)
-class SkillArgument:
-    """An argument of a skill."""
-
-    name: str
-    type_name: str
-    description: str
-    default: Any = None
-    """None: it has to be given."""
-
-
-@dataclass(frozen=True, slots=True)
-class SkillInfo:
-    """A skill as it can be called."""
-
-    robot: str
-    name: str
-    node_id: str
-    description: str
-    arguments: tuple[SkillArgument, ...]
-    timeout_s: float
-    state: str | None
-    """Ready, Running, Suspended or Halted; None while the robot is not heard."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,8 +77,18 @@ class SkillEvent:
 class SkillExecution:
     """One execution that this client has started. Its end and its results are kept."""
 
-    def __init__(self, robot: str, skill: str, execution_id: str, timeout_s: float, endpoint: str) -> None:
+    def __init__(
+        self,
+        robot: str,
+        skill: str,
+        execution_id: str,
+        timeout_s: float,
+        endpoint: str,
+        members: Mapping[str, str] | None = None,
+    ) -> None:
         self.robot, self.skill, self.id = robot, skill, execution_id
+        self.members: Mapping[str, str] = members or {}
+        """NodeIds of the skill's Variables and Methods, by their names."""
         self.timeout_s = timeout_s
         """So long the skill may take."""
         self._endpoint = endpoint
@@ -176,21 +162,12 @@ class SkillExecution:
         raise error
 
 
-@dataclass(slots=True)
-class _Known:
-    """A skill whose nodes were read."""
-
-    info: SkillInfo
-    start: ua.NodeId
-    types: dict[str, ua.VariantType]
-
-
 class SkillCalls:
     """What `FleetClient` does with skills."""
 
-    def __init__(self, client: Client, find: Callable[[str], Awaitable[Node]], endpoint: str) -> None:
-        self._client, self._find, self._endpoint = client, find, endpoint
-        self._known: dict[tuple[str, str], _Known] = {}
+    def __init__(self, client: Client, find: Callable[[str], Awaitable[Node]], batches: Batches, endpoint: str) -> None:
+        self._client, self._find, self._batches, self._endpoint = client, find, batches, endpoint
+        self._known: dict[tuple[str, str], KnownSkill] = {}
         self._running: dict[str, SkillExecution] = {}
         self._early: OrderedDict[str, list[SkillEvent]] = OrderedDict()
         self._subscribing = asyncio.Lock()
@@ -206,9 +183,23 @@ class SkillCalls:
         """See FleetClient.skills."""
         with translated(self._endpoint):
             folder = await self._find(f"Fleet/Robots/{robot}/Skills")
-            names: list[str] = []
-            await self._collect(folder, names)
-            return [(await self._read(robot, name)).info for name in names]
+            return await self._infos([(robot, folder.nodeid)])
+
+    async def all_of_fleet(self, robots: Mapping[str, ua.NodeId]) -> list[SkillInfo]:
+        """The skills of some robots, given with their nodes."""
+        with translated(self._endpoint):
+            skills = await self._batches.browse(list(robots.values()), classes=int(ua.NodeClass.Object))
+            folders = [
+                (robot, child.NodeId)
+                for robot, children in zip(robots, skills, strict=True)
+                for child in children
+                if child.BrowseName.Name == "Skills"
+            ]
+            return await self._infos(folders)
+
+    async def _infos(self, folders: Sequence[tuple[str, ua.NodeId]]) -> list[SkillInfo]:
+        nodes = await skill_nodes(self._batches, folders)
+        return [known.info for known in await read_skills(self._batches, nodes)]
 
     async def start(self, robot: str, skill: str, arguments: Mapping[str, Any]) -> SkillExecution:
         """See FleetClient.start_skill."""
@@ -222,7 +213,8 @@ class SkillCalls:
             (result,) = await self._client.uaclient.call([ua.CallMethodRequest(object_id, known.start, values)])
         _check(known, result)
         execution_id = str(result.OutputArguments[0].Value)
-        execution = SkillExecution(robot, skill, execution_id, known.info.timeout_s, self._endpoint)
+        members = {name: node.to_string() for name, node in known.members.items()}
+        execution = SkillExecution(robot, skill, execution_id, known.info.timeout_s, self._endpoint, members)
         self._running[execution_id] = execution
         for event in self._early.pop(execution_id, ()):
             self._deliver(execution, event)
@@ -235,9 +227,8 @@ class SkillCalls:
             if known is None:
                 known = self._known[robot, skill] = await self._read(robot, skill)
             object_id = ua.NodeId.from_string(known.info.node_id)
-            members = await self._client.get_node(object_id).get_children_descriptions()
-            (method_id,) = [child.NodeId for child in members if child.BrowseName.Name == method]
-            (result,) = await self._client.uaclient.call([ua.CallMethodRequest(object_id, method_id, [])])
+            request = ua.CallMethodRequest(object_id, known.members[method], [])
+            (result,) = await self._client.uaclient.call([request])
         _check(known, result)
 
     def event_notification(self, event: Any) -> None:
@@ -286,49 +277,15 @@ class SkillCalls:
             await subscribe(self._client, self, 50, begin)
             self._is_subscribed = True
 
-    async def _collect(self, folder: Node, names: list[str]) -> None:
-        for child in await folder.get_children_descriptions(refs=ua.ObjectIds.HierarchicalReferences):
-            if child.TypeDefinition == _FOLDER:
-                await self._collect(self._client.get_node(child.NodeId), names)
-            else:
-                names.append(str(child.BrowseName.Name))
-
-    async def _read(self, robot: str, skill: str) -> _Known:
+    async def _read(self, robot: str, skill: str) -> KnownSkill:
         node = await self._find(f"Fleet/Robots/{robot}/Skills/{skill}")
-        members = {child.BrowseName.Name: child for child in await node.get_children_descriptions()}
-        if "Start" not in members or "Timeout" not in members:
+        known = await read_skills(self._batches, [SkillNode(robot, skill, node.nodeid)])
+        if not known:
             raise NodeNotFound(f"{robot}.{skill} is no skill; look with: ua-fleet skill list {robot}")
-        start = self._client.get_node(members["Start"].NodeId)
-        below = await start.get_children_descriptions(refs=ua.ObjectIds.HierarchicalReferences)
-        parts = {child.BrowseName.Name: self._client.get_node(child.NodeId) for child in below}
-        declared: list[Any] = await parts["InputArguments"].read_value() if "InputArguments" in parts else []
-        arguments: list[SkillArgument] = []
-        types: dict[str, ua.VariantType] = {}
-        for argument in declared:
-            name = str(argument.Name)
-            default = await parts[name].read_value() if name in parts else None
-            types[name] = ua.VariantType(argument.DataType.Identifier)
-            text = str(argument.Description.Text or "")
-            arguments.append(SkillArgument(name, types[name].name, text, default))
-        timeout_ms = await self._client.get_node(members["Timeout"].NodeId).read_value()
-        state_node = self._client.get_node(members["CurrentState"].NodeId)
-        state = await state_node.read_data_value(raise_on_bad_status=False)
-        shown: Any = (
-            state.Value.Value if state.Value is not None and state.StatusCode in (None, ua.StatusCode()) else None
-        )
-        info = SkillInfo(
-            robot,
-            skill,
-            node.nodeid.to_string(),
-            str((await node.read_description()).Text or ""),
-            tuple(arguments),
-            timeout_ms / 1000,
-            None if shown is None else shown.Text,
-        )
-        return _Known(info, start.nodeid, types)
+        return known[0]
 
 
-def _values(known: _Known, given: Mapping[str, Any]) -> list[ua.Variant]:
+def _values(known: KnownSkill, given: Mapping[str, Any]) -> list[ua.Variant]:
     """All arguments in their order and types; raises SkillRejected for what is wrong."""
     name = f"{known.info.robot}.{known.info.name}"
     names = [argument.name for argument in known.info.arguments]
@@ -369,7 +326,7 @@ def fitting(value: Any, kind: ua.VariantType) -> Any:
     return int(value) if least <= value <= greatest else None
 
 
-def _check(known: _Known, result: ua.CallMethodResult) -> None:
+def _check(known: KnownSkill, result: ua.CallMethodResult) -> None:
     """Raise the error that a refused call is."""
     code = int(result.StatusCode.value)
     if quality_of(code) is Quality.GOOD:

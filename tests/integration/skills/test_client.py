@@ -102,6 +102,7 @@ async def test_wrong_arguments_are_named(hall: Hall) -> None:
 async def test_observers_see_skills_and_may_not_call_them(hall: Hall) -> None:
     async with hall.server() as running, connected(running, OBSERVER) as client:
         work, quick = await client.skills("machine")
+        assert await client.skills() == [work, quick]
         assert (work.name, work.timeout_s, work.description) == ("work", 20, "Works for some time.")
         assert [(argument.name, argument.type_name, argument.default) for argument in quick.arguments] == [
             ("work", "String", "weld"),
@@ -149,6 +150,37 @@ async def test_the_command_line_calls_skills(hall: Hall) -> None:
         for arguments, expected in ends.items():
             code, _, errors = await command("call", "machine", *arguments)
             assert code == expected, errors
+
+
+async def test_a_call_that_is_interrupted_says_what_becomes_of_the_skill(hall: Hall) -> None:
+    async with at_work(hall) as client:
+
+        async def interrupted(*options: str) -> tuple[int | None, str]:
+            process = await asyncio.create_subprocess_exec(
+                *(sys.executable, "-m", "ua_fleet.cli", "skill", "call", "machine", "work", f"work={ENDLESS_WORK}"),
+                *("seconds=0", "-u", OPERATOR[0], "-e", client.endpoint, *options),
+                stderr=asyncio.subprocess.PIPE,
+                env=clean_environment(UA_FLEET_PASSWORD=OPERATOR[1], XDG_CONFIG_HOME=str(hall.folder / "config")),
+            )
+            assert process.stderr is not None
+            said = ""
+            async with asyncio.timeout(30):
+                while "machine.work  Running  50%  " not in said or "s of at most 20.0 s  working" not in said:
+                    line = await process.stderr.readline()
+                    assert line, said
+                    said += line.decode()
+            process.send_signal(signal.SIGINT)
+            rest = await process.stderr.read()
+            return await process.wait(), rest.decode()
+
+        code, said = await interrupted()
+        assert (code, said.count("\n")) == (130, 1)
+        assert "the robot goes on with execution " in said
+        assert said.endswith("; stop it with: ua-fleet skill halt machine work\n")
+        assert [skill.state for skill in await client.skills("machine") if skill.name == "work"] == ["Running"]
+        await client.halt_skill("machine", "work")
+        code, said = await interrupted("--halt-on-interrupt")
+        assert (code, said.startswith("halted: machine.work: ")) == (130, True), said
 
 
 async def test_a_robot_that_fell_silent_is_unreachable(hall: Hall) -> None:

@@ -27,7 +27,9 @@ def _words(line: str) -> list[str]:
     words = shlex.split(line.removeprefix("$ "), comments=True)
     while words and re.fullmatch(r"[A-Z_]+=\S*", words[0]):
         del words[0]
-    return words[1:] if words and _PROGRAM.match(words[0]) else []
+    # What the shell does with the output is no argument.
+    end = next((at for at, word in enumerate(words) if word in (">", "|")), len(words))
+    return words[1:end] if words and _PROGRAM.match(words[0]) else []
 
 
 def shown() -> Iterator[tuple[str, list[str], bool]]:

@@ -26,6 +26,7 @@ from ua_fleet.server.bridges import BridgeTrust
 from ua_fleet.server.certificates import ensure_application_certificate
 from ua_fleet.server.endpoint.attributes import WRITE
 from ua_fleet.server.endpoint.context import Context, NodeGate, Statistics
+from ua_fleet.server.endpoint.diagnostics import Diagnostics
 from ua_fleet.server.endpoint.limits import CHUNK_BYTES, Limits
 from ua_fleet.server.endpoint.listener import Listener
 from ua_fleet.server.endpoint.processor import Services
@@ -132,6 +133,11 @@ class HardenedServer(Server):
         self._services = Services(context, subscriptions)
         ServerMethods(subscriptions).link(self.iserver.aspace, context)
         self._listener = Listener(self._services, host, port)
+        sessions = self._services.session
+        diagnostics = Diagnostics(self.iserver.aspace, context, self._services.sessions, subscriptions)
+        diagnostics.build()
+        sessions.activated, sessions.ended = diagnostics.add, diagnostics.remove
+        context.housekeeping.append(diagnostics.tell)
         await context.limits.advertise(self)
         _close_standard_nodes(self)
 

@@ -135,7 +135,7 @@ class NodeBuilder:
         type_definition: ua.NodeId,
         *,
         data_type: ua.NodeId,
-        value: ua.DataValue,
+        value: ua.DataValue | Held,
         value_rank: int = -1,
         array_length: int = 0,
         writable: bool = False,
@@ -158,7 +158,7 @@ class NodeBuilder:
                 attributes[AttributeIds.ArrayDimensions] = self._share(
                     "ArrayDimensions", tuple(dimensions), ua.VariantType.UInt32, dimensions
                 )
-        held = Held(value)
+        held = value if isinstance(value, Held) else Held(value)
         names = (name, description, None)
         self._add(node_id, names, parent, type_definition, reference, ua.NodeClass.Variable, attributes, held)
         return held

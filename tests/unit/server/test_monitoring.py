@@ -28,6 +28,9 @@ class Owner:
     def pending(self, item: Item) -> None:
         self.told.append(item)
 
+    def overflown(self, item: Item) -> None:
+        pass
+
     def fired(self, item: Item) -> None:
         raise AssertionError(item)
 

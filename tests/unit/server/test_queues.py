@@ -34,6 +34,9 @@ class Owner:
     def pending(self, item: Item) -> None:
         self.waiting.append(item)
 
+    def overflown(self, item: Item) -> None:
+        pass
+
     def fired(self, item: Item) -> None:
         raise AssertionError(item)
 

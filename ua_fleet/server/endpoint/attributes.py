@@ -20,6 +20,7 @@ from ua_fleet.server.endpoint.audit_events import AuditEvents
 from ua_fleet.server.endpoint.context import Context
 from ua_fleet.server.endpoint.data_types import DataTypes
 from ua_fleet.server.endpoint.indexrange import apply_range, parse_range, replace_range
+from ua_fleet.server.endpoint.live import check_reader, reader_refused
 from ua_fleet.server.endpoint.monitoring import with_timestamps
 from ua_fleet.server.endpoint.request import Request, operations
 from ua_fleet.server.endpoint.stack import GOOD, AttributeIds, Refusal, StatusCodes, name_of, shown, status, status_of
@@ -74,23 +75,24 @@ class AttributeServices:
         user = request.user
         answer = Answer(ua.ReadResponse(), self._limits.response_bytes)
         for node in nodes:
-            value = with_timestamps(self._read(node, user), wanted)
+            value = with_timestamps(self._read(node, user, encrypted=request.encrypted), wanted)
             name = partial(_named, node)
             answer.add(value, _no_value, self._context.misfit, name, least=rough_bytes(value))
             await request.turns.end(answer.size)
         return answer
 
-    def _read(self, wanted: ua.ReadValueId, user: User) -> ua.DataValue:
+    def _read(self, wanted: ua.ReadValueId, user: User, *, encrypted: bool) -> ua.DataValue:
         try:
-            return self._readable(wanted, user)
+            return self._readable(wanted, user, encrypted=encrypted)
         except Refusal as error:
             return _no_value(error.ua_status)
         except Exception as error:  # noqa: BLE001 - a mistake about one node must not cost the client the others
             self._context.mistakes.caught("reads", error, node=shown(wanted.NodeId))
             return _no_value(StatusCodes.BadInternalError)
 
-    def _readable(self, wanted: ua.ReadValueId, user: User) -> ua.DataValue:
+    def _readable(self, wanted: ua.ReadValueId, user: User, *, encrypted: bool) -> ua.DataValue:
         attribute = wanted.AttributeId
+        check_reader(self._aspace, wanted.NodeId, attribute, user, encrypted=encrypted)
         value = readable_value(self._aspace, wanted.NodeId, attribute)
         if wanted.IndexRange:
             if attribute != AttributeIds.Value:
@@ -104,7 +106,11 @@ class AttributeServices:
         if attribute == AttributeIds.UserExecutable and not self._callable(user, wanted.NodeId):
             return _but(value, lambda _: False)
         if attribute == AttributeIds.UserAccessLevel and not user.role.covers(Role.OPERATOR):
-            return _but(value, lambda level: level & ~WRITE)
+            value = _but(value, lambda level: level & ~WRITE)
+        if attribute == AttributeIds.UserAccessLevel and reader_refused(
+            self._aspace, wanted.NodeId, user, encrypted=encrypted
+        ):
+            value = _but(value, lambda level: level & ~READ)
         return value
 
     def _callable(self, user: User, method_id: ua.NodeId) -> bool:

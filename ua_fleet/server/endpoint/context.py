@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Awaitable, Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
@@ -54,11 +54,21 @@ class Statistics:
     sessions: int = 0
     sessions_refused: int = 0
     """Sessions for which there was no place."""
+    sessions_rejected: int = 0
+    """CreateSession and ActivateSession requests that were refused, for whatever reason."""
+    sessions_rejected_by_security: int = 0
+    """Those of them that did not prove who asks."""
+    session_timeouts: int = 0
+    session_aborts: int = 0
+    """Sessions whose connection was lost."""
     sessions_evicted: int = 0
     """Detached sessions that ended to make room for newer ones."""
     logins: int = 0
     requests: int = 0
     requests_refused: int = 0
+    requests_refused_by_security: int = 0
+    """Those of them that were refused to who asked."""
+    subscriptions: int = 0
     writes: int = 0
     calls: int = 0
 
@@ -95,6 +105,8 @@ class Context:
     """Called with the key of a session when it ends, and when its connection is lost."""
     mistakes: Mistakes = field(default_factory=Mistakes)
     """What has cost a request, an item or a subscription."""
+    housekeeping: list[Callable[[], Awaitable[None]]] = field(default_factory=list[Callable[[], Awaitable[None]]])
+    """Called four times a second."""
     encrypted_methods: set[ua.NodeId] = field(default_factory=set[ua.NodeId])
     """Methods that may be called over an encrypted channel alone."""
     secret_methods: set[ua.NodeId] = field(default_factory=set[ua.NodeId])

@@ -150,6 +150,9 @@ class Listener:
                     del self._connections[connection]
                     processor.cut_off(reason)
         await self._services.session.end_overdue()
+        for work in self._context.housekeeping:
+            with self._context.mistakes.guard("housekeeping"):
+                await work()
         self._context.audit.tick()
         users = self._context.users
         try:

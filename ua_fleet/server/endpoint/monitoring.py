@@ -81,6 +81,10 @@ class Owner(Protocol):
         """An item with triggering links has a notification."""
         ...
 
+    def overflown(self, item: Item) -> None:
+        """A notification of an item gave way to a newer one."""
+        ...
+
     def hold(self, item: DataItem) -> None:
         """A value of an item waits until the next sample is due."""
         ...
@@ -134,6 +138,7 @@ class Item:
         if len(queue) >= self.queue_size:
             account.release(weight(queue.pop(0 if self.discard_oldest else -1)))
             is_lost = True
+            self.owner.overflown(self)
         elif not queue and not is_lost and self.mode is ua.MonitoringMode.Reporting:
             self.owner.pending(self)
         self.is_owed = False

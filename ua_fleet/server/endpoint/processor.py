@@ -124,6 +124,22 @@ _GET_ENDPOINTS = _encoding("GetEndpoints")
 _FIND_SERVERS = _encoding("FindServers")
 
 
+_BY_SECURITY = frozenset(
+    (
+        StatusCodes.BadSecurityChecksFailed,
+        StatusCodes.BadSecurityModeInsufficient,
+        StatusCodes.BadSecureChannelIdInvalid,
+        StatusCodes.BadUserAccessDenied,
+        StatusCodes.BadUserSignatureInvalid,
+        StatusCodes.BadApplicationSignatureInvalid,
+        StatusCodes.BadIdentityTokenInvalid,
+        StatusCodes.BadIdentityTokenRejected,
+        StatusCodes.BadCertificateInvalid,
+        StatusCodes.BadCertificateUriInvalid,
+        StatusCodes.BadNonceInvalid,
+    )
+)
+"""With what a request is refused because of who asks."""
 _TOO_MUCH = "computing time for clients without a user"
 
 
@@ -328,6 +344,7 @@ class Processor:
                 # A mistake of ours in one service must not end the connection, nor the others'.
                 self._context.mistakes.caught("services", error, service=name, client=self.peer)
                 code = int(StatusCodes.BadInternalError)
+            self._count_refused(head, code)
             self._fault(name, handle, request_id, code, str(error))
             return
         if response is not None:
@@ -352,6 +369,16 @@ class Processor:
             behind, self._behind = self._behind, None
         for waiting in behind:
             self._put(*waiting)
+
+    def _count_refused(self, head: RequestHead, code: int) -> None:
+        """Count a refused request for the diagnostics of the server and of its session."""
+        statistics, by_security = self._context.statistics, code in _BY_SECURITY
+        statistics.requests_refused_by_security += by_security
+        if head.kind in (_CREATE, _ACTIVATE):
+            statistics.sessions_rejected += 1
+            statistics.sessions_rejected_by_security += by_security
+        if (session := self._services.sessions.find(head.token)) is not None and session.link is self:
+            session.usage.was_refused(head.kind, unauthorized=code == StatusCodes.BadUserAccessDenied)
 
     def _fault(self, name: str, handle: int, request_id: int, code: int, reason: str) -> None:
         self._context.statistics.requests_refused += 1
@@ -417,6 +444,7 @@ class Processor:
             await services.end(session, delete_subscriptions=True)
             raise Refusal(StatusCodes.BadSessionNotActivated)
         session.last_seen = time.monotonic()
+        session.usage.asked(kind)
         user = session.user
         # Who has lost the session, or rights, in the middle of a request gets nothing more of it.
         turns = self._turns = Turns(

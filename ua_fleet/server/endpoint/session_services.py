@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Awaitable, Callable
 from dataclasses import replace
 from typing import Any
 
@@ -21,6 +22,7 @@ from ua_fleet.server.endpoint.sessions import NONCE_BYTES, Link, Session, Sessio
 from ua_fleet.server.endpoint.signatures import check_signature
 from ua_fleet.server.endpoint.stack import Refusal, StatusCodes
 from ua_fleet.server.endpoint.subscriptions import Subscriptions
+from ua_fleet.server.endpoint.usage import SessionUsage, shortened
 from ua_fleet.server.origin import origin
 from ua_fleet.server.trust import CertificateRefused
 from ua_fleet.server.users import User
@@ -36,6 +38,10 @@ class SessionServices:
         self._context, self._limits = context, context.limits
         self._sessions, self._subscriptions = sessions, subscriptions
         self._places = SessionPlaces(context.limits)
+        self.activated: Callable[[Session], None] = lambda _session: None
+        """Told of a session that is active now."""
+        self.ended: Callable[[Session], Awaitable[None]] | None = None
+        """Told of a session that has ended."""
 
     async def get_endpoints(self, params: ua.GetEndpointsParameters, server: tuple[str, int] | None) -> Any:
         """GetEndpoints, on any channel."""
@@ -84,6 +90,16 @@ class SessionServices:
         wish = float(params.RequestedSessionTimeout or most * 1000) / 1000
         timeout_s = min(max(wish, least), most) if wish == wish else least
         session = Session(link, certificate, application, timeout_s, int(params.MaxResponseMessageSize or 0))
+        session.usage = SessionUsage(
+            name=shortened(params.SessionName),
+            product_uri=shortened(params.ClientDescription.ProductUri),
+            application_name=shortened(params.ClientDescription.ApplicationName.Text),
+            application_type=int(params.ClientDescription.ApplicationType),
+            server_uri=shortened(params.ServerUri),
+            endpoint_url=shortened(params.EndpointUrl),
+            security_mode=int(channel.policy.Mode),
+            security_policy=channel.policy.URI,
+        )
         self._sessions.add(session)
         self._context.statistics.sessions += 1
         return session, await self._created(session, channel, params, server)
@@ -151,6 +167,11 @@ class SessionServices:
             session.unbind()
         session.bind(link)
         session.user = user
+        session.usage.used_by(user.name, by_certificate=bool(user.bridge))
+        with self._context.mistakes.guard("diagnostics"):
+            self.activated(session)
+        session.usage.speaks(params.LocaleIds or [])
+        session.usage.security_mode, session.usage.security_policy = int(channel.policy.Mode), channel.policy.URI
         session.last_seen = time.monotonic()
         # Bound before anything is awaited: of two that come at once, the second one finds the place taken.
         for old in giving_way:
@@ -196,6 +217,9 @@ class SessionServices:
                 subscription.session = None
         session.unbind()
         session.continuations.clear()
+        if self.ended is not None:
+            with self._context.mistakes.guard("diagnostics"):
+                await self.ended(session)
 
     async def lost(self, link: Link) -> None:
         """A connection is gone: sessions with subscriptions wait for their client, the others end."""
@@ -204,6 +228,7 @@ class SessionServices:
                 session.unbind()
                 self._depart(session)
             else:
+                self._context.statistics.session_aborts += 1
                 await self.end(session, delete_subscriptions=True)
 
     def _depart(self, session: Session) -> None:
@@ -214,6 +239,7 @@ class SessionServices:
         """End the sessions whose clients have been silent for too long, and those of removed users."""
         for session in self._sessions.overdue(time.monotonic()):
             self._context.audit.record("logout", session.caller, "BadTimeout")
+            self._context.statistics.session_timeouts += 1
             await self.end(session, delete_subscriptions=True, cause="Timeout")
 
     async def follow_users(self) -> None:

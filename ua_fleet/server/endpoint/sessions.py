@@ -25,6 +25,7 @@ from asyncua import ua
 from ua_fleet.server.audit import Caller
 from ua_fleet.server.endpoint.places import Holder, holder_of, standing_of
 from ua_fleet.server.endpoint.stack import StatusCodes, guid_id, opaque_id, status
+from ua_fleet.server.endpoint.usage import SessionUsage
 from ua_fleet.server.users import User
 
 if TYPE_CHECKING:
@@ -109,6 +110,8 @@ class Session:
     farewells: deque[tuple[int, Any]] = field(default_factory=lambda: deque[tuple[int, Any]](maxlen=_MOST_FAREWELLS))
     """Last messages of subscriptions that it has no more, with their ids; each goes with the next Publish request."""
     continuations: OrderedDict[bytes, list[Any]] = field(default_factory=OrderedDict)
+    usage: SessionUsage = field(default_factory=SessionUsage)
+    """What its diagnostics tell."""
 
     @property
     def active(self) -> bool:

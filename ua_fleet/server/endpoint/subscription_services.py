@@ -21,6 +21,7 @@ from ua_fleet.server.endpoint.filters import (
     filter_of,
 )
 from ua_fleet.server.endpoint.indexrange import parse_range
+from ua_fleet.server.endpoint.live import check_reader
 from ua_fleet.server.endpoint.monitoring import DataItem, EventItem
 from ua_fleet.server.endpoint.request import Request, operations
 from ua_fleet.server.endpoint.sessions import PublishRequest
@@ -66,6 +67,7 @@ class SubscriptionServices:
             raise Refusal(StatusCodes.BadTooManySubscriptions)
         subscription = self._subscriptions.create(request.session, request.user, self._limits, params)
         subscription.start()
+        self._context.statistics.subscriptions += 1
         response = ua.CreateSubscriptionResponse()
         response.Parameters = ua.CreateSubscriptionResult(subscription.id, *_revised(subscription))  # pyright: ignore[reportArgumentType]
         return response
@@ -79,6 +81,8 @@ class SubscriptionServices:
             params.RequestedMaxKeepAliveCount,
             params.MaxNotificationsPerPublish,
         )
+        subscription.usage.modified += 1
+        subscription.priority = int(params.Priority)
         response = ua.ModifySubscriptionResponse()
         response.Parameters = ua.ModifySubscriptionResult(*_revised(subscription))  # pyright: ignore[reportArgumentType]
         return response
@@ -113,6 +117,10 @@ class SubscriptionServices:
             else:
                 subscription.touch()
                 subscription.enabled = bool(params.PublishingEnabled)
+                if subscription.enabled:
+                    subscription.usage.enabled += 1
+                else:
+                    subscription.usage.disabled += 1
                 response.Parameters.Results.append(GOOD)
             await self._end_turn(request)
         return response
@@ -151,9 +159,12 @@ class SubscriptionServices:
 
     async def republish(self, request: Request, params: ua.RepublishParameters) -> Any:
         """Republish."""
-        message = self._own(request, params.SubscriptionId).sent(params.RetransmitSequenceNumber)
+        subscription = self._own(request, params.SubscriptionId)
+        subscription.usage.republish_requests += 1
+        message = subscription.sent(params.RetransmitSequenceNumber)
         if message is None:
             raise Refusal(StatusCodes.BadMessageNotAvailable)
+        subscription.usage.republished += 1
         response = ua.RepublishResponse()
         response.NotificationMessage = message
         return response
@@ -191,6 +202,7 @@ class SubscriptionServices:
         subscription = self._subscriptions.find(subscription_id)
         if subscription is None:
             raise Refusal(StatusCodes.BadSubscriptionIdInvalid)
+        subscription.usage.transfer_requests += 1
         session = request.session
         same = subscription.owner.name == request.user.name and not request.user.anonymous
         if not same or subscription.owner_certificate != session.client_certificate:
@@ -262,6 +274,7 @@ class SubscriptionServices:
             if event_filter.result is not None:
                 result.FilterResult = event_filter.result
         else:
+            check_reader(self._aspace, target.NodeId, target.AttributeId, request.user, encrypted=request.encrypted)
             value = readable_value(self._aspace, target.NodeId, target.AttributeId)
             deadband = check_data_filter(
                 self._aspace, parameters.Filter, node_id=target.NodeId, attribute=target.AttributeId, value=value

@@ -27,6 +27,7 @@ from ua_fleet.server.endpoint.queues import Queues
 from ua_fleet.server.endpoint.sessions import PublishRequest, Session
 from ua_fleet.server.endpoint.stack import GOOD, StatusCodes, status
 from ua_fleet.server.endpoint.turns import TURN_S, Places
+from ua_fleet.server.endpoint.usage import SubscriptionUsage
 from ua_fleet.server.users import User
 
 __all__ = ["ClientSubscription", "Subscriptions"]
@@ -52,6 +53,9 @@ class ClientSubscription:
         self.owner_certificate = session.client_certificate
         self.account = registry.queues.account(self.holder)
         self.monitored_item_srv = MonitoredItems(aspace, lambda error: registry.failed(error, subscription_id))
+        self.usage = SubscriptionUsage()
+        """What its diagnostics tell."""
+        self.priority = 0
         self.kept_bytes = 0
         """Bytes of the messages that can be sent again."""
         self.interval_s = 1.0
@@ -79,6 +83,21 @@ class ClientSubscription:
     def items(self) -> MonitoredItems:
         """Its monitored items."""
         return self.monitored_item_srv
+
+    @property
+    def next_sequence(self) -> int:
+        """Sequence number of the next notification message."""
+        return self._sequence
+
+    @property
+    def quiet_cycles(self) -> int:
+        """Publishing intervals since it has told anything."""
+        return self._quiet_cycles
+
+    @property
+    def cycles_without_request(self) -> int:
+        """Publishing intervals since there was a Publish request."""
+        return self._cycles_without_request
 
     @property
     def unacknowledged(self) -> list[int]:
@@ -161,6 +180,7 @@ class ClientSubscription:
             self._cycles_without_request = 0
             return True
         self._cycles_without_request += 1
+        self.usage.late += self._has_news()
         return self._cycles_without_request < self.lifetime_count
 
     @property
@@ -176,6 +196,13 @@ class ClientSubscription:
     def pending(self, item: Item) -> None:
         """An item has something to tell that it had not before."""
         self._pending[item.id] = item
+
+    def overflown(self, item: Item) -> None:
+        """A notification of an item gave way to a newer one."""
+        if isinstance(item, DataItem):
+            self.usage.overflows += 1
+        else:
+            self.usage.event_overflows += 1
 
     def fired(self, item: Item) -> None:
         """An item with triggering links has a notification."""
@@ -196,6 +223,7 @@ class ClientSubscription:
     def answer(self, request: PublishRequest) -> bool:
         """Answer a Publish request; whether more waits to be told."""
         self.touch()
+        self.usage.publish_requests += 1
         self._quiet_cycles = 0
         self._first = False
         self._report_triggered()
@@ -232,6 +260,7 @@ class ClientSubscription:
 
     def forget_oldest(self) -> None:
         """Keep one message less."""
+        self.usage.discarded += 1
         self.kept_bytes -= _size(self._sent.popitem(last=False)[1])
 
     def _take(self) -> list[Any]:
@@ -253,6 +282,8 @@ class ClientSubscription:
             if not item.waits:
                 del self._pending[item_id]
         notifications: list[Any] = []
+        self.usage.data_changes += len(changes)
+        self.usage.events += len(events)
         if changes:
             notifications.append(changes_of(changes))
         if events:
@@ -314,6 +345,11 @@ class ClientSubscription:
     def move(self, session: Session) -> None:
         """Give the subscription to another session of its owner."""
         old = self.session
+        # A client is known by its ApplicationUri.
+        if old is not None and old.application == session.application:
+            self.usage.transferred_to_same += 1
+        else:
+            self.usage.transferred_to_other += 1
         if old is not None:
             self.tell_status(StatusCodes.GoodSubscriptionTransferred)
             old.subscriptions.pop(self.id, None)
@@ -355,6 +391,7 @@ class Subscriptions(SubscriptionService):
             params.MaxNotificationsPerPublish,
         )
         subscription.enabled = bool(params.PublishingEnabled)
+        subscription.priority = int(params.Priority)
         # asyncua declares its own class here and uses no more of it than ours has.
         registry: dict[int, Any] = self.subscriptions
         registry[subscription.id] = subscription

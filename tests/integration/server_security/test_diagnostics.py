@@ -1,0 +1,183 @@
+"""What the server tells of its sessions and subscriptions, and whom (OPC 10000-5 6.3), seen by asyncua's client."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+from typing import Any
+
+import pytest
+from asyncua.ua import ua_binary
+
+from tests.integration.server_security.harness import Client, Door, bad, send, ua
+from tests.integration.server_security.test_services import browse, read
+from ua_fleet.server.users import Role
+
+pytestmark = pytest.mark.asyncio(loop_scope="module")
+
+ROOT = "Server_ServerDiagnostics_"
+ARRAYS = (
+    f"{ROOT}SubscriptionDiagnosticsArray",
+    f"{ROOT}SessionsDiagnosticsSummary_SessionDiagnosticsArray",
+    f"{ROOT}SessionsDiagnosticsSummary_SessionSecurityDiagnosticsArray",
+)
+
+
+def node(name: str) -> Any:
+    return ua.NodeId(getattr(ua.ObjectIds, name))
+
+
+async def value(client: Client, node_id: Any) -> Any:
+    """The value of a node, or the name of the StatusCode with which it is refused."""
+    found = await read(client, node_id)
+    return found.Value.Value if found.StatusCode.is_good() else str(found.StatusCode.name)
+
+
+async def summary(client: Client) -> Any:
+    return await value(client, node(f"{ROOT}ServerDiagnosticsSummary"))
+
+
+class Seen:
+    """What a subscription was told."""
+
+    def __init__(self) -> None:
+        self.values: list[Any] = []
+
+    def datachange_notification(self, _node: Any, told: Any, data: Any) -> None:
+        del data
+        self.values.append(told)
+
+    async def until(self, count: int) -> None:
+        async with asyncio.timeout(10):
+            while len(self.values) < count:
+                await asyncio.sleep(0.01)
+
+
+async def test_sessions_and_requests_are_counted(hardened: Door) -> None:
+    async with hardened.connected("olga") as client:
+        before = await summary(client)
+        assert await value(client, node(f"{ROOT}EnabledFlag")) is True
+        count = await value(client, node(f"{ROOT}ServerDiagnosticsSummary_CurrentSessionCount"))
+        assert (count, before.ServerViewCount) == (before.CurrentSessionCount, 0)
+        seen = Seen()
+        watching = await client.create_subscription(50, seen)
+        await watching.subscribe_data_change(
+            client.get_node(node(f"{ROOT}ServerDiagnosticsSummary_CurrentSessionCount"))
+        )
+        await seen.until(1)
+        async with hardened.connected():
+            within = await summary(client)
+            await seen.until(2)
+        await seen.until(3)
+        assert seen.values == [count, count + 1, count]
+        wrong = await hardened.client("oscar", password="wrong")
+        with contextlib.suppress(ua.UaStatusCodeError):
+            await wrong.connect()
+        with contextlib.suppress(ua.UaStatusCodeError):
+            await wrong.disconnect()
+        assert await bad(send(client, ua.AddNodesRequest(), ua.AddNodesResponse)) == "BadServiceUnsupported"
+        after = await summary(client)
+    assert within.CurrentSessionCount == before.CurrentSessionCount + 1
+    assert within.CumulatedSessionCount == before.CumulatedSessionCount + 1
+    assert within.CurrentSubscriptionCount == before.CurrentSubscriptionCount + 1
+    assert within.CumulatedSubscriptionCount == before.CumulatedSubscriptionCount + 1
+    assert within.PublishingIntervalCount >= 1
+    assert after.SecurityRejectedSessionCount == before.SecurityRejectedSessionCount + 1
+    assert after.RejectedSessionCount == before.RejectedSessionCount + 1
+    assert after.SecurityRejectedRequestsCount == before.SecurityRejectedRequestsCount + 1
+    assert after.RejectedRequestsCount >= before.RejectedRequestsCount + 2
+
+
+async def test_engineers_see_all_sessions_and_subscriptions(hardened: Door) -> None:
+    async with hardened.connected("eva") as engineer, hardened.connected("olga") as other:
+        watching = await other.create_subscription(200, Seen())
+        await watching.subscribe_data_change(other.get_node(hardened.nodes.plain))
+        for name in ARRAYS:
+            assert await value(other, node(name)) == "BadUserAccessDenied"
+            assert (await read(other, node(name), 17)).Value.Value & 1
+            assert not (await read(other, node(name), 18)).Value.Value & 1
+            assert (await read(engineer, node(name), 18)).Value.Value & 1
+            refused = await bad(watching.subscribe_data_change(other.get_node(node(name))))
+            assert refused == "BadUserAccessDenied"
+        # asyncua's own class has lost a field of the security diagnostics: see below.
+        subscriptions, sessions = [await value(engineer, node(name)) for name in ARRAYS[:2]]
+        (told,) = [each for each in subscriptions if each.SubscriptionId == watching.subscription_id]
+        assert (told.PublishingInterval, told.MonitoredItemCount, told.PublishingEnabled) == (200.0, 1, True)
+        (session,) = [each for each in sessions if each.SessionId == told.SessionId]
+        assert (session.CurrentSubscriptionsCount, session.CurrentMonitoredItemsCount) == (1, 1)
+        assert (session.ReadCount.TotalCount, session.CreateSubscriptionCount.TotalCount) == (9, 1)
+        assert len(sessions) >= 2
+        await watching.delete()
+        assert told.SubscriptionId not in [each.SubscriptionId for each in await value(engineer, node(ARRAYS[0]))]
+
+
+async def children(client: Client, parent: Any) -> dict[str, Any]:
+    (result,) = await browse(client, parent, ReferenceTypeId=ua.NodeId(ua.ObjectIds.HasComponent))
+    return {str(ref.BrowseName.Name): ref.NodeId for ref in result.References}
+
+
+async def test_a_session_has_nodes_while_it_lasts_for_its_user_and_engineers(hardened: Door) -> None:
+    sessions = node(f"{ROOT}SessionsDiagnosticsSummary")
+    async with hardened.connected("eva") as engineer, hardened.connected("oscar") as stranger:
+        before = set((await children(engineer, sessions)).values())
+        async with hardened.connected("olga") as client:
+            (own,) = set((await children(engineer, sessions)).values()) - before
+            parts = await children(client, own)
+            assert set(parts) == {"SessionDiagnostics", "SessionSecurityDiagnostics", "SubscriptionDiagnosticsArray"}
+            fields = await children(client, parts["SessionDiagnostics"])
+            assert len(fields) == 43
+            whole = await value(client, parts["SessionDiagnostics"])
+            assert whole.SessionId == own
+            assert await value(client, fields["SessionId"]) == own
+            assert (await value(engineer, fields["ReadCount"])).TotalCount == whole.ReadCount.TotalCount + 1
+            assert await value(stranger, fields["ReadCount"]) == "BadUserAccessDenied"
+            assert await value(stranger, parts["SessionDiagnostics"]) == "BadUserAccessDenied"
+            for field, found in fields.items():
+                got = await read(client, found)
+                rank = (await read(client, found, 15)).Value.Value
+                assert got.StatusCode.is_good(), field
+                assert isinstance(got.Value.Value, list) == (rank == 1), field
+            security = parts["SessionSecurityDiagnostics"]
+            told = await children(engineer, security)
+            assert len(told) == 9
+            assert await value(engineer, told["ClientUserIdOfSession"]) == "olga"
+            assert await value(engineer, told["Encoding"]) == "UA Binary"
+            assert await value(engineer, told["SecurityMode"]) == int(ua.MessageSecurityMode.SignAndEncrypt)
+            assert await value(client, security) == "BadUserAccessDenied"
+        assert set((await children(engineer, sessions)).values()) == before
+        for gone in (own, parts["SessionDiagnostics"], fields["ReadCount"]):
+            assert await value(engineer, gone) == "BadNodeIdUnknown"
+
+
+async def test_who_is_engineer_no_more_is_told_no_more(hardened: Door) -> None:
+    async with hardened.connected("eva") as client, hardened.connected() as other:
+        seen = Seen()
+        watching = await client.create_subscription(50, seen)
+        handle = await watching.subscribe_data_change(client.get_node(node(ARRAYS[0])))
+        await seen.until(1)
+        server: Any = hardened.server
+        session: Any = next(each for each in server._services.sessions if each.user.name == "eva")
+        user, session.user = session.user, hardened.users.get("olga")
+        try:
+            async with asyncio.timeout(10):
+                while len(next(iter(session.subscriptions.values())).items):
+                    await asyncio.sleep(0.01)
+            another = await other.create_subscription(50, Seen())
+            await asyncio.sleep(0.2)
+            await another.delete()
+            assert len(seen.values) == 1
+            assert await bad(watching.unsubscribe(handle)) == "BadMonitoredItemIdInvalid"
+        finally:
+            session.user = user
+        assert user.role is Role.ENGINEER
+
+
+async def test_the_security_diagnostics_have_the_standards_bytes(hardened: Door) -> None:
+    """asyncua's own class has lost the field Encoding."""
+    async with hardened.connected("eva") as client:
+        request = ua.ReadRequest()
+        request.Parameters.NodesToRead = [ua.ReadValueId(node(ARRAYS[2]), ua.AttributeIds.Value)]
+        data = await client.uaclient.protocol.send_request(request)
+    found = bytes(data)
+    sequence = b"".join(ua_binary.Primitives.String.pack(text) for text in ("UserName", "UA Binary", "opc.tcp"))
+    assert sequence + b"\x03\x00\x00\x00" in found

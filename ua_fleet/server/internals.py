@@ -17,7 +17,9 @@ ASYNCUA_VERSION: Final = "2.1.0"
 _USED: Final[Mapping[str, tuple[str, ...]]] = {
     "asyncua.common.connection": (
         "MessageChunk.message_to_chunks(security_policy, body, max_chunk_size, message_type)",
+        "MessageChunk.max_body_size(crypto, max_chunk_size)",
         "SecureConnection._check_incoming_chunk(chunk)",
+        "SecureConnection._check_sym_header(security_hdr)",
         "SecureConnection._drop_incoming_parts()",
         "SecureConnection._receive(msg)",
         "SecureConnection.receive_from_header_and_body(header, body)",

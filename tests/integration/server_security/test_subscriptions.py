@@ -89,6 +89,10 @@ def attacks(subscription: int, item: int, node_id: Any) -> dict[str, tuple[Any, 
     monitoring.Parameters.MonitoringMode = ua.MonitoringMode.Disabled
     monitoring.Parameters.MonitoredItemIds = [item]
     built["SetMonitoringMode"] = monitoring, ua.SetMonitoringModeResponse, None
+    trigger = ua.SetTriggeringRequest()
+    trigger.Parameters.SubscriptionId, trigger.Parameters.TriggeringItemId = subscription, item
+    trigger.Parameters.LinksToAdd = [item]
+    built["SetTriggering"] = trigger, ua.SetTriggeringResponse, None
     republish = ua.RepublishRequest()
     republish.Parameters.SubscriptionId = subscription
     republish.Parameters.RetransmitSequenceNumber = 1

@@ -48,7 +48,7 @@ _GROUPS: Final = {
     "scenario": "Scenarios and their runs.",
     "fault": "Robots that cannot work.",
     "decision": "Who takes over when a robot fails.",
-    "robot": "The robots of a fleet: list, register and unregister them.",
+    "robot": "The robots of a fleet: list, hold and release, register and unregister them.",
     "skill": "What robots can do, and having them do it.",
     "modbus": "The fleet as a Modbus device, for PLCs.",
     "pubsub": "OPC UA PubSub between the server and the bridges.",
@@ -176,6 +176,8 @@ def _build() -> typer.Typer:
     _add(groups["robot"], "list", robot.show, robot.LIST_EXAMPLES)
     _add(groups["robot"], "register", robot.register, robot.REGISTER_EXAMPLES)
     _add(groups["robot"], "unregister", robot.unregister, robot.UNREGISTER_EXAMPLES)
+    _add(groups["robot"], "hold", robot.hold, robot.HOLD_EXAMPLES)
+    _add(groups["robot"], "release", robot.release, robot.RELEASE_EXAMPLES)
     _add(groups["demo"], "pal", demo_pal.pal, demo_pal.EXAMPLES)
     _add(groups["demo"], "talkrobots", demo_talkrobots.talkrobots, demo_talkrobots.EXAMPLES)
     _add(groups["testbed"], "prepare", testbed.prepare, testbed.PREPARE_EXAMPLES)

@@ -1,4 +1,4 @@
-"""`ua-fleet robot ...`: the robots of a fleet, and those that stand in no `fleet.yaml` of the server."""
+"""`ua-fleet robot ...`: the robots of a fleet, holds, and those that stand in no `fleet.yaml` of the server."""
 
 from __future__ import annotations
 
@@ -19,7 +19,19 @@ from ua_fleet.errors import ConfigInvalid
 if TYPE_CHECKING:
     from ua_fleet.client import RobotClient
 
-__all__ = ["LIST_EXAMPLES", "REGISTER_EXAMPLES", "UNREGISTER_EXAMPLES", "definition", "register", "show", "unregister"]
+__all__ = [
+    "HOLD_EXAMPLES",
+    "LIST_EXAMPLES",
+    "REGISTER_EXAMPLES",
+    "RELEASE_EXAMPLES",
+    "UNREGISTER_EXAMPLES",
+    "definition",
+    "hold",
+    "register",
+    "release",
+    "show",
+    "unregister",
+]
 
 LIST_EXAMPLES = ("ua-fleet robot list -u anna", "ua-fleet robot list -u anna --json")
 REGISTER_EXAMPLES = (
@@ -28,6 +40,11 @@ REGISTER_EXAMPLES = (
     "ua-fleet robot register yard/fleet.yaml --bridge 301 -u eva",
 )
 UNREGISTER_EXAMPLES = ("ua-fleet robot unregister cart -u eva",)
+HOLD_EXAMPLES = (
+    "ua-fleet robot hold rover -u anna",
+    'ua-fleet robot hold rover --reason "the tyre is changed" -u anna',
+)
+RELEASE_EXAMPLES = ("ua-fleet robot release rover -u anna",)
 
 
 @connecting
@@ -35,7 +52,7 @@ def show(
     connection: Connection,
     as_json: Json = False,
 ) -> None:
-    """List the robots: how each is, and how it came to the fleet."""
+    """List the robots: how each is, who holds it from tasks, and how it came to the fleet."""
 
     async def work(robots: RobotClient) -> None:
         found = await robots.robots()
@@ -44,10 +61,17 @@ def show(
                 print_json(asdict(robot))
             return
         rows = [
-            (robot.name, robot.state, robot.origin, " ".join(robot.capacities), " ".join(robot.skills))
+            (
+                robot.name,
+                robot.state,
+                robot.held_by or "-",
+                robot.origin,
+                " ".join(robot.capacities),
+                " ".join(robot.skills),
+            )
             for robot in found
         ]
-        print_table([("robot", "state", "from", "capacities", "skills"), *rows])
+        print_table([("robot", "state", "held by", "from", "capacities", "skills"), *rows])
 
     _with_robots(connection, work)
 
@@ -119,6 +143,43 @@ def unregister(
             print_json({"robot": robot, "done": True})
         else:
             message(f"{robot} is unregistered")
+
+    _with_robots(connection, work)
+
+
+@connecting
+def hold(
+    connection: Connection,
+    robot: Annotated[str, typer.Argument(help="Name of the robot.")],
+    reason: Annotated[str, typer.Option(help="Why, for whoever waits for it.")] = "",
+    as_json: Json = False,
+) -> None:
+    """Hold a robot back from tasks: no run gives it one until it is released. What it is at goes on."""
+
+    async def work(robots: RobotClient) -> None:
+        await robots.hold(robot, reason)
+        if as_json:
+            print_json({"robot": robot, "held": True})
+        else:
+            message(f"{robot} is held; when it may have tasks again: ua-fleet robot release {robot}")
+
+    _with_robots(connection, work)
+
+
+@connecting
+def release(
+    connection: Connection,
+    robot: Annotated[str, typer.Argument(help="Name of the robot.")],
+    as_json: Json = False,
+) -> None:
+    """Let a robot have tasks again, whoever holds it."""
+
+    async def work(robots: RobotClient) -> None:
+        await robots.release(robot)
+        if as_json:
+            print_json({"robot": robot, "held": False})
+        else:
+            message(f"{robot} is released")
 
     _with_robots(connection, work)
 

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from asyncua import ua
 
-from ua_fleet.client.methods import NotDone, call_method, text, texts
+from ua_fleet.client.methods import NotDone, Returned, call_method, text, texts
 from ua_fleet.client.scenarios import Problem
 
 if TYPE_CHECKING:
@@ -23,6 +23,10 @@ __all__ = ["RobotClient", "RobotInfo", "RobotInvalid"]
 
 _NUMBER: Final = re.compile(r"ns=\d+;i=\d+")
 """The NodeId of a skill; other Objects in its folder are groups, and Methods are those of the types."""
+
+_HOLD: Final = "ns=3;i=72051"
+_RELEASE: Final = "ns=3;i=72052"
+"""Methods of RobotType, which all robots share."""
 
 _STATES: Final = ("offline", "idle", "busy", "faulted")
 """RobotStateEnumeration of the UaFleet nodeset."""
@@ -48,6 +52,11 @@ class RobotInfo:
     capacities: tuple[str, ...]
     skills: tuple[str, ...]
     description: str
+    held_by: str = ""
+    """Who holds it back from tasks; empty: nobody."""
+    held_since: str | None = None
+    """ISO 8601."""
+    held_reason: str = ""
 
 
 class RobotClient:
@@ -62,9 +71,9 @@ class RobotClient:
         for node in await self._client.browse("Fleet/Robots", depth=2):
             if node.depth != 1 or node.node_class != "Object":
                 continue
-            names = ("State", "Origin", "Capacities", "Description")
+            names = ("State", "Origin", "Capacities", "Description", "HeldBy", "HeldSince", "HeldReason")
             readings = await self._client.read([f"{node.node_id}.{name}" for name in names])
-            state, origin, capacities, description = [reading.value for reading in readings]
+            state, origin, capacities, description, *held = [reading.value for reading in readings]
             below = await self._client.browse(f"{node.node_id}.Skills", depth=2)
             skills = [one.browse_name for one in below if one.node_class == "Object" and _NUMBER.fullmatch(one.node_id)]
             found.append(
@@ -75,6 +84,9 @@ class RobotClient:
                     tuple(capacities or ()),
                     tuple(skills),
                     str(description or ""),
+                    str(held[0] or ""),
+                    held[1] if held[0] else None,
+                    str(held[2] or ""),
                 )
             )
         return sorted(found, key=lambda robot: robot.name)
@@ -122,3 +134,15 @@ class RobotClient:
     async def unregister(self, name: str) -> None:
         """Take a robot out of the fleet; NotDone where it is in use, or in the server's `fleet.yaml`."""
         (await call_method(self._client, "Fleet", "UnregisterRobot", text(name))).check()
+
+    async def hold(self, name: str, reason: str = "") -> None:
+        """Have runs give a robot no further task; what it is at goes on. NotDone where somebody else holds it."""
+        await self._call(name, _HOLD, text(reason))
+
+    async def release(self, name: str) -> None:
+        """Let runs give a robot tasks again, whoever holds it; NotDone where nobody does."""
+        await self._call(name, _RELEASE)
+
+    async def _call(self, name: str, method: str, *arguments: ua.Variant) -> None:
+        *_, status, message = await self._client.call(f"ns=2;s=Robots.{name}", method, *arguments)
+        Returned([], int(status), str(message)).check()

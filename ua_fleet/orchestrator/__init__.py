@@ -9,6 +9,7 @@ What has to be carried out is TaskStarted, TaskFollowed and TaskCancelled; all e
 from ua_fleet.orchestrator.candidates import CriterionSource, DistanceFrom, ResilienceSettings, TasksAhead, ValueOf
 from ua_fleet.orchestrator.conditions import FaultConditions, FaultFound, FaultRule
 from ua_fleet.orchestrator.faults import Fault, FaultChange, Faults
+from ua_fleet.orchestrator.holds import Hold
 from ua_fleet.orchestrator.orchestrator import Orchestrator
 from ua_fleet.orchestrator.outputs import (
     DecisionChanged,
@@ -16,6 +17,7 @@ from ua_fleet.orchestrator.outputs import (
     Forecast,
     Halt,
     HaltChanged,
+    HoldChanged,
     OperatorAsked,
     Output,
     RunBroken,
@@ -40,6 +42,8 @@ __all__ = [
     "Forecast",
     "Halt",
     "HaltChanged",
+    "Hold",
+    "HoldChanged",
     "OperatorAsked",
     "Orchestrator",
     "Output",

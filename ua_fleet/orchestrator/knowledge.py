@@ -1,4 +1,4 @@
-"""What is known of the robots of a fleet now: their faults, and who is silent. Runs ask it at each decision."""
+"""What is known of the robots of a fleet now: faults, who is silent, who is held. Runs ask it at each decision."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from typing import Final
 
 from ua_fleet.orchestrator.candidates import ResilienceSettings, TaskToDo
 from ua_fleet.orchestrator.faults import Fault, FaultChange, Faults
+from ua_fleet.orchestrator.holds import Holds
 from ua_fleet.scenario import FleetView
 from ua_fleet.scenario.consequences import BUSY_S, SILENT, meaning_of
 from ua_fleet.scenario.model import Task
@@ -28,6 +29,7 @@ class Knowledge:
         """Know of no faults; all robots are heard until `not_heard`."""
         self.settings, self.fleet = settings, fleet
         self.faults = Faults()
+        self.holds = Holds()
         self.explain_silence: Callable[[str], str] = _unexplained
         """See `why_silent`."""
         self._silent: dict[str, float] = {}
@@ -58,7 +60,7 @@ class Knowledge:
         return self.explain_silence(robot)
 
     def why_not(self, robot: str, reason: str, task: Task) -> str:
-        """Why a robot is no candidate for a task, for people: where it has a fault, or is silent, all that is known.
+        """Why a robot is no candidate for a task, for people, with all that is known of a fault, silence or hold.
 
         Args:
             robot: its name.
@@ -70,6 +72,8 @@ class Knowledge:
             return trouble.told
         if reason == _SILENT and (why := self.why_silent(robot)):
             return f"{robot} {reason}: {why}"
+        if (hold := self.holds.get(robot)) is not None and reason == hold.brief:
+            return hold.told
         return f"{robot} {reason}"
 
     def followed_until(self, robot: str, execution_id: str) -> float:
@@ -80,8 +84,12 @@ class Knowledge:
 
     def occupied(self, robot: str) -> str | None:
         """See World."""
-        is_occupied = any(execution_id not in self._of_runs for execution_id in self._followed.get(robot, ()))
-        return f"{robot} {_ELSEWHERE}" if is_occupied else None
+        if (hold := self.holds.get(robot)) is not None:
+            return hold.told
+        return f"{robot} {_ELSEWHERE}" if self._is_elsewhere(robot) else None
+
+    def _is_elsewhere(self, robot: str) -> bool:
+        return any(execution_id not in self._of_runs for execution_id in self._followed.get(robot, ()))
 
     def asked_for(self, execution_id: str) -> None:
         """A run has a robot do this."""
@@ -99,11 +107,11 @@ class Knowledge:
             under_way: those of all runs; of others nothing is remembered.
             now: by the wall clock.
         """
-        before, was_occupied = self._followed.get(robot, frozenset()), self.occupied(robot)
+        before, was_elsewhere = self._followed.get(robot, frozenset()), self._is_elsewhere(robot)
         changed = {execution_id for execution_id in before ^ told if execution_id in under_way}
         self._followed[robot] = told
         if not changed:
-            return self.occupied(robot) != was_occupied
+            return self._is_elsewhere(robot) != was_elsewhere
         self._followed_until = {key: at for key, at in self._followed_until.items() if key in under_way}
         self._followed_until.update(dict.fromkeys(changed - told, now))
         return True
@@ -149,7 +157,9 @@ class Knowledge:
             return reason
         if robot in self._silent:
             return _SILENT
-        return _ELSEWHERE if self.occupied(robot) is not None else None
+        if (hold := self.holds.get(robot)) is not None:
+            return hold.brief
+        return _ELSEWHERE if self._is_elsewhere(robot) else None
 
     def hope_until(self, todo: TaskToDo, since: float, now: float) -> float | None:
         """Until when a robot may still be heard, or be free, that could do a task; None where there is none, or no time

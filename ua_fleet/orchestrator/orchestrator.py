@@ -14,12 +14,14 @@ from ua_fleet.orchestrator.faults import Fault, FaultChange, Faults
 from ua_fleet.orchestrator.guard import Guard
 from ua_fleet.orchestrator.halting import Halting
 from ua_fleet.orchestrator.halts import Halts
+from ua_fleet.orchestrator.holds import Hold, Holds
 from ua_fleet.orchestrator.knowledge import Knowledge
 from ua_fleet.orchestrator.outputs import (
     FaultChanged,
     Forecast,
     Halt,
     HaltChanged,
+    HoldChanged,
     OperatorAsked,
     Output,
     RunBroken,
@@ -116,6 +118,11 @@ class Orchestrator:
     def faults(self) -> Faults:
         """The faults of all robots."""
         return self._known.faults
+
+    @property
+    def holds(self) -> Holds:
+        """The robots that people hold back from tasks."""
+        return self._known.holds
 
     # Runs.
 
@@ -274,6 +281,20 @@ class Orchestrator:
     def followed(self, robot: str, told: frozenset[str], now: float) -> list[Output]:
         """A robot's SkillStatus says which executions it is at: none of them, where nothing says so any more."""
         if self._known.follow(robot, told, self._executions, now):
+            self._has_news = True
+        return self._taken(now)
+
+    def hold(self, robot: str, by: str, reason: str, now: float) -> list[Output]:
+        """Give a robot no task that it is not at already; raises ScenarioError where somebody else holds it."""
+        return self._held(self.holds.hold(robot, by, reason, now), by, now, is_held=True)
+
+    def release(self, robot: str, by: str, now: float) -> list[Output]:
+        """Let a robot have tasks again; nothing where it was not held."""
+        return self._held(self.holds.release(robot), by, now, is_held=False)
+
+    def _held(self, hold: Hold | None, by: str, now: float, *, is_held: bool) -> list[Output]:
+        if hold is not None:
+            self._outputs.append(HoldChanged(hold, is_held, by))
             self._has_news = True
         return self._taken(now)
 

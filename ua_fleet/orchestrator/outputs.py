@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from ua_fleet.orchestrator.faults import Fault, FaultChange
+from ua_fleet.orchestrator.holds import Hold
 from ua_fleet.resilience import DecisionEvent, Ranking
 from ua_fleet.scenario import Value
 from ua_fleet.scenario.effects import TaskWaits
@@ -17,6 +18,7 @@ __all__ = [
     "Forecast",
     "Halt",
     "HaltChanged",
+    "HoldChanged",
     "OperatorAsked",
     "Output",
     "RunBroken",
@@ -91,6 +93,16 @@ class HaltChanged:
 
 
 @dataclass(frozen=True, slots=True)
+class HoldChanged:
+    """A robot is held from tasks from now on, also after a restart; or no more."""
+
+    hold: Hold
+    is_held: bool
+    by: str
+    """Who has held or released it."""
+
+
+@dataclass(frozen=True, slots=True)
 class RunChanged:
     """A fact of a run."""
 
@@ -161,4 +173,5 @@ Output = (
     | OperatorAsked
     | FaultChanged
     | HaltChanged
+    | HoldChanged
 )

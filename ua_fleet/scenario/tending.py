@@ -76,7 +76,7 @@ class Tending:
         self._held: set[str] = set()
         """Tasks that have their robot, and wait until it is heard, or free."""
         self._occupied_since: dict[str, float] = {}
-        """Since when the robots that tasks have are at what no run has asked for; begins anew after a restart."""
+        """Since when the robots that tasks have are not free (`World.occupied`); begins anew after a restart."""
         self._lacking: dict[str, float | None] = {}
         """Tasks that have their robot and lack the value of an argument, and since when; None: whose value it is, is
         silent. Begins anew after a restart.
@@ -135,7 +135,7 @@ class Tending:
             why = self._explained(robot, f"nothing is heard of {robot}")
         elif occupied is not None and step in self._held:
             until = self._occupied_since.setdefault(step, moment.now) + BUSY_S
-            why, gives_up = occupied, f"{occupied}, for {BUSY_S:g} s"
+            why, gives_up = occupied, f"{occupied}; it was waited for {BUSY_S:g} s"
         elif step in self._lacking:
             return self._is_value_tended(step, task, robot, moment)
         else:

@@ -55,7 +55,9 @@ class World(Protocol):
         ...
 
     def occupied(self, robot: str) -> str | None:
-        """Why a robot is not free though no run has it: it says that it is at what no run has asked for."""
+        """Why a robot is not free though no run has it: a person holds it, or it says that it is at what
+        no run has asked for.
+        """
         ...
 
     def followed_until(self, robot: str, execution_id: str) -> float:

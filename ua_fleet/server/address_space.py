@@ -1,7 +1,8 @@
 """The fleet as nodes below Objects, built from the model.
 
 Fleet
-  Robots/G00/<robot>       State, Description, Capacities, LastUpdate, Data/<DataSet>, Sensors, Skills/<skill>
+  Robots/G00/<robot>       State, Description, Capacities, LastUpdate, Data/<DataSet>, Sensors, Skills/<skill>,
+                           Held, HeldBy, HeldSince, HeldReason, Hold, Release
   Bridges/<bridge>         the bridge's status DataSet, Online, LastSeen, Drops/<cause>
   Capabilities/<name>
   Discovered/Sources/G00/<source>, Discovered/Quarantine/G00/<topic>
@@ -41,6 +42,7 @@ from ua_fleet.server.mistake_nodes import MistakeNodes
 from ua_fleet.server.nodes import ORGANIZES, paused_collection
 from ua_fleet.server.nodeset import TypeId
 from ua_fleet.server.parts import STANDARD, NodeParts
+from ua_fleet.server.robots.hold_nodes import HoldNodes
 from ua_fleet.server.skills.nodes import SkillNodes
 from ua_fleet.topics import Topic
 from ua_fleet.values import ARRAY, BuiltinType, NodeId, QualifiedName
@@ -73,6 +75,7 @@ class FleetNodes:
         """In ms, of the data sources that have one configured."""
         self._make_later = self._make_max_age  # one bound method for all nodes
         self._skills = SkillNodes(self._parts)
+        self._holds = HoldNodes(self._parts)
 
     def build(self) -> None:
         """Make all nodes that the model names."""
@@ -210,6 +213,7 @@ class FleetNodes:
         capacities = BuiltinType.STRING | ARRAY
         held = self._parts.property(f"{prefix}.Capacities", "Capacities", node, capacities, robot.capacities)
         self._parts.values[robot.part("Capacities")] = held
+        self._holds.add(robot, node)
         for folder in ("Sensors", "Skills"):
             self._parts.folder(f"{prefix}.{folder}", folder, node)
         self._skills.add(robot, f"{prefix}.Skills")

@@ -126,11 +126,22 @@ class PlainMethods:
             description or f"{name} of {owner}",
         )
 
-        async def call(_parent: ua.NodeId, *arguments: ua.Variant) -> list[ua.Variant]:
+        async def owned(_parent: ua.NodeId, *arguments: Any) -> Sequence[Any] | Noted:
+            return await work(*arguments)
+
+        self._link(node, name, role, owned, outputs)
+        return node
+
+    def share(self, method: ua.NodeId, name: str, role: Role, work: Work, outputs: Sequence[Argument] = ()) -> None:
+        """A Method of a type, which has its arguments in the nodeset; `work` gets the NodeId of the Object first."""
+        self._link(method, name, role, work, outputs)
+
+    def _link(self, node: ua.NodeId, name: str, role: Role, work: Work, outputs: Sequence[Argument]) -> None:
+        async def call(parent: ua.NodeId, *arguments: ua.Variant) -> list[ua.Variant]:
             code, message = DONE, ""
             values: Sequence[Any] = [_nothing(output.type) for output in outputs]
             try:
-                done = await work(*[_plain(argument) for argument in arguments])
+                done = await work(parent, *[_plain(argument) for argument in arguments])
                 values, message = (done.outputs, done.message) if isinstance(done, Noted) else (done, "")
             except UaFleetError as error:
                 code, message = self._status_of(error), str(error)[:MOST_MESSAGE]
@@ -145,7 +156,6 @@ class PlainMethods:
 
         self._server.link_method(self._server.get_node(node), call)
         self._server.require_role(node, role)
-        return node
 
     def _status_of(self, error: UaFleetError) -> int:
         if isinstance(error, Refusal):

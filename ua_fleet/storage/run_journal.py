@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any, Final, NamedTuple, Self
 
 from ua_fleet.errors import StorageUnavailable
-from ua_fleet.orchestrator import Fault, Halt, HaltChanged
+from ua_fleet.orchestrator import Fault, Halt, HaltChanged, Hold, HoldChanged
 from ua_fleet.scenario.facts import Fact, RunEnded, decode_fact, encode_fact
 from ua_fleet.storage.database import Database
 
@@ -43,6 +43,10 @@ _HALT_REASONS: Final = """CREATE TABLE IF NOT EXISTS halt_reasons (execution_id 
     STRICT"""
 """Likewise."""
 
+_HOLDS: Final = """CREATE TABLE IF NOT EXISTS holds (robot TEXT PRIMARY KEY, held_by TEXT NOT NULL, since REAL NOT NULL,
+    reason TEXT NOT NULL) STRICT"""
+"""Likewise."""
+
 _Statement = tuple[str, Sequence[Any]]
 
 
@@ -70,7 +74,9 @@ class RunJournal:
         """Open a journal, or begin one; no other process can use it until `close`."""
         self._database = Database(path, version=_VERSION, schema=_SCHEMA)
         try:
-            self._database.commit((_SETTINGS, ()), (_FAULT_CAPACITIES, ()), (_HALTS, ()), (_HALT_REASONS, ()))
+            self._database.commit(
+                (_SETTINGS, ()), (_FAULT_CAPACITIES, ()), (_HALTS, ()), (_HALT_REASONS, ()), (_HOLDS, ())
+            )
         except BaseException:
             self._database.close()
             raise
@@ -90,8 +96,9 @@ class RunJournal:
         facts: Iterable[tuple[str, Fact]],
         faults: Iterable[Fault] = (),
         halts: Iterable[HaltChanged] = (),
+        holds: Iterable[HoldChanged] = (),
     ) -> None:
-        """Write facts of runs, in order, how faults are now, and what robots are to stop: all or nothing."""
+        """Write facts of runs, in order, how faults are, what robots are to stop, who is held: all or nothing."""
         statements: list[_Statement] = []
         for run_id, fact in facts:
             statements.append(("INSERT OR IGNORE INTO runs (run_id, ended) VALUES (?, 0)", (run_id,)))
@@ -109,6 +116,13 @@ class RunJournal:
             else:
                 statements.append(("DELETE FROM halt_reasons WHERE execution_id = ?", (halt.execution_id,)))
                 statements.append(("DELETE FROM halts WHERE execution_id = ?", (halt.execution_id,)))
+        for change in holds:
+            hold = change.hold
+            if change.is_held:
+                held = (hold.robot, hold.by, hold.since, hold.reason)
+                statements.append(("INSERT OR REPLACE INTO holds VALUES (?, ?, ?, ?)", held))
+            else:
+                statements.append(("DELETE FROM holds WHERE robot = ?", (hold.robot,)))
         if statements:
             self._database.commit(*statements)
 
@@ -156,6 +170,11 @@ class RunJournal:
             " LEFT JOIN halt_reasons USING (execution_id) ORDER BY since"
         )
         return [Halt(*row) for row in rows]
+
+    def holds(self) -> list[Hold]:
+        """The robots that people hold back from tasks, the longest first."""
+        rows = self._database.read("SELECT robot, held_by, since, reason FROM holds ORDER BY since")
+        return [Hold(*row) for row in rows]
 
     def settings(self) -> dict[str, StoredSetting]:
         """What users have set, by its name."""

@@ -173,3 +173,25 @@ async def test_a_run_says_which_fault_it_waits_for_and_goes_on_when_that_is_clea
         assert reasons[-1].startswith(f"task a waits: {told}")
         assert "no other robot can do it now; waits until " in reasons[-1]
         assert ran.objects[-1]["reason"] == ""
+
+
+async def test_a_robot_is_held_and_released(plant: Plant) -> None:
+    plant.scenario("short", "  - {task: a, skill: work, robot: left}\n")
+    plant.bridge("left")
+    async with plant.server() as running:
+        async with running.client() as client:
+            await until(lambda: client.get_node("ns=2;s=Robots.left.State").read_value(), lambda state: state != 0)
+        assert (await command(running, "robot", "hold", "left", "--reason", "new tyre")).code == 0
+        (left,) = [one for one in (await command(running, "robot", "list")).objects if one["name"] == "left"]
+        assert (left["held_by"], left["held_reason"], left["held_since"][:2]) == (OPERATOR[0], "new tyre", "20")
+        other = await command(running, "robot", "hold", "left", user=ENGINEER)
+        assert other.code == 1
+        assert f"left is held by {OPERATOR[0]} since" in other.errors
+        (begun,) = (await command(running, "scenario", "run", "short")).objects
+        assert (await command(running, "robot", "release", "left", user=ENGINEER)).objects == [
+            {"robot": "left", "held": False}
+        ]
+        assert (await command(running, "scenario", "watch", begun["run_id"])).objects[-1]["state"] == "done"
+        again = await command(running, "robot", "release", "left")
+        assert (again.code, "left is not held" in again.errors) == (1, True)
+        assert (await command(running, "robot", "hold", "lefd")).code == 3

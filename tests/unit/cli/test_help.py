@@ -63,6 +63,8 @@ COMMANDS = [
     "skill resume",
     "skill offer",
     "robot list",
+    "robot hold",
+    "robot release",
     "robot register",
     "robot unregister",
     "modbus map",

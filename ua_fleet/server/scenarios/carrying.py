@@ -13,7 +13,7 @@ import structlog
 
 from ua_fleet.errors import StorageUnavailable
 from ua_fleet.monitoring.mistakes import Mistakes
-from ua_fleet.orchestrator import Fault, FaultChanged, HaltChanged, Output, TaskCancelled, TaskStarted
+from ua_fleet.orchestrator import Fault, FaultChanged, HaltChanged, HoldChanged, Output, TaskCancelled, TaskStarted
 from ua_fleet.scenario.facts import Fact
 from ua_fleet.storage.run_journal import RunJournal
 
@@ -41,7 +41,7 @@ class OutputCarrier:
         """Begin with nothing.
 
         Args:
-            journal: of runs, faults and halts.
+            journal: of runs, faults, halts and holds.
             carry_out: carries one output out; told of the executions that an output behind it takes back.
             failed: told of an execution whose robot could not be asked, for a mistake of ours.
             mistakes: counts what has cost an output.
@@ -55,6 +55,7 @@ class OutputCarrier:
         """Outputs that are carried out once their facts are written."""
         self._changed_faults: dict[str, Fault] = {}
         self._changed_halts: dict[str, HaltChanged] = {}
+        self._changed_holds: dict[str, HoldChanged] = {}
         self._is_carrying_out = False
         self.retry_at: float | None = None
         """When to try again, by the monotonic clock."""
@@ -134,12 +135,16 @@ class OutputCarrier:
                 self._changed_faults[output.fault.id] = output.fault
             elif isinstance(output, HaltChanged):
                 self._changed_halts[output.halt.execution_id] = output
-        if not (self._unwritten or self._changed_faults or self._changed_halts):
+            elif isinstance(output, HoldChanged):
+                self._changed_holds[output.hold.robot] = output
+        faults, halts, holds = self._changed_faults, self._changed_halts, self._changed_holds
+        if not (self._unwritten or faults or halts or holds):
             return
-        self._journal.write(self._unwritten, self._changed_faults.values(), self._changed_halts.values())
+        self._journal.write(self._unwritten, faults.values(), halts.values(), holds.values())
         if self.problem:
             self.problem = ""
             _log.info("runs are written down again, and go on")
         self._unwritten.clear()
-        self._changed_faults.clear()
-        self._changed_halts.clear()
+        faults.clear()
+        halts.clear()
+        holds.clear()

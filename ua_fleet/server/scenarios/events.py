@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any, Final, NamedTuple
 
-from ua_fleet.orchestrator import DecisionChanged, OperatorAsked
+from ua_fleet.orchestrator import DecisionChanged, HoldChanged, OperatorAsked
 from ua_fleet.scenario.facts import (
     Fact,
     Replaced,
@@ -27,7 +27,7 @@ from ua_fleet.server.scenarios.nodes import ranking_values
 from ua_fleet.server.scenarios.records import DecisionRecord, RunRecord
 from ua_fleet.values import BuiltinType, Variant
 
-__all__ = ["Told", "decision_event", "fact_event", "question_event"]
+__all__ = ["Told", "decision_event", "fact_event", "hold_event", "question_event"]
 
 _STRING: Final = int(BuiltinType.STRING)
 _USUAL, _NOTABLE, _GRAVE = 100, 500, 700
@@ -116,6 +116,19 @@ def decision_event(record: RunRecord, decision: DecisionRecord, changed: Decisio
         order = ", ".join(f"{place.robot} {place.score:.3f}" for place in ranked) or "no candidate"
         message = f"{about}: who takes over from {changed.failed or 'nobody'} ({changed.reason})? {order}"
     return Told(TypeId.DECISION_EVENT, message, _GRAVE if decision.state != "chosen" else _NOTABLE, fields)
+
+
+def hold_event(changed: HoldChanged) -> Told:
+    """A robot is held back from tasks, or released."""
+    hold = changed.hold
+    fields = {
+        "Robot": Variant(_STRING, hold.robot),
+        "Held": Variant(int(BuiltinType.BOOLEAN), changed.is_held),
+        "By": Variant(_STRING, changed.by),
+        "Reason": Variant(_STRING, hold.reason),
+    }
+    message = hold.told if changed.is_held else f"{hold.robot} is released by {changed.by}, and may have tasks again"
+    return Told(TypeId.ROBOT_HOLD_EVENT, message, _NOTABLE if changed.is_held else _USUAL, fields)
 
 
 def _of_run(record: RunRecord) -> dict[str, Variant]:

@@ -12,6 +12,7 @@ from ua_fleet.orchestrator import (
     Fault,
     FaultChange,
     FaultChanged,
+    HoldChanged,
     OperatorAsked,
     Output,
     RunChanged,
@@ -59,6 +60,9 @@ class RunLog:
             self._fault(output.fault, output.change)
         elif isinstance(output, DecisionChanged):
             self._decision(output)
+        elif isinstance(output, HoldChanged):
+            hold, what = output.hold, "held from tasks" if output.is_held else "released for tasks"
+            _log.info(f"robot is {what}", robot=hold.robot, by=output.by, reason=hold.reason)
         elif isinstance(output, OperatorAsked):
             ids = {"run_id": output.run_id, "step": output.step, "task": output.task, "robot": output.robot}
             _log.warning(

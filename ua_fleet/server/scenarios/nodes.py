@@ -18,13 +18,14 @@ from asyncua import ua
 from asyncua.ua.object_ids import ObjectIds
 
 from ua_fleet.fleet.changes import ValueChanged
-from ua_fleet.orchestrator import ResilienceSettings
+from ua_fleet.orchestrator import Hold, ResilienceSettings
 from ua_fleet.resilience import Ranking
 from ua_fleet.server.convert import raw_id, to_variant
 from ua_fleet.server.endpoint.stack import ns0
 from ua_fleet.server.nodes import HAS_COMPONENT, HAS_PROPERTY
 from ua_fleet.server.nodeset import TYPES_INDEX, TypeId
 from ua_fleet.server.parts import STANDARD, NodeParts
+from ua_fleet.server.robots.hold_nodes import NOT_HELD
 from ua_fleet.server.scenarios.alarms import SHARED_METHODS
 from ua_fleet.server.scenarios.records import DecisionRecord, RunRecord
 from ua_fleet.values import ARRAY, BuiltinType, NodeId, QualifiedName, Variant, ticks_from_unix_ns
@@ -168,6 +169,15 @@ class ScenarioNodes:
         if RESILIENCE not in self._known:
             self._add_variables(RESILIENCE, values)
         self._write(RESILIENCE, values)
+
+    def show_hold(self, robot: str, hold: Hold | None) -> None:
+        """By whom a robot is held back from tasks; None: by nobody."""
+        values: _Values = NOT_HELD
+        if hold is not None:
+            texts = {"HeldBy": Variant(_TEXT, hold.by), "HeldReason": Variant(_TEXT, hold.reason)}
+            since = Variant(_TIME, ticks_of(hold.since))
+            values = {"Held": Variant(int(BuiltinType.BOOLEAN), True), "HeldSince": since, **texts}
+        self._write(f"Robots.{robot}", values)
 
     def show_fault(self, fault_id: str, fields: _Values) -> None:
         """A fault as an alarm: the same fields as its event has."""

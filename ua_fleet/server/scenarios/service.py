@@ -47,6 +47,7 @@ from ua_fleet.scenario.facts import Fact, RunEnded, TaskOutcome
 from ua_fleet.server.scenarios.away import BridgesSeen
 from ua_fleet.server.scenarios.carrying import OutputCarrier
 from ua_fleet.server.scenarios.finding import FaultFinder
+from ua_fleet.server.scenarios.holding import RobotHolds
 from ua_fleet.server.scenarios.kept_settings import KeptSettings
 from ua_fleet.server.scenarios.library import Checked, Library, Listed, ScenarioUnknown, parameters_of, read_values
 from ua_fleet.server.scenarios.records import RunRecord
@@ -136,6 +137,7 @@ class ScenarioService:
         )
         self._orchestrator.tell_mistakes(self._mistakes.caught)
         self._orchestrator.explain_silence(self._bridges.why_silent)
+        self.holds = RobotHolds(self._orchestrator, self._carrier.do, self._robot, wall_s)
         self._tasks = TaskRequests(
             self._robots,
             requests,
@@ -215,6 +217,7 @@ class ScenarioService:
             records.append(record)
         outputs = restore_faults(self._journal.faults(), self._robots, self._orchestrator, self._finder, now)
         outputs += self._orchestrator.not_heard(self._robots, now)
+        self.holds.restore(self._journal.holds(), self._robots)
         halts = [halt for halt in self._journal.halts() if halt.robot in self._robots]
         outputs += self._orchestrator.restore_all(stored, now, halts)
         if stored:
@@ -411,6 +414,7 @@ class ScenarioService:
         for fault in self._orchestrator.faults.active(name):
             self._do(self._orchestrator.fault_cleared(name, fault.source, self._wall_s()))
         self._do(self._orchestrator.fault_cleared(name, NOT_HALTED, self._wall_s()))  # it need not say it any more
+        self.holds.forget(name)
         self._orchestrator.forget(name)
         del self._robots[name]
         for part in (self._values, self._finder, self._tasks):

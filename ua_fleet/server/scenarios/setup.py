@@ -20,6 +20,7 @@ from ua_fleet.server.scenarios.log import RunLog
 from ua_fleet.server.scenarios.methods import ScenarioMethods
 from ua_fleet.server.scenarios.nodes import ScenarioNodes
 from ua_fleet.server.scenarios.requests import Requests
+from ua_fleet.server.scenarios.robot_methods import RobotMethods
 from ua_fleet.server.scenarios.service import ScenarioService
 from ua_fleet.server.scenarios.view import ScenarioView
 from ua_fleet.storage.run_journal import RunJournal
@@ -83,8 +84,9 @@ def add_scenarios(
         mistakes=hub.mistakes,
         faulted=hub.set_faulted,
     )
-    view.restored(service.restore())
+    view.restored(service.restore(), service.holds)
     view.show_settings(service.settings)
     ScenarioMethods(server, parts, nodes, view, service).build()
+    RobotMethods(server, parts, service.holds)
     hub.add_scenarios(service)
     return service

@@ -14,6 +14,8 @@ from ua_fleet.orchestrator import (
     DecisionChanged,
     Fault,
     FaultChanged,
+    Hold,
+    HoldChanged,
     OperatorAsked,
     Output,
     ResilienceSettings,
@@ -26,7 +28,7 @@ from ua_fleet.server.events import ServerEvents
 from ua_fleet.server.nodeset import TYPES_INDEX, TypeId
 from ua_fleet.server.projection import Projection
 from ua_fleet.server.scenarios.alarms import Comment, alarm_fields, alarm_message, severity_of
-from ua_fleet.server.scenarios.events import Told, decision_event, fact_event, question_event
+from ua_fleet.server.scenarios.events import Told, decision_event, fact_event, hold_event, question_event
 from ua_fleet.server.scenarios.nodes import FAULTS, RESILIENCE, SCENARIOS, ScenarioNodes, ticks_of
 from ua_fleet.server.scenarios.records import DecisionRecord, RunRecord
 from ua_fleet.values import NodeId
@@ -57,8 +59,10 @@ class ScenarioView:
         self._over_since: dict[str, int] = {}
         """Since when faults are not active any more."""
 
-    def restored(self, records: Iterable[RunRecord]) -> None:
-        """Show the runs of the journal."""
+    def restored(self, records: Iterable[RunRecord], holds: Iterable[Hold]) -> None:
+        """Show the runs and the held robots of the journal."""
+        for hold in holds:
+            self._nodes.show_hold(hold.robot, hold)
         for record in records:
             self.runs[record.run_id] = record
             self._nodes.show_run(record)
@@ -89,6 +93,11 @@ class ScenarioView:
             case FaultChanged(fault=fault):
                 self._faults[fault.id] = fault
                 self._show_fault(fault)
+            case HoldChanged(hold=hold, is_held=is_held):
+                self._nodes.show_hold(hold.robot, hold if is_held else None)
+                robot = self._nodes.key(f"Robots.{hold.robot}")
+                told = hold_event(output)
+                self._projection.tell(partial(self._emit, told, robot, hold.robot, self._wall_ticks()))
             case _:
                 pass
 

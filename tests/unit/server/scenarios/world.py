@@ -94,10 +94,10 @@ class Robots:
 class FailingJournal(RunJournal):
     fails = False
 
-    def write(self, facts: Any, faults: Any = (), halts: Any = ()) -> None:
+    def write(self, facts: Any, faults: Any = (), halts: Any = (), holds: Any = ()) -> None:
         if self.fails:
             raise StorageUnavailable("the disk is full")
-        super().write(facts, faults, halts)
+        super().write(facts, faults, halts, holds)
 
 
 class World:

@@ -176,8 +176,11 @@ def test_every_process_of_a_testbed_has_a_service() -> None:
         assert there == wanted
         folders = {folder.removeprefix(f"{STATE}/") for _, folder, _ in mounts(job)}
         assert folders == set(testbed.volumes)
-        for name in there - {job, "rosmaster"}:
-            assert SERVICES[name]["depends_on"] == {job: {"condition": "service_completed_successfully"}}
+        done = {job: {"condition": "service_completed_successfully"}}
+        for name in there - {job, "rosmaster", testbed.conductor}:
+            assert SERVICES[name]["depends_on"] == done
+        begun = {name: {"condition": "service_started"} for name in there - {job, testbed.conductor}}
+        assert SERVICES[testbed.conductor]["depends_on"] == {**done, **begun}, "it comes last, and can be shown alone"
 
 
 def test_the_ros_1_bridge_has_the_address_that_the_fleet_names() -> None:

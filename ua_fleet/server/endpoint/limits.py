@@ -31,7 +31,7 @@ class Limits:
     """Active sessions of one user, or of one address where clients have no user."""
     reserved_sessions: int = 10
     """Of `sessions`, those that engineers and bridges alone may take; at most half of them."""
-    inactive_sessions: int = 10
+    inactive_sessions: int = 50
     """Sessions of one connection that wait for their activation; the oldest ends for one more."""
     message_bytes: int = 4 * 1024 * 1024
     nodes_per_request: int = 10_000

@@ -102,6 +102,7 @@ def _build() -> typer.Typer:
         show_config,
         simulate,
         skill,
+        status,
         testbed,
         up,
         user,
@@ -116,6 +117,7 @@ def _build() -> typer.Typer:
     _add(whole, "logout", login.logout, login.LOGOUT_EXAMPLES)
     _add(whole, "contexts", login.contexts, login.CONTEXTS_EXAMPLES)
     _add(whole, "completion", completion.completion, completion.EXAMPLES)
+    _add(whole, "status", status.status, status.EXAMPLES)
     _add(whole, "browse", browse.browse, browse.EXAMPLES)
     _add(whole, "read", read.read, read.EXAMPLES)
     _add(whole, "write", write.write, write.EXAMPLES)

@@ -27,25 +27,39 @@ from ua_fleet.client.scenarios import (
 )
 from ua_fleet.client.session_keys import IssuedKey, issue_session_key, revoke_session_key
 from ua_fleet.client.skills import SkillArgument, SkillEvent, SkillExecution, SkillInfo
+from ua_fleet.client.status import (
+    BridgeStatus,
+    FaultStatus,
+    FleetStatus,
+    OpenDecision,
+    RobotStatus,
+    RunStatus,
+    ServerStatus,
+    fleet_status,
+)
 from ua_fleet.client.translated import NodeNotFound
 
 __all__ = [
     "POLICIES",
     "AnotherServer",
+    "BridgeStatus",
     "Change",
     "ClientIdentity",
     "DecisionInfo",
     "DecisionTold",
     "DryRunInfo",
     "FaultInfo",
+    "FaultStatus",
     "FaultTold",
     "FleetClient",
+    "FleetStatus",
     "Forecast",
     "IssuedKey",
     "NodeInfo",
     "NodeNotFound",
     "NotDone",
     "OfferedSkill",
+    "OpenDecision",
     "Problem",
     "RankedRobot",
     "RankingInfo",
@@ -53,11 +67,14 @@ __all__ = [
     "RobotClient",
     "RobotInfo",
     "RobotInvalid",
+    "RobotStatus",
     "RunInfo",
+    "RunStatus",
     "RunTold",
     "ScenarioClient",
     "ScenarioInfo",
     "SelectedNode",
+    "ServerStatus",
     "SkillArgument",
     "SkillEvent",
     "SkillExecution",
@@ -68,6 +85,7 @@ __all__ = [
     "ValueDetails",
     "WouldHappen",
     "default_identity_folder",
+    "fleet_status",
     "issue_session_key",
     "revoke_session_key",
 ]

@@ -303,6 +303,12 @@ class FleetClient:
             result.StatusCode.check()
         return [variant.Value for variant in result.OutputArguments or ()]
 
+    @property
+    def server_certificate(self) -> bytes | None:
+        """The certificate that the server shows, DER; None on a connection without security."""
+        certificate = self._client.security_policy.peer_certificate
+        return bytes(certificate) if certificate else None
+
     async def robots(self) -> dict[str, ua.NodeId]:
         """The nodes of all robots, by their names."""
         with translated(self.endpoint):

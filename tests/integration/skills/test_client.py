@@ -8,6 +8,7 @@ import signal
 import sys
 from collections.abc import AsyncGenerator
 from contextlib import asynccontextmanager
+from datetime import UTC, datetime
 
 import pytest
 
@@ -15,7 +16,8 @@ from tests.contract.skilled import ENDLESS_WORK, FAILING_WORK, REFUSED_WORK
 from tests.integration.server_model.harness import OBSERVER, OPERATOR, Running, until
 from tests.integration.skills.conftest import Hall
 from tests.system import clean_environment
-from ua_fleet.client import ClientIdentity, FleetClient, NodeNotFound
+from ua_fleet.cli.status_text import problems_of
+from ua_fleet.client import ClientIdentity, FleetClient, FleetStatus, NodeNotFound, ScenarioClient, fleet_status
 from ua_fleet.errors import AccessRefused, RobotOffline, SkillFailed, SkillRejected, SkillTimeout
 from ua_fleet.values import StatusCode
 
@@ -181,6 +183,34 @@ async def test_a_call_that_is_interrupted_says_what_becomes_of_the_skill(hall: H
         await client.halt_skill("machine", "work")
         code, said = await interrupted("--halt-on-interrupt")
         assert (code, said.startswith("halted: machine.work: ")) == (130, True), said
+
+
+async def test_the_status_of_a_fleet_that_is_well_at_work_and_faulted(hall: Hall) -> None:
+    async with at_work(hall) as client:
+
+        async def status() -> FleetStatus:
+            return await fleet_status(client)
+
+        well = await until(status, lambda found: found.bridges[0].connected and found.robots[0].state == "idle")
+        assert problems_of(well, datetime.now(UTC)) == []
+        (bridge,) = well.bridges
+        assert (bridge.name, bridge.kind, bridge.space, bridge.online) == ("cell", "virtual", 300, True)
+        assert bridge.since is not None
+        assert well.server.started is not None
+        assert well.server.started < bridge.since
+        assert well.server.certificate_until is not None
+        assert well.drops.get("repeated", 0) >= 0
+        await client.start_skill("machine", "work", work=ENDLESS_WORK, seconds=0)
+        busy = await until(status, lambda found: found.robots[0].state == "busy" and found.robots[0].tasks)
+        assert busy.robots[0].tasks == ("work",)
+        await ScenarioClient(client).raise_fault("machine", "it smokes")
+        faulted = await until(status, lambda found: found.faults)
+        (fault,) = faulted.faults
+        assert (fault.fault_id, fault.reason, fault.active) == ("machine.robot", "it smokes", True)
+        assert fault.since is not None
+        assert [
+            one.remedy for one in problems_of(faulted, datetime.now(UTC)) if one.text.startswith("machine.robot")
+        ] == ["ua-fleet fault clear machine.robot"]
 
 
 async def test_a_robot_that_fell_silent_is_unreachable(hall: Hall) -> None:

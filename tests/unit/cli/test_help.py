@@ -19,6 +19,7 @@ COMMANDS = [
     "logout",
     "contexts",
     "completion",
+    "status",
     "browse",
     "read",
     "write",

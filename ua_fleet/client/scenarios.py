@@ -162,6 +162,24 @@ class ScenarioClient:
         _, texts, lines = await self._call("Scenarios", "Validate", text(scenario))
         return [Problem(line, text) for line, text in zip(lines, texts, strict=True)]
 
+    async def text(self, name: str) -> tuple[str, str]:
+        """The text of a scenario of the server's folder, and its version."""
+        stored, version = await self._call("Scenarios", "Text", text(name))
+        return str(stored), str(version)
+
+    async def store(self, name: str, scenario: str, version: str = "") -> str:
+        """Put a text into the server's folder, in the place of the version that was read; the version that it has now.
+
+        Raises:
+            NotDone: somebody has changed it since, or it has problems.
+        """
+        stored, *_ = await self._call("Scenarios", "Store", text(name), text(scenario), text(version))
+        return str(stored)
+
+    async def delete(self, name: str, version: str) -> None:
+        """Remove a scenario of the server's folder; NotDone where somebody has changed it since it was read."""
+        await self._call("Scenarios", "Delete", text(name), text(version))
+
     async def run(self, scenario: str, parameters: Mapping[str, str] | None = None) -> str:
         """Start a run; its id."""
         given = parameters or {}

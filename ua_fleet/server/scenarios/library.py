@@ -2,17 +2,31 @@
 
 from __future__ import annotations
 
+import hashlib
 import re
+import threading
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Final, NamedTuple
 
 from ua_fleet.document import resolve_scalar
-from ua_fleet.errors import ConfigError, ScenarioError, ScenarioInvalid
+from ua_fleet.errors import ConfigError, ScenarioError, ScenarioInvalid, StorageUnavailable
+from ua_fleet.printing import utc_text
 from ua_fleet.scenario import FleetView, Scenario, Value, read_scenario, validate
+from ua_fleet.storage.files import write_whole
 from ua_fleet.values import StatusCode
 
-__all__ = ["Checked", "Library", "Listed", "ScenarioUnknown", "parameters_of", "read_values"]
+__all__ = [
+    "Checked",
+    "Library",
+    "Listed",
+    "ScenarioChanged",
+    "ScenarioUnknown",
+    "StoredText",
+    "parameters_of",
+    "read_values",
+    "version_of",
+]
 
 MOST_BYTES: Final = 256 * 1024
 """Of one scenario."""
@@ -31,6 +45,20 @@ class ScenarioUnknown(ScenarioError):
     """There is no scenario, run, decision or fault of that name."""
 
     ua_status = StatusCode.BAD_NODE_ID_UNKNOWN
+
+
+class ScenarioChanged(ScenarioError):
+    """A file of the folder is not the version that was read."""
+
+    ua_status = StatusCode.BAD_INVALID_STATE
+
+
+class StoredText(NamedTuple):
+    """A scenario's file."""
+
+    text: str
+    version: str
+    """Differs when the file differs."""
 
 
 class Listed(NamedTuple):
@@ -55,6 +83,8 @@ class Library:
     def __init__(self, folder: Path) -> None:
         """Use a folder; it need not be there."""
         self._folder = folder
+        self._changing = threading.Lock()
+        """Held from looking at the version of a file until it is another one."""
 
     def listed(self) -> list[Listed]:
         """The scenarios of the folder by their names."""
@@ -128,6 +158,81 @@ class Library:
             raise ScenarioInvalid([*first, *([f"and {more} more, which Validate tells"] if more else [])])
         return checked.scenario
 
+    def stored(self, name: str) -> StoredText:
+        """The file of a scenario.
+
+        Raises:
+            ScenarioUnknown: the folder has none of that name.
+            ScenarioError: it is too long, or cannot be read.
+        """
+        text = self._read(_checked_name(name))
+        if len(text.encode()) > MOST_BYTES:
+            raise ScenarioError(f"a scenario has at most {MOST_BYTES} bytes")
+        return StoredText(text, version_of(text))
+
+    def store(self, name: str, text: str, version: str, fleet: FleetView) -> Checked:
+        """Put a text into the folder, byte for byte, in the place of the version that was read.
+
+        Args:
+            name: of the scenario.
+            text: of it, without problems.
+            version: that was read; empty where there is to be none of that name yet.
+            fleet: it is held against it.
+
+        Returns:
+            The scenario; where it has problems, nothing was written.
+
+        Raises:
+            ScenarioChanged: the file is not that version.
+            ScenarioError: the name is none, the text is too long, or there are too many scenarios.
+            StorageUnavailable: it cannot be written.
+        """
+        path = self._folder / f"{_checked_name(name)}{_ENDINGS[0]}"
+        if len(text.encode()) > MOST_BYTES:
+            raise ScenarioInvalid([f"a scenario has at most {MOST_BYTES} bytes"])
+        checked = self._held(text, path.name, fleet)
+        if checked.problems:
+            return checked
+        with self._changing:
+            there = self._path_of(name)
+            self._check_version(name, there, version)
+            if there is None and len({path.stem for path in self._files()}) >= MOST_LISTED:
+                raise ScenarioError(f"the folder has {MOST_LISTED} scenarios, and more may not be; delete one")
+            try:
+                like = there.stat() if there is not None else None
+                write_whole(there or path, text.encode(), 0o644, like=like)
+            except OSError as error:
+                raise _not_written(there or path, error) from error
+        return checked
+
+    def delete(self, name: str, version: str) -> None:
+        """Remove the file of a scenario, where it is the version that was read; raises as `store` does."""
+        with self._changing:
+            path = self._path_of(_checked_name(name))
+            if path is None:
+                raise ScenarioUnknown(f"there is no scenario {name!r} in the folder of scenarios")
+            self._check_version(name, path, version)
+            try:
+                path.unlink()
+            except OSError as error:
+                raise _not_written(path, error) from error
+
+    def _check_version(self, name: str, path: Path | None, version: str) -> None:
+        if path is None:
+            if version:
+                raise ScenarioChanged(f"{name} was deleted since it was read; store it without a version")
+            return
+        if version_of(self._read(name)) == version:
+            return
+        changed = utc_text(path.stat().st_mtime)
+        if not version:
+            raise ScenarioChanged(f"there is a scenario {name} already (of {changed}); read it, and give its version")
+        raise ScenarioChanged(f"{name} was changed at {changed}, since it was read; read it again")
+
+    def _path_of(self, name: str) -> Path | None:
+        paths = (self._folder / f"{name}{ending}" for ending in _ENDINGS)
+        return next((path for path in paths if path.exists()), None)
+
     def _held(self, text: str, file: str, fleet: FleetView) -> Checked:
         reading = read_scenario(text.encode(), file)
         if not reading.scenario.body.steps:
@@ -156,6 +261,23 @@ class Library:
                 reason = error.strerror or "it cannot be opened"
                 raise ScenarioError(f"{path.name}: {reason}; look at the folder of scenarios") from error
         raise ScenarioUnknown(f"there is no scenario {name!r} in the folder of scenarios")
+
+
+def _checked_name(name: str) -> str:
+    """The name of a file of the folder, and of none elsewhere."""
+    if not _NAME.fullmatch(name):
+        raise ScenarioUnknown(f"{name[:80]!r} is no name of a scenario: at most 64 letters, digits, _ and -")
+    return name
+
+
+def version_of(text: str) -> str:
+    """What differs when a text differs."""
+    return hashlib.sha256(text.encode()).hexdigest()[:32]
+
+
+def _not_written(path: Path, error: OSError) -> StorageUnavailable:
+    reason = error.strerror or "it cannot be written"
+    return StorageUnavailable(f"{path.name}: {reason}; look at the rights of the folder of scenarios")
 
 
 def _told(problems: Sequence[ConfigError], file: str) -> tuple[ConfigError, ...]:

@@ -23,9 +23,9 @@ from ua_fleet.server.endpoint.turns import TURN_S, Places
 from ua_fleet.server.hardened import HardenedServer
 from ua_fleet.server.origin import origin
 from ua_fleet.server.parts import NodeParts
-from ua_fleet.server.plain import NOT_FOUND, NOT_POSSIBLE, NOT_VALID, Argument, Noted, PlainMethods, caller
+from ua_fleet.server.plain import NOT_FOUND, NOT_POSSIBLE, NOT_VALID, Argument, Noted, NotValid, PlainMethods, caller
 from ua_fleet.server.scenarios.alarms import ACKNOWLEDGE, ADD_COMMENT, DISABLE, ENABLE
-from ua_fleet.server.scenarios.library import MOST_BYTES, ScenarioUnknown
+from ua_fleet.server.scenarios.library import MOST_BYTES, ScenarioUnknown, version_of
 from ua_fleet.server.scenarios.nodes import FAULTS, RESILIENCE, SCENARIOS, ScenarioNodes
 from ua_fleet.server.scenarios.service import ScenarioService
 from ua_fleet.server.scenarios.view import ScenarioView
@@ -102,6 +102,20 @@ class ScenarioMethods:
             Argument("Descriptions", _TEXTS, "what they are for"),
             Argument("Problems", _COUNTS, "how many mistakes each file has by itself"),
         ))  # fmt: skip
+        stored = Argument("Name", _TEXT, "name of the scenario: letters, digits, _ and -")
+        version = Argument("Version", _TEXT, "the version that was read; empty for a scenario that is new")
+        add(SCENARIOS, "Text", observer, self._text, (stored,), (
+            Argument("Text", _TEXT, "as it stands in the file"),
+            Argument("Version", _TEXT, "differs when the text differs"),
+        ))  # fmt: skip
+        add(SCENARIOS, "Store", engineer, self._store, (
+            stored, Argument("Text", _TEXT, "written as it stands, comments too"), version
+        ), (
+            Argument("NewVersion", _TEXT, "of the text that was stored"),
+            Argument("Problems", _TEXTS, "all that is wrong with it; then nothing was stored"),
+            Argument("Lines", _COUNTS, "the line of each problem; 0 where it has none"),
+        ))  # fmt: skip
+        add(SCENARIOS, "Delete", engineer, self._delete, (stored, version), ())
         add(SCENARIOS, "Validate", operator, self._validate, (_SCENARIO,), (
             Argument("Valid", _FLAG, "whether it can be run"),
             Argument("Problems", _TEXTS, "all that is wrong with it"),
@@ -191,6 +205,23 @@ class ScenarioMethods:
             [one.description for one in listed],
             [one.problems for one in listed],
         )
+
+    async def _text(self, name: str) -> Sequence[Any]:
+        return await self._aside(self._service.library.stored, name)
+
+    async def _store(self, name: str, text: str, version: str) -> Sequence[Any]:
+        checked = await self._aside(self._service.library.store, name, text, version, self._service.fleet)
+        if checked.problems:
+            problems, lines = [str(one) for one in checked.problems], [one.line for one in checked.problems]
+            raise NotValid(problems[0], ("", problems, lines))
+        stored = version_of(text)
+        _log.info("scenario stored", scenario=name, by=caller().name, version=stored, instead_of=version)
+        return stored, [], []
+
+    async def _delete(self, name: str, version: str) -> Sequence[Any]:
+        await self._aside(self._service.library.delete, name, version)
+        _log.info("scenario deleted", scenario=name, by=caller().name, version=version)
+        return ()
 
     async def _validate(self, scenario: str) -> Sequence[Any]:
         _, problems = await self._aside(self._service.check, _short(scenario, MOST_BYTES))

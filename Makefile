@@ -38,14 +38,17 @@ help:
 	@echo "make bench   measure against peers and floors; ONLY=codec for one group"
 	@echo "make setup   the two virtual environments alone; demo and test do it themselves"
 
+# Who ends them by Ctrl-C needs no `Error 130`: make, which gets it too, ends then, and nothing follows.
+ENDED = || [ $$? -eq 130 ]
+
 setup:
-	@scripts/setup
+	@scripts/setup $(ENDED)
 
 setup-test:
-	@scripts/setup --test
+	@scripts/setup --test $(ENDED)
 
 demo: setup
-	@.venv/bin/ua-fleet demo $(DEMO) $(ARGS)
+	@.venv/bin/ua-fleet demo $(DEMO) $(ARGS) $(ENDED)
 
 REPEATS = $(if $(RERUNS),--reruns $(RERUNS) -raR --rerun-show-tracebacks)
 

@@ -10,7 +10,8 @@ from typing import Any
 
 import pytest
 
-from tests.system import Child, Processes, free_multicast_url, free_tcp_port
+from tests import terminal
+from tests.system import ROOT, Child, Processes, clean_environment, free_multicast_url, free_tcp_port
 from tests.system import ros_domain as ros_domain_lock
 
 RUN_TIMEOUT_S = 90
@@ -112,3 +113,23 @@ def test_without_the_loop_rule_messages_come_round_again(processes: Processes, t
     assert _finish(child) == 1
     assert json.loads(path.read_text())["looped"] > 0
     assert any("delivered twice" in line for line in child.lines)
+
+
+@pytest.mark.needs("ros2")
+@pytest.mark.parametrize("shown", ["starting the server", "ned picks a cover"])
+def test_ctrl_c_before_the_end_is_no_error_of_make(tmp_path: Path, ros_domain: int, shown: str) -> None:
+    with ros_domain_lock() as arm_domain:
+        options = (
+            *("--speed", "20", "--without-ros1", "--domain", ros_domain, "--arm-domain", arm_domain),
+            *("--port", free_tcp_port(), "--pubsub-url", free_multicast_url(), "--folder", tmp_path / "run"),
+        )
+        ended = terminal.typed_after(
+            ("make", "--old-file=setup", "demo", f"ARGS={' '.join(map(str, options))}"),
+            shown,
+            terminal.CTRL_C,
+            folder=ROOT,
+            environment=clean_environment(),
+            delay_s=0.5,
+        )
+    assert (ended.code, "Error" in ended.shown, "Traceback" in ended.shown) == (-signal.SIGINT, False, False)
+    assert "ended before it was over; all that it had started is ended, too" in ended.shown

@@ -47,11 +47,13 @@ def tell_result(result: DemoResult) -> None:
 
 @contextmanager
 def shown_until_ctrl_c(is_over: Callable[[], bool]) -> Generator[None]:
-    """Ctrl-C is how a demonstration that stays up ends, and no failure once `is_over`: make would print an error."""
+    """Ctrl-C is how a demonstration that stays up ends, and no failure once `is_over`; before, it says that it was."""
     try:
         yield
     except KeyboardInterrupt:
         if not is_over():
+            message("")  # after the ^C
+            message("ended before it was over; all that it had started is ended, too")
             raise
 
 

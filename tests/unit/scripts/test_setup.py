@@ -6,13 +6,14 @@ import hashlib
 import os
 import re
 import shutil
+import signal
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 
-from tests import system
+from tests import system, terminal
 
 _PIP = """#!/bin/sh
 echo "$*" >>asked
@@ -100,6 +101,22 @@ def test_an_environment_whose_making_was_interrupted_is_made_again(checkout: Che
     python.chmod(0o755)
     checkout.set_up("x86_64", "none", OLD_PIP="1", PYTHON=str(python))
     assert "python -m venv .venv" in (tmp_path / "made").read_text(encoding="utf-8").splitlines()
+
+
+@pytest.mark.parametrize("delay_s", [0.1, 1.0])
+def test_ctrl_c_ends_a_set_up_in_silence(tmp_path: Path, delay_s: float) -> None:
+    """With a real Python, which would tell a traceback, and `make`, which would tell an error."""
+    (tmp_path / "scripts").mkdir()
+    for name in ("Makefile", "pyproject.toml", "requirements.lock", "scripts/setup", "scripts/wanted"):
+        shutil.copy(system.ROOT / name, tmp_path / name)
+    environment = system.clean_environment(PYTHON=sys.executable)
+    command = ("make", "demo")
+    ended = terminal.typed_after(
+        command, "making .venv", terminal.CTRL_C, folder=tmp_path, environment=environment, delay_s=delay_s
+    )
+    said = ended.shown.replace("\r", "").splitlines()
+    assert said[1:] == ["^C", "setup: ended by Ctrl-C; the next one goes on from here"]
+    assert ended.code == -signal.SIGINT
 
 
 def test_ci_requires_every_part_that_tests_can_lack() -> None:

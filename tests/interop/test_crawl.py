@@ -157,8 +157,8 @@ async def _crawled(protocol: Any) -> _Crawl:
 
 async def _reachable(protocol: Any) -> set[Any]:
     """Objects of the instances: those below Objects."""
-    seen = {ua.NodeId(85)}
-    waiting = list(seen)
+    seen: set[Any] = {ua.NodeId(85)}
+    waiting: list[Any] = list(seen)
     while waiting:
         parameters = ua.BrowseParameters()
         parameters.NodesToBrowse = [

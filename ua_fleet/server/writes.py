@@ -55,8 +55,7 @@ class ClientWrites:
             return code
         # A DataSet goes to the robots with Good values and a time of 100 ns: what else a client gives would be lost.
         status = int(value.StatusCode.value) if value.StatusCode is not None else 0
-        picoseconds = value.SourcePicoseconds or value.ServerPicoseconds
-        if status or value.ServerTimestamp is not None or picoseconds:
+        if status or value.ServerTimestamp is not None:
             return int(StatusCode.BAD_WRITE_NOT_SUPPORTED)
         return int(self._commands.check_time(key, _ticks(value), self._wall_ticks()))
 

@@ -94,12 +94,14 @@ async def test_what_comes_with_a_value_is_written_too(hardened: Door) -> None:
     node_id = await variable(hardened, "timed", 1.5)
     source, server = datetime(2020, 1, 2, tzinfo=UTC), datetime(2020, 1, 3, tzinfo=UTC)
     local_override = ua.StatusCode(0x0096_0000)
-    given = ua.DataValue(ua.Variant(2.5), local_override, source, server, SourcePicoseconds=30)
+    given = ua.DataValue(ua.Variant(2.5), local_override, source, server)
     async with hardened.connected() as client:
         assert await write(client, node_id, given) == "Good"
         after = await read(client, node_id)
         assert (after.Value.Value, after.StatusCode.name) == (2.5, "GoodLocalOverride")
-        assert (after.SourceTimestamp, after.ServerTimestamp, after.SourcePicoseconds) == (source, server, 30)
+        assert (after.SourceTimestamp, after.ServerTimestamp) == (source, server)
+        finer = ua.DataValue(ua.Variant(2.5), SourceTimestamp=source, SourcePicoseconds=30)
+        assert await write(client, node_id, finer) == "BadWriteNotSupported"
         before = datetime.now(UTC)
         assert await write(client, node_id, ua.Variant(3.5)) == "Good"
         after = await read(client, node_id)

@@ -200,7 +200,9 @@ class AttributeServices:
         given = wanted.Value
         if given is None or given.Value is None or given.Value.Value is None:
             raise Refusal(StatusCodes.BadTypeMismatch)
-        if given.StatusCode is not None and not given.StatusCode.is_good():
+        # asyncua has the times of a DataValue in another order than OPC 10000-6 5.2.2.17 where there are picoseconds.
+        finer = given.SourcePicoseconds or given.ServerPicoseconds
+        if finer or (given.StatusCode is not None and not given.StatusCode.is_good()):
             raise Refusal(StatusCodes.BadWriteNotSupported)
 
     def _whole(self, wanted: ua.WriteValue) -> ua.DataValue:

@@ -3,6 +3,8 @@
 published by a robot                    data, `source`
 only subscribed to by a robot           a command: `origin: server` and `sink`
 UA topics, what is mapped already       left out, and told
+
+Names and types are what any node of the graph has said: only those that are ROS names get into the file.
 """
 
 from __future__ import annotations
@@ -13,6 +15,8 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Final, NamedTuple
 
+import yaml
+
 from ua_fleet.config.base import ScalarType
 from ua_fleet.config.checks import MOST_FIELDS
 from ua_fleet.config.schema import RobotConfig
@@ -20,6 +24,8 @@ from ua_fleet.config.schema import RobotConfig
 __all__ = ["Addition", "FieldSeen", "LeftOut", "Plan", "TopicSeen", "plan_additions"]
 
 _NAME: Final = re.compile(r"[A-Za-z][A-Za-z0-9_-]{0,63}", re.ASCII)
+_TOPIC: Final = re.compile(r"(/[A-Za-z0-9_-]+)+", re.ASCII)
+_TYPE: Final = re.compile(r"[A-Za-z][A-Za-z0-9_]*/[A-Za-z][A-Za-z0-9_]*", re.ASCII)
 _UA: Final = re.compile(r"/ua_[0-9]")
 _MOST_NAME: Final = 64
 _WHOLE: Final = "data"
@@ -62,14 +68,14 @@ class Addition(NamedTuple):
     def lines(self) -> list[str]:
         """As YAML, without indentation; `id` comes later."""
         seen = self.seen
-        said = [f"{self.name}:"]
+        said = [f"{_quoted(self.name)}:"]
         if seen.is_command:
             said.append("  origin: server")
         if len(seen.fields) == 1:
             said += [f"  {line}" for line in _single(seen.fields[0])]
         else:
             said.append("  fields:")
-            said += [f"    {field.path}: {{{_kind(field)}}}" for field in seen.fields]
+            said += [f"    {_quoted(field.path)}: {{{_kind(field)}}}" for field in seen.fields]
         rate = "" if self.max_rate_hz is None else f", max_rate_hz: {self.max_rate_hz:g}"
         side = "sink" if seen.is_command else "source"
         return [*said, f"  {side}: {{topic: {seen.topic}, type: {seen.type}{rate}}}"]
@@ -99,7 +105,12 @@ def _single(field: FieldSeen) -> Iterator[str]:
     if field.array:
         yield "array: true"
     if field.path != _WHOLE:
-        yield f"path: {field.path}"
+        yield f"path: {_quoted(field.path)}"
+
+
+def _quoted(name: str) -> str:
+    """A name as YAML takes it for one: `on`, `no` and `null` are none without quotes."""
+    return name if yaml.safe_load(name) == name else f"'{name}'"
 
 
 def plan_additions(
@@ -138,8 +149,12 @@ def plan_additions(
         whose = robot or _whose(one.topic, here)
         if (where := mapped.get(one.topic)) is not None:
             left_out.append(LeftOut(one.topic, f"mapped already: {where}"))
+        elif not _TOPIC.fullmatch(one.topic):
+            left_out.append(LeftOut(one.topic, "its name is no ROS name (letters, digits, _ - and /)"))
         elif one.problem:
             left_out.append(LeftOut(one.topic, one.problem))
+        elif not _TYPE.fullmatch(one.type):
+            left_out.append(LeftOut(one.topic, f"{one.type} is no message type (pkg/Name)"))
         elif not one.fields:
             left_out.append(LeftOut(one.topic, f"{one.type} has no value that can be mapped by itself"))
         elif len(one.fields) > MOST_FIELDS:
@@ -167,7 +182,7 @@ def _name(topic: str, robot: str, taken: set[str]) -> str:
     parts = [part for part in topic.split("/") if part]
     if len(parts) > 1 and parts[0] == robot.replace("-", "_"):
         parts = parts[1:]
-    name = "_".join(parts)[-_MOST_NAME:].lstrip("_0123456789") or "topic"
+    name = "_".join(parts)[-_MOST_NAME:].lstrip("_-0123456789") or "topic"
     base, number = name, 2
     while name in taken or _NAME.fullmatch(name) is None:
         name = f"{base[: _MOST_NAME - 4]}_{number}"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pytest
+import yaml
 
 from ua_fleet.config.add_data import insert_data
 from ua_fleet.config.base import ScalarType
@@ -153,3 +154,32 @@ def test_only_what_is_read_and_not_latched_has_a_rate() -> None:
     topics = [seen("/a"), seen("/b", is_command=True), seen("/c", is_latched=True)]
     plan = plan_additions(topics, {"ned": robot()}, "floor", max_rate_hz=5)
     assert [one.max_rate_hz for one in plan.additions] == [5, None, None]
+
+
+@pytest.mark.parametrize(
+    ("topic", "kind", "reason"),
+    [
+        ("/carrier/a.b", "std_msgs/Float64", "no ROS name"),
+        ("/carrier/\x1b[2J\u00e9", "std_msgs/Float64", "no ROS name"),
+        ("/x, max_rate_hz: 500", "std_msgs/Float64", "no ROS name"),
+        ("/x}\n      goal: {type: Double", "std_msgs/Float64", "no ROS name"),
+        ("/x", "std_msgs/Float64}#", "no message type"),
+        ("/x", "std_msgs/Float64, path: y", "no message type"),
+    ],
+)
+def test_what_is_no_ros_name_does_not_get_into_the_file(topic: str, kind: str, reason: str) -> None:
+    seen = TopicSeen(topic, kind, False, LIMIT.fields)
+    plan = plan_additions([seen], {"carrier": RobotConfig(bridge="floor")}, "floor")
+    assert not plan.additions
+    assert reason in plan.left_out[0].reason
+
+
+def test_names_that_yaml_takes_for_something_else_stay_names() -> None:
+    fields = (FieldSeen("on", ScalarType.DOUBLE), FieldSeen("no", ScalarType.DOUBLE))
+    plan = plan_additions(
+        [TopicSeen("/carrier/null", "hall_msgs/Lamp", False, fields)], {"carrier": RobotConfig(bridge="floor")}, "floor"
+    )
+    content = insert_data((HEAD + DATA + "      a: {type: Double}\n").encode(), "f.yaml", "floor", plan.additions)
+    data = yaml.safe_load(content)["robots"]["carrier"]["data"]
+    assert list(data) == ["a", "null"]
+    assert list(data["null"]["fields"]) == ["on", "no"]

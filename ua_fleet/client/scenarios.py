@@ -350,6 +350,19 @@ class ScenarioClient:
         _, criteria, weights = outputs
         return dict(zip(criteria, weights, strict=True))
 
+    async def preview(self, decision_id: str, judgements: Mapping[str, float] | None = None) -> dict[str, float]:
+        """The score of each candidate of an open decision with other judgements; nothing changes by it."""
+        return await self._ranked("Preview", decision_id, judgements or {})
+
+    async def judge_decision(self, decision_id: str, judgements: Mapping[str, float] | None = None) -> dict[str, float]:
+        """Have one open decision ranked with these judgements, or without any by those of all; the scores."""
+        return await self._ranked("JudgeDecision", decision_id, judgements or {})
+
+    async def _ranked(self, method: str, decision_id: str, judgements: Mapping[str, float]) -> dict[str, float]:
+        numbers = ua.Variant([float(value) for value in judgements.values()], ua.VariantType.Double, None, True)
+        robots, scores, *_ = await self._call("Resilience", method, text(decision_id), texts(list(judgements)), numbers)
+        return dict(zip(robots or (), scores or (), strict=True))
+
     async def _call(self, owner: str, name: str, *arguments: ua.Variant) -> list[Any]:
         return (await call_method(self._client, f"Fleet.{owner}", name, *arguments)).check()
 

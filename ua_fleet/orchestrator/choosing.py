@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping
 
-from ua_fleet.orchestrator.candidates import TaskToDo, rank_robots
+from ua_fleet.orchestrator.candidates import ResilienceSettings, TaskToDo, rank_robots
 from ua_fleet.orchestrator.knowledge import Knowledge
 from ua_fleet.orchestrator.outputs import Forecast
 from ua_fleet.resilience import Ranking
@@ -74,15 +74,17 @@ class Choosing:
 
         return len(ahead), found()
 
-    def ranked(self, todo: TaskToDo) -> Ranking:
-        """The ranking now."""
-        return self._ranked(todo, self._count_ahead())
+    def ranked(self, todo: TaskToDo, settings: ResilienceSettings | None = None) -> Ranking:
+        """The ranking now; by other settings than those that count, where some are given."""
+        return self._ranked(todo, self._count_ahead(), settings)
 
-    def _ranked(self, todo: TaskToDo, ahead: Counter[str | None]) -> Ranking:
+    def _ranked(
+        self, todo: TaskToDo, ahead: Counter[str | None], settings: ResilienceSettings | None = None
+    ) -> Ranking:
         return rank_robots(
             todo,
             self._known.fleet,
-            self._known.settings,
+            settings or self._known.settings,
             unfit=self._known.unfit,
             tasks_ahead=ahead.__getitem__,
             lookup=self._lookup,

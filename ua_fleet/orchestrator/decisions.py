@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
 
 from ua_fleet.errors import ScenarioError
+from ua_fleet.orchestrator.candidates import ResilienceSettings
 from ua_fleet.orchestrator.choosing import Choosing
 from ua_fleet.orchestrator.knowledge import Knowledge
 from ua_fleet.orchestrator.outputs import DecisionChanged, Output
 from ua_fleet.orchestrator.under_way import RunsUnderWay
-from ua_fleet.resilience import Aborted, Confirmation, Decision, DecisionEvent, ReplacementChosen
+from ua_fleet.resilience import Aborted, Confirmation, Decision, DecisionEvent, Judgements, Ranking, ReplacementChosen
 from ua_fleet.scenario import Run
 from ua_fleet.scenario.consequences import LEAST_SILENCE_S
 from ua_fleet.scenario.effects import OpenDecision
@@ -45,6 +46,8 @@ class Decisions:
         """
         self._known, self._choosing, self._runs, self._outputs = known, choosing, runs, outputs
         self._open: dict[str, Opened] = {}
+        self._judgements: dict[str, Judgements] = {}
+        """Of decisions for which others count than for all."""
 
     def __iter__(self) -> Iterator[Opened]:
         return iter(list(self._open.values()))
@@ -62,7 +65,7 @@ class Decisions:
         decision = Decision(
             decision_id,
             settings.mode,
-            self._choosing.ranked(todo),
+            self._choosing.ranked(todo, self._settings(decision_id)),
             limit_s=settings.limit_s,
             on_limit=settings.on_limit,
             now=now,
@@ -75,13 +78,48 @@ class Decisions:
 
     def confirm(self, decision_id: str, robot: str, by: str, now: float) -> Confirmation:
         """A person chooses; raises NoCandidate, or ScenarioError where there is no such decision."""
-        opened = self._open.get(decision_id)
-        if opened is None:
-            raise ScenarioError(f"there is no decision {decision_id!r}")
+        opened = self._find(decision_id)
         self._rank_again(opened, now)
         confirmation, events = opened.decision.confirm(robot, by)
         self._decided(opened, events, now)
         return confirmation
+
+    def preview(self, decision_id: str, judgements: Judgements | None) -> Ranking:
+        """The ranking of an open decision with other judgements, which changes nothing; None: those that count.
+
+        Raises:
+            JudgementsInvalid: no weights can be made of them.
+            ScenarioError: there is no such decision.
+        """
+        opened, settings = self._find(decision_id), self._settings(decision_id)
+        if judgements is not None:
+            settings = replace(settings, judgements=judgements)
+        todo = self._choosing.asked(opened.run_id, opened.asked, is_unknown=opened.is_unknown)
+        return self._choosing.ranked(todo, settings)
+
+    def judge(self, decision_id: str, judgements: Judgements | None, now: float) -> None:
+        """Rank an open decision with other judgements; None: with those of all. Raises as `preview` does."""
+        opened = self._find(decision_id)
+        if judgements is None:
+            self._judgements.pop(decision_id, None)
+        else:
+            replace(self._known.settings, judgements=judgements)  # refuses what cannot be weighed
+            self._judgements[decision_id] = judgements
+        self._rank_again(opened, now)
+
+    def restore_judgements(self, judgements: Mapping[str, Judgements]) -> None:
+        """Judgements of single decisions that were set before a restart; before these are open again."""
+        self._judgements.update(judgements)
+
+    def _find(self, decision_id: str) -> Opened:
+        opened = self._open.get(decision_id)
+        if opened is None:
+            raise ScenarioError(f"there is no decision {decision_id!r}")
+        return opened
+
+    def _settings(self, decision_id: str) -> ResilienceSettings:
+        own = self._judgements.get(decision_id)
+        return self._known.settings if own is None else replace(self._known.settings, judgements=own)
 
     def look_again(self, opened: Opened, now: float) -> None:
         """Time has passed, or more is known of robots."""
@@ -132,7 +170,8 @@ class Decisions:
     def _rank_again(self, opened: Opened, now: float) -> None:
         todo = self._choosing.asked(opened.run_id, opened.asked, is_unknown=opened.is_unknown)
         events = opened.decision.rank_again(
-            self._choosing.ranked(todo), self._known.hope_until(todo, opened.since, now)
+            self._choosing.ranked(todo, self._settings(opened.decision.id)),
+            self._known.hope_until(todo, opened.since, now),
         )
         self._decided(opened, events, now)
 
@@ -149,6 +188,8 @@ class Decisions:
 
     def _say(self, opened: Opened, events: list[DecisionEvent]) -> None:
         asked = opened.asked
+        if opened.decision.outcome is not None:
+            self._judgements.pop(opened.decision.id, None)
         self._outputs += [
             DecisionChanged(
                 opened.run_id, asked.step, asked.task, asked.robot, asked.reason, event, opened.decision.next_deadline()

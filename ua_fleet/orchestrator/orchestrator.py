@@ -32,7 +32,7 @@ from ua_fleet.orchestrator.outputs import (
 )
 from ua_fleet.orchestrator.restoring import end_of, halts_of
 from ua_fleet.orchestrator.under_way import RunsUnderWay
-from ua_fleet.resilience import Confirmation, Decision
+from ua_fleet.resilience import Confirmation, Decision, Judgements, Ranking
 from ua_fleet.scenario import FleetView, Lookup, Reservations, Run, Scenario, Value
 from ua_fleet.scenario.consequences import NOT_HALTED, SKILL
 from ua_fleet.scenario.effects import (
@@ -334,6 +334,24 @@ class Orchestrator:
             ScenarioError: there is no such decision.
         """
         return self._decisions.confirm(decision_id, robot, by, now), self._taken(now)
+
+    def preview(self, decision_id: str, judgements: Judgements | None) -> Ranking:
+        """The ranking of an open decision with other judgements, which changes nothing; None: those that count.
+
+        Raises:
+            JudgementsInvalid: no weights can be made of them.
+            ScenarioError: there is no such decision.
+        """
+        return self._decisions.preview(decision_id, judgements)
+
+    def judge(self, decision_id: str, judgements: Judgements | None, now: float) -> list[Output]:
+        """Rank an open decision with other judgements; None: with those of all. Raises as `preview` does."""
+        self._decisions.judge(decision_id, judgements, now)
+        return self._taken(now)
+
+    def restore_judgements(self, judgements: Mapping[str, Judgements]) -> None:
+        """Judgements of single decisions, as they were before a restart; before `restore_all`."""
+        self._decisions.restore_judgements(judgements)
 
     def set_settings(self, settings: ResilienceSettings, now: float) -> list[Output]:
         """Other criteria, judgements or modes; open decisions are ranked again."""

@@ -412,3 +412,56 @@ def test_a_robot_that_is_repaired_while_somebody_decides_may_have_its_task_back(
     world.go()
     assert world.log[-2:] == ["0 a ur3 grab", "1 a done"]
     assert not [change for change in world.decisions() if isinstance(change.event, Aborted)]
+
+
+OTHERWISE = {("battery", "distance"): 1 / 9, ("battery", "availability"): 1 / 9, ("distance", "availability"): 1.0}
+
+
+def deciding() -> tuple[World, str]:
+    """An open decision, in which pioneer_2 has the battery and pioneer_1 is nearer."""
+    world = World(Mode.OPERATOR)
+    world.values["pioneer_2.battery"] = 100.0
+    world.start("a", "  - {task: t1, robot: ridgeback, skill: go}\n")
+    world.take(world.make.fault_raised("ridgeback", "robot", "stuck", 0.0))
+    ((decision_id, decision),) = world.make.decisions.items()
+    assert decision.ranking.best == "pioneer_2"
+    return world, decision_id
+
+
+def test_a_preview_is_the_ranking_that_would_be_and_changes_nothing() -> None:
+    world, decision_id = deciding()
+    before, said = world.make.decisions[decision_id].ranking, len(world.said)
+    assert world.make.preview(decision_id, None) == before
+    previewed = world.make.preview(decision_id, OTHERWISE)
+    assert previewed.best == "pioneer_1"
+    assert (world.make.decisions[decision_id].ranking, world.make.poll(1.0)) == (before, [])
+    assert len(world.said) == said
+    with pytest.raises(JudgementsInvalid, match="consisten"):
+        world.make.preview(decision_id, {**OTHERWISE, ("distance", "availability"): 9.0})
+    with pytest.raises(ScenarioError, match="there is no decision 'b'"):
+        world.make.preview("b", None)
+    world.take(world.make.set_settings(ResilienceSettings(settings().criteria, OTHERWISE, mode=Mode.OPERATOR), 3.0))
+    assert world.make.decisions[decision_id].ranking == previewed
+
+
+def test_judgements_of_one_decision_rank_that_one_alone() -> None:
+    world, decision_id = deciding()
+    world.start("b", "  - {task: t1, robot: ridgeback, skill: go}\n")
+    (other,) = world.make.decisions.keys() - {decision_id}
+    world.take(world.make.judge(decision_id, OTHERWISE, 1.0))
+    best = {one: decision.ranking.best for one, decision in world.make.decisions.items()}
+    assert best == {decision_id: "pioneer_1", other: "pioneer_2"}
+    world.values["pioneer_1.y"] = 0.1
+    world.take(world.make.poll(2.0))
+    assert world.make.decisions[decision_id].ranking.best == "pioneer_1", "also when values change"
+    with pytest.raises(JudgementsInvalid):
+        world.make.judge(decision_id, {("battery", "distance"): 2.0}, 3.0)
+    world.take(world.make.judge(decision_id, None, 3.0))
+    assert world.make.decisions[decision_id].ranking.best == "pioneer_2"
+
+
+def test_who_is_chosen_at_the_limit_is_the_best_by_the_judgements_of_the_decision() -> None:
+    world, decision_id = deciding()
+    world.take(world.make.judge(decision_id, OTHERWISE, 1.0))
+    world.go(60)
+    assert "30 a pioneer_1 go" in world.log

@@ -16,6 +16,7 @@ import structlog
 from ua_fleet.errors import UaFleetError
 from ua_fleet.orchestrator import ResilienceSettings
 from ua_fleet.resilience import Mode, OnLimit
+from ua_fleet.server.scenarios.decision_judgements import DECISION_PREFIX
 from ua_fleet.storage.run_journal import RunJournal, StoredSetting
 
 __all__ = ["KeptSettings"]
@@ -71,7 +72,8 @@ class KeptSettings:
         self._configured, self._journal = configured, journal
         self.current = configured
         for name, stored in journal.settings().items():
-            self._restore(name, stored)
+            if not name.startswith(DECISION_PREFIX):
+                self._restore(name, stored)
 
     def _restore(self, name: str, stored: StoredSetting) -> None:
         part = _PARTS.get(name)

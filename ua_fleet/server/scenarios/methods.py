@@ -6,7 +6,8 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Generator, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from itertools import islice
 from typing import Any, Final, TypeVar
@@ -16,7 +17,7 @@ from asyncua import ua
 
 from ua_fleet.errors import JudgementsInvalid, ScenarioError, ScenarioInvalid, UaFleetError
 from ua_fleet.orchestrator import Forecast
-from ua_fleet.resilience import Mode, OnLimit
+from ua_fleet.resilience import Mode, OnLimit, Ranking
 from ua_fleet.server.endpoint.sessions import current_session
 from ua_fleet.server.endpoint.stack import ObjectIds, Refusal, StatusCodes, ns0
 from ua_fleet.server.endpoint.turns import TURN_S, Places
@@ -26,7 +27,7 @@ from ua_fleet.server.parts import NodeParts
 from ua_fleet.server.plain import NOT_FOUND, NOT_POSSIBLE, NOT_VALID, Argument, Noted, NotValid, PlainMethods, caller
 from ua_fleet.server.scenarios.alarms import ACKNOWLEDGE, ADD_COMMENT, DISABLE, ENABLE
 from ua_fleet.server.scenarios.library import MOST_BYTES, ScenarioUnknown, version_of
-from ua_fleet.server.scenarios.nodes import FAULTS, RESILIENCE, SCENARIOS, ScenarioNodes
+from ua_fleet.server.scenarios.nodes import FAULTS, RESILIENCE, SCENARIOS, ScenarioNodes, ranking_values
 from ua_fleet.server.scenarios.service import ScenarioService
 from ua_fleet.server.scenarios.view import ScenarioView
 from ua_fleet.server.users import Role, User
@@ -65,6 +66,18 @@ _WEIGHTS: Final = (
     Argument("ConsistencyRatio", _NUMBER, "of the judgements (Saaty)"),
     Argument("Criteria", _TEXTS, "the criteria"),
     Argument("Weights", _NUMBERS, "their weights; together 1"),
+)
+_RANKING: Final = (
+    Argument("Robots", _TEXTS, "the candidates, the best first"),
+    Argument("Scores", _NUMBERS, "of each; together 1"),
+    Argument("Criteria", _TEXTS, "the criteria that count for this task"),
+    Argument("Weights", _NUMBERS, "their weights; together 1"),
+    Argument("RawValues", _NUMBERS, "values of the best candidate first, by criterion, then of the next"),
+    Argument("CriterionScores", _NUMBERS, "what each of them is worth"),
+    Argument("Missing", _TEXTS, "for each of them: empty, or why it is not known"),
+    Argument("Excluded", _TEXTS, "robots that are no candidates"),
+    Argument("Reasons", _TEXTS, "why"),
+    Argument("ConsistencyRatio", _NUMBER, "of the judgements (Saaty); above 0.1 they are refused"),
 )
 
 
@@ -153,10 +166,13 @@ class ScenarioMethods:
             Argument("Best", _TEXTS, "who would take it over; empty for nobody"),
             Argument("Explanations", _TEXTS, "the ranking, and who is no candidate, and why"),
         ))  # fmt: skip
-        add(RESILIENCE, "SetJudgements", engineer, self._set_judgements, (
+        judgements = (
             Argument("Pairs", _TEXTS, "pairs of criteria, e.g. battery/distance; each pair once"),
             Argument("Values", _NUMBERS, "how many times more important the first is, 1/9 to 9"),
-        ), _WEIGHTS)  # fmt: skip
+        )
+        add(RESILIENCE, "SetJudgements", engineer, self._set_judgements, judgements, _WEIGHTS)
+        add(RESILIENCE, "Preview", observer, self._preview, (decision, *judgements), _RANKING)
+        add(RESILIENCE, "JudgeDecision", operator, self._judge_decision, (decision, *judgements), _RANKING)
         add(RESILIENCE, "SetMode", engineer, self._set_mode, (
             Argument("Mode", _TEXT, "operator, automatic or abort"),
             Argument("LimitSeconds", _NUMBER, "how long an operator may think; 0 leaves it"),
@@ -299,22 +315,26 @@ class ScenarioMethods:
         return Noted(outputs, f"{len(forecasts)} of {ahead} tasks were looked at; the others are left out")
 
     async def _set_judgements(self, pairs: list[str], values: list[float]) -> Sequence[Any]:
-        if len(pairs) != len(values):
-            raise JudgementsInvalid([f"{len(pairs)} pairs were given with {len(values)} values"])
-        judgements: dict[tuple[str, str], float] = {}
-        for pair, value in zip(pairs, values, strict=True):
-            one, _, other = [part.strip() for part in pair.partition("/")]
-            if not one or not other:
-                raise JudgementsInvalid([f"{pair[:MOST_PAIR]!r} is no pair of criteria; write them as one/other"])
-            if (one, other) in judgements:
-                raise JudgementsInvalid([f"{pair[:MOST_PAIR]} was given twice"])
-            judgements[one, other] = value
+        judgements = _judgements(pairs, values)
         settings = replace(self._service.settings, judgements=judgements)
         self._service.set_settings(settings, caller().name)
         self._view.show_settings(settings)
         _log.info("judgements set", by=caller().name)
         weights = settings.weights()
         return float(weights.consistency_ratio), list(weights.names), list(weights.weights)
+
+    async def _preview(self, decision_id: str, pairs: list[str], values: list[float]) -> Sequence[Any]:
+        async with self._background.of(_whom()):  # it ranks all robots, in the event loop: one for each user at a time
+            with _as_outputs():
+                return _ranking_outputs(self._service.preview(decision_id, _judgements(pairs, values) or None))
+
+    async def _judge_decision(self, decision_id: str, pairs: list[str], values: list[float]) -> Sequence[Any]:
+        async with self._background.of(_whom()):
+            with _as_outputs():
+                judgements = _judgements(pairs, values)
+                ranking = self._service.judge(decision_id, judgements or None, caller().name)
+        _log.info("judgements of a decision set", decision_id=decision_id, by=caller().name, is_reset=not judgements)
+        return _ranking_outputs(ranking)
 
     async def _set_mode(self, mode: str, limit_s: float, on_limit: str) -> Sequence[Any]:
         settings = self._service.settings
@@ -407,6 +427,37 @@ def _short(text: str, most: int) -> str:
 def _text_of(comment: ua.Variant) -> str:
     value: Any = comment.Value
     return str(getattr(value, "Text", None) or "")[:MOST_COMMENT]
+
+
+def _judgements(pairs: list[str], values: list[float]) -> dict[tuple[str, str], float]:
+    """Judgements as Methods take them; raises JudgementsInvalid where they are not well formed."""
+    if len(pairs) != len(values):
+        raise JudgementsInvalid([f"{len(pairs)} pairs were given with {len(values)} values"])
+    judgements: dict[tuple[str, str], float] = {}
+    for pair, value in zip(pairs, values, strict=True):
+        one, _, other = [part.strip() for part in pair.partition("/")]
+        if not one or not other:
+            raise JudgementsInvalid([f"{pair[:MOST_PAIR]!r} is no pair of criteria; write them as one/other"])
+        if (one, other) in judgements:
+            raise JudgementsInvalid([f"{pair[:MOST_PAIR]} was given twice"])
+        judgements[one, other] = value
+    return judgements
+
+
+def _ranking_outputs(ranking: Ranking | None, consistency_ratio: float = 0.0) -> list[Any]:
+    """The fields of a ranking in the order of `_RANKING`."""
+    fields = ranking_values(ranking)
+    values = [fields[argument.name].value for argument in _RANKING]
+    return values if ranking is not None else [*values[:-1], consistency_ratio]
+
+
+@contextmanager
+def _as_outputs() -> Generator[None]:
+    """Tell the consistency ratio of judgements that contradict each other, too."""
+    try:
+        yield
+    except JudgementsInvalid as error:
+        raise NotValid(str(error), _ranking_outputs(None, error.consistency_ratio or 0.0)) from error
 
 
 def _explained(forecast: Forecast) -> str:

@@ -24,6 +24,7 @@ from ua_fleet.fleet.changes import ValueChanged
 from ua_fleet.fleet.model import FleetModel, RobotModel
 from ua_fleet.monitoring.mistakes import Mistakes
 from ua_fleet.orchestrator import (
+    DecisionChanged,
     Fault,
     FaultChanged,
     FaultFound,
@@ -40,12 +41,13 @@ from ua_fleet.orchestrator import (
 )
 from ua_fleet.orchestrator.dry_run import DryRun, dry_run
 from ua_fleet.pubsub.events import DataReceived
-from ua_fleet.resilience import Confirmation
+from ua_fleet.resilience import Confirmation, Judgements, Ranking
 from ua_fleet.scenario import Scenario, Value
 from ua_fleet.scenario.consequences import NOT_HALTED, SILENT
 from ua_fleet.scenario.facts import Fact, RunEnded, TaskOutcome
 from ua_fleet.server.scenarios.away import BridgesSeen
 from ua_fleet.server.scenarios.carrying import OutputCarrier
+from ua_fleet.server.scenarios.decision_judgements import DecisionJudgements
 from ua_fleet.server.scenarios.finding import FaultFinder
 from ua_fleet.server.scenarios.holding import RobotHolds
 from ua_fleet.server.scenarios.kept_settings import KeptSettings
@@ -125,6 +127,7 @@ class ScenarioService:
         self.library = Library(folder)
         self._finder = FaultFinder(model, config.resilience.rules(), self._named_first)
         self._settings = KeptSettings(config.resilience.settings(), journal)
+        self._judgements = DecisionJudgements(journal)
         self._carrier = OutputCarrier(
             journal, self._carry_out, self._not_asked, mistakes=self._mistakes, clock=clock, sooner=sooner
         )
@@ -217,6 +220,7 @@ class ScenarioService:
             records.append(record)
         outputs = restore_faults(self._journal.faults(), self._robots, self._orchestrator, self._finder, now)
         outputs += self._orchestrator.not_heard(self._robots, now)
+        self._orchestrator.restore_judgements(self._judgements.restored(self.settings))
         self.holds.restore(self._journal.holds(), self._robots)
         halts = [halt for halt in self._journal.halts() if halt.robot in self._robots]
         outputs += self._orchestrator.restore_all(stored, now, halts)
@@ -328,13 +332,43 @@ class ScenarioService:
     def confirm(self, decision_id: str, robot: str, by: str) -> Confirmation:
         """Choose a replacement. Of two who choose at once the first decides, the other is told so."""
         self.take_news()
+        self._check_decision(decision_id)
+        confirmation, outputs = self._orchestrator.confirm(decision_id, robot, by, self._wall_s())
+        self._do(outputs, must_be_written=True)
+        return confirmation
+
+    def preview(self, decision_id: str, judgements: Judgements | None) -> Ranking:
+        """The ranking of an open decision with other judgements, which changes nothing; None: those that count.
+
+        Raises:
+            JudgementsInvalid: no weights can be made of them.
+            ScenarioUnknown: there is no such decision.
+        """
+        self._check_decision(decision_id)
+        return self._orchestrator.preview(decision_id, judgements)
+
+    def judge(self, decision_id: str, judgements: Judgements | None, by: str) -> Ranking:
+        """Rank an open decision with other judgements, also after a restart; None: with those of all.
+
+        Raises:
+            JudgementsInvalid: no weights can be made of them.
+            ScenarioUnknown: there is no such decision.
+            StorageUnavailable: it cannot be kept, and nothing has changed.
+        """
+        ranking = self.preview(decision_id, judgements)  # refuses what cannot be weighed before it is kept
+        now = self._wall_s()
+        if judgements is None:
+            self._judgements.forget(decision_id)
+        else:
+            self._judgements.keep(decision_id, judgements, by, now)
+        self._do(self._orchestrator.judge(decision_id, judgements, now))
+        return ranking
+
+    def _check_decision(self, decision_id: str) -> None:
         if decision_id not in self._orchestrator.decisions:
             raise ScenarioUnknown(
                 f"there is no open decision {decision_id[:MOST_NAME]!r}; somebody may have decided it"
             )
-        confirmation, outputs = self._orchestrator.confirm(decision_id, robot, by, self._wall_s())
-        self._do(outputs, must_be_written=True)
-        return confirmation
 
     def what_if(self, robot: str) -> tuple[int, Iterator[Forecast]]:
         """How many tasks a robot has ahead, and who would take over each of them, one by one and without effect."""
@@ -590,6 +624,8 @@ class ScenarioService:
         elif isinstance(output, RunBroken):
             self._mistakes.caught("runs", output.error, run_id=output.run_id)
         self._show(output)
+        if isinstance(output, DecisionChanged):
+            self._judgements.closed(output)
         if isinstance(output, FaultChanged):
             self._faulted(output.fault.robot, self.can_do_nothing(output.fault.robot))
         if isinstance(output, RunChanged) and isinstance(output.fact, RunEnded):

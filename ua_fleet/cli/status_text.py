@@ -133,7 +133,7 @@ def status_lines(
     lines += ["", head("robots", _robots(status.robots))]
     listed = list(status.robots)
     if len(listed) > MOST_ROBOTS and not all_robots:
-        listed = [robot for robot in listed if robot.state != "idle"][:MOST_ROBOTS]
+        listed = [robot for robot in listed if robot.state != "idle" or robot.held_by][:MOST_ROBOTS]
     lines += table(
         [
             ("robot", "state", "since", "values", "battery", "does"),
@@ -219,7 +219,8 @@ def _robots(robots: Sequence[RobotStatus]) -> str:
 def _robot(robot: RobotStatus, since: str) -> tuple[Cell | str, ...]:
     colour = {"idle": None, "busy": Colour.GOOD}.get(robot.state, Colour.BAD)
     battery = "" if robot.battery is None else value_text(robot.battery, "Float", ValueStyle(robot.battery_unit))
-    return (robot.name, Cell(robot.state, colour), since, _quality(robot), battery, ", ".join(robot.tasks))
+    does = [*robot.tasks, *([f"held by {robot.held_by}"] if robot.held_by else [])]
+    return (robot.name, Cell(robot.state, colour), since, _quality(robot), battery, ", ".join(does))
 
 
 def _quality(robot: RobotStatus) -> Cell:

@@ -28,6 +28,7 @@ from ua_fleet.client.finding import Finder, SelectedNode
 from ua_fleet.client.identity import ClientIdentity, default_identity_folder
 from ua_fleet.client.known_servers import Meeting, application_uri_of
 from ua_fleet.client.offers import OfferedSkill, offering
+from ua_fleet.client.skill_nodes import SkillNode
 from ua_fleet.client.skills import SkillCalls, SkillExecution, SkillInfo
 from ua_fleet.client.subscriptions import Feed, Subscriptions, subscribe
 from ua_fleet.client.translated import NodeNotFound, quietly, translated
@@ -314,10 +315,14 @@ class FleetClient:
         with translated(self.endpoint):
             return await self._finder.robots()
 
+    async def skill_nodes(self) -> list[SkillNode]:
+        """Where the skills of all robots stand."""
+        return await self._skills.nodes_of(await self.robots())
+
     async def skills(self, robot: str | None = None) -> list[SkillInfo]:
         """The skills of a robot, or of all, with their arguments. NodeNotFound where there is no such robot."""
         if robot is None:
-            return await self._skills.all_of_fleet(await self.robots())
+            return await self._skills.all_at(await self.skill_nodes())
         return await self._skills.all_of(robot)
 
     async def start_skill(self, robot: str, skill: str, /, **arguments: Any) -> SkillExecution:

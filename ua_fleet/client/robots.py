@@ -6,7 +6,6 @@
 from __future__ import annotations
 
 import json
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
@@ -20,9 +19,6 @@ if TYPE_CHECKING:
     from ua_fleet.client.fleet_client import FleetClient
 
 __all__ = ["RobotClient", "RobotInfo", "RobotInvalid"]
-
-_NUMBER: Final = re.compile(r"ns=\d+;i=\d+")
-"""The NodeId of a skill; other Objects in its folder are groups, and Methods are those of the types."""
 
 _HOLD: Final = "ns=3;i=72051"
 _RELEASE: Final = "ns=3;i=72052"
@@ -67,22 +63,24 @@ class RobotClient:
 
     async def robots(self) -> list[RobotInfo]:
         """All robots, by their names."""
+        nodes = await self._client.robots()
+        names = ("State", "Origin", "Capacities", "Description", "HeldBy", "HeldSince", "HeldReason")
+        asked = [f"{node.to_string()}.{name}" for node in nodes.values() for name in names]
+        told = iter(await self._client.read(asked))
+        skills: dict[str, list[str]] = {name: [] for name in nodes}
+        for skill in await self._client.skill_nodes():
+            if skill.robot in skills:
+                skills[skill.robot].append(skill.name)
         found: list[RobotInfo] = []
-        for node in await self._client.browse("Fleet/Robots", depth=2):
-            if node.depth != 1 or node.node_class != "Object":
-                continue
-            names = ("State", "Origin", "Capacities", "Description", "HeldBy", "HeldSince", "HeldReason")
-            readings = await self._client.read([f"{node.node_id}.{name}" for name in names])
-            state, origin, capacities, description, *held = [reading.value for reading in readings]
-            below = await self._client.browse(f"{node.node_id}.Skills", depth=2)
-            skills = [one.browse_name for one in below if one.node_class == "Object" and _NUMBER.fullmatch(one.node_id)]
+        for name in nodes:
+            state, origin, capacities, description, *held = [next(told).value for _ in names]
             found.append(
                 RobotInfo(
-                    node.browse_name,
+                    name,
                     _STATES[state] if state in range(len(_STATES)) else str(state),
                     str(origin),
                     tuple(capacities or ()),
-                    tuple(skills),
+                    tuple(skills[name]),
                     str(description or ""),
                     str(held[0] or ""),
                     held[1] if held[0] else None,

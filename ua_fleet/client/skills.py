@@ -183,10 +183,10 @@ class SkillCalls:
         """See FleetClient.skills."""
         with translated(self._endpoint):
             folder = await self._find(f"Fleet/Robots/{robot}/Skills")
-            return await self._infos([(robot, folder.nodeid)])
+            return await self.all_at(await skill_nodes(self._batches, [(robot, folder.nodeid)]))
 
-    async def all_of_fleet(self, robots: Mapping[str, ua.NodeId]) -> list[SkillInfo]:
-        """The skills of some robots, given with their nodes."""
+    async def nodes_of(self, robots: Mapping[str, ua.NodeId]) -> list[SkillNode]:
+        """Where the skills of some robots stand, given with their nodes."""
         with translated(self._endpoint):
             skills = await self._batches.browse(list(robots.values()), classes=int(ua.NodeClass.Object))
             folders = [
@@ -195,11 +195,12 @@ class SkillCalls:
                 for child in children
                 if child.BrowseName.Name == "Skills"
             ]
-            return await self._infos(folders)
+            return await skill_nodes(self._batches, folders)
 
-    async def _infos(self, folders: Sequence[tuple[str, ua.NodeId]]) -> list[SkillInfo]:
-        nodes = await skill_nodes(self._batches, folders)
-        return [known.info for known in await read_skills(self._batches, nodes)]
+    async def all_at(self, nodes: Sequence[SkillNode]) -> list[SkillInfo]:
+        """The skills that stand there."""
+        with translated(self._endpoint):
+            return [known.info for known in await read_skills(self._batches, nodes)]
 
     async def start(self, robot: str, skill: str, arguments: Mapping[str, Any]) -> SkillExecution:
         """See FleetClient.start_skill."""

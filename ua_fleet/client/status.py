@@ -94,6 +94,8 @@ class RobotStatus:
     battery_unit: str = ""
     tasks: tuple[str, ...] = ()
     """What it does: `task of RUN`, or the name of a skill."""
+    held_by: str = ""
+    """Who holds it back from tasks; empty: nobody."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -254,7 +256,7 @@ async def _drops(client: FleetClient, folder: str) -> dict[str, int]:
 
 async def _robots(client: FleetClient, runs: Sequence[RunStatus], *, all_values: bool) -> tuple[RobotStatus, ...]:
     nodes = {name: node.to_string() for name, node in (await client.robots()).items()}
-    states = await _read(client, [f"{node}.State" for node in nodes.values()])
+    states = await _read(client, [f"{node}.{part}" for node in nodes.values() for part in ("State", "HeldBy")])
     shown = {name: _state(states.value(f"{node}.State")) for name, node in nodes.items()}
     is_small = all_values or len(nodes) <= MOST_LOOKED_AT
     looked_at = [name for name in nodes if is_small or shown[name] != "idle"][: None if all_values else MOST_LOOKED_AT]
@@ -271,7 +273,8 @@ async def _robots(client: FleetClient, runs: Sequence[RunStatus], *, all_values:
     for name in sorted(nodes):
         values, battery, unit = told.get(name, (None, None, ""))
         since = states.source_time(f"{nodes[name]}.State")
-        found.append(RobotStatus(name, shown[name], since, values, battery, unit, tuple(tasks[name])))
+        held_by = str(states.value(f"{nodes[name]}.HeldBy") or "")
+        found.append(RobotStatus(name, shown[name], since, values, battery, unit, tuple(tasks[name]), held_by))
     return tuple(found)
 
 

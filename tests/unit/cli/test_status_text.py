@@ -109,7 +109,9 @@ def test_each_thing_that_is_wrong_is_told_once_with_the_next_command(name: str) 
 def test_what_is_not_wrong() -> None:
     over = replace(FAULT, active=False)
     run = RunStatus("r1", "round", "running", NOON, "", (("out", "rover", "accepted"), ("back", "", "done")))
-    busy = replace(ROVER, state="busy", values={"Good": 1, "BadNoCommunication": 2}, tasks=("out of r1",))
+    busy = replace(
+        ROVER, state="busy", values={"Good": 1, "BadNoCommunication": 2}, tasks=("out of r1",), held_by="anna"
+    )
     status = changed(faults=(over,), runs=(run,), robots=(busy,), drops={"inlet_full": 1200})
     assert problems_of(status, NOON) == []
     lines = shown(status)
@@ -117,7 +119,7 @@ def test_what_is_not_wrong() -> None:
     assert any(line.endswith("ua-fleet fault ack rover.skill") for line in lines)
     assert "  r1  round  running since 12:00:00" in lines
     assert "    out  rover  accepted" in lines
-    assert "  rover  busy   12:00:00  2 of 3 BadNoCommunication  87.5 %   out of r1" in lines
+    assert "  rover  busy   12:00:00  2 of 3 BadNoCommunication  87.5 %   out of r1, held by anna" in lines
     (drop,) = [line for line in lines if "inlet_full" in line]
     assert drop.startswith("  inlet_full  1,200     More messages than the bridge could hand on")
     assert drop.endswith("server 1,200")

@@ -226,17 +226,22 @@ async def test_a_method_of_the_type_names_that_of_the_object(hardened: Door) -> 
     server = ua.NodeId(ua.ObjectIds.Server)
 
     async def call(owner: Any, method: Any) -> str:
+        return str((await answer(owner, method)).StatusCode.name)
+
+    async def answer(owner: Any, method: Any) -> Any:
         request = ua.CallRequest()
         wanted = ua.CallMethodRequest(owner, method)
         wanted.InputArguments = [ua.Variant(4_000_000_000, ua.VariantType.UInt32)]
         request.Parameters.MethodsToCall = [wanted]
-        return str((await send(client, request, ua.CallResponse)).Results[0].StatusCode.name)
+        return (await send(client, request, ua.CallResponse)).Results[0]
 
     of_type = ua.NodeId(ua.ObjectIds.ServerType_GetMonitoredItems)
     async with hardened.connected() as client:
         own = await call(server, ua.NodeId(ua.ObjectIds.Server_GetMonitoredItems))
         assert own == "BadSubscriptionIdInvalid"
         assert await call(server, of_type) == own
+        # The arguments were right, and what came of them was not.
+        assert [each.name for each in (await answer(server, of_type)).InputArgumentResults] == ["Good"]
         assert await call(ua.NodeId(ua.ObjectIds.ObjectsFolder), of_type) == "BadMethodInvalid"
         assert await call(server, ua.NodeId(ua.ObjectIds.FileType_Open)) == "BadMethodInvalid"
         assert await call(server, ua.NodeId(ua.ObjectIds.ServerType)) == "BadMethodInvalid"

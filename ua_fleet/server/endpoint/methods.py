@@ -94,11 +94,12 @@ class MethodServices:
             audit.record("call", request.caller, name_of(code), **what)
 
     async def _call(self, request: Request, wanted: ua.CallMethodRequest) -> ua.CallMethodResult:
-        result = ua.CallMethodResult()
+        result, checked = ua.CallMethodResult(), False
         try:
             method_id = self._method(wanted)
             implementation = self._check(request, method_id)
             self._check_arguments(method_id, wanted)
+            checked = True
             returned = await self._run(request, implementation, wanted)
             if isinstance(returned, ua.CallMethodResult):
                 result = returned
@@ -119,7 +120,7 @@ class MethodServices:
                 # A mistake in one method must not end the client's connection.
                 self._context.mistakes.caught("methods", error, method=shown(wanted.MethodId))
                 result.StatusCode = status(StatusCodes.BadInternalError)
-        if result.StatusCode.is_good() and not result.InputArgumentResults:
+        if checked and not result.InputArgumentResults:
             result.InputArgumentResults = [GOOD] * len(wanted.InputArguments or [])
         return result
 

@@ -48,7 +48,7 @@ async def test_a_foreign_client_runs_ranks_and_confirms(
         f"ns=3;i={kind.value}"
         for kind in (TypeId.RUN_EVENT, TypeId.STEP_EVENT, TypeId.DECISION_EVENT, TypeId.FAULT_ALARM)
     }
-    alarm = next(event for event in report["events"] if event["message"] == "left: gripper stuck")
+    alarm = next(event for event in report["events"] if event["message"].startswith("left: gripper stuck;"))
     assert (alarm["active"], alarm["source"]) == (True, "ns=2;s=Robots.left")
     ranked = next(event for event in report["events"] if event["decisionState"] == "open")
     assert ranked["robots"] == ["middle", "right"]

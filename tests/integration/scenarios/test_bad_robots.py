@@ -112,7 +112,8 @@ async def test_replacements_fail_or_never_answer_until_none_is_left(
         assert (ended.Severity, ended.State) == (700, "failed")
         assert "no robot is left that can take over" in ended.Message.Text
         texts = [event.Message.Text for event in seen.events]
-        alarms = [f"{robot}: {alarm} (BadOutOfService)" for robot in ROBOTS] if alarm else []
+        cure = "when it can work again, run: ua-fleet fault clear"
+        alarms = [f"{robot}: {alarm} (BadOutOfService); {cure} {robot}.skill" for robot in ROBOTS] if alarm else []
         assert [text for text in texts if text in alarms] == alarms
         assert plant.told() == [(robot, work) for robot in ROBOTS]
 

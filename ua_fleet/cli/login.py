@@ -30,7 +30,8 @@ from ua_fleet.cli.options import (
 )
 from ua_fleet.cli.output import message, print_json, print_line, print_table
 from ua_fleet.cli.process import run
-from ua_fleet.errors import UaFleetError
+from ua_fleet.errors import AccessRefused, UaFleetError
+from ua_fleet.values import StatusCode
 
 if TYPE_CHECKING:
     from ua_fleet.client import FleetClient, IssuedKey
@@ -85,10 +86,22 @@ def login(
     user = user or (known.user if known else _ask_user())
     if known is not None and known.endpoint == endpoint:
         policy, insecure = policy or Policy(known.policy), insecure or known.insecure
-    wanted = Connection(
-        endpoint, user, password_for(user, password_file), policy or Policy.BASIC256SHA256, insecure, timeout
-    )
+    policy = policy or Policy.BASIC256SHA256
+    if password_file is None and "UA_FLEET_PASSWORD" not in os.environ and sys.stdin.isatty():
+        run(_knock(Connection(endpoint, None, None, policy, insecure, timeout)))
+    wanted = Connection(endpoint, user, password_for(user, password_file), policy, insecure, timeout)
     run(_login(file, wanted, user, context, days, as_json))
+
+
+async def _knock(wanted: Connection) -> None:
+    """Raise what stands in the way before a password is typed: nobody answers, or does not trust our certificate."""
+    try:
+        async with connected(wanted):
+            pass
+    except AccessRefused as error:
+        # That it takes nobody without a user is as it should be.
+        if error.ua_status != StatusCode.BAD_IDENTITY_TOKEN_REJECTED:
+            raise
 
 
 def _ask_user() -> str:

@@ -101,6 +101,8 @@ class SessionKeys:
         self._signature: tuple[int, ...] | None = None
         self._lock = threading.Lock()
         self._gone: list[SessionKey] = []
+        self._is_writing = False
+        """No other process changes the file meanwhile, and what we change holds once the disk has it."""
 
     @property
     def path(self) -> Path:
@@ -117,6 +119,8 @@ class SessionKeys:
     def refresh(self) -> None:
         """Read the file again if it changed; raises KeyFileError, and then no key is valid until it is mended."""
         with self._lock:
+            if self._is_writing:
+                return
             before = self._keys
             try:
                 self._read()
@@ -241,16 +245,17 @@ class SessionKeys:
             raise StorageUnavailable(f"{self._path}: cannot be written ({error.strerror})") from error
 
     def _write(self, keys: Iterable[SessionKey]) -> None:
+        kept = {key.id: key for key in keys}
+        document = {"version": VERSION, "keys": [asdict(key) for key in kept.values()]}
         with self._lock:
-            # Known before it is written, so that it is not taken for another process's work.
-            before, self._keys = self._keys, {key.id: key for key in keys}
-        document = {"version": VERSION, "keys": [asdict(key) for key in self._keys.values()]}
+            self._is_writing = True
         try:
             write_whole(self._path, f"{json.dumps(document, indent=1)}\n".encode())
-        except OSError:
             with self._lock:
-                self._keys = before
-            raise
+                self._keys = kept
+        finally:
+            with self._lock:
+                self._is_writing = False
 
 
 def _hash(text: KeyText) -> str:

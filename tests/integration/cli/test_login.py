@@ -3,17 +3,23 @@
 from __future__ import annotations
 
 import json
+import os
 import shutil
 import subprocess
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any, Final
 
 import pytest
+from typer.testing import CliRunner
 
 from tests.integration.cli.conftest import PASSWORD, Ended, Site, command
 from tests.system import clean_environment
+from ua_fleet.cli.app import app
+from ua_fleet.cli.endings import exit_code_of
+from ua_fleet.errors import UaFleetError
 
 GOAL: Final = "Fleet/Robots/rover/Data/goal"
 
@@ -41,6 +47,8 @@ class Home:
         self.contexts_file.write_text(json.dumps(content))
 
     def run(self, *arguments: str, stdin: str = "", **environment: str) -> Ended:
+        if "PYTHONPATH" not in environment:
+            return self._run_here(arguments, stdin, environment)
         inherited = {k: v for k, v in clean_environment().items() if not k.startswith("UA_FLEET_")}
         ended = subprocess.run(
             command(*arguments),
@@ -55,6 +63,18 @@ class Home:
         assert PASSWORD not in ended.stdout + ended.stderr
         return Ended(ended.returncode, ended.stdout, ended.stderr)
 
+    def _run_here(self, arguments: Sequence[str], stdin: str, environment: Mapping[str, str]) -> Ended:
+        """Without a process of its own, which takes longer than what it does."""
+        unset: dict[str, str | None] = {name: None for name in os.environ if name.startswith("UA_FLEET_")}
+        given = {**unset, "XDG_STATE_HOME": str(self.folder), **environment}
+        result = CliRunner().invoke(app, list(arguments), input=stdin, env=given, prog_name="ua-fleet")
+        assert PASSWORD not in result.output
+        error = result.exception
+        if isinstance(error, UaFleetError):
+            return Ended(exit_code_of(error), result.stdout, f"{result.stderr}ua-fleet: {error}\n")
+        assert error is None or isinstance(error, SystemExit), error
+        return Ended(result.exit_code, result.stdout, result.stderr)
+
     def login(self, *arguments: str, user: str = "oscar") -> Ended:
         return self.run("login", self.site.endpoint, "--user", user, "--password-file", "-", *arguments, stdin=PASSWORD)
 
@@ -68,7 +88,9 @@ def home(site: Site, tmp_path: Path) -> Home:
 
 
 def keys_of(site: Site, user: str) -> list[str]:
-    return [one["key"] for one in site.run("user", "keys", user, "--json", user=None).objects]
+    """Ids of the keys of a user, as the server keeps them."""
+    kept = json.loads((site.folder / "state" / "session-keys.json").read_text())
+    return [one["id"] for one in kept["keys"] if one["user"] == user]
 
 
 def test_after_a_login_commands_need_nothing_more(home: Home) -> None:
@@ -204,6 +226,48 @@ def test_a_key_is_not_given_to_another_server(home: Home) -> None:
     assert {one["name"] for one in home.stored["contexts"]} == {"Hall", "Hall-oscar"}
 
 
+def on_a_terminal(home: Home, *arguments: str) -> tuple[int, str]:
+    """Run a command that asks for a password, and type it."""
+    ours, theirs = os.openpty()
+    inherited = {k: v for k, v in clean_environment().items() if not k.startswith("UA_FLEET_")}
+    process = subprocess.Popen(
+        command(*arguments),
+        env=inherited | {"XDG_STATE_HOME": str(home.folder)},
+        stdin=theirs,
+        stdout=theirs,
+        stderr=theirs,
+        start_new_session=True,
+    )
+    os.close(theirs)
+    said = ""
+    try:
+        while chunk := os.read(ours, 1024).decode():
+            said += chunk
+            if chunk.endswith(": ") and "Password of" in said:
+                os.write(ours, f"{PASSWORD}\n".encode())
+    except OSError:  # the end of the other side is an error where it is a terminal
+        pass
+    os.close(ours)
+    return process.wait(30), said
+
+
+def test_the_password_is_asked_for_once_all_else_is_right(home: Home) -> None:
+    code, said = on_a_terminal(home, "login", home.site.endpoint, "--user", "oscar")
+    assert code == 0, said
+    assert said.count("Password of oscar: ") == 1
+    assert PASSWORD not in said
+    assert home.run("read", GOAL).code == 0
+    code, said = on_a_terminal(home, "login", "opc.tcp://127.0.0.1:9/ua_fleet", "--user", "oscar")
+    assert code == 4
+    assert "nobody answers" in said
+    assert "Password" not in said
+    stranger = Home(home.folder.parent / "stranger", home.site)
+    code, said = on_a_terminal(stranger, "login", home.site.endpoint, "--user", "oscar")
+    assert code == 1
+    assert "ua-fleet cert trust --last --show" in said
+    assert "Password" not in said
+
+
 @pytest.mark.parametrize("content", ["{}", "not json", '{"version": 1, "current": "x", "contexts": [{"name": 3}]}'])
 def test_a_file_that_cannot_be_read_is_told(home: Home, content: str) -> None:
     home.contexts_file.write_text(content)
@@ -273,8 +337,8 @@ def test_with_a_keyring_the_file_has_no_key(home: Home, tmp_path: Path) -> None:
     assert home.stored["contexts"][0]["key"] is None
     assert len(json.loads(kept.read_text())) == 1
     assert home.run("read", GOAL, **desktop).code == 0
-    for missing in ({}, {**desktop, "TEST_KEYRING_LOCKED": "1"}, {**desktop, "TEST_KEYRING_PRIORITY": "0"}):
-        gone = home.run("read", GOAL, **missing)
+    for missing in ({"PYTHONPATH": ""}, {"TEST_KEYRING_LOCKED": "1"}, {"TEST_KEYRING_PRIORITY": "0"}):
+        gone = home.run("read", GOAL, **(desktop | missing))
         assert gone.code == 2
         assert "log in again: ua-fleet login -c Hall" in gone.stderr
     again = home.run(*login, stdin=PASSWORD, **desktop)

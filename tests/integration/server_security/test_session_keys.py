@@ -19,8 +19,9 @@ from tests.integration.server_security.test_audit_events import listen
 from tests.waiting import until
 from ua_fleet.server.endpoint.throttle import FREE_FAILURES
 from ua_fleet.server.key_text import new_key
-from ua_fleet.server.session_keys import KEYS_FILE, SessionKeys
+from ua_fleet.server.session_keys import KEYS_FILE, MOST_OF_USER, SessionKeys
 from ua_fleet.server.users import USERS_FILE, Role, ScryptCost, UserStore
+from ua_fleet.storage.files import write_whole
 
 pytestmark = pytest.mark.asyncio(loop_scope="module")
 
@@ -110,7 +111,7 @@ async def test_revoking_ends_the_sessions_of_a_key_and_no_others(fleet: Running)
         assert (await call(engineer, "RevokeSessionKey", key_id))[0] == 1
     async with fleet.client((OBSERVER[0], key)) as by_key, fleet.client(OBSERVER) as by_password:
         assert (await call(by_password, "RevokeSessionKey", key_id)) == [0, ""]
-        await until_lost(by_key)
+        await until_ended(by_key)
         assert await by_password.get_node("i=2258").read_value() is not None
     with pytest.raises(ua.UaStatusCodeError, match="BadUserAccessDenied"):
         async with fleet.client((OBSERVER[0], key)):
@@ -120,11 +121,19 @@ async def test_revoking_ends_the_sessions_of_a_key_and_no_others(fleet: Running)
     assert any(line["event"] == "logout" and key_id in line.get("reason", "") for line in audit(fleet))
 
 
-async def until_lost(client: Client) -> None:
-    for _ in range(200):
-        if await lost(client):
-            return
-    raise AssertionError("the session goes on")
+async def test_who_revokes_his_own_key_gets_the_answer(fleet: Running, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also where the disk is slower than the server looks after sessions."""
+    key, key_id = await issue(fleet)
+
+    def slow(path: Path, data: bytes) -> None:
+        time.sleep(0.8)
+        write_whole(path, data)
+        time.sleep(0.8)
+
+    monkeypatch.setattr("ua_fleet.server.session_keys.write_whole", slow)
+    async with fleet.client((OPERATOR[0], key)) as client:
+        assert await call(client, "RevokeSessionKey", key_id) == [0, ""]
+        await until_ended(client)
 
 
 async def test_a_key_ends_with_its_time_and_its_sessions_too(fleet: Running) -> None:
@@ -184,6 +193,19 @@ async def test_guessing_a_key_counts_like_guessing_a_password(tmp_path: Path, id
         locked = await guarded.client("oscar", password=key)
         assert await bad(locked.connect()) == "BadUserAccessDenied"
         assert guarded.server.context.throttle.locked_out == 1
+
+
+async def test_who_asks_in_a_loop_is_refused_and_fills_nothing(tmp_path: Path) -> None:
+    """Each key is a write to the disk, and an observer may ask for one."""
+    async with serving(tmp_path, fleet_config(system.free_multicast_url(), 0)) as running:
+        async with running.client(OBSERVER) as client:
+            answers = [await bad(call(client, "IssueSessionKey", "x", 0.0)) for _ in range(200)]
+            assert answers[-1] == "BadServerTooBusy"
+            kept = (await call(client, "ListSessionKeys"))[0]
+        assert len(kept) == MOST_OF_USER
+        assert (running.folder / "state" / KEYS_FILE).stat().st_size < 16_000
+        async with running.client(OPERATOR) as other:
+            assert (await call(other, "IssueSessionKey", "x", 0.0))[3] == 0
 
 
 async def test_a_server_without_keys_issues_none(tmp_path: Path) -> None:

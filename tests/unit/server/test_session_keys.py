@@ -9,6 +9,7 @@ from ua_fleet.errors import ServerStartError, StorageUnavailable
 from ua_fleet.server.key_text import KeyText, new_key, parse_key
 from ua_fleet.server.session_keys import DAY_S, MOST_OF_USER, KeyFileError, KeyUnknown, SessionKeys
 from ua_fleet.server.users import Role, ScryptCost, User, UserFileError, UserStore
+from ua_fleet.storage.files import write_whole
 
 CHEAP = ScryptCost(2**4, 8, 1)
 NOW = 1_800_000_000.0
@@ -127,6 +128,26 @@ def test_another_process_revokes_and_is_told(users: UserStore) -> None:
     assert server.drain_gone(NOW) == [second.key]
     assert server.drain_gone(NOW) == []
     assert server.verify("anna", second.text, NOW) is None
+
+
+def test_what_is_being_written_is_not_taken_for_another_processs_work(
+    users: UserStore, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Whoever revokes his own key gets the answer first: the key holds until the disk has it."""
+    keys = keys_of(users)
+    issued = keys.issue("anna", "desk", DAY_S, NOW)
+    holder = User("anna", Role.OPERATOR, session_key=issued.key.id)
+
+    def slow(path: Path, data: bytes) -> None:
+        assert keys.holds(holder, NOW)
+        write_whole(path, data)
+        keys.refresh()
+
+    monkeypatch.setattr("ua_fleet.server.session_keys.write_whole", slow)
+    keys.revoke("anna", issued.key.id, NOW)
+    assert not keys.holds(holder, NOW)
+    keys.refresh()
+    assert keys.drain_gone(NOW) == []
 
 
 def test_no_key_where_it_cannot_be_written(users: UserStore, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -42,6 +42,8 @@ class SessionServices:
         """Told of a session that is active now."""
         self.ended: Callable[[Session], Awaitable[None]] | None = None
         """Told of a session that has ended."""
+        self._without_key = set[str]()
+        """Sessions whose session key had ended when it was last looked at."""
 
     async def get_endpoints(self, params: ua.GetEndpointsParameters, server: tuple[str, int] | None) -> Any:
         """GetEndpoints, on any channel."""
@@ -255,11 +257,16 @@ class SessionServices:
                 session.user = replace(user, session_key=session.user.session_key)
 
     async def follow_session_keys(self) -> None:
-        """Sessions end with the session key that they were opened with: revoked, too old, or of an old password."""
+        """Sessions end with the session key that they were opened with: revoked, too old, or of an old password.
+
+        They do so when found a second time: the first time, the answer to who revokes his own key may be on its way.
+        """
         keys, now = self._context.session_keys, time.time()
-        for session in self._sessions:
-            if session.user is not None and not session.closed and not keys.holds(session.user, now):
-                reason = f"session key {session.user.session_key} has ended"
+        without = [one for one in self._sessions if one.user is not None and not keys.holds(one.user, now)]
+        found_before, self._without_key = self._without_key, {session.key for session in without}
+        for session in without:
+            if session.key in found_before and not session.closed:
+                reason = f"session key {session.user.session_key if session.user else ''} has ended"
                 self._context.audit.record("logout", session.caller, "BadUserAccessDenied", reason=reason)
                 await self.end(session, delete_subscriptions=True)
         for key in keys.drain_gone(now):

@@ -42,6 +42,9 @@ async def test_a_foreign_client_runs_ranks_and_confirms(
     assert "left has no skill 'jump'" in texts[0]
     assert report["confirmed"] == ["taken"]
     assert "has chosen right before" in report["refused"]
+    assert report["preview"] == ["middle", "right"]
+    assert report["stored"] == [True, 32]
+    assert (report["held"][1], report["heldBy"], report["heldAgain"]) == ("", OPERATOR[0], "")
     assert report["robots"] == ["left", "right"]
     kinds = {event["type"] for event in report["events"]}
     assert kinds >= {

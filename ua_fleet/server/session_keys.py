@@ -133,6 +133,11 @@ class SessionKeys:
         except FileNotFoundError:
             self._keys, self._signature = {}, None
             return
+        except OSError as error:
+            self._keys, self._signature = {}, None
+            raise KeyFileError(
+                f"{self._path}: cannot be read ({error.strerror}); no key is valid until then"
+            ) from error
         if signature_of(status) == self._signature:
             return
         self._keys, self._signature = {}, None
@@ -142,7 +147,7 @@ class SessionKeys:
             document = json.loads(self._path.read_text(encoding="utf-8"))
             newer = newer_version(document["version"], VERSION)
             keys = [] if newer else [SessionKey.parse(one) for one in document["keys"]]
-        except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+        except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
             raise KeyFileError(
                 f"{self._path}: is no file of session keys ({type(error).__name__}: {error}); "
                 "remove it, and users log in again"

@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import asyncio
 import base64
-import binascii
 import hashlib
 import hmac
 import re
@@ -48,6 +47,8 @@ MAX_WAITING: Final = 32
 MAX_WAITING_OF_ORIGIN: Final = 8
 """Of these, those that may come from one address."""
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.@-]{0,63}")
+_UNREADABLE: Final = (OSError, yaml.YAMLError, KeyError, TypeError, ValueError, AttributeError, RecursionError)
+"""What is wrong with a file that is no users file; an error of base64 is a ValueError."""
 
 
 class Role(StrEnum):
@@ -187,6 +188,9 @@ class UserStore:
             except FileNotFoundError:
                 self._forget()
                 return
+            except OSError as error:
+                self._forget()
+                raise UserFileError(f"{self._path}: cannot be read ({error.strerror})") from error
             signature = signature_of(status)
             if signature == self._signature:
                 return
@@ -211,7 +215,7 @@ class UserStore:
             users: dict[str, dict[str, Any]] = document["users"] or {}
             if not newer:
                 return {name: _Entry.parse(name, data) for name, data in users.items()}
-        except (OSError, yaml.YAMLError, KeyError, TypeError, ValueError, AttributeError, binascii.Error) as error:
+        except _UNREADABLE as error:
             reason = str(error).replace("\n", " ")
             raise UserFileError(
                 f"{self._path}: is no users file ({type(error).__name__}: {reason}); "

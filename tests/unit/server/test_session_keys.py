@@ -204,3 +204,22 @@ def test_keys_of_one_server_are_nothing_at_another(tmp_path: Path, users: UserSt
     other = UserStore(tmp_path / "other" / "users.yaml", CHEAP)
     other.add("anna", "password-1", Role.OPERATOR)
     assert keys_of(other).verify("anna", text, NOW) is None
+
+
+@pytest.mark.parametrize("is_loop", [True, False])
+def test_a_file_that_cannot_be_looked_at_makes_no_key_valid(users: UserStore, is_loop: bool) -> None:
+    keys = keys_of(users)
+    text = keys.issue("anna", "desk", DAY_S, NOW).text
+    user = keys.verify("anna", text, NOW)
+    assert user is not None
+    keys.path.unlink()
+    if is_loop:
+        keys.path.symlink_to(keys.path)
+    else:
+        keys.path.write_text("[" * 100_000)
+        keys.path.chmod(0o600)
+    with pytest.raises(KeyFileError):
+        keys.refresh()
+    assert not keys.holds(user, NOW)
+    with pytest.raises(ServerStartError):
+        keys_of(users).check()

@@ -188,3 +188,14 @@ def test_a_nul_character_makes_no_other_password(store: UserStore) -> None:
         assert store.verify("alice", wrong) is None
     with pytest.raises(UserFileError, match="NUL"):
         store.add("bob", "password-1\0", Role.OPERATOR)
+
+
+def test_without_a_look_at_the_file_there_are_no_users(store: UserStore) -> None:
+    store.add("anna", "password-1", Role.OPERATOR)
+    before = store.generation
+    store.path.unlink()
+    store.path.symlink_to(store.path)
+    with pytest.raises(UserFileError, match="cannot be read"):
+        store.refresh()
+    assert store.get("anna") is None
+    assert store.generation > before

@@ -11,6 +11,7 @@ from asyncua.ua import ua_binary
 
 from tests.integration.server_security.harness import Client, Door, bad, send, ua
 from tests.integration.server_security.test_services import browse, read
+from ua_fleet.server.endpoint import diagnostics
 from ua_fleet.server.users import Role
 
 pytestmark = pytest.mark.asyncio(loop_scope="module")
@@ -147,6 +148,29 @@ async def test_a_session_has_nodes_while_it_lasts_for_its_user_and_engineers(har
         assert set((await children(engineer, sessions)).values()) == before
         for gone in (own, parts["SessionDiagnostics"], fields["ReadCount"]):
             assert await value(engineer, gone) == "BadNodeIdUnknown"
+
+
+async def test_a_sessions_own_subscriptions_are_not_counted_anew_for_each_read(
+    hardened: Door, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made: list[Any] = []
+    real = diagnostics._subscription_diagnostics  # pyright: ignore[reportPrivateUsage]
+
+    def counted(subscription: Any) -> Any:
+        made.append(subscription.id)
+        return real(subscription)
+
+    monkeypatch.setattr(diagnostics, "_subscription_diagnostics", counted)
+    sessions = node(f"{ROOT}SessionsDiagnosticsSummary")
+    async with hardened.connected("eva") as engineer:
+        before = set((await children(engineer, sessions)).values())
+    async with hardened.connected("olga") as client:
+        subscription = await client.create_subscription(1000, Seen())
+        (own,) = set((await children(client, sessions)).values()) - before
+        array = (await children(client, own))["SubscriptionDiagnosticsArray"]
+        values = await client.read_values([client.get_node(array)] * 200)
+        assert {each[0].SubscriptionId for each in values} == {subscription.subscription_id}
+        assert len(made) < 20
 
 
 async def test_who_is_engineer_no_more_is_told_no_more(hardened: Door) -> None:

@@ -188,17 +188,18 @@ class Diagnostics:
         self._builder.add_reference(
             ns0(getattr(ObjectIds, f"{_SESSIONS}_SessionSecurityDiagnosticsArray")), HAS_COMPONENT, security
         )
+        # Its disabled items are counted, of which a user may have many thousands.
+        own_subscriptions = _Array(
+            lambda: [_subscription_diagnostics(each) for each in list(session.subscriptions.values())],
+            lambda: tuple(session.subscriptions),
+        )
         self._variable(
             session,
             "SubscriptionDiagnosticsArray",
             session.session_id,
             ObjectIds.SubscriptionDiagnosticsArrayType,
             (ns0(ObjectIds.SubscriptionDiagnosticsDataType), 1),
-            LiveValue(
-                lambda: [_subscription_diagnostics(each) for each in list(session.subscriptions.values())],
-                ua.VariantType.ExtensionObject,
-                own,
-            ),
+            LiveValue(own_subscriptions, ua.VariantType.ExtensionObject, own),
         )
 
     async def remove(self, session: Session) -> None:

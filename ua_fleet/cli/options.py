@@ -146,6 +146,12 @@ class Connection:
                 f"the key of context {found.name} ended {found.valid_until:%Y-%m-%d %H:%M} UTC; "
                 f"log in again: {found.login_command}"
             )
+        if insecure and found.server_uri:
+            # Without security nobody can tell which server it is that is given the key.
+            raise UsageError(
+                f"context {found.name}: its key is for {found.server_uri} alone, and --insecure would give it to "
+                f"whoever answers; leave that out, or log in so: {found.login_command} --insecure"
+            )
         return cls(found.endpoint, found.user, found.secret(), chosen, insecure, timeout, found.name, found.server_uri)
 
 

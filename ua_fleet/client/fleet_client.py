@@ -185,6 +185,8 @@ class FleetClient:
         # asyncua's watchdog waits for an answer no longer than its interval: a busy server is not a lost one.
         client = Client(endpoint, timeout=timeout_s, watchdog_intervall=timeout_s)
         meeting, shown_uri = Meeting(is_first=False), ""
+        if insecure and server_uri:
+            raise AnotherServer(endpoint, "one that shows no certificate", server_uri)
         with translated(endpoint):
             if not insecure:
                 identity = identity or ClientIdentity(default_identity_folder())

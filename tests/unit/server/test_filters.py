@@ -133,6 +133,12 @@ def test_the_costliest_pattern_takes_no_more_steps_of_python_than_it_has_parts()
     assert steps < 5_000
 
 
+@pytest.mark.parametrize("text", ["\u0660", "1:\u0662"])
+def test_ranges_have_the_digits_of_ascii_alone(text: str) -> None:
+    with pytest.raises(Refusal):
+        parse_range(text)
+
+
 @given(st.text(max_size=30))
 def test_ranges_are_slices_or_refused(text: str) -> None:
     try:

@@ -16,7 +16,7 @@ __all__ = ["IndexRange", "apply_range", "is_small", "parse_range", "replace_rang
 
 IndexRange = tuple[slice, ...]
 MAX_DIMENSIONS: Final = 8
-_PART = re.compile(r"(\d{1,9})(?::(\d{1,9}))?")
+_PART = re.compile(r"(\d{1,9})(?::(\d{1,9}))?", re.ASCII)
 
 
 def parse_range(text: str | None) -> IndexRange | None:

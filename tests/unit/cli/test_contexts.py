@@ -1,0 +1,48 @@
+"""Where the key of a context goes, and where it does not."""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime
+from pathlib import Path
+
+import pytest
+
+from ua_fleet.cli.context_file import Context, ContextFile
+from ua_fleet.cli.endings import UsageError
+from ua_fleet.cli.options import Connection
+from ua_fleet.client import AnotherServer, FleetClient
+
+ENDPOINT = "opc.tcp://127.0.0.1:1/ua_fleet"
+URI = "urn:ua-fleet:hall:server"
+
+
+@pytest.fixture
+def contexts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> ContextFile:
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
+    monkeypatch.setenv("PYTHON_KEYRING_BACKEND", "keyring.backends.null.Keyring")
+    return ContextFile()
+
+
+def context(server_uri: str, *, insecure: bool) -> Context:
+    until = datetime(2030, 1, 31, tzinfo=UTC)
+    return Context("hall", ENDPOINT, "anna", server_uri, "Basic256Sha256", insecure, "1f", until, "key")
+
+
+def connection(*, insecure: bool) -> Connection:
+    return Connection.of(None, None, None, None, None, insecure, 1.0)
+
+
+def test_the_key_of_a_server_that_is_known_is_not_given_to_whoever_answers(contexts: ContextFile) -> None:
+    contexts.put(context(URI, insecure=False), "key")
+    assert connection(insecure=False).server_uri == URI
+    with pytest.raises(UsageError, match="--insecure would give it to whoever answers"):
+        connection(insecure=True)
+    contexts.put(context("", insecure=True), "key")
+    assert connection(insecure=False).insecure
+
+
+async def test_a_client_without_security_does_not_ask_a_server_who_it_is(contexts: ContextFile) -> None:
+    del contexts
+    with pytest.raises(AnotherServer):
+        async with FleetClient.connect(ENDPOINT, user="anna", password="key", insecure=True, server_uri=URI):
+            pass

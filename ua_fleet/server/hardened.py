@@ -46,6 +46,7 @@ from ua_fleet.server.standard_model import (
 from ua_fleet.server.standard_nodes import share_attributes
 from ua_fleet.server.trust import TrustList
 from ua_fleet.server.users import USERS_FILE, Role, User, UserStore
+from ua_fleet.storage.files import make_private_folder
 
 __all__ = ["HardenedServer", "NodeGate", "create_server"]
 
@@ -249,7 +250,7 @@ async def create_server(
     """
     check_internals()
     try:
-        state_dir.mkdir(parents=True, exist_ok=True, mode=0o700)  # noqa: ASYNC240 - before anything is served
+        make_private_folder(state_dir)
     except OSError as error:
         raise ServerStartError(
             f"{state_dir}: cannot be made ({error.strerror}); set server.state_dir to a folder of this user"

@@ -33,7 +33,7 @@ from ua_fleet.server.certificates import (
     thumbprint,
 )
 from ua_fleet.server.rejected import RejectedCertificates
-from ua_fleet.storage.files import open_to_others
+from ua_fleet.storage.files import make_private_folder, open_to_others
 from ua_fleet.validity import Validity
 
 __all__ = ["CertificateFolder", "CertificateRefused", "TrustList", "split_chain"]
@@ -204,7 +204,7 @@ class TrustList:
         rejected = folder / CertificateState.REJECTED
         self._rejected = RejectedCertificates(rejected)
         for path in (self._trusted.path, self._bridges.path, self._issuers.path, self._revocations, rejected):
-            path.mkdir(parents=True, exist_ok=True, mode=0o700)
+            make_private_folder(path)
         for path in (state_dir, folder, self._trusted.path, self._bridges.path, self._issuers.path, self._revocations):
             if problem := open_to_others(path):
                 raise ServerStartError(f"{problem} (whoever writes there decides who is trusted)")

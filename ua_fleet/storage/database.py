@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from ua_fleet.errors import UPGRADE, StorageUnavailable, newer_version
+from ua_fleet.storage.files import make_private_folder
 
 __all__ = ["Database"]
 
@@ -41,7 +42,7 @@ class Database:
         """
         self.path = path
         with self._errors():
-            path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
+            make_private_folder(path.parent)
             # SQLite gives the log the rights that the file has.
             os.close(os.open(path, os.O_CREAT | os.O_RDWR | os.O_CLOEXEC, 0o600))
             path.chmod(0o600)

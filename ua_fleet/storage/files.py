@@ -7,7 +7,20 @@ import os
 import secrets
 from pathlib import Path
 
-__all__ = ["open_to_others", "write_whole"]
+__all__ = ["make_private_folder", "open_to_others", "write_whole"]
+
+
+def make_private_folder(path: Path) -> None:
+    """Make a folder and those around it that are missing, each for its owner alone whatever the umask.
+
+    `mkdir` gives its mode to the last one only: with a umask of 002 the others could be written to by the group.
+
+    Raises:
+        OSError: it cannot be made.
+    """
+    if not path.parent.exists():
+        make_private_folder(path.parent)
+    path.mkdir(exist_ok=True, mode=0o700)
 
 
 def write_whole(path: Path, data: bytes, mode: int = 0o600, *, like: os.stat_result | None = None) -> None:
@@ -24,7 +37,7 @@ def write_whole(path: Path, data: bytes, mode: int = 0o600, *, like: os.stat_res
     Raises:
         OSError: it cannot be written. Where only the folder could not be synced, the new file is in its place.
     """
-    path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
+    make_private_folder(path.parent)
     temporary = path.with_name(f".{path.name}.{secrets.token_hex(4)}")
     descriptor = os.open(temporary, os.O_CREAT | os.O_EXCL | os.O_WRONLY | os.O_CLOEXEC, mode)
     try:

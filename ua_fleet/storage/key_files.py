@@ -25,7 +25,7 @@ from pathlib import Path
 from typing import Any, Final, cast
 
 from ua_fleet.errors import UPGRADE, ConfigError, newer_version
-from ua_fleet.storage.files import write_whole
+from ua_fleet.storage.files import make_private_folder, write_whole
 from ua_fleet.wire.security import SecurityPolicy
 
 __all__ = ["FileKey", "FileStamp", "KeyFile", "KeyFolder", "NoKeyFile"]
@@ -171,7 +171,7 @@ class KeyFolder:
         if len(key_file.keys) > MAX_KEYS:
             raise ConfigError(f"would have more than {MAX_KEYS} keys", file=str(path), suggestion=_TOO_MANY)
         try:
-            self.path.mkdir(mode=0o700, parents=True, exist_ok=True)
+            make_private_folder(self.path)
             self.check()
             write_whole(path, _text(key_file).encode())
         except OSError as error:
@@ -182,7 +182,7 @@ class KeyFolder:
     def exclusive(self) -> Generator[None]:
         """Keep other processes from changing keys meanwhile; makes the folder."""
         try:
-            self.path.mkdir(mode=0o700, parents=True, exist_ok=True)
+            make_private_folder(self.path)
             self.check()
             lock = os.open(self.path / ".lock", os.O_CREAT | os.O_RDWR | os.O_CLOEXEC, 0o600)
         except OSError as error:

@@ -19,7 +19,7 @@ from typing import Any, Final
 
 from ua_fleet.errors import UPGRADE, ConfigError, newer_version
 from ua_fleet.pubsub.security.nonces import NoncesUnavailable
-from ua_fleet.storage.files import write_whole
+from ua_fleet.storage.files import make_private_folder, write_whole
 
 __all__ = ["FileNonces"]
 
@@ -69,7 +69,7 @@ class FileNonces:
         """
         self._path = folder / _NAME
         try:
-            folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+            make_private_folder(folder)
             _check_rights(folder)
             with self._locked():
                 self._read()

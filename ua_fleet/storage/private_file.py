@@ -8,6 +8,8 @@ import os
 from collections.abc import Generator
 from pathlib import Path
 
+from ua_fleet.storage.files import make_private_folder
+
 __all__ = ["exclusive", "not_private", "signature_of"]
 
 
@@ -28,7 +30,7 @@ def not_private(path: Path, status: os.stat_result) -> str:
 @contextlib.contextmanager
 def exclusive(path: Path) -> Generator[None]:
     """Keep other processes from changing a file at the same time."""
-    path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
+    make_private_folder(path.parent)
     lock = os.open(path.with_suffix(".lock"), os.O_CREAT | os.O_RDWR | os.O_CLOEXEC, 0o600)
     try:
         fcntl.flock(lock, fcntl.LOCK_EX)

@@ -11,6 +11,7 @@ from pathlib import Path
 import structlog
 
 from ua_fleet.errors import StorageUnavailable
+from ua_fleet.storage.files import make_private_folder
 
 __all__ = ["process_lock"]
 
@@ -31,7 +32,7 @@ def process_lock(path: Path, what: str) -> Generator[None]:
         StorageUnavailable: another process has it.
     """
     try:
-        path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
+        make_private_folder(path.parent)
         descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o600)
     except OSError as error:
         _log.warning("a second process of this kind would not be noticed", path=str(path), reason=error.strerror)

@@ -347,3 +347,12 @@ def test_a_bridges_certificate_that_was_trusted_as_a_clients_is_moved(tmp_path: 
     mark = trust(tmp_path, card.certificate).thumbprint
     trust_bridge(tmp_path, "cell", mark[:10])
     assert [(info.state, info.bridge) for info in list_certificates(tmp_path)] == [(CertificateState.BRIDGE, "cell")]
+
+
+def test_a_server_that_begins_with_the_umask_of_a_group_does_not_refuse_its_own_folders(tmp_path: Path) -> None:
+    before = os.umask(0o002)
+    try:
+        ensure_application_certificate(tmp_path / "state", URI, ["127.0.0.1"])
+        TrustList(tmp_path / "state")
+    finally:
+        os.umask(before)

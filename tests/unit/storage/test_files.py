@@ -16,6 +16,7 @@ from ua_fleet.server.users import Role, ScryptCost, UserStore
 from ua_fleet.storage.files import write_whole
 from ua_fleet.storage.key_files import KeyFile, KeyFolder
 from ua_fleet.storage.nonces import FileNonces
+from ua_fleet.storage.private_file import exclusive
 from ua_fleet.wire.security import SecurityPolicy
 
 
@@ -135,3 +136,15 @@ def test_one_like_another(tmp_path: Path) -> None:
     after = path.stat()
     assert (after.st_mode, after.st_uid, after.st_gid) == (before.st_mode, before.st_uid, before.st_gid)
     assert after.st_ino != before.st_ino
+
+
+def test_all_folders_that_are_made_are_their_owners_alone(tmp_path: Path) -> None:
+    before = os.umask(0o002)
+    try:
+        write_whole(tmp_path / "a" / "b" / "c" / "file", b"x")
+        with exclusive(tmp_path / "d" / "e" / "file.json"):
+            pass
+    finally:
+        os.umask(before)
+    for folder in ("a", "a/b", "a/b/c", "d", "d/e"):
+        assert (tmp_path / folder).stat().st_mode & 0o777 == 0o700, folder

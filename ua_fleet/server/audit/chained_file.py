@@ -31,6 +31,7 @@ import structlog
 
 from ua_fleet.errors import ServerStartError
 from ua_fleet.server.audit.chain import BEGIN, Link, digest_of, encode_line, link_of, now_text, parse_line
+from ua_fleet.storage.files import make_private_folder
 
 __all__ = ["HEAD_FILE", "ChainedFile", "log_files", "read_head"]
 
@@ -101,7 +102,7 @@ class ChainedFile:
         self.found: list[dict[str, Any]] = []
         """What was found wrong at the start, as records to be written."""
         try:
-            path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
+            make_private_folder(path.parent)
             self._head = self._open_head()
             try:
                 self._open()

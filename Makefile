@@ -112,7 +112,7 @@ sbom: setup-test
 
 lock:
 	uv pip compile pyproject.toml --universal --python-version 3.11 --group build --group dev --group docs --group ros1-tests \
-		--extra server --extra client --extra ros2 --extra modbus --extra ur --extra sensors --extra plot \
+		--extra server --extra client --extra ros2 --extra modbus --extra ur --extra sensors --extra plot --extra keyring \
 		--no-emit-index-url --no-emit-find-links --no-annotate --no-header --generate-hashes --quiet --output-file requirements.lock
 
 clean:

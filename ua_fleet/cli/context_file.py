@@ -170,15 +170,25 @@ class ContextFile:
             ) from error
         raise UsageError(f"{self.path} {newer}; {UPGRADE}")
 
-    def put(self, context: Context, key: str) -> Context:
-        """Keep a context and its key, as the current one; as it is kept.
+    def put(self, context: Context, key: str) -> tuple[Context, Context | None]:
+        """Keep a context and its key, as the current one; as it is kept, and the one whose place it took.
+
+        Without a name it gets one that no other has at that moment, or that of the one which it renews.
 
         Raises:
             UsageError: the file cannot be read or written.
         """
         kept = replace(context, key=None if keyring_store.write(context.key_id, key) else key)
-        self._change(lambda contexts: contexts.with_context(kept))
-        return kept
+        before: Context | None = None
+
+        def add(contexts: Contexts) -> Contexts:
+            nonlocal kept, before
+            name = kept.name or contexts.name_for(kept.endpoint, kept.user, kept.server_uri)
+            kept, before = replace(kept, name=name), contexts.find(name)
+            return contexts.with_context(kept)
+
+        self._change(add)
+        return kept, before
 
     def remove(self, context: Context) -> None:
         """Forget a context and its key; raises UsageError."""

@@ -118,12 +118,9 @@ async def _login(
 ) -> None:
     with extra_needed("this command", "client"):
         from ua_fleet.client import issue_session_key
-    stored = file.load()
     async with connected(wanted) as client:
         issued = await issue_session_key(client, f"ua-fleet on {socket.gethostname()}", days * DAY_S)
-        name = name or stored.name_for(wanted.endpoint, user, client.server_uri)
-        before = stored.find(name)
-        made = file.put(_context(name, wanted, user, client, issued), issued.key)
+        made, before = file.put(_context(name or "", wanted, user, client, issued), issued.key)
         is_same = before is not None and (before.user, before.server_uri) == (user, client.server_uri)
         if before is not None and is_same:
             await _end(client, before)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -39,6 +40,18 @@ def test_the_key_of_a_server_that_is_known_is_not_given_to_whoever_answers(conte
         connection(insecure=True)
     contexts.put(context("", insecure=True), "key")
     assert connection(insecure=False).insecure
+
+
+def test_two_logins_at_once_get_a_name_each(contexts: ContextFile) -> None:
+    """Neither of them has seen the other's context when it asks the server for its key."""
+    anna = replace(context(URI, insecure=False), name="")
+    first, before = contexts.put(anna, "key")
+    assert (first.name, before) == ("hall", None)
+    second, before = contexts.put(replace(anna, user="eva", key_id="2f"), "key 2")
+    assert (second.name, before) == ("hall-eva", None)
+    renewed, before = contexts.put(replace(anna, key_id="3f"), "key 3")
+    assert (renewed.name, before) == ("hall", first)
+    assert [(one.name, one.user) for one in contexts.load().all] == [("hall", "anna"), ("hall-eva", "eva")]
 
 
 async def test_a_client_without_security_does_not_ask_a_server_who_it_is(contexts: ContextFile) -> None:

@@ -7,8 +7,10 @@ from typing import Any
 
 import pytest
 from asyncua import ua
+from asyncua.server.address_space import AddressSpace, AttributeValue, NodeData
 
 from ua_fleet.server.endpoint import monitoring
+from ua_fleet.server.endpoint.monitored_items import MonitoredItems
 from ua_fleet.server.endpoint.monitoring import DataItem, Item
 from ua_fleet.server.endpoint.queues import Queues
 from ua_fleet.server.endpoint.stack import GOOD, AttributeIds, ObjectIds, ns0
@@ -172,3 +174,41 @@ def test_another_interval_counts_from_the_last_sample(clock: Clock) -> None:
     write(watching, clock, 3.2, 4.0)
     watching.sample(103.2)
     assert told(watching) == [1.0, 2.0, 3.0, 4.0]
+
+
+def test_the_samples_of_many_items_are_taken_in_turns() -> None:
+    space = AddressSpace()
+    node_id = ns0(ObjectIds.Server)
+    node = NodeData(node_id)
+    space[node_id] = node
+    node.attributes[AttributeIds.Value] = AttributeValue(value(0.0))
+    items = MonitoredItems(space, lambda _error: None)
+    account = Queues(1 << 30, 1 << 30).account("olga")
+
+    class Whole(Owner):
+        def __init__(self) -> None:
+            super().__init__()
+            self.account = account
+
+        def hold(self, item: DataItem) -> None:
+            items.hold(item)
+
+    watching = [made_by(Whole(), number, space) for number in range(1, 3_001)]
+    for each in watching:
+        items.add_data(each)
+        each.changed(0, value(1.0))
+    assert all(each.holds for each in watching)
+    turns = 1
+    while items.sample(math.inf):
+        turns += 1
+    assert turns > 1
+    assert not any(each.holds for each in watching)
+
+
+def made_by(owner: Owner, item_id: int, space: AddressSpace) -> DataItem:
+    request: Any = ua.MonitoredItemCreateRequest()
+    request.ItemToMonitor.NodeId = ns0(ObjectIds.Server)
+    request.ItemToMonitor.AttributeId = AttributeIds.Value
+    request.MonitoringMode = ua.MonitoringMode.Reporting
+    request.RequestedParameters.Filter = None
+    return DataItem(owner, item_id, request, 1, None, ua.TimestampsToReturn.Both, space, interval_s=60.0)

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import contextlib
 import heapq
+import time
 from collections import Counter
 from collections.abc import Callable, Iterator
 from typing import Any, Final
@@ -15,6 +16,7 @@ from asyncua.server.address_space import AddressSpace
 
 from ua_fleet.server.endpoint.monitoring import DataItem, EventItem, Item
 from ua_fleet.server.endpoint.stack import GOOD, StatusCodes, status
+from ua_fleet.server.endpoint.turns import TURN_S
 
 __all__ = ["MonitoredItems"]
 
@@ -119,12 +121,16 @@ class MonitoredItems:
             self._samples = [(each.due, each.id) for each in data if each.holds]
             heapq.heapify(self._samples)
 
-    def sample(self, now: float) -> None:
-        """Look at the values whose time has come."""
+    def sample(self, now: float) -> bool:
+        """Look at the values whose time has come, for one turn; whether there may be more of them."""
+        began = time.monotonic()
         while self._samples and self._samples[0][0] <= now:
             item = self._monitored_items.get(heapq.heappop(self._samples)[1])
             if isinstance(item, DataItem):
                 item.sample(now)
+            if time.monotonic() - began > TURN_S:
+                return True
+        return False
 
     def add_link(self, triggering: Item, linked_id: int, most: int) -> ua.StatusCode:
         """Have an item reported when another one has a notification; at most so many links in all."""

@@ -251,6 +251,18 @@ async def test_a_shorter_queue_loses_its_oldest_at_once(hardened: Door, three: l
         assert seen == [(1, 53.0), (1, 54.0)]
 
 
+async def test_an_item_keeps_its_handle_where_a_client_leaves_it_out(hardened: Door, three: list[Any]) -> None:
+    """node-opcua's client says 4294967295 then, and finds no item for what comes under that handle."""
+    async with hardened.connected() as client:
+        subscription = (await create_subscription(client)).SubscriptionId
+        (item,) = await create_items(client, subscription, watch(three[1], 7))
+        await told(client)
+        for asked, handle in ((0xFFFFFFFF, 7), (8, 8)):
+            await modify(client, subscription, item, ClientHandle=asked)
+            await three[1].write_value(60.0 + asked)
+            assert await told(client) == [(handle, 60.0 + asked)]
+
+
 class Beyond(IntEnum):
     """What no enumeration of the standard has."""
 

@@ -124,6 +124,8 @@ async def reattach(hardened: Door, old: Client, **options: Any) -> tuple[Client,
     await open_channel(client)
     client.uaclient.session.restore_authentication_token(token_of(old))
     client._server_nonce, client._policy_ids = old._server_nonce, old._policy_ids
+    # Without security no channel brings it, and the password is encrypted for it all the same.
+    client.security_policy.peer_certificate = old.security_policy.peer_certificate
     return client, await bad(client.activate_session(client._username, client._password))
 
 
@@ -238,11 +240,46 @@ async def test_anonymous_and_none_security_when_asked_for(
             assert await client.get_node(lab.nodes.value).read_value() == 1.5
             assert await bad(client.get_node(lab.nodes.value).write_value(2.0)) == "BadUserAccessDenied"
             assert (await call_add(client, lab.nodes.methods["add"])).name == "BadUserAccessDenied"
-        # A session of a channel without security belongs to nobody who could prove it.
+        # Nobody takes another's session along by its token alone.
         async with lab.connected("oscar", policy=None) as owner:
             thief = await lab.client(None, policy=None)
             activation, call = await steal(thief, token_of(owner), lab.nodes.methods["add"])
-            assert (activation, call) == ("BadSessionIdInvalid", "BadSecureChannelIdInvalid")
+            assert (activation, call) == ("BadIdentityTokenRejected", "BadSecureChannelIdInvalid")
+            thief, activation = await reattach(lab, owner, user=None, policy=None)
+            assert activation == "BadIdentityChangeNotSupported"
+            thief.disconnect_socket()
+            assert (await call_add(owner, lab.nodes.methods["add"])).is_good()
+
+
+@pytest.mark.parametrize("user", [None, "oscar"])
+async def test_a_session_without_security_is_taken_along_too(
+    tmp_path: Path, identities: Identities, user: str | None
+) -> None:
+    """The same user at the same address; the subscription goes on telling."""
+    async with door(tmp_path, identities, allow_none_security=True, allow_anonymous=True) as lab:
+        client = await lab.client(user, policy=None)
+        await client.connect()
+        await client.create_subscription(100, Changes())
+        await lose(client)
+        owner, activated = await reattach(lab, client, user=user, policy=None)
+        assert activated == "Good"
+        assert await owner.get_node(lab.nodes.value).read_value() == 1.5
+        assert lab.server.sessions == 1
+        await owner.uaclient.close_session(True)
+        owner.disconnect_socket()
+
+
+async def test_a_user_without_a_name_has_no_valid_token(hardened: Door) -> None:
+    client = await hardened.client()
+    await open_channel(client)
+    await client.create_session()
+    parameters = ua.ActivateSessionParameters()
+    client._add_user_auth(parameters, "", "")
+    challenge = client.security_policy.peer_certificate + client._server_nonce
+    parameters.ClientSignature.Signature = client.security_policy.asymmetric_cryptography.signature(challenge)
+    parameters.ClientSignature.Algorithm = client.security_policy.AsymmetricSignatureURI
+    assert await bad(client.uaclient.activate_session(parameters)) == "BadIdentityTokenInvalid"
+    await lose(client)
 
 
 async def test_silent_session_ends_with_its_subscriptions(tmp_path: Path, identities: Identities) -> None:

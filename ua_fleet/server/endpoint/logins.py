@@ -108,6 +108,8 @@ async def _person(
 ) -> User:
     """The user whose password, or session key, this is."""
     name = token.UserName or ""
+    if not name:
+        raise Refusal(StatusCodes.BadIdentityTokenInvalid, "a user without a name")
     source = name[:_MAX_NAME]
     shown = repr(source)
     now = time.monotonic()

@@ -147,7 +147,11 @@ class SessionServices:
             raise Refusal(StatusCodes.BadSecurityModeInsufficient, "a session without security")
         before = session.link
         # Only an active session is taken along to a new channel, and only by the certificate that it belongs to.
+        # Without security its token is all that tells whose it is; so it stays at the address that has it.
         same = channel.secured and session.client_certificate == channel.client_certificate
+        same = same or (
+            not channel.secured and not session.client_certificate and origin(session.address) == origin(link.address)
+        )
         if before is not link and not session.active:
             raise Refusal(StatusCodes.BadSessionNotActivated, "first activated on another channel than its own")
         if before is not link and not same:
@@ -226,7 +230,7 @@ class SessionServices:
     async def lost(self, link: Link) -> None:
         """A connection is gone: sessions with subscriptions wait for their client, the others end."""
         for session in self._sessions.on(link):
-            if session.active and session.client_certificate and session.subscriptions:
+            if session.active and session.subscriptions:
                 session.unbind()
                 self._depart(session)
             else:

@@ -32,6 +32,8 @@ __all__ = ["SubscriptionServices"]
 
 _SPARE_REQUESTS: Final = 10
 """Publish requests that a session may queue beyond one for each of its subscriptions."""
+_NO_HANDLE: Final = 0xFFFFFFFF
+"""ClientHandle of a ModifyMonitoredItems of node-opcua's client, which leaves the item's as it is."""
 _LONGEST_WAIT_S: Final = 3_600.0
 
 
@@ -370,7 +372,8 @@ class SubscriptionServices:
             item.set_interval(self._sampling_s(subscription, item.node_id, item.attribute, parameters))
             item.timestamps = timestamps
             result.RevisedSamplingInterval = item.interval_s * 1000
-        item.client_handle = parameters.ClientHandle
+        if parameters.ClientHandle != _NO_HANDLE:
+            item.client_handle = parameters.ClientHandle
         item.discard_oldest = bool(parameters.DiscardOldest)
         item.resize(self._queue_size(parameters.QueueSize))
         result.RevisedQueueSize = item.queue_size

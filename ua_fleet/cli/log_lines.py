@@ -18,7 +18,7 @@ def readable(line: str) -> list[str]:
     if record is None:
         return [line]
     details = [f"{name}={value}" for name, value in record.items() if name not in _NOT_SHOWN]
-    first = " ".join([f"{record.get('level', ''):<8}", str(record["event"]), *details])
+    first = " ".join([f"{record.get('level') or ''!s:<8}", str(record["event"]), *details])
     return [first, *str(record.get("exception") or "").splitlines()]
 
 

@@ -5,11 +5,12 @@ from __future__ import annotations
 import asyncio
 import importlib.util
 import os
+import shlex
 import sys
 from asyncio.subprocess import Process
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Coroutine, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Final
+from typing import TYPE_CHECKING, Annotated, Any, Final, TypeVar
 
 import typer
 
@@ -18,6 +19,7 @@ from ua_fleet.cli.log_lines import readable
 from ua_fleet.cli.options import DEFAULT_CONFIG, Config, load_config
 from ua_fleet.cli.output import message
 from ua_fleet.cli.process import run
+from ua_fleet.cli.screen import ColorWhen, has_colours
 from ua_fleet.printing import harmless
 
 if TYPE_CHECKING:
@@ -26,6 +28,8 @@ if TYPE_CHECKING:
 __all__ = ["EXAMPLES", "up"]
 
 EXAMPLES = ("ua-fleet up", "ua-fleet up floor -c hall2.yaml")
+
+_Result = TypeVar("_Result")
 
 _ROS1: Final = "ros1"
 """The kind of bridge that has an interpreter of its own (docs/install.md)."""
@@ -54,7 +58,7 @@ def up(
 
 
 async def _up(fleet: FleetConfig, config: Path, folder: Path, wanted: Sequence[str]) -> None:
-    option = "" if config == DEFAULT_CONFIG else f" -c {config}"
+    option = "" if config == DEFAULT_CONFIG else f" -c {shlex.quote(str(config))}"
     await _introduce(fleet, folder, wanted)
     shown = _Shown(["server", *wanted])
 
@@ -69,7 +73,7 @@ async def _up(fleet: FleetConfig, config: Path, folder: Path, wanted: Sequence[s
     running: list[_Running] = []
     try:
         await server.start([sys.executable, "-m", "ua_fleet.cli", "serve", "--config", str(config)])
-        if (endpoint := await server.ready()) is None:
+        if (endpoint := await shown.while_read(server.ready())) is None:
             raise typer.Exit(server.code or EXIT_FAILED)
         _tell_how_to_log_in(fleet, folder, option, endpoint)
         for name in wanted:
@@ -83,7 +87,7 @@ async def _up(fleet: FleetConfig, config: Path, folder: Path, wanted: Sequence[s
             bridge = _Running(name, shown, told)
             running.append(bridge)
             await bridge.start([python, "-m", "ua_fleet.cli", "bridge", name, "--config", str(config)])
-        await server.ended()
+        await shown.while_read(server.ended())
         message(f"the server {server.how}, and the bridges with it")
         raise typer.Exit(server.code or EXIT_FAILED)
     finally:
@@ -137,16 +141,35 @@ class _Shown:
 
     def __init__(self, names: Sequence[str]) -> None:
         self._width = max(map(len, names))
-        is_colored = sys.stdout.isatty() and not os.environ.get("NO_COLOR")
-        self._colors = {name: _COLORS[at % len(_COLORS)] for at, name in enumerate(names)} if is_colored else {}
+        colours = has_colours(ColorWhen.AUTO)
+        self._colors = {name: _COLORS[at % len(_COLORS)] for at, name in enumerate(names)} if colours else {}
+        self._gone: asyncio.Future[OSError] = asyncio.get_running_loop().create_future()
+        """Done with the reason when nobody reads stdout any more."""
 
     def line(self, name: str, text: str) -> None:
-        """Print one."""
+        """Print one, where somebody still reads them."""
+        if self._gone.done():
+            return
         before = f"{harmless(name):<{self._width}} |"
         if name in self._colors:
             before = f"\x1b[{self._colors[name]}m{before}\x1b[0m"
-        sys.stdout.write(f"{before} {harmless(text)}\n".replace(" \n", "\n"))
-        sys.stdout.flush()
+        try:
+            sys.stdout.write(f"{before} {harmless(text)}\n".replace(" \n", "\n"))
+            sys.stdout.flush()
+        except OSError as error:
+            self._gone.set_result(error)
+
+    async def while_read(self, work: Coroutine[None, None, _Result]) -> _Result:
+        """Wait for something as long as somebody reads the lines; raises the OSError of writing them."""
+        task = asyncio.ensure_future(work)
+        try:
+            both: tuple[asyncio.Future[Any], ...] = task, self._gone
+            await asyncio.wait(both, return_when=asyncio.FIRST_COMPLETED)
+            if self._gone.done():
+                raise self._gone.result()
+            return task.result()
+        finally:
+            task.cancel()
 
 
 class _Running:

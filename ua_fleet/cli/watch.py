@@ -146,20 +146,24 @@ async def _each(
 
 
 async def _with_pictures(work: Coroutine[None, None, None], period_s: float, draw: Callable[[], None]) -> None:
-    """Draw what there is now and then, while something is under way, and at its end."""
+    """Draw what there is now and then, while something is under way, and at its end; raises what either does."""
 
     async def pictures() -> None:
         while True:
             await asyncio.sleep(period_s)
             draw()
 
-    drawing = asyncio.ensure_future(pictures())
+    drawing, working = asyncio.ensure_future(pictures()), asyncio.ensure_future(work)
     try:
-        await work
+        await asyncio.wait([drawing, working], return_when=asyncio.FIRST_COMPLETED)
+        if drawing.done():
+            drawing.result()  # nobody reads stdout any more
+        working.result()
         draw()
     finally:
         drawing.cancel()
-        await asyncio.wait([drawing])
+        working.cancel()
+        await asyncio.gather(drawing, working, return_exceptions=True)
 
 
 def _print_rates(watched: Watched, as_json: bool) -> None:

@@ -5,12 +5,13 @@ from __future__ import annotations
 import asyncio
 import json
 import signal
+import subprocess
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from tests.integration.cli.conftest import Site
+from tests.integration.cli.conftest import Site, command
 from tests.integration.peer import Peer
 from ua_fleet.pubsub.metadata import make_field
 from ua_fleet.topics import Topic
@@ -287,3 +288,21 @@ def test_a_second_server_in_one_folder_is_one_line(site: Site) -> None:
         "runs already; stop that process, or give this one a state_dir of its own"
         in ended.stderr.strip().splitlines()[-1]
     )
+
+
+@pytest.mark.parametrize("way", ["--rate", "--table"])
+def test_watch_ends_where_nobody_reads_what_it_tells(site: Site, way: str) -> None:
+    watching = subprocess.Popen(
+        command("watch", GOAL, way), env=site.environment(), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+    assert watching.stdout is not None
+    assert watching.stderr is not None
+    try:
+        assert watching.stdout.readline()
+        watching.stdout.close()
+        assert watching.wait(20) == 1
+        assert watching.stderr.read() == ""
+    finally:
+        watching.kill()
+        watching.wait()
+        watching.stderr.close()

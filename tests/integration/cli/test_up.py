@@ -176,3 +176,20 @@ def test_names_are_coloured_on_a_terminal(fleet: Fleet) -> None:
     assert b"\x1b[36mserver |\x1b[0m " in said
     assert b"\x1b[33mpress  |\x1b[0m ready: bridge press" in said
     assert b"Traceback" not in said
+
+
+def test_all_of_it_ends_where_nobody_reads_what_it_tells(fleet: Fleet) -> None:
+    up = subprocess.Popen(
+        command("up", "press"),
+        env=fleet.environment,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        start_new_session=True,
+    )
+    assert up.stdout is not None
+    up.stdout.close()
+    try:
+        assert up.wait(30) == 1
+    finally:
+        up.kill()
+        up.wait()

@@ -22,3 +22,8 @@ def test_a_traceback_stands_below_its_line() -> None:
 @pytest.mark.parametrize("line", ["ready: opc.tcp://x", "", "{", "{broken", "[1]", '{"ready": true}', "null"])
 def test_any_other_line_stays(line: str) -> None:
     assert readable(line) == [line]
+
+
+def test_a_line_of_another_program_may_have_anything_in_these_places() -> None:
+    assert readable('{"event": 1, "level": null, "exception": null}') == ["         1"]
+    assert readable('{"event": "x", "level": ["a"]}') == ["['a']    x"]

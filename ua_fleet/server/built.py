@@ -107,6 +107,11 @@ class BuiltNode(Mapping[AttributeIds, Held]):
             more(self.nodeid)
         return self._references
 
+    @property
+    def made_references(self) -> list[ua.ReferenceDescription]:
+        """Its references as far as they are made."""
+        return self._references
+
     def expect(self, more: Callable[[ua.NodeId], None]) -> None:
         """Have `more` add nodes below this one when somebody wants its references."""
         self._more = more

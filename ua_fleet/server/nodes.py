@@ -227,12 +227,13 @@ class NodeBuilder:
         outside = {
             reference.NodeId
             for data in gone.values()
-            for reference in data.references
+            for reference in _made(data)
             if reference.NodeId not in gone and reference.ReferenceTypeId != _HAS_TYPE_DEFINITION  # types list nobody
         }
         for other in outside:
             if (around := self._space.get(other)) is not None:
-                around.references[:] = [reference for reference in around.references if reference.NodeId not in gone]
+                references = _made(around)
+                references[:] = [reference for reference in references if reference.NodeId not in gone]
         for removed, data in gone.items():
             await self._tell_gone(removed, data)
         for removed in gone:
@@ -248,11 +249,11 @@ class NodeBuilder:
         found, waiting = {top: data}, [data]
         while waiting:
             parent = waiting.pop()
-            for reference in parent.references:
+            for reference in _made(parent):
                 child = self._space.get(reference.NodeId) if reference.IsForward else None
                 # The reference to the parent that a node was added to is its first one.
-                if child is not None and child.nodeid not in found and child.references:
-                    first = child.references[0]
+                if child is not None and child.nodeid not in found and (references := _made(child)):
+                    first = references[0]
                     if first.NodeId == parent.nodeid and not first.IsForward:
                         found[child.nodeid] = child
                         waiting.append(child)
@@ -347,6 +348,12 @@ class NodeBuilder:
             _held(target.attributes[AttributeIds.NodeClass]),
             type_definition,
         )
+
+
+def _made(node: NodeData) -> list[ua.ReferenceDescription]:
+    """References as far as they are made: nothing is made to be removed."""
+    made: list[ua.ReferenceDescription] = node.made_references if isinstance(node, BuiltNode) else node.references
+    return made
 
 
 def _held(attribute: Any) -> Any:

@@ -11,6 +11,7 @@ from asyncua.ua import ua_binary
 
 from tests.integration.server_security.harness import Client, Door, bad, send, ua
 from tests.integration.server_security.test_services import browse, read
+from ua_fleet.server.convert import raw_id
 from ua_fleet.server.endpoint import diagnostics
 from ua_fleet.server.users import Role
 
@@ -150,6 +151,55 @@ async def test_a_session_has_nodes_while_it_lasts_for_its_user_and_engineers(har
             assert await value(engineer, gone) == "BadNodeIdUnknown"
 
 
+async def test_the_fields_of_a_session_are_made_when_somebody_browses_them(hardened: Door) -> None:
+    server: Any = hardened.server
+    space = server.iserver.aspace
+
+    def nodes_of(session: Any) -> int:
+        return sum(str(each.Identifier).startswith(session.key) for each in list(space.keys()))
+
+    async with hardened.connected("olga") as client:
+        session: Any = next(each for each in server._services.sessions if each.user.name == "olga")
+        assert nodes_of(session) == 4
+        parts = await children(client, session.session_id)
+        await children(client, parts["SessionDiagnostics"])
+        assert nodes_of(session) == 4 + 43
+    assert (nodes_of(session), session.session_id in space) == (0, False)
+    made: list[Any] = []
+    async with hardened.connected("olga"):
+        session = next(each for each in server._services.sessions if each.user.name == "olga")
+        space[raw_id(f"{session.key}.SessionDiagnostics", 1)].expect(made.append)
+    # What nobody has browsed is not made to be removed.
+    assert (nodes_of(session), session.session_id in space, made) == (0, False, [])
+
+
+async def test_each_one_who_watches_is_told_what_there_was_before_and_is_again(hardened: Door) -> None:
+    count = node(f"{ROOT}ServerDiagnosticsSummary_CurrentSessionCount")
+    server: Any = hardened.server
+    context = server.context
+    (tell,) = [each for each in context.housekeeping if each.__name__ == "tell"]
+    context.housekeeping.remove(tell)
+    try:
+        async with hardened.connected() as client:
+            first, second = Seen(), Seen()
+            watching = await client.create_subscription(50, first)
+            await watching.subscribe_data_change(client.get_node(count))
+            await first.until(1)
+            await tell()
+            other = await hardened.client("oscar")
+            await other.connect()
+            also = await client.create_subscription(50, second)
+            await also.subscribe_data_change(client.get_node(count))
+            await second.until(1)
+            await other.disconnect()
+            await tell()
+            await second.until(2)
+            assert second.values == [first.values[0] + 1, first.values[0]]
+            assert len(first.values) == 1
+    finally:
+        context.housekeeping.append(tell)
+
+
 async def test_a_sessions_own_subscriptions_are_not_counted_anew_for_each_read(
     hardened: Door, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -194,6 +244,19 @@ async def test_who_is_engineer_no_more_is_told_no_more(hardened: Door) -> None:
         finally:
             session.user = user
         assert user.role is Role.ENGINEER
+
+
+async def test_who_comes_back_on_a_channel_that_is_not_encrypted_is_told_no_secrets(hardened: Door) -> None:
+    async with hardened.connected("eva") as client:
+        watching = await client.create_subscription(50, Seen())
+        handle = await watching.subscribe_data_change(client.get_node(node(ARRAYS[2])))
+        server: Any = hardened.server
+        session: Any = next(each for each in server._services.sessions if each.user.name == "eva")
+        session.usage.security_mode = int(ua.MessageSecurityMode.Sign)  # as ActivateSession does
+        async with asyncio.timeout(10):
+            while len(next(iter(session.subscriptions.values())).items):
+                await asyncio.sleep(0.01)
+        assert await bad(watching.unsubscribe(handle)) == "BadMonitoredItemIdInvalid"
 
 
 async def test_the_security_diagnostics_have_the_standards_bytes(hardened: Door) -> None:

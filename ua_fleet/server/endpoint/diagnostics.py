@@ -171,22 +171,16 @@ class Diagnostics:
             session.session_id, name, ns0(getattr(ObjectIds, _SESSIONS)), ns0(ObjectIds.SessionDiagnosticsObjectType)
         )
         self._live[session.session_id] = {}
-        diagnostics = self._structure(
+        self._structure(
             session, "SessionDiagnostics", ObjectIds.SessionDiagnosticsVariableType, _session_diagnostics, own
         )
-        self._builder.add_reference(
-            ns0(getattr(ObjectIds, f"{_SESSIONS}_SessionDiagnosticsArray")), HAS_COMPONENT, diagnostics
-        )
-        security = self._structure(
+        self._structure(
             session,
             "SessionSecurityDiagnostics",
             ObjectIds.SessionSecurityDiagnosticsType,
             _security_diagnostics,
             _security,
             _encoded,
-        )
-        self._builder.add_reference(
-            ns0(getattr(ObjectIds, f"{_SESSIONS}_SessionSecurityDiagnosticsArray")), HAS_COMPONENT, security
         )
         # Its disabled items are counted, of which a user may have many thousands.
         own_subscriptions = _Array(
@@ -204,9 +198,9 @@ class Diagnostics:
 
     async def remove(self, session: Session) -> None:
         """Remove the nodes of a session that has ended."""
-        self._live.pop(session.session_id, None)
         if session.session_id in self._space:
             await self._builder.remove(session.session_id)
+        self._live.pop(session.session_id, None)
 
     def _structure(
         self,
@@ -216,19 +210,19 @@ class Diagnostics:
         make: Callable[[Session], Any],
         guard: Guard,
         encoded: Callable[[Any], Any] = lambda made: made,
-    ) -> ua.NodeId:
-        """A Variable of a structure; those of its fields are made when somebody browses it."""
+    ) -> None:
+        """A Variable of a structure, also below the array of all; its fields are made when somebody browses it."""
         data_type = self._value_of(ns0(type_id), AttributeIds.DataType)
         live = LiveValue(lambda: encoded(make(session)), ua.VariantType.ExtensionObject, guard)
         node_id = self._variable(session, name, session.session_id, type_id, (data_type, -1), live)
+        self._builder.add_reference(ns0(getattr(ObjectIds, f"{_SESSIONS}_{name}Array")), HAS_COMPONENT, node_id)
 
         def make_fields(owner: ua.NodeId) -> None:
             for reference in list(self._space[ns0(type_id)].references):
                 if reference.IsForward and reference.ReferenceTypeId == HAS_COMPONENT:
                     self._add_field(session, name, owner, reference, make, guard)
 
-        self._builder.add_later(node_id, make_fields)
-        return node_id
+        self._builder.add_later(node_id, make_fields)  # the last one that is done: a reference to it would be a browse
 
     def _add_field(
         self,

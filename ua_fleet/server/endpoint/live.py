@@ -35,7 +35,8 @@ class LiveValue(Held):
             guard: who may read it; without it everybody.
         """
         self._compute, self._variant_type, self.guard = compute, variant_type, guard
-        self._told: Any = None
+        self._told: dict[int, Any] = {}
+        """What each who watches was told, by handle."""
         super().__init__(None)
 
     @property
@@ -52,25 +53,29 @@ class LiveValue(Held):
 
     async def tell(self) -> None:
         """Tell who watches it of a change, as far as they may still read it."""
+        told, self._told = self._told, {}
         if not self.is_watched:
-            self._told = None
             return
         value = self.value
         assert value.Value is not None
-        changed, self._told = value.Value.Value != self._told, value.Value.Value
+        content = value.Value.Value
         for handle, callback in list(self.datachange_callbacks.items()):
             item: Any = getattr(callback, "__self__", None)
-            if self.guard is not None and self.guard(_user_of(item), True):
+            if self.guard is not None and self.guard(*_reader(item)):
                 item.owner.remove(item.id)  # whose rights are gone can't have the value told anew either
-            elif changed:
+                continue
+            # Who has come since the last time has got the value of then, which may be any.
+            if handle not in told or told[handle] != content:
                 await callback(handle, value)
+            self._told[handle] = content
 
 
-def _user_of(item: Any) -> User:
-    """The user that a monitored item tells: the session's, or the one who had it where none has."""
-    session = item.owner.session
-    user: User = session.user if session is not None and session.user is not None else item.owner.owner
-    return user
+def _reader(item: Any) -> tuple[User, bool]:
+    """The user that a monitored item tells, the session's or the one who had it where none has; whether encrypted."""
+    session, owner = item.owner.session, item.owner.owner
+    if session is None or session.user is None:
+        return owner, True
+    return session.user, session.usage.security_mode == ua.MessageSecurityMode.SignAndEncrypt
 
 
 def check_reader(space: AddressSpace, node_id: ua.NodeId, attribute: int, user: User, *, encrypted: bool) -> None:

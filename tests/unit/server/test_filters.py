@@ -1,7 +1,7 @@
 from __future__ import annotations
 
 import sys
-from typing import Any
+from typing import Any, ClassVar
 
 import pytest
 from asyncua import ua
@@ -150,3 +150,82 @@ def test_ranges_are_slices_or_refused(text: str) -> None:
     else:
         assert parsed is not None
         assert all(0 <= part.start < part.stop for part in parsed)
+
+
+class Happened:
+    """An event with two fields; nobody has said what the other one is."""
+
+    data_types: ClassVar[dict[str, Any]] = {
+        "Severity": ua.VariantType.UInt16,
+        "ActiveState": ua.VariantType.LocalizedText,
+        "ActiveState/Id": ua.VariantType.Boolean,
+        "Comment": ua.VariantType.String,
+    }
+    Severity = 500
+    ActiveState = ua.LocalizedText("Active")
+    Comment = None
+
+
+setattr(Happened, "ActiveState/Id", True)
+
+
+def operand(*path: str, index_range: str = "") -> ua.SimpleAttributeOperand:
+    made: Any = ua.SimpleAttributeOperand()
+    made.BrowsePath = [ua.QualifiedName(name, ua.UInt16(0)) for name in path]
+    made.AttributeId, made.IndexRange = ua.AttributeIds.Value, index_range
+    return made
+
+
+EQUALS, GREATER, OPERATORS = ua.FilterOperator.Equals, ua.FilterOperator.GreaterThan, ua.FilterOperator
+TRUE, FALSE = element(EQUALS, literal(1), literal(1)), element(EQUALS, literal(1), literal(2))
+NULL = element(OPERATORS.Not, operand("Nowhere"))
+
+
+@pytest.mark.parametrize(
+    ("elements", "passes"),
+    [
+        ([element(EQUALS, operand("ActiveState", "Id"), literal(True))], True),
+        ([element(EQUALS, operand("ActiveState", "Id"), literal(False))], False),
+        ([element(GREATER, operand("Severity"), literal(400))], True),
+        ([element(OPERATORS.IsNull, operand("Nowhere"))], True),
+        ([element(OPERATORS.IsNull, operand("Comment"))], True),
+        ([element(OPERATORS.IsNull, operand("Severity"))], False),
+        ([element(GREATER, operand("Nowhere"), literal(400))], False),
+        ([element(EQUALS, operand("data_types"), literal(1))], False),
+        ([element(OPERATORS.Or, ua.ElementOperand(1), ua.ElementOperand(2)), NULL, TRUE], True),
+        ([element(OPERATORS.Or, ua.ElementOperand(1), ua.ElementOperand(2)), TRUE, NULL], True),
+        ([element(OPERATORS.Or, ua.ElementOperand(1), ua.ElementOperand(2)), NULL, FALSE], False),
+        ([element(OPERATORS.And, ua.ElementOperand(1), ua.ElementOperand(2)), NULL, TRUE], False),
+        ([element(OPERATORS.And, ua.ElementOperand(1), ua.ElementOperand(2)), TRUE, NULL], False),
+        ([element(OPERATORS.And, ua.ElementOperand(1), ua.ElementOperand(2)), TRUE, TRUE], True),
+        ([element(OPERATORS.Not, ua.ElementOperand(1)), NULL], False),
+        ([element(OPERATORS.Not, ua.ElementOperand(1)), FALSE], True),
+        ([element(OPERATORS.Not, ua.ElementOperand(1)), element(GREATER, operand("Nowhere"), literal(1))], True),
+        *(
+            (
+                [
+                    element(OPERATORS.IsNull, ua.ElementOperand(1)),
+                    element(operator, ua.ElementOperand(2), ua.ElementOperand(3)),
+                    *both,
+                ],
+                is_null,
+            )
+            for operator, both, is_null in (
+                (OPERATORS.And, (NULL, FALSE), False),
+                (OPERATORS.And, (FALSE, NULL), False),
+                (OPERATORS.And, (NULL, TRUE), True),
+                (OPERATORS.And, (TRUE, NULL), True),
+                (OPERATORS.Or, (NULL, TRUE), False),
+                (OPERATORS.Or, (FALSE, NULL), True),
+                (OPERATORS.Or, (NULL, FALSE), True),
+            )
+        ),
+        ([element(OPERATORS.InList, operand("Nowhere"), literal(0), literal(1))], False),
+        ([element(OPERATORS.Between, operand("Severity"), literal(1), literal(500))], True),
+        ([element(OPERATORS.Between, operand("Severity"), operand("Nowhere"), literal(500))], False),
+        ([element(OPERATORS.Like, operand("Nowhere"), literal("%"))], False),
+    ],
+)
+def test_a_field_that_an_event_has_not_is_null(elements: list[ua.ContentFilterElement], passes: bool) -> None:
+    """OPC 10000-4 7.7.3: a comparison with null is false; And, Or and Not have three values."""
+    assert check_event_filter(NOWHERE, event_filter(*elements), 100, FIELDS).passes(Happened()) is passes

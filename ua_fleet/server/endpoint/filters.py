@@ -59,13 +59,37 @@ _OF_TYPE: Final = 10
 
 
 class _Evaluator(WhereClauseEvaluator):
-    """asyncua's, with subtypes for OfType and with Like."""
+    """asyncua's, with whole BrowsePaths and nulls as OPC 10000-4 7.7.3 has them, subtypes for OfType, and Like."""
+
+    def __init__(self, logger: logging.Logger, aspace: AddressSpace, where: ua.ContentFilter) -> None:
+        super().__init__(logger, aspace, where)
+        operands = [operand for element in self.elements or () for operand in element.FilterOperands or ()]
+        self._fields = {id(one): field_of(one) for one in operands if isinstance(one, ua.SimpleAttributeOperand)}
+        """The fields of events that are compared, by the operands that name them."""
 
     def _eval_el(self, index: int, event: Any) -> Any:
+        """What an element is: True, False, or None for what follows from neither."""
         element = self.elements[index]
-        if element.FilterOperator == ua.FilterOperator.OfType:
-            return self._is_subtype(event.EventType, self._eval_op(element.FilterOperands[0], event))
-        return super()._eval_el(index, event)
+        operator, operands = element.FilterOperator, element.FilterOperands
+        if operator == ua.FilterOperator.OfType:
+            return self._is_subtype(event.EventType, self._eval_op(operands[0], event))
+        if operator == ua.FilterOperator.Not:
+            known = _truth(self._eval_op(operands[0], event))
+            return None if known is None else not known
+        if operator in (ua.FilterOperator.And, ua.FilterOperator.Or):
+            decides = operator == ua.FilterOperator.Or
+            if (one := _truth(self._eval_op(operands[0], event))) is decides:
+                return decides
+            other = _truth(self._eval_op(operands[1], event))
+            return other if other is decides or one is not None else None
+        try:
+            return super()._eval_el(index, event)
+        except TypeError:
+            return False  # values that cannot be compared
+
+    def _eval_op(self, op: Any, event: Any) -> Any:
+        field = self._fields.get(id(op))
+        return super()._eval_op(op, event) if field is None else field.of(event).Value
 
     def eval_first(self, event: Any) -> Any:
         """The whole clause: its first element refers to the others."""
@@ -91,6 +115,11 @@ class _Evaluator(WhereClauseEvaluator):
         if not isinstance(string, str) or not isinstance(pattern, str) or len(string) > _LONGEST_TEXT:
             return False
         return _like(string, pattern)
+
+
+def _truth(value: Any) -> bool | None:
+    """A Boolean; None for what is none."""
+    return value if isinstance(value, bool) else None
 
 
 def _like(text: str, pattern: str) -> bool:

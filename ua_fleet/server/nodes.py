@@ -350,7 +350,7 @@ class NodeBuilder:
         )
 
 
-def _made(node: NodeData) -> list[ua.ReferenceDescription]:
+def _made(node: Any) -> list[ua.ReferenceDescription]:
     """References as far as they are made: nothing is made to be removed."""
     made: list[ua.ReferenceDescription] = node.made_references if isinstance(node, BuiltNode) else node.references
     return made

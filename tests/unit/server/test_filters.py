@@ -13,7 +13,7 @@ from ua_fleet.server.endpoint import filters
 from ua_fleet.server.endpoint.event_fields import EventFields
 from ua_fleet.server.endpoint.filters import check_event_filter
 from ua_fleet.server.endpoint.indexrange import parse_range
-from ua_fleet.server.endpoint.stack import Refusal
+from ua_fleet.server.endpoint.stack import AttributeIds, Refusal
 
 NOWHERE = AddressSpace()
 """An address space of no nodes: these filters are not evaluated."""
@@ -169,10 +169,10 @@ class Happened:
 setattr(Happened, "ActiveState/Id", True)
 
 
-def operand(*path: str, index_range: str = "") -> ua.SimpleAttributeOperand:
+def operand(*path: str) -> Any:
     made: Any = ua.SimpleAttributeOperand()
     made.BrowsePath = [ua.QualifiedName(name, ua.UInt16(0)) for name in path]
-    made.AttributeId, made.IndexRange = ua.AttributeIds.Value, index_range
+    made.AttributeId = AttributeIds.Value
     return made
 
 

@@ -181,8 +181,13 @@ async def test_requested_times_and_queues_are_revised(small: Door) -> None:
         change = ua.ModifySubscriptionRequest()
         change.Parameters.SubscriptionId = revised.SubscriptionId
         change.Parameters.RequestedPublishingInterval = 500.0
+        change.Parameters.RequestedLifetimeCount = 700
         answer = (await send(client, change, ua.ModifySubscriptionResponse)).Parameters
-        assert answer.RevisedPublishingInterval == 500.0
+        assert (answer.RevisedPublishingInterval, answer.RevisedLifetimeCount) == (500.0, 700)
+        # A client that wants to change another part leaves it out, as 0.
+        change.Parameters.RequestedLifetimeCount = 0
+        answer = (await send(client, change, ua.ModifySubscriptionResponse)).Parameters
+        assert answer.RevisedLifetimeCount == 700
 
 
 async def browse(client: Client, node_id: Any, portion: int = 0) -> Any:

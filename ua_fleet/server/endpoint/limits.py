@@ -77,10 +77,9 @@ class Limits:
     retransmission_bytes: int = 16 * 1024 * 1024
     """Bytes of such messages of one user in all sessions, or of one address without; then the oldest of the greediest
     subscription go."""
-    items_per_node: int = 20
-    """Monitored items of one subscription on the same node: each write to the node goes to all of them."""
     items_per_node_and_user: int = 100
-    """Those of one user in all sessions, or of one address where clients have no user."""
+    """Monitored items of one user in all sessions, or of one address where clients have no user, on the same node: each
+    write to the node goes to all of them."""
     event_items_per_session: int = 200
     """Monitored items of one session that watch events: each event goes to all of them."""
     filter_elements: int = 100

@@ -79,7 +79,8 @@ class SubscriptionServices:
         subscription = self._own(request, params.SubscriptionId)
         subscription.revise(
             params.RequestedPublishingInterval,
-            params.RequestedLifetimeCount,
+            # A client that has no wish leaves it out, which is 0.
+            params.RequestedLifetimeCount or subscription.lifetime_count,
             params.RequestedMaxKeepAliveCount,
             params.MaxNotificationsPerPublish,
         )
@@ -254,8 +255,6 @@ class SubscriptionServices:
         parameters.Filter = filter_of(parameters)
         if target.NodeId is None or self._aspace.get(target.NodeId) is None:
             raise Refusal(StatusCodes.BadNodeIdUnknown)
-        if subscription.items.on(target.NodeId) >= self._limits.items_per_node:
-            raise Refusal(StatusCodes.BadTooManyMonitoredItems, "too many items on one node")
         if self._subscriptions.items_on(target.NodeId, subscription.holder) >= self._limits.items_per_node_and_user:
             raise Refusal(StatusCodes.BadTooManyMonitoredItems, "too many items of one user on one node")
         size = self._queue_size(parameters.QueueSize)

@@ -11,7 +11,6 @@ from ua_fleet.cli.endings import UsageError
 from ua_fleet.cli.options import DEFAULT_CONFIG, Config, Json, load_config
 from ua_fleet.cli.output import message, print_json, print_line
 from ua_fleet.names import closest, listed
-from ua_fleet.printing import harmless
 
 if TYPE_CHECKING:
     from ua_fleet.config.topics_seen import Addition, Plan
@@ -47,7 +46,7 @@ def add_topics(
     """
     from ua_fleet.bridge.registry import topics_of
     from ua_fleet.config.add_data import add_data, write
-    from ua_fleet.config.topics_seen import plan_additions
+    from ua_fleet.config.topics_seen import is_name, plan_additions
 
     fleet = load_config(config, allow_missing_ids=True)
     if bridge not in fleet.bridges:
@@ -55,6 +54,8 @@ def add_topics(
         raise UsageError(f"{config}: there is no bridge {bridge!r}; {hint}")
     if robot is not None and robot in fleet.robots and fleet.robots[robot].bridge != bridge:
         raise UsageError(f"{config}: {robot} is a robot of bridge {fleet.robots[robot].bridge}; name another --robot")
+    if robot is not None and robot not in fleet.robots and not is_name(robot):
+        raise UsageError(f"{robot!r} is no name of a robot; use 1 to 64 letters, digits, _ and -, first a letter")
     seen = topics_of(fleet, bridge, within)
     plan = plan_additions(seen, fleet.robots, bridge, robot=robot, pattern=topic, max_rate_hz=max_rate_hz)
     ids: dict[str, int] = {}
@@ -81,7 +82,7 @@ def _tell(plan: Plan, ids: dict[str, int], config: Path, *, as_json: bool, dry_r
         if as_json:
             print_json({"topic": left.topic, "left_out": left.reason})
         else:
-            message(f"left out: {harmless(left.topic)}: {harmless(left.reason)}")
+            message(f"left out: {left.topic}: {left.reason}")
     if not plan.additions:
         message(f"{config}: nothing to add")
     elif dry_run:

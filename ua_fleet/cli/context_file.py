@@ -17,6 +17,7 @@ from typing import Any, Final
 
 from ua_fleet.cli import keyring_store
 from ua_fleet.cli.endings import NotFound, UsageError
+from ua_fleet.cli.options import Policy
 from ua_fleet.errors import UPGRADE, newer_version
 from ua_fleet.storage.files import write_whole
 from ua_fleet.storage.private_file import exclusive, not_private
@@ -81,6 +82,7 @@ class Context:
     @classmethod
     def parse(cls, data: dict[str, Any]) -> Context:
         """A context of the file; raises KeyError, TypeError or ValueError."""
+        Policy(data["policy"])
         names = ("name", "endpoint", "user", "server_uri", "policy", "key_id")
         texts = {name: data[name] for name in names}
         key = data["key"]

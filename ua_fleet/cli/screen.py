@@ -12,10 +12,11 @@ from typing import Annotated, Final, TextIO, cast
 
 import typer
 
-__all__ = ["ColorOption", "ColorWhen", "Screen", "has_colours", "live_screen", "terminal_width"]
+__all__ = ["ColorOption", "ColorWhen", "Screen", "columns_of", "has_colours", "live_screen", "terminal_width"]
 
-_ALTERNATE: Final = "\x1b[?1049h\x1b[?25l"
-_NORMAL: Final = "\x1b[?25h\x1b[?1049l"
+_ALTERNATE: Final = "\x1b[?1049h\x1b[?25l\x1b[?7l"
+"""The other screen, without a cursor, and with lines that are cut where they are too wide."""
+_NORMAL: Final = "\x1b[?7h\x1b[?25h\x1b[?1049l"
 _HOME: Final = "\x1b[H"
 _REST_OF_LINE: Final = "\x1b[K"
 _REST_OF_SCREEN: Final = "\x1b[J"
@@ -46,6 +47,16 @@ def has_colours(when: ColorWhen, stream: TextIO | None = None) -> bool:
 def terminal_width() -> int | None:
     """Cells of a line, where stdout is a terminal."""
     return shutil.get_terminal_size().columns if sys.stdout.isatty() else None
+
+
+def columns_of(stream: TextIO) -> int:
+    """Cells of a line of the terminal that a stream is; COLUMNS goes before, and 80 are where neither says it."""
+    try:
+        known = os.get_terminal_size(stream.fileno())
+    except (OSError, ValueError):
+        known = os.terminal_size((80, 24))
+    given = os.environ.get("COLUMNS", "")
+    return int(given) if given.isdecimal() and int(given) else known.columns or 80
 
 
 class Screen:

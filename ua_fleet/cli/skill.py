@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import json
-import shutil
 import time
 from collections.abc import AsyncGenerator
 from contextlib import aclosing, asynccontextmanager
@@ -132,7 +131,7 @@ def call(
 async def _told(client: FleetClient, execution: SkillExecution) -> AsyncGenerator[None]:
     """Tell on stderr how an execution goes on, as long as the context lasts."""
     known = SkillProgress(execution.robot, execution.skill, execution.id, execution.timeout_s)
-    line = ProgressLine(columns=shutil.get_terminal_size().columns)
+    line = ProgressLine()
     began = time.monotonic()
 
     def show(*, is_change: bool) -> None:

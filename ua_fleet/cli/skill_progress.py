@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from dataclasses import dataclass
 from typing import TextIO, cast
 
+from ua_fleet.cli.screen import columns_of
 from ua_fleet.cli.table import within
 from ua_fleet.cli.value_text import duration_text
 from ua_fleet.printing import harmless
@@ -65,17 +67,16 @@ def progress_text(known: SkillProgress, elapsed_s: float, *, with_bar: bool) -> 
 class ProgressLine:
     """A line on stderr that is written over again and again, where that is a terminal; else a line for each change."""
 
-    def __init__(self, stream: TextIO | None = None, *, columns: int = 80) -> None:
+    def __init__(self, stream: TextIO | None = None) -> None:
         self._stream = stream or cast("TextIO", sys.stderr)
-        self._columns = columns
-        self.is_live = self._stream.isatty()
+        self.is_live = self._stream.isatty() and os.environ.get("TERM") != "dumb"
         self._is_drawn = False
 
     def show(self, text: str, *, is_change: bool) -> None:
         """Show how it stands; without a terminal only what has changed."""
         text = harmless(text)
         if self.is_live:
-            self._stream.write(_ERASED + within(text, self._columns - 1))
+            self._stream.write(_ERASED + within(text, columns_of(self._stream) - 1))
             self._is_drawn = True
         elif is_change:
             self._stream.write(f"{text}\n")

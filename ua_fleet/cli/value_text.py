@@ -102,14 +102,22 @@ def status_words(status: int, name: str) -> str:
 
 def moment_text(moment: datetime, zone: tzinfo | None) -> str:
     """A time to the millisecond with its distance from UTC; without a zone the local one."""
-    return moment.astimezone(zone).isoformat(sep=" ", timespec="milliseconds")
+    return _in_zone(moment, zone).isoformat(sep=" ", timespec="milliseconds")
+
+
+def _in_zone(moment: datetime, zone: tzinfo | None) -> datetime:
+    """A time in a zone; as it is, where the first or the last time there is would be another one in that zone."""
+    try:
+        return moment.astimezone(zone)
+    except (OverflowError, ValueError):
+        return moment
 
 
 def clock_text(moment: datetime | None, now: datetime, zone: tzinfo | None) -> str:
     """A time without its day, where that is today's; `-` where there is none."""
     if moment is None:
         return "-"
-    local = moment.astimezone(zone)
+    local = _in_zone(moment, zone)
     is_today = local.date() == now.astimezone(zone).date()
     return local.time().isoformat(timespec="milliseconds") if is_today else moment_text(moment, zone)
 

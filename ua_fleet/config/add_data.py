@@ -13,7 +13,7 @@ import yaml
 from ua_fleet.config.assign_ids import BOM, LINE_BREAK, insert_ids, replace_file
 from ua_fleet.config.layers import ENVIRONMENT_PREFIX
 from ua_fleet.config.load import load_content, read_content
-from ua_fleet.config.topics_seen import Addition
+from ua_fleet.config.topics_seen import Addition, quoted
 from ua_fleet.document import Document, KeyPath, as_mapping, read_document
 from ua_fleet.errors import ConfigInvalid
 
@@ -49,7 +49,7 @@ def _insert(content: bytes, file: str, bridge: str, robot: str, lines: list[str]
     if not as_mapping((as_mapping(robots.get(robot)) or {}).get("data")):
         around, path = ["data:"], path[:-1]
     if robot not in robots:
-        around, path = [f"{robot}:", f"bridge: {bridge}", "data:"], path[:-1]
+        around, path = [f"{quoted(robot)}:", f"bridge: {bridge}", "data:"], path[:-1]
     if not robots:
         around, path = ["robots:", *around], ()
     known = _at(document.data, path)

@@ -21,7 +21,7 @@ from ua_fleet.config.base import ScalarType
 from ua_fleet.config.checks import MOST_FIELDS
 from ua_fleet.config.schema import RobotConfig
 
-__all__ = ["Addition", "FieldSeen", "LeftOut", "Plan", "TopicSeen", "plan_additions"]
+__all__ = ["Addition", "FieldSeen", "LeftOut", "Plan", "TopicSeen", "is_name", "plan_additions", "quoted"]
 
 _NAME: Final = re.compile(r"[A-Za-z][A-Za-z0-9_-]{0,63}", re.ASCII)
 _TOPIC: Final = re.compile(r"(/[A-Za-z0-9_-]+)+", re.ASCII)
@@ -68,14 +68,14 @@ class Addition(NamedTuple):
     def lines(self) -> list[str]:
         """As YAML, without indentation; `id` comes later."""
         seen = self.seen
-        said = [f"{_quoted(self.name)}:"]
+        said = [f"{quoted(self.name)}:"]
         if seen.is_command:
             said.append("  origin: server")
         if len(seen.fields) == 1:
             said += [f"  {line}" for line in _single(seen.fields[0])]
         else:
             said.append("  fields:")
-            said += [f"    {_quoted(field.path)}: {{{_kind(field)}}}" for field in seen.fields]
+            said += [f"    {quoted(field.path)}: {{{_kind(field)}}}" for field in seen.fields]
         rate = "" if self.max_rate_hz is None else f", max_rate_hz: {self.max_rate_hz:g}"
         side = "sink" if seen.is_command else "source"
         return [*said, f"  {side}: {{topic: {seen.topic}, type: {seen.type}{rate}}}"]
@@ -105,10 +105,15 @@ def _single(field: FieldSeen) -> Iterator[str]:
     if field.array:
         yield "array: true"
     if field.path != _WHOLE:
-        yield f"path: {_quoted(field.path)}"
+        yield f"path: {quoted(field.path)}"
 
 
-def _quoted(name: str) -> str:
+def is_name(name: str) -> bool:
+    """Whether a robot may have this name."""
+    return _NAME.fullmatch(name) is not None
+
+
+def quoted(name: str) -> str:
     """A name as YAML takes it for one: `on`, `no` and `null` are none without quotes."""
     return name if yaml.safe_load(name) == name else f"'{name}'"
 

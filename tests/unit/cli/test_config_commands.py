@@ -213,3 +213,12 @@ def test_message_types_that_are_installed_are_known(
     assert ended.code == 0, ended.stdout
     said = json.loads(ended.stdout)
     assert [one["key"] for one in said["not_checked"]] == ["robots.ned.data.elsewhere.source.type"]
+
+
+@pytest.mark.parametrize("name", ["x: {", "*x", "a\nb", "'", "- x"])
+def test_topics_are_not_added_to_a_robot_whose_name_is_none(invoke: Invoke, fleet: Path, name: str) -> None:
+    before = fleet.read_bytes()
+    ended = invoke("config", "add-topics", "cell", f"--robot={name}")
+    assert ended.code == 2
+    assert "is no name of a robot" in ended.stderr
+    assert fleet.read_bytes() == before

@@ -59,3 +59,10 @@ async def test_a_client_without_security_does_not_ask_a_server_who_it_is(context
     with pytest.raises(AnotherServer):
         async with FleetClient.connect(ENDPOINT, user="anna", password="key", insecure=True, server_uri=URI):
             pass
+
+
+def test_a_policy_that_there_is_not_is_told(contexts: ContextFile) -> None:
+    contexts.put(context(URI, insecure=False), "key")
+    contexts.path.write_text(contexts.path.read_text().replace("Basic256Sha256", "Basic128Rsa15"))
+    with pytest.raises(UsageError, match=r"Basic128Rsa15.*remove it, and log in again"):
+        connection(insecure=False)

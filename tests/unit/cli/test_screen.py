@@ -66,3 +66,14 @@ def test_a_picture_that_is_too_high_says_so_and_is_whole_at_the_end(
     screen.end()
     ended = capsys.readouterr().out
     assert ended.endswith("\x1b[?1049l" + "".join(f"{line}\n" for line in lines))
+
+
+def test_lines_that_are_too_wide_are_cut_by_the_terminal_and_take_no_other_lines_place(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    screen = Screen(is_live=True)
+    screen.begin()
+    assert "\x1b[?7l" in capsys.readouterr().out
+    screen.show(["x" * 1000])
+    screen.end()
+    assert "\x1b[?7h" in capsys.readouterr().out.partition("\x1b[?1049l")[0]

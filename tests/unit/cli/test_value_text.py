@@ -120,3 +120,12 @@ def test_ages() -> None:
 )
 def test_status_codes(status: int, name: str, words: str) -> None:
     assert status_words(status, name) == words
+
+
+def test_the_first_and_the_last_time_have_no_other_zone() -> None:
+    """A DateTime that means never is the last one there is (OPC 10000-6 5.2.2.5)."""
+    last = datetime(9999, 12, 31, 23, 59, 59, 999000, tzinfo=UTC)
+    assert value_text(last.isoformat(), "DateTime", ValueStyle(zone=PARIS)) == "9999-12-31 23:59:59.999+00:00"
+    assert clock_text(last, NOON, PARIS) == "9999-12-31 23:59:59.999+00:00"
+    west = timezone(timedelta(hours=-1))
+    assert moment_text(datetime(1, 1, 1, tzinfo=UTC), west) == "0001-01-01 00:00:00.000+00:00"

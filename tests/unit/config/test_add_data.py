@@ -183,3 +183,7 @@ def test_names_that_yaml_takes_for_something_else_stay_names() -> None:
     data = yaml.safe_load(content)["robots"]["carrier"]["data"]
     assert list(data) == ["a", "null"]
     assert list(data["null"]["fields"]) == ["on", "no"]
+
+
+def test_a_robot_whose_name_yaml_would_take_for_something_else() -> None:
+    assert "robots:\n  'on':\n    bridge: floor\n" in written(HEAD, "on")

@@ -98,6 +98,8 @@ class SessionKeys:
         """
         self._path, self._users, self.longest_s = path, users, longest_s
         self._keys: dict[str, SessionKey] = {}
+        self._known: dict[str, SessionKey] = {}
+        """The keys when the file could be used last."""
         self._signature: tuple[int, ...] | None = None
         self._lock = threading.Lock()
         self._gone: list[SessionKey] = []
@@ -121,11 +123,10 @@ class SessionKeys:
         with self._lock:
             if self._is_writing:
                 return
-            before = self._keys
-            try:
-                self._read()
-            finally:
-                self._gone += [key for key in before.values() if key.id not in self._keys]
+            self._read()
+            # A file that could not be used for a while has taken none away.
+            self._gone += [key for key in self._known.values() if key.id not in self._keys]
+            self._known = self._keys
 
     def _read(self) -> None:
         try:
@@ -257,7 +258,7 @@ class SessionKeys:
         try:
             write_whole(self._path, f"{json.dumps(document, indent=1)}\n".encode())
             with self._lock:
-                self._keys = kept
+                self._keys = self._known = kept
         finally:
             with self._lock:
                 self._is_writing = False

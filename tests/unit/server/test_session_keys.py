@@ -130,6 +130,20 @@ def test_another_process_revokes_and_is_told(users: UserStore) -> None:
     assert server.verify("anna", second.text, NOW) is None
 
 
+def test_a_file_that_cannot_be_used_for_a_while_revokes_no_key(users: UserStore) -> None:
+    server, command = keys_of(users), keys_of(users)
+    first, second = (server.issue("anna", name, DAY_S, NOW) for name in ("desk", "lab"))
+    server.path.chmod(0o644)
+    with pytest.raises(KeyFileError):
+        server.refresh()
+    assert server.drain_gone(NOW) == []
+    server.path.chmod(0o600)
+    command.revoke("anna", first.key.id, NOW)
+    server.refresh()
+    assert server.drain_gone(NOW) == [first.key]
+    assert server.verify("anna", second.text, NOW) is not None
+
+
 def test_what_is_being_written_is_not_taken_for_another_processs_work(
     users: UserStore, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Collection
 from dataclasses import replace
 from typing import Any, Final
 
@@ -28,14 +29,25 @@ class DecisionJudgements:
         self._journal = journal
         self._kept: set[str] = set()
 
-    def restored(self, settings: ResilienceSettings) -> dict[str, Judgements]:
-        """Those that were kept, by the ids of decisions; those that do not fit the criteria any more are forgotten."""
+    def restored(self, settings: ResilienceSettings, run_ids: Collection[str]) -> dict[str, Judgements]:
+        """Those that were kept, by the ids of decisions.
+
+        Those that do not fit the criteria any more are forgotten, and those of runs that are over: a server that was
+        killed may have left them behind.
+
+        Args:
+            settings: for all decisions.
+            run_ids: of the runs that go on.
+        """
         found: dict[str, Judgements] = {}
         for name, stored in self._journal.settings().items():
             if not name.startswith(DECISION_PREFIX):
                 continue
             decision_id = name.removeprefix(DECISION_PREFIX)
             self._kept.add(decision_id)
+            if decision_id.partition(".")[0] not in run_ids:
+                self.forget(decision_id)
+                continue
             try:
                 judgements = {(one, other): float(value) for one, other, value in json.loads(stored.value)}
                 replace(settings, judgements=judgements)

@@ -220,7 +220,8 @@ class ScenarioService:
             records.append(record)
         outputs = restore_faults(self._journal.faults(), self._robots, self._orchestrator, self._finder, now)
         outputs += self._orchestrator.not_heard(self._robots, now)
-        self._orchestrator.restore_judgements(self._judgements.restored(self.settings))
+        going_on = {run_id for run_id, _, _ in stored}
+        self._orchestrator.restore_judgements(self._judgements.restored(self.settings, going_on))
         self.holds.restore(self._journal.holds(), self._robots)
         halts = [halt for halt in self._journal.halts() if halt.robot in self._robots]
         outputs += self._orchestrator.restore_all(stored, now, halts)

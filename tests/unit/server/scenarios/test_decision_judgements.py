@@ -75,6 +75,17 @@ def test_those_that_do_not_fit_the_criteria_any_more_do_not_count(tmp_path: Path
     assert world.journal.settings() == {}
 
 
+def test_those_of_a_run_that_is_over_are_forgotten_at_the_next_start(tmp_path: Path) -> None:
+    """The server was killed between the end of the run and that of its decisions."""
+    world, decision_id = deciding(tmp_path)
+    world.service.judge(decision_id, OTHER, "otto")
+    (name, kept), *_ = world.journal.settings().items()
+    world.journal.keep_setting(name.replace(decision_id, "20260101-000000-abcdef.1"), kept)
+    world.journal.close()
+    world, _ = deciding(tmp_path)
+    assert list(world.journal.settings()) == [name]
+
+
 def test_what_cannot_be_weighed_or_kept_changes_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     world, decision_id = deciding(tmp_path)
     with pytest.raises(JudgementsInvalid, match="not compared"):

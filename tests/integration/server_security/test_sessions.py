@@ -251,6 +251,26 @@ async def test_anonymous_and_none_security_when_asked_for(
             assert (await call_add(owner, lab.nodes.methods["add"])).is_good()
 
 
+async def test_requests_on_the_old_channel_of_a_session_are_refused(hardened: Door) -> None:
+    """They were forgotten, and a client that still listens there waited for them until its own limit."""
+    client = await hardened.client()
+    await open_channel(client)
+    await client.create_session()
+    await client.activate_session(client._username, client._password)
+    request = ua.CreateSubscriptionRequest()
+    request.Parameters = ua.CreateSubscriptionParameters(1000.0, 100, 100, 0, True, 0)
+    await send(client, request, ua.CreateSubscriptionResponse)
+    await send(client, ua.PublishRequest(), ua.PublishResponse)
+    waiting = asyncio.create_task(bad(send(client, ua.PublishRequest(), ua.PublishResponse)))
+    await asyncio.sleep(0.1)
+    owner, activated = await reattach(hardened, client)
+    assert activated == "Good"
+    assert await waiting == "BadSecureChannelClosed"
+    await owner.uaclient.close_session(True)
+    await lose(client)
+    owner.disconnect_socket()
+
+
 @pytest.mark.parametrize("user", [None, "oscar"])
 async def test_a_session_without_security_is_taken_along_too(
     tmp_path: Path, identities: Identities, user: str | None

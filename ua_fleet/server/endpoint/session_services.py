@@ -170,6 +170,7 @@ class SessionServices:
         same_user = session.user is not None and session.user.name == user.name
         giving_way = [] if same_user else self._room_for(session, user, link.address)
         if before is not link:
+            session.refuse_requests(StatusCodes.BadSecureChannelClosed)
             session.unbind()
         session.bind(link)
         session.user = user

@@ -111,7 +111,7 @@ def status_lines(
         return clock_text(moment, now, zone).partition(".")[0]
 
     heard = sum(bridge.online for bridge in status.bridges)
-    lines = [head("server", "  ".join(_server(status, now)))]
+    lines = [head(name, one) for name, one in zip(("server", " " * 6), _server(status, now, width), strict=False)]
     lines += [*_verdict(problems, width=width, colours=colours), ""]
     lines += [head("bridges", f"{heard} of {len(status.bridges)} heard")]
     lines += table(
@@ -192,14 +192,18 @@ def status_lines(
     return lines
 
 
-def _server(status: FleetStatus, now: datetime) -> list[str]:
+def _server(status: FleetStatus, now: datetime, width: int | None) -> list[str]:
+    """What is said of the server: one text, or a second one for what the first has no room for."""
     server = status.server
     parts = [server.name, server.endpoint, f"ua_fleet {server.version}", server.state]
     if server.started is not None:
         parts[-1] += f" for {age_text(server.started, server.now or now)}"
     if server.certificate_until is not None:
         parts.append(f"certificate until {server.certificate_until:%Y-%m-%d}")
-    return parts
+    line = "  ".join(parts)
+    if width is None or len(line) + len("server  ") <= width:
+        return [line]
+    return ["  ".join(parts[:2]), "  ".join(parts[2:])]
 
 
 def _bridge(online: bool, connected: bool | None) -> tuple[Cell]:

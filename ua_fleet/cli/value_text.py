@@ -6,7 +6,7 @@ import json
 import struct
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from datetime import datetime, tzinfo
+from datetime import UTC, datetime, tzinfo
 from typing import Any, Final, cast
 
 __all__ = ["ValueStyle", "age_text", "clock_text", "duration_text", "moment_text", "status_words", "value_text"]
@@ -20,6 +20,8 @@ _SHOWN: Final = 8
 _GOOD: Final = 0
 _OVERFLOW: Final = 0x480
 """InfoType DataValue with the Overflow bit (OPC 10000-4 7.39.1)."""
+_NO_TIME: Final = datetime(1601, 1, 1, tzinfo=UTC)
+"""DateTime without a value (OPC 10000-6 5.2.2.5)."""
 _SECONDS: Final = (("d", 86_400), ("h", 3_600), ("min", 60))
 
 
@@ -75,7 +77,8 @@ def _text(value: str, type_name: str | None, style: ValueStyle) -> str:
         return value if style.is_full or size <= LONGEST_BYTES else f"{value[: 2 * _SHOWN]}… {size:,} bytes"
     if type_name == "DateTime":
         try:
-            return moment_text(datetime.fromisoformat(value), style.zone)
+            moment = datetime.fromisoformat(value)
+            return "null" if moment == _NO_TIME else moment_text(moment, style.zone)
         except ValueError:
             return value
     if style.is_full or len(value) <= LONGEST_TEXT:

@@ -156,7 +156,9 @@ class SkillExecution:
     def _results(self, event: SkillEvent) -> dict[str, Any]:
         if quality_of(event.status) is Quality.GOOD:
             return dict(event.results)
-        said = f"{self.robot}.{self.skill}: {event.message or event.status_text}"
+        name = f"{self.robot}.{self.skill}: "
+        reason = event.message.removeprefix(name).removeprefix(event.transition).removeprefix("; ")
+        said = f"{name}{reason or event.status_text}"
         error = SkillRejected(said) if event.state == "Ready" else SkillFailed(said)
         error.ua_status = event.status
         raise error

@@ -83,6 +83,7 @@ _ASKED_FOR: Final = (TaskPhase.ASSIGNED, TaskPhase.ACCEPTED)
 _ACTIVE: Final = (*_ASKED_FOR, TaskPhase.HALTING)
 _NEVER_BEGUN: Final = (TaskOutcome.REFUSED, TaskOutcome.BUSY, TaskOutcome.UNREACHED)
 """What never reached its robot did not take it too long."""
+_WAS_HALTED: Final = "it was halted"
 _UNCERTAIN: Final = (TaskPhase.ASKED, TaskPhase.LOST)
 _DECIDABLE: Final = (TaskPhase.REPLACING, TaskPhase.ASKED)
 _NOT_BEGUN: Final = (TaskPhase.REPLACING, TaskPhase.WANTED)
@@ -252,7 +253,8 @@ class Run:
                 is_begun = halting.outcome is not TaskOutcome.TIMED_OUT or outcome not in _NEVER_BEGUN
                 how = halting.outcome if is_begun and outcome is not TaskOutcome.STOPPED else outcome
                 if task_run.phase is TaskPhase.HALTING:
-                    said = f"{halting.reason}; it was halted: {message or outcome.value}"
+                    told = message or outcome.value
+                    said = f"{halting.reason}; {told if told.startswith(_WAS_HALTED) else f'{_WAS_HALTED}: {told}'}"
             elif outcome is TaskOutcome.HALTED:
                 who = f"a client halted {task_run.skill} on {task_run.executed_by}"
                 said = f"task {task_run.name}: {who}, so that nobody begins it: {message or outcome.value}"

@@ -76,7 +76,7 @@ async def test_an_execution_has_events_and_keeps_its_result(hall: Hall) -> None:
 
 async def test_failures_are_errors_that_say_why(hall: Hall) -> None:
     async with at_work(hall) as client:
-        with pytest.raises(SkillFailed, match="the machine broke"):
+        with pytest.raises(SkillFailed, match=r"^machine\.work: the machine broke$"):
             await client.call_skill("machine", "work", work=FAILING_WORK, seconds=0)
         with pytest.raises(SkillRejected, match="the machine does not do that"):
             await client.call_skill("machine", "work", work=REFUSED_WORK, seconds=0)

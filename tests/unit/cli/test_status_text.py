@@ -41,6 +41,14 @@ def shown(status: FleetStatus, **options: Any) -> list[str]:
     return status_lines(status, NOON, zone=UTC, **options)
 
 
+def test_what_the_terminal_has_no_room_for_is_said_of_the_server_in_a_second_line() -> None:
+    assert shown(FINE, width=75)[:3] == [
+        "server  Hall  opc.tcp://hall:4840",
+        "        ua_fleet 1.0  Running for 2 h  certificate until 2031-03-07",
+        "nothing is wrong",
+    ]
+
+
 def test_a_fleet_that_is_well() -> None:
     assert problems_of(FINE, NOON) == []
     assert shown(FINE) == [

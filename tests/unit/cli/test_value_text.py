@@ -38,6 +38,7 @@ PARIS = timezone(timedelta(hours=1))
         ({"Low": 0.0, "High": 1.0}, "ExtensionObject", "{Low: 0.0, High: 1.0}"),
         ("0a0b", "ByteString", "0a0b"),
         ("no time", "DateTime", "no time"),
+        ("1601-01-01T00:00:00+00:00", "DateTime", "null"),
     ],
 )
 def test_values(value: Any, type_name: str, text: str) -> None:

@@ -85,6 +85,8 @@ class Owner:
         self.robots = Robots()
         self.values: dict[str, Value] = {}
         self.skills: dict[tuple[str, str], Skill] = {}
+        self.says = ""
+        """What robots say at each end."""
         self.stand_in: Callable[[OpenDecision], str | None] | None = None
         """Decides at once; None lets decisions wait in `decisions`."""
         self.answer: Callable[[AskOperator], str] | None = None
@@ -303,7 +305,7 @@ class Owner:
     def _ended(self, execution_id: str) -> list[Effect]:
         known = self._known[execution_id]
         assert known is not None
-        return self.run.ended(execution_id, known[0], self.now, results=known[1])
+        return self.run.ended(execution_id, known[0], self.now, message=self.says, results=known[1])
 
     def _decide(self, decision: OpenDecision) -> None:
         self.decisions.append(decision)

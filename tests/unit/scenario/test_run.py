@@ -289,6 +289,16 @@ def test_a_task_that_takes_too_long_is_halted_and_tried_again() -> None:
     assert over == [TaskOutcome.TIMED_OUT, TaskOutcome.TIMED_OUT]
 
 
+def test_that_it_was_halted_is_said_once() -> None:
+    world = owner("  - {task: a, robot: ned, skill: pick, timeout_s: 3}\n")
+    world.skills["ned", "pick"] = Skill(takes_s=100)
+    world.says = "it was halted (BadRequestCancelledByClient)"
+    world.stand_in = lambda decision: None
+    world.go()
+    why = "not done in 3 s; it was halted (BadRequestCancelledByClient); no robot is left that can take over"
+    assert world.log[-1] == f"3.5 failed task a: ned: {why}"
+
+
 @pytest.mark.parametrize(
     ("answer", "log"),
     [

@@ -23,6 +23,7 @@ from tests.integration.key_service.harness import (
     ua,
     uint32,
 )
+from tests.integration.server_security.test_audit_events import listen
 
 pytestmark = pytest.mark.asyncio(loop_scope="module")
 
@@ -40,6 +41,14 @@ async def test_a_bridge_gets_typed_keys_with_each_policy(running: Desk, policy: 
     expected = running.service.keys_for_space(0, "t-2", 0, 3)
     assert (token, tuple(keys)) == (expected.first_token_id, expected.keys)
     assert 0 < time_to_next_ms <= lifetime_ms == 3_600_000.0
+
+
+async def test_no_event_shows_keys(running: Desk) -> None:
+    async with running.connected(card="visitor", user="eva") as engineer, running.connected(card="arm") as bridge:
+        events = await listen(engineer)
+        assert name(await get_keys(bridge, "t-2", 0, 1)) == "Good"
+        called = await events.first("AuditUpdateMethodEventType")
+    assert called.OutputArguments in (None, [])
 
 
 async def test_groups_are_nodes(running: Desk) -> None:

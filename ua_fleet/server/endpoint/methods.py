@@ -78,10 +78,17 @@ class MethodServices:
             self._context.statistics.calls += 1
             code = int(result.StatusCode.value)
             self._record(request, wanted, code)
-            is_secret = wanted.MethodId in self._context.secret_methods
-            self._events.called(request.who, wanted, [] if is_secret else result.OutputArguments or [], code)
+            outputs = result.OutputArguments or []
+            self._events.called(request.who, wanted, [] if outputs and self._is_secret(wanted) else outputs, code)
             await request.turns.end(answer.size)
         return answer
+
+    def _is_secret(self, wanted: ua.CallMethodRequest) -> bool:
+        """Whether no event may show what a Method has answered, by whichever NodeId it was named."""
+        try:
+            return self._method(wanted) in self._context.secret_methods
+        except Refusal:
+            return True  # it has gone since
 
     def _record(self, request: Request, wanted: ua.CallMethodRequest, code: int) -> None:
         audit = self._context.audit

@@ -73,6 +73,7 @@ class KeyServiceNodes:
         ):
             self._server.link_method(self._server.get_node(method_id), call)
             self._server.restrict_method(method_id, rule)
+        self._server.context.secret_methods.add(_GET_KEYS)
 
     def _add_changes(self, builder: NodeBuilder) -> None:
         builder.add_variable(

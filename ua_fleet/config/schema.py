@@ -7,7 +7,7 @@ each problem and checks what one model alone cannot see (ids used twice, a robot
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from typing import Annotated, ClassVar, Literal, NamedTuple
+from typing import Annotated, ClassVar, Final, Literal, NamedTuple
 
 from pydantic import BaseModel, Field, SerializeAsAny, field_validator, model_validator
 
@@ -25,6 +25,9 @@ from ua_fleet.fleet.model import FIRST_NAMESPACE, FLEET_NAMESPACE, UnknownSource
 from ua_fleet.topics import FIRST_VENDOR_SPACE, SERVER_SPACE, check_space
 
 __all__ = [
+    "FIELD_NAME",
+    "MESSAGE_TYPE",
+    "TOPIC_NAME",
     "BridgeConfig",
     "DataMapping",
     "DataSetConfig",
@@ -90,15 +93,16 @@ class DataMapping(Model, frozen=True):
     """What `source` and `sink` of a data source say. Each kind of bridge derives its own from this one."""
 
 
-MessageTypeName = Annotated[
-    str, Field(pattern=r"^[a-z][a-z0-9_]*/(msg/)?[A-Z][A-Za-z0-9]*$", examples=["sensor_msgs/BatteryState"])
-]
+MESSAGE_TYPE: Final = r"^[a-z][a-z0-9_]*/(msg/)?[A-Z][A-Za-z0-9]*$"
+TOPIC_NAME: Final = r"^/?[A-Za-z_][A-Za-z0-9_/]*$"
+FIELD_NAME: Final = r"^[A-Za-z][A-Za-z0-9_.]{0,127}$"
+MessageTypeName = Annotated[str, Field(pattern=MESSAGE_TYPE, examples=["sensor_msgs/BatteryState"])]
 
 
 class TopicMapping(DataMapping, frozen=True):
     """A robot's own topic that a DataSet is read from or written to. For the bridges of ROS 1 and ROS 2."""
 
-    topic: Annotated[str, Field(pattern=r"^/?[A-Za-z_][A-Za-z0-9_/]*$", examples=["/battery_state"])]
+    topic: Annotated[str, Field(pattern=TOPIC_NAME, examples=["/battery_state"])]
     """Name of the topic in the robot's space, e.g. `/battery_state`."""
     type: MessageTypeName
     """Message type as `pkg/Name`."""
@@ -144,7 +148,7 @@ class DataSetConfig(
     """Short form, as in a field; `data` if left out."""
     initial: bool | int | float | str | None = None
     """Short form, as in a field."""
-    fields: dict[Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_.]{0,127}$")], FieldConfig] = {}
+    fields: dict[Annotated[str, Field(pattern=FIELD_NAME)], FieldConfig] = {}
     """Several fields: name to field."""
     source: SerializeAsAny[DataMapping] | None = None
     """What the data is read from, by the bridge's kind: a robot's own topic, registers. Without it the source is the

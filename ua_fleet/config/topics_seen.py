@@ -19,13 +19,15 @@ import yaml
 
 from ua_fleet.config.base import ScalarType
 from ua_fleet.config.checks import MOST_FIELDS
-from ua_fleet.config.schema import RobotConfig
+from ua_fleet.config.schema import FIELD_NAME, MESSAGE_TYPE, TOPIC_NAME, RobotConfig
 
 __all__ = ["Addition", "FieldSeen", "LeftOut", "Plan", "TopicSeen", "is_name", "plan_additions", "quoted"]
 
 _NAME: Final = re.compile(r"[A-Za-z][A-Za-z0-9_-]{0,63}", re.ASCII)
-_TOPIC: Final = re.compile(r"(/[A-Za-z0-9_-]+)+", re.ASCII)
-_TYPE: Final = re.compile(r"[A-Za-z][A-Za-z0-9_]*/[A-Za-z][A-Za-z0-9_]*", re.ASCII)
+_TOPIC: Final = re.compile(TOPIC_NAME, re.ASCII)
+_TYPE: Final = re.compile(MESSAGE_TYPE, re.ASCII)
+_FIELD: Final = re.compile(FIELD_NAME, re.ASCII)
+"""What the file would not take is left out by itself: with it in the file, nothing could be added."""
 _UA: Final = re.compile(r"/ua_[0-9]")
 _MOST_NAME: Final = 64
 _WHOLE: Final = "data"
@@ -155,7 +157,7 @@ def plan_additions(
         if (where := mapped.get(one.topic)) is not None:
             left_out.append(LeftOut(one.topic, f"mapped already: {where}"))
         elif not _TOPIC.fullmatch(one.topic):
-            left_out.append(LeftOut(one.topic, "its name is no ROS name (letters, digits, _ - and /)"))
+            left_out.append(LeftOut(one.topic, "its name is no ROS name (letters, digits, _ and /)"))
         elif one.problem:
             left_out.append(LeftOut(one.topic, one.problem))
         elif not _TYPE.fullmatch(one.type):
@@ -164,6 +166,9 @@ def plan_additions(
             left_out.append(LeftOut(one.topic, f"{one.type} has no value that can be mapped by itself"))
         elif len(one.fields) > MOST_FIELDS:
             left_out.append(LeftOut(one.topic, f"{one.type} has {len(one.fields)} values, {MOST_FIELDS} are the most"))
+        elif odd := [field.path for field in one.fields if _FIELD.fullmatch(field.path) is None]:
+            reason = f"{one.type} has a field whose name fleet.yaml does not take: {odd[0]}"
+            left_out.append(LeftOut(one.topic, reason))
         elif whose is None:
             there = ", ".join(here) or "none"
             left_out.append(LeftOut(one.topic, f"whose is it? give --robot; robots of this bridge: {there}"))

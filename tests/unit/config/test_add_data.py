@@ -163,6 +163,9 @@ def test_only_what_is_read_and_not_latched_has_a_rate() -> None:
         ("/carrier/\x1b[2J\u00e9", "std_msgs/Float64", "no ROS name"),
         ("/x, max_rate_hz: 500", "std_msgs/Float64", "no ROS name"),
         ("/x}\n      goal: {type: Double", "std_msgs/Float64", "no ROS name"),
+        ("/carrier-1/x", "std_msgs/Float64", "no ROS name"),
+        ("/1st", "std_msgs/Float64", "no ROS name"),
+        ("/x", "std_msgs/Float_64", "no message type"),
         ("/x", "std_msgs/Float64}#", "no message type"),
         ("/x", "std_msgs/Float64, path: y", "no message type"),
     ],
@@ -172,6 +175,13 @@ def test_what_is_no_ros_name_does_not_get_into_the_file(topic: str, kind: str, r
     plan = plan_additions([seen], {"carrier": RobotConfig(bridge="floor")}, "floor")
     assert not plan.additions
     assert reason in plan.left_out[0].reason
+
+
+def test_a_field_whose_name_fleet_yaml_does_not_take_leaves_its_topic_out() -> None:
+    odd = TopicSeen("/odd", "a/B", False, (FieldSeen("x", ScalarType.DOUBLE), FieldSeen("y" * 129, ScalarType.DOUBLE)))
+    plan = plan_additions([odd, seen("/x")], {"ned": robot()}, "floor")
+    assert [one.seen.topic for one in plan.additions] == ["/x"]
+    assert plan.left_out[0].reason.startswith("a/B has a field whose name fleet.yaml does not take: yyy")
 
 
 def test_names_that_yaml_takes_for_something_else_stay_names() -> None:

@@ -57,8 +57,7 @@ def browse(
                 return
             styles: dict[str, ValueStyle] = {}
             if values:
-                selected = await client.select(list(readings))
-                styles = await styles_of(client, selected, is_full=full, zone=zone_of(utc))
+                styles = await styles_of(client, list(readings), is_full=full, zone=zone_of(utc))
             texts = {one: _value_line(reading, styles.get(one)) for one, reading in readings.items()}
             for line in tree_lines(infos, texts, colours=has_colours(color)):
                 write_line(line)

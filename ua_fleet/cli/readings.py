@@ -43,16 +43,16 @@ def zone_of(is_utc: bool) -> tzinfo | None:
 
 
 async def styles_of(
-    client: FleetClient, nodes: Sequence[SelectedNode], *, is_full: bool, zone: tzinfo | None
+    client: FleetClient, node_ids: Sequence[str], *, is_full: bool, zone: tzinfo | None
 ) -> dict[str, ValueStyle]:
     """How the values of nodes are to be shown, by NodeId."""
-    asked = [node.node_id for node in nodes[:MOST_DETAILS]]
+    asked = node_ids[:MOST_DETAILS]
     details = dict(zip(asked, await client.details(asked), strict=True))
     styles: dict[str, ValueStyle] = {}
-    for node in nodes:
-        one = details.get(node.node_id)
+    for node_id in node_ids:
+        one = details.get(node_id)
         style = ValueStyle(is_full=is_full, zone=zone)
-        styles[node.node_id] = style if one is None else replace(style, unit=one.unit, names=one.names)
+        styles[node_id] = style if one is None else replace(style, unit=one.unit, names=one.names)
     return styles
 
 
@@ -110,7 +110,7 @@ class ReadingLines:
     ) -> ReadingLines:
         """For some nodes, with their units."""
         zone = zone_of(utc)
-        styles = await styles_of(client, nodes, is_full=full, zone=zone)
+        styles = await styles_of(client, [node.node_id for node in nodes], is_full=full, zone=zone)
         return cls(styles, zone, has_colours(color), as_json)
 
     def show(self, name: str, reading: Reading, *, arrived: datetime | None = None) -> None:

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict
+from collections.abc import Callable, Sequence
 from datetime import UTC, datetime
-from typing import TYPE_CHECKING, Annotated, Any, cast
+from typing import Annotated
 
 import typer
 
@@ -17,9 +16,6 @@ from ua_fleet.cli.output import print_json, write_line
 from ua_fleet.cli.process import run
 from ua_fleet.cli.readings import Utc, zone_of
 from ua_fleet.cli.screen import ColorOption, ColorWhen, has_colours, live_screen, terminal_width
-
-if TYPE_CHECKING:
-    from ua_fleet.client import FleetStatus
 
 __all__ = ["EXAMPLES", "status"]
 
@@ -51,7 +47,7 @@ def status(
     """
 
     async def look(show: Callable[[Sequence[str]], None]) -> bool:
-        from ua_fleet.cli.status_text import problems_of, status_lines
+        from ua_fleet.cli.status_text import problems_of, status_json, status_lines
         from ua_fleet.client import fleet_status
 
         async with connected(connection) as client:
@@ -60,7 +56,7 @@ def status(
                 now = datetime.now(UTC)
                 problems = problems_of(found, now)
                 if as_json:
-                    print_json(_plain(found) | {"problems": [asdict(one) for one in problems]})
+                    print_json(status_json(found, problems))
                 else:
                     show(
                         status_lines(
@@ -94,20 +90,3 @@ def status(
 def _print(lines: Sequence[str]) -> None:
     for line in lines:
         write_line(line)
-
-
-def _plain(found: FleetStatus) -> dict[str, Any]:
-    """The status as JSON can hold it; times in UTC."""
-
-    def plain(value: Any) -> Any:
-        if isinstance(value, datetime):
-            return value.astimezone(UTC).isoformat()
-        if isinstance(value, Mapping):
-            members = cast("Mapping[str, Any]", value)
-            return {name: plain(each) for name, each in members.items()}
-        if isinstance(value, list | tuple):
-            return [plain(each) for each in cast("Sequence[Any]", value)]
-        return value
-
-    shown: dict[str, Any] = plain(asdict(found))
-    return shown

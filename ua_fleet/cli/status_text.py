@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
-from collections.abc import Sequence
-from dataclasses import dataclass
-from datetime import datetime, timedelta, tzinfo
-from typing import TYPE_CHECKING, Final
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from datetime import UTC, datetime, timedelta, tzinfo
+from typing import TYPE_CHECKING, Any, Final, cast
 
 from ua_fleet.cli.drop_meanings import drop_meanings, is_loss
 from ua_fleet.cli.table import Cell, Colour, painted, table_lines, within
@@ -15,7 +16,7 @@ from ua_fleet.cli.value_text import ValueStyle, age_text, clock_text, value_text
 if TYPE_CHECKING:
     from ua_fleet.client.status import FaultStatus, FleetStatus, RobotStatus
 
-__all__ = ["Problem", "problems_of", "status_lines"]
+__all__ = ["Problem", "problems_of", "status_json", "status_lines"]
 
 MOST_ROBOTS: Final = 40
 """Robots that are listed when all is well with them; of a larger fleet only the others are."""
@@ -74,6 +75,25 @@ def _remedy(fault: FaultStatus) -> str:
     if fault.source in ("skill", "robot", "not_halted"):
         return f"ua-fleet fault clear {fault.fault_id}"
     return ""
+
+
+def status_json(status: FleetStatus, problems: Sequence[Problem]) -> dict[str, Any]:
+    """The same as JSON can hold it: times in UTC, and what is no finite number as text, as `read` has it."""
+
+    def plain(value: Any) -> Any:
+        if isinstance(value, datetime):
+            return value.astimezone(UTC).isoformat()
+        if isinstance(value, float) and not math.isfinite(value):
+            return str(value)
+        if isinstance(value, Mapping):
+            members = cast("Mapping[str, Any]", value)
+            return {name: plain(each) for name, each in members.items()}
+        if isinstance(value, list | tuple):
+            return [plain(each) for each in cast("Sequence[Any]", value)]
+        return value
+
+    shown: dict[str, Any] = plain(asdict(status))
+    return shown | {"problems": [asdict(one) for one in problems]}
 
 
 def status_lines(

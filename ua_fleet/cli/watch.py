@@ -94,9 +94,15 @@ class _Wanted:
 
 async def _follow(client: FleetClient, nodes: Sequence[SelectedNode], lines: ReadingLines, wanted: _Wanted) -> None:
     watched = Watched(nodes, lines.styles, now=time.monotonic())
+    expected = {node.node_id for node in nodes if not node.is_named and not lines.as_json}
+    """What is below Objects, and is shown from its first value on."""
 
-    def take(change: Reading) -> None:
+    def is_shown(change: Reading) -> bool:
+        return change.node_id not in expected or not has_never_come(change)
+
+    def take(change: Reading) -> bool:
         watched.take(change, time.monotonic())
+        return is_shown(change)
 
     if wanted.table:
         with live_screen() as screen:
@@ -113,21 +119,19 @@ async def _follow(client: FleetClient, nodes: Sequence[SelectedNode], lines: Rea
         await _with_pictures(_each(client, nodes, wanted, take), RATES_S, lambda: _print_rates(watched, lines.as_json))
     else:
         names = {node.node_id: node.name for node in nodes}
-        expected = {node.node_id for node in nodes if not node.is_named and not lines.as_json}
-        """What is below Objects, and is shown from its first value on."""
 
-        def show(change: Reading) -> None:
-            if change.node_id in expected and has_never_come(change):
-                return
-            lines.show(names[change.node_id], change, arrived=datetime.now(UTC) if wanted.age else None)
+        def show(change: Reading) -> bool:
+            if is_shown(change):
+                lines.show(names[change.node_id], change, arrived=datetime.now(UTC) if wanted.age else None)
+            return is_shown(change)
 
         await _each(client, nodes, wanted, show)
 
 
 async def _each(
-    client: FleetClient, nodes: Sequence[SelectedNode], wanted: _Wanted, take: Callable[[Reading], None]
+    client: FleetClient, nodes: Sequence[SelectedNode], wanted: _Wanted, take: Callable[[Reading], bool]
 ) -> None:
-    """Hand over each value, until there were as many as wanted."""
+    """Hand over each value, until as many as wanted were taken for one that is shown."""
     left = math.inf if wanted.count is None else wanted.count
     # Whether a value is new is told by its time, and not only by what it is.
     changes = client.watch(
@@ -136,8 +140,7 @@ async def _each(
     try:
         async with aclosing(changes):
             async for change in changes:
-                take(change)
-                left -= 1
+                left -= take(change)
                 if left == 0:
                     return
     finally:

@@ -207,6 +207,14 @@ def test_watch_ends_by_count_and_by_time(site: Site) -> None:
     assert site.run("watch", GOAL, "--timeout", "1.5").code == 0
 
 
+def test_watch_counts_the_values_that_it_shows(site: Site) -> None:
+    read = site.run("read", "rover")
+    assert "have never come" in read.stderr
+    count = len(read.stdout.splitlines())
+    ended = site.run("watch", "rover", "--count", str(count), "--timeout", "20")
+    assert (ended.code, len(ended.stdout.splitlines())) == (0, count), ended.stderr
+
+
 def test_watch_shows_each_change_until_ctrl_c(site: Site) -> None:
     child = site.start("watch", GOAL)
     child.wait_for(f"{GOAL} = ")

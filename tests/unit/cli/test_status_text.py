@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
@@ -10,7 +11,7 @@ from typing import Any
 import pytest
 
 from ua_fleet.cli.drop_meanings import drop_meanings, is_loss
-from ua_fleet.cli.status_text import problems_of, status_lines
+from ua_fleet.cli.status_text import problems_of, status_json, status_lines
 from ua_fleet.cli.table import width_of
 from ua_fleet.client import (
     BridgeStatus,
@@ -156,3 +157,10 @@ def test_each_cause_of_a_drop_has_a_meaning() -> None:
     assert drop_meanings().keys() == {drop.value for drop in Drop}
     assert drop_meanings()["replayed"] == "A nonce that was used before or is too old for the replay window."
     assert [cause for cause in ("loop", "unmapped", "rate_limited", "inlet_full") if is_loss(cause)] == ["inlet_full"]
+
+
+def test_programs_have_json_also_where_a_number_is_none() -> None:
+    shown = status_json(changed(robots=(replace(ROVER, battery=float("nan")),)), [])
+    assert shown["robots"][0]["battery"] == "nan"
+    assert shown["server"]["started"] == "2030-01-31T10:00:00+00:00"
+    json.dumps(shown, allow_nan=False)

@@ -69,12 +69,16 @@ def watch(
     wanted = _Wanted(table, rate, age, count, period_ms)
 
     async def main() -> None:
+        is_connected = False
         try:
             async with asyncio.timeout(timeout), connected(connection) as client:
+                is_connected = True
                 selected = list({one.node_id: one for one in await client.select(nodes)}.values())
                 lines = await ReadingLines.of(client, selected, full=full, utc=utc, color=color, as_json=as_json)
                 await _follow(client, selected, lines, wanted)
         except TimeoutError:
+            if not is_connected:
+                raise SendTimeout(f"{connection.endpoint} did not answer in time") from None
             if count is not None:
                 raise SendTimeout(f"{count} values did not come within {timeout} s; try a longer --timeout") from None
 

@@ -4,6 +4,7 @@ import builtins
 import importlib
 import os
 import signal
+import socket
 import subprocess
 import sys
 from pathlib import Path
@@ -179,3 +180,11 @@ def test_a_reader_that_went_away_is_no_traceback(fleet: Path) -> None:
     os.close(writing)
     assert "Traceback" not in ended.stderr
     assert ended.returncode == 1
+
+
+def test_watch_of_a_server_that_does_not_answer_has_not_ended_in_order(invoke: Invoke) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as deaf:
+        endpoint = f"opc.tcp://127.0.0.1:{deaf.getsockname()[1]}/x"
+        ended = invoke("watch", "i=85", "--timeout", "0.2", "-e", endpoint, "--insecure")
+    assert ended.code == 5
+    assert f"{endpoint} did not answer in time" in ended.stderr

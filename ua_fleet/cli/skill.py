@@ -87,7 +87,8 @@ def call(
         list[str] | None, typer.Argument(help="Arguments as name=value; what has a default may be left out.")
     ] = None,
     wait_s: Annotated[
-        float | None, typer.Option("--for", help="Wait so many seconds for the end; else its timeout.", min=0.1)
+        float | None,
+        typer.Option("--for", help="Wait so many seconds; else until the skill ends or is stopped.", min=0.1),
     ] = None,
     start_only: Annotated[bool, typer.Option("--start", help="Print the execution's id, and do not wait.")] = False,
     halts: Annotated[
@@ -114,7 +115,7 @@ def call(
             message(f"{robot}.{skill} runs; execution {execution.id}")
             try:
                 async with _told(client, execution):
-                    results = await execution.result(timeout_s=wait_s or execution.timeout_s)
+                    results = await execution.result(timeout_s=wait_s or execution.longest_wait_s)
             except asyncio.CancelledError:
                 await _interrupted(client, execution, halts=halts)
                 raise

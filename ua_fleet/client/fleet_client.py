@@ -352,7 +352,7 @@ class FleetClient:
         Args:
             robot: its name.
             skill: its name.
-            timeout_s: longest wait; without it as long as the skill may take.
+            timeout_s: longest wait; without it until the skill has ended, or was stopped because it took too long.
             arguments: as for `start_skill`.
 
         Raises:
@@ -361,7 +361,7 @@ class FleetClient:
             UaFleetError: what `start_skill` raises.
         """
         execution = await self.start_skill(robot, skill, **arguments)
-        return await execution.result(timeout_s=timeout_s or execution.timeout_s)
+        return await execution.result(timeout_s=timeout_s or execution.longest_wait_s)
 
     async def halt_skill(self, robot: str, skill: str) -> None:
         """Have a robot stop all that it does for a skill. How it ends is told as ever.

@@ -41,6 +41,8 @@ _EVENT_TYPE: Final = 1011
 _EARLY: Final = 1000
 """Events that are kept for executions whose Start has not been answered yet."""
 _QUEUE: Final = 10_000
+_END_TOLD_S: Final = 10.0
+"""What takes too long is told to stop, and its robot has 5 s to say that it stands: its end comes after its timeout."""
 _INTEGERS: Final = range(ua.VariantType.SByte.value, ua.VariantType.UInt64.value + 1)
 _REASONS: Final = {
     ua.StatusCodes.BadTooManyOperations: "as many executions as it takes are under way",
@@ -91,6 +93,8 @@ class SkillExecution:
         """NodeIds of the skill's Variables and Methods, by their names."""
         self.timeout_s = timeout_s
         """So long the skill may take."""
+        self.longest_wait_s = timeout_s + _END_TOLD_S
+        """Until then its end has been told, that it took too long too."""
         self._endpoint = endpoint
         self._seen: list[SkillEvent] = []
         self._changed = asyncio.Event()

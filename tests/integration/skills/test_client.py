@@ -18,6 +18,7 @@ from tests.integration.skills.conftest import Hall
 from tests.system import clean_environment
 from ua_fleet.cli.status_text import problems_of
 from ua_fleet.client import ClientIdentity, FleetClient, FleetStatus, NodeNotFound, ScenarioClient, fleet_status
+from ua_fleet.client.skills import SkillEvent, SkillExecution
 from ua_fleet.errors import AccessRefused, RobotOffline, SkillFailed, SkillRejected, SkillTimeout
 from ua_fleet.values import StatusCode
 
@@ -82,6 +83,15 @@ async def test_failures_are_errors_that_say_why(hall: Hall) -> None:
             await client.call_skill("machine", "work", work=REFUSED_WORK, seconds=0)
         with pytest.raises(SkillTimeout, match=r"did not end within 0.3 s; execution [0-9a-f]{32} goes on"):
             await client.call_skill("machine", "work", timeout_s=0.3, work=ENDLESS_WORK, seconds=0)
+
+
+async def test_the_end_of_what_took_too_long_is_waited_for() -> None:
+    execution = SkillExecution("machine", "work", "1f", 0.1, "opc.tcp://hall:4840")
+    said = "machine.work: RunningToHalted; it took longer than 0.1 s; it was told to stop"
+    end = SkillEvent("1f", "RunningToHalted", "Halted", True, StatusCode.BAD_TIMEOUT, said, datetime.now(UTC))
+    asyncio.get_running_loop().call_later(0.3, execution.put, end)
+    with pytest.raises(SkillFailed, match=r"^machine\.work: it took longer than 0\.1 s; it was told to stop$"):
+        await execution.result(timeout_s=execution.longest_wait_s)
 
 
 async def test_wrong_arguments_are_named(hall: Hall) -> None:

@@ -171,7 +171,7 @@ async def test_a_run_says_which_fault_it_waits_for_and_goes_on_when_that_is_clea
         assert ran.code == 0, ran.errors
         reasons = [one["reason"] for one in ran.objects if one.get("states") == ["replacing"]]
         assert reasons[-1].startswith(f"task a waits: {told}")
-        assert "no other robot can do it now; waits until " in reasons[-1]
+        assert "no other robot can do it now: ua-fleet scenario abort " in reasons[-1]
         assert ran.objects[-1]["reason"] == ""
 
 

@@ -10,7 +10,7 @@ from contextlib import aclosing, suppress
 from typing import Final
 
 from ua_fleet.client import Change, FleetClient, NodeNotFound
-from ua_fleet.counters import NO_LOSS
+from ua_fleet.counters import NO_LOSS, Drop
 from ua_fleet.demo.failing import first_failure
 from ua_fleet.demo.lines import LineEvent
 from ua_fleet.demo.pal.timeline import Timeline
@@ -158,7 +158,8 @@ class Conductor:
 
 def _split(drops: Mapping[str, int]) -> tuple[str, str]:
     """Drops that lost something, and those that kept what was there already from coming twice, as texts."""
-    lost = [f"{cause} {count}" for cause, count in drops.items() if cause not in NO_LOSS]
+    told = {Drop.NO_METADATA.value: " (at the start, before the description of its source had come)"}
+    lost = [f"{cause} {count}{told.get(cause, '')}" for cause, count in drops.items() if cause not in NO_LOSS]
     return ", ".join(lost), ", ".join(f"{cause} {count}" for cause, count in drops.items() if cause in NO_LOSS)
 
 

@@ -198,7 +198,7 @@ class DecisionRecord:
         if ranked:
             ways.append(f"say who does it: ua-fleet decision confirm {self.id} {'|'.join(one.robot for one in ranked)}")
         else:
-            ways.append("no other robot can do it now")
+            ways.append(f"no other robot can do it now: ua-fleet scenario abort {self.run_id} ends the run")
         limit = "" if until is None else f"; waits until {utc_text(until)}"
         return f"task {self.task} waits: {self.reason}; {'; '.join(ways)}{limit}"
 

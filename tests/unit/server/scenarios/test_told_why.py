@@ -66,7 +66,8 @@ def test_who_timed_out_is_named_with_task_and_run_to_the_next_run(tmp_path: Path
     assert reason.startswith("task first waits: left has a fault: it was told to stop grab (task second of run ")
     assert f"task second of run {first}" in reason
     assert "(left.not_halted, since 1970-01-01 00:0" in reason
-    assert "run: ua-fleet fault clear left.not_halted; no other robot can do it now; waits until" in reason
+    assert "run: ua-fleet fault clear left.not_halted; no other robot can do it now: ua-fleet scenario abort " in reason
+    assert " ends the run; waits until " in reason
     world.pass_time(61)
     said = world.ended()[-1]
     assert said.startswith("failed task first was not begun: left has a fault: ")

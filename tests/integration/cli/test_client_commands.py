@@ -70,9 +70,9 @@ def test_a_value_that_never_came_is_not_shown_as_one(site: Site) -> None:
 def test_robots_are_read_by_their_names(site: Site) -> None:
     site.run("write", GOAL, "0.25")
     whole = site.run("read", "rover", "--json", user="olga").objects
-    assert [one["node"] for one in whole] == [
-        f"rover/{name}" for name in ("State", "LastUpdate", "speed", "goal", "name", "steps", "pose/x", "pose/frame")
-    ]
+    held = ("Held", "HeldBy", "HeldSince", "HeldReason")
+    values = ("speed", "goal", "name", "steps", "pose/x", "pose/frame")
+    assert [one["node"] for one in whole] == [f"rover/{name}" for name in ("State", "LastUpdate", *held, *values)]
     text = site.run("read", "rover.goal", "rover", "--utc", user="olga")
     assert (text.code, text.stdout.count("goal = 0.25  20")) == (0, 1)  # it is not told again below rover
     assert "+00:00" in text.stdout

@@ -59,7 +59,7 @@ async def _notify(client: FleetClient) -> None:
 USES: Final[list[Callable[[FleetClient], Awaitable[None]]]] = [_watch, _hear, _offer, _start, _notify]
 
 
-BEGINNING: Final = ("subscribe_data_change", "subscribe_events")
+BEGINNING: Final = ("create_monitored_items",)
 HELD: Final[list[tuple[tuple[str, ...], bool]]] = [(("init",), False), (BEGINNING, False), (BEGINNING, True)]
 """After which steps the client is held, and whether they fail then."""
 

@@ -17,6 +17,7 @@ from tests.waiting import until
 from ua_fleet.server.endpoint.sessions import PublishRequest
 from ua_fleet.server.endpoint.subscriptions import ClientSubscription
 from ua_fleet.server.endpoint.turns import TURN_S
+from ua_fleet.server.nodes import NodeBuilder
 
 pytestmark = pytest.mark.asyncio(loop_scope="module")
 
@@ -447,7 +448,7 @@ async def test_deleted_nodes_do_no_harm(hardened: Door) -> None:
     gone = await hardened.server.nodes.objects.add_variable(ua.NodeId("gone", 2), "gone", 1)
     async with hardened.connected() as client, watching(client, gone.nodeid) as (_, _item):
         await publish(client)
-        await hardened.server.delete_nodes([gone])
+        await NodeBuilder(hardened.server.iserver.aspace).remove(gone.nodeid)
         result = await publish(client)
         item = result.NotificationMessage.NotificationData[0].MonitoredItems[0]
         assert str(item.Value.StatusCode.name) == "BadNodeIdUnknown"

@@ -98,7 +98,7 @@ async def test_the_pages_fleet_runs_secured(
             while controller.state()["q"][0] < 0.1:
                 await asyncio.sleep(0.01)
         os.kill(bridge.process.pid, signal.SIGKILL)  # it alone, and not its group
-        async with asyncio.timeout(5):
+        async with asyncio.timeout(20):
             while any(Path(f"/proc/{child}").exists() for child in children):
                 await asyncio.sleep(0.01)
         cli("bridge", "robot_cell").wait_for("ready")

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from tests.integration.server_security.harness import Client, Door, ua
+from tests.integration.server_security.harness import Client, Door, send, ua
 from tests.integration.server_security.test_limits import create_subscription, monitored
 from tests.integration.server_security.test_monitored_items import modify
 from tests.integration.server_security.test_subscriptions import create_items, publish
@@ -135,3 +135,20 @@ async def test_an_event_item_without_a_filter_selects_nothing(hardened: Door) ->
         changed = await modify(client, subscription, made, Filter=circle.Filter)
         assert changed.StatusCode.name == "BadMonitoredItemFilterInvalid"
         assert len(changed.FilterResult.WhereClauseResult.ElementResults) == 1
+
+
+async def test_a_subscription_that_is_taken_over_counts_in_its_new_session(hardened: Door) -> None:
+    """A user could gather more event items in one session than it may make there."""
+    limits = hardened.server.context.limits
+    most = limits.event_items_per_session
+    object.__setattr__(limits, "event_items_per_session", 1)
+    try:
+        async with hardened.connected() as one, hardened.connected() as two:
+            moving, _ = await create(one, events([clause("EventId")]))
+            await create(two, events([clause("EventId")]))
+            request = ua.TransferSubscriptionsRequest()
+            request.Parameters.SubscriptionIds = [moving]
+            results = (await send(two, request, ua.TransferSubscriptionsResponse)).Parameters.Results
+            assert [result.StatusCode.name for result in results] == ["BadTooManyMonitoredItems"]
+    finally:
+        object.__setattr__(limits, "event_items_per_session", most)

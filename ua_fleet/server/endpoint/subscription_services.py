@@ -214,6 +214,10 @@ class SubscriptionServices:
             return subscription
         if len(session.subscriptions) >= self._limits.subscriptions_per_session:
             raise Refusal(StatusCodes.BadTooManySubscriptions)
+        held = [*session.subscriptions.values(), subscription]
+        too_many = sum(own.items.event_items for own in held) > self._limits.event_items_per_session
+        if too_many or sum(own.items.filter_steps for own in held) > self._limits.filter_steps_per_session:
+            raise Refusal(StatusCodes.BadTooManyMonitoredItems, "too many event items of one session")
         subscription.move(session)
         return subscription
 

@@ -111,8 +111,8 @@ sbom: setup-test
 	else echo "no images of ua-fleet are on this machine (docker compose build makes them): only the wheel's"; fi
 
 lock:
-	uv pip compile pyproject.toml --universal --python-version 3.11 --group build --group dev --group docs --group ros1-tests \
-		--extra server --extra client --extra ros2 --extra modbus --extra ur --extra sensors --extra plot --extra keyring \
+	uv pip compile pyproject.toml --universal --python-version 3.11 --group build --group web --group dev --group docs --group ros1-tests \
+		--extra server --extra client --extra ros2 --extra modbus --extra ur --extra sensors --extra plot --extra keyring --extra console \
 		--no-emit-index-url --no-emit-find-links --no-annotate --no-header --generate-hashes --quiet --output-file requirements.lock
 
 clean:

@@ -150,7 +150,12 @@ RUNS = _metric("runs_under_way", _G, _SERVER, "Runs of scenarios that have not e
 RUNS_ENDED = _metric("runs_total", _C, _SERVER, "Runs that have ended since the server's start.", "outcome")
 FAULTS = _metric("faults", _G, _SERVER, "Faults of robots: active, or waiting for their acknowledgement.", "state")
 DECISIONS = _metric("decisions_open", _G, _SERVER, "Replacements that an operator has to choose.")
-SESSIONS = _metric("opcua_sessions", _G, _SERVER, "Sessions of OPC UA clients.")
+SESSIONS = _metric(
+    "opcua_sessions",
+    _G,
+    _SERVER,
+    "Sessions of OPC UA clients, with those whose connection is lost until their timeout.",
+)
 SUBSCRIPTIONS = _metric("opcua_subscriptions", _G, _SERVER, "Subscriptions of OPC UA clients.")
 ITEMS = _metric("opcua_monitored_items", _G, _SERVER, "Monitored items of OPC UA clients.")
 QUEUED_BYTES = _metric(

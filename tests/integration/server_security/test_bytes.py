@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 
 from tests.integration.server_security.harness import Client, Door, Identities, Raw, Stock, bad, binary, door, send, ua
+from tests.waiting import until
 
 pytestmark = pytest.mark.asyncio(loop_scope="module")
 
@@ -243,11 +244,8 @@ async def test_clients_that_do_not_read_are_cut_off(tmp_path: Path, identities: 
         request.Parameters.NodesToRead = [wanted] * 3
         request.Parameters.TimestampsToReturn = ua.TimestampsToReturn.Both
         answers = [asyncio.ensure_future(send(client, request, ua.ReadResponse)) for _ in range(20)]
-        for _ in range(100):
-            if not short.server.sessions:
-                break
-            await asyncio.sleep(0.02)
-        assert short.server.sessions == 0
+        server: Any = short.server
+        await until(lambda: not server._listener._connections, "the end of the connection")
         protocol.transport.abort()
         await asyncio.gather(*answers, return_exceptions=True)
         for task in (client._stale_watchdog_task, client._supervisor_task, client._renew_channel_task):

@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 
 from tests.integration.server_security.harness import (
+    BASIC256SHA256,
     Client,
     Door,
     Identities,
@@ -170,6 +171,69 @@ async def test_owner_takes_the_session_along_others_do_not(hardened: Door, ident
     owner.disconnect_socket()
 
 
+@pytest.mark.parametrize("policy", [None, BASIC256SHA256])
+async def test_a_session_without_subscriptions_outlives_its_connection_too(
+    tmp_path: Path, identities: Identities, policy: Any
+) -> None:
+    """It ended with it, and its client had to log in anew."""
+    async with door(tmp_path, identities, allow_none_security=True) as one:
+        client = await one.client(policy=policy)
+        await client.connect()
+        await lose(client)
+        owner, activated = await reattach(one, client, policy=policy)
+        assert activated == "Good"
+        assert await owner.get_node(one.nodes.value).read_value() == 1.5
+        assert (one.server.sessions, one.server.statistics.sessions) == (1, 1)
+        assert one.server.statistics.session_aborts == 0
+        await owner.uaclient.close_session(True)
+        await lose(owner)
+
+
+async def test_clients_that_were_killed_keep_nobody_out(tmp_path: Path, identities: Identities) -> None:
+    """Neither their own user nor others; and none that waits for its subscriptions is lost for them."""
+    limits = {"sessions": 4, "sessions_per_user": 3, "reserved_sessions": 1}
+    async with door(tmp_path, identities, limits=limits) as one:
+        waits = await one.client("olga")
+        await waits.connect()
+        await waits.create_subscription(100, Changes())
+        await lose(waits)
+        for user in ("olga", "oscar", "oscar", "oscar", "oliver", "eva", "olga", "oliver", "eva", "eva"):
+            client = await one.client(user)
+            await client.connect()
+            await lose(client)
+            assert one.server.sessions <= 4
+        assert one.server.statistics.sessions_refused == one.server.statistics.sessions_evicted == 0
+        assert one.server.statistics.session_aborts == 7
+        owner, activated = await reattach(one, waits, user="olga")
+        assert activated == "Good"
+        await owner.uaclient.close_session(True)
+        await lose(owner)
+
+
+async def test_a_session_that_was_not_activated_ends_with_its_connection(hardened: Door) -> None:
+    client = await hardened.client()
+    await open_channel(client)
+    await client.create_session()
+    await lose(client)
+    server: Any = hardened.server
+    await until(lambda: not any(session.user is None for session in server._services.sessions), "its end")
+
+
+async def test_a_removed_user_loses_sessions_without_connection(hardened: Door) -> None:
+    hardened.users.add("petra", "password-1", hardened.users.list()[0].role)
+    client = await hardened.client("petra", password="password-1")
+    await client.connect()
+    await lose(client)
+    server: Any = hardened.server
+
+    def of_petra() -> list[Any]:
+        return [each for each in server._services.sessions if each.user is not None and each.user.name == "petra"]
+
+    assert [each.link for each in of_petra()] == [None]
+    hardened.users.remove("petra")
+    await until(lambda: not of_petra(), "the end of her session")
+
+
 async def test_a_detached_session_makes_room_for_its_users_next(tmp_path: Path, identities: Identities) -> None:
     async with door(tmp_path, identities, limits={"sessions_per_user": 2}) as one:
         left = await one.client()
@@ -302,13 +366,17 @@ async def test_a_user_without_a_name_has_no_valid_token(hardened: Door) -> None:
     await lose(client)
 
 
-async def test_silent_session_ends_with_its_subscriptions(tmp_path: Path, identities: Identities) -> None:
+@pytest.mark.parametrize("subscribes", [True, False])
+async def test_silent_session_ends_with_its_subscriptions(
+    tmp_path: Path, identities: Identities, subscribes: bool
+) -> None:
     """After a dropped connection a session waits for its client no longer than its timeout."""
     # Long enough for a busy machine to connect and subscribe.
     async with door(tmp_path, identities, limits={"session_timeout_s": (0.1, 1.0)}) as short:
         client = await short.client()
         await client.connect()
-        await client.create_subscription(100, Changes())
+        if subscribes:
+            await client.create_subscription(100, Changes())
         await lose(client)
         assert short.server.sessions == 1
         async with asyncio.timeout(10):

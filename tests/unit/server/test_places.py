@@ -40,6 +40,33 @@ def test_a_detached_session_of_the_greediest_gives_way() -> None:
     assert PLACES.make_room(full, "d", Standing.ORDINARY) == [2]
 
 
+def left(key: int, owner: str, detached_at: float, standing: Standing = Standing.ORDINARY) -> Holder[int]:
+    """A session that has neither a connection nor subscriptions."""
+    return Holder(key, owner, standing, detached_at, subscribes=False)
+
+
+def test_of_a_users_own_those_without_subscriptions_go_first() -> None:
+    mine = [*held("a", "a", detached={0: 1.0}), left(2, "a", 9.0)]
+    assert PLACES.make_room(mine, "a", Standing.ORDINARY) == [2]
+
+
+def test_sessions_without_connection_and_subscriptions_give_way_to_everybody() -> None:
+    """Killed programs of engineers would keep others out, and the greediest lose its subscriptions for an empty one."""
+    full = [
+        *held("a", "a", detached={0: 1.0, 1: 2.0}),
+        *held("c", "c", standing=Standing.BRIDGE)[:1],
+        left(3, "eva", 5.0, Standing.ENGINEER),
+        left(4, "eva", 4.0, Standing.ENGINEER),
+        left(5, "erik", 3.0, Standing.ENGINEER),
+    ]
+    for standing in Standing:
+        assert PLACES.make_room(full, "d", standing) == [4]
+    open_ones = [*held("a", "a", "b", detached={0: 1.0}), left(3, "c", 7.0)]
+    assert PLACES.make_room(open_ones, "d", Standing.ORDINARY) == [3]
+    bridges = [*held("one", "two", "three", "four", standing=Standing.BRIDGE, detached={0: 1.0}), left(4, "five", 2.0)]
+    assert PLACES.make_room(bridges, "six", Standing.BRIDGE) == [4]
+
+
 def test_an_engineers_session_gives_way_to_nobody_but_engineers() -> None:
     full = [
         *held("a", "a", "b", "b"),

@@ -60,9 +60,9 @@ class Statistics:
     """Those of them that did not prove who asks."""
     session_timeouts: int = 0
     session_aborts: int = 0
-    """Sessions whose connection was lost."""
+    """Sessions that ended since their connection was lost: at once, or to make room for newer ones."""
     sessions_evicted: int = 0
-    """Detached sessions that ended to make room for newer ones."""
+    """Detached sessions with subscriptions that ended to make room for newer ones."""
     logins: int = 0
     requests: int = 0
     requests_refused: int = 0

@@ -1,5 +1,8 @@
 """Who gets a place for an active session: so many by user, some kept for engineers and bridges, detached ones go first.
 
+Of the detached ones those without subscriptions go before all others and give way to everybody: their client loses
+nothing by logging in anew, so that clients that were killed keep nobody out.
+
 Of the reserved places a fifth is kept for engineers against bridges too: whoever has the certificates of bridges keeps
 nobody out who can take them away.
 
@@ -48,6 +51,13 @@ class Holder(Generic[Key]):
     standing: Standing
     detached_at: float | None = None
     """When its connection was lost; None while it has one."""
+    subscribes: bool = True
+    """Whether it has subscriptions, which its client would miss."""
+
+    @property
+    def is_left(self) -> bool:
+        """Whether it has neither a connection nor subscriptions."""
+        return self.detached_at is not None and not self.subscribes
 
 
 def holder_of(user: User, address: str) -> Hashable:
@@ -103,15 +113,23 @@ class SessionPlaces:
 
 
 def _first_to_go(standing: Standing, *groups: Sequence[Holder[Key]]) -> Sequence[Holder[Key]]:
-    """The first group in which somebody is detached, of those below the newcomer and its own."""
+    """Those without connection and subscriptions, or the first group in which somebody is detached.
+
+    The groups are those below the newcomer and its own, the last one has all that count.
+    """
+    if left := [each for each in groups[-1] if each.is_left]:
+        return left
     may = groups[: standing + 1]
     return next((group for group in may if any(each.detached_at is not None for each in group)), may[-1])
 
 
 def _longest_detached(held: Sequence[Holder[Key]], reason: str) -> Key:
-    """The detached session that goes first: of who holds most places, and there the one without its client longest."""
+    """The detached session that goes first.
+
+    One without subscriptions, of who holds most places, and there the one without its client longest.
+    """
     detached = [(each.detached_at, each) for each in held if each.detached_at is not None]
     if not detached:
         raise NoPlace(reason)
     count = Counter(each.owner for each in held)
-    return min(detached, key=lambda item: (-count[item[1].owner], item[0]))[1].key
+    return min(detached, key=lambda item: (item[1].subscribes, -count[item[1].owner], item[0]))[1].key

@@ -182,7 +182,8 @@ class SessionServices:
         session.last_seen = time.monotonic()
         # Bound before anything is awaited: of two that come at once, the second one finds the place taken.
         for old in giving_way:
-            self._context.statistics.sessions_evicted += 1
+            self._context.statistics.session_aborts += 1
+            self._context.statistics.sessions_evicted += bool(old.subscriptions)
             self._context.audit.record("logout", old.caller, "BadSessionClosed", reason="made room for a newer session")
             await self.end(old, delete_subscriptions=True)
         self._context.statistics.logins += 1
@@ -229,9 +230,9 @@ class SessionServices:
                 await self.ended(session)
 
     async def lost(self, link: Link) -> None:
-        """A connection is gone: sessions with subscriptions wait for their client, the others end."""
+        """A connection is gone: active sessions wait for their client until their timeout, the others end."""
         for session in self._sessions.on(link):
-            if session.active and session.subscriptions:
+            if session.active:
                 session.unbind()
                 self._depart(session)
             else:

@@ -2,9 +2,10 @@
 
     created --activate (certificate, signature and user right)--> active --close, timeout--> closed
 
-A refused ActivateSession changes nothing: the request is checked in full before anything is bound. After a dropped
-connection a session may be activated again from a new channel, when the client's certificate, its signature and the
-user are those that the session has. Without security there is no such proof, so there it is refused.
+A refused ActivateSession changes nothing: the request is checked in full before anything is bound. An active session
+outlives its connection until its timeout, or until its place is needed (see places.py): it may be activated again from
+a new channel, when the client's certificate, its signature and the user are those that the session has. Without
+security there is no such proof; there the user and the address must be the same.
 """
 
 # pyright: reportUnknownMemberType=false, reportUnknownVariableType=false, reportUnknownArgumentType=false
@@ -268,7 +269,13 @@ class Sessions:
     def holders(self) -> list[Holder[Session]]:
         """The active sessions, as holders of places."""
         return [
-            Holder(session, holder_of(session.user, session.address), standing_of(session.user), session.detached_at)
+            Holder(
+                session,
+                holder_of(session.user, session.address),
+                standing_of(session.user),
+                session.detached_at,
+                bool(session.subscriptions),
+            )
             for session in self._by_token.values()
             if session.user is not None and not session.closed
         ]

@@ -55,7 +55,8 @@ class ClientWrites:
             return code
         # A DataSet goes to the robots with Good values and a time of 100 ns: what else a client gives would be lost.
         status = int(value.StatusCode.value) if value.StatusCode is not None else 0
-        if status or value.ServerTimestamp is not None:
+        finer = value.SourcePicoseconds or value.ServerPicoseconds
+        if status or finer or value.ServerTimestamp is not None:
             return int(StatusCode.BAD_WRITE_NOT_SUPPORTED)
         return int(self._commands.check_time(key, _ticks(value), self._wall_ticks()))
 

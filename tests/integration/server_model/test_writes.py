@@ -120,12 +120,13 @@ async def test_every_write_of_a_request_is_published(udp_url: str, tcp_port: int
         ("ns=2;i=1002", valued(StatusCode=ua.StatusCode(0x4000_0000)), "BadWriteNotSupported"),
         ("ns=2;i=1002", valued(StatusCode=ua.StatusCode(0x0000_0400)), "BadWriteNotSupported"),
         ("ns=2;i=1002", valued(ServerTimestamp=datetime.now(UTC)), "BadWriteNotSupported"),
+        ("ns=2;i=1002", valued(SourceTimestamp=datetime.now(UTC), SourcePicoseconds=1), "BadWriteNotSupported"),
         ("ns=2;i=1002", valued(SourceTimestamp=datetime(2001, 1, 1, tzinfo=UTC)), "BadWriteNotSupported"),
         ("ns=2;i=1002", valued(SourceTimestamp=datetime(2101, 1, 1, tzinfo=UTC)), "BadWriteNotSupported"),
     ],
     ids=[
         *("range", "nan", "type", "array", "null", "robots", "state"),
-        *("uncertain", "good_bits", "server_time", "past", "future"),
+        *("uncertain", "good_bits", "server_time", "picoseconds", "past", "future"),
     ],
 )
 async def test_what_may_not_be_written_is_refused_and_not_published(

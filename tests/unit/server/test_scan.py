@@ -11,6 +11,7 @@ import pytest
 from asyncua.common.utils import Buffer
 
 from ua_fleet.errors import RemoteWireError
+from ua_fleet.server.endpoint.data_values import encode_data_value, in_asyncuas_order
 from ua_fleet.server.endpoint.decoding import decode_parameters, decode_request_head
 from ua_fleet.server.endpoint.scan import DEEPEST_NESTING, Scan, step_of
 from ua_fleet.server.endpoint.stack import Refusal, name_of
@@ -203,3 +204,51 @@ def test_an_additional_header_is_passed_and_not_decoded() -> None:
 def test_a_header_that_is_cut_is_refused(cut: int) -> None:
     with pytest.raises((RemoteWireError, Refusal)):
         decode_request_head(Buffer(_head(b"\0\0\1" + length(2) + b"xy")[:-cut]))
+
+
+def test_where_the_times_of_a_data_value_are_in_another_order_is_found() -> None:
+    """asyncua has SourcePicoSeconds behind ServerTimestamp, OPC 10000-6 5.2.2.17 before."""
+    times, number = struct.pack("<qHqH", 1, 2, 3, 4), b"\x03\x07"
+    given = b"\x3d" + number + times
+    scan = Scan(given, 0, len(given), MIB)
+    step_of(ua.DataValue).walk(scan)
+    assert (scan.position, scan.misplaced) == (len(given), [11])
+    read = binary.from_binary(ua.DataValue, Buffer(in_asyncuas_order(given, scan.misplaced)))
+    assert (read.SourcePicoseconds, read.ServerPicoseconds) == (2, 4)
+    assert [ua.datetime_to_win_epoch(time) // 10 for time in (read.SourceTimestamp, read.ServerTimestamp)] == [0, 0]
+    nested = b"\x17" + given
+    for data, kind in (
+        (b"\x1c" + times[:-2], ua.DataValue),  # without a value: found
+        (b"\x34" + times[:10] + times[-2:], ua.DataValue),  # no ServerTimestamp
+        (b"\x2c" + times[:8] + times[10:], ua.DataValue),  # no SourcePicoSeconds
+        (nested, ua.Variant),
+    ):
+        scan = Scan(data, 0, len(data), MIB)
+        step_of(kind).walk(scan)
+        assert (scan.position, scan.misplaced) == (len(data), [9] if data[0] == 0x1C else [])
+
+
+async def test_each_operation_has_its_times_in_order() -> None:
+    """Also behind one that has none, and before one."""
+    plain = ua.WriteValue(ua.NodeId("a", 1), ua.AttributeIds.Value, None, ua.DataValue(1.5))
+    other = b"\x00\x05\x0d\x00\x00\x00\xff\xff\xff\xff" + b"\x3d\x03\x07" + struct.pack("<qHqH", 10, 2, 30, 4)
+    parts = [binary.struct_to_binary(plain), other, other, binary.struct_to_binary(plain)]
+    body = Buffer(length(len(parts)) + b"".join(parts))
+    decoded = await decode_parameters(ua.WriteParameters, body, most_operations=10, most_memory=MIB)
+    values = [each.Value for each in decoded.NodesToWrite]
+    assert [value.Value.Value for value in values] == [1.5, 7, 7, 1.5]
+    assert [value.SourcePicoseconds for value in values] == [None, 2, 2, None]
+    assert [value.ServerPicoseconds for value in values] == [None, 4, 4, None]
+    assert [ua.datetime_to_win_epoch(value.ServerTimestamp) for value in values[1:3]] == [30, 30]
+    assert b"".join(encode_data_value(value)[-20:] for value in values[1:3]) == struct.pack("<qHqH", 10, 2, 30, 4) * 2
+
+
+def test_what_has_no_picoseconds_is_encoded_as_by_asyncua() -> None:
+    time = ua.get_win_epoch()
+    for value in (
+        ua.DataValue(1.5),
+        ua.DataValue(1.5, SourceTimestamp=time, ServerTimestamp=time),
+        ua.DataValue(1.5, SourceTimestamp=time, SourcePicoseconds=2),
+        ua.ReadValueId(),
+    ):
+        assert encode_data_value(value) == binary.struct_to_binary(value)

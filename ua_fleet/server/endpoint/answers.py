@@ -14,6 +14,7 @@ from typing import Any, Final
 from asyncua import ua
 from asyncua.ua.ua_binary import struct_to_binary
 
+from ua_fleet.server.endpoint.data_values import encode_data_value
 from ua_fleet.server.endpoint.stack import DECODE_ERRORS, StatusCodes, status
 
 __all__ = ["Answer", "Misfit", "encode_value", "rough_bytes"]
@@ -59,7 +60,7 @@ class Answer:
             self.left = 0
         if self.left:
             try:
-                data = struct_to_binary(result)
+                data = encode_data_value(result)
             except DECODE_ERRORS as error:
                 misfit(what(), error)
                 self.add_small(struct_to_binary(refused(StatusCodes.BadEncodingError)))
@@ -100,7 +101,7 @@ def encode_value(value: ua.DataValue, room: int, misfit: Misfit, what: Callable[
     code = StatusCodes.BadEncodingLimitsExceeded
     if rough_bytes(value) <= room:
         try:
-            data = struct_to_binary(value)
+            data = encode_data_value(value)
             if len(data) <= room:
                 return data
         except DECODE_ERRORS as error:

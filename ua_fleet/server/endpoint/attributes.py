@@ -19,6 +19,7 @@ from ua_fleet.server.endpoint.answers import Answer, rough_bytes
 from ua_fleet.server.endpoint.audit_events import AuditEvents
 from ua_fleet.server.endpoint.context import Context
 from ua_fleet.server.endpoint.data_types import DataTypes
+from ua_fleet.server.endpoint.data_values import MOST_PICOSECONDS
 from ua_fleet.server.endpoint.indexrange import apply_range, parse_range, replace_range
 from ua_fleet.server.endpoint.live import check_reader, reader_refused
 from ua_fleet.server.endpoint.monitoring import with_timestamps
@@ -175,6 +176,8 @@ class AttributeServices:
                 StatusCode=value.StatusCode or GOOD,
                 SourceTimestamp=value.SourceTimestamp or now,
                 ServerTimestamp=value.ServerTimestamp or now,
+                SourcePicoseconds=_finer(value.SourceTimestamp, value.SourcePicoseconds),
+                ServerPicoseconds=_finer(value.ServerTimestamp, value.ServerPicoseconds),
             )
             result = await self._aspace.write_attribute_value(node_id, AttributeIds.Value, value)
             if result.is_good() and gate is not None:
@@ -200,9 +203,7 @@ class AttributeServices:
         given = wanted.Value
         if given is None or given.Value is None or given.Value.Value is None:
             raise Refusal(StatusCodes.BadTypeMismatch)
-        # asyncua has the times of a DataValue in another order than OPC 10000-6 5.2.2.17 where there are picoseconds.
-        finer = given.SourcePicoseconds or given.ServerPicoseconds
-        if finer or (given.StatusCode is not None and not given.StatusCode.is_good()):
+        if given.StatusCode is not None and not given.StatusCode.is_good():
             raise Refusal(StatusCodes.BadWriteNotSupported)
 
     def _whole(self, wanted: ua.WriteValue) -> ua.DataValue:
@@ -258,6 +259,11 @@ def _as_bytes(given: Any, before: ua.Variant | None) -> Any:
     if is_bytes and before is not None and before.VariantType == ua.VariantType.Byte and isinstance(before.Value, list):
         return ua.Variant(list(given.Value), ua.VariantType.Byte, is_array=True)
     return given
+
+
+def _finer(time: Any, picoseconds: Any) -> Any:
+    """The picoseconds of a time that a client gives; without a time they say nothing."""
+    return None if time is None or picoseconds is None else min(picoseconds, MOST_PICOSECONDS)
 
 
 def _no_value(code: int) -> ua.DataValue:

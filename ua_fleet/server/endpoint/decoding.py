@@ -13,6 +13,7 @@ from typing import Any, Final
 from asyncua.common.utils import Buffer
 from asyncua.ua.ua_binary import from_binary
 
+from ua_fleet.server.endpoint.data_values import in_asyncuas_order
 from ua_fleet.server.endpoint.scan import Scan, steps_of
 from ua_fleet.server.endpoint.stack import DECODE_ERRORS, Refusal, StatusCodes, opaque_id
 from ua_fleet.server.endpoint.turns import Turns
@@ -199,17 +200,31 @@ async def decode_parameters(
 
 
 def _decode(kind: Any, walk: Any, scan: Scan, rest: Buffer) -> Any:
+    start = rest.cur_pos
     walk(scan)
-    try:
-        # An enumeration is checked by its service, which has a StatusCode for a number that is none of it.
-        is_enumeration = isinstance(kind, type) and issubclass(kind, IntEnum)
-        value = _enumerated(kind, from_binary("Int32", rest)) if is_enumeration else from_binary(kind, rest)
-    except DECODE_ERRORS as error:
-        raise Refusal(StatusCodes.BadDecodingError, f"{kind.__name__}: {type(error).__name__}") from error
+    if scan.misplaced:
+        # Of this operation alone: a request may have ten thousand.
+        given = scan.data[start : scan.position]
+        source = Buffer(in_asyncuas_order(given, [at - start for at in scan.misplaced]))
+        scan.misplaced.clear()
+        value = _built(kind, source)
+        rest.skip(source.cur_pos)
+    else:
+        value = _built(kind, rest)
     if rest.cur_pos != scan.position:
         # The scan vouches only for what it has read in the same way.
         raise Refusal(StatusCodes.BadDecodingError, f"{kind.__name__}: ambiguous encoding")
     return value
+
+
+def _built(kind: Any, source: Buffer) -> Any:
+    """What asyncua makes of bytes that have been scanned."""
+    try:
+        # An enumeration is checked by its service, which has a StatusCode for a number that is none of it.
+        is_enumeration = isinstance(kind, type) and issubclass(kind, IntEnum)
+        return _enumerated(kind, from_binary("Int32", source)) if is_enumeration else from_binary(kind, source)
+    except DECODE_ERRORS as error:
+        raise Refusal(StatusCodes.BadDecodingError, f"{kind.__name__}: {type(error).__name__}") from error
 
 
 def _enumerated(kind: type[IntEnum], number: int) -> int:

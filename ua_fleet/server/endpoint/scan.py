@@ -9,6 +9,7 @@ compiled from the dataclasses that asyncua's decoder is made of, so that both re
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 import struct
 from collections.abc import Callable
@@ -29,6 +30,7 @@ from asyncua.ua.uatypes import (
     types_or_list_from_union,
 )
 
+from ua_fleet.server.endpoint.data_values import misplaced
 from ua_fleet.server.endpoint.stack import Refusal, StatusCodes
 
 __all__ = ["DEEPEST_NESTING", "Scan", "Step", "step_of", "steps_of"]
@@ -47,7 +49,7 @@ _MOST_DIMENSIONS: Final = 32
 class Scan:
     """A walk through one message, and what is left of its budget."""
 
-    __slots__ = ("data", "depth", "end", "memory", "position", "share")
+    __slots__ = ("data", "depth", "end", "memory", "misplaced", "position", "share")
 
     def __init__(self, data: bytes, position: int, end: int, memory: int) -> None:
         self.data, self.position, self.end = data, position, end
@@ -56,6 +58,8 @@ class Scan:
         self.share = memory
         """As `memory`, of structures and texts in one operation: they take their time to be built."""
         self.depth = 0
+        self.misplaced: list[int] = []
+        """Where the times of DataValues are in another order than asyncua reads them."""
 
     def refuse(self, what: str) -> Refusal:
         """The error for bytes that are no valid encoding."""
@@ -290,6 +294,19 @@ _FOUND: Final[dict[bytes, Step]] = {}
 _MOST_FOUND: Final = 1_000
 
 
+@functools.cache
+def _data_value() -> Step:
+    step = _structure(ua.DataValue)
+
+    def walk(scan: Scan) -> None:
+        start = scan.position
+        step.walk(scan)
+        if (at := misplaced(scan.data[start], scan.position)) >= 0 and not scan.depth:
+            scan.misplaced.append(at)
+
+    return dataclasses.replace(step, walk=walk)
+
+
 def _walk_deferred(kind: Any) -> Callable[[Scan], None]:
     """For types that contain themselves."""
 
@@ -344,6 +361,8 @@ _SPECIAL: Final[dict[str, Step]] = {
 def step_of(kind: Any) -> Step:
     """How a type of asyncua's is walked."""
     name = getattr(kind, "__name__", "")
+    if kind is ua.DataValue:
+        return _data_value()
     found = _PRIMITIVES.get(name) or _SPECIAL.get(name)
     return found if found is not None else _structure(kind)
 

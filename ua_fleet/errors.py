@@ -23,6 +23,7 @@
       KeySourceUnavailable                       nobody can be asked for keys now: go on with those there are
       KeysRefused(group_id)                      the source answers, but has no keys of this group for us
       AccessRefused(ua_status)                   a client may not do this, or not with this value
+      LeaseRefused(ua_status)                    a robot is not given out to be driven by hand, or the lease is over
 
 An error's text is one line: what is wrong, where, and what to do about it.
 """
@@ -45,6 +46,7 @@ __all__ = [
     "JudgementsInvalid",
     "KeySourceUnavailable",
     "KeysRefused",
+    "LeaseRefused",
     "LocalWireError",
     "NoCandidate",
     "NotConnected",
@@ -276,6 +278,14 @@ class KeysRefused(UaFleetError):
 
 class AccessRefused(UaFleetError):
     """A client may not do this; `ua_status` says why in the protocol's words."""
+
+    def __init__(self, ua_status: int, reason: str) -> None:
+        self.ua_status = ua_status
+        super().__init__(reason)
+
+
+class LeaseRefused(UaFleetError):
+    """A robot is not given out to be driven by hand, or what was asked for needs a lease that is over."""
 
     def __init__(self, ua_status: int, reason: str) -> None:
         self.ua_status = ua_status

@@ -14,6 +14,7 @@ from typing import Any, Final
 
 from ua_fleet.config.layers import ENVIRONMENT_PREFIX
 from ua_fleet.config.load import load_content, read_content
+from ua_fleet.config.teleoperation_schema import TELEOPERATION_IDS
 from ua_fleet.document import Document, KeyPath, as_mapping, key_text, read_document
 from ua_fleet.errors import ConfigError, ConfigInvalid
 from ua_fleet.fleet.model import FLEET_NAMESPACE
@@ -29,16 +30,18 @@ LINE_BREAK: Final = re.compile("\r\n|[\r\n\x85\u2028\u2029]")
 BOM: Final = b"\xef\xbb\xbf"
 
 
-def _owners(document: Document) -> dict[KeyPath, str]:
-    """The mappings that must have an id, in the order of the file, with the name of that key."""
-    owners: dict[KeyPath, str] = {}
+def _owners(document: Document) -> list[tuple[KeyPath, str]]:
+    """The mappings that must have an id, in the order of the file, each with the name of that key."""
+    owners: list[tuple[KeyPath, str]] = []
     for path in document.mappings:  # in the order in which they begin
         if len(path) == 2 and path[0] == "bridges":
-            owners[path] = "status_id"
+            owners.append((path, "status_id"))
         elif len(path) == 4 and path[0] == "robots" and path[2] in ("data", "skills"):
-            owners[path] = "id"
+            owners.append((path, "id"))
         elif len(path) == 2 and path[0] == "robots" and as_mapping(_at(document.data, path).get("skills")):
-            owners[path] = "skill_status_id"
+            owners.append((path, "skill_status_id"))
+        elif len(path) == 3 and path[0] == "robots" and path[2] == "teleoperation":
+            owners += [(path, key) for key in TELEOPERATION_IDS]
     return owners
 
 
@@ -103,14 +106,14 @@ def insert_ids(content: bytes, file: str) -> tuple[bytes, dict[str, int]]:
         raise ConfigInvalid(document.problems)
     owners = _owners(document)
     highest = _Highest()
-    for path, key in owners.items():
+    for path, key in owners:
         highest.note(_home(document, path), _at(document.data, path).get(key))
     for name, robot in (as_mapping(document.data.get("robots")) or {}).items():
         highest.note(_home(document, ("robots", name)), (as_mapping(robot) or {}).get("fault_id"))
     text = content.removeprefix(BOM).decode("utf-8")
     given: dict[KeyPath, int] = {}
     insertions: list[tuple[int, str]] = []
-    for path, key in owners.items():
+    for path, key in owners:
         if key in _at(document.data, path) or not document.mappings[path].keys:
             continue
         number = highest.next(_home(document, path))
@@ -127,7 +130,7 @@ def insert_ids(content: bytes, file: str) -> tuple[bytes, dict[str, int]]:
         raise ConfigInvalid([problem])
     pieces: list[str] = []
     done = 0
-    for position, piece in sorted(insertions):
+    for position, piece in sorted(insertions, key=lambda insertion: insertion[0]):
         pieces += (text[done:position], piece)
         done = position
     byte_order_mark = BOM if content.startswith(BOM) else b""

@@ -16,6 +16,8 @@ from ua_fleet.config.schema import (
     ScalarType,
     TopicMapping,
 )
+from ua_fleet.config.teleoperation_checks import check_teleoperation
+from ua_fleet.config.teleoperation_schema import TELEOPERATION_IDS
 from ua_fleet.document import KeyPath, key_text
 from ua_fleet.errors import TopicInvalid
 from ua_fleet.fleet.model import FLEET_NAMESPACE
@@ -63,6 +65,8 @@ def _id_paths(parts: Parts) -> list[KeyPath]:
         skills = parts.mapping_at(("robots", robot, "skills"))
         paths += [("robots", robot, "skills", name, "id") for name in skills]
         paths += [("robots", robot, "skill_status_id")] if skills else []
+        if parts.mapping_at(("robots", robot, "teleoperation")):
+            paths += [("robots", robot, "teleoperation", key) for key in TELEOPERATION_IDS]
     return paths
 
 
@@ -361,6 +365,7 @@ _CHECKS: Final[tuple[Callable[[Parts], None], ...]] = (
     _check_skills,
     _check_kinds,
     _check_sizes,
+    check_teleoperation,
     check_resilience,
 )
 

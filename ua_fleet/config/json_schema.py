@@ -37,7 +37,7 @@ _MAY_BE_EMPTY: Final[tuple[tuple[str, tuple[str, ...]], ...]] = (
     ("ResilienceConfig", ("criteria", "faults")),
 )
 """Keys that may stand there without a value, as in `robots:`; they count as empty then."""
-_NEVER_NULL: Final = ("id", "status_id", "skill_status_id")
+_NEVER_NULL: Final = ("id", "status_id", "skill_status_id", "acquire_id", "renew_id", "release_id")
 """Ids are left out until they are assigned; one without a value is a mistake."""
 
 

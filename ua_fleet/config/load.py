@@ -29,6 +29,7 @@ from ua_fleet.config.schema import (
     SkillConfig,
 )
 from ua_fleet.config.source_schema import source_problems
+from ua_fleet.config.teleoperation_checks import check_setpoint_groups
 from ua_fleet.config.wording import explain
 from ua_fleet.document import MAX_BYTES, Document, KeyPath, as_mapping, key_text, read_document
 from ua_fleet.errors import ConfigError, ConfigInvalid
@@ -206,6 +207,7 @@ def _read(document: Document, file: str, allow_missing_ids: bool) -> FleetConfig
     check_all(parts)
     if shell is not None:
         check_namespaces(parts, shell.fleet.namespace_indices)
+        check_setpoint_groups(parts, shell.fleet.namespace_indices)
     if shell is not None and shell.modbus is not None:
         for where, text, suggestion in modbus_problems(shell.modbus, robots, data):
             document.problem(where, text, suggestion)

@@ -7,6 +7,7 @@ from typing import Any
 
 from ua_fleet.config.schema import BridgeConfig, DataSetConfig, FleetConfig, RobotConfig, ScalarType, SkillConfig
 from ua_fleet.config.source_schema import PublishedSourceConfig
+from ua_fleet.config.teleoperation import teleoperation_model
 from ua_fleet.counters import Drop
 from ua_fleet.errors import ConfigError
 from ua_fleet.fleet.model import (
@@ -36,7 +37,10 @@ def fleet_model(config: FleetConfig) -> FleetModel:
         _bridge(ns, name, bridge, [robot for robot in config.robots.values() if robot.bridge == name])
         for name, bridge in config.bridges.items()
     )
-    robots = tuple(robot_model(name, robot, config.space_of(name)) for name, robot in config.robots.items())
+    robots = tuple(
+        robot_model(name, robot, config.space_of(name), config.bridges[robot.bridge].status_id)
+        for name, robot in config.robots.items()
+    )
     return FleetModel(config.fleet.name, ns, robots, bridges, config.fleet.namespace_indices)
 
 
@@ -80,8 +84,11 @@ def _bridge(ns: int, name: str, config: BridgeConfig, robots: Sequence[RobotConf
     return BridgeModel(name, config.kind, config.space, config.description, status, ns, config.reads_on_demand(robots))
 
 
-def robot_model(name: str, config: RobotConfig, space: int) -> RobotModel:
-    """The model of a robot whose configuration was checked; raises ConfigError for a data source without an id."""
+def robot_model(name: str, config: RobotConfig, space: int, bridge_status: int | None = None) -> RobotModel:
+    """The model of a robot whose configuration was checked; raises ConfigError for a data source without an id.
+
+    `bridge_status` is the `status_id` of its bridge, for a robot that is driven by hand.
+    """
     ns = config.namespace
     data_sets: list[DataSetModel] = []
     for browse_name, data_set in config.data.items():
@@ -92,7 +99,9 @@ def robot_model(name: str, config: RobotConfig, space: int) -> RobotModel:
                 suggestion="run: ua-fleet config assign-ids",
             )
         origin = SERVER_SPACE if data_set.origin == "server" else space
-        data_sets.append(_data_set(Topic.checked(origin, ns, data_set.id), browse_name, data_set))
+        takes_setpoints = config.teleoperation is not None and config.teleoperation.data == browse_name
+        address = Topic.checked(origin, ns, data_set.id)
+        data_sets.append(_data_set(address, browse_name, data_set, for_clients=not takes_setpoints))
     skills = tuple(_skill(name, skill_name, skill) for skill_name, skill in config.skills.items())
     status = config.skill_status_id
     if skills and status is None:
@@ -114,6 +123,7 @@ def robot_model(name: str, config: RobotConfig, space: int) -> RobotModel:
         () if topic is None else _skill_status_fields(topic),
         None if config.fault_id is None else _fault(Topic.checked(space, ns, config.fault_id)),
         mounted_on=config.mounted_on or "",
+        teleoperation=teleoperation_model(name, config, space, bridge_status),
     )
 
 
@@ -148,7 +158,7 @@ def _skill(robot: str, name: str, config: SkillConfig) -> SkillModel:
     )
 
 
-def _data_set(topic: Topic, name: str, config: DataSetConfig) -> DataSetModel:
+def _data_set(topic: Topic, name: str, config: DataSetConfig, *, for_clients: bool) -> DataSetModel:
     is_single = not config.fields
     origin_is_server = topic.space == SERVER_SPACE
     fields = tuple(
@@ -166,7 +176,15 @@ def _data_set(topic: Topic, name: str, config: DataSetConfig) -> DataSetModel:
     sink = config.sink_topic
     message_type = sink.type.replace("/msg/", "/") if sink is not None else None
     return DataSetModel(
-        topic, name, fields, config.description, is_single, message_type, gives=config.gives, max_age_s=config.max_age_s
+        topic,
+        name,
+        fields,
+        config.description,
+        is_single,
+        message_type,
+        for_clients,
+        gives=config.gives,
+        max_age_s=config.max_age_s,
     )
 
 

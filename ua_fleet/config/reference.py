@@ -39,6 +39,7 @@ from ua_fleet.config.schema import (
 )
 from ua_fleet.config.skill_schema import ArgumentConfig, SkillConfig, SkillLimitsConfig
 from ua_fleet.config.source_schema import PublishedFieldConfig, PublishedSourceConfig
+from ua_fleet.config.teleoperation_schema import AxisConfig, TeleoperationConfig
 from ua_fleet.config.wording import choices
 from ua_fleet.document import as_mapping
 
@@ -64,6 +65,8 @@ _SECTIONS: Final[tuple[tuple[str, type[BaseModel]], ...]] = (
     ("`robots.<name>.skills.<name>`", SkillConfig),
     ("`arguments.<name>` and `results.<name>` of a skill", ArgumentConfig),
     ("`limits` of a skill", SkillLimitsConfig),
+    ("`robots.<name>.teleoperation`", TeleoperationConfig),
+    ("`axes.<name>` of a teleoperation", AxisConfig),
     ("`resilience`", ResilienceConfig),
     ("`resilience.criteria.<name>`", CriterionConfig),
     ("`resilience.faults.<name>`", FaultConditionConfig),

@@ -75,7 +75,8 @@ class Definition:
 
 def definition_text(name: str, config: RobotConfig) -> str:
     """A robot as text for `read_robot`, without what is its bridge's own matter."""
-    own: dict[str, Any] = {"skills": {"__all__": {"via"}}, "data": {"__all__": {"source"}}, "bridge": True}
+    own: dict[str, Any] = {"skills": {"__all__": {"via"}}, "data": {"__all__": {"source"}}}
+    own |= {"bridge": True, "teleoperation": True}
     said: dict[str, Any] = config.model_dump(mode="json", exclude_defaults=True, exclude=own)
     return json.dumps({"robots": {name: said}}, ensure_ascii=False, separators=(",", ":"))
 
@@ -114,6 +115,9 @@ def read_robot(said: RobotText, fleet: FleetConfig, owner_of: Callable[[Topic], 
         body["description"] = said.description
     bridges: Mapping[str, BridgeConfig] = fleet.bridges
     robot, data = Loading(document).robot(path, body, bridges)
+    if "teleoperation" in given:
+        text = "only robots of fleet.yaml are driven by hand: their bridge and the server share keys for it"
+        document.problem((*path, "teleoperation"), text, "remove it")
     if robot is not None:
         data_of = {(said.name, name): data_set for name, data_set in data.items()}
         check_robots(

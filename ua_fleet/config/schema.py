@@ -19,6 +19,7 @@ from ua_fleet.config.resilience_schema import ResilienceConfig
 from ua_fleet.config.shapes import VENDOR_SPACE, all_of, exactly_one, given, implies, limited_to, none_of
 from ua_fleet.config.skill_schema import SkillConfig
 from ua_fleet.config.source_schema import PublishedSourceConfig
+from ua_fleet.config.teleoperation_schema import TeleoperationConfig
 from ua_fleet.document import KeyPath
 from ua_fleet.errors import TopicInvalid
 from ua_fleet.fleet.model import FIRST_NAMESPACE, FLEET_NAMESPACE, UnknownSources
@@ -46,6 +47,7 @@ __all__ = [
     "ScenariosConfig",
     "ServerConfig",
     "SkillConfig",
+    "TeleoperationConfig",
     "TopicMapping",
     "UnknownSources",
     "VendorBridgeConfig",
@@ -231,6 +233,8 @@ class RobotConfig(Model, frozen=True):
     fills it in."""
     fault_id: DataSetId | None = None
     """For a robot that announces its own faults: numeric id of that DataSet, a text that is empty while all is well."""
+    teleoperation: TeleoperationConfig | None = None
+    """How people drive it by hand; left out: nobody does."""
 
 
 class Finding(NamedTuple):
@@ -271,6 +275,8 @@ class BridgeConfig(Model, frozen=True):
     """Model of `source` in the data of such a robot; None where bridges of this kind read nothing by configuration."""
     sink_mapping: ClassVar[type[DataMapping] | None] = None
     """Model of `sink` in the data of such a robot; None where bridges of this kind write nothing by configuration."""
+    takes_setpoints: ClassVar[bool] = False
+    """Whether such robots can be driven by hand: the driver is a SetpointDriver."""
 
     @field_validator("space")
     @classmethod

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Final
 
 from ua_fleet.config.schema import FleetConfig, PubSubSecurity
+from ua_fleet.config.teleoperation import setpoint_groups
 from ua_fleet.counters import Counters
 from ua_fleet.errors import ConfigError
 from ua_fleet.keys.files import FileKeySource
@@ -82,6 +83,7 @@ def envelope_of(config: FleetConfig, space: int, counters: Counters, state_dir: 
         max_message_bytes=pubsub.max_message_bytes,
         past_keys=pubsub.keys.past_keys,
         asks_for_all=pubsub.keys.source == "files",
+        setpoint_groups=setpoint_groups(config),
     )
     for group_id in groups_of(config, space) if is_secured else ():
         envelope.want(group_id)

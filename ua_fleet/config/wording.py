@@ -134,7 +134,8 @@ def _missing(field: FieldInfo | None, key: str) -> str:
         return f"add `{key}: {allowed[0]}`"
     if allowed and field.examples:
         return f"add `{key}: {field.examples[0]}`; allowed: {listed(allowed)}"
-    return f"allowed: {listed(allowed)}" if allowed else f"add `{key}: ...`"
+    example = field.examples[0] if field.examples else "..."
+    return f"allowed: {listed(allowed)}" if allowed else f"add `{key}: {example}`"
 
 
 def _unknown(model: type[BaseModel], path: KeyPath) -> Finding:

@@ -12,6 +12,7 @@ from enum import IntEnum, StrEnum
 from typing import Any, Final
 
 from ua_fleet.fleet.skills import SkillModel
+from ua_fleet.teleoperation.model import TeleoperationModel
 from ua_fleet.topics import SERVER_SPACE, Topic
 from ua_fleet.values import BuiltinType, NodeId
 
@@ -163,6 +164,8 @@ class RobotModel:
     origin: RobotOrigin = RobotOrigin.FILE
     mounted_on: str = ""
     """The robot that carries this one, and has what the data here gives."""
+    teleoperation: TeleoperationModel | None = None
+    """How it is driven by hand; None where it is not."""
 
     @property
     def key(self) -> NodeId:

@@ -17,6 +17,7 @@ __all__ = [
     "MetaDataReceived",
     "ProbeDue",
     "ProbeReceived",
+    "SetpointReceived",
     "SourceRefused",
     "SourceReturned",
     "SourceSilent",
@@ -105,6 +106,16 @@ class ActionReceived(NamedTuple):
     """Whether it carried the signature of the Responder's command group."""
 
 
+class SetpointReceived(NamedTuple):
+    """A DataSetMessage of the WriterGroup in which the server sends setpoints to this process.
+
+    It was checked by nothing but the keys of this space's commands, where there are keys.
+    """
+
+    writer_group_id: int
+    message: DataSetMessage
+
+
 class AnnouncementReceived(NamedTuple):
     """An announcement of any kind but metadata came, each time it is heard."""
 
@@ -127,6 +138,7 @@ SubscriberEvent = (
     | SourceRefused
     | ProbeReceived
     | ActionReceived
+    | SetpointReceived
     | AnnouncementReceived
     | ProbeDue
 )

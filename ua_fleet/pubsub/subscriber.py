@@ -24,6 +24,7 @@ from ua_fleet.pubsub.events import (
     MetaDataReceived,
     ProbeDue,
     ProbeReceived,
+    SetpointReceived,
     SourceRefused,
     SourceSilent,
     SourceStale,
@@ -41,7 +42,7 @@ from ua_fleet.pubsub.security.refused import Refused
 from ua_fleet.pubsub.sequence import MASK
 from ua_fleet.pubsub.timing import PubSubTiming
 from ua_fleet.pubsub.wishes import IDS_IN_PROBE, Wishes
-from ua_fleet.topics import Side, Topic, Verdict, loop_verdict
+from ua_fleet.topics import SERVER_SPACE, Side, Topic, Verdict, loop_verdict
 from ua_fleet.values import Quality, quality_of
 from ua_fleet.wire import Codec, SecuredMessage, decode_raw_fields, encode_probe
 from ua_fleet.wire.actions import ActionMessage
@@ -93,6 +94,7 @@ class Subscriber:
         max_writers: int = 50_000,
         max_ages: Mapping[Topic, float] | None = None,
         mapped: MappedSources | None = None,
+        setpoint_groups: Mapping[int, int] | None = None,
         random: Random | None = None,
     ) -> None:
         """Make a subscriber that knows no writers.
@@ -108,6 +110,7 @@ class Subscriber:
                 others send is counted as of an unknown source.
             max_ages: maximum ages in seconds of the values of writers that announce none themselves.
             mapped: DataSetWriters of publishers that are no bridges.
+            setpoint_groups: spaces by the WriterGroups of the server's setpoints for them.
             random: where the random delay of probes comes from.
         """
         self.caught: Callable[[str, Exception], None] | None = None
@@ -133,6 +136,7 @@ class Subscriber:
         self._max_writers = max_writers
         self._max_ages = max_ages or {}
         self._mapped = mapped or MappedSources()
+        self._setpoint_groups = setpoint_groups or {}
         self._writers: dict[tuple[int, int | None, int], RemoteWriter] = {}
         self._catalog = Catalog(max_writers)
         random = random or Random()  # noqa: S311 - spreads probes, keeps no secret
@@ -276,6 +280,8 @@ class Subscriber:
             self._counters.drop(Drop.LOOP, len(parts))
             return events
         group_id = message.writer_group_id
+        if publisher_id == SERVER_SPACE and group_id is not None and group_id in self._setpoint_groups:
+            return self._receive_setpoints(group_id, parts)
         for part in parts:
             writer = self._writers.get((publisher_id, group_id, part.data_set_writer_id))
             if writer is None and part.valid:
@@ -288,6 +294,12 @@ class Subscriber:
         if len(message.messages) != 1:  # the last one does not speak for the others
             self.is_nearer = True
         return events
+
+    def _receive_setpoints(self, group_id: int, parts: tuple[DataSetMessage, ...]) -> list[SubscriberEvent]:
+        """Hand on setpoints for us; on multicast everybody hears those for others."""
+        if self._setpoint_groups[group_id] != self._own_space:
+            return []
+        return [SetpointReceived(group_id, part) for part in parts]
 
     def _receive_part(
         self,

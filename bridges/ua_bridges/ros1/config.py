@@ -34,6 +34,7 @@ class Ros1BridgeConfig(BridgeConfig, frozen=True):
     """Model of `via` in the skills of its robots."""
     source_mapping: ClassVar[type[DataMapping] | None] = TopicMapping
     sink_mapping: ClassVar[type[DataMapping] | None] = TopicMapping
+    takes_setpoints: ClassVar[bool] = True
 
     def problems(self, name: str, robots: Mapping[str, RobotConfig]) -> Iterable[tuple[KeyPath, str, str]]:
         """See BridgeConfig."""

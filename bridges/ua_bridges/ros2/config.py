@@ -34,6 +34,7 @@ class Ros2BridgeConfig(BridgeConfig, frozen=True):
     """Model of `via` in the skills of its robots."""
     source_mapping: ClassVar[type[DataMapping] | None] = TopicMapping
     sink_mapping: ClassVar[type[DataMapping] | None] = TopicMapping
+    takes_setpoints: ClassVar[bool] = True
 
     @field_validator("space")
     @classmethod

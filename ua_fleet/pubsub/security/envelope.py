@@ -26,6 +26,7 @@ from ua_fleet.pubsub.security.keyring import GroupKeys, Token
 from ua_fleet.pubsub.security.nonces import NonceReservations, NonceSequence, NoncesUnavailable, nonce_prefix
 from ua_fleet.pubsub.security.reassembly import Reassembly
 from ua_fleet.pubsub.security.refused import Refused
+from ua_fleet.topics import SERVER_SPACE
 from ua_fleet.wire.chunks import ChunkReader, split, split_one_by_one
 from ua_fleet.wire.header import (
     HAS_EXTENDED_FLAGS_1,
@@ -65,6 +66,7 @@ class Envelope:
         max_message_bytes: int = 4 * 1024 * 1024,
         past_keys: int = 1,
         asks_for_all: bool = False,
+        setpoint_groups: Mapping[int, int] | None = None,
         random: Random | None = None,
     ) -> None:
         """Make an envelope without keys.
@@ -80,6 +82,8 @@ class Envelope:
             past_keys: KeyLifetimes for which a key that was replaced is taken.
             asks_for_all: whether keys are wanted of publishers that are only heard, too. Anybody can write any
                 PublisherId, so this is for keys that nobody has to be asked for.
+            setpoint_groups: spaces by the WriterGroups of the server's setpoints for them, which the keys of the
+                commands of these spaces secure.
             random: where the random part of nonces comes from.
         """
         random = random or Random()  # noqa: S311 - this part of a nonce need not be a secret (table 156)
@@ -90,6 +94,7 @@ class Envelope:
         self._prefix = nonce_prefix(own_space, random.getrandbits(16))
         self._groups = Groups(past_keys, frozenset(relaxed_replay), takes_all=asks_for_all)
         self._telemetry: Mapping[int | str | None, Group] = self._groups.telemetry
+        self._setpoint_groups = setpoint_groups or {}
         self._reassembly = Reassembly(counters, max_message_bytes)
         self._chunks = ChunkReader()
         self._chunked = random.getrandbits(16)
@@ -184,10 +189,23 @@ class Envelope:
         publisher_id = heard.publisher_id
         if publisher_id == self._own_space:
             raise Refused(Drop.LOOP, heard)
+        if publisher_id == SERVER_SPACE and (space := self._setpoint_groups.get(heard.writer_group_id or 0)):
+            return self._open_setpoints(heard, space, now)
         if heard.mode is not self._mode and heard.mode < self._mode:
             raise Refused(Drop.NOT_SECURED, heard, self._mode)
         group = self._telemetry.get(publisher_id) or self._meet(heard)
         return self._verified(heard, group, _THE_PUBLISHER, now)
+
+    def _open_setpoints(self, heard: SecuredDatagram, space: int, now: float) -> bytes | None:
+        """Open setpoints for the robots of a space; None where we are not in the group of its commands."""
+        group = self._groups.commands.get(space)
+        if group is None:
+            return None
+        if heard.mode < self._mode:
+            raise Refused(Drop.NOT_SECURED, heard, self._mode)
+        if heard.datagram[0] & HAS_EXTENDED_FLAGS_1 and heard.datagram[1] & HAS_EXTENDED_FLAGS_2:
+            raise Refused(Drop.UNSUPPORTED, heard, self._mode)  # a chunk could be joined with those of other keys
+        return self._verified(heard, group, _ANY_MEMBER, now)
 
     def is_of_another(self, datagram: bytes, now: float) -> bool:
         """Whether data with our PublisherId may be another process's.
@@ -283,18 +301,28 @@ class Envelope:
         publisher_id = message.publisher_id
         if message.publisher_id_type != _UINT16 or type(publisher_id) is not int:
             return None
-        return (self._groups.commands if message.is_action else self._groups.telemetry).get(publisher_id)
+        if message.is_action:
+            return self._groups.commands.get(publisher_id)
+        if publisher_id == SERVER_SPACE and (space := self._setpoint_groups.get(message.writer_group_id or 0)):
+            return self._groups.commands.get(space)
+        return self._groups.telemetry.get(publisher_id)
 
     def _not_sent(self, message: SecuredDatagram, group: Group | None) -> list[bytes]:
         self._counters.drop(Drop.NO_KEY)
         if group is not None:
             self.problem = f"no key of {group.group_id}, or it expired; see whether the source of keys can be asked"
         else:
-            name = command_group if message.is_action else telemetry_group
-            publisher_id = message.publisher_id
-            group_id = name(publisher_id) if isinstance(publisher_id, int) else "a PublisherId that is no space"
+            group_id = self._name_of_group(message)
             self.problem = f"this process is not in the SecurityGroup {group_id}"
         return []
+
+    def _name_of_group(self, message: SecuredDatagram) -> str:
+        publisher_id, space = message.publisher_id, self._setpoint_groups.get(message.writer_group_id or 0)
+        if not isinstance(publisher_id, int):
+            return "a PublisherId that is no space"
+        if publisher_id == SERVER_SPACE and space is not None and not message.is_action:
+            return command_group(space)
+        return command_group(publisher_id) if message.is_action else telemetry_group(publisher_id)
 
     def _split(self, datagram: bytes) -> list[bytes]:
         self._chunked = (self._chunked + 1) & 0xFFFF

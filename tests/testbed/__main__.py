@@ -1,6 +1,6 @@
 """Prove the testbed on a real engine: `python -m tests.testbed`; see the package, and `make testbed`.
 
-Environment: COMPOSE (`docker compose` or `docker-compose`), PIP_INDEX_URL (for building), ONLY
+Environment: COMPOSE (`docker compose` or `docker-compose`), PIP_INDEX_URL and NPM_CONFIG_REGISTRY (for building), ONLY
 (services, or `service:killed`, or `:killed`: these disturbances alone, and no table), KEEP=1 (talkrobots stays up).
 """
 

@@ -117,7 +117,7 @@ def make_bed() -> Bed:
         "UA_FLEET_TAG": "check",
         "UA_FLEET_BASE": needs.base,
         **{name: str(port) for name, port in ports},
-        **({"PIP_INDEX_URL": index} if (index := os.environ.get("PIP_INDEX_URL")) else {}),
+        **{name: os.environ[name] for name in ("PIP_INDEX_URL", "NPM_CONFIG_REGISTRY") if os.environ.get(name)},
     }
     return Bed(command, options)
 

@@ -1,0 +1,103 @@
+"""`web/`: its types, form and texts, and that a page needs nothing which its Content-Security-Policy refuses."""
+
+from __future__ import annotations
+
+import json
+import re
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, Final
+
+import pytest
+
+from tests import system
+
+WEB: Final = system.ROOT / "web"
+SOURCES: Final = sorted(path for path in (WEB / "src").rglob("*") if path.suffix in (".ts", ".svelte"))
+PAGES: Final = [path for path in SOURCES if path.suffix == ".svelte"]
+
+
+def keys(part: dict[str, Any], above: str = "") -> Iterator[str]:
+    for name, value in part.items():
+        if isinstance(value, str):
+            yield f"{above}{name}"
+        else:
+            yield from keys(value, f"{above}{name}.")
+
+
+TEXTS: Final = list(keys(json.loads((WEB / "src" / "texts" / "en.json").read_text(encoding="utf-8"))))
+_TEMPLATE = re.compile(r"`((?:[a-z0-9_]+\.)+(?:\$\{[^`}]*\}[a-z0-9_]*)+)`")
+"""A key that is put together, as `link.${state}`."""
+
+
+@pytest.mark.needs("npm")
+@pytest.mark.parametrize("script", ["check", "lint:form", "test"])
+def test_web_s_own_checks_pass(script: str) -> None:
+    """svelte-check with no warning, prettier, vitest."""
+    command = [sys.executable, "scripts/web.py", "--run", script]
+    done = subprocess.run(command, cwd=system.ROOT, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout[-4000:] + done.stderr[-2000:]
+
+
+def test_each_text_is_used() -> None:
+    sources = "\n".join(path.read_text(encoding="utf-8") for path in SOURCES)
+    built = [re.compile(re.sub(r"\\\$\\\{.*?\\\}", "[a-z0-9_]+", re.escape(one))) for one in _TEMPLATE.findall(sources)]
+    assert [
+        key
+        for key in TEXTS
+        if f"'{(plain := key.removesuffix('_one'))}'" not in sources and not any(one.fullmatch(plain) for one in built)
+    ] == []
+
+
+def test_texts_stand_in_their_order() -> None:
+    """So that two who add some seldom meet in one line."""
+    assert sorted(TEXTS, key=lambda key: key.split(".")) == TEXTS
+
+
+@pytest.mark.parametrize("path", PAGES, ids=lambda path: str(path.relative_to(WEB / "src")))
+def test_no_text_stands_elsewhere(path: Path) -> None:
+    """Words between tags, and attributes that people read or hear, come from en.json."""
+    markup = path.read_text(encoding="utf-8")
+    for block in (r"<script\b.*?</script>", r"<style\b.*?</style>", r"<!--.*?-->", r"&\w+;"):
+        markup = re.sub(block, "", markup, flags=re.DOTALL)
+    read = re.findall(r"\s(?:title|label|placeholder|alt|aria-label|text|help)=\"([^\"{]*[A-Za-z]{2}[^\"{]*)\"", markup)
+    between = [
+        words
+        for part in re.split(r"<[^<>]*(?:=>[^<>]*)*>", _without_expressions(markup))
+        if re.search(r"[A-Za-z]{2}", words := " ".join(part.split()))
+    ]
+    assert (read, between) == ([], [])
+
+
+@pytest.mark.parametrize("path", SOURCES, ids=lambda path: str(path.relative_to(WEB / "src")))
+def test_nothing_that_the_page_s_policy_refuses(path: Path) -> None:
+    text = path.read_text(encoding="utf-8")
+    found = re.findall(
+        r"\{@html|\sstyle=\"|\sstyle=\{|innerHTML|\beval\(|new Function|javascript:|https?://[a-z]", text
+    )
+    assert found == []
+
+
+def _without_expressions(markup: str) -> str:
+    """Markup without what stands in braces, which may be nested."""
+    kept: list[str] = []
+    depth = 0
+    for sign in markup:
+        if sign == "{":
+            depth += 1
+        elif sign == "}":
+            depth -= 1
+        elif depth == 0:
+            kept.append(sign)
+    return "".join(kept)
+
+
+def test_the_lock_file_names_no_registry_and_has_hashes() -> None:
+    locked = json.loads((WEB / "package-lock.json").read_text(encoding="utf-8"))["packages"]
+    assert len(locked) > 50
+    for name, package in locked.items():
+        if name and not package.get("link"):
+            assert package.get("integrity", "").startswith("sha512-"), name
+            assert package.get("resolved", "https://registry.npmjs.org/").startswith("https://registry.npmjs.org/")

@@ -1,0 +1,90 @@
+/** Requests to the console: JSON there and back, and each error in one line. */
+import type { ErrorBody, Fleets, Json, Me } from './protocol';
+import { t } from './texts';
+
+const TIMEOUT_MS = 30_000;
+
+/** What the console, or the server behind it, did not do, and why. */
+export class RequestError extends Error {
+  override name = 'RequestError';
+
+  constructor(
+    /** The status of HTTP; 0 where no answer came. */
+    readonly http: number,
+    readonly body: ErrorBody,
+    /** Seconds after which it may be tried again, where the console said so. */
+    readonly retryAfterS: number | null = null,
+  ) {
+    super(body.message);
+  }
+}
+
+let csrf = '';
+let whenLoggedOut: () => void = () => {};
+
+/** What is to be done when the console does not know this browser any more. */
+export function onLoggedOut(act: () => void): void {
+  whenLoggedOut = act;
+}
+
+/** The token that belongs to the login; each request has it. */
+export function setCsrf(token: string): void {
+  csrf = token;
+}
+
+export const csrfToken = () => csrf;
+
+async function ask<T>(path: string, init: RequestInit): Promise<T> {
+  let answer: Response;
+  try {
+    answer = await fetch(path, { ...init, credentials: 'same-origin', signal: AbortSignal.timeout(TIMEOUT_MS) });
+  } catch (error) {
+    const late = error instanceof DOMException && error.name === 'TimeoutError';
+    throw new RequestError(0, { message: late ? t('errors.late', { n: TIMEOUT_MS / 1000 }) : t('errors.no_console') });
+  }
+  let body: unknown = null;
+  try {
+    body = await answer.json();
+  } catch {
+    if (answer.ok) throw new RequestError(answer.status, { message: t('errors.no_json', { code: answer.status }) });
+  }
+  if (answer.ok) return body as T;
+  const told = (body as { error?: ErrorBody } | null)?.error;
+  const after = Number(answer.headers.get('Retry-After'));
+  const error = new RequestError(
+    answer.status,
+    told ?? { message: t('errors.unnamed', { code: answer.status }) },
+    Number.isFinite(after) && after > 0 ? after : null,
+  );
+  if (answer.status === 401 && !path.endsWith('/login') && !path.endsWith('/me')) whenLoggedOut();
+  throw error;
+}
+
+function post<T>(path: string, body: unknown): Promise<T> {
+  const headers: Record<string, string> = { 'Content-Type': 'application/json' };
+  if (csrf) headers['X-CSRF'] = csrf;
+  return ask<T>(path, { method: 'POST', headers, body: JSON.stringify(body) });
+}
+
+/** Do an operation at a fleet, as `operation('hall', 'robots.hold', {robot: 'arm', reason: '…'})`. */
+export async function operation<T = Json>(fleet: string, name: string, parameters: object = {}): Promise<T> {
+  const { result } = await post<{ result: T }>(`api/${encodeURIComponent(fleet)}/${name}`, parameters);
+  return result;
+}
+
+export const getFleets = () => ask<Fleets>('api/fleets', {});
+
+/** Who is logged in; null: nobody. */
+export async function getMe(): Promise<Me | null> {
+  try {
+    return await ask<Me>('api/me', {});
+  } catch (error) {
+    if (error instanceof RequestError && error.http === 401) return null;
+    throw error;
+  }
+}
+
+export const postLogin = (fleet: string, user: string, password: string) =>
+  post<Me>('api/login', { fleet, user, password });
+
+export const postLogout = (fleet?: string) => post<unknown>('api/logout', fleet ? { fleet } : {});

@@ -1,0 +1,86 @@
+/** Who is logged in where, and what they may do. */
+import { live } from './live.svelte';
+import type { Fleet, Fleets, Login, Me, Role } from './protocol';
+import { getFleets, getMe, onLoggedOut, postLogin, postLogout, setCsrf } from './requests';
+
+const RANKS: Record<Role, number> = { observer: 0, operator: 1, engineer: 2 };
+
+/** Whether a login with these roles may do what `needed` may. */
+export function covers(roles: readonly Role[], needed: Role): boolean {
+  return roles.some((role) => (RANKS[role] ?? -1) >= RANKS[needed]);
+}
+
+class Session {
+  /** Whether the console was asked already. */
+  state = $state<'asking' | 'out' | 'in' | 'no-console'>('asking');
+  known = $state.raw<Fleets>({ fleets: [], version: '' });
+  logins = $state.raw<Record<string, Login>>({});
+  /** A fleet whose login is asked for beside those that there are; empty: none. */
+  wanted = $state('');
+  /** Whether nobody is logged in any more without having asked for it. */
+  ended = $state(false);
+
+  constructor() {
+    onLoggedOut(() => this.#end());
+  }
+
+  async begin(): Promise<void> {
+    try {
+      this.known = await getFleets();
+      this.#enter(await getMe());
+    } catch {
+      this.state = 'no-console';
+    }
+  }
+
+  async login(fleet: string, user: string, password: string): Promise<void> {
+    this.#enter(await postLogin(fleet, user, password));
+    this.wanted = '';
+  }
+
+  /** Log out of one fleet, or of all. */
+  async logout(fleet?: string): Promise<void> {
+    await postLogout(fleet);
+    this.#enter(fleet ? await getMe() : null);
+  }
+
+  fleet(name: string): Fleet | undefined {
+    return this.known.fleets.find((one) => one.name === name);
+  }
+
+  login_of(fleet: string): Login | undefined {
+    return this.logins[fleet];
+  }
+
+  /** Whether this person may do an operation, as `robots.hold`. */
+  may(fleet: string, operation: string): boolean {
+    return this.logins[fleet]?.may?.includes(operation) ?? false;
+  }
+
+  /** Whether this person has a role, or one above it. */
+  is(fleet: string, role: Role): boolean {
+    return covers(this.logins[fleet]?.roles ?? [], role);
+  }
+
+  #enter(me: Me | null): void {
+    this.logins = me?.fleets ?? {};
+    if (!me || Object.keys(this.logins).length === 0) {
+      this.state = 'out';
+      setCsrf('');
+      live.stop();
+      return;
+    }
+    this.ended = false;
+    setCsrf(me.csrf);
+    this.state = 'in';
+    live.start(() => this.#end());
+  }
+
+  #end(): void {
+    if (this.state !== 'in') return;
+    this.ended = true;
+    this.#enter(null);
+  }
+}
+
+export const session = new Session();

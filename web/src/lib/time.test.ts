@@ -1,0 +1,29 @@
+import { describe, expect, it } from 'vitest';
+import { ageOf, formatAge, formatTime } from './time';
+
+describe('an age', () => {
+  it.each([
+    [-10, 'in 10 s'],
+    [-1.5, 'now'],
+    [0.4, 'now'],
+    [8.9, '8 s'],
+    [60, '1 min'],
+    [7199, '1 h'],
+    [200000, '2 d'],
+  ])('of %d s is %s', (seconds, text) => expect(formatAge(seconds)).toBe(text));
+
+  it('is that of a time', () => {
+    expect(ageOf('2026-11-23T22:00:00Z', Date.UTC(2026, 10, 23, 22, 0, 8))).toBe(8);
+    expect(ageOf(null, 0)).toBeNull();
+    expect(ageOf('yesterday', 0)).toBeNull();
+  });
+});
+
+describe('a time', () => {
+  it('has its date when it is not of today', () => {
+    const now = new Date(2026, 10, 23, 22, 0, 0).getTime();
+    expect(formatTime(new Date(2026, 10, 23, 9, 5, 7, 40).toISOString(), now, true)).toBe('09:05:07.040');
+    expect(formatTime(new Date(2026, 10, 22, 9, 5, 7).toISOString(), now)).toBe('2026-11-22 09:05:07');
+    expect(formatTime('x', now)).toBe('—');
+  });
+});

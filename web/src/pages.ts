@@ -1,0 +1,21 @@
+/**
+ * The pages, in the order of the navigation. A page is one line here, a folder in `pages/` and its section in
+ * `texts/en.json`; one that is not there yet has no line. Its script is loaded when it is opened.
+ */
+import type { Component } from 'svelte';
+import type { TextKey } from './lib/texts';
+import type { IconName } from './parts/icons';
+
+export interface Page {
+  name: string;
+  title: TextKey;
+  icon: IconName;
+  /** Whether it is reached from other pages only, as that of one robot. */
+  hidden?: boolean;
+  load: () => Promise<{ default: Component }>;
+}
+
+// prettier-ignore
+export const pages: readonly Page[] = [
+  { name: 'fleet', title: 'fleet.title', icon: 'fleet', load: () => import('./pages/fleet/Fleet.svelte') },
+];

@@ -1,0 +1,101 @@
+/** Arguments of a skill or a Method: what is typed into a form, and the value that it stands for. */
+import type { Json } from '../lib/protocol';
+import { t } from '../lib/texts';
+
+/** One argument, as the console tells it. */
+export interface Argument {
+  name: string;
+  /** A built-in type of OPC UA, as `Double`, `Int32`, `Boolean`, `String`; `[]` at its end: an array. */
+  type: string;
+  description?: string;
+  unit?: string;
+  /** Lowest and highest value that is taken. */
+  range?: [number, number] | null;
+  /** The values that it may have, with their names. */
+  choices?: { value: Json; text: string }[] | null;
+  /** Absent or null: it has to be given. */
+  default?: Json;
+}
+
+const WHOLE: Record<string, [number, number]> = {
+  SByte: [-128, 127],
+  Byte: [0, 255],
+  Int16: [-32768, 32767],
+  UInt16: [0, 65535],
+  Int32: [-2147483648, 2147483647],
+  UInt32: [0, 4294967295],
+  Int64: [-Number.MAX_SAFE_INTEGER, Number.MAX_SAFE_INTEGER],
+  UInt64: [0, Number.MAX_SAFE_INTEGER],
+};
+const NUMBERS = new Set(['Float', 'Double', ...Object.keys(WHOLE)]);
+
+export type Control = 'checkbox' | 'choice' | 'number' | 'text' | 'long';
+
+/** What it is given with. */
+export function controlOf(argument: Argument): Control {
+  if (argument.choices?.length) return 'choice';
+  if (argument.type === 'Boolean') return 'checkbox';
+  if (NUMBERS.has(argument.type)) return 'number';
+  return argument.type.endsWith('[]') ? 'long' : 'text';
+}
+
+/** The limits of a number: those that are said, within those of its type. */
+export function limitsOf(argument: Argument): [number, number] | null {
+  const type = WHOLE[argument.type];
+  if (!argument.range) return type ?? null;
+  return type
+    ? [Math.max(type[0], argument.range[0]), Math.min(type[1], argument.range[1])]
+    : [argument.range[0], argument.range[1]];
+}
+
+/** What stands in the form at first. */
+export function initialText(argument: Argument): string {
+  const value = argument.default;
+  if (value === undefined || value === null) return argument.type === 'Boolean' ? 'false' : '';
+  if (argument.choices?.length) {
+    const at = argument.choices.findIndex((choice) => JSON.stringify(choice.value) === JSON.stringify(value));
+    return at < 0 ? '' : String(at);
+  }
+  return typeof value === 'string' ? value : JSON.stringify(value);
+}
+
+export type Parsed = { value: Json } | { error: string };
+
+function parseNumber(argument: Argument, text: string): Parsed {
+  const value = Number(text.trim().replace(',', '.').replace('−', '-'));
+  if (!text.trim() || !Number.isFinite(value)) return { error: t('form.number') };
+  if (argument.type in WHOLE && !Number.isInteger(value)) return { error: t('form.whole') };
+  const limits = limitsOf(argument);
+  if (limits && (value < limits[0] || value > limits[1])) {
+    return { error: t('form.range', { low: limits[0], high: limits[1] }) };
+  }
+  return { value };
+}
+
+/** The value that a text stands for, or what is wrong with it. */
+export function parseArgument(argument: Argument, text: string): Parsed {
+  switch (controlOf(argument)) {
+    case 'choice': {
+      const choice = argument.choices?.[Number(text)];
+      return text === '' || !choice ? { error: t('form.missing') } : { value: choice.value };
+    }
+    case 'checkbox':
+      return { value: text === 'true' };
+    case 'number':
+      return text.trim() ? parseNumber(argument, text) : { error: t('form.missing') };
+    case 'long': {
+      const one = { ...argument, type: argument.type.slice(0, -2), default: null, choices: null };
+      const values: Json[] = [];
+      // As JSON, or one value a line or between commas.
+      const trimmed = text.trim().replace(/^\[|\]$/g, '');
+      for (const [at, part] of trimmed ? trimmed.split(/[\n,;]/).entries() : []) {
+        const parsed = parseArgument(one, part.trim().replace(/^"(.*)"$/, '$1'));
+        if ('error' in parsed) return { error: t('form.element', { n: at + 1, error: parsed.error }) };
+        values.push(parsed.value);
+      }
+      return { value: values };
+    }
+    case 'text':
+      return { value: text };
+  }
+}

@@ -84,6 +84,7 @@ def _build() -> typer.Typer:
         cert,
         completion,
         config,
+        console,
         decision,
         demo_pal,
         demo_talkrobots,
@@ -122,6 +123,7 @@ def _build() -> typer.Typer:
     _add(whole, "read", read.read, read.EXAMPLES)
     _add(whole, "write", write.write, write.EXAMPLES)
     _add(whole, "watch", watch.watch, watch.EXAMPLES)
+    _add(whole, "console", console.console, console.EXAMPLES)
     _add(whole, "simulate", simulate.simulate, simulate.EXAMPLES)
     _add(whole, "healthcheck", healthcheck.healthcheck, healthcheck.EXAMPLES)
     groups = {name: _new(help_text) for name, help_text in _GROUPS.items()}

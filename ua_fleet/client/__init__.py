@@ -12,7 +12,9 @@ from ua_fleet.client.finding import SelectedNode
 from ua_fleet.client.fleet_client import POLICIES, AnotherServer, Change, FleetClient, Reading
 from ua_fleet.client.identity import ClientIdentity, default_identity_folder
 from ua_fleet.client.methods import NotDone
+from ua_fleet.client.model_changes import ModelChanges
 from ua_fleet.client.offers import OfferedSkill, SkillRequest
+from ua_fleet.client.robot_nodes import ArgumentNode, DataNode, RobotNodes, SkillNodes, robot_nodes
 from ua_fleet.client.robots import RobotClient, RobotInfo, RobotInvalid
 from ua_fleet.client.scenarios import (
     DecisionInfo,
@@ -42,9 +44,11 @@ from ua_fleet.client.translated import NodeNotFound
 __all__ = [
     "POLICIES",
     "AnotherServer",
+    "ArgumentNode",
     "BridgeStatus",
     "Change",
     "ClientIdentity",
+    "DataNode",
     "DecisionInfo",
     "DecisionTold",
     "DryRunInfo",
@@ -55,6 +59,7 @@ __all__ = [
     "FleetStatus",
     "Forecast",
     "IssuedKey",
+    "ModelChanges",
     "NodeInfo",
     "NodeNotFound",
     "NotDone",
@@ -67,6 +72,7 @@ __all__ = [
     "RobotClient",
     "RobotInfo",
     "RobotInvalid",
+    "RobotNodes",
     "RobotStatus",
     "RunInfo",
     "RunStatus",
@@ -79,6 +85,7 @@ __all__ = [
     "SkillEvent",
     "SkillExecution",
     "SkillInfo",
+    "SkillNodes",
     "SkillRequest",
     "StepTold",
     "Told",
@@ -88,4 +95,5 @@ __all__ = [
     "fleet_status",
     "issue_session_key",
     "revoke_session_key",
+    "robot_nodes",
 ]

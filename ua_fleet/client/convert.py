@@ -16,7 +16,7 @@ from asyncua import ua
 from ua_fleet.errors import AccessRefused
 from ua_fleet.values import StatusCode
 
-__all__ = ["parse_value", "plain_value"]
+__all__ = ["exact_value", "parse_value", "plain_value"]
 
 _INTEGERS: Final = {
     ua.VariantType.SByte: (-(2**7), 2**7 - 1),
@@ -28,6 +28,8 @@ _INTEGERS: Final = {
     ua.VariantType.Int64: (-(2**63), 2**63 - 1),
     ua.VariantType.UInt64: (0, 2**64 - 1),
 }
+_NAMED: Final = ua.LocalizedText | ua.StatusCode | ua.NodeId | ua.QualifiedName
+"""Structures that stand for one text."""
 _BOOLEANS: Final = {
     "true": True,
     "1": True,
@@ -120,3 +122,17 @@ def plain_value(value: Any) -> Any:
     if value is None or isinstance(value, bool | int | float | str):
         return value
     return str(value)
+
+
+def exact_value(value: Any) -> Any:
+    """The same with nothing lost: bytes, times and all numbers stay what they are."""
+    if isinstance(value, Enum):
+        return value.value
+    if value is None or isinstance(value, bool | int | float | str | bytes | datetime):
+        return value
+    if isinstance(value, list | tuple):
+        elements: Sequence[Any] = value
+        return [exact_value(element) for element in elements]
+    if is_dataclass(value) and not isinstance(value, _NAMED | type):
+        return {each.name: exact_value(getattr(value, each.name)) for each in fields(value)}
+    return plain_value(value)

@@ -1,7 +1,7 @@
 # asyncua is typed in part only.
 # pyright: reportUnknownMemberType=false, reportUnknownVariableType=false, reportUnknownArgumentType=false
 # pyright: reportPrivateImportUsage=false
-"""What belongs to the values of Variables: their types, units, and the names of enumerations."""
+"""What belongs to the values of Variables: their types, units, ranges, and the names of enumerations."""
 
 from __future__ import annotations
 
@@ -16,6 +16,8 @@ from ua_fleet.client.batches import Batches
 __all__ = ["ValueDetails", "type_names", "value_details"]
 
 _HAS_PROPERTY: Final = int(ua.ObjectIds.HasProperty)
+_UNITS: Final = "EngineeringUnits"
+_RANGE: Final = "EURange"
 _BUILTIN: Final = 25
 """DataTypes of namespace 0 up to here are built-in types; asyncua names them."""
 _NUMBER: Final = 24
@@ -29,6 +31,9 @@ class ValueDetails:
     unit: str = ""
     names: Mapping[int, str] = field(default_factory=dict[int, str])
     """Of the values of an enumeration."""
+    low: float | None = None
+    high: float | None = None
+    """The range that its values are in, where it has one."""
 
 
 async def type_names(batches: Batches, node_ids: Sequence[ua.NodeId]) -> list[str | None]:
@@ -50,26 +55,31 @@ async def type_names(batches: Batches, node_ids: Sequence[ua.NodeId]) -> list[st
 
 
 async def value_details(batches: Batches, node_ids: Sequence[ua.NodeId]) -> list[ValueDetails]:
-    """Units, and names of enumerations, of Variables in their order."""
+    """Units, ranges, and names of enumerations, of Variables in their order."""
     types = await _data_types(batches, node_ids)
     others = list({one for one in types if one is not None and not _is_builtin(one)})
     names = dict(zip(others, await _enumerations(batches, others), strict=True))
-    units = await _units(batches, node_ids)
+    properties = await _units_and_ranges(batches, node_ids)
     return [
-        ValueDetails(unit, names.get(one, {}) if one is not None else {})
-        for unit, one in zip(units, types, strict=True)
+        ValueDetails(unit, names.get(one, {}) if one is not None else {}, low, high)
+        for (unit, low, high), one in zip(properties, types, strict=True)
     ]
 
 
-async def _units(batches: Batches, node_ids: Sequence[ua.NodeId]) -> list[str]:
-    found = await _properties(batches, node_ids, "EngineeringUnits")
-    told = iter(await batches.read([one for one in found if one is not None]))
-    units: list[str] = []
-    for one in found:
-        unit = _value(next(told)) if one is not None else None
+async def _units_and_ranges(
+    batches: Batches, node_ids: Sequence[ua.NodeId]
+) -> list[tuple[str, float | None, float | None]]:
+    answers = await batches.browse(node_ids, references=_HAS_PROPERTY)
+    named = [{str(child.BrowseName.Name): child.NodeId for child in children} for children in answers]
+    wanted = [one[name] for one in named for name in (_UNITS, _RANGE) if name in one]
+    told = dict(zip(wanted, await batches.read(wanted), strict=True))
+    found: list[tuple[str, float | None, float | None]] = []
+    for one in named:
+        unit = _value(told[one[_UNITS]]) if _UNITS in one else None
+        range_ = _value(told[one[_RANGE]]) if _RANGE in one else None
         text = getattr(getattr(unit, "DisplayName", None), "Text", None)
-        units.append(str(text or ""))
-    return units
+        found.append((str(text or ""), getattr(range_, "Low", None), getattr(range_, "High", None)))
+    return found
 
 
 async def _enumerations(batches: Batches, types: Sequence[ua.NodeId]) -> list[dict[int, str]]:

@@ -8,7 +8,7 @@ from __future__ import annotations
 import logging
 from collections.abc import AsyncGenerator, AsyncIterator, Callable, Mapping, Sequence
 from contextlib import AbstractAsyncContextManager, asynccontextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from typing import Any, Final, Self, overload
 
@@ -21,12 +21,13 @@ from cryptography.x509 import load_der_x509_certificate
 
 from ua_fleet.client.batches import Batches
 from ua_fleet.client.browsing import NodeInfo, browse_below
-from ua_fleet.client.convert import parse_value, plain_value
+from ua_fleet.client.convert import exact_value, parse_value, plain_value
 from ua_fleet.client.details import ValueDetails, value_details
 from ua_fleet.client.events import Told, told_by
 from ua_fleet.client.finding import Finder, SelectedNode
 from ua_fleet.client.identity import ClientIdentity, default_identity_folder
 from ua_fleet.client.known_servers import Meeting, application_uri_of
+from ua_fleet.client.model_changes import ModelChanges, model_changes
 from ua_fleet.client.offers import OfferedSkill, offering
 from ua_fleet.client.skill_nodes import SkillNode
 from ua_fleet.client.skills import SkillCalls, SkillExecution, SkillInfo
@@ -57,6 +58,12 @@ class Reading:
     status: int
     source_time: datetime | None
     server_time: datetime | None
+    raw: Any = field(default=None, repr=False, compare=False)
+
+    @property
+    def exact(self) -> Any:
+        """The value with nothing lost: bytes and times as such, NaN and infinity as floats."""
+        return exact_value(self.raw)
 
     @property
     def status_text(self) -> str:
@@ -77,6 +84,7 @@ def _reading(node_id: str, data: ua.DataValue) -> Reading:
         status=0 if data.StatusCode is None else data.StatusCode.value,
         source_time=_aware(data.SourceTimestamp),
         server_time=_aware(data.ServerTimestamp),
+        raw=None if variant is None else variant.Value,
     )
 
 
@@ -306,6 +314,13 @@ class FleetClient:
             result.StatusCode.check()
         return [variant.Value for variant in result.OutputArguments or ()]
 
+    async def executable(self, method_ids: Sequence[str]) -> list[bool]:
+        """Whether this user may call Methods; False for what is none."""
+        with translated(self.endpoint):
+            nodes = [ua.NodeId.from_string(one) for one in method_ids]
+            told = await self.batches.read(nodes, ua.AttributeIds.UserExecutable)
+        return [data.Value is not None and data.Value.Value is True for data in told]
+
     @property
     def server_certificate(self) -> bytes | None:
         """The certificate that the server shows, DER; None on a connection without security."""
@@ -419,6 +434,10 @@ class FleetClient:
         is lost.
         """
         return told_by(self._client, self.endpoint, self._subscriptions)
+
+    def model_changes(self, *, period_ms: float = 250.0) -> AbstractAsyncContextManager[ModelChanges]:
+        """That nodes have come or gone, while the context lasts: await `wait()` of what is entered."""
+        return model_changes(self.endpoint, self._subscriptions, period_ms)
 
     async def watch(
         self, addresses: Sequence[str], *, period_ms: float = 100.0, with_times: bool = False

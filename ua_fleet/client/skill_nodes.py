@@ -53,6 +53,8 @@ class KnownSkill:
     types: dict[str, ua.VariantType]
     members: dict[str, ua.NodeId]
     """Methods and Variables of the skill, by their names."""
+    arguments: dict[str, ua.NodeId]
+    """Variables that say what there is to say of its arguments, by their names."""
 
 
 class SkillNode(NamedTuple):
@@ -101,7 +103,9 @@ async def read_skills(batches: Batches, skills: Sequence[SkillNode]) -> list[Kno
         told = {name: next(values) for name in below}
         if not isinstance(_value(timeout), int | float):
             continue  # it was unregistered meanwhile
-        known.append(_known(skill, parts, _value(timeout) / 1000, state, told, _text(_value(text))))
+        one = _known(skill, parts, _value(timeout) / 1000, state, told, _text(_value(text)))
+        one.arguments.update({name: below[name] for name in one.types if name in below})
+        known.append(one)
     return known
 
 
@@ -118,7 +122,7 @@ def _known(
     is_heard = state.StatusCode is None or state.StatusCode.value == 0
     shown = _text(_value(state)) if is_heard and _value(state) is not None else None
     info = SkillInfo(skill.robot, skill.name, skill.node.to_string(), description, tuple(arguments), timeout_s, shown)
-    return KnownSkill(info, members["Start"], types, members)
+    return KnownSkill(info, members["Start"], types, members, {})
 
 
 def _arguments(told: dict[str, ua.DataValue], types: dict[str, ua.VariantType]) -> Iterator[SkillArgument]:

@@ -17,6 +17,7 @@ COMMANDS = [
     "up",
     "login",
     "logout",
+    "console",
     "contexts",
     "completion",
     "status",

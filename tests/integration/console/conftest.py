@@ -1,0 +1,36 @@
+from __future__ import annotations
+
+from collections.abc import AsyncGenerator, Mapping
+from pathlib import Path
+from typing import Any, Final
+
+import pytest_asyncio
+
+from tests.integration.console.harness import Console, console_at
+from tests.integration.server_model.harness import ROBOTS, Running, fleet_config, serving
+
+GOTO: Final[Mapping[str, Any]] = {
+    "id": 1600,
+    "needs": ["mobile"],
+    "arguments": {
+        "x": {"type": "Double", "unit": "m", "range": [-5, 5], "default": 0, "description": "east"},
+        "gently": {"type": "Boolean", "default": False},
+    },
+    "results": {"distance": {"type": "Double", "unit": "m"}},
+    "timeout_s": 30,
+}
+FLEET: Final[Mapping[str, Any]] = {"rover": {**ROBOTS["rover"], "skill_status_id": 1500, "skills": {"goto": GOTO}}}
+
+
+@pytest_asyncio.fixture
+async def server(tmp_path: Path, udp_url: str, tcp_port: int) -> AsyncGenerator[Running]:
+    """A server with one robot."""
+    async with serving(tmp_path, fleet_config(udp_url, tcp_port, robots=FLEET)) as running:
+        yield running
+
+
+@pytest_asyncio.fixture
+async def console(server: Running, tmp_path: Path) -> AsyncGenerator[Console]:
+    """A console in front of it; its fleet is called `hall`."""
+    async with console_at(tmp_path, {"hall": server.url}) as running:
+        yield running

@@ -1,0 +1,165 @@
+"""What reaches a browser: whatever happens in which order, in the end its maps are the boards'."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from ua_fleet.console.board import Board
+from ua_fleet.console.outbox import LEAST_INTERVAL_S, PageOutbox
+
+KEYS = st.sampled_from(["a", "b", "c", "\u202e", 'q"'])
+NAMES = st.sampled_from(["1", "2"])
+ACTIONS = st.one_of(
+    st.tuples(st.just("put"), NAMES, KEYS, st.integers(0, 3)),
+    st.tuples(st.just("gone"), NAMES, KEYS),
+    st.tuples(st.just("restart"), NAMES),
+    st.tuples(st.just("ready"), NAMES),
+    st.tuples(st.just("fail"), NAMES, st.integers(0, 3)),
+    st.tuples(st.just("want"), NAMES),
+    st.tuples(st.just("drop"), NAMES),
+    st.tuples(st.just("send")),
+    st.tuples(st.just("seen")),
+    st.tuples(st.just("pass"), st.floats(0, 0.2)),
+)
+
+
+class Page:
+    """A browser: what it has been told, put together as `web/src/lib/live.svelte.ts` does."""
+
+    def __init__(self) -> None:
+        self.maps: dict[str, dict[str, Any]] = {}
+        self.errors: dict[str, Any] = {}
+        self.unseen = 0
+
+    def take(self, text: str) -> None:
+        message = json.loads(text)
+        self.unseen = message["n"]
+        for name, told in message["feeds"].items():
+            if told.get("whole"):
+                self.maps[name] = {}
+            self.maps.get(name, {}).update(told.get("set", {}))
+            for key in told.get("gone", ()):
+                self.maps[name].pop(key, None)  # it may have come and gone meanwhile
+            if "error" in told:
+                self.errors[name] = told["error"]
+
+    def forget(self, name: str) -> None:
+        self.maps.pop(name, None)
+        self.errors.pop(name, None)
+
+
+def change(board: Board, action: str, *given: Any) -> None:
+    if action == "fail":
+        board.fail({"message": given[0]})
+    else:
+        getattr(board, action)(*given)
+
+
+@settings(max_examples=400)
+@given(st.lists(ACTIONS, max_size=60))
+def test_after_the_last_confirmation_the_page_has_what_the_boards_have(actions: list[tuple[Any, ...]]) -> None:
+    boards, outbox, page = {"1": Board(), "2": Board()}, PageOutbox(), Page()
+    wanted: set[str] = set()
+    now, sent_at = 100.0, float("-inf")
+
+    def send() -> bool:
+        nonlocal sent_at
+        text = outbox.next(now)
+        if text is None:
+            return False
+        assert page.unseen == 0, "a second message is under way"
+        assert now - sent_at >= LEAST_INTERVAL_S - 1e-9, "too soon"
+        sent_at = now
+        page.take(text)
+        return True
+
+    def confirm() -> None:
+        if page.unseen:
+            assert outbox.seen(page.unseen)
+            page.unseen = 0
+        else:
+            assert not outbox.seen(7)
+
+    for action, *rest in actions:
+        if action == "want":
+            outbox.want(rest[0], boards[rest[0]])
+            wanted.add(rest[0])
+            page.forget(rest[0])
+        elif action == "drop":
+            outbox.drop(rest[0])
+            wanted.discard(rest[0])
+        elif action == "send":
+            send()
+        elif action == "seen":
+            confirm()
+        elif action == "pass":
+            now += rest[0]
+        else:
+            change(boards[rest[0]], action, *rest[1:])
+
+    for board in boards.values():
+        board.ready()
+    confirm()
+    now += 1.0
+    while send():
+        confirm()
+        now += 1.0
+    for name in wanted:
+        assert page.maps[name] == {key: json.loads(text) for key, text in boards[name].items()}
+        assert page.errors.get(name) == (json.loads(boards[name].error) if boards[name].error else None)
+    assert outbox.due_s(now) is None
+
+
+@given(st.integers(1, 200))
+def test_keys_that_come_and_go_take_no_memory(rounds: int) -> None:
+    board, outbox = Board(), PageOutbox()
+    board.ready()
+    outbox.want("1", board)
+    assert outbox.next(0.0) is not None  # never confirmed: the browser stands
+    for number in range(rounds * 20):
+        board.put(f"k{number}", number)
+        board.gone(f"k{number}")
+    assert outbox.waiting_keys <= 1001
+    assert outbox.next(1000.0) is None
+    assert outbox.seen(1)
+    text = outbox.next(1000.0)
+    assert text is not None
+    assert "set" not in json.loads(text)["feeds"]["1"] or not json.loads(text)["feeds"]["1"]["set"]
+
+
+def test_a_value_is_encoded_once_and_the_same_one_is_no_change() -> None:
+    board, heard = Board(), list[str]()
+
+    class Listener:
+        def changed(self, key: str) -> None:
+            heard.append(key)
+
+        def replaced(self) -> None:
+            heard.append("*")
+
+        def failed(self) -> None:
+            heard.append("!")
+
+    board.attach(Listener())
+    board.put("a", 1)
+    assert heard == []
+    board.ready()
+    board.put("a", 1)
+    board.put("a", 2)
+    board.gone("b")
+    board.fail({"message": "no"})
+    board.fail({"message": "no"})
+    board.ready()
+    assert heard == ["*", "a", "!", "!"]
+
+
+def test_a_board_has_a_bound() -> None:
+    board = Board(most_keys=2)
+    for key in "abc":
+        board.put(key, 0)
+    board.put("a", 1)
+    assert (len(board), board.too_many, board.get("a"), board.get("c")) == (2, 1, "1", None)

@@ -1,0 +1,303 @@
+"""The console's routes: the page, login, operations, and the WebSocket of live data."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import time
+from collections import Counter
+from collections.abc import Mapping
+from typing import Any, Final
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from starlette.applications import Starlette
+from starlette.exceptions import HTTPException
+from starlette.requests import Request
+from starlette.responses import Response
+from starlette.routing import Route, WebSocketRoute
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+from starlette.websockets import WebSocket
+
+from ua_fleet import __version__
+from ua_fleet.console.board import encoded
+from ua_fleet.console.counts import ConsoleCounts
+from ua_fleet.console.failures import Refused, invalid_parameters, refused_by
+from ua_fleet.console.link import FleetLink
+from ua_fleet.console.live import CLOSE_FORBIDDEN, CLOSE_LOGGED_OUT, CLOSE_TOO_MANY, PageSocket
+from ua_fleet.console.operations import OPERATIONS
+from ua_fleet.console.origins import RequestOrigin, TrustedProxies, is_allowed_host, is_own_origin
+from ua_fleet.console.page import SECURITY_HEADERS, Page
+from ua_fleet.console.people import People
+from ua_fleet.console.sessions import BrowserSession
+from ua_fleet.console.settings import ConsoleSettings, split_listen
+from ua_fleet.errors import UaFleetError
+
+__all__ = ["ConsoleApp"]
+
+_LOGIN_BYTES: Final = 8192
+_SEEN: Final = "ua_fleet.origin"
+"""Where the middleware leaves how the browser sees the console."""
+
+
+class _Login(BaseModel):
+    model_config = ConfigDict(extra="forbid")
+    fleet: str = Field(min_length=1, max_length=100)
+    user: str = Field(min_length=1, max_length=256)
+    password: str = Field(min_length=1, max_length=1024, repr=False)
+
+
+class _Logout(BaseModel):
+    model_config = ConfigDict(extra="forbid")
+    fleet: str | None = Field(default=None, max_length=100)
+
+
+class ConsoleApp:
+    """What uvicorn serves."""
+
+    def __init__(
+        self, settings: ConsoleSettings, people: People, counts: ConsoleCounts, page: Page | None = None
+    ) -> None:
+        self._settings, self._people, self._counts = settings, people, counts
+        self._page = page or Page()
+        self._port = split_listen(settings.listen)[1]
+        self._at_once: Counter[str] = Counter()
+        self._sockets = 0
+        routes = [
+            Route("/api/fleets", self._fleets),
+            Route("/api/me", self._me),
+            Route("/api/login", self._login, methods=["POST"]),
+            Route("/api/logout", self._logout, methods=["POST"]),
+            Route("/api/{fleet}/{operation}", self._operate, methods=["POST"]),
+            WebSocketRoute("/api/live", self._live),
+            Route("/healthz", self._health),
+            Route("/{path:path}", self._file),
+        ]
+        handlers: Any = {UaFleetError: self._failed, HTTPException: self._no_route, Exception: self._mistaken}
+        starlette = Starlette(routes=routes, exception_handlers=handlers)
+        self.asgi: ASGIApp = _Guarded(starlette, settings, counts)
+
+    def listens_at(self, port: int) -> None:
+        """Say the port that was free, where any was asked for; the cookie is named by it."""
+        self._port = port
+
+    # ------------------------------------------------------------------ who it is
+
+    def _cookie(self, seen: RequestOrigin) -> str:
+        """The cookie's name. Browsers do not tell ports apart, so two consoles of a machine have two names."""
+        return f"{'__Secure-' if seen.scheme == 'https' else ''}ua-fleet-console-{self._port}"
+
+    def _session(self, scope: Scope, cookies: Mapping[str, str]) -> BrowserSession | None:
+        token = cookies.get(self._cookie(scope[_SEEN]), "")
+        return self._people.sessions.find(token, time.monotonic()) if token else None
+
+    def _checked(self, request: Request) -> BrowserSession:
+        """The session of a POST, whose token against forged requests is right."""
+        session = self._session(request.scope, request.cookies)
+        if session is None:
+            self._counts.drop("not_logged_in")
+            raise Refused(401, "log in: there is no session, or it has ended")
+        if not session.is_csrf(request.headers.get("x-csrf", "")):
+            self._counts.drop("wrong_csrf")
+            raise Refused(403, "the header X-CSRF is missing or wrong; load the page again")
+        return session
+
+    async def _body(self, request: Request, most: int) -> bytes:
+        content_type = request.headers.get("content-type", "").split(";")[0].strip().lower()
+        if content_type != "application/json":
+            raise Refused(400, "the content type is not application/json")
+        parts = bytearray()
+        async for part in request.stream():
+            parts += part
+            if len(parts) > most:
+                self._counts.drop("too_large")
+                raise Refused(413, f"the request is larger than {most} bytes")
+        return bytes(parts)
+
+    # ------------------------------------------------------------------ routes
+
+    async def _fleets(self, request: Request) -> Response:
+        fleets = [
+            {"name": name, "title": one.title or name, "endpoint": one.endpoint}
+            for name, one in self._settings.fleets.items()
+        ]
+        answer: dict[str, Any] = {"fleets": fleets, "version": __version__}
+        if self._settings.banner:
+            answer["banner"] = self._settings.banner
+        return _json(answer)
+
+    async def _me(self, request: Request) -> Response:
+        session = self._session(request.scope, request.cookies)
+        if session is None:
+            raise Refused(401, "log in: there is no session, or it has ended")
+        return _json(self._shown(session))
+
+    def _shown(self, session: BrowserSession) -> dict[str, Any]:
+        links: dict[str, FleetLink] = session.logins
+        return {"fleets": {name: link.shown for name, link in links.items()}, "csrf": session.csrf}
+
+    async def _login(self, request: Request) -> Response:
+        body = await self._body(request, _LOGIN_BYTES)
+        try:
+            asked = _Login.model_validate_json(body)
+        except ValidationError as error:
+            raise invalid_parameters(error, "login") from None
+        seen: RequestOrigin = request.scope[_SEEN]
+        before = self._session(request.scope, request.cookies)
+        session, token = await self._people.login(before, asked.fleet, asked.user, asked.password, seen.address)
+        answer = _json(self._shown(session))
+        if token is not None:
+            # Without a path: the browser takes that of this request, whatever a proxy has put before it.
+            secure = "; Secure" if seen.scheme == "https" else ""
+            answer.headers["set-cookie"] = f"{self._cookie(seen)}={token}; HttpOnly; SameSite=Strict{secure}"
+        return answer
+
+    async def _logout(self, request: Request) -> Response:
+        session = self._checked(request)
+        try:
+            asked = _Logout.model_validate_json(await self._body(request, _LOGIN_BYTES) or b"{}")
+        except ValidationError as error:
+            raise invalid_parameters(error, "logout") from None
+        self._people.logout(session, asked.fleet)
+        answer = _json({"fleets": {name: link.shown for name, link in session.logins.items()}})
+        if not session.logins:
+            answer.headers["set-cookie"] = (
+                f"{self._cookie(request.scope[_SEEN])}=; Max-Age=0; HttpOnly; SameSite=Strict"
+            )
+        return answer
+
+    async def _operate(self, request: Request) -> Response:
+        session = self._checked(request)
+        kind = OPERATIONS.get(request.path_params["operation"])
+        if kind is None:
+            raise Refused(404, f"there is no operation {request.path_params['operation']!r}")
+        fleet = request.path_params["fleet"]
+        link: FleetLink | None = session.logins.get(fleet)
+        if link is None:
+            raise Refused(401, f"you are not logged in at {fleet}")
+        body = await self._body(request, self._settings.limits.request_bytes)
+        try:
+            asked = kind.parameters.model_validate_json(body or b"{}")
+        except ValidationError as error:
+            raise invalid_parameters(error, kind.name) from None
+        self._people.sessions.use(session, time.monotonic())
+        who = f"{fleet}/{link.user}"
+        if self._at_once[who] >= self._settings.limits.requests_at_once:
+            self._counts.drop("too_many_requests")
+            raise Refused(429, f"{self._at_once[who]} requests of {link.user} wait for an answer", retry_after_s=1.0)
+        self._at_once[who] += 1
+        try:
+            result = await link.ask(lambda client: kind.run(client, asked), kind.timeout_s)
+        except UaFleetError as error:
+            raise refused_by(error, method=kind.method) from error
+        finally:
+            self._at_once[who] -= 1
+            if not self._at_once[who]:
+                del self._at_once[who]
+        return _json({"result": result})
+
+    async def _live(self, socket: WebSocket) -> None:
+        seen: RequestOrigin = socket.scope[_SEEN]
+        if not is_own_origin(socket.headers.get("origin", ""), seen):
+            self._counts.drop("wrong_origin")
+            await socket.close(CLOSE_FORBIDDEN)
+            return
+        session = self._session(socket.scope, socket.cookies)
+        limits = self._settings.limits
+        await socket.accept()  # so that the page is told why
+        if session is None:
+            self._counts.drop("not_logged_in")
+            await socket.close(CLOSE_LOGGED_OUT, "log in")
+        elif self._sockets >= limits.sockets or session.sockets >= limits.sockets_per_session:
+            self._counts.drop("too_many_sockets")
+            await socket.close(CLOSE_TOO_MANY, "too many tabs are open")
+        else:
+            self._sockets += 1
+            try:
+                await PageSocket(socket, session, self._people, self._counts, limits).run()
+            finally:
+                self._sockets -= 1
+
+    async def _health(self, request: Request) -> Response:
+        links = Counter(link.state for link in self._people.links)
+        return _json(
+            {
+                "status": "ok",
+                "version": __version__,
+                "sessions": len(self._people.sessions),
+                "sockets": self._sockets,
+                "links": dict(links),
+                "drops": {cause: count for cause, count in self._counts.drops.items() if count},
+                "mistakes": dict(self._counts.mistakes),
+            }
+        )
+
+    async def _file(self, request: Request) -> Response:
+        return await asyncio.to_thread(self._page.answer, request.path_params["path"], request)
+
+    # ------------------------------------------------------------------ errors
+
+    async def _failed(self, request: Request, error: Exception) -> Response:
+        assert isinstance(error, UaFleetError)
+        refused = refused_by(error)
+        answer = _json({"error": refused.body}, refused.http_status)
+        if refused.retry_after_s:
+            answer.headers["retry-after"] = str(max(1, round(refused.retry_after_s)))
+        return answer
+
+    async def _no_route(self, request: Request, error: Exception) -> Response:
+        assert isinstance(error, HTTPException)
+        return _json({"error": {"message": f"{error.detail}: {request.method} {request.url.path}"}}, error.status_code)
+
+    async def _mistaken(self, request: Request, error: Exception) -> Response:
+        self._counts.mistake(f"{request.method} {request.scope['path'][:100]}", error)
+        return _json({"error": {"message": "a mistake of the console's; it is in its log"}}, 500)
+
+
+def _json(value: Any, status: int = 200) -> Response:
+    return Response(encoded(value), status, {"cache-control": "no-store"}, "application/json")
+
+
+class _Guarded:
+    """Checks Host and, of what changes something, Origin; adds the headers of safety to every answer."""
+
+    def __init__(self, app: ASGIApp, settings: ConsoleSettings, counts: ConsoleCounts) -> None:
+        self._app, self._settings, self._counts = app, settings, counts
+        self._proxies = TrustedProxies(settings.trusted_proxies)
+        self._headers = [(name.encode(), value.encode()) for name, value in SECURITY_HEADERS.items()]
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        if scope["type"] == "lifespan":
+            await self._app(scope, receive, send)
+            return
+        headers = {name.decode("latin-1"): value.decode("latin-1") for name, value in scope["headers"]}
+        scheme = "https" if scope["scheme"] in ("https", "wss") else "http"
+        peer = str(scope["client"][0]) if scope.get("client") else ""
+        seen = scope[_SEEN] = self._proxies.seen(peer, scheme, headers)
+
+        async def guarded(message: Message) -> None:
+            if message["type"] == "http.response.start":
+                message["headers"] = [*message["headers"], *self._headers]
+                if seen.scheme == "https":
+                    message["headers"].append((b"strict-transport-security", b"max-age=31536000"))
+            await send(message)
+
+        refused = self._refused(scope, seen, headers)
+        if refused is None:
+            await self._app(scope, receive, guarded)
+        elif scope["type"] == "websocket":
+            await receive()
+            await send({"type": "websocket.close", "code": CLOSE_FORBIDDEN, "reason": ""})
+        else:
+            await _json({"error": refused.body}, refused.http_status)(scope, receive, guarded)
+
+    def _refused(self, scope: Scope, seen: RequestOrigin, headers: Mapping[str, str]) -> Refused | None:
+        if not is_allowed_host(seen.host, self._settings.allowed_hosts, is_loopback=self._settings.is_loopback):
+            self._counts.drop("wrong_host")
+            return Refused(
+                400, f"the console is not reached by the name {json.dumps(seen.host[:100])}; see allowed_hosts"
+            )
+        changes = scope["type"] == "http" and scope["method"] not in ("GET", "HEAD")
+        if changes and not is_own_origin(headers.get("origin", ""), seen):
+            self._counts.drop("wrong_origin")
+            return Refused(403, "the request does not come from the console's own page (Origin)")
+        return None

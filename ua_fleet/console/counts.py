@@ -1,0 +1,51 @@
+"""What the console has dropped, refused and got wrong, by cause."""
+
+from __future__ import annotations
+
+from collections import Counter
+from typing import Any, Final
+
+import structlog
+
+__all__ = ["DROP_CAUSES", "ConsoleCounts"]
+
+_log: Any = structlog.get_logger("ua_fleet.console")
+
+DROP_CAUSES: Final = (
+    "wrong_host",
+    "wrong_origin",
+    "wrong_csrf",
+    "not_logged_in",
+    "too_large",
+    "invalid",
+    "too_many_feeds",
+    "too_many_messages",
+    "too_many_requests",
+    "too_many_sessions",
+    "too_many_sockets",
+    "login_failed",
+    "login_limited",
+    "key_not_revoked",
+)
+"""All that is counted, so that a counter that is 0 can be seen too."""
+
+
+class ConsoleCounts:
+    """The counters of a console."""
+
+    def __init__(self) -> None:
+        self.drops: Counter[str] = Counter(dict.fromkeys(DROP_CAUSES, 0))
+        self.mistakes: Counter[str] = Counter()
+
+    def drop(self, cause: str) -> None:
+        """Something was dropped or refused."""
+        self.drops[cause] += 1
+
+    def mistake(self, where: str, error: BaseException) -> None:
+        """A mistake of ours, which has cost one item; its traceback is logged once for each place."""
+        self.mistakes[where] += 1
+        _log.error(
+            f"a mistake in the console: {where}",
+            error=f"{type(error).__name__}: {error}",
+            exc_info=error if self.mistakes[where] == 1 else None,
+        )

@@ -1,0 +1,223 @@
+"""The WebSocket of live data: what one page wants, and what its outbox sends it."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from typing import Any, Final
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from starlette.websockets import WebSocket, WebSocketDisconnect
+
+from ua_fleet.console.attempts import Attempts
+from ua_fleet.console.counts import ConsoleCounts
+from ua_fleet.console.failures import Refused, invalid_parameters
+from ua_fleet.console.feeds import FEEDS
+from ua_fleet.console.link import FleetLink, RunningFeed
+from ua_fleet.console.outbox import PageOutbox
+from ua_fleet.console.people import People
+from ua_fleet.console.sessions import BrowserSession
+from ua_fleet.console.settings import ConsoleLimits
+
+__all__ = ["CLOSE_FORBIDDEN", "CLOSE_INVALID", "CLOSE_LOGGED_OUT", "CLOSE_TOO_MANY", "PageSocket"]
+
+CLOSE_FORBIDDEN: Final = 4403
+CLOSE_LOGGED_OUT: Final = 4401
+CLOSE_TOO_MANY: Final = 4429
+CLOSE_INVALID: Final = 4400
+_FIRST_S: Final = 10.0
+"""A page says its csrf token within so long."""
+
+
+class _Want(BaseModel):
+    model_config = ConfigDict(extra="forbid")
+    fleet: str = Field(max_length=100)
+    feed: str = Field(max_length=100)
+    parameters: dict[str, Any] = Field(default_factory=dict[str, Any])
+
+
+class _Said(BaseModel):
+    """A message of the page."""
+
+    model_config = ConfigDict(extra="forbid")
+    csrf: str | None = Field(default=None, max_length=200)
+    want: dict[str, _Want] = Field(default_factory=dict[str, _Want], max_length=200)
+    drop: list[str] = Field(default_factory=list[str], max_length=1000)
+    seen: int | None = None
+    active: bool | None = None
+
+
+class _Closed(Exception):
+    def __init__(self, code: int, reason: str) -> None:
+        self.code, self.reason = code, reason
+
+
+class PageSocket:
+    """One page's WebSocket, accepted; its session, Origin and Host are checked."""
+
+    def __init__(
+        self, socket: WebSocket, session: BrowserSession, people: People, counts: ConsoleCounts, limits: ConsoleLimits
+    ) -> None:
+        self._socket, self._session, self._people = socket, session, people
+        self._counts, self._limits = counts, limits
+        self._waiting = asyncio.Event()
+        self._outbox = PageOutbox(self._waiting.set)
+        self._wanted: dict[str, _Want] = {}
+        self._open: dict[str, tuple[FleetLink, RunningFeed]] = {}
+        self._links: dict[str, FleetLink] = {}
+        self._is_over = False
+        self._messages = Attempts(int(4 * limits.messages_per_s) + 1, 1 / limits.messages_per_s)
+
+    async def run(self) -> None:
+        """Serve the page until it goes, or its session ends."""
+        self._people.on_end(self._session_changed)
+        self._session.sockets += 1
+        try:
+            async with asyncio.timeout(_FIRST_S):
+                first = await self._received()
+            if first.csrf is None or not self._session.is_csrf(first.csrf):
+                self._counts.drop("wrong_csrf")
+                raise _Closed(CLOSE_FORBIDDEN, "the first message has no csrf token of this session")
+            self._follow_links()
+            self._take(first)
+            async with asyncio.TaskGroup() as group:
+                group.create_task(self._read())
+                group.create_task(self._send())
+        except* (_Closed, TimeoutError) as ended:
+            first_one = ended.exceptions[0]
+            code, reason = (first_one.code, first_one.reason) if isinstance(first_one, _Closed) else (4408, "silent")
+            await self._close(code, reason)
+        except* (WebSocketDisconnect, RuntimeError):
+            pass  # the page has gone, while we read or while we sent
+        finally:
+            self._session.sockets -= 1
+            self._people.on_end_no_more(self._session_changed)
+            self._outbox.close()
+            for name in list(self._open):
+                self._shut(name)
+            for link in self._links.values():
+                link.unlisten(self._link_changed)
+
+    async def _close(self, code: int, reason: str) -> None:
+        try:
+            await self._socket.close(code, reason[:100])
+        except RuntimeError:
+            return  # it was closed already
+
+    # ------------------------------------------------------------------ what the page says
+
+    async def _read(self) -> None:
+        while True:
+            said = await self._received()
+            now = time.monotonic()
+            if self._messages.wait_s("", now) > 0:
+                self._counts.drop("too_many_messages")
+                raise _Closed(CLOSE_TOO_MANY, "too many messages")
+            self._messages.count("", now)
+            self._take(said)
+
+    async def _received(self) -> _Said:
+        message = await self._socket.receive()
+        if message["type"] == "websocket.disconnect":
+            raise WebSocketDisconnect(message.get("code", 1000))
+        text = message.get("text")
+        if text is None:
+            self._counts.drop("invalid")
+            raise _Closed(CLOSE_INVALID, "a message is JSON text")
+        try:
+            return _Said.model_validate_json(text)
+        except ValidationError as error:
+            self._counts.drop("invalid")
+            raise _Closed(CLOSE_INVALID, str(invalid_parameters(error, "message"))) from None
+
+    def _take(self, said: _Said) -> None:
+        if said.seen is not None:
+            self._outbox.seen(said.seen)
+        if said.want or said.active:
+            self._people.sessions.use(self._session, time.monotonic())
+        for name in said.drop:
+            self._wanted.pop(name, None)
+            self._shut(name)
+            self._outbox.drop(name)
+        for name, want in said.want.items():
+            self._wanted[name] = want
+            self._want(name)
+
+    def _want(self, name: str) -> None:
+        want = self._wanted[name]
+        before = self._open.pop(name, None)
+        try:
+            link, feed = self._opened(name, want)
+        except Refused as refused:
+            self._outbox.refuse(name, refused.body)
+        else:
+            self._open[name] = link, feed
+            self._outbox.want(name, feed.board)
+        if before is not None:  # after the new one: it may be the same
+            before[0].close_feed(before[1])
+
+    def _opened(self, name: str, want: _Want) -> tuple[FleetLink, RunningFeed]:
+        if len(self._open) >= self._limits.feeds_per_socket or len(name) > 100:
+            self._counts.drop("too_many_feeds")
+            self._wanted.pop(name, None)
+            raise Refused(429, f"a page may have {self._limits.feeds_per_socket} feeds")
+        kind = FEEDS.get(want.feed)
+        if kind is None:
+            raise Refused(404, f"there is no feed {want.feed!r}")
+        link: FleetLink | None = self._session.logins.get(want.fleet)
+        if link is None:
+            raise Refused(401, f"you are not logged in at {want.fleet}")
+        try:
+            parameters = kind.parameters.model_validate(want.parameters)
+        except ValidationError as error:
+            raise invalid_parameters(error, want.feed) from None
+        return link, link.open_feed(want.feed, parameters)
+
+    def _shut(self, name: str) -> None:
+        opened = self._open.pop(name, None)
+        if opened is not None:
+            opened[0].close_feed(opened[1])
+
+    # ------------------------------------------------------------------ what it is told
+
+    def _session_changed(self, session: BrowserSession) -> None:
+        if session is self._session:
+            self._is_over = not session.logins
+            self._follow_links()
+            for name, want in list(self._wanted.items()):
+                if name not in self._open or self._open[name][0] is not self._session.logins.get(want.fleet):
+                    self._want(name)
+            self._waiting.set()
+
+    def _follow_links(self) -> None:
+        now = dict(self._session.logins)
+        for fleet, link in list(self._links.items()):
+            if now.get(fleet) is not link:
+                del self._links[fleet]
+                link.unlisten(self._link_changed)
+                if fleet not in now:
+                    self._outbox.link(fleet, {"state": "ended", "since": None, "reason": "logged out"})
+        for fleet, link in now.items():
+            if fleet not in self._links:
+                self._links[fleet] = link
+                link.listen(self._link_changed)
+                self._link_changed(link)
+
+    def _link_changed(self, link: FleetLink) -> None:
+        self._outbox.link(link.fleet, link.shown)
+
+    async def _send(self) -> None:
+        while True:
+            if self._is_over or self._people.sessions.is_over(self._session, time.monotonic()):
+                raise _Closed(CLOSE_LOGGED_OUT, "logged out")
+            self._waiting.clear()
+            text = self._outbox.next(time.monotonic())
+            if text is not None:
+                await self._socket.send_text(text)
+                continue
+            due_s = self._outbox.due_s(time.monotonic())
+            try:
+                async with asyncio.timeout(due_s):
+                    await self._waiting.wait()
+            except TimeoutError:
+                continue

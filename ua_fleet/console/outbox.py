@@ -1,0 +1,159 @@
+"""What waits for one browser: merged by key, so that the latest wins, and never more than one message under way.
+
+A browser that is behind costs the console no memory: only keys wait here, and a message is made of what the boards hold
+at the moment at which it goes. Time is an argument, in seconds of a clock that never goes back.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from typing import Any, Final
+
+from ua_fleet.console.board import Board, encoded
+
+__all__ = ["LEAST_INTERVAL_S", "PageOutbox"]
+
+LEAST_INTERVAL_S: Final = 0.05
+_SLACK: Final = 1000
+
+
+class _Watched:
+    """A feed that the browser wants: what of it waits."""
+
+    def __init__(self, board: Board, waits: Callable[[], None]) -> None:
+        self.board, self._waits = board, waits
+        self.whole = board.is_ready
+        self.keys: dict[str, None] = {}
+        self.has_failed = bool(board.error)
+        board.attach(self)
+
+    @property
+    def is_waiting(self) -> bool:
+        return self.whole or bool(self.keys) or self.has_failed
+
+    def changed(self, key: str) -> None:
+        if self.whole:
+            return
+        self.keys[key] = None
+        if len(self.keys) > 2 * len(self.board) + _SLACK:  # keys that came and went
+            self.replaced()
+        self._waits()
+
+    def replaced(self) -> None:
+        self.whole = True
+        self.keys.clear()
+        self._waits()
+
+    def failed(self) -> None:
+        self.has_failed = True
+        self._waits()
+
+    def taken(self) -> str:
+        """What waits, as JSON; then nothing does."""
+        parts: list[str] = []
+        board = self.board
+        if self.whole and board.is_ready:
+            self.whole = False
+            parts += ['"whole":true', f'"set":{{{",".join(_pair(key, text) for key, text in board.items())}}}']
+        elif self.keys and board.is_ready:
+            there = [(key, board.get(key)) for key in self.keys]
+            set_ = ",".join(_pair(key, text) for key, text in there if text is not None)
+            gone = ",".join(json.dumps(key, ensure_ascii=False) for key, text in there if text is None)
+            parts += [f'"set":{{{set_}}}'] if set_ else []
+            parts += [f'"gone":[{gone}]'] if gone else []
+        self.keys.clear()  # a map that is not whole yet is told whole
+        if self.has_failed:
+            self.has_failed = False
+            parts.append(f'"error":{board.error or "null"}')
+        return f"{{{','.join(parts)}}}"
+
+
+def _pair(key: str, text: str) -> str:
+    return f"{json.dumps(key, ensure_ascii=False)}:{text}"
+
+
+class PageOutbox:
+    """What waits for one browser. `waits` is called when there is something to send, perhaps again."""
+
+    def __init__(self, waits: Callable[[], None] = lambda: None) -> None:
+        self._waits = waits
+        self._feeds: dict[str, _Watched] = {}
+        self._refused: dict[str, str] = {}
+        self._links: dict[str, str] = {}
+        self._number = 0
+        self._unseen = 0
+        self._sent_at = float("-inf")
+
+    def __len__(self) -> int:
+        return len(self._feeds)
+
+    @property
+    def is_unconfirmed(self) -> bool:
+        """Whether a message is under way."""
+        return self._unseen > 0
+
+    @property
+    def waiting_keys(self) -> int:
+        """How many keys wait."""
+        return sum(len(one.keys) for one in self._feeds.values())
+
+    def want(self, name: str, board: Board) -> None:
+        """Send a feed from now on, whole at first; one of this name that there was is over."""
+        self.drop(name)
+        self._refused.pop(name, None)
+        self._feeds[name] = _Watched(board, self._waits)
+        if self._feeds[name].is_waiting:
+            self._waits()
+
+    def drop(self, name: str) -> None:
+        """Send a feed no more."""
+        watched = self._feeds.pop(name, None)
+        if watched is not None:
+            watched.board.detach(watched)
+
+    def refuse(self, name: str, error: Any) -> None:
+        """Say why there is no such feed."""
+        self.drop(name)
+        self._refused[name] = encoded(error)
+        self._waits()
+
+    def link(self, fleet: str, state: Any) -> None:
+        """Say how the link to a fleet is."""
+        self._links[fleet] = encoded(state)
+        self._waits()
+
+    def seen(self, number: int) -> bool:
+        """The browser has taken a message; False where no such message is under way."""
+        if number != self._unseen or not number:
+            return False
+        self._unseen = 0
+        self._waits()
+        return True
+
+    def due_s(self, now: float) -> float | None:
+        """In how many seconds the next message may go; None: nothing waits, or one is under way."""
+        if self._unseen or not self._is_waiting():
+            return None
+        return max(0.0, self._sent_at + LEAST_INTERVAL_S - now)
+
+    def next(self, now: float) -> str | None:
+        """The next message, where one is due."""
+        if self.due_s(now) != 0.0:
+            return None
+        self._number += 1
+        self._unseen, self._sent_at = self._number, now
+        feeds = [_pair(name, watched.taken()) for name, watched in self._feeds.items() if watched.is_waiting]
+        feeds += [_pair(name, f'{{"error":{error}}}') for name, error in self._refused.items()]
+        links = [_pair(name, state) for name, state in self._links.items()]
+        self._refused, self._links = {}, {}
+        tail = f',"links":{{{",".join(links)}}}' if links else ""
+        return f'{{"n":{self._number},"feeds":{{{",".join(feeds)}}}{tail}}}'
+
+    def close(self) -> None:
+        """The browser is gone."""
+        for name in list(self._feeds):
+            self.drop(name)
+
+    def _is_waiting(self) -> bool:
+        return bool(self._links or self._refused) or any(one.is_waiting for one in self._feeds.values())

@@ -1,0 +1,166 @@
+"""The console as a process: the sockets that it listens on, uvicorn, and an end in order."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import logging
+import socket
+import ssl
+from collections.abc import Callable, Coroutine, Generator
+from pathlib import Path
+from typing import Any
+
+import uvicorn
+
+from ua_fleet.client import ClientIdentity
+from ua_fleet.console.app import ConsoleApp
+from ua_fleet.console.counts import ConsoleCounts
+from ua_fleet.console.page import Page
+from ua_fleet.console.people import People
+from ua_fleet.console.settings import ConsoleSettings, default_state_dir, split_listen
+from ua_fleet.errors import ServerStartError
+
+__all__ = ["run_console"]
+
+
+class _Quiet(uvicorn.Server):
+    """uvicorn without its own handling of signals: whoever runs the console cancels it."""
+
+    def __init__(self, config: uvicorn.Config) -> None:
+        super().__init__(config)
+        self.begun = asyncio.Event()
+
+    async def startup(self, sockets: list[socket.socket] | None = None) -> None:
+        """Begin to answer, and say so."""
+        await super().startup(sockets)
+        self.begun.set()
+
+    @contextlib.contextmanager
+    def capture_signals(self) -> Generator[None]:
+        yield
+
+
+async def run_console(
+    settings: ConsoleSettings, *, ready: Callable[[str], object] = lambda _url: None, page: Page | None = None
+) -> None:
+    """Serve until cancelled; then people are logged out of their servers, and nothing is left.
+
+    Args:
+        settings: checked.
+        ready: called with the URL once it answers.
+        page: the page's files; by default those of the package.
+
+    Raises:
+        ServerStartError: the address is in use or not ours, or the certificate cannot be used.
+    """
+    host, port = split_listen(settings.listen)
+    listening = _listening(host, port)
+    counts = ConsoleCounts()
+    identity = ClientIdentity(
+        settings.state_dir or default_state_dir(),
+        name="console",
+        application_uri=f"urn:{socket.gethostname()}:ua-fleet:console",
+        subject="ua-fleet console",
+    )
+    try:
+        await identity.ensure()
+        async with asyncio.TaskGroup() as group:
+
+            def spawn(work: Coroutine[Any, Any, None], what: str) -> asyncio.Task[None]:
+                return group.create_task(_guarded(work, what, counts), name=what)
+
+            people = People(settings, identity, counts, spawn)
+            app = ConsoleApp(settings, people, counts, page)
+            app.listens_at(listening.getsockname()[1])
+            server = _Quiet(_uvicorn(settings, app))
+            sweeping = spawn(people.sweep(), "sweep")
+            serving = group.create_task(server.serve([listening]), name="uvicorn")
+            try:
+                await server.begun.wait()
+                ready(_url(settings, listening))
+                await asyncio.shield(serving)
+            finally:
+                server.should_exit = True
+                sweeping.cancel()
+                await people.close()
+                with contextlib.suppress(TimeoutError):
+                    async with asyncio.timeout(1.0):
+                        await asyncio.wait([serving])
+    finally:
+        listening.close()
+
+
+async def _guarded(work: Coroutine[Any, Any, None], what: str, counts: ConsoleCounts) -> None:
+    try:
+        await work
+    except Exception as error:  # noqa: BLE001  (one task, one mistake)
+        counts.mistake(what, error)
+
+
+def _listening(host: str, port: int) -> socket.socket:
+    family = socket.AF_INET6 if ":" in host else socket.AF_INET
+    made = socket.socket(family, socket.SOCK_STREAM)
+    try:
+        made.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        made.bind((host, port))
+        made.listen(128)
+    except OSError as error:
+        made.close()
+        raise ServerStartError(
+            f"the console cannot listen at {host}:{port}: {error.strerror}; choose another with --listen"
+        ) from error
+    made.setblocking(False)
+    return made
+
+
+def _url(settings: ConsoleSettings, listening: socket.socket) -> str:
+    host, _ = split_listen(settings.listen)
+    port = listening.getsockname()[1]
+    shown = settings.allowed_hosts[0] if settings.allowed_hosts and not settings.is_loopback else host
+    shown = f"[{shown}]" if ":" in shown and not shown.startswith("[") else shown
+    return f"{'https' if settings.tls else 'http'}://{shown}:{port}/"
+
+
+def _uvicorn(settings: ConsoleSettings, app: ConsoleApp) -> uvicorn.Config:
+    logging.getLogger("uvicorn").setLevel(logging.WARNING)
+    limits = settings.limits
+    config = uvicorn.Config(
+        app.asgi,
+        loop="none",
+        http="h11",
+        ws="websockets-sansio",
+        ws_max_size=limits.message_bytes,
+        ws_ping_interval=10.0,
+        ws_ping_timeout=20.0,
+        ws_per_message_deflate=False,
+        lifespan="off",
+        log_config=None,
+        access_log=False,
+        proxy_headers=False,
+        server_header=False,
+        limit_concurrency=limits.connections,
+        timeout_keep_alive=15,
+        timeout_graceful_shutdown=1,
+        h11_max_incomplete_event_size=32_768,
+    )
+    if settings.tls is not None:
+        context = _tls(settings.tls.certificate, settings.tls.key)
+
+        def made(_config: uvicorn.Config, _default: Callable[[], ssl.SSLContext]) -> ssl.SSLContext:
+            return context
+
+        config.ssl_context_factory = made
+    return config
+
+
+def _tls(certificate: Path, key: Path) -> ssl.SSLContext:
+    context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+    context.minimum_version = ssl.TLSVersion.TLSv1_2
+    try:
+        context.load_cert_chain(certificate, key)
+    except (OSError, ssl.SSLError) as error:
+        raise ServerStartError(
+            f"the console cannot use {certificate} with {key}: {error}; both are PEM files that belong together"
+        ) from error
+    return context

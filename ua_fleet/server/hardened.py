@@ -138,6 +138,7 @@ class HardenedServer(Server):
         diagnostics = Diagnostics(self.iserver.aspace, context, self._services.sessions, subscriptions)
         diagnostics.build()
         sessions.activated, sessions.ended = diagnostics.add, diagnostics.remove
+        subscriptions.created, subscriptions.ended = diagnostics.add_subscription, diagnostics.remove_subscription
         context.housekeeping.append(diagnostics.tell)
         await context.limits.advertise(self)
         _close_standard_nodes(self)

@@ -118,6 +118,10 @@ async def children(client: Client, parent: Any) -> dict[str, Any]:
     return {str(ref.BrowseName.Name): ref.NodeId for ref in result.References}
 
 
+async def browse_name(client: Client, node_id: Any) -> Any:
+    return (await read(client, node_id, 3)).Value.Value
+
+
 async def test_a_session_has_nodes_while_it_lasts_for_its_user_and_engineers(hardened: Door) -> None:
     sessions = node(f"{ROOT}SessionsDiagnosticsSummary")
     async with hardened.connected("eva") as engineer, hardened.connected("oscar") as stranger:
@@ -149,6 +153,52 @@ async def test_a_session_has_nodes_while_it_lasts_for_its_user_and_engineers(har
         assert set((await children(engineer, sessions)).values()) == before
         for gone in (own, parts["SessionDiagnostics"], fields["ReadCount"]):
             assert await value(engineer, gone) == "BadNodeIdUnknown"
+
+
+async def test_a_subscription_has_a_node_while_it_lasts_for_its_user_and_engineers(hardened: Door) -> None:
+    """OPC 10000-5 7.15: for each entry of the array a Variable with the fields."""
+    array = node(ARRAYS[0])
+    async with hardened.connected("eva") as engineer, hardened.connected("oscar") as stranger:
+        before = await children(engineer, array)
+        async with hardened.connected("olga") as client:
+            subscription = await client.create_subscription(200, Seen())
+            own = (await children(engineer, array))[str(subscription.subscription_id)]
+            assert set(await children(engineer, array)) == {*before, str(subscription.subscription_id)}
+            assert (own.NamespaceIndex, (await browse_name(engineer, own)).NamespaceIndex) == (1, 1)
+            fields = await children(client, own)
+            assert len(fields) == 31
+            for reader in (engineer, client):
+                whole = await value(reader, own)
+                assert (whole.SubscriptionId, whole.PublishingInterval) == (subscription.subscription_id, 200.0)
+                assert await value(reader, fields["PublishingInterval"]) == 200.0
+            for found in (own, fields["PublishingInterval"]):
+                assert await value(stranger, found) == "BadUserAccessDenied"
+            watching = await engineer.create_subscription(50, seen := Seen())
+            await watching.subscribe_data_change(engineer.get_node(fields["ModifyCount"]))
+            await seen.until(1)
+            await subscription.update(ua.ModifySubscriptionParameters(subscription.subscription_id, 300.0, 100, 10, 0))
+            await seen.until(2)
+            assert seen.values == [0, 1]
+            assert (await value(engineer, own)).PublishingInterval == 300.0
+            await subscription.delete()
+            for gone in (own, fields["PublishingInterval"]):
+                assert await value(engineer, gone) == "BadNodeIdUnknown"
+            await watching.delete()
+            left = await client.create_subscription(200, Seen())
+            assert str(left.subscription_id) in await children(engineer, array)
+        assert await children(engineer, array) == before
+
+
+async def test_the_node_of_a_subscription_goes_with_its_lifetime(hardened: Door) -> None:
+    async with hardened.connected("eva") as engineer:
+        before = await children(engineer, node(ARRAYS[0]))
+        request = ua.CreateSubscriptionRequest()
+        request.Parameters = ua.CreateSubscriptionParameters(50.0, 3, 1, 0, True, 0)
+        await send(engineer, request, ua.CreateSubscriptionResponse)
+        assert len(await children(engineer, node(ARRAYS[0]))) == len(before) + 1
+        async with asyncio.timeout(10):
+            while await children(engineer, node(ARRAYS[0])) != before:
+                await asyncio.sleep(0.05)
 
 
 async def test_the_fields_of_a_session_are_made_when_somebody_browses_them(hardened: Door) -> None:
@@ -220,6 +270,10 @@ async def test_a_sessions_own_subscriptions_are_not_counted_anew_for_each_read(
         array = (await children(client, own))["SubscriptionDiagnosticsArray"]
         values = await client.read_values([client.get_node(array)] * 200)
         assert {each[0].SubscriptionId for each in values} == {subscription.subscription_id}
+        of_all = await children(client, node(ARRAYS[0]))
+        fields = await children(client, of_all[str(subscription.subscription_id)])
+        counts = await client.read_values([client.get_node(fields["DisabledMonitoredItemCount"])] * 200)
+        assert set(counts) == {0}
         assert len(made) < 20
 
 

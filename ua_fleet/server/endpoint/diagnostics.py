@@ -3,6 +3,7 @@
 ServerDiagnostics
   ServerDiagnosticsSummary             counters of all, for everybody
   SubscriptionDiagnosticsArray         for engineers
+    <subscription>                     for engineers and for its own user
   SessionsDiagnosticsSummary
     SessionDiagnosticsArray            for engineers
     SessionSecurityDiagnosticsArray    for engineers with a name, on an encrypted channel
@@ -25,15 +26,14 @@ from asyncua import ua
 from asyncua.server.address_space import AddressSpace
 from asyncua.ua import ua_binary
 
-from ua_fleet.server.built import Held
 from ua_fleet.server.convert import raw_id
 from ua_fleet.server.endpoint.context import Context
-from ua_fleet.server.endpoint.data_types import DataTypes
+from ua_fleet.server.endpoint.diagnostic_nodes import SERVER_NAMESPACE, DiagnosticNodes
 from ua_fleet.server.endpoint.live import Guard, LiveValue
 from ua_fleet.server.endpoint.sessions import Session, Sessions
 from ua_fleet.server.endpoint.stack import AttributeIds, ObjectIds, StatusCodes, ns0
 from ua_fleet.server.endpoint.subscriptions import ClientSubscription, Subscriptions
-from ua_fleet.server.nodes import HAS_COMPONENT, NodeBuilder
+from ua_fleet.server.nodes import HAS_COMPONENT
 from ua_fleet.server.users import Role, User
 from ua_fleet.values import QualifiedName
 
@@ -42,10 +42,11 @@ __all__ = ["Diagnostics"]
 _ROOT: Final = "Server_ServerDiagnostics_"
 _SUMMARY: Final = f"{_ROOT}ServerDiagnosticsSummary"
 _SESSIONS: Final = f"{_ROOT}SessionsDiagnosticsSummary"
-_SERVER_NAMESPACE: Final = 1
-"""Of the server's ApplicationUri, in which SessionIds are."""
+_SUBSCRIPTIONS: Final = int(getattr(ObjectIds, f"{_ROOT}SubscriptionDiagnosticsArray"))
+_OWN: Final = "SubscriptionDiagnostics"
 _CACHED_S: Final = 0.25
-"""Arrays of all sessions or subscriptions are made anew after so long, or when there is another one."""
+"""Arrays of all sessions or subscriptions are made anew after so long, or when there is another one; so is what one
+subscription tells."""
 _ENCODING_DEFAULT_BINARY: Final = "Request_Encoding_DefaultBinary"
 _COUNTED: Final = {
     int(getattr(ObjectIds, f"{name.removesuffix('Count')}{_ENCODING_DEFAULT_BINARY}")): name
@@ -65,14 +66,14 @@ def _security(user: User, encrypted: bool) -> int:
     return int(StatusCodes.BadUserAccessDenied) if user.anonymous else _engineers(user, encrypted)
 
 
-class _Array:
-    """The values of an array that need not be made anew for each read."""
+class _Kept:
+    """What need not be made anew for each read."""
 
-    def __init__(self, make: Callable[[], list[Any]], version: Callable[[], Any]) -> None:
+    def __init__(self, make: Callable[[], Any], version: Callable[[], Any]) -> None:
         self._make, self._version = make, version
-        self._kept: tuple[float, Any, list[Any]] = (-1.0, None, [])
+        self._kept: tuple[float, Any, Any] = (-1.0, None, None)
 
-    def __call__(self) -> list[Any]:
+    def __call__(self) -> Any:
         made_at, version, values = self._kept
         now, wanted = time.monotonic(), self._version()
         if version != wanted or now - made_at > _CACHED_S:
@@ -87,9 +88,7 @@ class Diagnostics:
     def __init__(self, space: AddressSpace, context: Context, sessions: Sessions, subscriptions: Subscriptions) -> None:
         self._space, self._context = space, context
         self._sessions, self._subscriptions = sessions, subscriptions
-        self._builder, self._types = NodeBuilder(space), DataTypes(space)
-        self._live: dict[ua.NodeId, dict[ua.NodeId, LiveValue]] = {}
-        """The values that are told of changes, by the session that they are of."""
+        self._nodes = DiagnosticNodes(space)
 
     def build(self) -> None:
         """Give the standard's nodes their values."""
@@ -98,27 +97,25 @@ class Diagnostics:
         self._set(_SUMMARY, self._summary, structure)
         for name in ua.ServerDiagnosticsSummaryDataType.__dataclass_fields__:
             self._set(f"{_SUMMARY}_{name}", partial(self._of_summary, name), ua.VariantType.UInt32)
-        everything, members = _Array(self._all_subscriptions, self._subscription_ids), self._session_ids
+        everything, members = _Kept(self._all_subscriptions, self._subscription_ids), self._session_ids
         self._set(f"{_ROOT}SubscriptionDiagnosticsArray", everything, structure, _engineers)
         for name, make, guard in (
             ("SessionDiagnosticsArray", _session_diagnostics, _engineers),
             ("SessionSecurityDiagnosticsArray", _encoded_security, _security),
         ):
-            self._set(f"{_SESSIONS}_{name}", _Array(partial(self._each, make), members), structure, guard)
+            self._set(f"{_SESSIONS}_{name}", _Kept(partial(self._each, make), members), structure, guard)
 
     def _set(self, name: str, compute: Callable[[], Any], variant_type: Any, guard: Guard | None = None) -> None:
         node_id = ns0(getattr(ObjectIds, name))
         live = LiveValue(compute, variant_type, guard)
         attributes: Any = self._space[node_id].attributes
         attributes[AttributeIds.Value] = live
-        self._live.setdefault(ua.NodeId(), {})[node_id] = live
+        self._nodes.hold("", live)
 
     async def tell(self) -> None:
         """Tell who watches of changes."""
-        for values in list(self._live.values()):
-            for live in list(values.values()):
-                if live.is_watched:
-                    await live.tell()
+        for live in self._nodes.watched():
+            await live.tell()
 
     def _summary(self) -> Any:
         statistics = self._context.statistics
@@ -166,11 +163,10 @@ class Diagnostics:
             is_own = session.user is not None and user.name == session.user.name and not user.anonymous
             return 0 if is_own else _engineers(user, encrypted)
 
-        name = QualifiedName(_SERVER_NAMESPACE, session.usage.name or session.key)
-        self._builder.add_object(
+        name = QualifiedName(SERVER_NAMESPACE, session.usage.name or session.key)
+        self._nodes.builder.add_object(
             session.session_id, name, ns0(getattr(ObjectIds, _SESSIONS)), ns0(ObjectIds.SessionDiagnosticsObjectType)
         )
-        self._live[session.session_id] = {}
         self._structure(
             session, "SessionDiagnostics", ObjectIds.SessionDiagnosticsVariableType, _session_diagnostics, own
         )
@@ -183,13 +179,15 @@ class Diagnostics:
             _encoded,
         )
         # Its disabled items are counted, of which a user may have many thousands.
-        own_subscriptions = _Array(
+        own_subscriptions = _Kept(
             lambda: [_subscription_diagnostics(each) for each in list(session.subscriptions.values())],
             lambda: tuple(session.subscriptions),
         )
-        self._variable(
-            session,
-            "SubscriptionDiagnosticsArray",
+        array = "SubscriptionDiagnosticsArray"
+        self._nodes.add_variable(
+            session.key,
+            array,
+            QualifiedName(0, array),
             session.session_id,
             ObjectIds.SubscriptionDiagnosticsArrayType,
             (ns0(ObjectIds.SubscriptionDiagnosticsDataType), 1),
@@ -198,9 +196,7 @@ class Diagnostics:
 
     async def remove(self, session: Session) -> None:
         """Remove the nodes of a session that has ended."""
-        if session.session_id in self._space:
-            await self._builder.remove(session.session_id)
-        self._live.pop(session.session_id, None)
+        await self._nodes.remove(session.key, session.session_id)
 
     def _structure(
         self,
@@ -211,64 +207,37 @@ class Diagnostics:
         guard: Guard,
         encoded: Callable[[Any], Any] = lambda made: made,
     ) -> None:
-        """A Variable of a structure, also below the array of all; its fields are made when somebody browses it."""
-        data_type = self._value_of(ns0(type_id), AttributeIds.DataType)
-        live = LiveValue(lambda: encoded(make(session)), ua.VariantType.ExtensionObject, guard)
-        node_id = self._variable(session, name, session.session_id, type_id, (data_type, -1), live)
-        self._builder.add_reference(ns0(getattr(ObjectIds, f"{_SESSIONS}_{name}Array")), HAS_COMPONENT, node_id)
-
-        def make_fields(owner: ua.NodeId) -> None:
-            for reference in list(self._space[ns0(type_id)].references):
-                if reference.IsForward and reference.ReferenceTypeId == HAS_COMPONENT:
-                    self._add_field(session, name, owner, reference, make, guard)
-
-        self._builder.add_later(node_id, make_fields)  # the last one that is done: a reference to it would be a browse
-
-    def _add_field(
-        self,
-        session: Session,
-        structure: str,
-        owner: ua.NodeId,
-        declared: ua.ReferenceDescription,
-        make: Callable[[Session], Any],
-        guard: Guard,
-    ) -> None:
-        field = str(declared.BrowseName.Name)
-        data_type = self._value_of(declared.NodeId, AttributeIds.DataType)
-        rank = int(self._value_of(declared.NodeId, AttributeIds.ValueRank))
-        builtin = self._types.builtin_types(data_type)
-        live = LiveValue(lambda: getattr(make(session), field), ua.VariantType(min(builtin)), guard)
-        type_id = ObjectIds.BaseDataVariableType
-        self._variable(session, f"{structure}.{field}", owner, type_id, (data_type, rank), live)
-
-    def _variable(
-        self,
-        session: Session,
-        path: str,
-        parent: ua.NodeId,
-        type_id: int,
-        value_type: tuple[ua.NodeId, int],
-        live: LiveValue,
-    ) -> ua.NodeId:
-        node_id = raw_id(f"{session.key}.{path}", _SERVER_NAMESPACE)
-        data_type, rank = value_type
-        held: Held = live
-        self._builder.add_variable(
-            node_id,
-            QualifiedName(0, path.rpartition(".")[2]),
-            parent,
-            ns0(type_id),
-            data_type=data_type,
-            value=held,
-            value_rank=rank,
+        """A Variable of a structure, also below the array of all."""
+        made, browse_name = partial(make, session), QualifiedName(0, name)
+        node_id = self._nodes.add_structure(
+            session.key, name, browse_name, session.session_id, type_id, made, guard, encoded
         )
-        self._live[session.session_id][node_id] = live
-        return node_id
+        array = ns0(getattr(ObjectIds, f"{_SESSIONS}_{name}Array"))
+        self._nodes.builder.add_reference(array, HAS_COMPONENT, node_id)
+        self._nodes.add_fields(session.key, name, node_id, type_id, made, guard)
 
-    def _value_of(self, node_id: ua.NodeId, attribute: AttributeIds) -> Any:
-        variant = self._space.read_attribute_value(node_id, attribute).Value
-        assert variant is not None
-        return variant.Value
+    def add_subscription(self, subscription: ClientSubscription) -> None:
+        """Make the node of a new subscription, below the array of all."""
+
+        def own(user: User, encrypted: bool) -> int:
+            is_own = user.name == subscription.owner.name and not user.anonymous
+            return 0 if is_own else _engineers(user, encrypted)
+
+        key, name = _key_of(subscription), QualifiedName(SERVER_NAMESPACE, str(subscription.id))
+        # Its disabled items are counted, and each of its 31 fields may be read ten thousand times in a request.
+        make = _Kept(lambda: _subscription_diagnostics(subscription), lambda: subscription.usage.modified)
+        type_id = ObjectIds.SubscriptionDiagnosticsType
+        node_id = self._nodes.add_structure(key, _OWN, name, ns0(_SUBSCRIPTIONS), type_id, make, own)
+        self._nodes.add_fields(key, _OWN, node_id, type_id, make, own)
+
+    async def remove_subscription(self, subscription: ClientSubscription) -> None:
+        """Remove the node of a subscription that has ended."""
+        key = _key_of(subscription)
+        await self._nodes.remove(key, raw_id(f"{key}.{_OWN}", SERVER_NAMESPACE))
+
+
+def _key_of(subscription: ClientSubscription) -> str:
+    return f"Subscription{subscription.id}"
 
 
 def _session_diagnostics(session: Session) -> Any:

@@ -9,7 +9,7 @@ import asyncio
 import contextlib
 import time
 from collections import OrderedDict
-from collections.abc import Callable, Iterator
+from collections.abc import Awaitable, Callable, Iterator
 from datetime import UTC, datetime
 from typing import Any, Final
 
@@ -139,6 +139,7 @@ class ClientSubscription:
         self._registry.forget(self)
         self._task = None
         self.items.remove_all()
+        await self._registry.tell_end(self)
 
     async def _publish(self) -> None:
         """Go on until the client has left the subscription alone for its lifetime."""
@@ -376,6 +377,10 @@ class Subscriptions(SubscriptionService):
     def __init__(self, aspace: AddressSpace, iserver: InternalServer, misfit: Misfit, limits: Limits) -> None:
         super().__init__(aspace, iserver)
         self.misfit = misfit
+        self.created: Callable[[ClientSubscription], None] | None = None
+        """Told of a new subscription."""
+        self.ended: Callable[[ClientSubscription], Awaitable[None]] | None = None
+        """Told of a subscription that has ended."""
         self.queues = Queues(limits.queued_bytes_per_user, limits.queued_bytes)
         self.answering = Places()
         """Of the subscriptions of each user, one has the turn to answer."""
@@ -398,6 +403,11 @@ class Subscriptions(SubscriptionService):
         registry: dict[int, Any] = self.subscriptions
         registry[subscription.id] = subscription
         session.subscriptions[subscription.id] = subscription
+        if self.created is not None:
+            try:
+                self.created(subscription)
+            except Exception as error:  # noqa: BLE001 - counted and logged; it serves its client all the same
+                self.failed(error, subscription.id)
         return subscription
 
     def find(self, subscription_id: int) -> ClientSubscription | None:
@@ -418,6 +428,15 @@ class Subscriptions(SubscriptionService):
         """End a subscription."""
         self.forget(subscription)
         await subscription.stop()
+        await self.tell_end(subscription)
+
+    async def tell_end(self, subscription: ClientSubscription) -> None:
+        """A subscription has ended, and is out of the registry."""
+        if self.ended is not None:
+            try:
+                await self.ended(subscription)
+            except Exception as error:  # noqa: BLE001 - counted and logged
+                self.failed(error, subscription.id)
 
     def audience(self, node_id: ua.NodeId, may: Callable[[User], bool]) -> list[ClientSubscription]:
         """The subscriptions that watch a node's events, of users who may be told."""

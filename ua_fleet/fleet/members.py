@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any, Final
 
 from ua_fleet.counters import Counters, Drop
 from ua_fleet.fleet.changes import Change, Noticed, ValueChanged
 from ua_fleet.fleet.model import BridgeModel, FleetModel, RobotModel, RobotState, drop_field
-from ua_fleet.values import BuiltinType, NodeId
+from ua_fleet.values import BuiltinType, NodeId, StatusCode
 
 __all__ = ["BridgeStatus", "RobotStatus", "Traffic"]
 
@@ -15,6 +16,10 @@ _BOOLEAN: Final = int(BuiltinType.BOOLEAN)
 _INT32: Final = int(BuiltinType.INT32)
 _UINT64: Final = int(BuiltinType.UINT64)
 _DATETIME: Final = int(BuiltinType.DATETIME)
+_WAITING: Final = int(StatusCode.BAD_WAITING_FOR_INITIAL_DATA)
+_NO_COMMUNICATION: Final = int(StatusCode.BAD_NO_COMMUNICATION)
+_NOT_WANTED: Final = int(StatusCode.UNCERTAIN_LAST_USABLE_VALUE)
+"""What a bridge says of a value that it would read if somebody wanted it."""
 
 
 def _said(key: NodeId, kind: int, value: Any, wall_ticks: int | None) -> ValueChanged:
@@ -66,38 +71,53 @@ class RobotStatus:
     """
 
     __slots__ = (
+        "_moved",
         "alive",
         "bridge",
-        "busy",
         "faulted",
         "last_update",
         "model",
+        "quality",
         "shown",
+        "shown_since",
         "silent",
+        "skills",
         "sources",
         "told_silent",
         "told_update",
     )
 
-    def __init__(self, model: RobotModel, bridge: BridgeStatus | None) -> None:
+    def __init__(self, model: RobotModel, bridge: BridgeStatus | None, moved: dict[str, None]) -> None:
+        """Know a robot.
+
+        Args:
+            model: it.
+            bridge: it is reached by, where that is known.
+            moved: gets its name when something of it has changed that a list of robots shows.
+        """
         self.model = model
         self.bridge = bridge
+        self._moved = moved
+        moved[model.name] = None
         self.sources = tuple([data_set.topic for data_set in model.data_sets if not data_set.writable])
         if self.sources and model.fault is not None:
             self.sources += (model.fault.topic,)
         if not self.sources and bridge is None and model.skill_status is not None:
             self.sources = (model.skill_status,)
         self.alive = 0
-        self.busy = False
-        """Whether it runs a skill."""
+        self.skills: tuple[str, ...] = ()
+        """Those that it is at."""
         self.faulted = False
         """Whether it has a fault that is more than its silence."""
         self.silent: set[str] = set()
         """Names of the sources that have been alive and are not."""
         self.told_silent: set[str] = set()
         self.shown: RobotState | None = None
+        self.shown_since: int | None = None
         self.last_update: int | None = None
         self.told_update: int | None = None
+        self.quality: int | None = None
+        """The worst status of its own sources (`quality_of_values`); None where that has to be looked at anew."""
 
     def source_changed(self, name: str, alive: bool, wall_ticks: int) -> list[Change]:
         """One of the robot's own sources is heard again, or not any more."""
@@ -108,15 +128,41 @@ class RobotStatus:
             self.silent.add(name)
         return self.state(wall_ticks)
 
+    def has_moved(self, *, quality: bool = False) -> None:
+        """Something of it has changed that a list of robots shows; `quality`: the status of a value."""
+        self._moved[self.model.name] = None
+        if quality:
+            self.quality = None
+
+    def quality_of_values(self, statuses: Iterable[int]) -> int:
+        """The worst of the statuses that its values have.
+
+        What has never come says nothing of now, nor does what is read on demand and nobody wants: they count where
+        there is nothing else. A robot without data of its own is as its bridge is.
+        """
+        if self.quality is None or not self.sources:
+            uncounted = {_WAITING}
+            if self.bridge is not None and self.bridge.model.reads_on_demand:
+                uncounted.add(_NOT_WANTED)
+            if self.sources:
+                known = list(dict.fromkeys(statuses))
+            else:
+                online = None if self.bridge is None else self.bridge.online
+                known = [_WAITING if online is None else 0 if online else _NO_COMMUNICATION]
+            counted = [status for status in known if status not in uncounted] or known
+            self.quality = max(counted, key=lambda status: status >> 30, default=_WAITING)
+        return self.quality
+
     def state(self, wall_ticks: int) -> list[Change]:
         """State, where it has changed."""
         is_online = self.alive > 0 if self.sources else self.bridge is not None and bool(self.bridge.online)
         state = RobotState.OFFLINE
         if is_online:
-            state = RobotState.FAULTED if self.faulted else RobotState.BUSY if self.busy else RobotState.IDLE
+            state = RobotState.FAULTED if self.faulted else RobotState.BUSY if self.skills else RobotState.IDLE
         if state is self.shown:
             return []
-        self.shown = state
+        self.shown, self.shown_since = state, wall_ticks
+        self.has_moved()
         return [_said(self.model.part("State"), _INT32, int(state), wall_ticks)]
 
     def tick(self, wall_ticks: int) -> list[Change]:
@@ -124,6 +170,7 @@ class RobotStatus:
         changes = self.state(wall_ticks)
         if self.last_update != self.told_update:
             self.told_update = self.last_update
+            self.has_moved()
             changes.append(_said(self.model.part("LastUpdate"), _DATETIME, self.last_update, wall_ticks))
         if self.silent != self.told_silent:
             self.told_silent = set(self.silent)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
 from typing import Any, Final
 
 from ua_fleet.counters import Counters, Drop
@@ -71,7 +72,19 @@ class Field:
 class Source:
     """One data source as the server knows it."""
 
-    __slots__ = ("alive", "fields", "is_refused", "lost", "max_age_s", "metadata", "model", "newest", "plan", "recent")
+    __slots__ = (
+        "alive",
+        "fields",
+        "has_moved",
+        "is_refused",
+        "lost",
+        "max_age_s",
+        "metadata",
+        "model",
+        "newest",
+        "plan",
+        "recent",
+    )
 
     def __init__(self, model: DataSetModel) -> None:
         self.model = model
@@ -86,6 +99,8 @@ class Source:
         """Whether the source itself said that it is gone, in place of mere silence."""
         self.is_refused = False
         """Whether messages in its name were refused since it was last alive."""
+        self.has_moved = False
+        """Whether a status that is shown has changed; who has looked at it sets it back."""
         self.newest = -1
         self.recent: list[int] = []
 
@@ -138,8 +153,10 @@ class Source:
             type_code = types[index]
             if field.plain and type_code == field.model.type and not field.problem:
                 field.type, field.value, field.status, field.timestamp = type_code, values[index], status, timestamp
-                can_wait = field.analog and field.shown == status
-                field.shown = status
+                is_same = field.shown == status
+                if not is_same:
+                    field.shown, self.has_moved = status, True
+                can_wait = field.analog and is_same
                 changes.append(ValueChanged(field.model.key, type_code, values[index], status, timestamp, can_wait))
             else:
                 changes += self._take_checked(field, type_code, values[index], status, timestamp, counters, wall_ticks)
@@ -227,23 +244,33 @@ class Source:
     def _set(self, field: Field, type_code: int, value: Any, status: int, timestamp: int | None) -> ValueChanged:
         field.type, field.value, field.status, field.timestamp = type_code, value, status, timestamp
         can_wait = field.analog and field.shown == status and status >> 31 == 0
-        field.shown = status
+        if field.shown != status:
+            field.shown, self.has_moved = status, True
         return ValueChanged(field.model.key, type_code, value, status, timestamp, can_wait)
 
     def silence(self) -> list[Change]:
         """The source is not heard any more: its last values stay, and are Bad."""
-        return [field.show(_NO_COMMUNICATION) for field in self.fields if field.shown != _NO_COMMUNICATION]
+        return self._show([(field, _NO_COMMUNICATION) for field in self.fields])
 
     def refuse(self) -> list[Change]:
         """Messages of the source, which is not heard, are refused for their security."""
         self.is_refused = True
-        return [field.show(_REFUSED) for field in self.fields if field.shown != _REFUSED]
+        return self._show([(field, _REFUSED) for field in self.fields])
 
     def return_(self) -> list[Change]:
         """The source says that its last values are of now."""
-        return [field.show(field.status) for field in self.fields if field.shown != field.status]
+        return self._show([(field, field.status) for field in self.fields])
 
     def age(self) -> list[Change]:
         """The source is there, and its last values may be of an earlier life of it, or too old."""
-        shown = [(field, field.status if field.status >> 31 else _LAST_USABLE) for field in self.fields]
-        return [field.show(status) for field, status in shown if field.shown != status]
+        return self._show([(field, field.status if field.status >> 31 else _LAST_USABLE) for field in self.fields])
+
+    def _show(self, statuses: Iterable[tuple[Field, int]]) -> list[Change]:
+        """The last values with other statuses."""
+        changes: list[Change] = [field.show(status) for field, status in statuses if field.shown != status]
+        self.has_moved = self.has_moved or bool(changes)
+        return changes
+
+    def shown(self) -> Iterator[int]:
+        """The status of each of its nodes."""
+        return (field.shown for field in self.fields)

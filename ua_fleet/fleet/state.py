@@ -14,11 +14,20 @@ conflict that is counted and never shown.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from itertools import islice
 from typing import Final
 
 from ua_fleet.counters import Counters, Drop
 from ua_fleet.fleet.capacities import Capacities
-from ua_fleet.fleet.changes import Change, Noticed, RobotAdded, RobotRemoved, SourceAdded, SourceRemoved
+from ua_fleet.fleet.changes import (
+    CapacitiesChanged,
+    Change,
+    Noticed,
+    RobotAdded,
+    RobotRemoved,
+    SourceAdded,
+    SourceRemoved,
+)
 from ua_fleet.fleet.discovery import Discovery
 from ua_fleet.fleet.members import BridgeStatus, RobotStatus, Traffic
 from ua_fleet.fleet.model import DataSetModel, FleetModel, RobotModel, RobotState, UnknownSources
@@ -76,6 +85,7 @@ class FleetState:
         """How often each source was asked for its metadata."""
         self._discovered: set[Topic] = set()
         self._silent_strangers: set[Topic] = set()
+        self._moved: dict[str, None] = {}
         self._silences, self._returns = LinePerMinute(), LinePerMinute()
         self.caught: Callable[[str, Exception], None] | None = None
         """Told of a mistake that cost one robot or bridge its second; without it, the mistake is raised."""
@@ -125,6 +135,27 @@ class FleetState:
         """All robots that are there."""
         return [status.model for status in self._robots.values()]
 
+    @property
+    def has_moved(self) -> bool:
+        """Whether `take_moved` has something."""
+        return bool(self._moved)
+
+    def take_moved(self, most: int) -> list[str]:
+        """Robots, by their names, of which something has changed that a list of robots shows, or that are gone."""
+        moved = list(islice(self._moved, most))
+        for name in moved:
+            del self._moved[name]
+        return moved
+
+    def robot_status(self, name: str) -> RobotStatus | None:
+        """What is known of a robot; None where there is no such robot."""
+        return self._robots.get(name)
+
+    def quality(self, robot: RobotStatus) -> int:
+        """The worst status of a robot's values."""
+        statuses = (status for topic in robot.sources for status in self._sources[topic].shown())
+        return robot.quality_of_values(statuses)
+
     def apply(self, event: SubscriberEvent, wall_ticks: int) -> list[Change]:
         """What an event changes. Events that do not concern nodes change nothing."""
         if isinstance(event, DataReceived):
@@ -133,6 +164,7 @@ class FleetState:
             source, changes = self._find(event.topic, event.metadata, wall_ticks)
             if source is not None:
                 changes += source.bind(event.metadata, self._counters, wall_ticks)
+                self._look_at_quality(source)
             return changes
         if isinstance(event, SourceSilent):
             return self._silent(event.topic, wall_ticks)
@@ -178,11 +210,12 @@ class FleetState:
             self._discovered.discard(data_set.topic)
             self._silent_strangers.discard(data_set.topic)
         self._add(robot)
-        return [*changes, RobotAdded(robot), *self.capacities.add(robot)]
+        return [*changes, RobotAdded(robot), *self._capacities_moved(self.capacities.add(robot))]
 
     def remove_robot(self, name: str) -> list[Change]:
         """Forget a robot."""
         status = self._robots.pop(name)
+        self._moved[name] = None
         for data_set in status.model.all_data_sets():
             topic = data_set.topic
             del self._sources[topic], self._claims[topic.ns, topic.id]
@@ -191,7 +224,7 @@ class FleetState:
         for action in status.model.actions():
             self._skills.discard(action)
             self._claims.pop((action.ns, action.id), None)
-        return [RobotRemoved(status.model), *self.capacities.remove(status.model)]
+        return [RobotRemoved(status.model), *self._capacities_moved(self.capacities.remove(status.model))]
 
     def set_faulted(self, robot: str, faulted: bool, wall_ticks: int) -> list[Change]:
         """A robot has a fault that is more than its silence, or none."""
@@ -201,12 +234,13 @@ class FleetState:
         status.faulted = faulted
         return status.state(wall_ticks)
 
-    def set_busy(self, skill_status: Topic, busy: bool, wall_ticks: int) -> list[Change]:
-        """The robot of this SkillStatus runs a skill, or none."""
+    def set_busy(self, skill_status: Topic, skills: tuple[str, ...], wall_ticks: int) -> list[Change]:
+        """The robot of this SkillStatus is at these skills, or at none."""
         robot = self._robot_of_skills.get(skill_status)
-        if robot is None or robot.busy == busy:
+        if robot is None or robot.skills == skills:
             return []
-        robot.busy = busy
+        robot.skills = skills
+        robot.has_moved()
         return robot.state(wall_ticks)
 
     def delivered(self, topic: Topic, timestamp: int) -> None:
@@ -216,7 +250,7 @@ class FleetState:
             source.remember(timestamp)
 
     def _add(self, robot: RobotModel) -> None:
-        status = self._robots[robot.name] = RobotStatus(robot, self._bridge_named.get(robot.bridge))
+        status = self._robots[robot.name] = RobotStatus(robot, self._bridge_named.get(robot.bridge), self._moved)
         for data_set in robot.all_data_sets():
             self._claim(data_set)
         for topic in status.sources:
@@ -250,7 +284,10 @@ class FleetState:
             bridge.last_seen = wall_ticks
         robot = self._robot_of.get(topic)
         if robot is not None:
-            robot.last_update = wall_ticks
+            if source.alive:  # else it has said that it is gone
+                robot.last_update = wall_ticks
+            if source.has_moved:
+                self._look_at_quality(source)
         if source.alive != was_alive:
             changes += self._life_changed(source, wall_ticks)
         return changes
@@ -260,6 +297,7 @@ class FleetState:
         if source is None:
             return []
         changes = source.silence()
+        self._look_at_quality(source)
         if source.alive:
             source.alive = False
             changes += self._life_changed(source, wall_ticks)
@@ -270,6 +308,7 @@ class FleetState:
         if source is None:
             return []
         changes = source.return_() if isinstance(event, SourceReturned) else source.age()
+        self._look_at_quality(source)
         if not source.alive:
             source.alive = True
             changes += self._life_changed(source, wall_ticks)
@@ -293,6 +332,7 @@ class FleetState:
         if source is None or source.alive:
             return []
         changes = source.refuse()
+        self._look_at_quality(source)
         if changes:
             text = f"{self._name(source)}: messages in its name are refused ({event.drop.value})"
             changes.append(Noticed(True, f"{text}: its nodes are Bad_SecurityChecksFailed", event.topic))
@@ -306,7 +346,7 @@ class FleetState:
             source.is_refused = False
             changes.append(Noticed(False, f"{self._name(source)}: its messages are taken again", topic))
         if source.model.gives:
-            changes += self.capacities.source_changed(topic, source.alive)
+            changes += self._capacities_moved(self.capacities.source_changed(topic, source.alive))
         robot = self._robot_of.get(topic)
         if robot is not None:
             return changes + robot.source_changed(source.model.name, source.alive, wall_ticks)
@@ -318,6 +358,18 @@ class FleetState:
                     changes += one.state(wall_ticks)
             return changes
         return changes + self._notice_life(source, wall_ticks)
+
+    def _look_at_quality(self, source: Source) -> None:
+        """Remember whose quality may be another one now."""
+        if source.has_moved:
+            source.has_moved = False
+            if (robot := self._robot_of.get(source.model.topic)) is not None:
+                robot.has_moved(quality=True)
+
+    def _capacities_moved(self, changes: list[CapacitiesChanged]) -> list[CapacitiesChanged]:
+        for change in changes:
+            self._moved[change.robot.name] = None
+        return changes
 
     def _notice_life(self, source: Source, wall_ticks: int) -> list[Change]:
         """Say that a source of no robot and no bridge has come or gone: anybody may send such sources."""

@@ -5,6 +5,7 @@ Fleet
                            Held, HeldBy, HeldSince, HeldReason, Hold, Release
   Bridges/<bridge>         the bridge's status DataSet, Online, LastSeen, Drops/<cause>
   Capabilities/<name>
+  Summaries/<number>       how a hundred robots stand (server.robots.summary_nodes)
   Discovered/Sources/G00/<source>, Discovered/Quarantine/G00/<topic>
   Traffic                  what went through the server
 """

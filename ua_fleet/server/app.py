@@ -35,6 +35,7 @@ from ua_fleet.server.robots.changes import tell_capacities
 from ua_fleet.server.robots.roster import Roster
 from ua_fleet.server.robots.router import SkillRouter
 from ua_fleet.server.robots.setup import add_roster, make_offers
+from ua_fleet.server.scenarios.activity import RobotActivities
 from ua_fleet.server.scenarios.log import RunLog
 from ua_fleet.server.scenarios.setup import add_scenarios
 from ua_fleet.server.session_key_methods import SessionKeyMethods
@@ -172,8 +173,11 @@ async def run_server(
             methods.add(robot)
         runs = stack.enter_context(RunJournal(state_dir / RUN_JOURNAL))
         folder = config_dir / config.scenarios.folder
-        scenarios = add_scenarios(config, model, server, hub, nodes, runs, projection, folder, requests, run_log)
-        add_roster(roster, offers, server, hub, nodes, projection, methods, scenarios)
+        activities = RobotActivities()
+        scenarios = add_scenarios(
+            config, model, server, hub, nodes, runs, projection, folder, requests, run_log, activities
+        )
+        add_roster(roster, offers, server, hub, nodes, projection, methods, scenarios, activities)
         wanted = WantedData(
             model.bridges,
             lambda: hub.robots,

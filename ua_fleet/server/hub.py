@@ -116,6 +116,18 @@ class Clock(Protocol):
         ...
 
 
+class Part(Protocol):
+    """What has to be called in time, by the clock of the event loop."""
+
+    def poll(self, now: float) -> None:
+        """Do what is due."""
+        ...
+
+    def next_deadline(self, now: float) -> float | None:
+        """When `poll` is to be called next, or None."""
+        ...
+
+
 class Hub:
     """Carries data between a transport and the nodes until it is cancelled."""
 
@@ -232,6 +244,10 @@ class Hub:
             return None if due_in_s is None else now + due_in_s
 
         self._timetable.add(type(clock).__name__, lambda _: clock.poll(), due_at)
+
+    def add_part(self, name: str, part: Part) -> None:
+        """Call something in time, counting its mistakes by this name; before `start`."""
+        self._timetable.add(name, part.poll, part.next_deadline)
 
     def add_wanted(self, wanted: WantedData) -> None:
         """Tell bridges which data is wanted; before `start`."""
@@ -485,8 +501,8 @@ class Hub:
         """Show what has become of executions, in the order in which it happened."""
         for change in changes:
             self._projection.put(change)
-        for topic, is_busy in self.tracker.take_busy_changes():
-            self._take(self.state.set_busy(topic, is_busy, wall_ticks()), asyncio.get_running_loop().time())
+        for topic, skills in self.tracker.take_busy_changes():
+            self._take(self.state.set_busy(topic, skills, wall_ticks()), asyncio.get_running_loop().time())
 
     def _take(self, changes: Iterable[Change], now: float) -> None:
         for change in changes:

@@ -53,7 +53,10 @@ class TypeId(IntEnum):
     SKILL_REQUEST_EVENT = 1030
     ROBOT_HOLD_EVENT = 1031
     ROBOT_STATE = 3001
+    ROBOT_SUMMARY = 3002
     PROVIDES_CAPABILITY = 4001
+    ROBOT_SUMMARY_BINARY = 5002
+    """The encoding of RobotSummaryDataType."""
 
 
 def nodeset_file(name: str) -> Path | Traversable:

@@ -85,6 +85,10 @@ class _Nodeset:
             return self.is_event(self.nodes[base])
         return any(word in self.name(base) for word in ("EventType", "AlarmType", "ConditionType"))
 
+    def is_enumeration(self, node: ET.Element) -> bool:
+        """Whether a DataType is an enumeration; the others are structures."""
+        return self.name(self.referenced(node, "HasSubtype", forward=False) or "") == "Enumeration"
+
 
 def _own_name(node: ET.Element) -> str:
     return node.attrib["BrowseName"].partition(":")[2] or node.attrib["BrowseName"]
@@ -134,13 +138,26 @@ def _enumeration(node: ET.Element) -> str:
     return "\n".join(lines)
 
 
+def _structure(nodeset: _Nodeset, node: ET.Element) -> str:
+    number = node.attrib["NodeId"].partition(";")[2]
+    lines = [f"### {_own_name(node)}", "", f"`ns={TYPES_INDEX};{number}`. {_text(node)}", ""]
+    lines += ["| field | type | |", "|---|---|---|"]
+    for field in node.iter(f"{_XML}Field"):
+        kind = nodeset.name(field.attrib["DataType"]) + ("[]" if field.attrib.get("ValueRank") == "1" else "")
+        lines.append(f"| `{field.attrib['Name']}` | {kind} | {_text(field)} |")
+    return "\n".join(lines)
+
+
 def types() -> str:
     """The types of the nodeset, by their kinds."""
     nodeset = _Nodeset(nodeset_file("UaFleet.NodeSet2.xml").read_text(encoding="utf-8"))
     objects = list(nodeset.of_class("UAObjectType"))
     parts = ["## Object types", *[_of_type(nodeset, node) for node in objects if not nodeset.is_event(node)]]
     parts += ["## Event types", *[_of_type(nodeset, node) for node in objects if nodeset.is_event(node)]]
-    parts += ["## Enumerations", *[_enumeration(node) for node in nodeset.of_class("UADataType")]]
+    data_types = list(nodeset.of_class("UADataType"))
+    parts += ["## Enumerations", *[_enumeration(node) for node in data_types if nodeset.is_enumeration(node)]]
+    structures = [node for node in data_types if not nodeset.is_enumeration(node)]
+    parts += ["## Structures", *[_structure(nodeset, node) for node in structures]]
     parts += ["## References", *[_of_type(nodeset, node) for node in nodeset.of_class("UAReferenceType")]]
     return "\n\n".join(parts)
 

@@ -52,9 +52,9 @@ def test_a_robot_that_comes_is_followed_like_any_other() -> None:
     heard = fleet.hear(HEIGHT, [DOUBLE], [1.5], metadata=METERS)
     assert values(heard)[HEIGHT.id] == (1.5, 0, 1)
     assert state_of(heard) is RobotState.IDLE
-    assert state_of(fleet.state.set_busy(STATUS, True, 2)) is RobotState.BUSY
+    assert state_of(fleet.state.set_busy(STATUS, ("lift",), 2)) is RobotState.BUSY
     assert fleet.state.remove_robot("lift") == [RobotRemoved(lift)]
-    assert fleet.state.set_busy(STATUS, False, 3) == []
+    assert fleet.state.set_busy(STATUS, (), 3) == []
     assert fleet.state.set_faulted("lift", True, 3) == []
     assert STATE not in values(fleet.state.tick(4))
     fleet.hear(HEIGHT, [DOUBLE], [1.5], 2, metadata=METERS)
@@ -117,7 +117,7 @@ def test_offline_goes_before_faulted_and_that_before_busy() -> None:
     fleet.state.tick(1)
     assert fleet.state.set_faulted("lift", True, 1) == []  # it is offline, and stays so
     assert state_of(fleet.hear(HEIGHT, [DOUBLE], [1.0], metadata=METERS)) is RobotState.FAULTED
-    assert fleet.state.set_busy(STATUS, True, 2) == []
+    assert fleet.state.set_busy(STATUS, ("lift",), 2) == []
     assert state_of(fleet.state.set_faulted("lift", False, 3)) is RobotState.BUSY
     assert state_of(fleet.state.set_faulted("lift", True, 4)) is RobotState.FAULTED
     assert state_of(fleet.state.apply(SourceSilent(HEIGHT), 5)) is RobotState.OFFLINE

@@ -14,7 +14,9 @@ from ua_fleet.server.robots.methods import RosterMethods
 from ua_fleet.server.robots.offer_nodes import OfferNodes
 from ua_fleet.server.robots.offers import Offers
 from ua_fleet.server.robots.roster import Roster
+from ua_fleet.server.robots.summary_nodes import SummaryNodes
 from ua_fleet.server.robots.taking import ServerParts
+from ua_fleet.server.scenarios.activity import RobotActivities
 from ua_fleet.server.scenarios.service import ScenarioService
 from ua_fleet.server.skills.methods import SkillMethods
 from ua_fleet.skill.executions import Outcome
@@ -42,6 +44,7 @@ def add_roster(
     projection: Projection,
     skills: SkillMethods,
     scenarios: ScenarioService,
+    activities: RobotActivities,
 ) -> None:
     """Let robots come and go; the server is not started yet.
 
@@ -54,6 +57,7 @@ def add_roster(
         projection: makes the others.
         skills: answers the Methods of skills.
         scenarios: runs that may need a robot.
+        activities: what robots are at.
     """
     parts = NodeParts(server.iserver.aspace, nodes.ns)
     parts.values = nodes.values
@@ -68,3 +72,6 @@ def add_roster(
         offers.follow(robot)
     hub.add_roster(roster)
     hub.add_clock(offers)
+    summaries = SummaryNodes(parts, hub.state, activities, projection.put, wall_ticks)
+    summaries.build()
+    hub.add_part("summaries", summaries)

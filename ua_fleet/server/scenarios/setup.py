@@ -8,13 +8,14 @@ from pathlib import Path
 
 from ua_fleet.config.schema import FleetConfig
 from ua_fleet.fleet.model import FleetModel
-from ua_fleet.orchestrator import Output
+from ua_fleet.orchestrator import Output, RunChanged
 from ua_fleet.server.address_space import FleetNodes
 from ua_fleet.server.events import ServerEvents
 from ua_fleet.server.hardened import HardenedServer
 from ua_fleet.server.hub import Hub, wall_ticks
 from ua_fleet.server.parts import NodeParts
 from ua_fleet.server.projection import Projection
+from ua_fleet.server.scenarios.activity import RobotActivities
 from ua_fleet.server.scenarios.clock import steady
 from ua_fleet.server.scenarios.log import RunLog
 from ua_fleet.server.scenarios.methods import ScenarioMethods
@@ -39,6 +40,7 @@ def add_scenarios(
     folder: Path,
     requests: Requests,
     log: RunLog,
+    activities: RobotActivities,
 ) -> ScenarioService:
     """Let a server run scenarios; it is not started yet.
 
@@ -53,6 +55,7 @@ def add_scenarios(
         folder: of the scenarios' files.
         requests: asks robots.
         log: is told of everything that happens.
+        activities: are, too.
 
     Raises:
         StorageUnavailable: the journal cannot be read.
@@ -65,6 +68,8 @@ def add_scenarios(
 
     def show(output: Output) -> None:
         view.show(output)
+        run = view.runs.get(output.run_id) if isinstance(output, RunChanged) else None
+        activities.take(output, None if run is None else run.state)
         log.take(output)
 
     clock = asyncio.get_running_loop().time
@@ -84,7 +89,9 @@ def add_scenarios(
         mistakes=hub.mistakes,
         faulted=hub.set_faulted,
     )
-    view.restored(service.restore(), service.holds)
+    records = service.restore()
+    view.restored(records, service.holds)
+    activities.restored(records, service.holds)
     view.show_settings(service.settings)
     ScenarioMethods(server, parts, nodes, view, service).build()
     RobotMethods(server, parts, service.holds)

@@ -54,8 +54,8 @@ class SkillTracker:
         """Executions that this run has asked for, and whose outcome is not known yet."""
         self._synchronised: set[Topic] = set()
         """Whose SkillStatus was heard."""
-        self._busy: set[Topic] = set()
-        """Whose robots are told to be busy."""
+        self._busy: dict[Topic, tuple[str, ...]] = {}
+        """The skills that robots are told to be at, where there are any."""
         self._touched: set[Topic] = set()
         for robot in model.robots:
             self.add(robot)
@@ -77,7 +77,7 @@ class SkillTracker:
         for skill in self._robots.pop(robot.skill_status, {}).values():
             del self._skills[skill.keys.object], self._topics[skill.keys.object]
         self._synchronised.discard(robot.skill_status)
-        self._busy.discard(robot.skill_status)
+        self._busy.pop(robot.skill_status, None)
 
     def knows(self, topic: Topic) -> bool:
         """Whether this is a robot's SkillStatus."""
@@ -122,14 +122,15 @@ class SkillTracker:
             for skill in skills.values():
                 yield Topic(status.space, skill.keys.ns, skill.keys.id)
 
-    def take_busy_changes(self) -> list[tuple[Topic, bool]]:
-        """Robots, by their SkillStatus, that run skills since the last call and did not before, or the other way."""
-        changes: list[tuple[Topic, bool]] = []
+    def take_busy_changes(self) -> list[tuple[Topic, tuple[str, ...]]]:
+        """Robots, by their SkillStatus, that are at other skills than at the last call, with these."""
+        changes: list[tuple[Topic, tuple[str, ...]]] = []
         for topic in self._touched:
-            is_busy = any(skill.under_way for skill in self._robots.get(topic, {}).values())
-            if is_busy != (topic in self._busy):
-                (self._busy.add if is_busy else self._busy.discard)(topic)
-                changes.append((topic, is_busy))
+            known = self._robots.get(topic, {})
+            skills = tuple([name for name, skill in known.items() if skill.under_way])
+            if skills != self._busy.get(topic, ()):
+                self._busy[topic] = skills
+                changes.append((topic, skills))
         self._touched.clear()
         return changes
 

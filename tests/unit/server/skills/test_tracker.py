@@ -255,10 +255,10 @@ def test_two_executions_at_once_keep_a_skill_running_until_both_are_over() -> No
     one = tracker.apply(said(status(FIRST, S.DONE), status(SECOND, S.RUNNING)), 12)
     assert told(one) == [(T.RUNNING_TO_READY, FIRST, True)]
     assert tracker.state(TURN) is ProgramState.RUNNING
-    assert tracker.take_busy_changes() == [(STATUS, True)]
+    assert tracker.take_busy_changes() == [(STATUS, ("turn",))]
     tracker.apply(said(status(SECOND, S.FAILED), timestamp=60), 13)
     assert tracker.state(TURN) is ProgramState.HALTED
-    assert tracker.take_busy_changes() == [(STATUS, False)]
+    assert tracker.take_busy_changes() == [(STATUS, ())]
     assert tracker.take_busy_changes() == []
 
 

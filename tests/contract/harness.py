@@ -187,6 +187,8 @@ class MappedSpace(Protocol):
     """What is read from the robot: first a NUMBER; a TEXT and a TWIST where it has such a thing."""
     sinks: Mapping[Topic, Kind]
     """What other spaces' data is written to the robot: a NUMBER, and a TWIST where it can take one."""
+    is_sampled: bool
+    """Whether the driver looks at what the robot has now: a value that is replaced before the next look is not seen."""
     own_work: str
     """See Space."""
 

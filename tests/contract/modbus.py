@@ -233,6 +233,7 @@ class PlcSpace:
     own_work = "ua_bridges.modbus.device.Device._turn"
     sources: Final[dict[Topic, Kind]] = dict(zip(PLACES, (NUMBER, TEXT, TWIST), strict=True))
     sinks: Final[dict[Topic, Kind]] = dict(zip(TAKEN, (NUMBER, TWIST), strict=True))
+    is_sampled = True
 
     def __init__(self, folder: Path) -> None:
         self._folder, self._port = folder, system.free_tcp_port()

@@ -146,6 +146,7 @@ class PluggedSpace:
     remembers = False
     sources: Final[dict[Topic, Kind]] = dict(zip(SAID, (NUMBER, TEXT, TWIST), strict=True))
     sinks: Final[dict[Topic, Kind]] = dict(zip(TAKEN, (NUMBER, TWIST), strict=True))
+    is_sampled = False
 
     def __init__(self, folder: Path) -> None:
         self.robot = Box(folder / "box")

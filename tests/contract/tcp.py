@@ -127,6 +127,7 @@ class MappedTcpSpace:
     """See MappedSpace."""
 
     own_work = "ua_bridges.tcp.interpreter.InterpreterSession.turn"
+    is_sampled = False
 
     def __init__(self, port: int) -> None:
         self.number = SPACE

@@ -59,7 +59,10 @@ async def test_samples_come_in_order_with_their_time(mapped_space: MappedSpace) 
         await show(mapped_space, recorder, topic, -1.0)
         heard, began_ns = len(recorder.samples(topic)), time.time_ns()
         for number in range(50):
-            await asyncio.to_thread(mapped_space.robot.show, topic, (float(number),))
+            if mapped_space.is_sampled:  # a busy machine may let the driver wait for any length of time
+                await show(mapped_space, recorder, topic, float(number))
+            else:
+                await asyncio.to_thread(mapped_space.robot.show, topic, (float(number),))
         await until(lambda: len(recorder.samples(topic)) >= heard + 50, "50 samples")
         samples = recorder.samples(topic)[heard:]
         assert [sample.values[0] for sample in samples] == [float(number) for number in range(50)]

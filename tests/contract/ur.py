@@ -6,7 +6,6 @@ the same questions for moves, scripts and the dashboard server.
 
 from __future__ import annotations
 
-import time
 from collections.abc import AsyncGenerator, Sequence
 from contextlib import asynccontextmanager
 from pathlib import Path
@@ -51,8 +50,6 @@ robots:
 REGISTERS: Final = {Topic(SPACE, 2, 11): 12, Topic(SPACE, 2, 12): 13}
 TAKEN: Final = Topic(SERVER_SPACE, 2, 13)
 INPUT: Final = "input_double_register_18"
-SEEN_S: Final = 0.03
-"""The driver looks each 2 ms; a busy machine lets it wait."""
 
 
 class UrRobot:
@@ -66,7 +63,6 @@ class UrRobot:
     def show(self, topic: Topic, values: Sequence[Any]) -> None:
         """See MappedRobot."""
         self._controller.do("output_registers", first=REGISTERS[topic], values=list(values))
-        time.sleep(SEEN_S)
 
     def taken(self, topic: Topic) -> list[tuple[Any, ...]]:
         """See MappedRobot."""
@@ -101,6 +97,8 @@ class UrSpace:
     own_work = "ua_bridges.ur.telemetry.Telemetry.sampled"
     sources: Final[dict[Topic, Kind]] = dict(zip(REGISTERS, (NUMBER, TWIST), strict=True))
     sinks: Final[dict[Topic, Kind]] = {TAKEN: NUMBER}
+    is_sampled = True
+    """ur-rtde keeps the last of the controller's samples; what was replaced unseen is counted."""
 
     def __init__(self, processes: Processes) -> None:
         self._controller = UrController(processes)

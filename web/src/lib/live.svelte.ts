@@ -17,6 +17,10 @@ const SILENCE_MS = 15_000;
 /** A feed that nobody looks at is kept this long, for the page that is opened next. */
 const LINGER_MS = 1000;
 const OPENING_MS = 10_000;
+/** How often at most the console is told that somebody is here. */
+const ACTIVE_MS = 60_000;
+/** The console closes so what is not logged in any more. */
+const LOGGED_OUT = 4401;
 
 /** How a feed stands: nothing came yet, as the server has it, as it was, or refused. */
 export type FeedState = 'loading' | 'current' | 'old' | 'error';
@@ -54,10 +58,12 @@ class Live {
   #next_id = 0;
   #seen: number | null = null;
   #loggedOut: () => void = () => {};
+  #active_at = 0;
 
   constructor() {
     addEventListener('online', () => this.#hurry());
     document.addEventListener('visibilitychange', () => document.hidden || this.#hurry());
+    for (const event of ['pointerdown', 'keydown']) addEventListener(event, () => this.#act(), { passive: true });
   }
 
   /** Connect, and stay connected until `stop`; `loggedOut` is called when the console knows this browser no more. */
@@ -116,6 +122,13 @@ class Live {
     }, LINGER_MS);
   }
 
+  /** Somebody is here: their login does not end for want of anything that they do. */
+  #act(): void {
+    if (Date.now() - this.#active_at < ACTIVE_MS) return;
+    this.#active_at = Date.now();
+    this.#send({ active: true });
+  }
+
   #become(socket: Live['socket']): void {
     if (this.socket === socket) return;
     this.socket = socket;
@@ -137,8 +150,10 @@ class Live {
     ws.onmessage = (event) => {
       if (ws === this.#ws) this.#take(JSON.parse(event.data as string) as FromConsole);
     };
-    ws.onclose = () => {
-      if (ws === this.#ws) this.#lose();
+    ws.onclose = (event) => {
+      if (ws !== this.#ws) return;
+      if (event.code === LOGGED_OUT) this.#loggedOut();
+      else this.#lose();
     };
   }
 
@@ -155,17 +170,10 @@ class Live {
       const feed = this.#byId.get(id);
       const change = message.feeds[id];
       if (!feed || !change) continue; // dropped meanwhile
-      if (change.error) {
-        feed.error = change.error;
-        feed.whole = false;
-      } else {
-        applyChange(feed.entries, change);
-        if (change.whole) {
-          feed.error = null;
-          feed.whole = feed.known = true;
-        }
-        feed.version += 1;
-      }
+      if (change.error !== undefined) feed.error = change.error;
+      applyChange(feed.entries, change);
+      if (change.whole) feed.whole = feed.known = true;
+      feed.version += 1;
     }
     for (const [fleet, link] of Object.entries(message.links ?? {})) {
       if (link.state !== 'live') this.#age(fleet, message.feeds ?? {});
@@ -283,7 +291,7 @@ export class FeedView<T> {
   get state(): FeedState {
     const feed = this.#feed;
     if (!feed) return 'loading';
-    if (feed.error && !feed.whole) return 'error';
+    if (feed.error) return feed.known ? 'old' : 'error';
     const fleet = this.#fleet();
     if (feed.whole && fleet !== undefined && live.isLive(fleet)) return 'current';
     return feed.known ? 'old' : 'loading';

@@ -53,8 +53,8 @@ export interface Me {
 
 export type LinkState = 'live' | 'connecting' | 'away' | 'ended';
 
-/** How one OPC UA session of this person stands. */
-export interface Link {
+/** How one OPC UA session of this person stands, and what they may do there now. */
+export interface Link extends Partial<Login> {
   state: LinkState;
   since: string | null;
   reason: string;
@@ -72,6 +72,8 @@ export interface FromPage {
   want?: Record<string, Want>;
   drop?: string[];
   seen?: number;
+  /** A person did something: their login is not idle. */
+  active?: boolean;
 }
 
 export interface FeedChange {
@@ -79,7 +81,8 @@ export interface FeedChange {
   whole?: boolean;
   set?: Record<string, Json>;
   gone?: string[];
-  error?: ErrorBody;
+  /** What is wrong with it, while the console tries again; null: over. */
+  error?: ErrorBody | null;
 }
 
 /** What the console sends over `api/live`. */

@@ -48,18 +48,20 @@ class Session {
     return this.known.fleets.find((one) => one.name === name);
   }
 
-  login_of(fleet: string): Login | undefined {
-    return this.logins[fleet];
-  }
-
   /** Whether this person may do an operation, as `robots.hold`. */
   may(fleet: string, operation: string): boolean {
-    return this.logins[fleet]?.may?.includes(operation) ?? false;
+    return this.#now(fleet)?.may?.includes(operation) ?? false;
   }
 
   /** Whether this person has a role, or one above it. */
   is(fleet: string, role: Role): boolean {
-    return covers(this.logins[fleet]?.roles ?? [], role);
+    return covers(this.#now(fleet)?.roles ?? [], role);
+  }
+
+  /** A role may be given or taken away while somebody is logged in: the link says so. */
+  #now(fleet: string): Partial<Login> | undefined {
+    const link = live.links[fleet];
+    return link?.roles ? link : this.logins[fleet];
   }
 
   #enter(me: Me | null): void {

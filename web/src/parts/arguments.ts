@@ -7,12 +7,13 @@ export interface Argument {
   name: string;
   /** A built-in type of OPC UA, as `Double`, `Int32`, `Boolean`, `String`; `[]` at its end: an array. */
   type: string;
-  description?: string;
+  help?: string;
   unit?: string;
   /** Lowest and highest value that is taken. */
-  range?: [number, number] | null;
-  /** The values that it may have, with their names. */
-  choices?: { value: Json; text: string }[] | null;
+  low?: number | null;
+  high?: number | null;
+  /** The numbers that it may have, with their names. */
+  names?: Record<string, string> | null;
   /** Absent or null: it has to be given. */
   default?: Json;
 }
@@ -33,29 +34,33 @@ export type Control = 'checkbox' | 'choice' | 'number' | 'text' | 'long';
 
 /** What it is given with. */
 export function controlOf(argument: Argument): Control {
-  if (argument.choices?.length) return 'choice';
+  if (argument.names && Object.keys(argument.names).length) return 'choice';
   if (argument.type === 'Boolean') return 'checkbox';
   if (NUMBERS.has(argument.type)) return 'number';
   return argument.type.endsWith('[]') ? 'long' : 'text';
 }
 
-/** The limits of a number: those that are said, within those of its type. */
+/** The limits of a number: those that are said, within those of its type; null: none. */
 export function limitsOf(argument: Argument): [number, number] | null {
-  const type = WHOLE[argument.type];
-  if (!argument.range) return type ?? null;
-  return type
-    ? [Math.max(type[0], argument.range[0]), Math.min(type[1], argument.range[1])]
-    : [argument.range[0], argument.range[1]];
+  const [least, most] = WHOLE[argument.type] ?? [-Infinity, Infinity];
+  const limits: [number, number] = [
+    Math.max(least, argument.low ?? -Infinity),
+    Math.min(most, argument.high ?? Infinity),
+  ];
+  return limits[0] === -Infinity && limits[1] === Infinity ? null : limits;
+}
+
+/** Limits in words. */
+export function limitsText([low, high]: [number, number]): string {
+  if (high === Infinity) return t('form.from', { low });
+  if (low === -Infinity) return t('form.up_to', { high });
+  return t('form.between', { low, high });
 }
 
 /** What stands in the form at first. */
 export function initialText(argument: Argument): string {
   const value = argument.default;
   if (value === undefined || value === null) return argument.type === 'Boolean' ? 'false' : '';
-  if (argument.choices?.length) {
-    const at = argument.choices.findIndex((choice) => JSON.stringify(choice.value) === JSON.stringify(value));
-    return at < 0 ? '' : String(at);
-  }
   return typeof value === 'string' ? value : JSON.stringify(value);
 }
 
@@ -67,7 +72,7 @@ function parseNumber(argument: Argument, text: string): Parsed {
   if (argument.type in WHOLE && !Number.isInteger(value)) return { error: t('form.whole') };
   const limits = limitsOf(argument);
   if (limits && (value < limits[0] || value > limits[1])) {
-    return { error: t('form.range', { low: limits[0], high: limits[1] }) };
+    return { error: t('form.range', { limits: limitsText(limits) }) };
   }
   return { value };
 }
@@ -76,15 +81,14 @@ function parseNumber(argument: Argument, text: string): Parsed {
 export function parseArgument(argument: Argument, text: string): Parsed {
   switch (controlOf(argument)) {
     case 'choice': {
-      const choice = argument.choices?.[Number(text)];
-      return text === '' || !choice ? { error: t('form.missing') } : { value: choice.value };
+      return Object.hasOwn(argument.names ?? {}, text) ? { value: Number(text) } : { error: t('form.missing') };
     }
     case 'checkbox':
       return { value: text === 'true' };
     case 'number':
       return text.trim() ? parseNumber(argument, text) : { error: t('form.missing') };
     case 'long': {
-      const one = { ...argument, type: argument.type.slice(0, -2), default: null, choices: null };
+      const one = { ...argument, type: argument.type.slice(0, -2), default: null };
       const values: Json[] = [];
       // As JSON, or one value a line or between commas.
       const trimmed = text.trim().replace(/^\[|\]$/g, '');

@@ -10,7 +10,9 @@ describe('an argument of a form', () => {
   it.each<[Argument, string, unknown]>([
     [of('Double'), '1,5', { value: 1.5 }],
     [of('Double'), '−2', { value: -2 }],
-    [of('Double', { range: [0, 60] }), '61', { error: 'Give 0 to 60.' }],
+    [of('Double', { low: 0, high: 60 }), '61', { error: 'Give 0 to 60.' }],
+    [of('Double', { low: 1 }), '0', { error: 'Give 1 or more.' }],
+    [of('UInt16', { high: 9 }), '10', { error: 'Give 0 to 9.' }],
     [of('Byte'), '256', { error: 'Give 0 to 255.' }],
     [of('Int32'), '1.5', { error: 'Give a whole number.' }],
     [of('Int32'), '', { error: 'Give a value.' }],
@@ -22,15 +24,16 @@ describe('an argument of a form', () => {
     [of('Double[]'), '', { value: [] }],
     [of('Byte[]'), '1, 300', { error: 'Element 2: Give 0 to 255.' }],
     [of('String[]'), '["a", "b"]', { value: ['a', 'b'] }],
-    [of('Int32', { choices: [{ value: 7, text: 'left' }] }), '0', { value: 7 }],
-    [of('Int32', { choices: [{ value: 7, text: 'left' }] }), '', { error: 'Give a value.' }],
+    [of('Int32', { names: { '7': 'left' } }), '7', { value: 7 }],
+    [of('Int32', { names: { '7': 'left' } }), '', { error: 'Give a value.' }],
+    [of('Int32', { names: { '7': 'left' } }), 'toString', { error: 'Give a value.' }],
   ])('%j of %j is %j', (argument, text, parsed) => expect(parseArgument(argument, text)).toEqual(parsed));
 
   it('begins with its default', () => {
     expect(initialText(of('Double', { default: 0 }))).toBe('0');
     expect(initialText(of('String', { default: 'weld' }))).toBe('weld');
     expect(initialText(of('Boolean'))).toBe('false');
-    expect(initialText(of('Int32', { default: 7, choices: [{ value: 7, text: 'left' }] }))).toBe('0');
+    expect(initialText(of('Int32', { default: 7, names: { '7': 'left' } }))).toBe('7');
     const list = of('Double[]', { default: [1, 2] });
     expect(parseArgument(list, initialText(list))).toEqual({ value: [1, 2] });
   });

@@ -12,8 +12,7 @@ export interface Fault {
 }
 
 export interface Robot {
-  state: RobotState;
-  since?: string | null;
+  state: Shown & { v: RobotState | null };
   bridge?: string;
   bridge_online?: boolean | null;
   capacities?: string[];

@@ -1,0 +1,98 @@
+"""A Chromium for tests: how it is started, what is looked at in it, and pictures of it."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+from collections.abc import Generator, Sequence
+from contextlib import contextmanager
+from typing import Any, Final
+
+from playwright.sync_api import Browser, ConsoleMessage, Page, sync_playwright
+
+from tests import system
+
+PICTURES: Final = system.ROOT / "build" / "pictures"
+THEMES: Final = ("light", "dark")
+WIDTHS: Final = (1280, 360)
+_HEIGHTS: Final = {1280: 800, 360: 740}
+_AXE: Final = system.ROOT / "web" / "node_modules" / "axe-core" / "axe.min.js"
+_OPTIONS: Final = (
+    "--disable-quic",
+    "--no-first-run",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+)
+_RULES: Final = {"runOnly": ["wcag2a", "wcag2aa", "wcag21a", "wcag21aa", "wcag22aa", "best-practice"]}
+
+
+@contextmanager
+def chromium(*options: str) -> Generator[Browser]:
+    """The system's Chromium, without a window."""
+    sandbox = ("--no-sandbox",) if os.geteuid() == 0 else ()
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(
+            executable_path=shutil.which("chromium"), args=[*_OPTIONS, *sandbox, *options]
+        )
+        try:
+            yield browser
+        finally:
+            browser.close()
+
+
+class Complaints:
+    """What a page complained about: exceptions, refused content, failed loads."""
+
+    def __init__(self, page: Page) -> None:
+        self._said: list[str] = []
+        page.on("pageerror", lambda error: self._said.append(f"exception: {error}"))
+        page.on("console", self._hear)
+
+    def _hear(self, message: ConsoleMessage) -> None:
+        # A browser says so of each answer that is no success; this one asks who is logged in.
+        asks = message.location.get("url", "").endswith("/api/me") and "401" in message.text
+        if message.type in ("error", "warning") and not asks:
+            self._said.append(f"{message.type}: {message.text} ({message.location.get('url', '')})")
+
+    def others_than(self, expected: Sequence[str]) -> list[str]:
+        """All that have none of these texts in them."""
+        return [one for one in self._said if not any(text in one for text in expected)]
+
+
+def axe_violations(page: Page) -> list[str]:
+    """What axe finds wrong with what is shown now: rule, and the elements."""
+    if not page.evaluate("typeof window.axe === 'object'"):
+        page.evaluate(_AXE.read_text(encoding="utf-8"))
+    found: list[dict[str, Any]] = page.evaluate(
+        "async rules => (await axe.run(document, rules)).violations.map(one => ({"
+        "id: one.id, help: one.help, nodes: one.nodes.map(node => node.html.slice(0, 200) + ' ' +"
+        "node.any.concat(node.all, node.none).map(check => check.message).join('; '))}))",
+        _RULES,
+    )
+    return [f"{one['id']}: {one['help']}: {json.dumps(one['nodes'][:3])}" for one in found]
+
+
+def show(page: Page, theme: str, width: int) -> None:
+    """Have the page in a theme at a width, as a browser of a system with it would."""
+    page.set_viewport_size({"width": width, "height": _HEIGHTS[width]})
+    page.emulate_media(color_scheme="dark" if theme == "dark" else "light", reduced_motion="reduce")
+    page.locator(f"html[data-theme={theme}]").wait_for()
+
+
+def pictures(page: Page, name: str) -> list[str]:
+    """Keep pictures of a page in both themes and widths, in build/pictures; what is wrong with any of them."""
+    PICTURES.mkdir(parents=True, exist_ok=True)
+    wrong: list[str] = []
+    for width in WIDTHS:
+        for theme in THEMES:
+            show(page, theme, width)
+            page.wait_for_timeout(100)
+            page.screenshot(path=PICTURES / f"{name}-{width}-{theme}.png")
+            wrong += [f"{theme}, {width} px: {one}" for one in axe_violations(page)]
+            beyond = page.evaluate("document.documentElement.scrollWidth - document.documentElement.clientWidth")
+            if beyond > 0:
+                wrong.append(f"{theme}, {width} px: the page is {beyond} px wider than the window")
+    show(page, "light", 1280)
+    return wrong

@@ -1,0 +1,200 @@
+"""A real server with three robots, a console, and a browser that is logged in.
+
+One of each for a module: a test leaves the fleet as it found it, or says `fresh_fleet`.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import sys
+from collections.abc import Callable, Generator, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Final
+
+import pytest
+from playwright.sync_api import Browser, BrowserContext, Page
+
+from tests import system
+from tests.console import browsing
+from tests.integration.scenarios.conftest import ENGINEER, ROBOTS, Plant
+from tests.integration.server_model.harness import OBSERVER, OPERATOR
+from tests.system import Child, Processes
+from ua_fleet.server.users import USERS_FILE, Role, ScryptCost, UserStore
+
+USERS: Final = {"observer": OBSERVER, "operator": OPERATOR, "engineer": ENGINEER}
+FLEET: Final = "hall"
+TITLE: Final = "Hall 1"
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    for item in items:
+        if Path(__file__).parent in item.path.parents:
+            item.add_marker(pytest.mark.needs("chromium"))
+
+
+@dataclass
+class Fleet:
+    """A server as a process, and bridges of three machines with one skill `work`."""
+
+    plant: Plant
+    server: Child
+    bridges: dict[str, Child] = field(default_factory=dict[str, Child])
+
+    @property
+    def endpoint(self) -> str:
+        """Of the server."""
+        return f"opc.tcp://127.0.0.1:{self.plant.config.server.port}/ua_fleet"
+
+
+@dataclass
+class Console:
+    """A console as a process."""
+
+    url: str
+    child: Child
+    folder: Path
+    _processes: Processes
+    states: dict[str, Any] = field(default_factory=dict[str, Any])
+    """Cookies of users that are logged in, by their role."""
+
+    def start_again(self) -> None:
+        """Start it anew at the same address; it knows nobody then."""
+        self.child.end()
+        self.states.clear()
+        self.child = _start_console(self._processes, self.folder)
+        self.child.wait_for('"ready"')
+
+
+@contextmanager
+def fleet_of(folder: Path) -> Generator[Fleet]:
+    """The fleet while the context lasts."""
+    with Processes() as processes:
+        plant = Plant(folder, system.free_multicast_url(), system.free_tcp_port(), processes, "operator")
+        plant.users()
+        users = UserStore(folder / plant.config.server.state_dir / USERS_FILE, ScryptCost(2**8, 8, 1))
+        users.add(*OBSERVER, Role.OBSERVER, replace_existing=True)
+        fleet = Fleet(plant, plant.server_process())
+        for robot in ROBOTS:
+            fleet.bridges[robot] = plant.start_bridge(robot)
+        for child in fleet.bridges.values():
+            child.wait_for("ready")
+        yield fleet
+
+
+def _start_console(processes: Processes, folder: Path) -> Child:
+    return processes.start(
+        *(Path(sys.executable), "-m", "ua_fleet.cli", "console", "--config", folder / "console.yaml", "--json")
+    )
+
+
+@contextmanager
+def console_of(folder: Path, endpoints: dict[str, str]) -> Generator[Console]:
+    """A console of fleets while the context lasts."""
+    port = system.free_tcp_port()
+    settings = {
+        "listen": f"127.0.0.1:{port}",
+        "fleets": {
+            name: {"endpoint": endpoint, "title": TITLE if name == FLEET else name.title()}
+            for name, endpoint in endpoints.items()
+        },
+        "state_dir": str(folder / "state"),
+    }
+    (folder / "console.yaml").write_text(json.dumps(settings), encoding="utf-8")
+    with Processes() as processes:
+        child = _start_console(processes, folder)
+        child.wait_for('"ready"')
+        yield Console(f"http://127.0.0.1:{port}/", child, folder, processes)
+
+
+@pytest.fixture(scope="module")
+def fleet(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Fleet]:
+    """The fleet of this module."""
+    with fleet_of(tmp_path_factory.mktemp("fleet")) as running:
+        yield running
+
+
+@pytest.fixture(scope="module")
+def console(fleet: Fleet, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Console]:
+    """The console of this module, which knows its fleet as `hall`."""
+    with console_of(tmp_path_factory.mktemp("console"), {FLEET: fleet.endpoint}) as running:
+        yield running
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    """One Chromium for a module."""
+    # Playwright's loop is its own; what pytest-asyncio left behind for this thread is none that runs.
+    asyncio.set_event_loop(None)
+    with browsing.chromium() as running:
+        yield running
+
+
+def log_in(page: Page, url: str, role: str) -> None:
+    """Log in as people do."""
+    user, password = USERS[role]
+    page.goto(url)
+    page.get_by_label("User").fill(user)
+    page.get_by_label("Password").fill(password)
+    page.get_by_role("button", name="Log in").click()
+    page.get_by_role("navigation", name="Pages").wait_for(state="attached")
+
+
+@pytest.fixture
+def expected_complaints() -> list[str]:
+    """Parts of what this test expects the page to complain about, as of a console that is away."""
+    return []
+
+
+@pytest.fixture
+def open_page(console: Console, browser: Browser, expected_complaints: list[str]) -> Iterator[Callable[..., Page]]:
+    """`open_page('operator', '#/hall/fleet')`: a page in a browser of its own, logged in; '' as the role: nobody."""
+    contexts: list[BrowserContext] = []
+    complaints: list[browsing.Complaints] = []
+
+    def opened(role: str = "operator", place: str = "") -> Page:
+        context = browser.new_context(
+            viewport={"width": 1280, "height": 800}, storage_state=console.states.get(role), reduced_motion="reduce"
+        )
+        contexts.append(context)
+        context.set_default_timeout(15_000)
+        page = context.new_page()
+        complaints.append(browsing.Complaints(page))
+        if role and role not in console.states:
+            log_in(page, console.url, role)
+            console.states[role] = context.storage_state()
+        page.goto(f"{console.url}{place}")
+        return page
+
+    yield opened
+    for context in contexts:
+        context.close()
+    assert [one for each in complaints for one in each.others_than(expected_complaints)] == []
+
+
+@pytest.fixture
+def page(open_page: Callable[..., Page]) -> Page:
+    """The console's page, with an operator logged in."""
+    return open_page("operator")
+
+
+@pytest.fixture
+def axe() -> Callable[[Page], None]:
+    """`axe(page)`: axe finds nothing on what is shown now."""
+
+    def check(page: Page) -> None:
+        assert browsing.axe_violations(page) == []
+
+    return check
+
+
+@pytest.fixture
+def picture() -> Callable[[Page, str], None]:
+    """`picture(page, 'fleet')`: pictures of what is shown now in both themes and widths, of which axe finds nothing."""
+
+    def kept(page: Page, name: str) -> None:
+        assert browsing.pictures(page, name) == []
+
+    return kept

@@ -27,6 +27,7 @@ foreign.report(async (session, report) => {
         runId: robot.runId,
         held: robot.held,
         heldBy: robot.heldBy,
+        heldReason: robot.heldReason,
         faults: robot.faults,
         fault: robot.fault,
         bridge: robot.bridge,

@@ -35,7 +35,7 @@ async def test_a_foreign_client_decodes_the_summaries_by_itself(udp_url: str, tc
         assert _age(rover["lastUpdate"]) < timedelta(minutes=1)
         assert _age(rover["stateSince"]) < timedelta(minutes=1)
         assert rover["quality"] in ("Good", "BadNoCommunication")  # nobody drives it meanwhile
-        nothing = {"task": "", "runId": "", "held": False, "heldBy": ""}
+        nothing = {"task": "", "runId": "", "held": False, "heldBy": "", "heldReason": ""}
         assert {name: visitor[name] for name in nothing} == nothing
         assert (visitor["name"], visitor["state"], visitor["capacities"]) == ("visitor", 0, [])
         assert visitor["quality"].startswith("Bad")

@@ -39,6 +39,7 @@ from ua_fleet.client.status import (
     ServerStatus,
     fleet_status,
 )
+from ua_fleet.client.summaries import RobotSummary, SummariesChanged
 from ua_fleet.client.translated import NodeNotFound
 
 __all__ = [
@@ -74,6 +75,7 @@ __all__ = [
     "RobotInvalid",
     "RobotNodes",
     "RobotStatus",
+    "RobotSummary",
     "RunInfo",
     "RunStatus",
     "RunTold",
@@ -88,6 +90,7 @@ __all__ = [
     "SkillNodes",
     "SkillRequest",
     "StepTold",
+    "SummariesChanged",
     "Told",
     "ValueDetails",
     "WouldHappen",

@@ -32,6 +32,7 @@ from ua_fleet.client.offers import OfferedSkill, offering
 from ua_fleet.client.skill_nodes import SkillNode
 from ua_fleet.client.skills import SkillCalls, SkillExecution, SkillInfo
 from ua_fleet.client.subscriptions import Feed, Subscriptions, subscribe
+from ua_fleet.client.summaries import RobotSummary, SummariesChanged, read_summaries, watch_summaries
 from ua_fleet.client.translated import NodeNotFound, quietly, translated
 from ua_fleet.errors import AccessRefused, NotConnected
 from ua_fleet.values import StatusCode
@@ -331,6 +332,31 @@ class FleetClient:
         """The nodes of all robots, by their names."""
         with translated(self.endpoint):
             return await self._finder.robots()
+
+    async def summaries(self) -> list[RobotSummary]:
+        """How all robots stand, in few requests and in the order of the server.
+
+        Raises:
+            NodeNotFound: the server is of a version without summaries.
+            NotConnected: the connection was lost.
+        """
+        with translated(self.endpoint):
+            return await read_summaries(self.batches)
+
+    def watch_summaries(self, *, period_ms: float = 500.0) -> AsyncGenerator[SummariesChanged]:
+        """How all robots stand, a hundred together, then what changes, until the iteration is closed.
+
+        The server tells of each robot once a second at most. Robots that come while it is watched are told too; a slow
+        consumer gets the newest of each robot.
+
+        Args:
+            period_ms: publishing interval.
+
+        Raises:
+            NodeNotFound: the server is of a version without summaries.
+            NotConnected: the connection was lost.
+        """
+        return watch_summaries(self.batches, self._subscriptions, self.endpoint, period_ms)
 
     async def skill_nodes(self) -> list[SkillNode]:
         """Where the skills of all robots stand."""

@@ -38,6 +38,9 @@ class RobotSummary(NamedTuple):
     """The run that has given it the task; empty: none."""
     held: bool
     held_by: str
+    held_since: int
+    """0: it is not held."""
+    held_reason: str
     faults: int
     """How many are active."""
     fault: str

@@ -116,9 +116,10 @@ async def test_faults_and_holds_are_told(udp_url: str, tcp_port: int, tmp_path: 
         faulted = await until(lambda: rover(client), lambda one: one.Fault == hot)
         assert faulted.Faults >= 1  # it may be silent too, on a busy machine
         robot = client.get_node("ns=2;s=Robots.rover")
-        await robot.call_method("3:Hold", ua.Variant("", ua.VariantType.String))
+        await robot.call_method("3:Hold", ua.Variant("a new tyre", ua.VariantType.String))
         held = await until(lambda: rover(client), lambda one: one.Held)
-        assert (held.HeldBy, held.Fault) == (OPERATOR[0], hot)
+        assert (held.HeldBy, held.HeldReason, held.Fault) == (OPERATOR[0], "a new tyre", hot)
+        assert held.HeldSince == await client.get_node("ns=2;s=Robots.rover.HeldSince").read_value()
         await faults.call_method("3:ClearFault", ua.Variant("rover"))
         await robot.call_method("3:Release")
         await until(

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from ua_fleet.fleet.summaries import PERIOD_S, RobotSummary, Summaries
 
 EVERYTHING: Final = 1000
-PLAIN: Final = RobotSummary("", 1, 0, 0, 0, "", "", False, "", 0, "", "floor", ())
+PLAIN: Final = RobotSummary("", 1, 0, 0, 0, "", "", False, "", 0, "", 0, "", "floor", ())
 
 
 def robot(name: str, last_update: int = 0) -> RobotSummary:

@@ -16,6 +16,7 @@ from ua_fleet.server.convert import data_value
 from ua_fleet.server.nodeset import TYPES_INDEX, TypeId
 from ua_fleet.server.parts import NodeParts
 from ua_fleet.server.scenarios.activity import RobotActivities
+from ua_fleet.server.scenarios.nodes import ticks_of
 from ua_fleet.values import ARRAY, BuiltinType, ExtensionObject, NodeId
 from ua_fleet.wire.structure import BOOLEAN, ENUMERATION, STATUS_CODE, STRING, TIME, UINT32, array, structure
 
@@ -24,8 +25,9 @@ __all__ = ["SUMMARIES", "SUMMARY_SHAPE", "SummaryNodes"]
 SUMMARIES: Final = "Fleet.Summaries"
 SUMMARY_SHAPE: Final = structure(
     RobotSummary,
-    *(STRING, ENUMERATION, TIME, STATUS_CODE, TIME, STRING, STRING, BOOLEAN, STRING, UINT32, STRING, STRING),
-    array(STRING),
+    *(STRING, ENUMERATION, TIME, STATUS_CODE, TIME, STRING, STRING),
+    *(BOOLEAN, STRING, TIME, STRING),
+    *(UINT32, STRING, STRING, array(STRING)),
 )
 """The binary encoding of RobotSummaryDataType."""
 MOST_TEXT: Final = 200
@@ -99,6 +101,7 @@ class SummaryNodes:
     def _summary(self, robot: RobotStatus) -> RobotSummary:
         model = robot.model
         activity = self._activities.of(model.name)
+        hold = activity.hold
         return RobotSummary(
             model.name,
             RobotState.OFFLINE if robot.shown is None else robot.shown,
@@ -107,8 +110,10 @@ class SummaryNodes:
             robot.told_update or 0,
             ", ".join(activity.tasks or robot.skills)[:MOST_TEXT],
             activity.run_id,
-            bool(activity.held_by),
-            activity.held_by,
+            hold is not None,
+            "" if hold is None else hold.by[:MOST_TEXT],
+            0 if hold is None else ticks_of(hold.since),
+            "" if hold is None else hold.reason[:MOST_TEXT],
             activity.faults,
             activity.fault[:MOST_TEXT],
             model.bridge,

@@ -26,8 +26,8 @@ class RobotActivity(NamedTuple):
     """Of runs, the first first."""
     run_id: str = ""
     """The run of the first task."""
-    held_by: str = ""
-    """Empty: nobody."""
+    hold: Hold | None = None
+    """Who holds it back from tasks; None: nobody."""
     faults: int = 0
     """How many are active."""
     fault: str = ""
@@ -47,7 +47,7 @@ class RobotActivities:
         """Of each run who is at which step."""
         self._faults: dict[str, dict[str, Fault]] = {}
         """Of each robot those that are active, by their ids."""
-        self._held_by: dict[str, str] = {}
+        self._holds: dict[str, Hold] = {}
         self._moved: dict[str, None] = {}
 
     @property
@@ -65,14 +65,14 @@ class RobotActivities:
     def of(self, robot: str) -> RobotActivity:
         """What a robot is at."""
         tasks, faults = self._tasks.get(robot), self._faults.get(robot)
-        held_by = self._held_by.get(robot, "")
-        if not tasks and not faults and not held_by:
+        hold = self._holds.get(robot)
+        if not tasks and not faults and hold is None:
             return _NONE
         names, run_id, text = tuple((tasks or {}).values()), next(iter(tasks), ("", ""))[0] if tasks else "", ""
         if faults:
             fault = next((one for one in faults.values() if one.source != SILENT), None) or next(iter(faults.values()))
             text = f"lacks {', '.join(fault.capacities)}: {fault.reason}" if fault.capacities else fault.reason
-        return RobotActivity(names, run_id, held_by, len(faults or ()), text)
+        return RobotActivity(names, run_id, hold, len(faults or ()), text)
 
     def restored(self, records: Iterable[RunRecord], holds: Iterable[Hold]) -> None:
         """What the journal says."""
@@ -80,7 +80,8 @@ class RobotActivities:
             for step in record.state.tasks if record.state.outcome is None else ():
                 self._look_at(record.run_id, step, record.state)
         for hold in holds:
-            self._hold(hold.robot, hold.by)
+            self._holds[hold.robot] = hold
+            self._moved[hold.robot] = None
 
     def take(self, output: Output, run: RunState | None) -> None:
         """Something has happened, and was taken in by its run, if it is one's."""
@@ -101,7 +102,11 @@ class RobotActivities:
                         del self._faults[fault.robot]
                 self._moved[fault.robot] = None
             case HoldChanged(hold=hold, is_held=is_held):
-                self._hold(hold.robot, hold.by if is_held else "")
+                if is_held:
+                    self._holds[hold.robot] = hold
+                else:
+                    self._holds.pop(hold.robot, None)
+                self._moved[hold.robot] = None
             case _:
                 pass
 
@@ -129,11 +134,4 @@ class RobotActivities:
         del tasks[run_id, step]
         if not tasks:
             del self._tasks[robot]
-        self._moved[robot] = None
-
-    def _hold(self, robot: str, by: str) -> None:
-        if by:
-            self._held_by[robot] = by
-        else:
-            self._held_by.pop(robot, None)
         self._moved[robot] = None

@@ -128,13 +128,13 @@ async def test_robots_come_and_go_and_long_texts_are_cut() -> None:
         fleet.settle(0.0)
         lift = fleet_model(fleet_config({"lift": {"bridge": "mobile", "capacities": ["lift"]}})).robots[0]
         fleet.state.add_robot(lift)
-        fleet.activities.take(HoldChanged(Hold("lift", "anna", 1.0, ""), is_held=True, by="anna"), None)
+        fleet.activities.take(HoldChanged(Hold("lift", "anna", 1.0, "a new tyre"), is_held=True, by="anna"), None)
         skill_status = Topic(2, 2, 99)
         assert fleet.state.set_busy(skill_status, ("x",), 3) == []
         fleet.settle(1.0)
-        assert [(one.name, one.held_by, one.capacities) for one in fleet.summaries(1)] == [
-            ("r0", "", ()),
-            ("lift", "anna", ("lift",)),
+        assert [(one.name, one.held_by, one.held_reason, one.capacities) for one in fleet.summaries(1)] == [
+            ("r0", "", "", ()),
+            ("lift", "anna", "a new tyre", ("lift",)),
         ]
         robot = fleet.state.robot_status("r0")
         assert robot is not None

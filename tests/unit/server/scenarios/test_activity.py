@@ -121,7 +121,7 @@ def test_the_first_fault_is_told_and_silence_only_where_there_is_no_other() -> N
 def test_who_holds_a_robot_is_told_until_it_is_released() -> None:
     told, hold = RobotActivities(), Hold("rover", "anna", 1.0, "")
     told.take(HoldChanged(hold, is_held=True, by="anna"), None)
-    assert told.of("rover").held_by == "anna"
+    assert told.of("rover").hold == hold
     told.take(HoldChanged(hold, is_held=False, by="otto"), None)
     assert told.of("rover") == NOTHING
 
@@ -135,7 +135,7 @@ def test_after_a_restart_the_journal_says_it() -> None:
     told.restored([ended, going_on], [Hold("arm", "anna", 1.0, "")])
     assert (told.of("rover").tasks, told.of("rover").run_id) == (("fetch",), "r1")
     assert told.of("lift") == NOTHING
-    assert told.of("arm").held_by == "anna"
+    assert told.of("arm").hold == Hold("arm", "anna", 1.0, "")
     told.take(RunChanged("r1", over("1")), _applied(going_on, over("1")))
     assert told.of("rover") == NOTHING
 

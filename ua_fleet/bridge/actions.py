@@ -34,7 +34,7 @@ from ua_fleet.bridge.driver import (
 from ua_fleet.bridge.skill_status import StatusBoard
 from ua_fleet.bridge.unrecorded import Said, Step, Unrecorded
 from ua_fleet.counters import Counters, Drop
-from ua_fleet.errors import LocalWireError, RobotOffline, SkillError, SkillRejected, StorageUnavailable
+from ua_fleet.errors import LocalWireError, RobotBusy, RobotOffline, SkillError, SkillRejected, StorageUnavailable
 from ua_fleet.pubsub.events import ActionReceived
 from ua_fleet.pubsub.metadata import fields_version, type_codes
 from ua_fleet.pubsub.publisher import Publisher
@@ -149,6 +149,8 @@ class Actions:
         self._due: float | None = None
         self.problem = ""
         """Why executions cannot be recorded; empty while they can."""
+        self.driven_by: Callable[[str], str] = lambda _robot: ""
+        """Why a robot does nothing else now, since somebody drives it by hand; empty where it may."""
         self.rival: Callable[[float], str] = lambda _now: ""
         """Why nothing may be begun now; empty where it may. What is under way goes on, and can be stopped."""
 
@@ -196,6 +198,16 @@ class Actions:
         execution = self._responder.execution(execution_id)
         named = None if execution is None else self._board.names_of(execution.target)
         return None if named is None else named[0]
+
+    def busy(self, robot: str, now: float) -> str:
+        """Why a robot cannot be driven by hand now; empty where nothing is under way there."""
+        if problem := self.rival(now):
+            return problem
+        for execution in self._responder.executions():
+            named = self._board.names_of(execution.target) if execution.report.state in OPEN else None
+            if named is not None and named[0] == robot:
+                return f"it does `{named[1]}`; halt that first, or wait for its end"
+        return ""
 
     def poll(self, now: float) -> None:
         """Do what is due."""
@@ -323,6 +335,9 @@ class Actions:
         try:
             if problem := self.rival(now):
                 raise RobotOffline(problem)
+            named = self._board.names_of(execution.target)
+            if named is not None and (problem := self.driven_by(named[0])):
+                raise RobotBusy(f"{named[0]} does no skill now: {problem}")
             self._driver.execute(_of_driver(execution))
         except SkillError as error:
             status, said = error.ua_status, str(error)

@@ -34,6 +34,7 @@ from ua_fleet.pubsub.events import (
     MetaDataReceived,
     ProbeDue,
     ProbeReceived,
+    SetpointReceived,
     SourceReturned,
     SourceSilent,
     SourceStale,
@@ -45,9 +46,10 @@ from ua_fleet.pubsub.publisher import Publisher
 from ua_fleet.pubsub.subscriber import Subscriber
 from ua_fleet.topics import Side, Topic, Verdict, loop_verdict
 from ua_fleet.values import BuiltinType, StatusCode, Variant, ticks_from_unix_ns
+from ua_fleet.wire.actions import ActionMessage
 from ua_fleet.wire.messages import DataSetMessage, DataSetMetaData
 
-__all__ = ["NODE_ONLY", "ActionSide", "BridgeCore", "PublishIntoSpace", "Rule", "SendDatagram"]
+__all__ = ["NODE_ONLY", "ActionSide", "BridgeCore", "PublishIntoSpace", "Rule", "SendDatagram", "TeleoperationSide"]
 
 Rule = Callable[[Side, int, int, bool], Verdict]
 """`loop_verdict`, or what a test puts in its place."""
@@ -87,6 +89,27 @@ class ActionSide(Protocol):
 
     def next_deadline(self) -> float | None:
         """When `poll` is to be called next, or None."""
+        ...
+
+
+class TeleoperationSide(Protocol):
+    """What the core needs of robots that are driven by hand: see `ua_fleet.bridge.teleoperation`."""
+
+    @property
+    def topics(self) -> frozenset[Topic]:
+        """The data that takes setpoints alone."""
+        ...
+
+    def takes(self, message: ActionMessage) -> bool:
+        """Whether a request is about a lease."""
+        ...
+
+    def receive(self, event: ActionReceived, now: float) -> None:
+        """Take such a request."""
+        ...
+
+    def setpoint(self, event: SetpointReceived, now: float) -> None:
+        """Take a setpoint."""
         ...
 
 
@@ -133,6 +156,8 @@ class BridgeCore:
         """Other spaces' sources whose last message could not be published since it was Bad."""
         self.actions: ActionSide | None = None
         """The commands of this bridge; without, Actions are left alone."""
+        self.teleoperation: TeleoperationSide | None = None
+        """The robots of this bridge that are driven by hand, where there are some."""
         self.wants: Wants | None = None
         """What the server wants of this bridge, where that reads on demand."""
         self.stale: Callable[[Topic, bool], None] | None = None
@@ -289,18 +314,29 @@ class BridgeCore:
         elif isinstance(event, ProbeReceived):
             for datagram in self._publisher.answer(event.probe, now):
                 self._send(datagram)
+        elif isinstance(event, SetpointReceived):
+            if self.teleoperation is not None:
+                self.teleoperation.setpoint(event, now)
         elif isinstance(event, ActionReceived):
-            if self.actions is not None:
-                self.actions.receive(event, now)
+            self._action(event, now)
         elif isinstance(event, MetaDataReceived):
             if first_property(event.metadata, NODE_ONLY):
                 self._node_only.add(event.topic)
             else:
                 self._node_only.discard(event.topic)
 
+    def _action(self, event: ActionReceived, now: float) -> None:
+        if self.teleoperation is not None and self.teleoperation.takes(event.message):
+            self.teleoperation.receive(event, now)
+        elif self.actions is not None:
+            self.actions.receive(event, now)
+
     def _data(self, event: DataReceived) -> None:
         topic, message, metadata = event
         if topic in self._node_only:
+            return
+        if self.teleoperation is not None and topic in self.teleoperation.topics:
+            self.counters.drop(Drop.NOT_A_SETPOINT)
             return
         status = message.status or 0
         is_bad, has_bad_field = bool(status & _BAD) or status >> 16 == _OLD, _has_bad_field(message, metadata)

@@ -36,6 +36,7 @@ __all__ = [
     "PackingDriver",
     "RememberingDriver",
     "SampleRead",
+    "SetpointDriver",
     "Skill",
     "SkillDriver",
     "SkillTarget",
@@ -282,6 +283,28 @@ class RememberingDriver(Protocol):
 
     def remember_in(self, folder: Path) -> None:
         """Told the bridge's `state_dir` before `start`. The folder need not exist."""
+        ...
+
+
+@runtime_checkable
+class SetpointDriver(Protocol):
+    """What a driver has beside `Driver` where robots of its space can be driven by hand (docs/teleoperation.md).
+
+    Both run in the bridge's event loop and must not block it. `topic` is the data that takes the setpoints.
+    """
+
+    def setpoint_problem(self, topic: Topic) -> str:
+        """Why nothing that is written now reaches the robot, in a line for people; empty where it does.
+
+        Asked before a lease is granted, and each 50 ms while one is held: the lease ends with a problem.
+        """
+        ...
+
+    def write_setpoint(self, topic: Topic, values: tuple[float, ...]) -> None:
+        """Write a setpoint to the robot now, or not at all: none may wait for anything. `values` are by field.
+
+        Called each period while the robot is driven, and until it stands.
+        """
         ...
 
 

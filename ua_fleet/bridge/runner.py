@@ -29,6 +29,7 @@ from ua_fleet.bridge.driver import (
     PackingDriver,
     RememberingDriver,
     SampleRead,
+    SetpointDriver,
     SourceFound,
     StreamingDriver,
     skills_of,
@@ -40,6 +41,7 @@ from ua_fleet.bridge.lag import LagMeter
 from ua_fleet.bridge.link_log import LinkLog
 from ua_fleet.bridge.rival import Rival
 from ua_fleet.bridge.status import STATUS_FIELDS, STATUS_INTERVAL_S, aside_text, status_topic, status_values
+from ua_fleet.bridge.teleoperation import Teleoperation
 from ua_fleet.bridge.told import ToldReasons
 from ua_fleet.bridge.wanted import Wants
 from ua_fleet.config.applications import bridge_application
@@ -47,6 +49,7 @@ from ua_fleet.config.nodes import mapped_sources, max_ages_of
 from ua_fleet.config.registration import announced_robots
 from ua_fleet.config.schema import FleetConfig
 from ua_fleet.config.security import envelope_of, keys_needed, weaknesses
+from ua_fleet.config.teleoperation import setpoint_groups, teleoperations
 from ua_fleet.counters import Counters
 from ua_fleet.errors import DriverFailed, UaFleetError
 from ua_fleet.fleet.wanted import wanted_topic
@@ -58,6 +61,7 @@ from ua_fleet.pubsub.security.groups import telemetry_group
 from ua_fleet.pubsub.subscriber import Subscriber
 from ua_fleet.skill.journal import MemoryJournal, ResponderJournal
 from ua_fleet.storage.journal import SqliteJournal
+from ua_fleet.storage.lease_numbers import LeaseNumbers
 from ua_fleet.storage.process_lock import process_lock
 from ua_fleet.topics import Topic, loop_verdict
 from ua_fleet.transport.base import Address, KnowsItself, Transport
@@ -115,6 +119,7 @@ class _Shell:
             envelope=self.envelope,
             max_ages=max_ages,
             mapped=mapped_sources(config),
+            setpoint_groups=setpoint_groups(config),
         )
         publisher = Publisher(
             space,
@@ -169,6 +174,7 @@ class _Shell:
             rule=rule,
             definitions=announced_robots(config, bridge_name),
         )
+        self.teleoperation = self._driven(config, state_dir, publisher)
         self._rival = Rival()
         if isinstance(transport, KnowsItself):
             is_own = transport.is_own
@@ -205,6 +211,32 @@ class _Shell:
         for weakness in weaknesses(config):
             self._log.warning(weakness)
 
+    def _driven(self, config: FleetConfig, state_dir: Path, publisher: Publisher) -> Teleoperation | None:
+        """The robots that are driven by hand; None where there are none."""
+        models, driver = teleoperations(config, self._name), self._driver
+        if not models or not isinstance(driver, SetpointDriver):
+            return None
+        self._core.teleoperation = driven = Teleoperation(
+            self._bridge.space,
+            models,
+            publisher,
+            self.counters,
+            driver=driver,
+            core=self._core,
+            next_number=LeaseNumbers(state_dir).next,
+            requestors=self._bridge.requestors,
+            must_be_verified=self.envelope.mode is not SecurityMode.NONE,
+            busy=self._actions.busy,
+            send=self._sender.send,
+            send_to=self._sender.send,
+            wall_ticks=_wall_ticks,
+            caught=self.mistakes.caught,
+            told=lambda text, robot, detail: self._log.info(text, robot=robot, detail=detail),
+            loop=self._loop,
+        )
+        self._actions.driven_by = driven.driven_by
+        return driven
+
     async def wait_for_own_key(self) -> None:
         """Wait until there is something to publish with."""
         group_id = telemetry_group(self._bridge.space)
@@ -220,6 +252,8 @@ class _Shell:
             self._core.from_space(source, now=now, wall_ticks=_wall_ticks())
         self._status_at = now
         self._actions.begin(now)
+        if self.teleoperation is not None:
+            self.teleoperation.begin(now)
         self.inlet.open()
         self._on_timer()
 
@@ -370,6 +404,8 @@ async def run_bridge(
         cleanup.push_async_callback(transport.close)
         cleanup.push_async_callback(driver.stop)
         cleanup.callback(shell.end)
+        if shell.teleoperation is not None:
+            cleanup.push_async_callback(shell.teleoperation.stop)
         try:
             async with asyncio.TaskGroup() as tasks:
                 if keys is not None:

@@ -76,6 +76,16 @@ class Control:
         return self._leases.last_end
 
     @property
+    def ends(self) -> int:
+        """How many leases have ended."""
+        return self._leases.ends
+
+    @property
+    def is_at_rest(self) -> bool:
+        """Whether nothing more is to be written before the next lease."""
+        return self._step_at is None
+
+    @property
     def driven_by(self) -> str:
         """Whose the robot is, in words, so that it can do nothing else; empty where it is nobody's, and stands."""
         if (lease := self._leases.held) is not None:

@@ -45,6 +45,8 @@ class Leases:
         self._until = 0.0
         self.last_end = ""
         """Why the last one ended, a line for people that begins with its holder."""
+        self.ends = 0
+        """How many have ended."""
 
     @property
     def held(self) -> Lease | None:
@@ -94,4 +96,5 @@ class Leases:
         """There is none any more."""
         if self._lease is not None:
             self.last_end = f"{self._lease.holder}: {why}"
+            self.ends += 1
             self._lease = None

@@ -9,11 +9,13 @@ from typing import Any
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from std_msgs.msg import String
 
+from ua_bridges.robot.driven import Driven
 from ua_bridges.robot.program import Announcer, Program
 
 __all__ = ["Robot"]
 
 _QOS = QoSProfile(depth=100, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.VOLATILE)
+_LATEST = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT, durability=DurabilityPolicy.VOLATILE)
 _LATCHED = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 Function = Callable[..., Mapping[str, Any] | None]
@@ -37,6 +39,25 @@ class Robot(Announcer):
     def _latched(self, name: str) -> Callable[[str], None]:
         publisher = self._node.create_publisher(String, name, _LATCHED)
         return lambda text: publisher.publish(String(data=text))
+
+    def driven(
+        self, topic: str, kind: type[Any], *, timeout_s: float, is_zero: Callable[[Any], bool] | None = None
+    ) -> Callable[[Callable[[Any], None]], Driven]:
+        """Have a function move the robot as somebody drives it by hand, and stop it when nothing comes in time.
+
+        Args:
+            topic: of the data that takes the setpoints in `fleet.yaml`, e.g. `/cmd_vel`.
+            kind: its type, e.g. `geometry_msgs.msg.Twist`; an empty one has to stop the robot.
+            timeout_s: `robot_timeout_ms` there, in seconds.
+            is_zero: whether a message stops the robot; needed where it has a Header.
+        """
+
+        def offer(drive: Callable[[Any], None]) -> Driven:
+            watch = Driven(drive, kind, timeout_s, is_zero=is_zero)
+            self._node.create_subscription(kind, topic, watch.take, _LATEST)
+            return watch
+
+        return offer
 
     def skill(self, id: int, *, name: str | None = None, at_once: int = 1) -> Callable[[Function], Function]:
         """Offer a function as a skill.

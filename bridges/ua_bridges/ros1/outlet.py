@@ -19,7 +19,7 @@ from ua_bridges.ros.convert import compile_writer
 from ua_bridges.ros1.classes import MessageType
 from ua_bridges.ros1.feed import schema_of
 
-__all__ = ["Outlet"]
+__all__ = ["QUEUE_SIZE", "Outlet"]
 
 _SEQ: Final = Struct("<I")
 
@@ -64,7 +64,14 @@ class Outlet:
     """A publisher with its conversion. All methods but `is_ready` run in the event loop."""
 
     def __init__(
-        self, name: str, kind: MessageType, fields: Sequence[str], *, latched: bool, shared: Any | None = None
+        self,
+        name: str,
+        kind: MessageType,
+        fields: Sequence[str],
+        *,
+        latched: bool,
+        shared: Any | None = None,
+        queue_size: int = QUEUE_SIZE,
     ) -> None:
         """Make the publisher; the watch registers it with the master.
 
@@ -74,6 +81,7 @@ class Outlet:
             fields: the flat field of each value that `publish` gets.
             latched: whether late subscribers get the last message.
             shared: a message in which `fields` are set and all others stay, for DataSets that share a topic.
+            queue_size: messages that wait for a slow subscriber.
 
         Raises:
             ConversionError: the fields are not those of the type.
@@ -88,7 +96,7 @@ class Outlet:
         published = kind.cls
         if self._encode is not None:
             published = self._make = _serialized_class(kind)
-        self._publisher = rospy.Publisher(name, published, queue_size=QUEUE_SIZE, latch=latched, tcp_nodelay=True)
+        self._publisher = rospy.Publisher(name, published, queue_size=queue_size, latch=latched, tcp_nodelay=True)
         self._held: deque[Any] | None = deque()
         self._remembered: Any = None
         self._owed: frozenset[str] = frozenset()
@@ -123,6 +131,20 @@ class Outlet:
             return 0
         self._held.popleft()
         return 1
+
+    def write(self, values: Sequence[Any]) -> bool:
+        """Publish one message now, or not at all, since it would be worthless later; whether it went out.
+
+        Raises ConversionError.
+        """
+        if self._held is None:
+            self._publisher.publish(self._message(values))
+        return self._held is None
+
+    @property
+    def listeners(self) -> int:
+        """How many subscribers have a link."""
+        return int(self._publisher.get_num_connections()) if self._held is None else 0
 
     def _message(self, values: Sequence[Any]) -> Any:
         if self._encode is not None:

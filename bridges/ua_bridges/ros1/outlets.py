@@ -21,7 +21,7 @@ from ua_bridges.ros.latched import is_latched
 from ua_bridges.ros.schema import ros1_type_name
 from ua_bridges.ros1.classes import MessageType, installed_type, needed_type, type_from_definition
 from ua_bridges.ros1.feed import schema_of
-from ua_bridges.ros1.outlet import Outlet
+from ua_bridges.ros1.outlet import QUEUE_SIZE, Outlet
 from ua_fleet.bridge.driver import Dropped, Inlet
 from ua_fleet.bridge.rate import RateGate
 from ua_fleet.config.schema import DataSetConfig, TopicMapping
@@ -136,14 +136,48 @@ class Outlets:
                 with contextlib.suppress(ConversionError, FieldMissing):
                     sink.outlet.remember(sink.order.arranged(metadata, values))
 
-    def add_sink(self, topic: Topic, browse_name: str, dataset: DataSetConfig, order: FieldOrder) -> None:
-        """Write the DataSet to the robot's own topic, too; `order` puts its values into that of `fleet.yaml`."""
+    def setpoint_problem(self, topic: Topic) -> str:
+        """See SetpointDriver."""
+        for sink in self._sinks.get(topic, ()):
+            if isinstance(sink.outlet, Dropped):
+                return sink.outlet.detail
+            if not sink.outlet.listeners:
+                return f"nobody listens to {sink.outlet.name} in ROS"
+        return ""
+
+    def write_setpoint(self, topic: Topic, values: _Values) -> None:
+        """See SetpointDriver."""
+        for sink in self._sinks.get(topic, ()):
+            if isinstance(sink.outlet, Dropped):
+                self._inlet.put(sink.outlet)
+                continue
+            try:
+                is_written = sink.outlet.write(values)
+            except (ConversionError, rospy.ROSException, rospy.ROSSerializationException) as error:
+                self._inlet.put(Dropped(Drop.CONVERSION, detail=f"{sink.outlet.name}: {error}"))
+            else:
+                if not is_written:
+                    self._inlet.put(Dropped(Drop.NOT_CONNECTED))
+
+    def add_sink(
+        self,
+        topic: Topic,
+        browse_name: str,
+        dataset: DataSetConfig,
+        order: FieldOrder,
+        *,
+        takes_setpoints: bool = False,
+    ) -> None:
+        """Write the DataSet to the robot's own topic, too; `order` puts its values into that of `fleet.yaml`.
+
+        What takes setpoints keeps one for a slow subscriber, the latest.
+        """
         mapping = dataset.sink_topic
         assert mapping is not None
         paths = [field.path or name or "data" for name, field in dataset.all_fields().items()]
         outlet: Outlet | Dropped
         try:
-            outlet = self._sink_outlet(mapping, paths)
+            outlet = self._sink_outlet(mapping, paths, 1 if takes_setpoints else QUEUE_SIZE)
         except UaFleetError as error:
             outlet = Dropped(Drop.TYPE_MISSING, detail=f"{browse_name} cannot be written to {mapping.topic}: {error}")
         gate = None
@@ -196,13 +230,13 @@ class Outlets:
         self._changed(replaced)
         return mirrored
 
-    def _sink_outlet(self, mapping: TopicMapping, paths: list[str]) -> Outlet:
+    def _sink_outlet(self, mapping: TopicMapping, paths: list[str], queue_size: int) -> Outlet:
         name = absolute(mapping.topic)
         kind = needed_type(ros1_type_name(mapping.type.replace("/msg/", "/")))
         shared_kind, shared = self._shared.setdefault(name, (kind, kind.cls()))
         if shared_kind.name != kind.name:
             raise ConfigError(f"another sink has the type {shared_kind.name} for this topic, not {kind.name}")
-        return Outlet(name, kind, paths, latched=mapping.latched, shared=shared)
+        return Outlet(name, kind, paths, latched=mapping.latched, shared=shared, queue_size=queue_size)
 
     def _gate(self, rate_hz: float, outlet: Outlet) -> RateGate[_Values]:
         def replaced() -> None:

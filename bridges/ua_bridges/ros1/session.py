@@ -22,6 +22,7 @@ from ua_fleet.bridge.configured import configured_sinks, configured_sources
 from ua_fleet.bridge.driver import DriverStatus, Dropped, Inlet
 from ua_fleet.bridge.offenders import Offenders
 from ua_fleet.config.schema import FleetConfig, TopicMapping
+from ua_fleet.config.teleoperation import teleoperations
 from ua_fleet.counters import Drop
 from ua_fleet.topics import Topic
 from ua_fleet.wire.messages import DataSetMessage, DataSetMetaData
@@ -40,6 +41,7 @@ class Ros1Driver:
         self._bridge = bridge
         self._sources = configured_sources(config, bridge_name, TopicMapping)
         self._sinks = configured_sinks(config, bridge_name, TopicMapping)
+        self._driven = {model.data for model in teleoperations(config, bridge_name)}
         self._named = named_types(config)
         self._name, self._pubsub = bridge_name, config.pubsub
         self._node: RosNode | None = None
@@ -60,7 +62,8 @@ class Ros1Driver:
             mapped_feed = MappedFeed(source.topic, source.config, source.name, inlet, loop)
             mapped.setdefault(absolute(source.side.topic), []).append(mapped_feed)
         for sink in self._sinks:
-            outlets.add_sink(sink.topic, sink.name, sink.config, sink.order)
+            is_driven = sink.topic in self._driven
+            outlets.add_sink(sink.topic, sink.name, sink.config, sink.order, takes_setpoints=is_driven)
         for name, feed in self._skill_feeds(node, inlet):
             mapped.setdefault(name, []).append(feed)
         self._offenders = Offenders(inlet)
@@ -93,6 +96,17 @@ class Ros1Driver:
             self._inlet.put(Dropped(Drop.NOT_CONNECTED, detail=self.status().detail))
             return False
         return self._outlets.publish(topic, metadata, message)
+
+    def setpoint_problem(self, topic: Topic) -> str:
+        """See SetpointDriver."""
+        if self._node is None or self._outlets is None or self._watch is None or self._watch.is_evicted:
+            return f"the bridge is not in ROS: {self.status().detail}"
+        return self._outlets.setpoint_problem(topic)
+
+    def write_setpoint(self, topic: Topic, values: tuple[float, ...]) -> None:
+        """See SetpointDriver."""
+        if self._node is not None and self._outlets is not None:
+            self._outlets.write_setpoint(topic, values)
 
     def status(self) -> DriverStatus:
         """See Driver."""

@@ -78,6 +78,20 @@ class Outlet:
             self._publisher.publish(message)  # rclpy serialises it before it returns
         return lost or 0
 
+    def write(self, make: Make, values: Sequence[Any]) -> bool:
+        """Publish a message now, or not at all, since it would be worthless later; whether it went out.
+
+        Raises ConversionError.
+        """
+        if self._is_open:
+            self._publisher.publish(make(values))
+        return self._is_open
+
+    @property
+    def listeners(self) -> int:
+        """How many subscribers have matched."""
+        return self._publisher.get_subscription_count() if self._is_open else 0
+
     def _hold(self, message: Any) -> int | None:
         """Keep a copy of the message until the outlet is open, and how many went for it; None if it is open by now."""
         with self._lock:

@@ -159,6 +159,26 @@ class Ros2Driver:
             return self._publish_first(route, topic, message)
         return self._publish(route, topic, message)
 
+    def setpoint_problem(self, topic: Topic) -> str:
+        """See SetpointDriver."""
+        if not self._thread.running:
+            return f"the bridge is not in ROS: {self.status().detail}"
+        outlets = [sink.outlet for sink in self._sinks.get(topic, ())]
+        if not outlets:
+            return "its message type is not installed here; see the log of the bridge"
+        return "" if outlets[0].listeners else f"nobody listens to {outlets[0].name} in ROS"
+
+    def write_setpoint(self, topic: Topic, values: tuple[float, ...]) -> None:
+        """See SetpointDriver."""
+        for sink in self._sinks.get(topic, ()):
+            try:
+                is_written = self._thread.running and sink.outlet.write(sink.make, values)
+            except ConversionError as error:
+                self._inlet.put(Dropped(Drop.CONVERSION, detail=f"{sink.outlet.name}: {error}"))
+            else:
+                if not is_written:
+                    self._inlet.put(Dropped(Drop.NOT_CONNECTED))
+
     def _publish(self, route: _Route, topic: Topic, message: DataSetMessage) -> bool:
         sent = False
         values = message.values

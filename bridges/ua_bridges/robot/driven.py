@@ -1,0 +1,101 @@
+"""A robot's own watch over the speeds that somebody sends it: none for too long, and it stops.
+
+It is the last one: it works where the bridge is dead, stopped, or cut off. A stopped robot follows again once it has
+heard a zero, which is how the bridge begins each time: so what comes after an outage does not set it in motion at once.
+It is no safety function; the robot's own emergency stop stays what it is.
+"""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from collections.abc import Callable
+from typing import Any
+
+__all__ = ["Driven"]
+
+_log = logging.getLogger(__name__)
+
+
+class Driven:
+    """Hands speeds on to a function, and a zero when none comes in time. A daemon thread looks after the time."""
+
+    def __init__(
+        self,
+        drive: Callable[[Any], None],
+        zero: Callable[[], Any],
+        timeout_s: float,
+        *,
+        is_zero: Callable[[Any], bool] | None = None,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        """Begin stopped.
+
+        Args:
+            drive: moves the robot; called by one thread at a time, and must return at once.
+            zero: makes the message that stops it.
+            timeout_s: `robot_timeout_ms` of `fleet.yaml`, in seconds.
+            is_zero: whether a message is a zero; by default whether it equals that of `zero`.
+            clock: monotonic seconds.
+        """
+        if not timeout_s > 0:
+            raise ValueError(f"timeout_s: {timeout_s:g} is no time; write that of robot_timeout_ms in fleet.yaml")
+        self._drive, self._zero, self._timeout_s, self._clock = drive, zero, timeout_s, clock
+        self._is_zero = is_zero or self._equals_zero
+        self._changed = threading.Condition()
+        self._heard_at: float | None = None
+        """When the last speed was taken; None while stopped."""
+        self._is_closed = False
+        self.stops = 0
+        """How often no speed came in time."""
+        self.ignored = 0
+        """Speeds that came before a zero was heard."""
+        self._thread = threading.Thread(target=self._look, name="driven", daemon=True)
+        self._thread.start()
+
+    @property
+    def is_stopped(self) -> bool:
+        """Whether it waits for a zero."""
+        return self._heard_at is None
+
+    def take(self, message: Any) -> None:
+        """Take a speed."""
+        with self._changed:
+            if self._heard_at is None and not self._is_zero(message):
+                self.ignored += 1
+                return
+            self._heard_at = self._clock()
+            self._changed.notify()
+            self._drive(message)
+
+    def close(self) -> None:
+        """Stop the robot if it moves, and the thread."""
+        with self._changed:
+            self._is_closed = True
+            self._stop()
+            self._changed.notify()
+        self._thread.join()
+
+    def _equals_zero(self, message: Any) -> bool:
+        return bool(message == self._zero())
+
+    def _look(self) -> None:
+        with self._changed:
+            while not self._is_closed:
+                if self._heard_at is None:
+                    self._changed.wait()
+                elif (left_s := self._heard_at + self._timeout_s - self._clock()) > 0:
+                    self._changed.wait(left_s)
+                else:
+                    self.stops += 1
+                    self._stop()
+
+    def _stop(self) -> None:
+        if self._heard_at is None:
+            return
+        self._heard_at = None
+        try:
+            self._drive(self._zero())
+        except Exception:  # noqa: BLE001 - whatever the robot's programmer has not foreseen, the next one is stopped too
+            _log.exception("the robot could not be stopped")

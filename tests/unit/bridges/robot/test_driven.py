@@ -1,0 +1,76 @@
+"""A robot's own watch: it stops without speeds, and follows again only after a zero."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Generator
+from contextlib import contextmanager
+from queue import Queue
+
+import pytest
+from ua_bridges.robot import Driven
+
+TIMEOUT_S = 0.05
+PATIENCE_S = 5.0
+
+
+@contextmanager
+def driven(timeout_s: float = TIMEOUT_S) -> Generator[tuple[Driven, Queue[float]]]:
+    driven_to: Queue[float] = Queue()
+    watch = Driven(driven_to.put, lambda: 0.0, timeout_s)
+    try:
+        yield watch, driven_to
+    finally:
+        watch.close()
+        assert not watch._thread.is_alive()  # pyright: ignore[reportPrivateUsage]
+
+
+def test_it_is_stopped_when_speeds_cease_and_follows_after_a_zero() -> None:
+    with driven() as (watch, driven_to):
+        watch.take(0.3)
+        assert (watch.is_stopped, watch.ignored, driven_to.empty()) == (True, 1, True)
+        for speed in (0.0, 0.2, 0.3):
+            watch.take(speed)
+        assert [driven_to.get(timeout=PATIENCE_S) for _ in range(4)] == [0.0, 0.2, 0.3, 0.0]
+        assert (watch.is_stopped, watch.stops) == (True, 1)
+        watch.take(0.3)
+        assert driven_to.empty()
+        watch.take(0.0)
+        watch.take(0.1)
+        assert [driven_to.get(timeout=PATIENCE_S) for _ in range(3)] == [0.0, 0.1, 0.0]
+
+
+def test_each_speed_gives_it_time_again() -> None:
+    now = 0.0
+    driven_to: list[float] = []
+    watch = Driven(driven_to.append, lambda: 0.0, 100.0, clock=lambda: now)
+    for _ in range(3):
+        watch.take(0.0)
+        now += 99.0
+        watch.take(0.5)
+    assert watch.stops == 0
+    watch.close()
+    assert driven_to == [0.0, 0.5] * 3 + [0.0]
+
+
+def test_a_function_that_fails_is_told_to_stop_the_next_time_too() -> None:
+    stopped = threading.Semaphore(0)
+
+    def drive(speed: float) -> None:
+        if not speed:
+            stopped.release()
+            raise OSError("the motor is away")
+
+    watch = Driven(drive, lambda: 0.0, TIMEOUT_S)
+    for _ in range(2):
+        with pytest.raises(OSError, match="the motor"):
+            watch.take(0.0)
+        watch.take(0.4)
+        assert stopped.acquire(timeout=PATIENCE_S)
+        assert stopped.acquire(timeout=PATIENCE_S)
+    watch.close()
+
+
+def test_a_time_that_is_none_is_refused() -> None:
+    with pytest.raises(ValueError, match="write that of robot_timeout_ms"):
+        Driven(print, float, 0.0)

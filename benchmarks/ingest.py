@@ -27,8 +27,8 @@ REFERENCE = "stock asyncua write_value"
 class Process:
     """A child that answers each line with a line."""
 
-    def __init__(self, *arguments: object) -> None:
-        command = [sys.executable, "-m", "benchmarks._ingest", *map(str, arguments)]
+    def __init__(self, *arguments: object, module: str = "benchmarks._ingest") -> None:
+        command = [sys.executable, "-m", module, *map(str, arguments)]
         self._child = subprocess.Popen(
             command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, cwd=system.ROOT
         )

@@ -345,6 +345,15 @@ async def bad(awaitable: Any) -> str:
     return "Good" if result is None or not hasattr(result, "name") else str(result.name)
 
 
+async def lose(client: Client) -> None:
+    """Lose the connection without closing the session."""
+    await client._cancel_task(client._stale_watchdog_task)
+    await client._cancel_task(client._supervisor_task)
+    await client._cancel_task(client._renew_channel_task)
+    client.disconnect_socket()
+    await asyncio.sleep(0.05)
+
+
 class Raw:
     """A TCP connection whose owner writes whatever bytes they like."""
 

@@ -16,6 +16,7 @@ from tests.integration.server_security.harness import (
     Stock,
     bad,
     door,
+    lose,
     send,
     ua,
 )
@@ -128,15 +129,6 @@ async def reattach(hardened: Door, old: Client, **options: Any) -> tuple[Client,
     # Without security no channel brings it, and the password is encrypted for it all the same.
     client.security_policy.peer_certificate = old.security_policy.peer_certificate
     return client, await bad(client.activate_session(client._username, client._password))
-
-
-async def lose(client: Client) -> None:
-    """Lose the connection without closing the session."""
-    await client._cancel_task(client._stale_watchdog_task)
-    await client._cancel_task(client._supervisor_task)
-    await client._cancel_task(client._renew_channel_task)
-    client.disconnect_socket()
-    await asyncio.sleep(0.05)
 
 
 class Changes:

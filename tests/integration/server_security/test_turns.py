@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import asyncio
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from tests.integration.server_security.harness import Identities, door
+from tests.integration.server_security.harness import Identities, bad, door, lose, ua
 from tests.waiting import until
 from ua_fleet.server.endpoint.connection import Connection
+from ua_fleet.server.endpoint.turns import TURN_S
+from ua_fleet.server.users import Role, UserStore
 
 LARGE = 3 << 20
 
@@ -60,3 +63,52 @@ async def test_others_have_their_turn_between_the_chunks_of_a_large_answer(
     assert len(chunks) >= 5 * LARGE // 65_536
     between = sum(chunks[0] < turn < chunks[-1] for turn in turns)
     assert between >= 20, "others waited for whole answers"
+
+
+def another_comes(users: UserStore) -> None:
+    users.add("petra", "password-1", Role.OBSERVER)
+
+
+def he_goes(users: UserStore) -> None:
+    users.remove("oscar")
+
+
+def his_role_changes(users: UserStore) -> None:
+    users.add("oscar", "operate-1", Role.OBSERVER, replace_existing=True)
+
+
+@pytest.mark.parametrize(
+    ("change", "ends", "reason"),
+    [
+        (another_comes, "Good", ""),
+        (he_goes, "BadSessionClosed", "the session has ended"),
+        (his_role_changes, "BadUserAccessDenied", "the user's rights have changed"),
+    ],
+)
+async def test_users_change_in_the_middle_of_a_request(
+    tmp_path: Path, identities: Identities, change: Callable[[UserStore], None], ends: str, reason: str
+) -> None:
+    """Each change ended all requests under way, of whichever user, with Bad_ConnectionClosed over open connections."""
+    began, go_on = asyncio.Event(), asyncio.Event()
+
+    async def waits(_parent: Any) -> list[Any]:
+        began.set()
+        await go_on.wait()
+        return []
+
+    async with door(tmp_path, identities) as running:
+        server: Any = running.server
+        objects = server.nodes.objects
+        method = await objects.add_method(ua.NodeId("waits", 2), "waits", waits, [], [])
+        client = await running.client("oscar")
+        await client.connect()
+        called = asyncio.ensure_future(bad(client.nodes.objects.call_method(method.nodeid)))
+        await began.wait()
+        change(running.users)
+        await until(lambda: server._listener._generation == running.users.generation, "that the server knows it")
+        await asyncio.sleep(TURN_S)  # so long a request is worked on before it is looked at again
+        go_on.set()
+        assert await called == ends
+        refused = [line["reason"] for line in running.audit() if line.get("what") == "Call"]
+        assert refused == ([reason] if reason else [])
+        await lose(client)

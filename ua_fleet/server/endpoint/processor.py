@@ -117,6 +117,7 @@ class Services:
 
 
 _INTERNAL = int(StatusCodes.BadInternalError)
+_GONE = StatusCodes.BadConnectionClosed
 _CREATE = _encoding("CreateSession")
 _ACTIVATE = _encoding("ActivateSession")
 _CLOSE = _encoding("CloseSession")
@@ -446,11 +447,13 @@ class Processor:
         session.last_seen = time.monotonic()
         session.usage.asked(kind)
         user = session.user
-        # Who has lost the session, or rights, in the middle of a request gets nothing more of it.
-        turns = self._turns = Turns(
-            self._context.places.of(f"at {self.address}" if user.anonymous else user.name),
-            lambda: not self._connection.over and session.link is self and session.user is user,
-        )
+
+        def refusal() -> Refusal | None:  # who has lost the session, or rights, gets nothing more of this request
+            is_gone = self._connection.over
+            return Refusal(_GONE, "the client has gone") if is_gone else session.refusal(self, user)
+
+        place = self._context.places.of(f"at {self.address}" if user.anonymous else user.name)
+        turns = self._turns = Turns(place, refusal)
         await turns.end(len(body))
         limits = self._context.limits
         parameters = await decode_parameters(

@@ -25,7 +25,7 @@ from asyncua import ua
 
 from ua_fleet.server.audit import Caller
 from ua_fleet.server.endpoint.places import Holder, holder_of, standing_of
-from ua_fleet.server.endpoint.stack import StatusCodes, guid_id, opaque_id, status
+from ua_fleet.server.endpoint.stack import Refusal, StatusCodes, guid_id, opaque_id, status
 from ua_fleet.server.endpoint.usage import SessionUsage
 from ua_fleet.server.users import User
 
@@ -146,6 +146,17 @@ class Session:
     def address(self) -> str:
         """Address of the client, the last one while there is none."""
         return self.link.address if self.link is not None else self.last_address
+
+    def refusal(self, link: Link, user: User) -> Refusal | None:
+        """Why a request of this user on that connection is not to go on; None while it is."""
+        if self.closed:
+            return Refusal(StatusCodes.BadSessionClosed, "the session has ended")
+        if self.link is not link:
+            return Refusal(StatusCodes.BadSecureChannelClosed, "the session has moved to another channel")
+        # Equal, not the same: each change of the users file gives all sessions their users anew.
+        if self.user != user:
+            return Refusal(StatusCodes.BadUserAccessDenied, "the user's rights have changed")
+        return None
 
     def room(self, wish: int) -> int:
         """Bytes of `wish` after which a notification message is full for this client; its last part may have more."""

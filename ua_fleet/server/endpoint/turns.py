@@ -12,7 +12,7 @@ from collections.abc import Callable
 from typing import Final, Literal
 from weakref import WeakValueDictionary
 
-from ua_fleet.server.endpoint.stack import Refusal, StatusCodes
+from ua_fleet.server.endpoint.stack import Refusal
 
 __all__ = ["LARGE_BYTES", "TURN_S", "Place", "Places", "Turns"]
 
@@ -56,13 +56,13 @@ class Turns:
 
     Args:
         place: of the user.
-        still_wanted: whether anybody waits for the answer.
+        refusal: why this request is not to go on; None while it is.
     """
 
-    __slots__ = ("_began", "_place", "_still_wanted", "is_large")
+    __slots__ = ("_began", "_place", "_refusal", "is_large")
 
-    def __init__(self, place: Place, still_wanted: Callable[[], bool] = lambda: True) -> None:
-        self._place, self._still_wanted = place, still_wanted
+    def __init__(self, place: Place, refusal: Callable[[], Refusal | None] = lambda: None) -> None:
+        self._place, self._refusal = place, refusal
         self._began = time.monotonic()
         self.is_large = False
         """Whether this request has its user's place."""
@@ -76,7 +76,7 @@ class Turns:
         """Let others have theirs if this one is over; wait for the user's place where `size` bytes are large.
 
         Raises:
-            Refusal: nobody waits for the answer any more.
+            Refusal: the request is not to go on.
         """
         if size > LARGE_BYTES and not self.is_large:
             await self._place.acquire()
@@ -85,8 +85,8 @@ class Turns:
             return
         else:
             await asyncio.sleep(0)
-        if not self._still_wanted():
-            raise Refusal(StatusCodes.BadConnectionClosed, "the client has gone")
+        if (refusal := self._refusal()) is not None:
+            raise refusal
         self._began = time.monotonic()
 
     @property

@@ -1,2 +1,2 @@
-/** How abnormal something is. `normal` has no colour. */
-export type Tone = 'normal' | 'active' | 'ok' | 'warn' | 'alarm' | 'unsure' | 'old';
+/** How abnormal something is. `normal` has no colour, `off` is not there. */
+export type Tone = 'normal' | 'off' | 'active' | 'ok' | 'warn' | 'alarm' | 'unsure' | 'old';

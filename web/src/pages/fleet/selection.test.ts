@@ -1,0 +1,84 @@
+import { describe, expect, it } from 'vitest';
+import type { Robot } from './robots';
+import { countsOf, selected, type Wish, wishOf } from './selection';
+
+const robot = (name: string, state: Robot['state']['v'], more: Partial<Robot> = {}): Robot => ({
+  name,
+  state: { v: state, s: 0, t: null },
+  ...more,
+});
+
+const FLEET = [
+  robot('arm10', 'busy', {
+    bridge: 'ros1',
+    task: 'place of R-2',
+    capacities: ['grab'],
+    updated: '2026-11-23T22:00:01Z',
+  }),
+  robot('arm2', 'idle', {
+    bridge: 'ros1',
+    capacities: ['grab', 'mobile'],
+    quality: 0,
+    updated: '2026-11-23T22:00:03Z',
+  }),
+  robot('drone', 'faulted', { bridge: 'ros2', fault: 'Motor too hot', quality: 0x80310000, capacities: ['fly'] }),
+  robot('Belt', 'offline', { held: { by: 'otto', reason: 'maintenance' } }),
+  // Its state is told, but not with Good quality.
+  { name: 'shy', state: { v: 'idle', s: 0x80310000, t: null } } satisfies Robot,
+];
+
+const wish = (given: Partial<Wish> = {}): Wish => ({ ...wishOf(() => ''), ...given });
+const names = (given: Partial<Wish>) => selected(FLEET, wish(given)).map((row) => row.robot.name);
+
+describe('robots', () => {
+  it.each<[Partial<Wish>, string[]]>([
+    [{}, ['arm2', 'arm10', 'Belt', 'drone', 'shy']],
+    [{ down: true }, ['shy', 'drone', 'Belt', 'arm10', 'arm2']],
+    [{ text: 'HOT drone' }, ['drone']],
+    [{ text: 'maint' }, ['Belt']],
+    [{ text: 'arm fly' }, []],
+    [{ state: 'idle' }, ['arm2']],
+    [{ state: 'unknown' }, ['shy']],
+    [{ state: 'held' }, ['Belt']],
+    [{ bridge: 'ros1' }, ['arm2', 'arm10']],
+    [{ quality: 'good' }, ['arm2']],
+    // What is not known to be good is not.
+    [{ quality: 'not-good', bridge: 'ros1' }, ['arm10']],
+    [{ sort: 'state' }, ['drone', 'Belt', 'shy', 'arm10', 'arm2']],
+    [{ sort: 'updated' }, ['arm10', 'arm2', 'Belt', 'drone', 'shy']],
+    // Those that nothing is known of are last either way.
+    [{ sort: 'updated', down: true }, ['arm2', 'arm10', 'Belt', 'drone', 'shy']],
+    [{ sort: 'task', down: true }, ['arm10', 'arm2', 'Belt', 'drone', 'shy']],
+  ])('as wished for by %j', (given, expected) => expect(names(given)).toEqual(expected));
+
+  it('stand in groups, each in all of its own', () => {
+    expect(selected(FLEET, wish({ group: 'capacity' })).map((row) => row.key)).toEqual([
+      '/Belt',
+      '/shy',
+      'fly/drone',
+      'grab/arm2',
+      'grab/arm10',
+      'mobile/arm2',
+    ]);
+    expect(selected(FLEET, wish({ group: 'state' })).map((row) => row.group)).toEqual([
+      'faulted',
+      'offline',
+      'unknown',
+      'busy',
+      'idle',
+    ]);
+  });
+
+  it('are counted by what they are known to be', () => {
+    expect(countsOf(FLEET)).toEqual({
+      all: 5,
+      held: 1,
+      states: { faulted: 1, offline: 1, unknown: 1, busy: 1, idle: 1 },
+    });
+  });
+
+  it('are wished for by an address, also by one that was typed wrong', () => {
+    const address: Record<string, string> = { q: 'arm', state: 'broken', sort: 'size', group: 'bridge', down: '1' };
+    expect(wishOf((name) => address[name] ?? '')).toEqual(wish({ text: 'arm', group: 'bridge', down: true }));
+  });
+});

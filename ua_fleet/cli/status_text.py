@@ -249,7 +249,7 @@ def _robot(robot: RobotStatus, since: str) -> tuple[Cell | str, ...]:
 
 def _quality(robot: RobotStatus) -> Cell:
     if robot.values is None:
-        return Cell("not read", Colour.FAINT)
+        return _worst(robot.quality)
     total = sum(robot.values.values())
     others = Counter({name: count for name, count in robot.values.items() if not name.startswith("Good")})
     if not total:
@@ -259,6 +259,17 @@ def _quality(robot: RobotStatus) -> Cell:
     ((name, _),) = others.most_common(1)
     is_bad = any(one.startswith("Bad") for one in others)
     return Cell(f"{others.total()} of {total} {name}", Colour.BAD if is_bad else Colour.WARNING)
+
+
+def _worst(quality: str) -> Cell:
+    """What is known of the quality of a robot whose values were not read."""
+    if not quality:
+        return Cell("not read", Colour.FAINT)
+    if quality == "BadWaitingForInitialData":
+        return Cell("none came", Colour.FAINT)
+    if quality.startswith("Good"):
+        return Cell(quality)
+    return Cell(quality, Colour.BAD if quality.startswith("Bad") else Colour.WARNING)
 
 
 def _faults(faults: Sequence[FaultStatus]) -> str:

@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any, Final
@@ -16,7 +16,8 @@ from cryptography import x509
 
 from ua_fleet.client.convert import plain_value
 from ua_fleet.client.skill_nodes import read_skills, skill_nodes
-from ua_fleet.client.translated import translated
+from ua_fleet.client.summaries import RobotSummary
+from ua_fleet.client.translated import NodeNotFound, translated
 
 if TYPE_CHECKING:
     from ua_fleet.client.fleet_client import FleetClient
@@ -33,7 +34,9 @@ __all__ = [
 ]
 
 MOST_LOOKED_AT: Final = 500
-"""Robots whose values are all read. 5,000 with 30 values each would take some ten seconds."""
+"""Robots of a fleet of which all nodes are read. 5,000 with 30 values each would take some ten seconds."""
+MOST_NOT_WELL: Final = 40
+"""Robots of a larger fleet, which its summaries are read of, whose values are read too."""
 _STATES: Final = ("offline", "idle", "busy", "faulted")
 """RobotStateEnumeration of the UaFleet nodeset."""
 _OVER: Final = ("done", "failed", "aborted")
@@ -96,6 +99,8 @@ class RobotStatus:
     """What it does: `task of RUN`, or the name of a skill."""
     held_by: str = ""
     """Who holds it back from tasks; empty: nobody."""
+    quality: str = ""
+    """Of a robot whose values nobody has looked at: the worst StatusCode of them, by its name."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -176,7 +181,8 @@ async def fleet_status(client: FleetClient, *, all_values: bool = False) -> Flee
     Args:
         client: a connected client.
         all_values: whether the values of all robots are looked at, however many there are; else, of a fleet of more
-            than 500 robots, those of the robots that are busy or not well.
+            than 500 robots, those of 40 robots that are busy, held or not well. How the others stand was so a second
+            ago at most.
 
     Raises:
         NotConnected: the connection was lost.
@@ -255,18 +261,15 @@ async def _drops(client: FleetClient, folder: str) -> dict[str, int]:
 
 
 async def _robots(client: FleetClient, runs: Sequence[RunStatus], *, all_values: bool) -> tuple[RobotStatus, ...]:
+    summaries = [] if all_values else await _summaries(client)
+    if len(summaries) > MOST_LOOKED_AT:
+        return await _many_robots(client, summaries, runs)
     nodes = {name: node.to_string() for name, node in (await client.robots()).items()}
     states = await _read(client, [f"{node}.{part}" for node in nodes.values() for part in ("State", "HeldBy")])
     shown = {name: _state(states.value(f"{node}.State")) for name, node in nodes.items()}
-    is_small = all_values or len(nodes) <= MOST_LOOKED_AT
-    looked_at = [name for name in nodes if is_small or shown[name] != "idle"][: None if all_values else MOST_LOOKED_AT]
-    told = await _data(client, {name: nodes[name] for name in looked_at})
-    tasks: dict[str, list[str]] = {name: [] for name in nodes}
-    for run in runs:
-        for task, robot, state in run.tasks:
-            if robot in tasks and state not in _TASK_OVER:
-                tasks[robot].append(f"{task} of {run.run_id}")
-    at_skills = [name for name in looked_at if shown[name] == "busy" and not tasks[name]]
+    told = await _data(client, nodes)
+    tasks = _tasks(nodes, runs)
+    at_skills = [name for name in nodes if shown[name] == "busy" and not tasks[name]]
     for robot, skill in await _skills(client, at_skills):
         tasks[robot].append(skill)
     found: list[RobotStatus] = []
@@ -276,6 +279,42 @@ async def _robots(client: FleetClient, runs: Sequence[RunStatus], *, all_values:
         held_by = str(states.value(f"{nodes[name]}.HeldBy") or "")
         found.append(RobotStatus(name, shown[name], since, values, battery, unit, tuple(tasks[name]), held_by))
     return tuple(found)
+
+
+async def _summaries(client: FleetClient) -> list[RobotSummary]:
+    try:
+        return await client.summaries()
+    except NodeNotFound:  # a server of an earlier version
+        return []
+
+
+async def _many_robots(
+    client: FleetClient, summaries: Sequence[RobotSummary], runs: Sequence[RunStatus]
+) -> tuple[RobotStatus, ...]:
+    """The robots of a large fleet, by their summaries."""
+    summaries = sorted(summaries, key=lambda one: one.name)
+    looked_at = [one.name for one in summaries if one.state != "idle" or one.held_by][:MOST_NOT_WELL]
+    told = await _data(client, {name: f"ns=2;s=Robots.{name}" for name in looked_at})
+    tasks = _tasks([one.name for one in summaries], runs)
+    found: list[RobotStatus] = []
+    for one in summaries:
+        values, battery, unit = told.get(one.name, (None, None, ""))
+        does = tuple(tasks[one.name]) or ((one.task,) if one.task else ())
+        quality = "" if values is not None else one.status_text
+        found.append(
+            RobotStatus(one.name, one.state, one.state_since, values, battery, unit, does, one.held_by, quality)
+        )
+    return tuple(found)
+
+
+def _tasks(robots: Iterable[str], runs: Sequence[RunStatus]) -> dict[str, list[str]]:
+    """What runs have robots do."""
+    tasks: dict[str, list[str]] = {name: [] for name in robots}
+    for run in runs:
+        for task, robot, state in run.tasks:
+            if robot in tasks and state not in _TASK_OVER:
+                tasks[robot].append(f"{task} of {run.run_id}")
+    return tasks
 
 
 def _state(value: Any) -> str:

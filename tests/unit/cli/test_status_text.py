@@ -144,6 +144,15 @@ def test_of_a_large_fleet_those_are_listed_that_are_not_idle() -> None:
     assert len(shown(status, all_robots=True)) > 5000
 
 
+def test_of_robots_whose_values_nobody_has_read_the_worst_is_shown() -> None:
+    unread = replace(ROVER, values=None, battery=None)
+    told = ("Good", "UncertainLastUsableValue", "BadNoCommunication", "BadWaitingForInitialData", "")
+    robots = tuple(replace(unread, name=f"r{number}", quality=quality) for number, quality in enumerate(told))
+    lines = shown(changed(robots=robots))
+    found = [line.split("12:00:00", 1)[1].strip() for line in lines if line.startswith("  r") and "idle" in line]
+    assert found == ["Good", "UncertainLastUsableValue", "BadNoCommunication", "none came", "not read"]
+
+
 def test_no_line_is_wider_than_the_terminal_and_nothing_reaches_it_that_it_obeys() -> None:
     evil = replace(ROVER, name="r\x1b[2J" * 20, state="offline")
     status = changed(robots=(evil,), faults=(replace(FAULT, reason="x" * 300),), drops={"no_metadata": 4})

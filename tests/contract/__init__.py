@@ -10,6 +10,7 @@ A driver takes part through a module here that is named in `conftest.DRIVERS` an
     open_space(folder, processes)           an asynchronous context manager for a `harness.Space`: robots with topics
     open_mapped_space(folder, processes)    the same for a `harness.MappedSpace`: robots without topics
     open_skilled_space(folder, processes)   the same for a `harness.SkilledSpace`: the driver's robots have skills
+    open_driven_space(folder, processes)    the same for a `harness.DrivenSpace`: the driver's robots are driven by hand
 
 The Space makes drivers, brings the robots' side up, and has a Robot. The robot is another process (or in memory, for
 the virtual driver) and speaks the line protocol of `harness.RobotProcess`. `virtual.py` is the shortest example.

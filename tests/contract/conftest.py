@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.contract.harness import MappedSpace, SkilledSpace, Space
+from tests.contract.harness import DrivenSpace, MappedSpace, SkilledSpace, Space
 from tests.system import Processes
 
 DRIVERS = {
@@ -22,9 +22,10 @@ DRIVERS = {
     "ur": "tests.contract.ur",
 }
 """Modules as the package's docstring describes them."""
-OPENS = ("open_space", "open_mapped_space", "open_skilled_space")
+OPENS = ("open_space", "open_mapped_space", "open_skilled_space", "open_driven_space")
 OpenSpace = Callable[[Path, Processes], AbstractAsyncContextManager[Space]]
 OpenMappedSpace = Callable[[Path, Processes], AbstractAsyncContextManager[MappedSpace]]
+OpenDrivenSpace = Callable[[Path, Processes], AbstractAsyncContextManager[DrivenSpace]]
 OpenSkilledSpace = Callable[[Path, Processes], AbstractAsyncContextManager[SkilledSpace]]
 DEFAULT = "virtual,skilled,modbus,plugged,ros2,tcp,direct,ur"
 """What can run in the main environment: rospy and rclpy cannot share one interpreter."""
@@ -88,4 +89,13 @@ async def skilled_space(
 ) -> AsyncIterator[SkilledSpace]:
     """A space whose robot has a skill."""
     async with open_skilled_space(tmp_path, processes) as opened:
+        yield opened
+
+
+@pytest.fixture
+async def driven_space(
+    open_driven_space: OpenDrivenSpace, tmp_path: Path, processes: Processes
+) -> AsyncIterator[DrivenSpace]:
+    """A space whose robot can be driven by hand, and does not listen yet."""
+    async with open_driven_space(tmp_path, processes) as opened:
         yield opened

@@ -16,6 +16,8 @@ from typing import Any, Final, Protocol, runtime_checkable
 import pytest
 
 from ua_fleet.bridge import Driver, DriverEvent, Dropped, SampleRead, SourceFound, SourceLost
+from ua_fleet.config.load import load_content
+from ua_fleet.config.schema import FleetConfig
 from ua_fleet.counters import Drop
 from ua_fleet.pubsub.metadata import make_field
 from ua_fleet.topics import Topic
@@ -30,6 +32,7 @@ __all__ = [
     "UNKNOWN",
     "WORK",
     "WORK_ID",
+    "DrivenSpace",
     "Kind",
     "MappedRobot",
     "MappedSpace",
@@ -40,6 +43,7 @@ __all__ = [
     "SkillCase",
     "SkillSpace",
     "Space",
+    "driven_fleet",
     "message_of",
 ]
 
@@ -258,6 +262,63 @@ class SkilledSpace(Protocol):
     def cut(self) -> None:
         """The link to the robot breaks."""
         ...
+
+
+class DrivenSpace(Protocol):
+    """A space with a robot that is up and takes setpoints of two axes, `linear` and `angular`, once it listens."""
+
+    topic: Topic
+    """The data that takes them."""
+
+    def make_driver(self) -> Driver:
+        """A new driver for this space, not started."""
+        ...
+
+    def listen(self) -> None:
+        """The robot begins to listen."""
+        ...
+
+    def heard(self) -> list[tuple[float, float]]:
+        """What reached the robot, in order."""
+        ...
+
+
+_DRIVEN: Final[dict[str, Any]] = {
+    "data": {
+        "cmd_vel": {
+            "id": 1905,
+            "origin": "server",
+            "fields": {
+                "linear": {"type": "Double", "path": "linear.x"},
+                "angular": {"type": "Double", "path": "angular.z"},
+            },
+            "sink": {"topic": "/cmd_vel", "type": "geometry_msgs/Twist"},
+        }
+    },
+    "teleoperation": {
+        "id": 1906,
+        "acquire_id": 1907,
+        "renew_id": 1908,
+        "release_id": 1909,
+        "data": "cmd_vel",
+        "axes": {
+            "linear": {"speed": 1000.0, "acceleration": 1.0, "jerk": 1.0},
+            "angular": {"speed": 1000.0, "acceleration": 1.0, "jerk": 1.0},
+        },
+        "robot_timeout_ms": 500,
+    },
+}
+
+
+def driven_fleet(bridge_name: str, bridge: Mapping[str, Any]) -> FleetConfig:
+    """The fleet of a DrivenSpace in ROS."""
+    fleet = {
+        "version": 1,
+        "pubsub": {"security": "none"},
+        "bridges": {bridge_name: {**bridge, "status_id": 1904}},
+        "robots": {"carrier": {"bridge": bridge_name, **_DRIVEN}},
+    }
+    return load_content(json.dumps(fleet).encode(), "fleet.json", {})
 
 
 @dataclass

@@ -15,9 +15,10 @@ from ua_bridges.ros1.config import Ros1BridgeConfig
 from ua_bridges.ros1.driver import create_driver
 
 from tests import system
-from tests.contract.harness import WORK, WORK_ID, RobotProcess
+from tests.contract.harness import TWIST, WORK, WORK_ID, RobotProcess, driven_fleet
 from ua_fleet.bridge import Driver
 from ua_fleet.config.schema import FleetConfig, PubSubConfig, PubSubSecurity
+from ua_fleet.topics import Topic
 
 NEEDS = ("ros1",)
 # rospy calls functions of the standard library that Python 3.11 calls deprecated.
@@ -98,6 +99,37 @@ async def open_space(folder: Path, processes: system.Processes) -> AsyncGenerato
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv(STATE_VARIABLE, str(folder))
         space = Ros1Space(folder, processes)
+        try:
+            yield space
+        finally:
+            space.end()
+
+
+class DrivenRos1Space(Ros1Space):
+    """See DrivenSpace."""
+
+    topic = Topic(0, 2, 1905)
+
+    def __init__(self, folder: Path, processes: system.Processes) -> None:
+        super().__init__(folder, processes)
+        self._config = driven_fleet("arm", {"kind": "ros1", "master_uri": self._master.uri})
+
+    def listen(self) -> None:
+        """See DrivenSpace."""
+        self.robot.subscribe("cmd_vel", TWIST)
+
+    def heard(self) -> list[tuple[float, float]]:
+        """See DrivenSpace."""
+        return [(values["linear.x"], values["angular.z"]) for values in self.robot.heard("cmd_vel")]
+
+
+@asynccontextmanager
+async def open_driven_space(folder: Path, processes: system.Processes) -> AsyncGenerator[DrivenRos1Space]:
+    """A graph of its own, with a robot in it."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv(STATE_VARIABLE, str(folder))
+        space = DrivenRos1Space(folder, processes)
+        space.appear()
         try:
             yield space
         finally:

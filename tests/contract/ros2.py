@@ -15,9 +15,10 @@ from ua_bridges.ros2.driver import create_driver
 from ua_bridges.ros2.environment import PROFILES_VARIABLE, profile_path
 
 from tests import system
-from tests.contract.harness import WORK, WORK_ID, RobotProcess
+from tests.contract.harness import TWIST, WORK, WORK_ID, RobotProcess, driven_fleet
 from ua_fleet.bridge import Driver
 from ua_fleet.config.schema import FleetConfig, PubSubConfig, PubSubSecurity
+from ua_fleet.topics import Topic
 
 NEEDS = ("ros2",)
 # rclpy's type support imports lark, which imports a deprecated module of the standard library.
@@ -70,6 +71,37 @@ async def open_space(folder: Path, processes: system.Processes) -> AsyncGenerato
     with system.ros_domain() as domain, pytest.MonkeyPatch.context() as patch:
         patch.setenv(STATE_VARIABLE, str(folder))
         space = Ros2Space(domain)
+        try:
+            yield space
+        finally:
+            space.end()
+
+
+class DrivenRos2Space(Ros2Space):
+    """See DrivenSpace."""
+
+    topic = Topic(0, 2, 1905)
+
+    def __init__(self, domain: int) -> None:
+        super().__init__(domain)
+        self._config = driven_fleet("mobile", {"kind": "ros2", "space": domain})
+
+    def listen(self) -> None:
+        """See DrivenSpace."""
+        self.robot.subscribe("cmd_vel", TWIST)
+
+    def heard(self) -> list[tuple[float, float]]:
+        """See DrivenSpace."""
+        return [(values["linear.x"], values["angular.z"]) for values in self.robot.heard("cmd_vel")]
+
+
+@asynccontextmanager
+async def open_driven_space(folder: Path, processes: system.Processes) -> AsyncGenerator[DrivenRos2Space]:
+    """A domain that no other test uses, with a robot in it."""
+    with system.ros_domain() as domain, pytest.MonkeyPatch.context() as patch:
+        patch.setenv(STATE_VARIABLE, str(folder))
+        space = DrivenRos2Space(domain)
+        space.appear()
         try:
             yield space
         finally:

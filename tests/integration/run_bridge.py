@@ -15,6 +15,7 @@ from ua_fleet.bridge.registry import load_driver
 from ua_fleet.bridge.runner import run_bridge
 from ua_fleet.cli.key_source import key_source_of
 from ua_fleet.config.load import load
+from ua_fleet.config.teleoperation import setpoint_heads
 from ua_fleet.errors import UaFleetError
 from ua_fleet.transport.udp import UdpTransport
 
@@ -28,6 +29,7 @@ async def main(path: str, name: str) -> int:
         ttl=pubsub.ttl,
         receive_buffer_bytes=pubsub.receive_buffer_bytes,
         hears_itself=False,
+        urgent_heads=setpoint_heads(config, config.bridges[name].space),
     )
     state_dir = Path(path).parent / config.state_dir_of(name)
 

@@ -41,6 +41,7 @@ def bridge(
     set_up_logging(process="bridge", bridge=name)
     from ua_fleet.bridge.registry import load_driver
     from ua_fleet.bridge.runner import run_bridge
+    from ua_fleet.config.teleoperation import setpoint_heads
     from ua_fleet.monitoring import Process
     from ua_fleet.transport.udp import UdpTransport
 
@@ -51,6 +52,7 @@ def bridge(
         ttl=pubsub.ttl,
         receive_buffer_bytes=pubsub.receive_buffer_bytes,
         hears_itself=without_loop_rule,
+        urgent_heads=setpoint_heads(fleet, fleet.bridges[name].space),
     )
     state_dir = config.resolve().parent / fleet.state_dir_of(name)
     source = key_source_of(fleet, name, config.resolve().parent, state_dir)

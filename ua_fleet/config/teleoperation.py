@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from ua_fleet.config.schema import FleetConfig, RobotConfig
+from ua_fleet.teleoperation.messages import datagram_heads
 from ua_fleet.teleoperation.model import SetpointAddress, TeleoperationModel
 from ua_fleet.topics import SERVER_SPACE, Topic
 
-__all__ = ["setpoint_groups", "teleoperation_model", "teleoperations"]
+__all__ = ["setpoint_groups", "setpoint_heads", "teleoperation_model", "teleoperations"]
 
 
 def setpoint_groups(config: FleetConfig) -> dict[int, int]:
@@ -17,6 +18,13 @@ def setpoint_groups(config: FleetConfig) -> dict[int, int]:
     driven = {robot.bridge for robot in config.robots.values() if robot.teleoperation is not None}
     bridges = [config.bridges[name] for name in driven]
     return {bridge.status_id: bridge.space for bridge in bridges if bridge.status_id is not None}
+
+
+def setpoint_heads(config: FleetConfig, space: int) -> frozenset[bytes]:
+    """How the datagrams with setpoints for the robots of a space begin, which go before all values."""
+    return frozenset(
+        head for group, driven in setpoint_groups(config).items() if driven == space for head in datagram_heads(group)
+    )
 
 
 def teleoperation_model(name: str, robot: RobotConfig, space: int, status_id: int | None) -> TeleoperationModel | None:

@@ -17,10 +17,11 @@ from collections.abc import Sequence
 from enum import IntEnum
 from typing import Any, Final, NamedTuple, cast
 
-from ua_fleet.pubsub.metadata import make_field, type_codes
+from ua_fleet.pubsub.metadata import make_field
 from ua_fleet.teleoperation.model import LEASE_S, SetpointAddress, TeleoperationModel
 from ua_fleet.values import ARRAY, BuiltinType
 from ua_fleet.wire import Codec
+from ua_fleet.wire.header import HAS_SECURITY_HEADER
 from ua_fleet.wire.messages import DataSetMessage, FieldMetaData, FrameKind, NetworkMessage
 
 __all__ = [
@@ -39,6 +40,7 @@ __all__ = [
     "Setpoint",
     "State",
     "Status",
+    "datagram_heads",
     "encode_setpoint",
     "read_granted",
     "read_setpoint",
@@ -178,7 +180,8 @@ class Granted(NamedTuple):
 
 
 _SETPOINT_TYPES: Final = (int(_UINT32), int(_UINT32), int(_UINT32), int(_DOUBLE) | ARRAY)
-STATUS_TYPES: Final = type_codes(STATUS_FIELDS)
+_HEAD_BYTES: Final = 7
+"""Flags, PublisherId, GroupFlags and WriterGroupId."""
 _MOST: Final = 0xFFFF_FFFF
 
 
@@ -192,6 +195,12 @@ def encode_setpoint(codec: Codec, address: SetpointAddress, setpoint: Setpoint) 
         setpoint.number & 0xFFFF,
     )
     return codec.encode(NetworkMessage(address.publisher_id, writer_group_id=address.writer_group_id, messages=(part,)))
+
+
+def datagram_heads(writer_group_id: int) -> tuple[bytes, bytes]:
+    """How datagrams of a WriterGroup of setpoints begin, without security and with it."""
+    plain = encode_setpoint(Codec(), SetpointAddress(writer_group_id, 1), Setpoint(1, 1, 1, ()))[:_HEAD_BYTES]
+    return plain, bytes((plain[0], plain[1] | HAS_SECURITY_HEADER)) + plain[2:]
 
 
 def read_setpoint(message: DataSetMessage) -> Setpoint | None:

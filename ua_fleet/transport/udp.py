@@ -23,6 +23,7 @@ import socket
 import struct
 import time
 from collections import deque
+from collections.abc import Collection
 from typing import Final
 
 import structlog
@@ -67,6 +68,7 @@ class UdpTransport:
         ttl: int = 1,
         receive_buffer_bytes: int = 4 * 1024 * 1024,
         hears_itself: bool = True,
+        urgent_heads: Collection[bytes] = (),
     ) -> None:
         """Prepare a transport; nothing is opened before `start`.
 
@@ -76,8 +78,11 @@ class UdpTransport:
             ttl: router hops that a multicast datagram may make.
             receive_buffer_bytes: wanted size of the receive buffer; `stats` says what the kernel gave.
             hears_itself: whether what it sends to a group comes back; otherwise not, where the kernel can keep it out.
+            urgent_heads: how datagrams begin that are handed on first, as Actions are; all of one length.
         """
         self._hears_itself = hears_itself
+        self._urgent_heads = frozenset(urgent_heads)
+        self._head_bytes = len(next(iter(self._urgent_heads), b""))
         self.stats = TransportStats()
         self._url = url
         self._host, self._port = parse_url(url)
@@ -279,7 +284,7 @@ class UdpTransport:
         return TransportError(f"cannot send to {place}: {error.strerror}")
 
     def _drain(self, receiver: socket.socket) -> None:
-        """Read what is there, up to a bound, Actions first; the event loop calls again while there is more."""
+        """Read what is there, up to a bound, urgent ones first; the event loop calls again while there is more."""
         receive, stats, values = self._receive, self.stats, self._waiting
         assert receive is not None
         if values:
@@ -293,7 +298,7 @@ class UdpTransport:
                 break
             stats.received += 1
             left -= len(datagram)
-            if is_action(datagram):
+            if is_action(datagram) or datagram[: self._head_bytes] in self._urgent_heads:
                 receive(datagram, sender)
             else:
                 values.append((datagram, sender))

@@ -12,6 +12,7 @@ from typing import Any, Final
 import pytest
 
 from tests.integration.teleoperation.conftest import (
+    BOTH,
     DEADMAN_S,
     PERIOD_S,
     ROBOT_TIMEOUT_S,
@@ -63,9 +64,9 @@ async def stands(hall: Hall, since: float) -> None:
     assert [speed for speed in hall.speeds("moved", stood) if speed.linear or speed.angular] == []
 
 
-@pytest.mark.parametrize("pubsub", [{}, SECURED], ids=["open", "secured"])
-async def test_driven_released_and_stopped_when_setpoints_cease(hall: Hall, pubsub: dict[str, Any]) -> None:
-    config = hall.fleet(**pubsub)
+@BOTH
+async def test_driven_released_and_stopped_when_setpoints_cease(hall: Hall) -> None:
+    config = hall.fleet(**SECURED)
     hall.start_robot()
     hall.start_bridge()
     async with driving(config, hall.folder, "anna") as (anna,):
@@ -151,6 +152,7 @@ async def test_repeated_and_foreign_setpoints_are_counted_and_move_nothing(hall:
         assert ended - at < STOP_S + 4 * PERIOD_S + SLACK_S
 
 
+@BOTH
 async def test_a_frozen_bridge_leaves_the_robot_to_its_own_watch(hall: Hall) -> None:
     config = hall.fleet()
     hall.start_robot()
@@ -246,6 +248,7 @@ async def test_a_robot_has_one_occupation(hall: Hall) -> None:
         await anna.acquired()
 
 
+@BOTH
 async def test_a_robot_that_does_not_listen_is_not_given_out(hall: Hall) -> None:
     config = hall.fleet()
     hall.start_bridge()

@@ -125,6 +125,15 @@ async def test_an_action_is_taken_before_the_values_that_came_before_it(udp_url:
     assert heard == [action, *[b"value %d" % number for number in range(20)]]
 
 
+async def test_what_is_urgent_is_taken_before_the_values_too(udp_url: str, start: Start) -> None:
+    listening, sender = await start(udp_url, urgent_heads=(b"now", b"hey")), await start(udp_url)
+    for number in range(20):
+        sender.transport.send(b"value %d" % number)
+    sender.transport.send(b"now or never")
+    heard = await listening.until(21)
+    assert heard == [b"now or never", *[b"value %d" % number for number in range(20)]]
+
+
 async def test_others_have_their_turn_between_messages_that_take_long(udp_url: str, start: Start) -> None:
     """A description of 500 fields takes some milliseconds to read: a batch of them stopped the server for 0.3 s."""
     loop = asyncio.get_running_loop()

@@ -11,7 +11,7 @@ from ua_fleet.pubsub.security.envelope import Envelope
 from ua_fleet.pubsub.subscriber import Subscriber
 from ua_fleet.pubsub.timing import PubSubTiming
 from ua_fleet.teleoperation import Setpoint, SetpointAddress
-from ua_fleet.teleoperation.messages import encode_setpoint, read_setpoint
+from ua_fleet.teleoperation.messages import datagram_heads, encode_setpoint, read_setpoint
 from ua_fleet.wire import Codec, SecurityMode
 from ua_fleet.wire.chunks import split
 
@@ -45,6 +45,14 @@ def test_a_setpoint_is_secured_with_the_keys_of_its_bridges_commands(mode: Secur
     other.want("c-2")
     other.install("c-2", group_keys(seed="stolen"), 0.0)
     assert refusal(other, sealed) is Drop.BAD_SIGNATURE
+
+
+@pytest.mark.parametrize("mode", [NONE, SIGN, ENCRYPT])
+def test_a_bridge_knows_its_setpoints_by_how_they_begin(mode: SecurityMode) -> None:
+    heads = datagram_heads(1001)
+    assert one(server(mode).seal(FOR_2, 0.0)).startswith(heads)
+    for other in (FOR_3, data(publisher_id=0), action(publisher_id=2)):
+        assert not one(server(mode).seal(other, 0.0)).startswith(heads)
 
 
 def test_a_bystander_leaves_the_setpoints_for_others_alone() -> None:

@@ -1,0 +1,63 @@
+"""The contract of `ua_fleet.bridge.driver.SetpointDriver`: a setpoint is written now, or not at all."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncGenerator
+from contextlib import asynccontextmanager
+
+from tests.contract.harness import DrivenSpace, Recorder
+from tests.waiting import until
+from ua_fleet.bridge import Driver, SetpointDriver
+from ua_fleet.counters import Drop
+
+
+@asynccontextmanager
+async def started(driver: Driver) -> AsyncGenerator[tuple[SetpointDriver, Recorder]]:
+    recorder = Recorder()
+    await driver.start(recorder)
+    try:
+        assert isinstance(driver, SetpointDriver)
+        yield driver, recorder
+    finally:
+        await driver.stop()
+
+
+async def test_setpoints_arrive_in_order_once_the_robot_listens(driven_space: DrivenSpace) -> None:
+    space = driven_space
+    async with started(space.make_driver()) as (driver, recorder):
+        space.listen()
+        await until(lambda: not driver.setpoint_problem(space.topic), "the robot to listen")
+        await asyncio.sleep(0.2)
+        written = [(number / 10, -number / 100) for number in range(30)]
+        for values in written:
+            driver.write_setpoint(space.topic, values)
+            await asyncio.sleep(0.01)
+        await until(lambda: space.heard()[-1:] == written[-1:], "the last setpoint")
+        assert space.heard() == written
+        assert recorder.dropped(Drop.CONVERSION) == 0
+
+
+async def test_what_nobody_hears_is_told_and_never_comes_later(driven_space: DrivenSpace) -> None:
+    space = driven_space
+    async with started(space.make_driver()) as (driver, _):
+        for _ in range(100):
+            assert driver.setpoint_problem(space.topic)
+            driver.write_setpoint(space.topic, (0.5, 0.0))
+            await asyncio.sleep(0.02)
+        space.listen()
+        await until(lambda: not driver.setpoint_problem(space.topic), "the robot to listen")
+        await asyncio.sleep(0.5)
+        assert space.heard() == []
+        driver.write_setpoint(space.topic, (0.25, 0.0))
+        await until(lambda: space.heard() == [(0.25, 0.0)], "a setpoint")
+
+
+async def test_a_driver_that_has_left_writes_nothing_and_says_so(driven_space: DrivenSpace) -> None:
+    space = driven_space
+    async with started(space.make_driver()) as (driver, _):
+        space.listen()
+        await until(lambda: not driver.setpoint_problem(space.topic), "the robot to listen")
+    assert driver.setpoint_problem(space.topic)
+    driver.write_setpoint(space.topic, (0.5, 0.0))
+    assert space.heard() == []

@@ -5,9 +5,20 @@ async for change in client.watch(["ua_1_2_1001"]):
 print(change.value, change.status_text)
 """
 
+from ua_fleet.client.all_events import EventInfo
+from ua_fleet.client.attributes import NodeAttribute
 from ua_fleet.client.browsing import NodeInfo
 from ua_fleet.client.details import ValueDetails
-from ua_fleet.client.events import DecisionTold, FaultTold, RankedRobot, RankingInfo, RunTold, StepTold, Told
+from ua_fleet.client.events import (
+    DecisionTold,
+    FaultTold,
+    RankedRobot,
+    RankingInfo,
+    RunTold,
+    StepTold,
+    Told,
+    ranking_of,
+)
 from ua_fleet.client.finding import SelectedNode
 from ua_fleet.client.fleet_client import POLICIES, AnotherServer, Change, FleetClient, Reading
 from ua_fleet.client.identity import ClientIdentity, default_identity_folder
@@ -21,15 +32,18 @@ from ua_fleet.client.scenarios import (
     DryRunInfo,
     FaultInfo,
     Forecast,
+    JudgementsContradict,
     Problem,
     RunInfo,
     ScenarioClient,
     ScenarioInfo,
+    ScenarioRefused,
     WouldHappen,
 )
 from ua_fleet.client.session_keys import IssuedKey, issue_session_key, revoke_session_key
 from ua_fleet.client.skills import SkillArgument, SkillEvent, SkillExecution, SkillInfo
 from ua_fleet.client.status import (
+    BridgeNodes,
     BridgeStatus,
     FaultStatus,
     FleetStatus,
@@ -37,7 +51,9 @@ from ua_fleet.client.status import (
     RobotStatus,
     RunStatus,
     ServerStatus,
+    bridge_nodes,
     fleet_status,
+    server_status,
 )
 from ua_fleet.client.summaries import RobotSummary, SummariesChanged
 from ua_fleet.client.translated import NodeNotFound
@@ -46,6 +62,7 @@ __all__ = [
     "POLICIES",
     "AnotherServer",
     "ArgumentNode",
+    "BridgeNodes",
     "BridgeStatus",
     "Change",
     "ClientIdentity",
@@ -53,6 +70,7 @@ __all__ = [
     "DecisionInfo",
     "DecisionTold",
     "DryRunInfo",
+    "EventInfo",
     "FaultInfo",
     "FaultStatus",
     "FaultTold",
@@ -60,7 +78,9 @@ __all__ = [
     "FleetStatus",
     "Forecast",
     "IssuedKey",
+    "JudgementsContradict",
     "ModelChanges",
+    "NodeAttribute",
     "NodeInfo",
     "NodeNotFound",
     "NotDone",
@@ -81,6 +101,7 @@ __all__ = [
     "RunTold",
     "ScenarioClient",
     "ScenarioInfo",
+    "ScenarioRefused",
     "SelectedNode",
     "ServerStatus",
     "SkillArgument",
@@ -94,9 +115,12 @@ __all__ = [
     "Told",
     "ValueDetails",
     "WouldHappen",
+    "bridge_nodes",
     "default_identity_folder",
     "fleet_status",
     "issue_session_key",
+    "ranking_of",
     "revoke_session_key",
     "robot_nodes",
+    "server_status",
 ]

@@ -21,7 +21,17 @@ from ua_fleet.client.translated import translated
 from ua_fleet.errors import NotConnected
 from ua_fleet.topics import TYPES_URI
 
-__all__ = ["DecisionTold", "FaultTold", "RankedRobot", "RankingInfo", "RunTold", "StepTold", "Told", "told_by"]
+__all__ = [
+    "DecisionTold",
+    "FaultTold",
+    "RankedRobot",
+    "RankingInfo",
+    "RunTold",
+    "StepTold",
+    "Told",
+    "ranking_of",
+    "told_by",
+]
 
 _FAULT, _RUN, _STEP, _DECISION = 1025, 1026, 1027, 1028
 """Event types; see nodesets/UaFleet.NodeIds.csv."""
@@ -219,7 +229,7 @@ def _told(kind: int, event: Any) -> Told:
             event.Reason,
             event.Chosen,
             event.ChosenBy,
-            _ranking(event),
+            ranking_of(vars(event)),
             _seconds(event),
         )
     return FaultTold(
@@ -234,16 +244,17 @@ def _told(kind: int, event: Any) -> Told:
     )
 
 
-def _ranking(event: Any) -> RankingInfo:
-    criteria = tuple(plain_value(event.Criteria or []))
+def ranking_of(told: Mapping[str, Any]) -> RankingInfo:
+    """A ranking of its flat arrays, by the names that events, nodes and Methods have for them."""
+    criteria = tuple(plain_value(told["Criteria"] or []))
     width = len(criteria)
-    columns = event.RawValues or [], event.CriterionScores or [], event.Missing or []
+    columns = told["RawValues"] or [], told["CriterionScores"] or [], told["Missing"] or []
     ranked = tuple(
         RankedRobot(robot, score, *(tuple(column[at * width : (at + 1) * width]) for column in columns))
-        for at, (robot, score) in enumerate(zip(event.Robots or [], event.Scores or [], strict=True))
+        for at, (robot, score) in enumerate(zip(told["Robots"] or [], told["Scores"] or [], strict=True))
     )
-    excluded = tuple(zip(event.Excluded or [], event.Reasons or [], strict=True))
-    return RankingInfo(criteria, tuple(event.Weights or []), float(event.ConsistencyRatio), tuple(ranked), excluded)
+    excluded = tuple(zip(told["Excluded"] or [], told["Reasons"] or [], strict=True))
+    return RankingInfo(criteria, tuple(told["Weights"] or []), float(told["ConsistencyRatio"]), ranked, excluded)
 
 
 def _seconds(event: Any) -> float:

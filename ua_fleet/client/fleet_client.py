@@ -19,6 +19,8 @@ from asyncua.crypto.uacrypto import CertProperties
 from cryptography.hazmat.primitives.serialization import load_pem_private_key
 from cryptography.x509 import load_der_x509_certificate
 
+from ua_fleet.client.all_events import EventInfo, all_events
+from ua_fleet.client.attributes import NodeAttribute, read_attributes
 from ua_fleet.client.batches import Batches
 from ua_fleet.client.browsing import NodeInfo, browse_below
 from ua_fleet.client.convert import exact_value, parse_value, plain_value
@@ -285,6 +287,14 @@ class FleetClient:
                 raise NodeNotFound(f"{address} has no value; look below it with: ua-fleet browse {address}")
         return readings
 
+    async def attributes(self, address: str) -> list[NodeAttribute]:
+        """All attributes of a node but its value; NodeNotFound where there is no such node."""
+        with translated(self.endpoint):
+            found = await read_attributes(self._client, (await self._node(address)).nodeid)
+        if not found:
+            raise NodeNotFound(f"there is no node {address}; look with: ua-fleet browse")
+        return found
+
     async def write(self, address: str, text: str) -> Reading:
         """Write a value given as text, in the node's own type; the node's value after that.
 
@@ -460,6 +470,13 @@ class FleetClient:
         is lost.
         """
         return told_by(self._client, self.endpoint, self._subscriptions)
+
+    def events(self) -> AbstractAsyncContextManager[AsyncIterator[EventInfo]]:
+        """All events of the server that this user may see, while the context lasts.
+
+        The iterator raises NotConnected when the connection is lost.
+        """
+        return all_events(self._client, self.batches, self.endpoint, self._subscriptions)
 
     def model_changes(self, *, period_ms: float = 250.0) -> AbstractAsyncContextManager[ModelChanges]:
         """That nodes have come or gone, while the context lasts: await `wait()` of what is entered."""

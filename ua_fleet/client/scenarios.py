@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from asyncua import ua
 
+from ua_fleet.client.events import RankingInfo, ranking_of
 from ua_fleet.client.methods import NotDone, call_method, text, texts
 
 if TYPE_CHECKING:
@@ -22,18 +23,26 @@ __all__ = [
     "DryRunInfo",
     "FaultInfo",
     "Forecast",
+    "JudgementsContradict",
     "NotDone",
     "Problem",
     "RunInfo",
     "ScenarioClient",
     "ScenarioInfo",
+    "ScenarioRefused",
     "WouldHappen",
 ]
 
 _NOT_VALID: Final = 2
 """ReturnStatus of what the server would refuse."""
+_RANKING: Final = (
+    *("Robots", "Scores", "Criteria", "Weights", "RawValues", "CriterionScores", "Missing", "Excluded", "Reasons"),
+    "ConsistencyRatio",
+)
+"""Outputs of Preview and JudgeDecision."""
 _OVER: Final = ("done", "failed", "aborted")
 _ACKNOWLEDGE: Final = f"i={ua.ObjectIds.AcknowledgeableConditionType_Acknowledge}"
+_ADD_COMMENT: Final = f"i={ua.ObjectIds.ConditionType_AddComment}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -146,6 +155,22 @@ class Forecast:
     explanation: str
 
 
+class ScenarioRefused(NotDone):
+    """A scenario was not stored, since it has problems."""
+
+    def __init__(self, problems: Sequence[Problem]) -> None:
+        self.problems = tuple(problems)
+        super().__init__(_NOT_VALID, problems[0].text)
+
+
+class JudgementsContradict(NotDone):
+    """Judgements that no ranking is made of."""
+
+    def __init__(self, message: str, consistency_ratio: float) -> None:
+        self.consistency_ratio = consistency_ratio
+        super().__init__(_NOT_VALID, message)
+
+
 class ScenarioClient:
     """What people do with scenarios. Methods raise NotDone with the server's reason."""
 
@@ -171,9 +196,16 @@ class ScenarioClient:
         """Put a text into the server's folder, in the place of the version that was read; the version that it has now.
 
         Raises:
-            NotDone: somebody has changed it since, or it has problems.
+            ScenarioRefused: all its problems, with their lines.
+            NotDone: somebody has changed it since.
         """
-        stored, *_ = await self._call("Scenarios", "Store", text(name), text(scenario), text(version))
+        returned = await call_method(
+            self._client, "Fleet.Scenarios", "Store", text(name), text(scenario), text(version)
+        )
+        stored, problems, lines = returned.outputs if returned.outputs else ("", (), ())
+        if problems:
+            raise ScenarioRefused([Problem(line, told) for line, told in zip(lines, problems, strict=True)])
+        returned.check()
         return str(stored)
 
     async def delete(self, name: str, version: str) -> None:
@@ -286,10 +318,17 @@ class ScenarioClient:
 
     async def acknowledge(self, fault_id: str, comment: str) -> None:
         """Say that a fault was seen; NodeNotFound where there is none."""
+        await self._call_alarm(fault_id, _ACKNOWLEDGE, comment)
+
+    async def comment(self, fault_id: str, comment: str) -> None:
+        """Say something of a fault; NodeNotFound where there is none."""
+        await self._call_alarm(fault_id, _ADD_COMMENT, comment)
+
+    async def _call_alarm(self, fault_id: str, method: str, comment: str) -> None:
         (event_id,) = await self._read(f"Faults.{fault_id}", ("EventId",))
         await self._client.call(
             f"ns=2;s=Fleet.Faults.{fault_id}",
-            _ACKNOWLEDGE,
+            method,
             ua.Variant(bytes.fromhex(event_id), ua.VariantType.ByteString),
             ua.Variant(ua.LocalizedText(comment), ua.VariantType.LocalizedText),
         )
@@ -350,18 +389,25 @@ class ScenarioClient:
         _, criteria, weights = outputs
         return dict(zip(criteria, weights, strict=True))
 
-    async def preview(self, decision_id: str, judgements: Mapping[str, float] | None = None) -> dict[str, float]:
-        """The score of each candidate of an open decision with other judgements; nothing changes by it."""
+    async def preview(self, decision_id: str, judgements: Mapping[str, float] | None = None) -> RankingInfo:
+        """The ranking of an open decision with other judgements; nothing changes by it.
+
+        Raises:
+            JudgementsContradict: these judgements do, with their consistency ratio.
+        """
         return await self._ranked("Preview", decision_id, judgements or {})
 
-    async def judge_decision(self, decision_id: str, judgements: Mapping[str, float] | None = None) -> dict[str, float]:
-        """Have one open decision ranked with these judgements, or without any by those of all; the scores."""
+    async def judge_decision(self, decision_id: str, judgements: Mapping[str, float] | None = None) -> RankingInfo:
+        """Have one open decision ranked with these judgements, or without any by those of all. Raises as `preview`."""
         return await self._ranked("JudgeDecision", decision_id, judgements or {})
 
-    async def _ranked(self, method: str, decision_id: str, judgements: Mapping[str, float]) -> dict[str, float]:
+    async def _ranked(self, method: str, decision_id: str, judgements: Mapping[str, float]) -> RankingInfo:
         numbers = ua.Variant([float(value) for value in judgements.values()], ua.VariantType.Double, None, True)
-        robots, scores, *_ = await self._call("Resilience", method, text(decision_id), texts(list(judgements)), numbers)
-        return dict(zip(robots or (), scores or (), strict=True))
+        given = text(decision_id), texts(list(judgements)), numbers
+        returned = await call_method(self._client, "Fleet.Resilience", method, *given)
+        if returned.status == _NOT_VALID and returned.outputs:
+            raise JudgementsContradict(returned.message, float(returned.outputs[-1] or 0.0))
+        return ranking_of(dict(zip(_RANKING, returned.check(), strict=True)))
 
     async def _call(self, owner: str, name: str, *arguments: ua.Variant) -> list[Any]:
         return (await call_method(self._client, f"Fleet.{owner}", name, *arguments)).check()

@@ -9,7 +9,7 @@ from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, ClassVar, Final
 
 from asyncua import ua
 from cryptography import x509
@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from ua_fleet.client.fleet_client import FleetClient
 
 __all__ = [
+    "BridgeNodes",
     "BridgeStatus",
     "FaultStatus",
     "FleetStatus",
@@ -30,7 +31,9 @@ __all__ = [
     "RobotStatus",
     "RunStatus",
     "ServerStatus",
+    "bridge_nodes",
     "fleet_status",
+    "server_status",
 ]
 
 MOST_LOOKED_AT: Final = 500
@@ -199,6 +202,50 @@ async def fleet_status(client: FleetClient, *, all_values: bool = False) -> Flee
             await _decisions(client),
             await _drops(client, "ns=2;s=Fleet.Traffic.Drops"),
         )
+
+
+async def server_status(client: FleetClient) -> ServerStatus:
+    """The server alone; raises as `fleet_status`."""
+    with translated(client.endpoint):
+        return await _server(client)
+
+
+@dataclass(frozen=True, slots=True)
+class BridgeNodes:
+    """NodeIds of the Variables of a bridge, by their names; or, as `SERVER`, those of the server's own traffic."""
+
+    SERVER: ClassVar[str] = ""
+
+    name: str
+    members: Mapping[str, str]
+    drops: Mapping[str, str]
+
+
+async def bridge_nodes(client: FleetClient) -> list[BridgeNodes]:
+    """Where all bridges say how they are, and the server what its traffic is; raises as `fleet_status`."""
+    with translated(client.endpoint):
+        (bridges,) = await client.batches.browse([ua.NodeId.from_string("ns=2;s=Fleet.Bridges")], classes=_OBJECTS)
+        owners = [(str(one.BrowseName.Name), one.NodeId) for one in bridges]
+        owners.append((BridgeNodes.SERVER, ua.NodeId.from_string("ns=2;s=Fleet.Traffic")))
+        children = await client.batches.browse([node for _, node in owners])
+        folders = [next((one.NodeId for one in below if one.BrowseName.Name == "Drops"), None) for below in children]
+        causes = iter(await client.batches.browse([node for node in folders if node is not None]))
+        return [
+            BridgeNodes(
+                name,
+                _variables(below),
+                _variables(next(causes)) if folder is not None else {},
+            )
+            for (name, _), below, folder in zip(owners, children, folders, strict=True)
+        ]
+
+
+def _variables(children: Sequence[ua.ReferenceDescription]) -> dict[str, str]:
+    return {
+        str(child.BrowseName.Name): child.NodeId.to_string()
+        for child in children
+        if child.NodeClass is ua.NodeClass.Variable
+    }
 
 
 async def _read(client: FleetClient, node_ids: Sequence[str]) -> _Values:

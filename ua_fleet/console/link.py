@@ -223,6 +223,7 @@ class FleetLink:
                 problem = self._mistake(feed, error)
             else:
                 problem = self._mistake(feed, RuntimeError("the feed has ended"))
+            _end_if_cancelled()
             if isinstance(problem, NotConnected):
                 return  # the link says so
             feed.board.fail(shown_error(problem))
@@ -261,6 +262,7 @@ class FleetLink:
             except Exception as error:  # noqa: BLE001  (a mistake costs one link a moment, and is counted)
                 self._counts.mistake("link", error)
                 self._be("away", "a mistake of the console's; it is in its log")
+            _end_if_cancelled()
             await asyncio.sleep(backoff_s)
             backoff_s = min(2 * backoff_s, _LONGEST_BACKOFF_S)
 
@@ -325,6 +327,13 @@ class FleetLink:
         if with_rights and (rights := await rights_of(client)) != self.rights:
             self.rights = rights
             self._tell()
+
+
+def _end_if_cancelled() -> None:
+    """A group of tasks that is cancelled while one of them fails raises what failed, and forgets the cancellation."""
+    task = asyncio.current_task()
+    if task is not None and task.cancelling():
+        raise asyncio.CancelledError
 
 
 class _Lost(Exception):

@@ -16,7 +16,7 @@ from typing import Any, Final
 from ua_fleet.client import Reading
 from ua_fleet.printing import harmless
 
-__all__ = ["harmless_value", "shown_reading", "shown_time", "shown_value"]
+__all__ = ["harmless_value", "shown_instant", "shown_reading", "shown_time", "shown_value"]
 
 _EXACT: Final = 2**53
 """Whole numbers up to here are exact in a browser (Number.MAX_SAFE_INTEGER + 1)."""
@@ -47,6 +47,11 @@ def shown_time(moment: datetime | None) -> str | None:
         return None
     aware = moment if moment.tzinfo is not None else moment.replace(tzinfo=UTC)
     return aware.astimezone(UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")
+
+
+def shown_instant(seconds: float) -> str | None:
+    """A time in seconds since 1970 likewise."""
+    return shown_time(datetime.fromtimestamp(seconds, UTC))
 
 
 def shown_value(value: Any, depth: int = 0) -> Any:

@@ -4,10 +4,13 @@ from collections.abc import AsyncGenerator, Mapping
 from pathlib import Path
 from typing import Any, Final
 
+import pytest
 import pytest_asyncio
 
 from tests.integration.console.harness import Console, console_at
+from tests.integration.scenarios.conftest import Plant
 from tests.integration.server_model.harness import ROBOTS, Running, fleet_config, serving
+from tests.system import Processes
 
 GOTO: Final[Mapping[str, Any]] = {
     "id": 1600,
@@ -34,3 +37,9 @@ async def console(server: Running, tmp_path: Path) -> AsyncGenerator[Console]:
     """A console in front of it; its fleet is called `hall`."""
     async with console_at(tmp_path, {"hall": server.url}) as running:
         yield running
+
+
+@pytest.fixture
+def plant(tmp_path: Path, udp_url: str, tcp_port: int, processes: Processes) -> Plant:
+    """A fleet of three machines, each behind a bridge of its own; people decide."""
+    return Plant(tmp_path, udp_url, tcp_port, processes, "operator")

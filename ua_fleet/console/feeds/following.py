@@ -1,20 +1,33 @@
-"""Feeds of nodes that come and go: they are looked up anew when the server says that its nodes have changed."""
+"""Feeds of nodes that come and go: they are looked up anew when the server says that something has come or gone."""
 
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Awaitable, Callable, Coroutine
-from typing import Any, TypeVar
+from collections.abc import AsyncGenerator, Awaitable, Callable, Coroutine, Mapping, Sequence
+from contextlib import AbstractAsyncContextManager, aclosing, asynccontextmanager
+from typing import Any, Final, Protocol, TypeVar
 
-from ua_fleet.client import FleetClient
+from ua_fleet.client import FleetClient, Reading, Told
+from ua_fleet.console.board import Board
 
-__all__ = ["followed"]
+__all__ = ["News", "followed", "show_rows", "telling"]
 
 Layout = TypeVar("Layout")
+_TOGETHER_S: Final = 0.05
+
+
+class News(Protocol):
+    """Something that says when to look again."""
+
+    async def wait(self) -> None:
+        """Return when something has come or gone since the last wait; raises NotConnected."""
 
 
 async def followed(
-    client: FleetClient, look: Callable[[], Awaitable[Layout]], show: Callable[[Layout], Coroutine[Any, Any, None]]
+    client: FleetClient,
+    look: Callable[[], Awaitable[Layout]],
+    show: Callable[[Layout], Coroutine[Any, Any, None]],
+    news: AbstractAsyncContextManager[News] | None = None,
 ) -> None:
     """Show what is there, and begin that anew whenever something else is there; never returns.
 
@@ -22,8 +35,9 @@ async def followed(
         client: connected.
         look: which nodes are there; what two looks return is compared.
         show: keeps a board true for these nodes until it is cancelled. Raises what ends the feed.
+        news: says when to look again; by default the server's GeneralModelChangeEvents.
     """
-    async with client.model_changes() as changes:
+    async with news or client.model_changes() as changes:
         layout = await look()
         while True:
             async with asyncio.TaskGroup() as group:
@@ -35,3 +49,61 @@ async def followed(
                         break
                 showing.cancel()
             layout = found
+
+
+@asynccontextmanager
+async def telling(client: FleetClient, kinds: tuple[type[Told], ...]) -> AsyncGenerator[News]:
+    """News of events: runs, decisions and faults come and go with events of theirs, and with no model change."""
+    async with client.told() as told:
+
+        class Heard:
+            async def wait(self) -> None:
+                async for one in told:
+                    if isinstance(one, kinds):
+                        await asyncio.sleep(_TOGETHER_S)
+                        return
+
+        yield Heard()
+
+
+async def show_rows(
+    client: FleetClient,
+    board: Board,
+    rows: Mapping[str, str],
+    parts: Sequence[str],
+    make: Callable[[str, Mapping[str, Reading]], Any],
+    *,
+    period_ms: float = 250.0,
+) -> None:
+    """Keep one value on a board for each of some Objects, made of their Variables; never returns.
+
+    Args:
+        client: connected.
+        board: whose other keys go.
+        rows: by key, the NodeId of the Object; its Variables have this NodeId with `.` and their names.
+        parts: names of the Variables.
+        make: the value of a row; None: the row is not to be seen.
+        period_ms: publishing interval.
+    """
+    board.keep(set(rows))
+    place = {f"{node}.{part}": (key, part) for key, node in rows.items() for part in parts}
+    told: dict[str, dict[str, Reading]] = {key: {} for key in rows}
+    missing = set(rows)
+    if not rows:
+        board.ready()
+        await asyncio.Event().wait()
+    async with aclosing(client.watch(list(place), period_ms=period_ms)) as changes:
+        async for reading in changes:
+            key, part = place[reading.node_id]
+            told[key][part] = reading
+            if len(told[key]) < len(parts):
+                continue
+            row = make(key, told[key])
+            if row is None:
+                board.gone(key)
+            else:
+                board.put(key, row)
+            if missing:
+                missing.discard(key)
+                if not missing:
+                    board.ready()

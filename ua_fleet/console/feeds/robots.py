@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from contextlib import aclosing
 from typing import Any, Final
 
-from ua_fleet.client import FleetClient, Reading
+from ua_fleet.client import FleetClient, Reading, RobotSummary
 from ua_fleet.console.board import Board
-from ua_fleet.console.feeds.following import followed
 from ua_fleet.console.feeds.kinds import FeedKind, NoParameters
 from ua_fleet.console.shown import harmless_value, shown_time, shown_value
 
-__all__ = ["ROBOTS", "state_shown"]
+__all__ = ["ROBOTS", "held_shown", "state_shown"]
 
 _STATES: Final = ("offline", "idle", "busy", "faulted")
 """RobotStateEnumeration of the UaFleet nodeset."""
-_PARTS: Final = ("State", "HeldBy", "HeldSince", "HeldReason", "Description", "Origin", "Capacities")
 
 
 def state_shown(reading: Reading) -> dict[str, Any]:
@@ -36,38 +34,39 @@ def held_shown(by: Any, since: Reading | None, reason: Any) -> dict[str, Any] | 
     }
 
 
-def _card(name: str, parts: Mapping[str, Reading]) -> dict[str, Any]:
-    values = {part: reading.value for part, reading in parts.items()}
+def _card(robot: RobotSummary) -> dict[str, Any]:
     return {
-        "name": name,
-        "state": state_shown(parts["State"]),
-        "held": held_shown(values.get("HeldBy"), parts.get("HeldSince"), values.get("HeldReason")),
-        "description": harmless_value(str(values.get("Description") or "")),
-        "origin": str(values.get("Origin") or ""),
-        "capacities": harmless_value(list(values.get("Capacities") or ())),
+        "name": robot.name,
+        "state": {"v": robot.state, "s": 0, "t": shown_time(robot.state_since)},
+        "quality": robot.status,
+        "updated": shown_time(robot.last_update),
+        "task": harmless_value(robot.task),
+        "run": robot.run_id,
+        "held": _held(robot) if robot.held else None,
+        "faults": robot.faults,
+        "fault": harmless_value(robot.fault),
+        "bridge": robot.bridge,
+        "capacities": harmless_value(list(robot.capacities)),
+    }
+
+
+def _held(robot: RobotSummary) -> dict[str, Any]:
+    return {
+        "by": harmless_value(robot.held_by),
+        "since": shown_time(robot.held_since),
+        "reason": harmless_value(robot.held_reason),
     }
 
 
 async def _run(client: FleetClient, parameters: NoParameters, board: Board) -> None:
-    async def look() -> dict[str, str]:
-        return {name: node.to_string() for name, node in sorted((await client.robots()).items())}
-
-    async def show(robots: dict[str, str]) -> None:
-        board.keep(set(robots))
-        place = {f"{node}.{part}": (name, part) for name, node in robots.items() for part in _PARTS}
-        told: dict[str, dict[str, Reading]] = {name: {} for name in robots}
-        if not place:
-            board.ready()
-        async for reading in client.watch(list(place), period_ms=250):
-            name, part = place[reading.node_id]
-            parts = told[name]
-            parts[part] = reading
-            if "State" in parts and len(parts) == len(_PARTS):
-                board.put(name, _card(name, parts))
-                if not board.is_ready and all(len(one) == len(_PARTS) for one in told.values()):
-                    board.ready()
-
-    await followed(client, look, show)
+    async with aclosing(client.watch_summaries()) as changes:
+        async for change in changes:
+            for robot in change.changed:
+                board.put(robot.name, _card(robot))
+            for name in change.gone:
+                board.gone(name)
+            if change.is_whole:
+                board.ready()
 
 
 ROBOTS: Final = FeedKind("robots", NoParameters, _run)

@@ -3,9 +3,13 @@
 from typing import Final
 
 from ua_fleet.console.operations.kinds import OperationKind
+from ua_fleet.console.operations.nodes import NODE_OPERATIONS
+from ua_fleet.console.operations.resilience import RESILIENCE_OPERATIONS
 from ua_fleet.console.operations.robots import ROBOT_OPERATIONS
+from ua_fleet.console.operations.scenarios import SCENARIO_OPERATIONS
 from ua_fleet.console.operations.skills import SKILL_OPERATIONS
 
 __all__ = ["OPERATIONS"]
 
-OPERATIONS: Final[dict[str, OperationKind]] = {kind.name: kind for kind in (*ROBOT_OPERATIONS, *SKILL_OPERATIONS)}
+_ALL: Final = (*SKILL_OPERATIONS, *ROBOT_OPERATIONS, *SCENARIO_OPERATIONS, *RESILIENCE_OPERATIONS, *NODE_OPERATIONS)
+OPERATIONS: Final[dict[str, OperationKind]] = {kind.name: kind for kind in _ALL}

@@ -1,8 +1,8 @@
-"""Robots as a whole: held back from tasks, and let go."""
+"""Robots as a whole: hold and release, register and unregister."""
 
 from __future__ import annotations
 
-from typing import Final
+from typing import Any, Final
 
 from pydantic import Field
 
@@ -18,13 +18,20 @@ class OfRobot(OperationParameters):
     robot: str = Field(min_length=1, max_length=200)
 
 
-class Hold(OfRobot):
-    """Why it is held back, which others read."""
+class Held(OfRobot):
+    """Why it gets no task."""
 
-    reason: str = Field(default="", max_length=200)
+    reason: str = Field(default="", max_length=500)
 
 
-async def _hold(client: FleetClient, asked: Hold) -> None:
+class Registered(OfRobot):
+    """What it is, as in `fleet.yaml`."""
+
+    definition: str = Field(default="", max_length=65_536)
+    bridge: str = Field(default="", max_length=200)
+
+
+async def _hold(client: FleetClient, asked: Held) -> None:
     await RobotClient(client).hold(asked.robot, asked.reason)
 
 
@@ -32,7 +39,17 @@ async def _release(client: FleetClient, asked: OfRobot) -> None:
     await RobotClient(client).release(asked.robot)
 
 
+async def _register(client: FleetClient, asked: Registered) -> dict[str, Any]:
+    return {"node": await RobotClient(client).register(asked.robot, asked.definition, bridge=asked.bridge)}
+
+
+async def _unregister(client: FleetClient, asked: OfRobot) -> None:
+    await RobotClient(client).unregister(asked.robot)
+
+
 ROBOT_OPERATIONS: Final = (
-    OperationKind("robots.hold", Hold, _hold, "Hold of a robot", "operator"),
+    OperationKind("robots.hold", Held, _hold, "Hold of a robot", "operator"),
     OperationKind("robots.release", OfRobot, _release, "Release of a robot", "operator"),
+    OperationKind("robots.register", Registered, _register, "RegisterRobot", "engineer"),
+    OperationKind("robots.unregister", OfRobot, _unregister, "UnregisterRobot", "engineer"),
 )

@@ -1,0 +1,191 @@
+"""Feeds `runs` (all runs, keys are their ids), `run` (one of them), and `library` (the server's scenarios)."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from collections import Counter, deque
+from collections.abc import Mapping
+from typing import Any, Final
+
+from pydantic import Field
+
+from ua_fleet.client import FleetClient, NodeNotFound, NotDone, Reading, RunTold, ScenarioClient, StepTold
+from ua_fleet.console.board import Board
+from ua_fleet.console.feeds.following import followed, show_rows, telling
+from ua_fleet.console.feeds.kinds import FeedKind, FeedParameters, NoParameters
+from ua_fleet.console.outline import outline
+from ua_fleet.console.shown import harmless_value, shown_instant, shown_value
+
+__all__ = ["LIBRARY", "RUN", "RUNS"]
+
+_FOLDER: Final = "ns=2;s=Fleet.Scenarios.Runs"
+_HEAD: Final = ("State", "Scenario", "StartTime", "EndTime", "StartedBy", "Reason")
+_COLUMNS: Final = ("Steps", "Tasks", "Robots", "Skills", "States", "Attempts", "Results", "Messages")
+_OVER: Final = ("done", "failed")
+_AT: Final = 20
+"""Tasks that a run is at which are shown in the list."""
+_MOST_FACTS: Final = 1000
+_LIBRARY_S: Final = 2.0
+"""Nothing tells of a scenario that was stored: the list is asked for."""
+
+
+class OfRun(FeedParameters):
+    """Which run."""
+
+    run: str = Field(min_length=1, max_length=100)
+
+
+def _head(run: str, parts: Mapping[str, Reading]) -> dict[str, Any]:
+    return {
+        "id": run,
+        "state": parts["State"].value,
+        "scenario": harmless_value(str(parts["Scenario"].value or "")),
+        "started": shown_value(parts["StartTime"].exact),
+        "ended": shown_value(parts["EndTime"].exact),
+        "by": harmless_value(str(parts["StartedBy"].value or "")),
+        "reason": harmless_value(str(parts["Reason"].value or "")),
+    }
+
+
+def _rows(parts: Mapping[str, Reading], names: tuple[str, ...]) -> list[tuple[Any, ...]]:
+    return list(zip(*(parts[name].value or () for name in names), strict=False))
+
+
+def _listed(run: str, parts: Mapping[str, Reading]) -> dict[str, Any]:
+    tasks = _rows(parts, ("Tasks", "Robots", "States"))
+    return {
+        **_head(run, parts),
+        "tasks": dict(Counter(str(state) for _, _, state in tasks)),
+        "at": [
+            {"task": harmless_value(task), "robot": harmless_value(robot), "state": state}
+            for task, robot, state in tasks
+            if state not in _OVER
+        ][:_AT],
+    }
+
+
+async def _run_runs(client: FleetClient, parameters: NoParameters, board: Board) -> None:
+    async def look() -> dict[str, str]:
+        nodes = await client.browse(_FOLDER)
+        return {node.browse_name: node.node_id for node in nodes if node.node_class == "Object"}
+
+    async def show(runs: dict[str, str]) -> None:
+        await show_rows(client, board, runs, (*_HEAD, "Tasks", "Robots", "States"), _listed)
+
+    await followed(client, look, show, telling(client, (RunTold,)))
+
+
+def _results(text: Any) -> Any:
+    try:
+        return harmless_value(json.loads(str(text or "{}")))
+    except ValueError:
+        return {}
+
+
+class _Steps:
+    """Puts one run onto the board: its head, its tasks, and what has happened."""
+
+    def __init__(self, run: str, board: Board) -> None:
+        self._run, self._board = run, board
+        self._shown: set[str] = set()
+        self._facts: deque[str] = deque()
+        self._number = 0
+
+    def show(self, key: str, parts: Mapping[str, Reading]) -> None:
+        parameters = _results(parts["Parameters"].value)
+        self._board.put("run", {**_head(self._run, parts), "parameters": parameters})
+        rows = _rows(parts, _COLUMNS)
+        keys: set[str] = set()
+        for step, task, robot, skill, state, attempt, result, message in rows:
+            key = f"task/{step}"
+            keys.add(key)
+            self._board.put(
+                key,
+                {
+                    "step": step,
+                    "task": harmless_value(task),
+                    "robot": harmless_value(robot),
+                    "skill": harmless_value(skill),
+                    "state": state,
+                    "attempt": attempt,
+                    "result": _results(result),
+                    "message": harmless_value(message),
+                },
+            )
+        for key in self._shown - keys:
+            self._board.gone(key)
+        self._shown = keys
+        self._board.ready()
+
+    def tell(self, told: RunTold | StepTold) -> None:
+        fact: dict[str, Any] = {"at": shown_instant(told.at)}
+        if isinstance(told, RunTold):
+            fact |= {"fact": f"run {told.state}", "text": harmless_value(told.message)}
+        else:
+            fact |= {
+                "fact": told.fact,
+                "task": harmless_value(told.task),
+                "robot": harmless_value(told.robot),
+                "skill": harmless_value(told.skill),
+                "outcome": told.outcome,
+                "detail": harmless_value(shown_value(dict(told.detail))),
+            }
+        self._number += 1
+        key = f"fact/{self._number}"
+        self._board.put(key, fact)
+        self._facts.append(key)
+        if len(self._facts) > _MOST_FACTS:
+            self._board.gone(self._facts.popleft())
+
+
+async def _run_run(client: FleetClient, parameters: OfRun, board: Board) -> None:
+    run = parameters.run
+    node = f"{_FOLDER}.{run}"
+    state = await client.read(f"{node}.State")
+    steps = _Steps(run, board)
+    async with client.told() as told, asyncio.TaskGroup() as group:
+        scenario = str((await client.read(f"{node}.Scenario")).value or "")
+        board.put("outline", await _outline(client, scenario))
+
+        async def watch() -> None:
+            names = (*_HEAD, "Parameters", *_COLUMNS)
+            place = {f"{node}.{name}": name for name in names}
+            parts: dict[str, Reading] = {}
+            async for reading in client.watch(list(place)):
+                parts[place[reading.node_id]] = reading
+                if len(parts) == len(names):
+                    steps.show(run, parts)
+
+        group.create_task(watch())
+        assert state.value is not None
+        async for one in told:
+            if isinstance(one, RunTold | StepTold) and one.run_id == run:
+                steps.tell(one)
+
+
+async def _outline(client: FleetClient, scenario: str) -> dict[str, Any] | None:
+    """The steps of the scenario of this name as it is now; None where the folder has none."""
+    try:
+        text, _ = await ScenarioClient(client).text(scenario)
+    except (NotDone, NodeNotFound):
+        return None
+    return await asyncio.to_thread(outline, text)
+
+
+async def _run_library(client: FleetClient, parameters: NoParameters, board: Board) -> None:
+    while True:
+        scenarios = await ScenarioClient(client).scenarios()
+        for one in scenarios:
+            board.put(
+                one.name,
+                {"name": one.name, "description": harmless_value(one.description), "problems": one.problems},
+            )
+        board.keep({one.name for one in scenarios})
+        board.ready()
+        await asyncio.sleep(_LIBRARY_S)
+
+
+RUNS: Final = FeedKind("runs", NoParameters, _run_runs)
+RUN: Final = FeedKind("run", OfRun, _run_run)
+LIBRARY: Final = FeedKind("library", NoParameters, _run_library)

@@ -1,0 +1,70 @@
+"""The address space: browse, read, write."""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+from pydantic import Field
+
+from ua_fleet.client import FleetClient
+from ua_fleet.console.operations.kinds import OperationKind, OperationParameters
+from ua_fleet.console.shown import harmless_value, shown_reading, shown_value
+
+__all__ = ["NODE_OPERATIONS"]
+
+
+class OfNode(OperationParameters):
+    """A node by its NodeId, e.g. `ns=2;i=1001`, or by its path."""
+
+    node: str = Field(min_length=1, max_length=4096)
+
+
+class Written(OfNode):
+    """The value as a text, in the node's own type; arrays as JSON."""
+
+    value: str = Field(max_length=500_000)
+
+
+async def _browse(client: FleetClient, asked: OfNode) -> list[dict[str, Any]]:
+    return [
+        {
+            "node": one.node_id,
+            "name": harmless_value(one.browse_name),
+            "display": harmless_value(one.display_name),
+            "class": one.node_class,
+            "type": one.type_name,
+            "property": one.is_property,
+            "below": one.left_out,
+        }
+        for one in await client.browse(asked.node)
+    ]
+
+
+async def _read(client: FleetClient, asked: OfNode) -> dict[str, Any]:
+    reading = await client.read(asked.node)
+    (details,) = await client.details([reading.node_id])
+    return {
+        "node": reading.node_id,
+        "type": reading.type_name,
+        "value": shown_reading(reading, details.unit),
+        "names": {str(number): harmless_value(name) for number, name in details.names.items()},
+    }
+
+
+async def _write(client: FleetClient, asked: Written) -> dict[str, Any]:
+    reading = await client.write(asked.node, asked.value)
+    return {"node": reading.node_id, "type": reading.type_name, "value": shown_reading(reading)}
+
+
+async def _attributes(client: FleetClient, asked: OfNode) -> list[dict[str, Any]]:
+    return [
+        {"name": one.name, "v": shown_value(one.value), "s": one.status} for one in await client.attributes(asked.node)
+    ]
+
+
+NODE_OPERATIONS: Final = (
+    OperationKind("node.browse", OfNode, _browse, "Browse", "observer"),
+    OperationKind("node.read", OfNode, _read, "Read", "observer"),
+    OperationKind("node.attributes", OfNode, _attributes, "Read", "observer"),
+    OperationKind("node.write", Written, _write, "Write of this node", "operator"),
+)

@@ -93,6 +93,7 @@ class InterpreterSession:
         self._offline_since = now
         self._fields, self._messages = FieldReader(link), MessageReader(link.most_fields)
         self._begun_at: float | None = None
+        """When all that had arrived was done with, and a message was not whole; None while there is no such message."""
         """When the message began that is not complete."""
 
     @property
@@ -130,7 +131,7 @@ class InterpreterSession:
         self._sources.all_lost()
 
     def received(self, data: bytes, now: float, time_ns: int) -> None:
-        """Bytes from the robot."""
+        """Bytes from the robot. To be followed by `turn`, with the time at which they are done with."""
         try:
             for field in self._fields.feed(data):
                 if not self._messages.is_within and field == ACK:
@@ -147,8 +148,12 @@ class InterpreterSession:
             self._sources.dropped(Drop.MALFORMED, f"the program on the robot sent {error}")
             self._misbehaves(f"it sent {error}")
             return
-        within = self._fields.is_within or self._messages.is_within
-        self._begun_at = (self._begun_at or now) if within else None
+        if not self._is_within:
+            self._begun_at = None
+
+    @property
+    def _is_within(self) -> bool:
+        return self._fields.is_within or self._messages.is_within
 
     # What the robot says
 
@@ -350,6 +355,8 @@ class InterpreterSession:
         self._ask_at = {number: at for number, at in self._ask_at.items() if number in self._told}
         timeout_s = self._link.answer_timeout_s
         if self._is_connected:
+            if self._begun_at is None and self._is_within:
+                self._begun_at = now  # not when it was received: to take many messages may have taken long
             if self._outbox.waits_since is not None and now >= self._outbox.waits_since + timeout_s:
                 self._reset(f"it acknowledged no field within {timeout_s:g} s")
             elif self._begun_at is not None and now >= self._begun_at + timeout_s:

@@ -44,11 +44,20 @@ TRUST_EXAMPLES = (
     "ua-fleet cert trust 3f2a9c",
     "ua-fleet cert trust uaexpert.der",
     "ua-fleet cert trust --bridge cell bridge.der",
+    "ua-fleet cert trust --gateway console console.der",
 )
 FORGET_EXAMPLES = ("ua-fleet cert forget", "ua-fleet cert forget opc.tcp://10.0.0.5:4840/ua_fleet")
-REVOKE_EXAMPLES = ("ua-fleet cert revoke 3f2a9c", "ua-fleet cert revoke --bridge cell")
+REVOKE_EXAMPLES = (
+    "ua-fleet cert revoke 3f2a9c",
+    "ua-fleet cert revoke --bridge cell",
+    "ua-fleet cert revoke --gateway console",
+)
 
 _BridgeName = Annotated[str | None, typer.Option("--bridge", help="Name of a bridge of the configuration file.")]
+_GatewayName = Annotated[
+    str | None,
+    typer.Option("--gateway", help="Name that you give a client through which many people come, such as a console."),
+]
 
 
 def _rejection(info: CertificateInfo) -> Rejection | None:
@@ -65,6 +74,7 @@ def _as_json(info: CertificateInfo) -> dict[str, Any]:
     return {
         "state": info.state.value,
         "bridge": info.bridge or None,
+        "gateway": info.gateway or None,
         "thumbprint": info.thumbprint,
         "subject": info.subject,
         "application_uri": info.application_uri,
@@ -185,7 +195,7 @@ def _create_for_bridge(
 
 
 def show(config: Config = DEFAULT_CONFIG, as_json: Json = False) -> None:
-    """List certificates: the server's own, those of trusted clients and bridges, and refused ones (rejected)."""
+    """List certificates: the server's own, those of trusted clients, bridges and gateways, and refused ones."""
     from ua_fleet.server.certificates import list_certificates
 
     _, folder = state_folder(config)
@@ -199,7 +209,7 @@ def show(config: Config = DEFAULT_CONFIG, as_json: Json = False) -> None:
         return
     rows = [
         (
-            f"bridge {info.bridge}" if info.bridge else info.state.value,
+            _state_text(info),
             info.thumbprint,
             f"{info.validity.end:%Y-%m-%d}",
             _days_text(info),
@@ -209,6 +219,12 @@ def show(config: Config = DEFAULT_CONFIG, as_json: Json = False) -> None:
         for info in found
     ]
     print_table([("state", "thumbprint", "valid until", "days left", "address", "subject"), *rows])
+
+
+def _state_text(info: CertificateInfo) -> str:
+    if info.bridge:
+        return f"bridge {info.bridge}"
+    return f"gateway {info.gateway}" if info.gateway else info.state.value
 
 
 def _days_text(info: CertificateInfo) -> str:
@@ -223,6 +239,7 @@ def trust_certificate(
         str | None, typer.Argument(help="First characters of a rejected one's thumbprint, or a file.")
     ] = None,
     bridge: _BridgeName = None,
+    gateway: _GatewayName = None,
     last: Annotated[bool, typer.Option("--last", help="The one that was refused last; needs --show.")] = False,
     show_first: Annotated[
         bool, typer.Option("--show", help="Show subject, address and thumbprint, and ask before it is trusted.")
@@ -230,15 +247,21 @@ def trust_certificate(
     config: Config = DEFAULT_CONFIG,
     as_json: Json = False,
 ) -> None:
-    """Let a client with this certificate connect; with --bridge, know that bridge by it.
+    """Let a client with this certificate connect; with --bridge or --gateway, know that bridge or gateway by it.
 
     A client that is not trusted yet connects in vain once; then its certificate stands in `ua-fleet cert list` as
     rejected, and is trusted by the first characters of its thumbprint. Compare these with what the client shows: anyone
     may write any subject into a certificate. A bridge is known by one certificate, by which it gets its keys of message
     security; a new one replaces the old one.
-    """
-    from ua_fleet.server.certificates import CertificateError, trust, trust_bridge
 
+    A gateway is a client through which many people log in, each as himself, such as the web console. Who guesses
+    passwords there locks out the name that he guesses at, and not everybody who comes through it. It gets no rights by
+    that. Trust its certificate without --gateway, and it is an ordinary client again.
+    """
+    from ua_fleet.server.certificates import CertificateError
+
+    if bridge is not None and gateway is not None:
+        raise UsageError("give --bridge or --gateway; a certificate is that of one of them")
     if (what is None) != last:
         raise UsageError("name a certificate, or give --last --show; list them with: ua-fleet cert list")
     if last and not show_first:
@@ -253,7 +276,7 @@ def trust_certificate(
         if show_first and not _is_meant(folder, what):
             message("not trusted")
             raise typer.Exit(EXIT_FAILED)
-        info = trust(folder, what) if bridge is None else trust_bridge(folder, bridge, what)
+        info = _trust(folder, what, bridge, gateway)
     except CertificateError as error:
         if Path(what).exists():
             raise
@@ -261,7 +284,16 @@ def trust_certificate(
     if as_json:
         print_json(_as_json(info))
     else:
-        print_line(f"trusted {info.thumbprint}  {info.subject}" + (f"  (bridge {bridge})" if bridge else ""))
+        named = f"  ({_state_text(info)})" if bridge or gateway else ""
+        print_line(f"trusted {info.thumbprint}  {info.subject}{named}")
+
+
+def _trust(folder: Path, what: str, bridge: str | None, gateway: str | None) -> CertificateInfo:
+    from ua_fleet.server.certificates import trust, trust_bridge, trust_gateway
+
+    if gateway is not None:
+        return trust_gateway(folder, gateway, what)
+    return trust(folder, what) if bridge is None else trust_bridge(folder, bridge, what)
 
 
 def _last_rejected(folder: Path) -> str:
@@ -294,21 +326,28 @@ def _is_meant(folder: Path, what: str) -> bool:
 def revoke_certificate(
     what: Annotated[str | None, typer.Argument(help="First characters of its thumbprint, or a file.")] = None,
     bridge: _BridgeName = None,
+    gateway: _GatewayName = None,
     config: Config = DEFAULT_CONFIG,
     as_json: Json = False,
 ) -> None:
-    """Trust a client's certificate no longer, or with --bridge that of a bridge.
+    """Trust a client's certificate no longer, or with --bridge or --gateway that of a bridge or gateway.
 
     It holds at once for new connections; the sessions of a bridge end too. It stands in the list as rejected then. A
     bridge still has the keys that it has got: an engineer calls InvalidateKeys on its SecurityGroups to end that.
     """
-    from ua_fleet.server.certificates import CertificateError, revoke, revoke_bridge
+    from ua_fleet.server.certificates import CertificateError, revoke, revoke_bridge, revoke_gateway
 
-    if (what is None) == (bridge is None):
-        raise UsageError("name a certificate, or a bridge with --bridge; list them with: ua-fleet cert list")
+    if sum(given is not None for given in (what, bridge, gateway)) != 1:
+        raise UsageError(
+            "name a certificate, a bridge with --bridge, or a gateway with --gateway; "
+            "list them with: ua-fleet cert list"
+        )
     _, folder = state_folder(config)
     try:
-        info = revoke_bridge(folder, bridge) if bridge is not None else revoke(folder, str(what))
+        if bridge is not None:
+            info = revoke_bridge(folder, bridge)
+        else:
+            info = revoke_gateway(folder, gateway) if gateway is not None else revoke(folder, str(what))
     except CertificateError as error:
         raise NotFound(str(error)) from error
     if bridge is not None:

@@ -6,7 +6,6 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from cryptography import x509
-from cryptography.hazmat.primitives import hashes
 
 from ua_fleet.server.certificates import CertificateState, certificates_folder
 from ua_fleet.server.trust import CertificateFolder
@@ -26,16 +25,16 @@ class BridgeTrust:
         """
         self._names = frozenset(names)
         self._folder = CertificateFolder(certificates_folder(state_dir) / CertificateState.BRIDGE)
-        self.generation = 0
-        """Grows whenever the folder has changed."""
         self.refresh()
+
+    @property
+    def generation(self) -> int:
+        """Grows whenever the folder has changed."""
+        return self._folder.generation
 
     def refresh(self) -> None:
         """Look whether the folder has changed."""
-        before = self._folder.signature
         self._folder.refresh()
-        if self._folder.signature != before:
-            self.generation += 1
 
     @property
     def unknown(self) -> list[str]:
@@ -44,6 +43,5 @@ class BridgeTrust:
 
     def name_of(self, certificate: x509.Certificate) -> str:
         """The bridge that is known by this certificate; empty when none is."""
-        self.refresh()
-        name = self._folder.names.get(certificate.fingerprint(hashes.SHA256()), "")
+        name = self._folder.name_of(certificate)
         return name if name in self._names else ""

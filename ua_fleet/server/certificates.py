@@ -4,6 +4,7 @@
     own/server.der, own/server-key.pem     our certificate and its key (mode 0600)
     trusted/                               client certificates, or CAs, that we accept
     bridges/<name>.der                     the certificate by which that bridge is known; accepted too
+    gateways/<name>.der                    that of a client through which many people come; accepted too
     issuers/                               CAs that only complete a chain
     crl/                                   revocation lists of the CAs
     rejected/                              what clients offered and we refused; at most 32
@@ -14,6 +15,7 @@ Files are written whole or not at all, keys with mode 0600 from their first byte
 from __future__ import annotations
 
 import ipaddress
+import re
 import socket
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -51,9 +53,11 @@ __all__ = [
     "load_certificate",
     "revoke",
     "revoke_bridge",
+    "revoke_gateway",
     "thumbprint",
     "trust",
     "trust_bridge",
+    "trust_gateway",
 ]
 
 _log = structlog.get_logger("ua_fleet.certificates")
@@ -61,6 +65,7 @@ _log = structlog.get_logger("ua_fleet.certificates")
 KEY_BITS: Final = 2048
 VALID_DAYS: Final = 5 * 365
 MAX_FILE_BYTES: Final = 65_536
+_GATEWAY_NAME: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9_]{0,63}")
 UNREADABLE: Final = (
     ValueError,
     TypeError,
@@ -83,6 +88,7 @@ class CertificateState(StrEnum):
     OWN = "own"
     TRUSTED = "trusted"
     BRIDGE = "bridges"
+    GATEWAY = "gateways"
     ISSUER = "issuers"
     REJECTED = "rejected"
 
@@ -112,10 +118,17 @@ class CertificateInfo:
         return self.path.stem if self.state is CertificateState.BRIDGE else ""
 
     @property
+    def gateway(self) -> str:
+        """The gateway that is known by this certificate; empty for all others."""
+        return self.path.stem if self.state is CertificateState.GATEWAY else ""
+
+    @property
     def renewal(self) -> str:
         """What to do when it ends."""
         if self.state is CertificateState.BRIDGE:
             return f"ua-fleet cert create --bridge {self.bridge} --renew --trust"
+        if self.state is CertificateState.GATEWAY:
+            return f"its owner has to renew it; then: ua-fleet cert trust --gateway {self.gateway} FILE"
         if self.state is not CertificateState.OWN:
             return "its owner has to renew it; then: ua-fleet cert trust FILE"
         if self.path.stem == "server":
@@ -391,11 +404,26 @@ def _move(
     return _info(target, state)
 
 
+def _places_of(
+    state_dir: Path, certificate: x509.Certificate, states: Sequence[CertificateState]
+) -> list[CertificateInfo]:
+    """Where a certificate stands in these folders, under whichever name."""
+    mark = thumbprint(certificate)
+    return [info for info in list_certificates(state_dir) if info.state in states and info.thumbprint == mark]
+
+
 def trust(state_dir: Path, what: str | Path) -> CertificateInfo:
-    """Trust a certificate: a file, or one from `rejected/` by the first characters of its thumbprint."""
-    certificate, sources = _find(state_dir, what, (CertificateState.REJECTED,))
+    """Trust a certificate as that of an ordinary client, also where it was a gateway's.
+
+    Args:
+        state_dir: the server's.
+        what: a file, or the first characters of the thumbprint of one in `rejected/` or `gateways/`.
+    """
+    certificate, sources = _find(state_dir, what, (CertificateState.REJECTED, CertificateState.GATEWAY))
+    marks = [info.path for info in _places_of(state_dir, certificate, (CertificateState.GATEWAY,))]
     folder = certificates_folder(state_dir) / CertificateState.TRUSTED
-    return _move(certificate, sources, folder / f"{thumbprint(certificate)}.der", CertificateState.TRUSTED)
+    target = folder / f"{thumbprint(certificate)}.der"
+    return _move(certificate, [*sources, *marks], target, CertificateState.TRUSTED)
 
 
 def trust_bridge(state_dir: Path, name: str, what: str | Path) -> CertificateInfo:
@@ -405,9 +433,8 @@ def trust_bridge(state_dir: Path, name: str, what: str | Path) -> CertificateInf
         CertificateError: there is no such certificate, or another bridge is known by it.
     """
     certificate, sources = _find(state_dir, what, (CertificateState.REJECTED, CertificateState.TRUSTED))
-    mark = thumbprint(certificate)
-    for info in list_certificates(state_dir):
-        if info.bridge not in ("", name) and info.thumbprint == mark:
+    for info in _places_of(state_dir, certificate, (CertificateState.BRIDGE,)):
+        if info.bridge != name:
             raise CertificateError(
                 f"bridge {info.bridge} is known by this certificate; make one for {name} with: "
                 f"ua-fleet cert create --bridge {name}"
@@ -416,13 +443,33 @@ def trust_bridge(state_dir: Path, name: str, what: str | Path) -> CertificateInf
     return _move(certificate, sources, folder / f"{name}.der", CertificateState.BRIDGE)
 
 
+def trust_gateway(state_dir: Path, name: str, what: str | Path) -> CertificateInfo:
+    """Trust a certificate as that of a gateway, which is known by no other from now on; `what` as in `trust`.
+
+    Raises:
+        CertificateError: there is no such certificate, the name is none, or it is a bridge's or another gateway's.
+    """
+    if not _GATEWAY_NAME.fullmatch(name):
+        raise CertificateError(f"{name!r} is no name of a gateway; use 1 to 64 letters, digits and _")
+    states = (CertificateState.REJECTED, CertificateState.TRUSTED)
+    certificate, _ = _find(state_dir, what, states)
+    for info in _places_of(state_dir, certificate, (CertificateState.BRIDGE, CertificateState.GATEWAY)):
+        if info.bridge or info.gateway != name:
+            whose = f"bridge {info.bridge}" if info.bridge else f"gateway {info.gateway}"
+            raise CertificateError(f"{whose} is known by this certificate; a gateway has one of its own")
+    sources = [info.path for info in _places_of(state_dir, certificate, states)]
+    folder = certificates_folder(state_dir) / CertificateState.GATEWAY
+    return _move(certificate, sources, folder / f"{name}.der", CertificateState.GATEWAY)
+
+
 def revoke(state_dir: Path, what: str | Path) -> CertificateInfo:
-    """Take trust from a client's certificate, by its thumbprint or file; it stands in `rejected/` then."""
-    certificate, _ = _find(state_dir, what, (CertificateState.TRUSTED,))
-    path = certificates_folder(state_dir) / CertificateState.TRUSTED / f"{thumbprint(certificate)}.der"
-    if not path.exists():
+    """Take trust from the certificate of a client or gateway, by thumbprint or file; it stands in `rejected/` then."""
+    states = (CertificateState.TRUSTED, CertificateState.GATEWAY)
+    certificate, _ = _find(state_dir, what, states)
+    sources = [info.path for info in _places_of(state_dir, certificate, states)]
+    if not sources:
         raise CertificateError(f"{what} is not trusted; list what is with: ua-fleet cert list")
-    return _reject(certificate, path, state_dir)
+    return _reject(certificate, sources, state_dir)
 
 
 def revoke_bridge(state_dir: Path, name: str) -> CertificateInfo:
@@ -430,9 +477,17 @@ def revoke_bridge(state_dir: Path, name: str) -> CertificateInfo:
     path = certificates_folder(state_dir) / CertificateState.BRIDGE / f"{name}.der"
     if not path.exists():
         raise CertificateError(f"bridge {name} is known by no certificate; list them with: ua-fleet cert list")
-    return _reject(load_certificate(path), path, state_dir)
+    return _reject(load_certificate(path), [path], state_dir)
 
 
-def _reject(certificate: x509.Certificate, source: Path, state_dir: Path) -> CertificateInfo:
+def revoke_gateway(state_dir: Path, name: str) -> CertificateInfo:
+    """Trust the certificate of a gateway no longer; it stands in `rejected/` then."""
+    found = [info for info in list_certificates(state_dir) if info.gateway == name]
+    if not found:
+        raise CertificateError(f"there is no gateway {name}; list them with: ua-fleet cert list")
+    return revoke(state_dir, found[0].path)
+
+
+def _reject(certificate: x509.Certificate, sources: Sequence[Path], state_dir: Path) -> CertificateInfo:
     folder = certificates_folder(state_dir) / CertificateState.REJECTED
-    return _move(certificate, [source], folder / f"{thumbprint(certificate)}.der", CertificateState.REJECTED)
+    return _move(certificate, sources, folder / f"{thumbprint(certificate)}.der", CertificateState.REJECTED)

@@ -52,5 +52,6 @@ class CertificateWatch:
                 continue
             notice = self._reminder.due(str(info.path), info.validity, now)
             if notice:
-                whose = f"the certificate of bridge {info.bridge}" if info.bridge else "a certificate"
+                named = f"bridge {info.bridge}" if info.bridge else info.gateway and f"gateway {info.gateway}"
+                whose = f"the certificate of {named}" if named else "a certificate"
                 _log.warning(f"{whose} {notice}", certificate=str(info.path), todo=info.renewal)

@@ -1,8 +1,8 @@
 """Which client certificates are accepted (OPC 10000-4 6.1.3), and what becomes of the others.
 
-A certificate is trusted when it stands in `trusted/` or `bridges/` itself, or when its chain of issuers ends at a CA in
-`trusted/`. The folders are looked at again whenever they change, so that `ua-fleet cert trust` takes effect in a
-running server.
+A certificate is trusted when it stands in `trusted/`, `bridges/` or `gateways/` itself, or when its chain of issuers
+ends at a CA in `trusted/`. The folders are looked at again whenever they change, so that `ua-fleet cert trust` takes
+effect in a running server.
 """
 
 from __future__ import annotations
@@ -112,6 +112,8 @@ class CertificateFolder:
     signature: tuple[int, int] | None = None
     problem: str = ""
     """Why nothing there is trusted; empty while it is."""
+    generation: int = 0
+    """Grows whenever the folder has changed."""
 
     def refresh(self) -> dict[bytes, x509.Certificate]:
         """The certificates that are there now, by fingerprint; none while others could have put them there."""
@@ -126,9 +128,11 @@ class CertificateFolder:
             signature = (status.st_mtime_ns, status.st_ino)
             paths = certificate_paths(self.path) if signature != self.signature else []
         except OSError:
+            self.generation += self.signature is not None
             self.certificates, self.names, self.signature = {}, {}, None
             return self.certificates
         if signature != self.signature:
+            self.generation += 1
             self.signature = signature
             self.certificates, self.names = {}, {}
             for path in paths:
@@ -143,6 +147,11 @@ class CertificateFolder:
                 self.certificates[fingerprint] = certificate
                 self.names[fingerprint] = path.stem
         return self.certificates
+
+    def name_of(self, certificate: x509.Certificate) -> str:
+        """The name of the file that a certificate stands in now; empty where it is not there."""
+        self.refresh()
+        return self.names.get(certificate.fingerprint(hashes.SHA256()), "")
 
 
 class RevocationList:
@@ -197,15 +206,19 @@ class TrustList:
         self._trust_all = trust_all
         self._trusted = CertificateFolder(folder / CertificateState.TRUSTED)
         self._bridges = CertificateFolder(folder / CertificateState.BRIDGE)
+        self.gateways = CertificateFolder(folder / CertificateState.GATEWAY)
+        """Certificates of clients through which many people come, by the gateways' names."""
         self._issuers = CertificateFolder(folder / CertificateState.ISSUER)
         self._revocations = folder / "crl"
         self._lists: dict[Path, tuple[tuple[int, ...], RevocationList]] = {}
         """Of each file, by what tells it from another one in its place."""
         rejected = folder / CertificateState.REJECTED
         self._rejected = RejectedCertificates(rejected)
-        for path in (self._trusted.path, self._bridges.path, self._issuers.path, self._revocations, rejected):
+        folders = (self._trusted, self._bridges, self.gateways, self._issuers)
+        deciding = [*(each.path for each in folders), self._revocations]
+        for path in (*deciding, rejected):
             make_private_folder(path)
-        for path in (state_dir, folder, self._trusted.path, self._bridges.path, self._issuers.path, self._revocations):
+        for path in (state_dir, folder, *deciding):
             if problem := open_to_others(path):
                 raise ServerStartError(f"{problem} (whoever writes there decides who is trusted)")
 
@@ -231,8 +244,9 @@ class TrustList:
         if self._trust_all:
             return
         trusted = self._trusted.refresh()
-        # A bridge's certificate is trusted as it is, and never as a CA.
-        if certificate.fingerprint(hashes.SHA256()) in {**trusted, **self._bridges.refresh()}:
+        # A bridge's or gateway's certificate is trusted as it is, and never as a CA.
+        as_they_are = {**trusted, **self._bridges.refresh(), **self.gateways.refresh()}
+        if certificate.fingerprint(hashes.SHA256()) in as_they_are:
             self._check_not_revoked(certificate, [*trusted.values(), *self._issuers.refresh().values()])
             return
         if self_signed or not self._chain_trusted(chain):

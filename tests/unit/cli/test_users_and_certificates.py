@@ -338,6 +338,40 @@ def test_one_certificate_is_not_that_of_two_bridges(invoke: Invoke, fleet: Path)
     assert "bridge cell is known by this certificate; make one for hall with: " in ended.stderr
 
 
+# --- gateways
+
+
+def test_a_gateway_is_marked_listed_and_taken_back(invoke: Invoke, fleet: Path) -> None:
+    made = json.loads(invoke("cert", "create", "--client", "console", "--json").stdout)
+    mark = made["thumbprint"]
+    ended = invoke("cert", "trust", "--gateway", "console", made["path"])
+    assert (ended.code, ended.stdout[-20:]) == (0, "  (gateway console)\n")
+    listed = {info["state"]: info for info in map(json.loads, lines(invoke, "cert", "list", "--json"))}
+    assert (listed["gateways"]["gateway"], listed["gateways"]["thumbprint"]) == ("console", mark)
+    assert listed["own"]["gateway"] is None
+    assert ["gateway", "console", mark] in [line.split()[:3] for line in lines(invoke, "cert", "list")]
+    assert invoke("cert", "trust", mark[:10]).code == 0
+    states = [json.loads(line)["state"] for line in lines(invoke, "cert", "list", "--json")]
+    assert states == ["own", "trusted"], "an ordinary client again"
+    assert invoke("cert", "trust", "--gateway", "console", mark[:10]).code == 0
+    ended = invoke("cert", "revoke", "--gateway", "console")
+    assert (ended.code, ended.stdout.split()[:2], ended.stderr) == (0, ["revoked", mark], "")
+    states = [json.loads(line)["state"] for line in lines(invoke, "cert", "list", "--json")]
+    assert states == ["own", "rejected"]
+    ended = invoke("cert", "revoke", "--gateway", "console")
+    assert ended.code == 3
+    assert "there is no gateway console" in ended.stderr
+
+
+def test_gateways_that_cannot_be(invoke: Invoke, fleet: Path) -> None:
+    made = json.loads(invoke("cert", "create", "--client", "console", "--json").stdout)
+    assert invoke("cert", "trust", "--gateway", "con sole", made["path"]).code == 2
+    assert invoke("cert", "trust", "--gateway", "console", "--bridge", "cell", made["path"]).code == 2
+    assert invoke("cert", "trust", "--gateway", "console").code == 2
+    assert invoke("cert", "trust", "--gateway", "console", "no/such/file.der").code == 3
+    assert invoke("cert", "revoke", "--gateway", "console", "3f2a").code == 2
+
+
 def test_a_client_is_trusted_no_longer(invoke: Invoke, fleet: Path) -> None:
     made = json.loads(invoke("cert", "create", "--client", "plc7", "--json").stdout)
     invoke("cert", "trust", made["path"])

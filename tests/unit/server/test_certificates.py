@@ -26,16 +26,19 @@ from ua_fleet.server.certificates import (
     host_names,
     list_certificates,
     load_certificate,
+    revoke,
     revoke_bridge,
+    revoke_gateway,
     thumbprint,
     trust,
     trust_bridge,
+    trust_gateway,
 )
 from ua_fleet.server.trust import CertificateRefused, TrustList, split_chain
 from ua_fleet.transport.interfaces import machine_addresses
 
 URI = "urn:test:server"
-FOLDERS = ("trusted", "bridges", "issuers", "crl")
+FOLDERS = ("trusted", "bridges", "gateways", "issuers", "crl")
 
 
 @pytest.fixture(scope="module")
@@ -347,6 +350,84 @@ def test_a_bridges_certificate_that_was_trusted_as_a_clients_is_moved(tmp_path: 
     mark = trust(tmp_path, card.certificate).thumbprint
     trust_bridge(tmp_path, "cell", mark[:10])
     assert [(info.state, info.bridge) for info in list_certificates(tmp_path)] == [(CertificateState.BRIDGE, "cell")]
+
+
+# --- gateways
+
+
+def places(state_dir: Path) -> list[tuple[CertificateState, str]]:
+    return [(info.state, info.gateway) for info in list_certificates(state_dir)]
+
+
+def test_a_gateways_certificate_is_trusted_and_makes_no_other_one_trusted(tmp_path: Path) -> None:
+    authority = make_certificate(tmp_path, "authority", ca=True)
+    issued = make_certificate(tmp_path, "issued", issuer=load(authority))
+    trust_gateway(tmp_path, "console", authority.certificate)
+    trusted = TrustList(tmp_path)
+    trusted.check([load_certificate(authority.certificate)])
+    with pytest.raises(CertificateRefused, match="not trusted"):
+        trusted.check([load_certificate(issued.certificate), load_certificate(authority.certificate)])
+    assert trusted.gateways.name_of(load_certificate(issued.certificate)) == ""
+
+
+def test_a_gateway_is_known_by_its_certificate_alone_and_at_once(tmp_path: Path) -> None:
+    old, new = (make_certificate(tmp_path, name) for name in ("old", "new"))
+    trusted = TrustList(tmp_path)
+    known = trusted.gateways
+    trust_gateway(tmp_path, "console", old.certificate)
+    generation = known.generation
+    assert known.name_of(load_certificate(old.certificate)) == "console"
+    assert known.generation == generation + 1
+    trust_gateway(tmp_path, "console", new.certificate)
+    assert [known.name_of(load_certificate(each.certificate)) for each in (old, new)] == ["", "console"]
+    assert TrustList(tmp_path).gateways.name_of(load_certificate(new.certificate)) == "console", "after a restart"
+    revoke_gateway(tmp_path, "console")
+    assert known.name_of(load_certificate(new.certificate)) == ""
+    with pytest.raises(CertificateRefused):
+        trusted.check([load_certificate(new.certificate)])
+    with pytest.raises(CertificateError, match="no gateway console"):
+        revoke_gateway(tmp_path, "console")
+
+
+def test_a_client_becomes_a_gateway_and_an_ordinary_client_again(tmp_path: Path) -> None:
+    card = make_certificate(tmp_path, "card")
+    mark = trust(tmp_path, card.certificate).thumbprint
+    # By its file too, which does not say where else it stands: `trusted/` would go on trusting what is revoked.
+    trust_gateway(tmp_path, "console", card.certificate)
+    assert places(tmp_path) == [(CertificateState.GATEWAY, "console")]
+    for what in (mark[:10], card.certificate):
+        trust(tmp_path, what)
+        assert places(tmp_path) == [(CertificateState.TRUSTED, "")]
+        trust_gateway(tmp_path, "console", mark[:10])
+    revoke(tmp_path, mark[:10])
+    assert places(tmp_path) == [(CertificateState.REJECTED, "")]
+    trust_gateway(tmp_path, "console", mark[:10])
+    assert places(tmp_path) == [(CertificateState.GATEWAY, "console")]
+
+
+def test_one_certificate_is_one_gateways_and_no_bridges(tmp_path: Path) -> None:
+    card, other = (make_certificate(tmp_path, name) for name in ("card", "other"))
+    trust_gateway(tmp_path, "console", card.certificate)
+    trust_gateway(tmp_path, "console", card.certificate)
+    with pytest.raises(CertificateError, match="gateway console is known by this certificate"):
+        trust_gateway(tmp_path, "board", card.certificate)
+    trust_bridge(tmp_path, "cell", other.certificate)
+    with pytest.raises(CertificateError, match="bridge cell is known by this certificate"):
+        trust_gateway(tmp_path, "board", other.certificate)
+    for name in ("", "../trusted/x", "a b", "x-key", "x" * 65):
+        with pytest.raises(CertificateError, match="no name of a gateway"):
+            trust_gateway(tmp_path, name, card.certificate)
+
+
+def test_a_gateways_folder_that_others_may_write_marks_nothing(tmp_path: Path) -> None:
+    card = load_certificate(make_certificate(tmp_path, "card").certificate)
+    trusted = TrustList(tmp_path)
+    trust_gateway(tmp_path, "console", tmp_path / "card.der")
+    assert trusted.gateways.name_of(card) == "console"
+    trusted.gateways.path.chmod(0o770)
+    assert trusted.gateways.name_of(card) == ""
+    with pytest.raises(ServerStartError, match="chmod go-w"):
+        TrustList(tmp_path)
 
 
 def test_a_server_that_begins_with_the_umask_of_a_group_does_not_refuse_its_own_folders(tmp_path: Path) -> None:

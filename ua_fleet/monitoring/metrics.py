@@ -169,6 +169,9 @@ NOTIFICATIONS_LOST = _metric(
 )
 CONNECTIONS = _metric("opcua_connections_total", _C, _SERVER, "TCP connections that clients have made.")
 REFUSED = _metric("opcua_refused_total", _C, _SERVER, "What clients were refused, by what it was.", "what")
+GATEWAY_LOGINS = _metric(
+    "opcua_gateway_logins_total", _C, _SERVER, "Logins through gateways, by how they ended.", "gateway", "outcome"
+)
 REQUESTS = _metric("opcua_requests_total", _C, _SERVER, "Requests of OPC UA clients.")
 AUDIT_LINES = _metric(
     "audit_lines_total",

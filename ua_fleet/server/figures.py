@@ -133,6 +133,10 @@ class ServerFigures:
                 (("session",), statistics.sessions_refused + statistics.sessions_evicted),
             ]
         )
+        logins = self._server.context.gateway_logins.outcomes
+        yield metrics.GATEWAY_LOGINS.many(
+            ((gateway, outcome.value), count) for (gateway, outcome), count in logins.items()
+        )
         audit = self._server.context.audit
         yield metrics.AUDIT_LINES.many(
             [

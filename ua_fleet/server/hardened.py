@@ -29,9 +29,9 @@ from ua_fleet.server.endpoint.context import Context, NodeGate, Statistics
 from ua_fleet.server.endpoint.diagnostics import Diagnostics
 from ua_fleet.server.endpoint.limits import CHUNK_BYTES, Limits
 from ua_fleet.server.endpoint.listener import Listener
-from ua_fleet.server.endpoint.processor import Services
 from ua_fleet.server.endpoint.queues import Queues
 from ua_fleet.server.endpoint.server_methods import ServerMethods
+from ua_fleet.server.endpoint.services import Services
 from ua_fleet.server.endpoint.stack import AttributeIds
 from ua_fleet.server.endpoint.subscriptions import Subscriptions
 from ua_fleet.server.internals import check_internals

@@ -17,13 +17,14 @@ import hmac
 import re
 import secrets
 import threading
+import time
 from collections import Counter
 from concurrent.futures import ThreadPoolExecutor
 from contextvars import ContextVar
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import yaml
 
@@ -33,7 +34,17 @@ from ua_fleet.storage.files import write_whole
 from ua_fleet.storage.private_file import exclusive, not_private, signature_of
 from ua_fleet.values import StatusCode
 
-__all__ = ["ANONYMOUS", "DEFAULT_COST", "Role", "ScryptCost", "User", "UserFileError", "UserStore", "current_user"]
+__all__ = [
+    "ANONYMOUS",
+    "DEFAULT_COST",
+    "Lane",
+    "Role",
+    "ScryptCost",
+    "User",
+    "UserFileError",
+    "UserStore",
+    "current_user",
+]
 
 USERS_FILE: Final = "users.yaml"
 VERSION: Final = 1
@@ -151,6 +162,18 @@ class _Entry:
         return {"role": self.user.role.value, "n": self.cost.n, "r": self.cost.r, "p": self.cost.p, **encoded}
 
 
+class Lane(NamedTuple):
+    """Where a password check waits; what waits in one lane takes no place in another."""
+
+    name: str
+    source: str
+    """Whom the check counts for."""
+    places: int
+    """Checks that may wait in the lane."""
+    places_of_source: int
+    """Of these, those of one source."""
+
+
 class UserStore:
     """The users file. `verify` blocks for the length of one hash; `authenticate` does not block the event loop."""
 
@@ -164,7 +187,10 @@ class UserStore:
         self._slots: asyncio.Semaphore | None = None
         # Of their own: whatever else is computed in the background keeps no login waiting.
         self._threads = ThreadPoolExecutor(_AT_A_TIME, thread_name_prefix="asyncio_passwords")
-        self._waiting = Counter[str]()
+        self._waiting: dict[str, Counter[str]] = {}
+        """Checks of each source, by lane."""
+        self.last_check_s = 0.0
+        """How long the last password check took, with the time that it waited."""
         self.generation = 0
         """Grows whenever the users have changed."""
 
@@ -280,26 +306,33 @@ class UserStore:
         """The cost of the file's users, so that an unknown name is not told apart by its time."""
         return max((entry.cost for entry in self._entries.values()), key=lambda c: c.n * c.r * c.p, default=self._cost)
 
-    async def authenticate(self, name: str, password: str, *, origin: str = "") -> User | None:
+    async def authenticate(
+        self, name: str, password: str, *, origin: str = "", lane: Lane | None = None
+    ) -> User | None:
         """`verify` in a thread, two at a time; raises UserFileError when too many wait.
 
         Args:
             name: of the user.
             password: to be checked.
             origin: the client's address, as it counts; one that has many waiting keeps no other out.
+            lane: where it waits in place of that of all addresses.
         """
         if self._slots is None:
             self._slots = asyncio.Semaphore(_AT_A_TIME)
-        if self._waiting.total() >= MAX_WAITING or self._waiting[origin] >= MAX_WAITING_OF_ORIGIN:
+        lane = lane or Lane("addresses", origin, MAX_WAITING, MAX_WAITING_OF_ORIGIN)
+        waiting = self._waiting.setdefault(lane.name, Counter())
+        if waiting.total() >= lane.places or waiting[lane.source] >= lane.places_of_source:
             raise UserFileError("too many logins at once")
-        self._waiting[origin] += 1
+        waiting[lane.source] += 1
+        began = time.monotonic()
         try:
             async with self._slots:
                 return await asyncio.get_running_loop().run_in_executor(self._threads, self.verify, name, password)
         finally:
-            self._waiting[origin] -= 1
-            if not self._waiting[origin]:
-                del self._waiting[origin]
+            self.last_check_s = time.monotonic() - began
+            waiting[lane.source] -= 1
+            if not waiting[lane.source]:
+                del waiting[lane.source]
 
     def _write(self, entries: dict[str, _Entry]) -> None:
         document = {"version": VERSION, "users": {name: entries[name].dump() for name in sorted(entries)}}

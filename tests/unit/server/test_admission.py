@@ -77,3 +77,43 @@ def test_many_addresses_of_a_network_count_together() -> None:
 )
 def test_networks(address: str, counts_in: tuple[str, str, str]) -> None:
     assert networks(address) == counts_in
+
+
+# --- gateways
+
+
+def gateways(key: int, name: str, progress: Progress = Progress.SESSION) -> Waiting[int]:
+    return Waiting(key, f"gateway console {name}", progress, float(key), is_gateways=True)
+
+
+def beside(key: int, progress: Progress = Progress.CONNECTED) -> Waiting[int]:
+    return Waiting(key, "10.0.0.1", progress, float(key), is_gateways=True)
+
+
+def test_who_logs_in_through_a_gateway_has_the_place_of_nobody_else() -> None:
+    strangers = [bare(number, "10.0.0.1", Progress.TRUSTED) for number in range(5)]
+    people = [gateways(number, f"user{number}") for number in range(5, 10)]
+    assert Admission(40).make_room([*strangers, *people], 10) == ([], True)
+    assert Admission(20).make_room([*strangers, *people], 10) == ([], True)
+    assert Admission(20).make_room([bare(10, "10.0.0.1", Progress.TRUSTED), *strangers, *people], 11) == ([0], True)
+
+
+def test_who_waits_with_most_logins_for_one_name_gives_way() -> None:
+    people = [gateways(0, "anna"), *(gateways(number, "bert") for number in range(1, 6))]
+    assert Admission(20).make_room(people, 6) == ([1], True)
+
+
+def test_newcomers_from_a_gateways_address_have_places_of_their_own() -> None:
+    others = [bare(number, "10.0.0.9") for number in range(5)]
+    near = [beside(number) for number in range(5, 9)]
+    assert Admission(20).make_room([*others, *near], 9, beside_gateway=True) == ([], True)
+    assert Admission(20).make_room([*others, *near], 9) == ([0], True)
+    near.append(beside(9))
+    assert Admission(20).make_room([*others, *near], 10, beside_gateway=True) == ([5], True)
+
+
+def test_newcomers_go_before_gateways_where_all_places_are_taken() -> None:
+    people = [gateways(number, f"user{number}") for number in range(3)]
+    assert Admission(20).make_room([beside(4), *people], 20) == ([4], True)
+    assert Admission(20).make_room([bare(3, "10.0.0.9"), beside(4), *people], 20) == ([3], True)
+    assert Admission(20).make_room(people, 20) == ([0], True)

@@ -6,6 +6,9 @@ push nobody out who has shown a trusted certificate:
     newcomer      connected, said Hello, or opened a channel on which no session can be made
     progressed    opened a channel on which sessions can be made, or made a session
 
+Both are kinds of their own for gateways, each of which is many people: newcomers from addresses at which a gateway is
+connected, and connections that have proved to be a gateway's, where who tries to log in counts, and not the address.
+
 In each kind the network with the most connections gives way (/16, then
 /24, then address; of IPv6 /32, /48 and /64), with the connection that came least far, and of these the oldest.
 Activated sessions are not counted by address: behind a gateway many clients share one.
@@ -45,8 +48,11 @@ class Waiting(Generic[Key]):
 
     key: Key
     address: str
+    """Whom it counts for."""
     progress: Progress
     opened_at: float
+    is_gateways: bool = False
+    """Whether it is a gateway's, or has just come from an address at which one is connected."""
 
 
 def who_gives_way(waiting: Sequence[Waiting[Key]]) -> Key:
@@ -73,15 +79,21 @@ class Admission:
         self._most = most_connections
         self._places = max(1, most_connections // 4)
 
-    def make_room(self, waiting: Collection[Waiting[Key]], connections: int) -> tuple[list[Key], bool]:
+    def make_room(
+        self, waiting: Collection[Waiting[Key]], connections: int, *, beside_gateway: bool = False
+    ) -> tuple[list[Key], bool]:
         """What to close for a new connection, and whether it may stay then.
 
         Args:
             waiting: those without an activated session.
             connections: all that there are.
+            beside_gateway: whether a gateway is connected at the address of the new one.
         """
-        newcomers = [each for each in waiting if each.progress < Progress.TRUSTED]
-        progressed = [each for each in waiting if each.progress >= Progress.TRUSTED]
+        newcomers, beside, progressed, of_gateways = (
+            [each for each in waiting if each.is_gateways is is_gateways and (each.progress >= Progress.TRUSTED) is far]
+            for far in (False, True)
+            for is_gateways in (False, True)
+        )
         closing: list[Key] = []
 
         def close_one(among: list[Waiting[Key]]) -> None:
@@ -89,10 +101,10 @@ class Admission:
             among[:] = [each for each in among if each.key != key]
             closing.append(key)
 
-        while len(progressed) > self._places:
-            close_one(progressed)
-        while len(newcomers) >= self._places:
-            close_one(newcomers)
-        if connections - len(closing) >= self._most and (among := newcomers or progressed):
+        coming = ((newcomers, not beside_gateway), (beside, beside_gateway), (progressed, False), (of_gateways, False))
+        for kind, more in coming:
+            while len(kind) + more > self._places:
+                close_one(kind)
+        if connections - len(closing) >= self._most and (among := newcomers or beside or progressed or of_gateways):
             close_one(among)
         return closing, connections - len(closing) < self._most

@@ -10,7 +10,7 @@ how long, and how much a client may send.
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any, Final
 
 from asyncua import ua
@@ -65,8 +65,15 @@ class Channel:
     """Hello, then one SecureChannel, then messages."""
 
     def __init__(
-        self, iserver: InternalServer, limits: Limits, policies: Sequence[SecurityPolicyFactory], trust: TrustList
+        self,
+        iserver: InternalServer,
+        limits: Limits,
+        policies: Sequence[SecurityPolicyFactory],
+        trust: TrustList,
+        check_shown: Callable[[Sequence[x509.Certificate]], None] = lambda _chain: None,
     ) -> None:
+        """Wait for a Hello; `check_shown` raises FrameError for a chain of certificates whose client is not served."""
+        self._check_shown = check_shown
         self._iserver, self._limits, self._trust = iserver, limits, trust
         self._transport_limits = TransportLimits(
             max_recv_buffer=CHUNK_BYTES,
@@ -218,6 +225,7 @@ class Channel:
 
     def _look(self, uri: str, chain: list[x509.Certificate]) -> None:
         """Raise CertificateRefused before the server's private key is used for a stranger's message."""
+        self._check_shown(chain)
         certificate = der(chain[0])[:MAX_CHAIN_BYTES]
         # What else it asks for is encrypted yet.
         self._asked = ChannelOpened(0, certificate, renewal=False, policy_uri=uri, mode=0, lifetime_ms=0.0)

@@ -15,8 +15,9 @@ from asyncua.server.internal_server import InternalServer
 from ua_fleet.monitoring.mistakes import Mistakes
 from ua_fleet.server.audit import AuditLog
 from ua_fleet.server.bridges import BridgeTrust
+from ua_fleet.server.endpoint.charges import Charges
+from ua_fleet.server.endpoint.gateway_logins import GatewayLogins
 from ua_fleet.server.endpoint.limits import Limits
-from ua_fleet.server.endpoint.strangers import StrangersTime
 from ua_fleet.server.endpoint.throttle import LoginThrottle
 from ua_fleet.server.endpoint.turns import Places
 from ua_fleet.server.session_keys import SessionKeys
@@ -91,7 +92,8 @@ class Context:
     """The server's ApplicationUri."""
     gate: NodeGate | None = None
     throttle: LoginThrottle = field(default_factory=LoginThrottle)
-    strangers: StrangersTime = field(default_factory=StrangersTime)
+    gateway_logins: GatewayLogins = field(default_factory=GatewayLogins)
+    charges: Charges = field(default_factory=Charges)
     statistics: Statistics = field(default_factory=Statistics)
     bridges: BridgeTrust | None = None
     """Without it nobody logs in by a certificate."""

@@ -16,7 +16,8 @@ from ua_fleet.errors import ServerStartError
 from ua_fleet.server.audit import Caller
 from ua_fleet.server.endpoint.admission import Admission, Waiting
 from ua_fleet.server.endpoint.connection import Connection
-from ua_fleet.server.endpoint.processor import Processor, Services, Stage, refuse_stranger
+from ua_fleet.server.endpoint.processor import Processor, Stage, refuse_stranger
+from ua_fleet.server.endpoint.services import Services
 from ua_fleet.server.session_keys import KeyFileError
 from ua_fleet.server.users import UserFileError
 
@@ -44,6 +45,7 @@ class Listener:
         self._generation = self._context.users.generation
         self._users_broken = self._keys_broken = False
         self._bridges = self._bridges_generation()
+        self._gateways = self._context.trust.gateways.generation
         self.port = port
         """The port that is listened on; the system's choice where 0 was asked for."""
 
@@ -100,15 +102,17 @@ class Listener:
         """Whether a new connection may stay; one that has no user makes room for it."""
         statistics = self._context.statistics
         statistics.connections += 1
-        if self._context.strangers.exhausted(connection.address, time.monotonic()):
+        charges = self._context.charges
+        if charges.is_exhausted(connection.address, time.monotonic()):
             refuse_stranger(self._context, connection.peer)
             return False
         waiting = [
-            Waiting(other, other.address, processor.progress, other.opened_at)
+            Waiting(other, processor.waiting_as, processor.progress, other.opened_at, processor.is_beside_gateway)
             for other, processor in self._connections.items()
             if processor.stage < Stage.AUTHENTICATED
         ]
-        closing, may_stay = self._admission.make_room(waiting, len(self._connections))
+        beside_gateway = charges.has_gateway(connection.address)
+        closing, may_stay = self._admission.make_room(waiting, len(self._connections), beside_gateway=beside_gateway)
         for other in closing:
             statistics.connections_evicted += 1
             self._connections.pop(other).cut_off("made room for a newer connection", "BadTcpServerTooBusy")
@@ -176,6 +180,12 @@ class Listener:
         if (generation := self._bridges_generation()) != self._bridges:
             self._bridges = generation
             await self._services.session.follow_bridges()
+        gateways = self._context.trust.gateways
+        gateways.refresh()
+        if gateways.generation != self._gateways:
+            self._gateways = gateways.generation
+            for processor in self._connections.values():
+                processor.recognise()
 
     def _bridges_generation(self) -> int:
         bridges = self._context.bridges

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import hmac
 import time
 from collections.abc import Callable
@@ -15,9 +16,10 @@ from asyncua.crypto import uacrypto
 from ua_fleet.server.certificates import thumbprint
 from ua_fleet.server.endpoint.channel import Channel
 from ua_fleet.server.endpoint.context import Context
+from ua_fleet.server.endpoint.gateway_logins import Attempt, Outcome
 from ua_fleet.server.endpoint.signatures import check_signature
 from ua_fleet.server.endpoint.stack import Refusal, StatusCodes
-from ua_fleet.server.key_text import parse_key
+from ua_fleet.server.key_text import KeyText, parse_key
 from ua_fleet.server.session_keys import KeyFileError
 from ua_fleet.server.users import ANONYMOUS, User, UserFileError
 
@@ -38,7 +40,13 @@ CERTIFICATE_POLICY: Final = "certificate"
 
 
 async def identify(
-    context: Context, channel: Channel, params: ua.ActivateSessionParameters, *, nonce: bytes, address: str
+    context: Context,
+    channel: Channel,
+    params: ua.ActivateSessionParameters,
+    *,
+    nonce: bytes,
+    address: str,
+    gateway: str = "",
 ) -> User:
     """The user behind the identity token of an ActivateSession; raises Refusal.
 
@@ -48,6 +56,7 @@ async def identify(
         params: of the request.
         nonce: the session's ServerNonce, which is used up by this.
         address: of the client, as it counts (`origin`).
+        gateway: the name of the one through which the request comes; empty for an ordinary client.
     """
     token: Any = params.UserIdentityToken
     if token is None or (isinstance(token, ua.ExtensionObject) and token.TypeId.is_null()):
@@ -61,6 +70,8 @@ async def identify(
         return _bridge(context, channel, token, params.UserTokenSignature, nonce=nonce, address=address)
     if not isinstance(token, ua.UserNameIdentityToken):
         raise Refusal(StatusCodes.BadIdentityTokenRejected, "only users with a password and bridges are let in")
+    if gateway:
+        return await _person_behind(context, gateway, token, nonce=nonce)
     return await _person(context, token, nonce=nonce, encrypted=channel.secured, address=address)
 
 
@@ -107,10 +118,7 @@ async def _person(
     context: Context, token: ua.UserNameIdentityToken, *, nonce: bytes, encrypted: bool, address: str
 ) -> User:
     """The user whose password, or session key, this is."""
-    name = token.UserName or ""
-    if not name:
-        raise Refusal(StatusCodes.BadIdentityTokenInvalid, "a user without a name")
-    source = name[:_MAX_NAME]
+    source = _name_of(token)[:_MAX_NAME]
     shown = repr(source)
     now = time.monotonic()
     if wait := context.throttle.locked_for(address, source, now):
@@ -124,9 +132,9 @@ async def _person(
     key = parse_key(password)
     try:
         if key is not None:
-            user = context.session_keys.verify(name, key, time.time())
+            user = context.session_keys.verify(_name_of(token), key, time.time())
         else:
-            user = await context.users.authenticate(name, password, origin=address)
+            user = await context.users.authenticate(_name_of(token), password, origin=address)
     except (UserFileError, KeyFileError) as error:
         raise Refusal(StatusCodes.BadServerTooBusy, str(error)) from error
     if user is None:
@@ -135,6 +143,65 @@ async def _person(
         raise Refusal(StatusCodes.BadUserAccessDenied, f"login of {shown}: {what}")
     context.throttle.success(address, source)
     return user
+
+
+async def _person_behind(context: Context, gateway: str, token: ua.UserNameIdentityToken, *, nonce: bytes) -> User:
+    """As `_person`, of those who come through a gateway: who guesses slows down the name alone (ADR 55)."""
+    name, logins, users = _name_of(token), context.gateway_logins, context.users
+    attempt = Attempt(gateway, name[:_MAX_NAME], is_known=users.get(name) is not None)
+    login = f"login of {attempt.name!r} through gateway {gateway}"
+    try:
+        password = _password(context, token, nonce=nonce, encrypted=True)
+    except Refusal:
+        logins.count(gateway, Outcome.WRONG_PASSWORD)
+        logins.failure(attempt, time.monotonic())
+        raise
+    if (key := parse_key(password)) is not None:
+        return _by_key(context, gateway, name, key, login)
+    now = time.monotonic()
+    if wait := logins.locked_for(attempt, now):
+        raise Refusal(StatusCodes.BadUserAccessDenied, f"{login}: locked out for {wait:.0f} s more")
+    is_flooded = logins.is_flooded(gateway, now)
+    user = None
+    try:
+        if logins.may_check(attempt, now):
+            user = await users.authenticate(name, password, lane=attempt.lane)
+        else:
+            # Who made the name up learns nothing by the time that the answer takes.
+            await asyncio.sleep(users.last_check_s)
+    except UserFileError as error:
+        logins.count(gateway, Outcome.TOO_BUSY)
+        raise Refusal(StatusCodes.BadServerTooBusy, f"{login}: {error}") from error
+    if user is not None:
+        logins.success(attempt)
+        return user
+    logins.failure(attempt, time.monotonic())
+    if is_flooded:
+        # The same for a user's name as for one that was made up, or the answer would tell them apart.
+        logins.count(gateway, Outcome.TOO_BUSY)
+        raise Refusal(StatusCodes.BadServerTooBusy, f"{login}: wrong, while too many names are tried that no user has")
+    logins.count(gateway, Outcome.WRONG_PASSWORD)
+    raise Refusal(StatusCodes.BadUserAccessDenied, f"{login}: wrong user or password")
+
+
+def _by_key(context: Context, gateway: str, name: str, key: KeyText, login: str) -> User:
+    """The user whose session key this is, whoever guesses at the password; a wrong one locks nothing."""
+    try:
+        user = context.session_keys.verify(name, key, time.time())
+    except (UserFileError, KeyFileError) as error:
+        context.gateway_logins.count(gateway, Outcome.TOO_BUSY)
+        raise Refusal(StatusCodes.BadServerTooBusy, f"{login}: {error}") from error
+    context.gateway_logins.count(gateway, Outcome.ACCEPTED if user is not None else Outcome.WRONG_KEY)
+    if user is None:
+        raise Refusal(StatusCodes.BadUserAccessDenied, f"{login}: session key {key.id} is not valid")
+    return user
+
+
+def _name_of(token: ua.UserNameIdentityToken) -> str:
+    name = token.UserName or ""
+    if not name:
+        raise Refusal(StatusCodes.BadIdentityTokenInvalid, "a user without a name")
+    return name
 
 
 def _password(context: Context, token: ua.UserNameIdentityToken, *, nonce: bytes, encrypted: bool) -> str:

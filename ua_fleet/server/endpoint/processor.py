@@ -12,22 +12,23 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import time
-from collections.abc import Awaitable, Callable, Generator
-from dataclasses import dataclass, replace
+from collections.abc import Generator, Sequence
+from dataclasses import replace
 from enum import IntEnum
-from typing import Any
+from typing import Any, NoReturn
 
 import structlog
 from asyncua import ua
 from asyncua.common.utils import Buffer
 from cryptography.hazmat.primitives.serialization import Encoding
+from cryptography.x509 import Certificate
 
 from ua_fleet.errors import RemoteWireError
 from ua_fleet.server.audit import Caller
 from ua_fleet.server.endpoint.admission import Progress
-from ua_fleet.server.endpoint.attributes import AttributeServices
-from ua_fleet.server.endpoint.audit_events import AuditEvents, Who
+from ua_fleet.server.endpoint.audit_events import Who
 from ua_fleet.server.endpoint.channel import Channel
+from ua_fleet.server.endpoint.charges import REFUSED_LOGIN_S, Charge
 from ua_fleet.server.endpoint.connection import Connection, FrameError
 from ua_fleet.server.endpoint.context import Context
 from ua_fleet.server.endpoint.decoding import (
@@ -37,18 +38,14 @@ from ua_fleet.server.endpoint.decoding import (
     decode_parameters,
     decode_request_head,
 )
-from ua_fleet.server.endpoint.methods import MethodServices
 from ua_fleet.server.endpoint.request import Request
-from ua_fleet.server.endpoint.session_services import SessionServices
-from ua_fleet.server.endpoint.sessions import Session, Sessions
+from ua_fleet.server.endpoint.services import Services, encoding
+from ua_fleet.server.endpoint.sessions import Session
 from ua_fleet.server.endpoint.stack import DECODE_ERRORS, ObjectIds, Refusal, StatusCodes, name_of, status, status_of
-from ua_fleet.server.endpoint.subscription_services import SubscriptionServices
-from ua_fleet.server.endpoint.subscriptions import Subscriptions
 from ua_fleet.server.endpoint.turns import LARGE_BYTES, TURN_S, Turns
-from ua_fleet.server.endpoint.views import ViewServices
 from ua_fleet.server.trust import CertificateRefused
 
-__all__ = ["Processor", "Services", "Stage", "refuse_stranger"]
+__all__ = ["Processor", "Stage", "refuse_stranger"]
 
 _log = structlog.get_logger("ua_fleet.server")
 
@@ -62,67 +59,13 @@ class Stage(IntEnum):
     AUTHENTICATED = 3
 
 
-@dataclass(frozen=True, slots=True)
-class _Service:
-    parameters: Any
-    """asyncua's class of the request's parameters."""
-    handle: Callable[[Request, Any], Awaitable[Any]]
-
-
-def _encoding(name: str) -> int:
-    return int(getattr(ObjectIds, f"{name}Request_Encoding_DefaultBinary"))
-
-
-class Services:
-    """The services of one server, by the identifier of their request's encoding."""
-
-    def __init__(self, context: Context, subscriptions: Subscriptions) -> None:
-        self.context = context
-        self.sessions = Sessions()
-        self.events = events = AuditEvents(subscriptions, lambda: context.server_id)
-        self.session = SessionServices(context, self.sessions, subscriptions, events)
-        attributes, methods = AttributeServices(context, events), MethodServices(context, events)
-        views = ViewServices(context)
-        subs = SubscriptionServices(context, subscriptions)
-        self.table: dict[int, _Service] = {
-            _encoding(name): _Service(parameters, handle)
-            for name, parameters, handle in (
-                ("Read", ua.ReadParameters, attributes.read),
-                ("Write", ua.WriteParameters, attributes.write),
-                ("HistoryRead", ua.HistoryReadParameters, attributes.history_read),
-                ("Browse", ua.BrowseParameters, views.browse),
-                ("BrowseNext", ua.BrowseNextParameters, views.browse_next),
-                (
-                    "TranslateBrowsePathsToNodeIds",
-                    ua.TranslateBrowsePathsToNodeIdsParameters,
-                    views.translate_browse_paths,
-                ),
-                ("RegisterNodes", ua.RegisterNodesParameters, views.register_nodes),
-                ("UnregisterNodes", ua.UnregisterNodesParameters, views.unregister_nodes),
-                ("Call", ua.CallParameters, methods.call),
-                ("CreateSubscription", ua.CreateSubscriptionParameters, subs.create_subscription),
-                ("ModifySubscription", ua.ModifySubscriptionParameters, subs.modify_subscription),
-                ("DeleteSubscriptions", ua.DeleteSubscriptionsParameters, subs.delete_subscriptions),
-                ("SetPublishingMode", ua.SetPublishingModeParameters, subs.set_publishing_mode),
-                ("TransferSubscriptions", ua.TransferSubscriptionsParameters, subs.transfer_subscriptions),
-                ("Publish", ua.PublishParameters, subs.publish),
-                ("Republish", ua.RepublishParameters, subs.republish),
-                ("CreateMonitoredItems", ua.CreateMonitoredItemsParameters, subs.create_monitored_items),
-                ("ModifyMonitoredItems", ua.ModifyMonitoredItemsParameters, subs.modify_monitored_items),
-                ("SetMonitoringMode", ua.SetMonitoringModeParameters, subs.set_monitoring_mode),
-                ("SetTriggering", ua.SetTriggeringParameters, subs.set_triggering),
-                ("DeleteMonitoredItems", ua.DeleteMonitoredItemsParameters, subs.delete_monitored_items),
-            )
-        }
-
-
 _INTERNAL = int(StatusCodes.BadInternalError)
 _GONE = StatusCodes.BadConnectionClosed
-_CREATE = _encoding("CreateSession")
-_ACTIVATE = _encoding("ActivateSession")
-_CLOSE = _encoding("CloseSession")
-_GET_ENDPOINTS = _encoding("GetEndpoints")
-_FIND_SERVERS = _encoding("FindServers")
+_CREATE = encoding("CreateSession")
+_ACTIVATE = encoding("ActivateSession")
+_CLOSE = encoding("CloseSession")
+_GET_ENDPOINTS = encoding("GetEndpoints")
+_FIND_SERVERS = encoding("FindServers")
 
 
 _BY_SECURITY = frozenset(
@@ -142,6 +85,8 @@ _BY_SECURITY = frozenset(
 )
 """With what a request is refused because of who asks."""
 _TOO_MUCH = "computing time for clients without a user"
+_MOST_NAME = 64
+"""Of a user name no more is kept."""
 
 
 def refuse_stranger(context: Context, peer: str) -> None:
@@ -158,12 +103,15 @@ class Processor:
         self._services = services
         self._context = services.context
         context = self._context
-        self._channel = Channel(context.iserver, context.limits, context.policies, context.trust)
+        self._channel = Channel(context.iserver, context.limits, context.policies, context.trust, self._check_shown)
         self.peer, self.address = connection.peer, connection.address
         self.stage = Stage.CONNECTED
         self._early_requests = 0
-        self._owed_s = 0.0
-        """Computing time of this connection since it has no user."""
+        self._charge = Charge(context.charges, connection.address)
+        self._is_proved = False
+        """Whether the client has the key to the certificate that it shows."""
+        self._trying = ""
+        """The user name whose password is checked."""
         self._behind: list[tuple[bytes, int]] | None = None
         """Responses that wait behind the chunks of a large one, while there is one."""
         self._turns: Turns | None = None
@@ -183,6 +131,46 @@ class Processor:
         if self._channel.is_open:
             return Progress.TRUSTED if self._channel.sessions_allowed else Progress.DISCOVERY
         return Progress.HELLO if self._channel.greeted else Progress.CONNECTED
+
+    @property
+    def waiting_as(self) -> str:
+        """Whom a connection without a user counts for: its address, or who tries to log in through its gateway."""
+        if not self._charge.gateway:
+            return self.address
+        return f"gateway {self._charge.gateway} {self._trying or id(self)}"
+
+    @property
+    def gateway(self) -> str:
+        """Name of the gateway whose connection this has proved to be; empty for any other."""
+        return self._charge.gateway
+
+    @property
+    def is_beside_gateway(self) -> bool:
+        """Whether this is a gateway's connection, or may become one: it has just come from where one is connected."""
+        if self._charge.gateway or self.progress >= Progress.TRUSTED:
+            return bool(self._charge.gateway)
+        return self._context.charges.has_gateway(self.address)
+
+    def recognise(self) -> bool:
+        """Look whether this is a gateway's connection; False where that one has cost too much."""
+        name = self._context.trust.gateways.name_of(self._channel.chain[0]) if self._is_proved else ""
+        return self._charge.belongs_to(name, time.monotonic())
+
+    def _may_be_gateways(self) -> bool:
+        """Whether the client has shown a gateway's certificate, or none yet."""
+        if not self._channel.is_open:
+            return True
+        chain = self._channel.chain
+        return bool(chain and self._context.trust.gateways.name_of(chain[0]))
+
+    def _check_shown(self, chain: Sequence[Certificate]) -> None:
+        """Refuse who shows no gateway's certificate where others are not served; before our private key is used."""
+        if self._charge.is_on_reserve and not self._context.trust.gateways.name_of(chain[0]):
+            self._refuse_stranger()
+
+    def _refuse_stranger(self) -> NoReturn:
+        refuse_stranger(self._context, self.peer)
+        raise FrameError(StatusCodes.BadTcpServerTooBusy, _TOO_MUCH) from None
 
     @property
     def response_bytes(self) -> int:
@@ -237,9 +225,8 @@ class Processor:
     async def process(self, frame: bytes) -> bool:
         """Process one frame; False ends the connection."""
         stranger = self.stage is not Stage.AUTHENTICATED
-        if stranger and self._context.strangers.exhausted(self.address, time.monotonic()):
-            refuse_stranger(self._context, self.peer)
-            raise FrameError(StatusCodes.BadTcpServerTooBusy, _TOO_MUCH) from None
+        if stranger and self._charge.is_exhausted(time.monotonic(), self._may_be_gateways):
+            self._refuse_stranger()
         try:
             with self._charged(stranger):
                 message = self._channel.receive(frame)
@@ -256,21 +243,24 @@ class Processor:
         self._tell_opened(0)
         if self._channel.is_open:
             self._advance(Stage.OPENED)
+        if message is not None and self._channel.secured and not self._is_proved:
+            # An OpenSecureChannel can be sent again by anybody; the first message under its keys cannot.
+            self._is_proved = True
+            if not self.recognise():
+                self._refuse_stranger()
         if message is not None:
             await self._serve(message)
         return True
 
     @contextlib.contextmanager
     def _charged(self, stranger: bool = True) -> Generator[None]:
-        """What is computed meanwhile, without waiting, is owed by the address until a user logs in."""
+        """What is computed meanwhile, without waiting, is owed until a user logs in."""
         began = time.thread_time()
         try:
             yield
         finally:
             if stranger:
-                seconds = time.thread_time() - began
-                self._owed_s += seconds
-                self._context.strangers.spend(self.address, seconds, time.monotonic())
+                self._charge.spend(time.thread_time() - began, time.monotonic())
 
     def _tell_opened(self, code: int) -> None:
         """Tell engineers of an OpenSecureChannel, if there was one."""
@@ -302,6 +292,7 @@ class Processor:
 
     async def closed(self) -> None:
         """The connection is gone."""
+        self._charge.end()
         await self._services.session.lost(self)
 
     def _flush(self) -> None:
@@ -491,15 +482,19 @@ class Processor:
     async def _activate(self, head: RequestHead, parameters: Any) -> Any:
         channel, tell = self._channel, self._services.events.session_activated
         token = parameters.UserIdentityToken
+        self._trying = repr(str(getattr(token, "UserName", None) or "")[:_MOST_NAME])
         try:
             session, response = await self._services.session.activate(self, channel, head.token, parameters)
         except Exception as error:
             who, named = Who(Caller(self.peer), head.audit_entry), self._services.sessions.find(head.token)
             tell(who, channel.channel_id, token, named, status_of(error) or _INTERNAL)
+            if self.gateway and self.stage is not Stage.AUTHENTICATED:
+                self._charge.spend(REFUSED_LOGIN_S, time.monotonic())
             raise
+        finally:
+            self._trying = ""
         tell(Who(session.caller, head.audit_entry), channel.channel_id, token, session)
-        self._context.strangers.repay(self.address, self._owed_s)
-        self._owed_s = 0.0
+        self._charge.repay()
         self._advance(Stage.AUTHENTICATED)
         return response
 

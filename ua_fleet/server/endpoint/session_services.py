@@ -161,7 +161,10 @@ class SessionServices:
             code = StatusCodes.BadApplicationSignatureInvalid
             check_signature(channel.policy, params.ClientSignature, session.nonce, code, may_be_unnamed=True)
         nonce = session.nonce
-        user = await identify(self._context, channel, params, nonce=nonce, address=origin(link.address))
+        gateway = self._context.trust.gateways.name_of(channel.chain[0]) if channel.secured else ""
+        user = await identify(
+            self._context, channel, params, nonce=nonce, address=origin(link.address), gateway=gateway
+        )
         # The password was checked in a thread; meanwhile another request may have changed the session.
         if session.closed or session.link is not before or session.nonce is not nonce:
             raise Refusal(StatusCodes.BadSessionIdInvalid, "the session changed during its activation")
@@ -188,6 +191,7 @@ class SessionServices:
             await self.end(old, delete_subscriptions=True)
         self._context.statistics.logins += 1
         by = {"session_key": user.session_key} if user.session_key else {}
+        by |= {"gateway": gateway} if gateway else {}
         self._context.audit.record("login", session.caller, "Good", application=session.application[:200], **by)
         response: Any = ua.ActivateSessionResponse()
         response.Parameters.ServerNonce = session.new_nonce()

@@ -2,7 +2,7 @@
 
 A handshake makes the server use its private key, and whoever asks for one needs neither a key nor a certificate of
 value: the bytes of somebody else's can be sent again. So what a connection costs before its user is known is a debt of
-its address, which is paid back by the clock, and at once when a user logs in. Behind a gateway many clients share an
+its address, which is paid back by the clock, and at once when a user logs in. Behind a router many clients share an
 address; as long as they log in, they owe nothing. Time is an argument.
 
 Who has many addresses has them of the same network: networks have budgets too, each a few times that of an address.
@@ -33,14 +33,24 @@ class _Debt:
     at: float
     times: int
 
+    share: float
+    """Part of a core by which it is paid back."""
+
     def left(self, now: float) -> float:
-        return max(0.0, self.seconds - (now - self.at) * SHARE * self.times)
+        return max(0.0, self.seconds - (now - self.at) * self.share)
 
 
 class StrangersTime:
     """The debts of all addresses."""
 
-    def __init__(self) -> None:
+    def __init__(self, at_once_s: float = AT_ONCE_S, share: float = SHARE) -> None:
+        """Give each address a budget.
+
+        Args:
+            at_once_s: seconds of computing that it may cost at once.
+            share: part of a core that it may cost in the long run.
+        """
+        self._at_once_s, self._share = at_once_s, share
         self._debts: dict[str, _Debt] = {}
 
     def __len__(self) -> int:
@@ -49,7 +59,7 @@ class StrangersTime:
     def exhausted(self, address: str, now: float) -> bool:
         """Whether nothing more is done for clients of this address that have no user."""
         return any(
-            debt.left(now) >= AT_ONCE_S * debt.times
+            debt.left(now) >= self._at_once_s * debt.times
             for name in networks(address)
             if (debt := self._debts.get(name)) is not None
         )
@@ -59,7 +69,7 @@ class StrangersTime:
         for name, times in zip(networks(address), _TIMES_AN_ADDRESS, strict=True):
             debt = self._debts.get(name)
             if debt is None:
-                self._debts[name] = _Debt(seconds, now, times)
+                self._debts[name] = _Debt(seconds, now, times, self._share * times)
             else:
                 debt.seconds, debt.at = debt.left(now) + seconds, now
         if len(self._debts) > _MOST:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import OrderedDict
-from collections.abc import Hashable
+from collections.abc import Hashable, Iterator
 from dataclasses import dataclass
 from typing import Final
 
@@ -29,7 +29,14 @@ class _Source:
 class LoginThrottle:
     """Locks a source out for 1, 2, 4 .. 60 seconds once it has failed too often; time is an argument."""
 
-    def __init__(self) -> None:
+    def __init__(self, *, as_a_whole: bool = True) -> None:
+        """Count failures for an address and for each user at it.
+
+        Args:
+            as_a_whole: lock an address out for its failures with all users together; a gateway, which is many people,
+                is not, and stands in the place of the address then.
+        """
+        self._free = (FREE_FAILURES, FREE_FAILURES_OF_ADDRESS)[: 1 + as_a_whole]
         self._sources: OrderedDict[Hashable, _Source] = OrderedDict()
         self.failed = 0
         """Logins with a wrong user or password."""
@@ -39,7 +46,7 @@ class LoginThrottle:
     def locked_for(self, address: str, user: str, now: float) -> float:
         """Seconds until this address may try this user again; 0 when it may now."""
         until = max(
-            (self._sources[key].locked_until for key in _keys(address, user) if key in self._sources), default=0
+            (self._sources[key].locked_until for key, _ in self._keys(address, user) if key in self._sources), default=0
         )
         if until <= now:
             return 0.0
@@ -49,7 +56,7 @@ class LoginThrottle:
     def failure(self, address: str, user: str, now: float) -> None:
         """A login has failed."""
         self.failed += 1
-        for key, free in zip(_keys(address, user), (FREE_FAILURES_OF_ADDRESS, FREE_FAILURES), strict=True):
+        for key, free in self._keys(address, user):
             source = self._sources.setdefault(key, _Source())
             self._sources.move_to_end(key)
             if now - source.last_failure > FORGET_S:
@@ -66,6 +73,6 @@ class LoginThrottle:
         """A login has succeeded: this user's failures from this address are forgotten, the address's others are not."""
         self._sources.pop((address, user), None)
 
-
-def _keys(address: str, user: str) -> tuple[Hashable, Hashable]:
-    return address, (address, user)
+    def _keys(self, address: str, user: str) -> Iterator[tuple[Hashable, int]]:
+        """What a failure counts for, and how many are free; the address as a whole comes last."""
+        return zip(((address, user), address), self._free, strict=False)

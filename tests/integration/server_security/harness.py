@@ -354,6 +354,20 @@ async def lose(client: Client) -> None:
     await asyncio.sleep(0.05)
 
 
+def recorded(client: Client) -> list[bytes]:
+    """What a client sends from now on; it has a socket."""
+    sent: list[bytes] = []
+    transport: Any = client.uaclient.protocol.transport
+    write = transport.write
+
+    def keep(data: bytes) -> None:
+        sent.append(bytes(data))
+        write(data)
+
+    transport.write = keep
+    return sent
+
+
 class Raw:
     """A TCP connection whose owner writes whatever bytes they like."""
 

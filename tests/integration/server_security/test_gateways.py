@@ -23,6 +23,7 @@ from tests.integration.server_security.harness import (
     Raw,
     bad,
     door,
+    recorded,
 )
 from tests.waiting import until
 from ua_fleet.config.schema import ServerConfig
@@ -289,9 +290,9 @@ async def test_failed_logins_are_owed_by_the_gateway_and_not_by_its_address(cons
     charges = console.door.server.context.charges
     charges.gateways, charges.strangers = StrangersTime(GATEWAY_AT_ONCE_S, 0.0), StrangersTime(share=0.0)
     await console.guess(["oscar"] * GUESSES)
-    owed = charges.gateways._debts["console"].seconds
+    owed = charges.gateways.owed("console", time.monotonic())
     assert GUESSES * REFUSED_LOGIN_S < owed < GATEWAY_AT_ONCE_S
-    assert charges.strangers._debts[HERE].seconds < owed / 100
+    assert charges.strangers.owed(HERE, time.monotonic()) < owed / 100
     charges.gateways.spend("console", 2 * GATEWAY_AT_ONCE_S, time.monotonic())
     assert await console.login("olga") in REFUSED, "it has a bound of its own"
     async with console.door.connected("olga") as direct:
@@ -300,12 +301,9 @@ async def test_failed_logins_are_owed_by_the_gateway_and_not_by_its_address(cons
 
 async def test_who_sends_a_gateways_bytes_again_is_no_gateway(console: Console) -> None:
     guarded, charges = console.door, console.door.server.context.charges
-    sent: list[bytes] = []
     client = await console.client("olga")
     await client.connect_socket()
-    transport = client.uaclient.protocol.transport
-    write = transport.write
-    transport.write = lambda data: (sent.append(bytes(data)), write(data))[1]
+    sent = recorded(client)
     await client.send_hello()
     await client.open_secure_channel()
     assert not charges.has_gateway(HERE), "nor is the gateway itself before it has said something"

@@ -8,12 +8,16 @@ from ua_fleet.server.endpoint.strangers import AT_ONCE_S
 ADDRESS, ELSEWHERE = "10.0.0.9", "192.168.0.1"
 
 
-def shown() -> bool:
+def shown() -> bool | None:
     return True
 
 
-def not_shown() -> bool:
+def not_shown() -> bool | None:
     return False
+
+
+def silent() -> bool | None:
+    return None
 
 
 @pytest.fixture
@@ -70,15 +74,17 @@ def test_without_a_gateway_an_address_has_no_reserve(charges: Charges) -> None:
     assert charges.is_exhausted(ADDRESS, 0.0)
 
 
-def test_where_a_gateway_is_connected_those_who_may_be_it_have_a_reserve(charges: Charges) -> None:
+def test_where_a_gateway_is_connected_those_who_show_its_certificate_have_a_reserve(charges: Charges) -> None:
     connected = gateway_at(charges)
     Charge(charges, ADDRESS).spend(AT_ONCE_S, 0.0)
     assert not charges.is_exhausted(ADDRESS, 0.0)
     stranger, next_one = Charge(charges, ADDRESS), Charge(charges, ADDRESS)
+    for charge in (stranger, next_one):
+        assert not charge.is_exhausted(0.0, silent)
+        assert charge.is_on_trial
     assert stranger.is_exhausted(0.0, not_shown)
     assert not next_one.is_exhausted(0.0, shown)
-    assert next_one.is_on_reserve
-    assert next_one.is_exhausted(0.0, not_shown), "it has shown another certificate meanwhile"
+    assert not next_one.is_on_trial
     next_one.spend(0.5, 0.0)
     assert next_one.belongs_to("console", 0.0)
     assert not charges.reserve.exhausted(ADDRESS, 0.0)
@@ -89,16 +95,35 @@ def test_where_a_gateway_is_connected_those_who_may_be_it_have_a_reserve(charges
     assert charges.is_exhausted(ADDRESS, 0.0), "no gateway is connected any more"
 
 
+def test_who_has_shown_another_certificate_before_is_refused_at_once(charges: Charges) -> None:
+    gateway_at(charges)
+    Charge(charges, ADDRESS).spend(AT_ONCE_S, 0.0)
+    assert Charge(charges, ADDRESS).is_exhausted(0.0, not_shown)
+    assert not Charge(charges, ADDRESS).is_exhausted(0.0, shown)
+
+
 def test_the_reserve_has_an_end(charges: Charges) -> None:
     """Who has seen the bytes of a gateway's OpenSecureChannel can send them again."""
     gateway_at(charges)
     Charge(charges, ADDRESS).spend(AT_ONCE_S, 0.0)
     replayed = Charge(charges, ADDRESS)
+    assert not replayed.is_exhausted(0.0, silent)
     assert not replayed.is_exhausted(0.0, shown)
     replayed.spend(AT_ONCE_S, 0.0)
     assert replayed.is_exhausted(0.0, shown)
+    assert Charge(charges, ADDRESS).is_exhausted(0.0, shown)
+    assert not Charge(charges, ADDRESS).is_exhausted(10.0, shown)
+
+
+def test_hearing_who_comes_beside_a_gateway_has_an_end_too(charges: Charges) -> None:
+    gateway_at(charges)
+    Charge(charges, ADDRESS).spend(100 * AT_ONCE_S, 0.0)
+    bare = Charge(charges, ADDRESS)
+    assert not bare.is_exhausted(0.0, silent)
+    bare.spend(AT_ONCE_S, 0.0)
+    assert bare.is_exhausted(0.0, silent)
     assert charges.is_exhausted(ADDRESS, 0.0)
-    assert not charges.is_exhausted(ADDRESS, 60.0)
+    assert not charges.is_exhausted(ADDRESS, 4.0)
 
 
 def test_what_strangers_cost_stays_theirs(charges: Charges) -> None:

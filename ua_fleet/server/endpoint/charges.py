@@ -1,8 +1,8 @@
 """Who pays for what a connection costs before it has a user: its address, or the gateway that it belongs to.
 
 A gateway's connection is one once it has proved so, by a message that only the owner of the certificate can have made.
-Until then its address pays. Where the address can pay no more, and a gateway is connected from there now, a reserve
-does, for those alone that show the certificate of a gateway. Time is an argument.
+Until then its address pays. Where the address can pay no more, and a gateway is connected from there now, others are
+heard until they show their certificate, and a reserve pays for those that show a gateway's. Time is an argument.
 """
 
 from __future__ import annotations
@@ -20,8 +20,10 @@ GATEWAY_AT_ONCE_S: Final = 4.0
 """Seconds of computing that logins through one gateway may cost at once: some 700 that fail."""
 GATEWAY_SHARE: Final = 0.25
 """Part of a core that they may cost in the long run."""
+TRIAL_SHARE: Final = 0.25
+"""Part of a core that hearing who shows which certificate may cost beside a gateway, by address. It takes no key."""
 RESERVE_SHARE: Final = 0.1
-"""Part of a core that the reserve of an address is in the long run."""
+"""Part of a core that those may cost who show a gateway's, until they have proved that it is theirs, by address."""
 LOGIN_S: Final = 0.05
 """What one connection of a gateway may cost beyond that, so that a login that has begun is done."""
 REFUSED_LOGIN_S: Final = 0.002
@@ -33,9 +35,7 @@ class Charges:
 
     def __init__(self) -> None:
         self.strangers = StrangersTime()
-        """By address."""
-        self.reserve = StrangersTime(share=RESERVE_SHARE)
-        """By address, for clients that show the certificate of a gateway."""
+        self.trial, self.reserve = StrangersTime(share=TRIAL_SHARE), StrangersTime(share=RESERVE_SHARE)
         self.gateways = StrangersTime(GATEWAY_AT_ONCE_S, GATEWAY_SHARE)
         """By name of the gateway."""
         self._connected: Counter[str] = Counter()
@@ -58,7 +58,7 @@ class Charges:
     def is_exhausted(self, address: str, now: float) -> bool:
         """Whether nothing more is done for clients of this address that have no user."""
         return self.strangers.exhausted(address, now) and (
-            not self.has_gateway(address) or self.reserve.exhausted(address, now)
+            not self.has_gateway(address) or self.trial.exhausted(address, now)
         )
 
 
@@ -75,30 +75,29 @@ class Charge:
         """Name of the gateway whose connection this has proved to be."""
 
     @property
-    def is_on_reserve(self) -> bool:
-        """Whether it goes on only with the certificate of a gateway."""
-        return self._budget is self._charges.reserve
+    def is_on_trial(self) -> bool:
+        """Whether it goes on only with the certificate of a gateway, which it has not shown yet."""
+        return self._budget is self._charges.trial
 
-    def is_exhausted(self, now: float, may_be_gateways: Callable[[], bool]) -> bool:
-        """Whether nothing more is done for the connection; where its address has nothing left the reserve pays.
+    def is_exhausted(self, now: float, shown: Callable[[], bool | None]) -> bool:
+        """Whether nothing more is done for the connection.
 
         Args:
             now: the time.
-            may_be_gateways: tells whether the client has shown a gateway's certificate, or none yet.
+            shown: tells whether the client has shown a gateway's certificate; None before it has shown any.
         """
         if self.gateway and self._owed_s < LOGIN_S:
             return False
-        if self.is_on_reserve and not may_be_gateways():
-            return True
-        if not self._budget.exhausted(self._payer, now):
+        if not self.is_on_trial and not self._budget.exhausted(self._payer, now):
             return False
-        if self._budget is not self._charges.strangers or self._charges.is_exhausted(self._address, now):
+        charges = self._charges
+        if self._budget is charges.strangers and not charges.has_gateway(self._address):
             return True
-        if not may_be_gateways():
+        if self._budget not in (charges.strangers, charges.trial) or (is_gateways := shown()) is False:
             return True
-        # What it has cost its address stays there: or strangers would owe it to the reserve.
-        self._budget, self._owed_s = self._charges.reserve, 0.0
-        return False
+        # What it has cost its address stays there: or strangers would be forgiven by whoever comes after them.
+        self._budget, self._owed_s = charges.trial if is_gateways is None else charges.reserve, 0.0
+        return self._budget.exhausted(self._address, now)
 
     def spend(self, seconds: float, now: float) -> None:
         """It has cost this, without a user."""

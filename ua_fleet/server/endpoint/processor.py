@@ -156,16 +156,17 @@ class Processor:
         name = self._context.trust.gateways.name_of(self._channel.chain[0]) if self._is_proved else ""
         return self._charge.belongs_to(name, time.monotonic())
 
-    def _may_be_gateways(self) -> bool:
-        """Whether the client has shown a gateway's certificate, or none yet."""
-        if not self._channel.is_open:
-            return True
-        chain = self._channel.chain
+    def _shown(self) -> bool | None:
+        """Whether the client has shown a gateway's certificate; None before it has shown any."""
+        return self._is_a_gateways(self._channel.chain) if self._channel.is_open else None
+
+    def _is_a_gateways(self, chain: Sequence[Certificate]) -> bool:
         return bool(chain and self._context.trust.gateways.name_of(chain[0]))
 
     def _check_shown(self, chain: Sequence[Certificate]) -> None:
         """Refuse who shows no gateway's certificate where others are not served; before our private key is used."""
-        if self._charge.is_on_reserve and not self._context.trust.gateways.name_of(chain[0]):
+        charge = self._charge
+        if charge.is_on_trial and charge.is_exhausted(time.monotonic(), lambda: self._is_a_gateways(chain)):
             self._refuse_stranger()
 
     def _refuse_stranger(self) -> NoReturn:
@@ -225,7 +226,7 @@ class Processor:
     async def process(self, frame: bytes) -> bool:
         """Process one frame; False ends the connection."""
         stranger = self.stage is not Stage.AUTHENTICATED
-        if stranger and self._charge.is_exhausted(time.monotonic(), self._may_be_gateways):
+        if stranger and self._charge.is_exhausted(time.monotonic(), self._shown):
             self._refuse_stranger()
         try:
             with self._charged(stranger):

@@ -64,6 +64,11 @@ class StrangersTime:
             if (debt := self._debts.get(name)) is not None
         )
 
+    def owed(self, address: str, now: float) -> float:
+        """Seconds that an address by itself owes."""
+        debt = self._debts.get(networks(address)[0])
+        return debt.left(now) if debt is not None else 0.0
+
     def spend(self, address: str, seconds: float, now: float) -> None:
         """A client without a user has cost this."""
         for name, times in zip(networks(address), _TIMES_AN_ADDRESS, strict=True):

@@ -243,6 +243,10 @@ class Child:
         """Have it stand still; what it has open stays open."""
         os.killpg(self.process.pid, signal.SIGSTOP)
 
+    def go_on(self) -> None:
+        """Have it go on after it stood still."""
+        os.killpg(self.process.pid, signal.SIGCONT)
+
     def end(self, signal_number: int = signal.SIGTERM, timeout_s: float = 10) -> int:
         """End the process and its children; its exit code."""
         if self.process.poll() is None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import time
+from datetime import UTC, datetime
 from typing import Any, Final
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
@@ -18,6 +19,7 @@ from ua_fleet.console.outbox import PageOutbox
 from ua_fleet.console.people import People
 from ua_fleet.console.sessions import BrowserSession
 from ua_fleet.console.settings import ConsoleLimits
+from ua_fleet.console.shown import shown_time
 
 __all__ = ["CLOSE_FORBIDDEN", "CLOSE_INVALID", "CLOSE_LOGGED_OUT", "CLOSE_TOO_MANY", "PageSocket"]
 
@@ -211,7 +213,7 @@ class PageSocket:
             if self._is_over or self._people.sessions.is_over(self._session, time.monotonic()):
                 raise _Closed(CLOSE_LOGGED_OUT, "logged out")
             self._waiting.clear()
-            text = self._outbox.next(time.monotonic())
+            text = self._outbox.next(time.monotonic(), shown_time(datetime.now(UTC)) or "")
             if text is not None:
                 await self._socket.send_text(text)
                 continue

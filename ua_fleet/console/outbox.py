@@ -12,9 +12,11 @@ from typing import Any, Final
 
 from ua_fleet.console.board import Board, encoded
 
-__all__ = ["LEAST_INTERVAL_S", "PageOutbox"]
+__all__ = ["LEAST_INTERVAL_S", "MOST_INTERVAL_S", "PageOutbox"]
 
 LEAST_INTERVAL_S: Final = 0.05
+MOST_INTERVAL_S: Final = 5.0
+"""A browser that confirms is told something at least so often: silence for longer tells it that the link is gone."""
 _SLACK: Final = 1000
 
 
@@ -132,13 +134,14 @@ class PageOutbox:
         return True
 
     def due_s(self, now: float) -> float | None:
-        """In how many seconds the next message may go; None: nothing waits, or one is under way."""
-        if self._unseen or not self._is_waiting():
+        """In how many seconds the next message goes; None: one is under way."""
+        if self._unseen:
             return None
-        return max(0.0, self._sent_at + LEAST_INTERVAL_S - now)
+        interval_s = LEAST_INTERVAL_S if self._is_waiting() else MOST_INTERVAL_S
+        return max(0.0, self._sent_at + interval_s - now)
 
-    def next(self, now: float) -> str | None:
-        """The next message, where one is due."""
+    def next(self, now: float, time: str = "") -> str | None:
+        """The next message, where one is due; `time` is what clocks show, by which the page tells ages."""
         if self.due_s(now) != 0.0:
             return None
         self._number += 1
@@ -148,6 +151,7 @@ class PageOutbox:
         links = [_pair(name, state) for name, state in self._links.items()]
         self._refused, self._links = {}, {}
         tail = f',"links":{{{",".join(links)}}}' if links else ""
+        tail += f',"now":{json.dumps(time)}' if time else ""
         return f'{{"n":{self._number},"feeds":{{{",".join(feeds)}}}{tail}}}'
 
     def close(self) -> None:

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ua_fleet.console.board import Board
-from ua_fleet.console.outbox import LEAST_INTERVAL_S, PageOutbox
+from ua_fleet.console.outbox import LEAST_INTERVAL_S, MOST_INTERVAL_S, PageOutbox
 
 KEYS = st.sampled_from(["a", "b", "c", "\u202e", 'q"'])
 NAMES = st.sampled_from(["1", "2"])
@@ -111,7 +111,20 @@ def test_after_the_last_confirmation_the_page_has_what_the_boards_have(actions: 
     for name in wanted:
         assert page.maps[name] == {key: json.loads(text) for key, text in boards[name].items()}
         assert page.errors.get(name) == (json.loads(boards[name].error) if boards[name].error else None)
-    assert outbox.due_s(now) is None
+    due_s = outbox.due_s(now)
+    assert due_s is not None
+    assert LEAST_INTERVAL_S < due_s <= MOST_INTERVAL_S  # nothing waits
+
+
+def test_a_browser_that_confirms_hears_something_each_5_s() -> None:
+    outbox = PageOutbox()
+    first = outbox.next(100.0, "2026-11-23T22:00:00.000Z")
+    assert first == '{"n":1,"feeds":{},"now":"2026-11-23T22:00:00.000Z"}'
+    assert outbox.due_s(200.0) is None  # it stands
+    outbox.seen(1)
+    assert outbox.next(104.9) is None
+    assert outbox.due_s(104.0) == 1.0
+    assert outbox.next(105.0) is not None
 
 
 @given(st.integers(1, 200))

@@ -90,7 +90,7 @@ class Live {
     if (this.socket === 'live') {
       return this.links[fleet] ?? { state: 'connecting', since: this.since, reason: '' };
     }
-    if (this.socket === 'away') return { state: 'away', since: this.since, reason: t('link.no_console') };
+    if (this.socket === 'away') return { state: 'away', since: this.since, reason: t('link.console_away') };
     return { state: 'connecting', since: this.since, reason: '' };
   }
 
@@ -140,7 +140,7 @@ class Live {
     if (this.socket !== 'away') this.#become('connecting');
     const ws = new WebSocket(new URL('api/live', document.baseURI).href.replace(/^http/, 'ws'));
     this.#ws = ws;
-    this.#timer = setTimeout(() => ws.close(), OPENING_MS);
+    this.#timer = setTimeout(() => this.#giveUp(ws), OPENING_MS);
     ws.onopen = () => {
       clearTimeout(this.#timer);
       this.#send({ csrf: csrfToken() });
@@ -163,7 +163,7 @@ class Live {
     if (message.now) {
       clock.hear(message.now);
       clearTimeout(this.#silence);
-      this.#silence = setTimeout(() => this.#ws?.close(), SILENCE_MS);
+      this.#silence = setTimeout(() => this.#giveUp(this.#ws), SILENCE_MS);
     }
     if (message.links) this.links = { ...this.links, ...message.links };
     for (const id in message.feeds) {
@@ -198,13 +198,21 @@ class Live {
       clearTimeout(late);
       this.#send({ seen });
     };
-    // A page that is not shown paints nothing.
+    // A page that is not shown paints nothing, and its timers may run once a minute.
     const late = setTimeout(done, 100);
-    if (!document.hidden) requestAnimationFrame(done);
+    if (document.hidden) done();
+    else requestAnimationFrame(done);
   }
 
   #send(message: FromPage): void {
     if (this.#ws?.readyState === WebSocket.OPEN) this.#ws.send(JSON.stringify(message));
+  }
+
+  /** A peer that stands still answers no farewell either, for which a browser would wait. */
+  #giveUp(ws: WebSocket | null): void {
+    if (!ws || ws !== this.#ws) return;
+    this.#lose();
+    ws.close();
   }
 
   #lose(): void {

@@ -21,7 +21,14 @@ class Session {
   ended = $state(false);
 
   constructor() {
-    onLoggedOut(() => this.#end());
+    onLoggedOut(() => void this.#check());
+  }
+
+  /** A request was refused for want of a login: of all fleets, or of one whose session has ended. */
+  async #check(): Promise<void> {
+    const me = await getMe().catch(() => undefined);
+    if (me === null) this.#end();
+    else if (me) this.#enter(me);
   }
 
   async begin(): Promise<void> {

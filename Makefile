@@ -39,7 +39,9 @@ help:
 	@echo "make setup   the two virtual environments alone; demo and test do it themselves"
 
 # Who ends them by Ctrl-C needs no `Error 130`: make, which gets it too, ends then, and nothing follows.
-ENDED = || [ $$? -eq 130 ]
+# It tells `wait: No child processes` where it comes to that only when its child has gone, as on a busy machine: so the
+# child waits until make's SIGINT (2 in the mask) does not wait any more.
+ENDED = || { [ $$? -eq 130 ] && while ((0x0$$(sed -n 's/^ShdPnd:\s*//p' /proc/$$PPID/status 2>/dev/null) & 2)); do sleep 0.01; done; }
 
 setup:
 	@scripts/setup $(ENDED)

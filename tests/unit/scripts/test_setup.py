@@ -103,13 +103,31 @@ def test_an_environment_whose_making_was_interrupted_is_made_again(checkout: Che
     assert "python -m venv .venv" in (tmp_path / "made").read_text(encoding="utf-8").splitlines()
 
 
+@pytest.fixture
+def late_make(tmp_path: Path) -> Path:
+    """A library with which `make` is late."""
+    made = tmp_path / "late_make.so"
+    subprocess.run(["gcc", "-shared", "-fPIC", "-o", made, Path(__file__).with_name("late_make.c")], check=True)
+    return made
+
+
+@pytest.mark.needs("compiler")
+def test_ctrl_c_ends_a_set_up_in_silence_on_a_busy_machine(tmp_path: Path, late_make: Path) -> None:
+    """`make` told `wait: No child processes` where it came to its signal after its child had gone."""
+    ends_in_silence(tmp_path, 0.1, LD_PRELOAD=str(late_make))
+
+
 @pytest.mark.parametrize("delay_s", [0.1, 1.0])
 def test_ctrl_c_ends_a_set_up_in_silence(tmp_path: Path, delay_s: float) -> None:
     """With a real Python, which would tell a traceback, and `make`, which would tell an error."""
+    ends_in_silence(tmp_path, delay_s)
+
+
+def ends_in_silence(tmp_path: Path, delay_s: float, **others: str) -> None:
     (tmp_path / "scripts").mkdir()
     for name in ("Makefile", "pyproject.toml", "requirements.lock", "scripts/setup", "scripts/wanted"):
         shutil.copy(system.ROOT / name, tmp_path / name)
-    environment = system.clean_environment(PYTHON=sys.executable)
+    environment = system.clean_environment(PYTHON=sys.executable, **others)
     command = ("make", "demo")
     ended = terminal.typed_after(
         command, "making .venv", terminal.CTRL_C, folder=tmp_path, environment=environment, delay_s=delay_s

@@ -8,7 +8,7 @@ from typing import Annotated, ClassVar, Final, Literal
 
 from pydantic import BaseModel, Field, field_validator, model_validator
 
-from ua_bridges.ur.outputs import ALL_OUTPUTS, OUTPUT_NAMES, find_output
+from ua_bridges.ur.outputs import ALL_OUTPUTS, OUTPUT_NAMES, SPEEDS, find_output
 from ua_bridges.ur.variables import VARIABLES, read_path
 from ua_fleet.bridge.templates import CommandTemplate, Language, TemplateInvalid
 from ua_fleet.config.base import Model, ScalarType
@@ -54,15 +54,16 @@ class UrSource(DataMapping, frozen=True):
 class UrSink(DataMapping, frozen=True):
     """`sink` of data with one field: clients, or other spaces, set an output."""
 
-    output: str = Field(examples=["standard_digital_out[3]"], json_schema_extra={"enum": list(ALL_OUTPUTS)})
+    output: str = Field(examples=["standard_digital_out[3]"], json_schema_extra={"enum": [*ALL_OUTPUTS, *SPEEDS]})
     """`standard_digital_out[0]` to `[7]`, `configurable_digital_out[0]` to `[7]`, `tool_digital_out[0]` and `[1]`
     (Boolean); `analog_out_voltage[0]`, `analog_out_current[0]`, `[1]` and `speed_slider` (0 to 1);
-    `input_int_register[18]`, `input_double_register[18]` to `[22]`."""
+    `input_int_register[18]`, `input_double_register[18]` to `[22]`. For the data of a teleoperation `joint_speed` or
+    `tool_speed`."""
 
     @field_validator("output")
     @classmethod
     def _known(cls, output: str) -> str:
-        if find_output(output) is None:
+        if output not in SPEEDS and find_output(output) is None:
             raise ValueError(f"there is no output `{output}`; there are {listed(OUTPUT_NAMES)}, and so on")
         return output
 
@@ -254,6 +255,7 @@ class UrBridgeConfig(VendorBridgeConfig, frozen=True):
     """Model of `via` in the skills of its robots."""
     source_mapping: ClassVar[type[DataMapping] | None] = UrSource
     sink_mapping: ClassVar[type[DataMapping] | None] = UrSink
+    takes_setpoints: ClassVar[bool] = True
 
     @field_validator("retry_s")
     @classmethod
@@ -273,7 +275,8 @@ class UrBridgeConfig(VendorBridgeConfig, frozen=True):
             )
         for robot_name, robot in robots.items():
             for data_name, data in robot.data.items():
-                yield from _data_problems(("robots", robot_name, "data", data_name), data)
+                is_driven = robot.teleoperation is not None and robot.teleoperation.data == data_name
+                yield from _data_problems(("robots", robot_name, "data", data_name), data, is_driven=is_driven)
             for skill_name, skill in robot.skills.items():
                 yield from self._skill_problems(("robots", robot_name, "skills", skill_name), skill)
 
@@ -327,9 +330,12 @@ class UrBridgeConfig(VendorBridgeConfig, frozen=True):
                 yield (*path, "results", result), "nothing brings this result", "only a script has results"
 
 
-def _data_problems(path: KeyPath, data: DataSetConfig) -> Iterator[Problem]:
+def _data_problems(path: KeyPath, data: DataSetConfig, *, is_driven: bool) -> Iterator[Problem]:
     if data.origin == "server":
-        yield from _sink_problems(path, data)
+        is_speed = isinstance(data.sink, UrSink) and data.sink.output in SPEEDS
+        yield from (
+            _speed_problems(path, data, is_driven=is_driven) if is_speed or is_driven else _sink_problems(path, data)
+        )
         return
     if data.source is None:
         yield (*path, "source"), "it has no `source`", "add `source: {}`, and the variable as `path`"
@@ -347,6 +353,28 @@ def _data_problems(path: KeyPath, data: DataSetConfig) -> Iterator[Problem]:
             yield (*key, "type"), f"`{reading.name}` is no {field.type.value}", f"type: {reading.types[0].value}"
 
 
+def _speed_problems(path: KeyPath, data: DataSetConfig, *, is_driven: bool) -> Iterator[Problem]:
+    if not isinstance(data.sink, UrSink):
+        return  # teleoperation needs one, and says so
+    output, names = data.sink.output, SPEEDS.get(data.sink.output)
+    if names is None:
+        yield (*path, "sink", "output"), f"nobody drives an arm by `{output}`", f"write one of {listed(list(SPEEDS))}"
+        return
+    if not is_driven:
+        hint = "name this data in the robot's `teleoperation`, or choose another output"
+        yield (*path, "sink", "output"), f"`{output}` is written by teleoperation alone", hint
+    taken: set[str] = set()
+    for name, field in data.all_fields().items():
+        axis = field_path(name, field)
+        key = (*path, "fields", name) if name else path
+        if axis not in names:
+            hint = closest(axis, names) or f"there are: {listed(list(names))}"
+            yield (*key, "path"), f"`{output}` has no axis `{axis or '(none)'}`", hint
+        elif axis in taken:
+            yield (*key, "path"), f"another field is the axis `{axis}` already", "remove one of them"
+        taken.add(axis)
+
+
 def _sink_problems(path: KeyPath, data: DataSetConfig) -> Iterator[Problem]:
     if not isinstance(data.sink, UrSink):
         yield (*path, "sink"), "it has no `sink`", "name the output that it sets"
@@ -360,7 +388,9 @@ def _sink_problems(path: KeyPath, data: DataSetConfig) -> Iterator[Problem]:
 
 def _output_problems(path: KeyPath, sink: UrSink, data: DataSetConfig, remedy: str) -> Iterator[Problem]:
     output, fields = find_output(sink.output), data.all_fields()
-    assert output is not None
+    if output is None:
+        yield path, f"`{sink.output}` is written by teleoperation alone", remedy
+        return
     if len(fields) != 1:
         yield path, f"an output takes one value, and not {len(fields)}", "use data with one field"
         return

@@ -18,10 +18,11 @@ from ua_bridges.ur.config import DashboardSkill, RegisterResult, ScriptSkill, Ur
 from ua_bridges.ur.link import CommandLink
 from ua_bridges.ur.outputs import Output
 from ua_bridges.ur.remote import RemoteControl
-from ua_bridges.ur.sinks import sinks_of
+from ua_bridges.ur.sinks import sinks_of, speeds_of
+from ua_bridges.ur.speeding import Speeding
 from ua_bridges.ur.state import State, remark_of, stop_of
 from ua_bridges.ur.task import Forgotten, Progress, RobotTask
-from ua_bridges.ur.tasks import make_task, refusal_of
+from ua_bridges.ur.tasks import keeps_from_moving, make_task, refusal_of
 from ua_bridges.ur.telemetry import Telemetry, frequency_of, sources_of, variables_of
 from ua_bridges.ur.watching import Faults, Watcher
 from ua_fleet.bridge.configured import configured_faults, configured_skills
@@ -58,6 +59,7 @@ class UrDriver:
         self._skills = {skill.topic: skill for skill in configured_skills(config, bridge_name, UrSkillMapping)}
         self._offers = tuple([skill.offer() for skill in self._skills.values()])
         self._sinks = sinks_of(config, bridge_name)
+        self._speeds = speeds_of(config, bridge_name)
         self._sources = sources_of(config, bridge_name)
         self._fault_topics = tuple(configured_faults(config, bridge_name).values())
         self._label = bridge_name
@@ -131,6 +133,23 @@ class UrDriver:
             return False
         self._jobs.put(lambda: self._write(output, method, arguments))
         return True
+
+    def setpoint_problem(self, topic: Topic) -> str:
+        """See SetpointDriver."""
+        state = self._state
+        if state is None:
+            return self.status().detail
+        speeding = self._speeds[topic]
+        problem = keeps_from_moving(state, self._remote_control)
+        if not problem and (problem := speeding.problem()) and speeding.wants_arming():
+            self._jobs.put(lambda: speeding.arm(self._link, self._state))
+        return problem
+
+    def write_setpoint(self, topic: Topic, values: tuple[float, ...]) -> None:
+        """See SetpointDriver."""
+        speeding = self._speeds[topic]
+        if speeding.write(values):
+            self._jobs.put(lambda: speeding.send(self._link))
 
     def status(self) -> DriverStatus:
         """See Driver."""
@@ -213,8 +232,12 @@ class UrDriver:
 
     def _next_job(self) -> Callable[[], None] | None:
         with suppress(queue.Empty):
-            return self._jobs.get(timeout=_FOLLOW_S if self._tasks else _IDLE_S)
+            return self._jobs.get(timeout=_FOLLOW_S if self._tasks or self._driven() else _IDLE_S)
         return None
+
+    def _driven(self) -> list[Speeding]:
+        """The arm, while it is driven by hand."""
+        return [each for each in self._speeds.values() if each.is_armed]
 
     def _leave_dead_link(self) -> None:
         """Where the state's connection was lost those for commands are dead too, and ur-rtde would wait for them."""
@@ -225,6 +248,10 @@ class UrDriver:
             self._remote.close()
 
     def _turn(self, now: float) -> None:
+        if driven := self._driven():
+            for speeding in driven:
+                speeding.look(self._link, self._state, now)
+            return  # the robot executes nothing else, and nothing must keep its speeds waiting
         state = self._state
         if state is not None:
             for execution, task in self._asked:
@@ -242,7 +269,7 @@ class UrDriver:
             self._give_up(overdue, state)
 
     def _look_at_remote_control(self, now: float) -> None:
-        if not (self._skills or self._sinks):
+        if not (self._skills or self._sinks or self._speeds):
             return
         said = self._remote.look(now)
         if said is not None:

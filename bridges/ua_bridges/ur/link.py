@@ -120,6 +120,15 @@ class CommandLink:
             return False
         return is_moving
 
+    def stop_control(self) -> None:
+        """End the control program.
+
+        Raises:
+            SkillError: as `call`.
+        """
+        self.call("control", "stopScript")
+        self.has_control = False
+
     # Any program
 
     def stop_program(self) -> None:

@@ -9,7 +9,7 @@ from typing import Any, Final, NamedTuple
 
 from ua_fleet.config.base import ScalarType
 
-__all__ = ["ALL_OUTPUTS", "OUTPUT_NAMES", "Output", "find_output"]
+__all__ = ["ALL_OUTPUTS", "OUTPUT_NAMES", "SPEEDS", "Output", "find_output"]
 
 _FLOATS: Final = (ScalarType.DOUBLE, ScalarType.FLOAT)
 _BOOLEAN: Final = (ScalarType.BOOLEAN,)
@@ -96,6 +96,12 @@ def find_output(name: str) -> Output | None:
     fits = place in setter.places if setter.places else place is None
     return Output(match[1], place, setter) if fits else None
 
+
+SPEEDS: Final[Mapping[str, tuple[str, ...]]] = {
+    "joint_speed": ("base", "shoulder", "elbow", "wrist1", "wrist2", "wrist3"),
+    "tool_speed": ("x", "y", "z", "rx", "ry", "rz"),
+}
+"""What an arm is driven by hand by, with the names of its numbers: rad/s, or m/s and rad/s in the base."""
 
 ALL_OUTPUTS: Final = tuple(
     f"{name}[{place}]" if setter.places else name

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from ua_bridges.ur.config import UrBridgeConfig, UrSink
-from ua_bridges.ur.outputs import Output, find_output
+from ua_bridges.ur.outputs import SPEEDS, Output, find_output
+from ua_bridges.ur.speeding import Speeding
 from ua_fleet.bridge.configured import configured_sinks
 from ua_fleet.config.schema import FleetConfig
+from ua_fleet.config.teleoperation import teleoperations
 from ua_fleet.fleet.matching import FieldOrder
 from ua_fleet.topics import Topic
 
-__all__ = ["sinks_of"]
+__all__ = ["sinks_of", "speeds_of"]
 
 
 def sinks_of(config: FleetConfig, bridge_name: str) -> dict[Topic, tuple[FieldOrder, Output]]:
@@ -24,3 +26,17 @@ def sinks_of(config: FleetConfig, bridge_name: str) -> dict[Topic, tuple[FieldOr
         for data in configured_sinks(config, bridge_name, UrSink, mirrors=bridge.mirrors)
     }
     return {topic: (order, output) for topic, (order, output) in found.items() if output is not None}
+
+
+def speeds_of(config: FleetConfig, bridge_name: str) -> dict[Topic, Speeding]:
+    """The arm that is driven by hand, by the data that takes its setpoints."""
+    models = {model.data: model for model in teleoperations(config, bridge_name)}
+    return {
+        data.topic: Speeding(
+            models[data.topic],
+            data.side.output,
+            [field.path or name for name, field in data.config.all_fields().items()],
+        )
+        for data in configured_sinks(config, bridge_name, UrSink)
+        if data.topic in models and data.side.output in SPEEDS
+    }

@@ -32,12 +32,14 @@ from ua_fleet.bridge.templates import CommandTemplate, Language
 from ua_fleet.config.base import Model
 from ua_fleet.errors import SkillFailed, SkillRejected
 
-__all__ = ["make_task", "refusal_of"]
+__all__ = ["keeps_from_moving", "make_task", "refusal_of"]
 
 _ARRIVED_RAD: Final = 0.005
 _ARRIVED_M: Final = 0.001
 _TURNED_RAD: Final = 0.01
 _PROGRAM: Final = "ua_fleet"
+_LOCAL: Final = "the robot is in local control: switch remote control on at the teach pendant"
+_PAUSED: Final = "a program is paused on the controller: let it go on, or stop it, first"
 
 
 def _turn_between(first: Sequence[float], second: Sequence[float]) -> float:
@@ -326,18 +328,25 @@ class StopTask(Task):
 def refusal_of(task: RobotTask, state: State, remote_control: bool | None) -> str:
     """Why a task cannot be begun now; the empty text where it can."""
     if remote_control is False:
-        return "the robot is in local control: switch remote control on at the teach pendant"
+        return _LOCAL
     if not task.moves_arm:
         return ""
+    wrong = keeps_from_moving(state, remote_control)
+    # The dashboard server's `play` has a program that is paused go on.
+    return "" if wrong == _PAUSED and isinstance(task, PlayTask) else wrong
+
+
+def keeps_from_moving(state: State, remote_control: bool | None) -> str:
+    """Why the arm cannot be moved now; the empty text where it can."""
+    if remote_control is False:
+        return _LOCAL
     wrong = stop_of(state) or remark_of(state, remote_control)
     if wrong:
         return wrong
     if state.robot_mode is not RobotMode.RUNNING:
         return f"robot mode {state.robot_mode.name}: switch the power on and release the brakes first"
-    # A program that is sent would take its place; the dashboard server's `play` has it go on.
-    if state.runtime is RuntimeState.PAUSED and not isinstance(task, PlayTask):
-        return "a program is paused on the controller: let it go on, or stop it, first"
-    return ""
+    # A program that is sent would take its place.
+    return _PAUSED if state.runtime is RuntimeState.PAUSED else ""
 
 
 def make_task(skill: ConfiguredSkill[Any], values: Sequence[Any], register: int, mark: int) -> RobotTask:

@@ -54,7 +54,7 @@ class Driver:
             granted = read_granted(named_results(outcome, ()))
             assert granted is not None
             self.lease, _, axes = granted
-            assert axes == ("linear", "angular")
+            assert axes == tuple(name for name, _ in self.model.axes)
             self.number = 0
         return outcome
 

@@ -149,7 +149,7 @@ def test_robots_of_other_kinds_are_refused_with_those_that_can() -> None:
     text = changed(("bridge: floor", "bridge: hall"))
     said = [one for one in problems(text) if "teleoperation" in one]
     assert "robots on a bridge of kind tcp cannot be driven by hand" in said[0]
-    assert "those on bridges of these kinds can: `ros1`, `ros2`" in said[0]
+    assert "those on bridges of these kinds can: `ros1`, `ros2`, `ur`" in said[0]
 
 
 def test_a_bridge_announces_nothing_of_it() -> None:

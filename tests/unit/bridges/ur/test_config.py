@@ -4,11 +4,12 @@ from typing import Any
 
 import pytest
 import yaml
-from ua_bridges.ur.sinks import sinks_of
+from ua_bridges.ur.sinks import sinks_of, speeds_of
 
 from ua_fleet.config.load import load_content
 from ua_fleet.config.schema import FleetConfig
 from ua_fleet.errors import ConfigInvalid
+from ua_fleet.topics import Topic
 
 FLEET = """
 version: 1
@@ -154,3 +155,57 @@ def test_own_data_and_that_of_other_spaces_have_outputs() -> None:
         "ua_301_2_91": ("input_double_register", 18),
         "ua_0_2_94": ("input_double_register", 19),
     }
+
+
+DRIVEN = """
+version: 1
+pubsub: {security: none}
+bridges:
+  cell: {kind: ur, space: 301, status_id: 1001, address: 192.168.0.11}
+robots:
+  arm:
+    bridge: cell
+    data:
+      jog:
+        id: 1002
+        origin: server
+        fields: {x: {type: Double}, turn: {type: Double, path: rz}}
+        sink: {output: tool_speed}
+    teleoperation:
+      id: 1003
+      acquire_id: 1004
+      renew_id: 1005
+      release_id: 1006
+      data: jog
+      axes:
+        x: {speed: 0.1, acceleration: 0.5, jerk: 5}
+        turn: {speed: 0.2, acceleration: 1, jerk: 10}
+      robot_timeout_ms: 300
+"""
+
+
+def test_an_arm_is_driven_by_the_speed_of_its_tool() -> None:
+    config = load(DRIVEN)
+    assert list(speeds_of(config, "cell")) == [Topic(0, 2, 1002)]
+    assert sinks_of(config, "cell") == {}
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("x: {type: Double}", "x: {type: Double, path: base}", "`tool_speed` has no axis `base`; there are: `x`"),
+        ("path: rz}", "path: x}", "another field is the axis `x` already"),
+        ("output: tool_speed", "output: speed_slider", "nobody drives an arm by `speed_slider`"),
+        ("output: tool_speed", "output: tool_sped", "there is no output `tool_sped`"),
+        (
+            DRIVEN[DRIVEN.index("    teleoperation") :],
+            "",
+            "`tool_speed` is written by teleoperation alone; name this data",
+        ),
+    ],
+)
+def test_a_mistake_in_what_drives_an_arm(old: str, new: str, said: str) -> None:
+    assert old in DRIVEN
+    with pytest.raises(ConfigInvalid) as caught:
+        load(DRIVEN.replace(old, new, 1))
+    assert [problem for problem in caught.value.problems if said in str(problem)], str(caught.value)

@@ -1,0 +1,183 @@
+"""An arm that is driven by hand, over ur-rtde and a simulated controller, whose joints are looked at each 10 ms."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import os
+import signal
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from itertools import pairwise
+from pathlib import Path
+from typing import Any, Final
+
+import pytest
+
+from tests.integration.teleoperation.driving import WAIT_S, Driver, driving
+from tests.system import Child, Processes, clean_environment
+from tests.ur_controller import UrController
+from ua_fleet.config.load import load
+from ua_fleet.config.schema import FleetConfig
+from ua_fleet.skill.executions import OutcomeKind
+from ua_fleet.teleoperation import State
+from ua_fleet.topics import Topic
+
+pytestmark = pytest.mark.needs("ur")
+
+PROGRAM: Final = Path(__file__).parents[1] / "run_bridge.py"
+DEADMAN_S, ROBOT_TIMEOUT_S, PERIOD_S, SPEED = 0.3, 0.4, 0.02, 0.4
+STOP_S: Final = 1.0 / 20 + SPEED / 2.0 + 2.0 / 20
+SLACK_S: Final = 0.3
+"""For looking, and for processes that share two cores with other tests."""
+LIMITS: Final = {"speed": SPEED, "acceleration": 1.0, "deceleration": 2.0, "jerk": 20.0}
+ARM: Final[dict[str, Any]] = {
+    "bridge": "cell",
+    "skill_status_id": 1009,
+    "data": {
+        "jog": {
+            "id": 1002,
+            "origin": "server",
+            "fields": {name: {"type": "Double", "path": path} for name, path in (("turn", "base"), ("tip", "wrist1"))},
+            "sink": {"output": "joint_speed"},
+        }
+    },
+    "skills": {
+        "home": {"id": 1010, "via": {"move_j": {"joints": [0, -1.57, 0, -1.57, 0, 0], "speed": 2, "acceleration": 4}}}
+    },
+    "teleoperation": {
+        "id": 1003,
+        "acquire_id": 1004,
+        "renew_id": 1005,
+        "release_id": 1006,
+        "data": "jog",
+        "axes": {"turn": LIMITS, "tip": LIMITS},
+        "deadman_ms": round(DEADMAN_S * 1000),
+        "robot_timeout_ms": round(ROBOT_TIMEOUT_S * 1000),
+        "period_ms": round(PERIOD_S * 1000),
+    },
+}
+
+
+class Look:
+    """The angle of the base over the time, in a thread."""
+
+    def __init__(self, controller: UrController) -> None:
+        self._controller = controller
+        self.angles: list[tuple[float, float, float]] = []
+        """The time here, the angle, and the controller's own time, which goes slower on a busy machine."""
+        self._over = threading.Event()
+        self._thread = threading.Thread(target=self._run, daemon=True)
+        self._thread.start()
+
+    def _run(self) -> None:
+        while not self._over.wait(0.01):
+            state = self._controller.state()
+            self.angles.append((time.monotonic(), state["q"][0], state["time"]))
+
+    def end(self) -> None:
+        self._over.set()
+        self._thread.join()
+
+    def moved_last(self, since: float = 0.0) -> float:
+        """When the base was last seen in motion."""
+        moved = [after[0] for before, after in pairwise(self.angles) if abs(after[1] - before[1]) > 1e-5]
+        return max([at for at in moved if at >= since], default=0.0)
+
+    def speed(self) -> float:
+        """In the last 20 looks, rad/s by the controller's time."""
+        (_, start, first), (_, end, last) = self.angles[-20], self.angles[-1]
+        return (end - start) / max(last - first, 1e-3)
+
+
+class Cell:
+    """A controller with its bridge."""
+
+    def __init__(self, controller: UrController, look: Look, config: FleetConfig, folder: Path, bridge: Child) -> None:
+        self.controller, self.look, self.config, self.folder, self.bridge = controller, look, config, folder, bridge
+
+
+@pytest.fixture
+def cell(controller: UrController, tmp_path: Path, udp_url: str, processes: Processes) -> Iterator[Cell]:
+    path = tmp_path / "fleet.json"
+    raw = {
+        "version": 1,
+        "pubsub": {"security": "none", "url": udp_url},
+        "bridges": {"cell": {"kind": "ur", "space": 300, "status_id": 1001, "address": controller.host}},
+        "robots": {"arm": ARM},
+    }
+    path.write_text(json.dumps(raw))
+    environment = clean_environment(PYTHONUNBUFFERED="1", PYTHONPATH=os.pathsep.join(("bridges", ".")))
+    bridge = processes.start(sys.executable, PROGRAM, path, "cell", env=environment)
+    bridge.wait_for("ready")
+    look = Look(controller)
+    try:
+        yield Cell(controller, look, load(path, {}), tmp_path, bridge)
+    finally:
+        look.end()
+
+
+async def turning(cell: Cell, anna: Driver) -> None:
+    """Drive until the arm turns with its full speed."""
+    await anna.acquired()
+    await anna.drive(0.2, 0.0)
+    async with asyncio.timeout(WAIT_S):
+        while cell.look.speed() < 0.9 * SPEED:
+            await anna.drive(0.1, SPEED)
+    assert anna.status is not None
+    assert anna.status.lease == anna.lease
+
+
+async def stopped(cell: Cell) -> None:
+    """Wait until the control program has been stopped."""
+    async with asyncio.timeout(WAIT_S):
+        while cell.controller.state()["runtime"] != "STOPPED":
+            await asyncio.sleep(0.02)
+
+
+async def test_an_arm_is_driven_and_released_and_works_again(cell: Cell) -> None:
+    async with driving(cell.config, cell.folder, "anna") as (anna,):
+        for _ in range(2):
+            await turning(cell, anna)
+            last = await anna.drive(0.1, SPEED)
+            await anna.until(lambda status: status.state is State.IDLE)
+            await stopped(cell)
+            assert cell.look.moved_last() - last < DEADMAN_S + PERIOD_S + STOP_S + SLACK_S
+            done = await anna.requestor.invoke(Topic(300, 2, 1010), (), WAIT_S)
+            assert done.kind is OutcomeKind.ACCEPTED, done.report.message
+            async with asyncio.timeout(WAIT_S):
+                while abs(cell.controller.state()["q"][0]) > 0.01:
+                    await asyncio.sleep(0.02)
+            await asyncio.sleep(0.5)
+
+
+async def test_a_frozen_bridge_leaves_the_arm_to_the_controllers_watchdog(cell: Cell) -> None:
+    async with driving(cell.config, cell.folder, "anna") as (anna,):
+        await turning(cell, anna)
+        os.killpg(cell.bridge.process.pid, signal.SIGSTOP)
+        frozen = time.monotonic()
+        await stopped(cell)
+        await asyncio.sleep(0.3)
+        assert cell.look.moved_last(frozen) - frozen < ROBOT_TIMEOUT_S + SLACK_S
+        os.killpg(cell.bridge.process.pid, signal.SIGCONT)
+        thawed = time.monotonic()
+        await anna.drive(0.5, SPEED)
+        status = await anna.until(lambda status: status.lease == 0)
+        assert "the bridge stood still" in status.last_end
+        assert cell.look.moved_last(thawed) == 0.0
+        await anna.until(lambda status: status.state is State.IDLE)
+        await asyncio.sleep(0.5)
+        await turning(cell, anna)
+
+
+async def test_a_protective_stop_ends_the_lease_and_what_it_is_said_with(cell: Cell) -> None:
+    async with driving(cell.config, cell.folder, "anna") as (anna,):
+        await turning(cell, anna)
+        await asyncio.to_thread(cell.controller.do, "protective_stop", reason="bumped")
+        status = await anna.until(lambda status: status.lease == 0)
+        assert status.last_end == "anna: protective stop: see why, then unlock it"
+        refused = await anna.acquire()
+        assert refused.kind is OutcomeKind.REFUSED
+        assert "protective stop" in refused.report.message

@@ -18,4 +18,5 @@ export interface Page {
 // prettier-ignore
 export const pages: readonly Page[] = [
   { name: 'fleet', title: 'fleet.title', icon: 'fleet', load: () => import('./pages/fleet/Fleet.svelte') },
+  { name: 'space', title: 'space.title', icon: 'space', load: () => import('./pages/space/Space.svelte') },
 ];

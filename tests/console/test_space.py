@@ -1,0 +1,63 @@
+"""The address space: browsed by mouse and keyboard, looked at, written and watched."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import pytest
+from playwright.sync_api import Locator, Page, expect
+
+Open = Callable[..., Page]
+PLACE = "#/hall/space"
+
+
+def item(page: Page, name: str) -> Locator:
+    return page.get_by_role("treeitem").filter(has_text=name)
+
+
+def test_a_node_is_found_by_the_keyboard_and_its_id_copied(
+    open_page: Open, picture: Callable[[Page, str], None]
+) -> None:
+    page = open_page("observer", PLACE)
+    robots = item(page, "Robots").first
+    expect(robots).to_have_attribute("aria-expanded", "false")
+    robots.click()
+    for name in ("G00", "left", "State"):
+        page.keyboard.press("ArrowRight")
+        found = item(page, name).first
+        expect(found).to_be_visible()
+        while name not in (page.evaluate("document.activeElement.textContent") or ""):
+            page.keyboard.press("ArrowDown")
+    page.keyboard.press("Enter")
+    node = page.get_by_role("region", name="Node", exact=True)
+    expect(node.get_by_label("NodeId", exact=True)).to_have_value("ns=2;s=Robots.left.State")
+    expect(node.get_by_role("row", name="NodeClass")).to_contain_text("Variable")
+    expect(node.get_by_text("You may not write this node.").first).to_be_visible()
+    expect(node.locator("dl")).to_contain_text("Idle")
+    expect(node.get_by_role("button", name="Write")).to_have_count(0)
+    page.context.grant_permissions(["clipboard-read", "clipboard-write"])
+    node.get_by_role("button", name="Copy the NodeId").click()
+    expect(page.get_by_text("ns=2;s=Robots.left.State was copied.")).to_be_visible()
+    assert page.evaluate("navigator.clipboard.readText()") == "ns=2;s=Robots.left.State"
+    node.get_by_role("button", name="Watch").click()
+    watched = page.get_by_role("region", name="Watched values").first
+    expect(watched.get_by_role("row", name="State")).to_contain_text("Good")
+    picture(page, "space")
+    page.reload()
+    expect(watched.get_by_role("row")).to_have_count(2)
+    watched.get_by_role("button", name="no more").click()
+    expect(watched).to_be_hidden()
+
+
+def test_what_is_not_there_is_said(open_page: Open, picture: Callable[[Page, str], None]) -> None:
+    page = open_page("observer", PLACE)
+    expect(page.get_by_text("No node is chosen.")).to_be_visible()
+    page.get_by_label("NodeId or path").fill("ns=2;s=Nothing.Here")
+    page.keyboard.press("Enter")
+    expect(page.get_by_role("alert")).to_contain_text("there is no node ns=2;s=Nothing.Here")
+    picture(page, "space-not-there")
+
+
+@pytest.fixture
+def expected_complaints() -> list[str]:
+    return ["404", "400"]

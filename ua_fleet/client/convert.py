@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import fields, is_dataclass
 from datetime import datetime
 from enum import Enum
@@ -101,6 +101,9 @@ def plain_value(value: Any) -> Any:
     if isinstance(value, list | tuple):
         elements: Sequence[Any] = value
         return [plain_value(element) for element in elements]
+    if isinstance(value, dict):
+        members: Mapping[str, Any] = value
+        return {name: plain_value(member) for name, member in members.items()}
     if isinstance(value, datetime):
         return value.isoformat()
     if isinstance(value, bytes):
@@ -133,6 +136,9 @@ def exact_value(value: Any) -> Any:
     if isinstance(value, list | tuple):
         elements: Sequence[Any] = value
         return [exact_value(element) for element in elements]
+    if isinstance(value, dict):
+        members: Mapping[str, Any] = value
+        return {name: exact_value(member) for name, member in members.items()}
     if is_dataclass(value) and not isinstance(value, _NAMED | type):
         return {each.name: exact_value(getattr(value, each.name)) for each in fields(value)}
     return plain_value(value)

@@ -8,8 +8,6 @@ from __future__ import annotations
 import logging
 from collections.abc import AsyncGenerator, AsyncIterator, Callable, Mapping, Sequence
 from contextlib import AbstractAsyncContextManager, asynccontextmanager
-from dataclasses import dataclass, field
-from datetime import UTC, datetime
 from typing import Any, Final, Self, overload
 
 from asyncua import Client, Node, ua
@@ -23,7 +21,7 @@ from ua_fleet.client.all_events import EventInfo, all_events
 from ua_fleet.client.attributes import NodeAttribute, read_attributes
 from ua_fleet.client.batches import Batches
 from ua_fleet.client.browsing import NodeInfo, browse_below
-from ua_fleet.client.convert import exact_value, parse_value, plain_value
+from ua_fleet.client.convert import parse_value
 from ua_fleet.client.details import ValueDetails, value_details
 from ua_fleet.client.events import Told, told_by
 from ua_fleet.client.finding import Finder, SelectedNode
@@ -31,9 +29,11 @@ from ua_fleet.client.identity import ClientIdentity, default_identity_folder
 from ua_fleet.client.known_servers import Meeting, application_uri_of
 from ua_fleet.client.model_changes import ModelChanges, model_changes
 from ua_fleet.client.offers import OfferedSkill, offering
+from ua_fleet.client.readings import Change, Changes, Reading, monitored_item, reading_of, with_fields
 from ua_fleet.client.skill_nodes import SkillNode
 from ua_fleet.client.skills import SkillCalls, SkillExecution, SkillInfo
-from ua_fleet.client.subscriptions import Feed, Subscriptions, subscribe
+from ua_fleet.client.structures import Structures
+from ua_fleet.client.subscriptions import Subscriptions, subscribe
 from ua_fleet.client.summaries import RobotSummary, SummariesChanged, read_summaries, watch_summaries
 from ua_fleet.client.translated import NodeNotFound, quietly, translated
 from ua_fleet.errors import AccessRefused, NotConnected
@@ -49,58 +49,6 @@ POLICIES: Final[dict[str, type[security_policies.SecurityPolicy]]] = {
 """Security policies by the end of their URI (OPC 10000-7)."""
 _QUEUE: Final = 100_000
 """Changes that may wait for a slow consumer; then the oldest is dropped, and counted in `FleetClient.dropped`."""
-
-
-@dataclass(frozen=True, slots=True)
-class Reading:
-    """A node's value with its quality and times."""
-
-    node_id: str
-    value: Any
-    type_name: str | None
-    status: int
-    source_time: datetime | None
-    server_time: datetime | None
-    raw: Any = field(default=None, repr=False, compare=False)
-
-    @property
-    def exact(self) -> Any:
-        """The value with nothing lost: bytes and times as such, NaN and infinity as floats."""
-        return exact_value(self.raw)
-
-    @property
-    def status_text(self) -> str:
-        """Name of the StatusCode, e.g. `Good` or `BadNoCommunication`."""
-        return str(ua.StatusCode(ua.UInt32(self.status)).name)
-
-
-Change = Reading
-"""A value that a subscription reports."""
-
-
-def _reading(node_id: str, data: ua.DataValue) -> Reading:
-    variant = data.Value
-    return Reading(
-        node_id=node_id,
-        value=None if variant is None else plain_value(variant.Value),
-        type_name=None if variant is None else variant.VariantType.name,
-        status=0 if data.StatusCode is None else data.StatusCode.value,
-        source_time=_aware(data.SourceTimestamp),
-        server_time=_aware(data.ServerTimestamp),
-        raw=None if variant is None else variant.Value,
-    )
-
-
-def _aware(moment: datetime | None) -> datetime | None:
-    return moment if moment is None or moment.tzinfo is not None else moment.replace(tzinfo=UTC)
-
-
-class _Changes(Feed[Change]):
-    """The subscription handler: hands each change to whoever iterates."""
-
-    def datachange_notification(self, node: Node, val: Any, data: DataChangeNotif) -> None:
-        """Called by asyncua with each change."""
-        self.put(_reading(node.nodeid.to_string(), data.monitored_item.Value))
 
 
 class _Bell:
@@ -141,6 +89,7 @@ class FleetClient:
         self._subscriptions = Subscriptions(client, endpoint)
         self.batches = Batches(client)
         """Browse and Read of many nodes; raises asyncua's errors."""
+        self._structures = Structures(self.batches)
         self._finder = Finder(client, self.batches)
         self._node = self._finder.node
         self._skills = SkillCalls(client, self._node, self.batches, endpoint)
@@ -279,7 +228,8 @@ class FleetClient:
         with translated(self.endpoint):
             nodes = [await self._node(address) for address in addresses]
             values = await self.batches.read([node.nodeid for node in nodes])
-        readings = [_reading(node.nodeid.to_string(), value) for node, value in zip(nodes, values, strict=True)]
+            told = [reading_of(node.nodeid.to_string(), value) for node, value in zip(nodes, values, strict=True)]
+            readings = [await with_fields(self._structures, reading) for reading in told]
         for address, reading in zip(addresses, readings, strict=True):
             if reading.status in (ua.StatusCodes.BadNodeIdUnknown, ua.StatusCodes.BadNodeIdInvalid):
                 raise NodeNotFound(f"there is no node {address}; look with: ua-fleet browse")
@@ -496,7 +446,7 @@ class FleetClient:
             NodeNotFound: one of the nodes does not exist.
             NotConnected: the connection was lost.
         """
-        changes = _Changes(_QUEUE)
+        changes = Changes(_QUEUE)
         with translated(self.endpoint):
             nodes = [await self._node(address) for address in addresses]
 
@@ -504,7 +454,7 @@ class FleetClient:
             at_once = await self.batches.monitored_items_at_once()
             for at in range(0, len(nodes), at_once):
                 part = nodes[at : at + at_once]
-                items = [_item(node.nodeid, at + place, with_times) for place, node in enumerate(part)]
+                items = [monitored_item(node.nodeid, at + place, with_times) for place, node in enumerate(part)]
                 results = await subscription.create_monitored_items(items)
                 for address, result in zip(addresses[at:], results, strict=False):
                     if isinstance(result, ua.StatusCode):
@@ -512,21 +462,10 @@ class FleetClient:
 
         async with self._subscriptions.open(changes, period_ms, begin):
             while (change := await changes.next()) is not None:
+                with translated(self.endpoint):
+                    change = await with_fields(self._structures, change)
                 yield change
             raise NotConnected(f"the connection to {self.endpoint} was lost")
-
-
-def _item(node_id: ua.NodeId, handle: int, with_times: bool) -> ua.MonitoredItemCreateRequest:
-    item = ua.MonitoredItemCreateRequest()
-    item.ItemToMonitor.NodeId = node_id
-    item.ItemToMonitor.AttributeId = ua.AttributeIds.Value
-    item.MonitoringMode = ua.MonitoringMode.Reporting
-    asked = item.RequestedParameters
-    asked.ClientHandle, asked.SamplingInterval = ua.IntegerId(handle), ua.Duration(0)
-    asked.QueueSize, asked.DiscardOldest = ua.Counter(1000), True
-    if with_times:
-        asked.Filter = ua.DataChangeFilter(Trigger=ua.DataChangeTrigger.StatusValueTimestamp)
-    return item
 
 
 def _encrypted_endpoint(

@@ -16,12 +16,13 @@ from typing import Any, Final, NamedTuple
 from asyncua import ua
 
 from ua_fleet.client.batches import Batches
+from ua_fleet.errors import RemoteWireError
 from ua_fleet.values import BuiltinType, datetime_from_ticks
 from ua_fleet.wire.cursor import Cursor
 from ua_fleet.wire.structure import Shape, array
 from ua_fleet.wire.variant import DECODERS, SMALLEST
 
-__all__ = ["StructureLayout", "layout_of", "read_layout"]
+__all__ = ["StructureLayout", "Structures", "layout_of", "read_layout"]
 
 _SIMPLE: Final = {
     ua.ObjectIds.Counter: BuiltinType.UINT32,
@@ -32,20 +33,23 @@ _SIMPLE: Final = {
     ua.ObjectIds.LocaleId: BuiltinType.STRING,
 }
 """DataTypes of the standard that are another name for a built-in type."""
+_MOST_TYPES: Final = 1_000
+"""Encodings that are remembered."""
 _NULL_TIME: Final = datetime(1601, 1, 1, tzinfo=UTC)
 
 
 class _Field(NamedTuple):
     name: str
     decode: Callable[[Cursor], Any]
-    is_time: bool
+    kind: BuiltinType | None
+    """Of a scalar; None of an array."""
 
 
 class StructureLayout:
     """How the values of one DataType are read."""
 
     def __init__(self, encoding: ua.NodeId, fields: Sequence[_Field]) -> None:
-        self._encoding, self._fields = encoding, tuple(fields)
+        self.encoding, self._fields = encoding, tuple(fields)
 
     def read(self, value: Any) -> dict[str, Any] | None:
         """The fields of a value by their names, times in UTC (None where there is none) and StatusCodes as numbers.
@@ -54,18 +58,62 @@ class StructureLayout:
         them.
         """
         if isinstance(value, ua.ExtensionObject):
-            if value.TypeId != self._encoding or value.Body is None:
+            if value.TypeId != self.encoding or value.Body is None:
                 return None
             cursor = Cursor(value.Body)
             told = {field.name: field.decode(cursor) for field in self._fields}
             for field in self._fields:
-                if field.is_time:
+                if field.kind is BuiltinType.DATETIME:
                     told[field.name] = datetime_from_ticks(told[field.name]) if told[field.name] else None
             return told
         # asyncua knows the type, e.g. in the process of the server.
         if value is None or any(not hasattr(value, field.name) for field in self._fields):
             return None
         return {field.name: _plain(getattr(value, field.name)) for field in self._fields}
+
+    def shown(self, value: ua.ExtensionObject) -> Any:
+        """A value of the type as its fields, with StatusCodes as asyncua has them; as it is where it cannot be read."""
+        try:
+            told = self.read(value)
+        except RemoteWireError:
+            return value
+        if told is None:
+            return value
+        for field in self._fields:
+            if field.kind is BuiltinType.STATUS_CODE:
+                told[field.name] = ua.StatusCode(ua.UInt32(told[field.name]))
+        return told
+
+
+class Structures:
+    """Structures of one server, whose layouts are asked for when a value of them is met. Raises asyncua's errors."""
+
+    def __init__(self, batches: Batches) -> None:
+        self._batches = batches
+        self._layouts: dict[ua.NodeId, StructureLayout | None] = {}
+        """By their encodings; None of those that nobody can read."""
+
+    def is_new(self, value: Any) -> bool:
+        """Whether a value is, or begins with, a structure that was not met before."""
+        first = value[0] if isinstance(value, list) and value else value
+        return isinstance(first, ua.ExtensionObject) and first.TypeId not in self._layouts
+
+    async def shown(self, node_id: ua.NodeId, value: Any) -> Any:
+        """The value of a Variable, with its structures as mappings of their fields."""
+        if self.is_new(value):
+            if len(self._layouts) >= _MOST_TYPES:
+                self._layouts.clear()
+            self._layouts[(value[0] if isinstance(value, list) else value).TypeId] = None
+            (told,) = await self._batches.read([node_id], ua.AttributeIds.DataType)
+            if told.Value is not None and (layout := await read_layout(self._batches, told.Value.Value)) is not None:
+                self._layouts[layout.encoding] = layout
+        if isinstance(value, list):
+            return [self._one(each) for each in value]
+        return self._one(value)
+
+    def _one(self, value: Any) -> Any:
+        layout = self._layouts.get(value.TypeId) if isinstance(value, ua.ExtensionObject) else None
+        return value if layout is None else layout.shown(value)
 
 
 def _plain(value: Any) -> Any:
@@ -102,7 +150,7 @@ def layout_of(definition: ua.StructureDefinition, enumerations: Collection[ua.No
         decode = DECODERS[kind]
         if field.ValueRank == 1:
             decode = array(Shape(SMALLEST[kind], decode, _no_encoder)).decode
-        fields.append(_Field(str(field.Name), decode, kind is BuiltinType.DATETIME and field.ValueRank != 1))
+        fields.append(_Field(str(field.Name), decode, None if field.ValueRank == 1 else kind))
     return StructureLayout(definition.DefaultEncodingId, fields)
 
 

@@ -14,6 +14,7 @@ from asyncua import Node, ua
 from asyncua.common.subscription import DataChangeNotif, Subscription
 
 from ua_fleet.client.batches import Batches
+from ua_fleet.client.readings import monitored_item
 from ua_fleet.client.structures import StructureLayout, read_layout
 from ua_fleet.client.subscriptions import Feed, Subscriptions
 from ua_fleet.client.translated import NodeNotFound, translated
@@ -219,11 +220,6 @@ async def watch_summaries(
 
 
 def _item(group: ua.NodeId, handle: int) -> ua.MonitoredItemCreateRequest:
-    item = ua.MonitoredItemCreateRequest()
-    item.ItemToMonitor.NodeId = group
-    item.ItemToMonitor.AttributeId = ua.AttributeIds.Value
-    item.MonitoringMode = ua.MonitoringMode.Reporting
-    asked = item.RequestedParameters
-    asked.ClientHandle, asked.SamplingInterval = ua.IntegerId(handle), ua.Duration(0)
-    asked.QueueSize, asked.DiscardOldest = ua.Counter(1), True
+    item = monitored_item(group, handle, with_times=False)
+    item.RequestedParameters.QueueSize = ua.Counter(1)
     return item

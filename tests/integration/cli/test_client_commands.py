@@ -6,6 +6,7 @@ import asyncio
 import json
 import signal
 import subprocess
+from datetime import datetime
 from pathlib import Path
 from typing import Any
 
@@ -314,3 +315,19 @@ def test_watch_ends_where_nobody_reads_what_it_tells(site: Site, way: str) -> No
         watching.kill()
         watching.wait()
         watching.stderr.close()
+
+
+def test_structures_are_shown_by_their_fields(site: Site) -> None:
+    ended = site.run("read", "Fleet/Summaries/1", "Fleet/Summaries/2", "--json", user="olga")
+    assert ended.code == 0, ended.stderr
+    first, second = ended.objects
+    (rover,) = first["value"]
+    assert (rover["Name"], rover["Capacities"], rover["Bridge"]) == ("rover", ["mobile"], "floor")
+    assert rover["Quality"] in ("BadWaitingForInitialData", "BadNoCommunication", "Good")  # as other tests left it
+    assert rover["State"] in (0, 1)
+    assert datetime.fromisoformat(rover["StateSince"]).tzinfo is not None
+    assert second["value"] == []
+    text = site.run("read", "Fleet/Summaries/1", user="olga").stdout
+    assert text.startswith('Fleet/Summaries/1 = [{Name: "rover", State: ')
+    watched = site.run("watch", "Fleet/Summaries/1", "--count", "1", "--json", user="olga")
+    assert watched.objects[0]["value"][0]["Name"] == "rover"

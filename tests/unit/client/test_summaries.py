@@ -11,6 +11,7 @@ import pytest
 from asyncua import ua
 
 from ua_fleet.client import RobotSummary
+from ua_fleet.client.convert import plain_value
 from ua_fleet.client.structures import layout_of
 from ua_fleet.client.summaries import _Known, _summary  # pyright: ignore[reportPrivateUsage]
 from ua_fleet.errors import RemoteWireError
@@ -129,6 +130,16 @@ def test_other_values_are_none_and_broken_ones_an_error() -> None:
     assert layout.read(5) is None
     with pytest.raises(RemoteWireError):
         layout.read(ua.ExtensionObject(ENCODING, ua.ByteString(b"abc")))
+
+
+def test_for_people_statuscodes_have_names_and_what_cannot_be_read_stays() -> None:
+    layout = layout_of(definition(*FIELDS), {STATES})
+    shown = plain_value(layout.shown(encoded(ROVER)))
+    assert (shown["Quality"], shown["StateSince"], shown["Faults"]) == ("BadNoCommunication", NOON.isoformat(), 1)
+    broken = ua.ExtensionObject(ENCODING, ua.ByteString(b"abc"))
+    assert layout.shown(broken) is broken
+    other = ua.ExtensionObject(ELSEWHERE, ua.ByteString(b"abc"))
+    assert layout.shown(other) is other
 
 
 def told(known: _Known, group: int, *robots: RobotSummary) -> tuple[list[str], list[str]]:

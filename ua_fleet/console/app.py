@@ -35,6 +35,7 @@ from ua_fleet.errors import UaFleetError
 __all__ = ["ConsoleApp"]
 
 _LOGIN_BYTES: Final = 8192
+_BODY_S: Final = 20.0
 _SEEN: Final = "ua_fleet.origin"
 """Where the middleware leaves how the browser sees the console."""
 
@@ -106,11 +107,16 @@ class ConsoleApp:
         if content_type != "application/json":
             raise Refused(400, "the content type is not application/json")
         parts = bytearray()
-        async for part in request.stream():
-            parts += part
-            if len(parts) > most:
-                self._counts.drop("too_large")
-                raise Refused(413, f"the request is larger than {most} bytes")
+        try:
+            async with asyncio.timeout(_BODY_S):
+                async for part in request.stream():
+                    parts += part
+                    if len(parts) > most:
+                        self._counts.drop("too_large")
+                        raise Refused(413, f"the request is larger than {most} bytes")
+        except TimeoutError:
+            self._counts.drop("too_slow")
+            raise Refused(408, f"the request was not whole within {_BODY_S:g} s") from None
         return bytes(parts)
 
     # ------------------------------------------------------------------ routes
@@ -217,6 +223,11 @@ class ConsoleApp:
             finally:
                 self._sockets -= 1
 
+    @property
+    def sockets(self) -> int:
+        """Pages that are open."""
+        return self._sockets
+
     async def _health(self, request: Request) -> Response:
         links = Counter(link.state for link in self._people.links)
         return _json(
@@ -227,7 +238,7 @@ class ConsoleApp:
                 "sockets": self._sockets,
                 "links": dict(links),
                 "drops": {cause: count for cause, count in self._counts.drops.items() if count},
-                "mistakes": dict(self._counts.mistakes),
+                "mistakes": dict(self._counts.mistakes.counts),
             }
         )
 
@@ -249,7 +260,7 @@ class ConsoleApp:
         return _json({"error": {"message": f"{error.detail}: {request.method} {request.url.path}"}}, error.status_code)
 
     async def _mistaken(self, request: Request, error: Exception) -> Response:
-        self._counts.mistake(f"{request.method} {request.scope['path'][:100]}", error)
+        self._counts.mistake("request", error)
         return _json({"error": {"message": "a mistake of the console's; it is in its log"}}, 500)
 
 

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 from collections import Counter
-from typing import Any, Final
+from typing import Final
 
-import structlog
+from ua_fleet.monitoring import Mistakes
 
 __all__ = ["DROP_CAUSES", "ConsoleCounts"]
-
-_log: Any = structlog.get_logger("ua_fleet.console")
 
 DROP_CAUSES: Final = (
     "wrong_host",
@@ -17,6 +15,8 @@ DROP_CAUSES: Final = (
     "wrong_csrf",
     "not_logged_in",
     "too_large",
+    "too_many_connections",
+    "too_slow",
     "invalid",
     "too_many_feeds",
     "too_many_messages",
@@ -33,9 +33,9 @@ DROP_CAUSES: Final = (
 class ConsoleCounts:
     """The counters of a console."""
 
-    def __init__(self) -> None:
+    def __init__(self, mistakes: Mistakes | None = None) -> None:
         self.drops: Counter[str] = Counter(dict.fromkeys(DROP_CAUSES, 0))
-        self.mistakes: Counter[str] = Counter()
+        self.mistakes = mistakes or Mistakes()
 
     def drop(self, cause: str) -> None:
         """Something was dropped or refused."""
@@ -43,9 +43,4 @@ class ConsoleCounts:
 
     def mistake(self, where: str, error: BaseException) -> None:
         """A mistake of ours, which has cost one item; its traceback is logged once for each place."""
-        self.mistakes[where] += 1
-        _log.error(
-            f"a mistake in the console: {where}",
-            error=f"{type(error).__name__}: {error}",
-            exc_info=error if self.mistakes[where] == 1 else None,
-        )
+        self.mistakes.caught(where, error)

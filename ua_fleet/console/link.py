@@ -230,7 +230,7 @@ class FleetLink:
             await asyncio.sleep(_FEED_AGAIN_S)
 
     def _mistake(self, feed: RunningFeed, error: BaseException) -> UaFleetError:
-        self._counts.mistake(f"feed {feed.kind.name}", error)
+        self._counts.mistake(f"feed_{feed.kind.name}", error)
         return UaFleetError(f"a mistake of the console's in {feed.kind.name}; it is in its log, and is tried again")
 
     # ------------------------------------------------------------------ the session

@@ -7,19 +7,25 @@ import contextlib
 import logging
 import socket
 import ssl
-from collections.abc import Callable, Coroutine, Generator
-from pathlib import Path
+import tempfile
+from collections.abc import AsyncGenerator, Callable, Coroutine, Generator
+from functools import partial
 from typing import Any
 
 import uvicorn
 
 from ua_fleet.client import ClientIdentity
 from ua_fleet.console.app import ConsoleApp
+from ua_fleet.console.connections import bounded_http
 from ua_fleet.console.counts import ConsoleCounts
+from ua_fleet.console.figures import console_figures
+from ua_fleet.console.origins import TrustedProxies
 from ua_fleet.console.page import Page
 from ua_fleet.console.people import People
-from ua_fleet.console.settings import ConsoleSettings, default_state_dir, split_listen
+from ua_fleet.console.settings import ConsoleSettings, TlsFiles, default_state_dir, split_listen
 from ua_fleet.errors import ServerStartError
+from ua_fleet.monitoring import Monitor, Process
+from ua_fleet.monitoring.endpoint import MonitoringEndpoint
 
 __all__ = ["run_console"]
 
@@ -55,8 +61,10 @@ async def run_console(
         ServerStartError: the address is in use or not ours, or the certificate cannot be used.
     """
     host, port = split_listen(settings.listen)
+    context = _tls(settings.tls) if settings.tls is not None else None
     listening = _listening(host, port)
-    counts = ConsoleCounts()
+    monitor = Monitor(Process.CONSOLE)
+    counts = ConsoleCounts(monitor.mistakes)
     identity = ClientIdentity(
         settings.state_dir or default_state_dir(),
         name="console",
@@ -65,7 +73,7 @@ async def run_console(
     )
     try:
         await identity.ensure()
-        async with asyncio.TaskGroup() as group:
+        async with _monitored(settings, monitor), asyncio.TaskGroup() as group:
 
             def spawn(work: Coroutine[Any, Any, None], what: str) -> asyncio.Task[None]:
                 return group.create_task(_guarded(work, what, counts), name=what)
@@ -73,11 +81,13 @@ async def run_console(
             people = People(settings, identity, counts, spawn)
             app = ConsoleApp(settings, people, counts, page)
             app.listens_at(listening.getsockname()[1])
-            server = _Quiet(_uvicorn(settings, app))
+            monitor.add(partial(console_figures, people, app, counts))
+            server = _Quiet(_uvicorn(settings, app, counts, context))
             sweeping = spawn(people.sweep(), "sweep")
             serving = group.create_task(server.serve([listening]), name="uvicorn")
             try:
                 await server.begun.wait()
+                monitor.ready_when(str)
                 ready(_url(settings, listening))
                 await asyncio.shield(serving)
             finally:
@@ -89,6 +99,17 @@ async def run_console(
                         await asyncio.wait([serving])
     finally:
         listening.close()
+
+
+@contextlib.asynccontextmanager
+async def _monitored(settings: ConsoleSettings, monitor: Monitor) -> AsyncGenerator[None]:
+    if settings.monitoring_port is None:
+        yield
+        return
+    state_dir = settings.state_dir or default_state_dir()
+    key = "monitoring_port"
+    async with MonitoringEndpoint(monitor, "127.0.0.1", settings.monitoring_port, state_dir, key=key, names=()):
+        yield
 
 
 async def _guarded(work: Coroutine[Any, Any, None], what: str, counts: ConsoleCounts) -> None:
@@ -122,13 +143,15 @@ def _url(settings: ConsoleSettings, listening: socket.socket) -> str:
     return f"{'https' if settings.tls else 'http'}://{shown}:{port}/"
 
 
-def _uvicorn(settings: ConsoleSettings, app: ConsoleApp) -> uvicorn.Config:
+def _uvicorn(
+    settings: ConsoleSettings, app: ConsoleApp, counts: ConsoleCounts, context: ssl.SSLContext | None
+) -> uvicorn.Config:
     logging.getLogger("uvicorn").setLevel(logging.WARNING)
     limits = settings.limits
     config = uvicorn.Config(
         app.asgi,
         loop="none",
-        http="h11",
+        http=bounded_http(TrustedProxies(settings.trusted_proxies), limits.connections_per_address, counts),
         ws="websockets-sansio",
         ws_max_size=limits.message_bytes,
         ws_ping_interval=10.0,
@@ -144,8 +167,7 @@ def _uvicorn(settings: ConsoleSettings, app: ConsoleApp) -> uvicorn.Config:
         timeout_graceful_shutdown=1,
         h11_max_incomplete_event_size=32_768,
     )
-    if settings.tls is not None:
-        context = _tls(settings.tls.certificate, settings.tls.key)
+    if context is not None:
 
         def made(_config: uvicorn.Config, _default: Callable[[], ssl.SSLContext]) -> ssl.SSLContext:
             return context
@@ -154,13 +176,21 @@ def _uvicorn(settings: ConsoleSettings, app: ConsoleApp) -> uvicorn.Config:
     return config
 
 
-def _tls(certificate: Path, key: Path) -> ssl.SSLContext:
+def _tls(files: TlsFiles) -> ssl.SSLContext:
+    """TLS by a certificate in PEM or, as `ua-fleet cert create` makes it, in DER."""
     context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
     context.minimum_version = ssl.TLSVersion.TLSv1_2
     try:
-        context.load_cert_chain(certificate, key)
-    except (OSError, ssl.SSLError) as error:
+        content = files.certificate.read_bytes()
+        if not content.lstrip().startswith(b"-----BEGIN"):
+            content = ssl.DER_cert_to_PEM_cert(content).encode()
+        with tempfile.NamedTemporaryFile(suffix=".pem") as pem:  # ssl reads files alone
+            pem.write(content)
+            pem.flush()
+            context.load_cert_chain(pem.name, files.key)
+    except (OSError, ssl.SSLError, ValueError) as error:
         raise ServerStartError(
-            f"the console cannot use {certificate} with {key}: {error}; both are PEM files that belong together"
+            f"the console cannot use {files.certificate} with {files.key}: {error}; they belong together, and the key "
+            "has no password"
         ) from error
     return context

@@ -57,6 +57,8 @@ class ConsoleLimits(_Section):
     requests_at_once: int = Field(default=8, ge=1)
     """Operations of one user that have not been answered."""
     connections: int = Field(default=2000, ge=10)
+    connections_per_address: int = Field(default=64, ge=1)
+    """Without WebSockets, and without those of trusted proxies."""
     logins_at_once: int = Field(default=8, ge=1)
 
 
@@ -80,6 +82,8 @@ class ConsoleSettings(_Section):
     """Shown before the login."""
     state_dir: Path | None = None
     """The console's own certificate, and the servers that it knows; by default in the folder of this user."""
+    monitoring_port: int | None = Field(default=None, ge=0, le=65535)
+    """Where /metrics, /healthz and /readyz are answered on loopback, as by the other processes; without it nowhere."""
     limits: ConsoleLimits = ConsoleLimits()
 
     @field_validator("listen")

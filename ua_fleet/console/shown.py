@@ -74,7 +74,7 @@ def shown_value(value: Any, depth: int = 0) -> Any:
         return {"deep": type(value).__name__}
     if isinstance(value, Mapping):
         fields: Mapping[Any, Any] = value
-        return {str(name): shown_value(part, depth + 1) for name, part in fields.items()}
+        return {_sound(str(name)): shown_value(part, depth + 1) for name, part in fields.items()}
     if isinstance(value, Sequence):
         elements: Sequence[Any] = value
         shown = [shown_value(element, depth + 1) for element in elements[:_ELEMENTS]]
@@ -86,9 +86,13 @@ _NOT_FINITE: Final = {math.inf: "Infinity", -math.inf: "-Infinity"}
 
 
 def _text(text: str) -> Any:
-    # A lone surrogate is no UTF-8, and would end the WebSocket.
-    sound = text if text.isascii() else text.encode("utf-8", "replace").decode("utf-8")
+    sound = _sound(text)
     return sound if len(sound) <= _CHARACTERS else {"text": len(sound), "first": sound[:_CHARACTERS]}
+
+
+def _sound(text: str) -> str:
+    """Without lone surrogates: they are no UTF-8, and would end the WebSocket."""
+    return text if text.isascii() else text.encode("utf-8", "replace").decode("utf-8")
 
 
 def harmless_value(value: Any) -> Any:

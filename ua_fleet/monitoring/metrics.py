@@ -37,13 +37,15 @@ class Process(StrEnum):
     SERVER = "server"
     BRIDGE = "bridge"
     MODBUS = "modbus"
+    CONSOLE = "console"
 
 
-_ALL: Final = (Process.SERVER, Process.BRIDGE, Process.MODBUS)
+_ALL: Final = (Process.SERVER, Process.BRIDGE, Process.MODBUS, Process.CONSOLE)
 _PUBSUB: Final = (Process.SERVER, Process.BRIDGE)
 _SERVER: Final = (Process.SERVER,)
 _BRIDGE: Final = (Process.BRIDGE,)
 _MODBUS: Final = (Process.MODBUS,)
+_CONSOLE: Final = (Process.CONSOLE,)
 
 
 @dataclass(frozen=True, slots=True)
@@ -184,3 +186,14 @@ AUDIT_LINES = _metric(
 SERVER_CONNECTED = _metric("server_connected", _G, _MODBUS, "1 while the gateway is connected to the OPC UA server.")
 MODBUS_CONNECTIONS = _metric("modbus_connections", _G, _MODBUS, "PLCs that are connected.")
 MODBUS_REFUSED = _metric("modbus_refused_total", _C, _MODBUS, "What PLCs were refused, by cause.", "cause")
+
+CONSOLE_SESSIONS = _metric("console_sessions", _G, _CONSOLE, "Browsers that are logged in.")
+CONSOLE_PAGES = _metric("console_pages", _G, _CONSOLE, "Pages that are open.")
+CONSOLE_LINKS = _metric("console_links", _G, _CONSOLE, "OPC UA sessions of those who are logged in, by state.", "state")
+CONSOLE_REFUSED = _metric(
+    "console_refused_total",
+    _C,
+    _CONSOLE,
+    "What browsers were refused or what was dropped of theirs, by cause.",
+    "cause",
+)

@@ -44,7 +44,7 @@ TRUST_EXAMPLES = (
     "ua-fleet cert trust 3f2a9c",
     "ua-fleet cert trust uaexpert.der",
     "ua-fleet cert trust --bridge cell bridge.der",
-    "ua-fleet cert trust --gateway console console.der",
+    "ua-fleet cert trust --gateway console --last --show",
 )
 FORGET_EXAMPLES = ("ua-fleet cert forget", "ua-fleet cert forget opc.tcp://10.0.0.5:4840/ua_fleet")
 REVOKE_EXAMPLES = (

@@ -26,6 +26,9 @@ _REMEDIES: Final = {
     "on the server run: ua-fleet cert trust --last --show",
     ua.StatusCodes.BadCertificateUntrusted: "the server does not trust this client's certificate; "
     "on the server run: ua-fleet cert trust --last --show",
+    ua.StatusCodes.BadServerTooBusy: "too much is asked of the server at once; try again in some seconds",
+    ua.StatusCodes.BadTcpServerTooBusy: "clients from this address have cost the server too much without logging in; "
+    "try again in some seconds",
     ua.StatusCodes.BadNotWritable: "clients may not write this node",
     ua.StatusCodes.BadTypeMismatch: "the node has another type",
     ua.StatusCodes.BadOutOfRange: "the value is outside the node's range",

@@ -363,6 +363,19 @@ def test_a_gateway_is_marked_listed_and_taken_back(invoke: Invoke, fleet: Path) 
     assert "there is no gateway console" in ended.stderr
 
 
+def test_the_last_refused_becomes_a_gateway_once_it_is_shown(invoke: Invoke, fleet: Path) -> None:
+    made = json.loads(invoke("cert", "create", "--client", "console", "--json").stdout)
+    rejected = fleet.parent / "state" / "certificates" / "rejected"
+    rejected.mkdir()
+    RejectedCertificates(rejected).keep(certificates.load_certificate(Path(made["path"])), "10.0.0.7")
+    arguments = ("cert", "trust", "--gateway", "console", "--last", "--show")
+    assert invoke(*arguments, stdin="n\n").code == 1
+    ended = invoke(*arguments, stdin="y\n")
+    assert (ended.code, ended.stdout[-20:]) == (0, "  (gateway console)\n")
+    states = [json.loads(line)["state"] for line in lines(invoke, "cert", "list", "--json")]
+    assert states == ["own", "gateways"]
+
+
 def test_gateways_that_cannot_be(invoke: Invoke, fleet: Path) -> None:
     made = json.loads(invoke("cert", "create", "--client", "console", "--json").stdout)
     assert invoke("cert", "trust", "--gateway", "con sole", made["path"]).code == 2

@@ -21,7 +21,8 @@ GATEWAY_AT_ONCE_S: Final = 4.0
 GATEWAY_SHARE: Final = 0.25
 """Part of a core that they may cost in the long run."""
 TRIAL_SHARE: Final = 0.25
-"""Part of a core that hearing who shows which certificate may cost beside a gateway, by address. It takes no key."""
+"""Part of a core that may be spent beside a gateway, by address, on hearing who shows which certificate, and on
+telling endpoints, for which most clients ask before. It takes no private key."""
 RESERVE_SHARE: Final = 0.1
 """Part of a core that those may cost who show a gateway's, until they have proved that it is theirs, by address."""
 LOGIN_S: Final = 0.05
@@ -84,7 +85,7 @@ class Charge:
 
         Args:
             now: the time.
-            shown: tells whether the client has shown a gateway's certificate; None before it has shown any.
+            shown: tells whether the client has shown a gateway's certificate; None while it need not.
         """
         if self.gateway and self._owed_s < LOGIN_S:
             return False

@@ -157,8 +157,11 @@ class Processor:
         return self._charge.belongs_to(name, time.monotonic())
 
     def _shown(self) -> bool | None:
-        """Whether the client has shown a gateway's certificate; None before it has shown any."""
-        return self._is_a_gateways(self._channel.chain) if self._channel.is_open else None
+        """Whether the client has shown a gateway's certificate; None while it may, or only asks for endpoints."""
+        channel = self._channel
+        if not channel.is_open or not channel.sessions_allowed:
+            return None
+        return self._is_a_gateways(channel.chain)
 
     def _is_a_gateways(self, chain: Sequence[Certificate]) -> bool:
         return bool(chain and self._context.trust.gateways.name_of(chain[0]))

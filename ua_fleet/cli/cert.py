@@ -332,8 +332,9 @@ def revoke_certificate(
 ) -> None:
     """Trust a client's certificate no longer, or with --bridge or --gateway that of a bridge or gateway.
 
-    It holds at once for new connections; the sessions of a bridge end too. It stands in the list as rejected then. A
-    bridge still has the keys that it has got: an engineer calls InvalidateKeys on its SecurityGroups to end that.
+    It holds at once for new connections; the sessions of a bridge, and all through a gateway, end too. It stands in the
+    list as rejected then. A bridge still has the keys that it has got: an engineer calls InvalidateKeys on its
+    SecurityGroups to end that.
     """
     from ua_fleet.server.certificates import CertificateError, revoke, revoke_bridge, revoke_gateway
 

@@ -236,9 +236,17 @@ async def test_the_mark_is_followed_at_once(console: Console) -> None:
         await until(lambda: charges.has_gateway(HERE))
         assert await console.login("oscar", "wrong guess") == "BadUserAccessDenied"
         assert guarded.server.context.throttle.failed == 1
-    await until(lambda: not charges.has_gateway(HERE))
-    revoke_gateway(guarded.state_dir, "console")
-    assert await console.login("olga") == "BadSecurityChecksFailed"
+
+
+async def test_the_sessions_through_a_gateway_end_with_its_trust(console: Console) -> None:
+    guarded = console.door
+    async with console.connected("olga") as client, guarded.connected("oscar") as other:
+        revoke_gateway(guarded.state_dir, "console")
+        await until(lambda: any(line.get("reason") == "gateway revoked" for line in guarded.audit()))
+        assert await bad(client.get_node("i=2258").read_value()) in ("BadSessionIdInvalid", "closed")
+        assert await reads(other, guarded)
+        assert await console.login("olga") in ("BadSecurityChecksFailed", "closed")
+    assert {line["user"] for line in guarded.audit() if line.get("reason") == "gateway revoked"} == {"olga"}
 
 
 async def test_the_mark_lasts_over_a_restart(tmp_path: Path, identities: Identities) -> None:

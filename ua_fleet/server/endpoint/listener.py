@@ -186,6 +186,7 @@ class Listener:
             self._gateways = gateways.generation
             for processor in self._connections.values():
                 processor.recognise()
+            await self._services.session.follow_gateways()
 
     def _bridges_generation(self) -> int:
         bridges = self._context.bridges

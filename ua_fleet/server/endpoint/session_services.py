@@ -176,7 +176,7 @@ class SessionServices:
             session.refuse_requests(StatusCodes.BadSecureChannelClosed)
             session.unbind()
         session.bind(link)
-        session.user = user
+        session.user, session.gateway = user, gateway
         session.usage.used_by(user.name, by_certificate=bool(user.bridge))
         with self._context.mistakes.guard("diagnostics"):
             self.activated(session)
@@ -293,4 +293,20 @@ class SessionServices:
             certificate = x509.load_der_x509_certificate(session.client_certificate)
             if bridges.name_of(certificate) != session.user.bridge:
                 self._context.audit.record("logout", session.caller, "BadUserAccessDenied", reason="bridge revoked")
+                await self.end(session, delete_subscriptions=True)
+
+    async def follow_gateways(self) -> None:
+        """The folder of gateways has changed: the sessions through one that is not trusted any more end."""
+        trust = self._context.trust
+        for session in self._sessions:
+            if not session.gateway:
+                continue
+            certificate = x509.load_der_x509_certificate(session.client_certificate)
+            session.gateway = trust.gateways.name_of(certificate)
+            if session.gateway:
+                continue
+            try:
+                trust.check([certificate])
+            except CertificateRefused:
+                self._context.audit.record("logout", session.caller, "BadUserAccessDenied", reason="gateway revoked")
                 await self.end(session, delete_subscriptions=True)

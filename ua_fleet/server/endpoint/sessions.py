@@ -98,6 +98,8 @@ class Session:
     nonce: bytes = field(default_factory=lambda: secrets.token_bytes(NONCE_BYTES))
     user: User | None = None
     """Set while the session is active."""
+    gateway: str = ""
+    """Name of the gateway through which its user has come; empty for an ordinary client."""
     closed: bool = False
     last_seen: float = field(default_factory=time.monotonic)
     last_peer: str = ""

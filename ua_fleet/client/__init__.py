@@ -56,12 +56,22 @@ from ua_fleet.client.status import (
     server_status,
 )
 from ua_fleet.client.summaries import RobotSummary, SummariesChanged
+from ua_fleet.client.teleoperation import (
+    AxisInfo,
+    DrivingLease,
+    TeleoperationInfo,
+    TeleoperationStatus,
+    driving,
+    teleoperation_info,
+    watch_teleoperation,
+)
 from ua_fleet.client.translated import NodeNotFound
 
 __all__ = [
     "POLICIES",
     "AnotherServer",
     "ArgumentNode",
+    "AxisInfo",
     "BridgeNodes",
     "BridgeStatus",
     "Change",
@@ -69,6 +79,7 @@ __all__ = [
     "DataNode",
     "DecisionInfo",
     "DecisionTold",
+    "DrivingLease",
     "DryRunInfo",
     "EventInfo",
     "FaultInfo",
@@ -112,15 +123,20 @@ __all__ = [
     "SkillRequest",
     "StepTold",
     "SummariesChanged",
+    "TeleoperationInfo",
+    "TeleoperationStatus",
     "Told",
     "ValueDetails",
     "WouldHappen",
     "bridge_nodes",
     "default_identity_folder",
+    "driving",
     "fleet_status",
     "issue_session_key",
     "ranking_of",
     "revoke_session_key",
     "robot_nodes",
     "server_status",
+    "teleoperation_info",
+    "watch_teleoperation",
 ]

@@ -21,6 +21,7 @@ from ua_fleet.client.all_events import EventInfo, all_events
 from ua_fleet.client.attributes import NodeAttribute, read_attributes
 from ua_fleet.client.batches import Batches
 from ua_fleet.client.browsing import NodeInfo, browse_below
+from ua_fleet.client.calls import call
 from ua_fleet.client.convert import parse_value
 from ua_fleet.client.details import ValueDetails, value_details
 from ua_fleet.client.events import Told, told_by
@@ -264,16 +265,15 @@ class FleetClient:
         """Call a Method of an Object; its output arguments.
 
         Raises:
-            AccessRefused: the server refuses the call; `ua_status` says why.
+            AccessRefused: the server refuses the call; `ua_status` says why, and the text where the server has one.
             NotConnected: the connection was lost.
         """
         with translated(self.endpoint):
             request = ua.CallMethodRequest(
                 ua.NodeId.from_string(object_id), ua.NodeId.from_string(method_id), list(arguments)
             )
-            (result,) = await self._client.uaclient.call([request])
-            result.StatusCode.check()
-        return [variant.Value for variant in result.OutputArguments or ()]
+            outputs = await call(self._client, request)
+        return [variant.Value for variant in outputs]
 
     async def executable(self, method_ids: Sequence[str]) -> list[bool]:
         """Whether this user may call Methods; False for what is none."""

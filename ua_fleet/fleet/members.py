@@ -8,6 +8,7 @@ from typing import Any, Final
 from ua_fleet.counters import Counters, Drop
 from ua_fleet.fleet.changes import Change, Noticed, ValueChanged
 from ua_fleet.fleet.model import BridgeModel, FleetModel, RobotModel, RobotState, drop_field
+from ua_fleet.topics import SERVER_SPACE
 from ua_fleet.values import BuiltinType, NodeId, StatusCode
 
 __all__ = ["BridgeStatus", "RobotStatus", "Traffic"]
@@ -74,6 +75,7 @@ class RobotStatus:
         "_moved",
         "alive",
         "bridge",
+        "driven_by",
         "faulted",
         "last_update",
         "model",
@@ -99,7 +101,7 @@ class RobotStatus:
         self.bridge = bridge
         self._moved = moved
         moved[model.name] = None
-        self.sources = tuple([data_set.topic for data_set in model.data_sets if not data_set.writable])
+        self.sources = tuple([each.topic for each in model.data_sets if each.topic.space != SERVER_SPACE])
         if self.sources and model.fault is not None:
             self.sources += (model.fault.topic,)
         if not self.sources and bridge is None and model.skill_status is not None:
@@ -107,6 +109,8 @@ class RobotStatus:
         self.alive = 0
         self.skills: tuple[str, ...] = ()
         """Those that it is at."""
+        self.driven_by = ""
+        """By whom it is driven by hand, in words; empty: nobody."""
         self.faulted = False
         """Whether it has a fault that is more than its silence."""
         self.silent: set[str] = set()
@@ -158,7 +162,8 @@ class RobotStatus:
         is_online = self.alive > 0 if self.sources else self.bridge is not None and bool(self.bridge.online)
         state = RobotState.OFFLINE
         if is_online:
-            state = RobotState.FAULTED if self.faulted else RobotState.BUSY if self.skills else RobotState.IDLE
+            is_busy = bool(self.skills or self.driven_by)
+            state = RobotState.FAULTED if self.faulted else RobotState.BUSY if is_busy else RobotState.IDLE
         if state is self.shown:
             return []
         self.shown, self.shown_since = state, wall_ticks

@@ -185,17 +185,32 @@ class RobotModel:
         fields = self.skill_status_fields
         return DataSetModel(self.skill_status, "SkillStatus", fields, text, is_single=False, for_clients=False)
 
+    @property
+    def teleoperation_data(self) -> DataSetModel | None:
+        """What its bridge says of how it is driven by hand. It has no fields here: see `server.teleoperation`."""
+        if self.teleoperation is None:
+            return None
+        return DataSetModel(self.teleoperation.status, "Teleoperation", (), is_single=False, for_clients=False)
+
     def actions(self) -> Iterator[Topic]:
         """The Actions of its skills."""
         if self.skill_status is not None:
             for skill in self.skills:
                 yield Topic(self.skill_status.space, self.ns, skill.id)
 
+    def all_actions(self) -> Iterator[Topic]:
+        """The same with those by which it is driven by hand."""
+        yield from self.actions()
+        if self.teleoperation is not None:
+            yield from self.teleoperation.actions
+
     def all_data_sets(self) -> Iterator[DataSetModel]:
-        """Its data, and what it says of its skills and faults."""
+        """Its data, and what it says of its skills and faults, and of who drives it."""
         yield from self.data_sets
         if (status := self.skill_status_data) is not None:
             yield status
+        if (driven := self.teleoperation_data) is not None:
+            yield driven
         if self.fault is not None:
             yield self.fault
 

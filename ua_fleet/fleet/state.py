@@ -79,7 +79,7 @@ class FleetState:
         self._sources: dict[Topic, Source] = {}
         self._claims: dict[tuple[int, int], Topic] = {}
         self._skills: set[Topic] = set()
-        """The Actions of all skills: each has the node of its id, and is no source."""
+        """The Actions of all robots: each has the node of its id, and is no source."""
         self._conflicts: set[Topic] = set()
         self._asked: dict[Topic, int] = {}
         """How often each source was asked for its metadata."""
@@ -221,7 +221,7 @@ class FleetState:
             del self._sources[topic], self._claims[topic.ns, topic.id]
             self._robot_of.pop(topic, None)
             self._robot_of_skills.pop(topic, None)
-        for action in status.model.actions():
+        for action in status.model.all_actions():
             self._skills.discard(action)
             self._claims.pop((action.ns, action.id), None)
         return [RobotRemoved(status.model), *self._capacities_moved(self.capacities.remove(status.model))]
@@ -243,6 +243,15 @@ class FleetState:
         robot.has_moved()
         return robot.state(wall_ticks)
 
+    def set_driven(self, robot: str, by: str, wall_ticks: int) -> list[Change]:
+        """Somebody drives a robot by hand, in words; empty: nobody."""
+        status = self._robots.get(robot)
+        if status is None or status.driven_by == by:
+            return []
+        status.driven_by = by
+        status.has_moved()
+        return status.state(wall_ticks)
+
     def delivered(self, topic: Topic, timestamp: int) -> None:
         """A client's write has reached the nodes of a source of space 0 with this time."""
         source = self._sources.get(topic)
@@ -255,7 +264,7 @@ class FleetState:
             self._claim(data_set)
         for topic in status.sources:
             self._robot_of[topic] = status
-        for action in robot.actions():
+        for action in robot.all_actions():
             self._skills.add(action)
             self._claims[action.ns, action.id] = action
         if robot.skill_status is not None:

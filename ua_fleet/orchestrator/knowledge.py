@@ -1,4 +1,6 @@
-"""What is known of the robots of a fleet now: faults, who is silent, who is held. Runs ask it at each decision."""
+"""What is known of the robots of a fleet now: faults, who is silent, held, or driven by hand. Runs ask it at each
+decision.
+"""
 
 from __future__ import annotations
 
@@ -32,6 +34,8 @@ class Knowledge:
         self.holds = Holds()
         self.explain_silence: Callable[[str], str] = _unexplained
         """See `why_silent`."""
+        self._driven: dict[str, str] = {}
+        """Robots that people drive by hand, with what is said of that: `is driven by hand by anna`."""
         self._silent: dict[str, float] = {}
         """Since when, by the wall clock."""
         self._followed: dict[str, frozenset[str]] = {}
@@ -86,7 +90,19 @@ class Knowledge:
         """See World."""
         if (hold := self.holds.get(robot)) is not None:
             return hold.told
+        if (driven := self._driven.get(robot)) is not None:
+            return f"{robot} {driven}"
         return f"{robot} {_ELSEWHERE}" if self._is_elsewhere(robot) else None
+
+    def drive(self, robot: str, told: str) -> bool:
+        """Somebody drives a robot by hand, in words that follow its name; empty: nobody. Whether that is news."""
+        if told == self._driven.get(robot, ""):
+            return False
+        if told:
+            self._driven[robot] = told
+        else:
+            del self._driven[robot]
+        return True
 
     def _is_elsewhere(self, robot: str) -> bool:
         return any(execution_id not in self._of_runs for execution_id in self._followed.get(robot, ()))
@@ -135,6 +151,7 @@ class Knowledge:
     def forget(self, robot: str) -> None:
         """A robot is gone."""
         self._silent.pop(robot, None)
+        self._driven.pop(robot, None)
         self._followed.pop(robot, None)
 
     def raised(
@@ -159,6 +176,8 @@ class Knowledge:
             return _SILENT
         if (hold := self.holds.get(robot)) is not None:
             return hold.brief
+        if (driven := self._driven.get(robot)) is not None:
+            return driven
         return _ELSEWHERE if self._is_elsewhere(robot) else None
 
     def hope_until(self, todo: TaskToDo, since: float, now: float) -> float | None:

@@ -298,6 +298,14 @@ class Orchestrator:
             self._has_news = True
         return self._taken(now)
 
+    def driven(self, robot: str, told: str, now: float) -> list[Output]:
+        """People drive a robot by hand, in words that follow its name; empty: nobody does.
+
+        It has no task meanwhile, as one that is held; but nobody has said so, so that nothing is written down.
+        """
+        self._has_news = self._known.drive(robot, told) or self._has_news
+        return self._taken(now)
+
     def is_silent(self, robot: str) -> bool:
         """Whether nothing is heard of a robot."""
         return self._known.silent_since(robot) is not None

@@ -45,6 +45,7 @@ from ua_fleet.server.nodeset import TypeId
 from ua_fleet.server.parts import STANDARD, NodeParts
 from ua_fleet.server.robots.hold_nodes import HoldNodes
 from ua_fleet.server.skills.nodes import SkillNodes
+from ua_fleet.server.teleoperation.nodes import TeleoperationNodes
 from ua_fleet.topics import Topic
 from ua_fleet.values import ARRAY, BuiltinType, NodeId, QualifiedName
 
@@ -77,6 +78,7 @@ class FleetNodes:
         self._make_later = self._make_max_age  # one bound method for all nodes
         self._skills = SkillNodes(self._parts)
         self._holds = HoldNodes(self._parts)
+        self._driven = TeleoperationNodes(self._parts)
 
     def build(self) -> None:
         """Make all nodes that the model names."""
@@ -151,7 +153,7 @@ class FleetNodes:
         await self._parts.remove(node_id(robot.key))
         self._parts.leave(_ROBOTS, self._parents.pop(robot.key))
         for data_set in robot.all_data_sets():
-            del self._parents[data_set.key]
+            self._parents.pop(data_set.key, None)
             self._max_ages.pop(data_set.key, None)
         for capacity in self._held.pop(robot.name, robot.capacities):
             known = self._capabilities[capacity]
@@ -220,6 +222,8 @@ class FleetNodes:
         self._skills.add(robot, f"{prefix}.Skills")
         if (status := robot.skill_status_data) is not None:
             self._add_data_set(status, node, status.name)
+        if robot.teleoperation is not None:
+            self._driven.add(robot.teleoperation, node)
         if robot.fault is not None:
             self._add_data_set(robot.fault, node, robot.fault.name)
         data = self._parts.folder(f"{prefix}.Data", "Data", node)

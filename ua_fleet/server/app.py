@@ -44,6 +44,7 @@ from ua_fleet.server.skills.events import tell_transition
 from ua_fleet.server.skills.methods import SkillMethods
 from ua_fleet.server.skills.tracker import SkillTransitioned
 from ua_fleet.server.standard_nodes import forget_makers
+from ua_fleet.server.teleoperation.setup import add_teleoperation
 from ua_fleet.server.wanted import WantedData
 from ua_fleet.server.writes import ClientWrites
 from ua_fleet.storage.journal import SqliteJournal
@@ -161,6 +162,12 @@ async def run_server(
         )
         offers = make_offers(hub, stack.enter_context(SqliteJournal(state_dir / OFFERS_JOURNAL)))
         requests = SkillRouter(hub.skills, offers)
+
+        def driven(robot: str, told: str) -> None:
+            hub.set_driven(robot, told)
+            scenarios.driven(robot, told and f"is {told}")
+
+        teleoperation = add_teleoperation(model, server, hub, projection, driven)
         methods = SkillMethods(
             server,
             requests,
@@ -168,6 +175,7 @@ async def run_server(
             put=hub.show_skills,
             clock=asyncio.get_running_loop().time,
             wall_ticks=wall_ticks,
+            driven_by=teleoperation.driven_by,
         )
         for robot in model.robots:
             methods.add(robot)
@@ -202,6 +210,7 @@ async def run_server(
             await hub.run()
         finally:
             server.context.departed.clear()  # that clients are gone now says nothing of them
+            teleoperation.close()
             await hub.close()
     finally:
         stack.close()

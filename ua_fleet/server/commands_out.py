@@ -49,6 +49,8 @@ CONTROL_TIMEOUT_S: Final = 5.0
 """A robot is not suspended or resumed later than that: things may have changed since."""
 HALT_TIMEOUT_S: Final = 60.0
 """So long it is tried to halt an execution: whenever its bridge is back, what was taken back is to stop."""
+MOST_REQUESTS: Final = 10_000
+"""That are kept."""
 MOST_REMEMBERED: Final = 1000
 """Executions of which it is known how often they were to be halted."""
 _CONTROLS: Final = {HALT_TARGETS: "stop", SUSPEND_TARGETS: "suspend", RESUME_TARGETS: "resume"}
@@ -80,6 +82,7 @@ class SkillCommands:
         pace: RequestPace | None = None,
         told: Told | None = None,
         clock: Callable[[], float] | None = None,
+        most_remembered: int = MOST_REQUESTS,
     ) -> None:
         """Make a requestor that goes on where its journal ends.
 
@@ -95,6 +98,7 @@ class SkillCommands:
             pace: of repetition.
             told: learns of every outcome.
             clock: monotonic seconds; the event loop's without.
+            most_remembered: requests that are kept, as of Requestor.
         """
         self.outcomes: Counter[str] = Counter()
         """Outcomes by their kind, corrections apart; `problems` are attempts that the journal could not record."""
@@ -103,6 +107,7 @@ class SkillCommands:
             journal,
             pace=pace or RequestPace(refusal_wait_s=REFUSAL_WAIT_S),
             must_be_verified=must_be_verified,
+            most_remembered=most_remembered,
         )
         self._catalog = ActionCatalog()
         self._send, self._want, self._sooner, self._wall_ticks, self._told = send, want, sooner, wall_ticks, told

@@ -158,6 +158,8 @@ class HardenedServer(Server):
         """Close the door, then asyncua's inside."""
         if self._listener is not None:
             await self._listener.stop()
+        if self._services is not None:
+            await self._services.methods.close()
         clock = self.iserver.time_task
         if clock is not None:
             # asyncua would wait for its clock's next second.

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections.abc import Collection, Iterable
+from collections.abc import Callable, Collection, Iterable
 from functools import partial
 from pathlib import Path
 from typing import Final, Protocol
@@ -128,6 +128,34 @@ class Part(Protocol):
         ...
 
 
+class Teleoperation(Protocol):
+    """Robots that are driven by hand; see `server.teleoperation.service`."""
+
+    def begin(self) -> None:
+        """Ask for the Actions that are not announced yet."""
+        ...
+
+    def follow(self, event: SubscriberEvent) -> None:
+        """Take what bridges say of them."""
+        ...
+
+    def receive(self, event: ActionReceived, now: float) -> None:
+        """Take responses."""
+        ...
+
+    def announced(self, announcement: ActionMetaDataAnnouncement) -> None:
+        """Learn of an Action."""
+        ...
+
+    def poll(self, now: float) -> None:
+        """Do what is due."""
+        ...
+
+    def next_deadline(self) -> float | None:
+        """When `poll` is to be called next, or None."""
+        ...
+
+
 class Hub:
     """Carries data between a transport and the nodes until it is cancelled."""
 
@@ -172,6 +200,8 @@ class Hub:
         self.envelope = envelope_of(config, SERVER_SPACE, self.counters, state_dir)
         sender = SealedSender(self.envelope, transport, lambda: asyncio.get_running_loop().time(), sent)
         self._send, self._send_all = sender.send, sender.send_all
+        self.send: Callable[[bytes], None] = sender.send
+        """Sends a plain message to all, at once."""
         self._keys, self.keys_kept = keys_needed(config, keys), KeysKept()
         self._keys_ahead = pubsub.keys.future_keys
         self._subscriber = Subscriber(
@@ -213,7 +243,10 @@ class Hub:
         )
         self.tracker = SkillTracker(model)
         """What is known of executions."""
+        self.want_action = self._subscriber.want_action
+        """Asks for an Action until it is announced."""
         self._scenarios: ScenarioService | None = None
+        self._teleoperation: Teleoperation | None = None
         self._roster: Announced | None = None
         self._wanted: WantedData | None = None
         self._sooner = asyncio.Event()
@@ -235,6 +268,11 @@ class Hub:
         """Run scenarios too; before `start`."""
         self._scenarios = service
         self._timetable.add("scenarios", lambda _: service.poll(), lambda _: service.next_deadline())
+
+    def add_teleoperation(self, service: Teleoperation) -> None:
+        """Let robots be driven by hand too; before `start`."""
+        self._teleoperation = service
+        self._timetable.add("teleoperation", service.poll, lambda _: service.next_deadline())
 
     def add_clock(self, clock: Clock) -> None:
         """Call something in time; before `start`."""
@@ -294,6 +332,9 @@ class Hub:
             for action in self.tracker.actions():
                 with guard("actions", topic=action.name):
                     self._want(action)
+            if self._teleoperation is not None:
+                with guard("teleoperation"):
+                    self._teleoperation.begin()
             if self._scenarios is not None:
                 with guard("scenarios"):
                     self._scenarios.go_on()
@@ -349,6 +390,10 @@ class Hub:
         """A robot has a fault that is more than its silence, or none."""
         changes = self.state.set_faulted(robot, faulted, wall_ticks())
         self._take(changes, asyncio.get_running_loop().time())
+
+    def set_driven(self, robot: str, by: str) -> None:
+        """Somebody drives a robot by hand, in words; empty: nobody."""
+        self._take(self.state.set_driven(robot, by, wall_ticks()), asyncio.get_running_loop().time())
 
     def describe(self, endpoints: tuple[EndpointDescription, ...]) -> None:
         """Tell the server's Endpoints to who asks for them on PubSub."""
@@ -439,13 +484,19 @@ class Hub:
             self._send_all(self._publisher.answer(event.probe, now))
         elif isinstance(event, ActionReceived):
             self.skills.receive(event, now)
+            if self._teleoperation is not None:
+                self._teleoperation.receive(event, now)
         elif isinstance(event, AnnouncementReceived):
             if isinstance(event.announcement, ActionMetaDataAnnouncement):
                 self.skills.announced(event.announcement)
+                if self._teleoperation is not None:
+                    self._teleoperation.announced(event.announcement)
         else:
             if isinstance(event, MetaDataReceived):
                 self._look_for_robot(event)
             self._take(self.state.apply(event, wall), now)
+            if self._teleoperation is not None:
+                self._teleoperation.follow(event)
             self._follow_skills(event, wall)
             self._follow_executions(event)
 

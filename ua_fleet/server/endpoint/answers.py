@@ -20,6 +20,10 @@ from ua_fleet.server.endpoint.stack import DECODE_ERRORS, StatusCodes, status
 __all__ = ["Answer", "Misfit", "encode_value", "rough_bytes"]
 
 _NO_DIAGNOSTICS: Final = bytes(4)
+_ADDITIONAL_INFO: Final = b"\x10"
+"""Which fields a DiagnosticInfo has."""
+_MOST_REASON: Final = 1000
+"""Characters of a reason."""
 
 
 Misfit = Callable[[str, Exception], None]
@@ -34,7 +38,7 @@ class Answer:
         room: bytes that the results may have together.
     """
 
-    __slots__ = ("_parts", "left", "response", "size")
+    __slots__ = ("_parts", "_reasons", "left", "response", "size")
 
     def __init__(self, response: Any, room: int) -> None:
         self.response = response
@@ -43,6 +47,7 @@ class Answer:
         self.size = 0
         """Bytes of the results so far."""
         self._parts: list[bytes] = []
+        self._reasons: list[str] = []
 
     def add(
         self, result: Any, refused: Callable[[int], Any], misfit: Misfit, what: Callable[[], str], *, least: int = 0
@@ -82,11 +87,26 @@ class Answer:
         """Add a result of a few bytes, for which there is always room: it says why there is no other."""
         self._parts.append(data)
 
+    def explain(self, reason: str) -> None:
+        """Say the reason for the last result in its DiagnosticInfo; empty where there is none. For all, or for none."""
+        self._reasons.append(reason)
+
     def encode(self) -> bytes:
         """The bytes of the response."""
         data = struct_to_binary(self.response)
         count = len(self._parts).to_bytes(4, "little")
-        return b"".join((data[:-8], count, *self._parts, _NO_DIAGNOSTICS))
+        return b"".join((data[:-8], count, *self._parts, _diagnostics(self._reasons)))
+
+
+def _diagnostics(reasons: list[str]) -> bytes:
+    """DiagnosticInfos with AdditionalInfo alone (OPC 10000-6 5.2.2.12); none where nobody has a reason."""
+    if not any(reasons):
+        return _NO_DIAGNOSTICS
+    parts = [len(reasons).to_bytes(4, "little")]
+    for reason in reasons:
+        text = reason[:_MOST_REASON].encode("utf-8", "replace")
+        parts.append(_ADDITIONAL_INFO + len(text).to_bytes(4, "little") + text if reason else b"\x00")
+    return b"".join(parts)
 
 
 def rough_bytes(value: ua.DataValue) -> int:

@@ -111,6 +111,10 @@ class Context:
     """Called four times a second."""
     encrypted_methods: set[ua.NodeId] = field(default_factory=set[ua.NodeId])
     """Methods that may be called over an encrypted channel alone."""
+    waiting_methods: set[ua.NodeId] = field(default_factory=set[ua.NodeId])
+    """Methods that wait for others; what their session asks for meanwhile is served."""
+    frequent_methods: set[ua.NodeId] = field(default_factory=set[ua.NodeId])
+    """Methods that are called so often that neither log nor event tells of each call; but of who may not."""
     secret_methods: set[ua.NodeId] = field(default_factory=set[ua.NodeId])
     """Methods whose outputs no audit event shows."""
 

@@ -72,6 +72,8 @@ class RequestHead:
     timeout_hint_ms: int
     audit_entry: str = ""
     """AuditEntryId, with which the client finds the request in its own log; shortened."""
+    diagnostics: int = 0
+    """ReturnDiagnostics: which DiagnosticInfos the client asks for."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -138,7 +140,7 @@ def decode_request_head(body: Buffer) -> RequestHead:
 def _decode_head(cursor: Cursor) -> RequestHead:
     namespace, identifier = decode_node_id(cursor)
     _, token = decode_node_id(cursor)
-    _, handle, _ = cursor.unpack(_TIME_HANDLE_DIAGNOSTICS)
+    _, handle, diagnostics = cursor.unpack(_TIME_HANDLE_DIAGNOSTICS)
     audit_entry = (decode_string(cursor) or "")[:MOST_ENTRY]
     timeout_hint = cursor.uint32()
     decode_node_id(cursor)
@@ -149,7 +151,7 @@ def _decode_head(cursor: Cursor) -> RequestHead:
         cursor.take(cursor.length(1) or 0)
     kind = identifier if namespace == 0 and isinstance(identifier, int) else -1
     token_id = opaque_id(token) if isinstance(token, bytes) else None
-    return RequestHead(kind, token_id, handle, timeout_hint, audit_entry)
+    return RequestHead(kind, token_id, handle, timeout_hint, audit_entry, diagnostics)
 
 
 async def decode_parameters(

@@ -1,4 +1,8 @@
-"""Call: only what is executable, by whom it may be, with arguments of the right number and type, and not for ever."""
+"""Call: only what is executable, by whom it may be, with arguments of the right number and type, and not for ever.
+
+A connection's requests are served one after the other. A Call of a Method that waits for others, such as a bridge, is
+put aside: it is answered when its answer is there, and what the client asks for meanwhile is served.
+"""
 
 # pyright: reportUnknownMemberType=false, reportUnknownVariableType=false, reportUnknownArgumentType=false
 # pyright: reportPrivateUsage=false
@@ -47,6 +51,10 @@ _HAS_TYPE = ns0(ObjectIds.HasTypeDefinition)
 _HAS_PROPERTY = ns0(ObjectIds.HasProperty)
 
 
+_MOST_ASIDE = 16
+"""Calls of one session that wait for others."""
+
+
 class _WrongArguments(Refusal):
     """Arguments of wrong types; `results` says which."""
 
@@ -62,26 +70,65 @@ class MethodServices:
         self._context, self._limits, self._events = context, context.limits, events
         self._aspace = context.iserver.aspace
         self._types = DataTypes(self._aspace)
+        self._aside: set[asyncio.Task[None]] = set()
 
     async def call(self, request: Request, params: ua.CallParameters) -> Any:
-        """Call: one method after the other, each with a line in the audit log."""
-        answer = Answer(ua.CallResponse(), self._limits.response_bytes)
+        """Call: one method after the other, each with a line in the audit log; None where it is answered later."""
         most = min(self._limits.calls_per_request, self._limits.nodes_per_request)
-        for wanted in operations(params.MethodsToCall, most):
-            result = await self._call(request, wanted)
-            answer.add(
-                result,
-                lambda code: ua.CallMethodResult(StatusCode=status(code)),
-                self._context.misfit,
-                partial(shown, wanted.MethodId),
-            )
-            self._context.statistics.calls += 1
-            code = int(result.StatusCode.value)
-            self._record(request, wanted, code)
-            outputs = result.OutputArguments or []
-            self._events.called(request.who, wanted, [] if outputs and self._is_secret(wanted) else outputs, code)
+        calls = operations(params.MethodsToCall, most)
+        if len(calls) == 1 and calls[0].MethodId in self._context.waiting_methods:
+            self._put_aside(request, calls[0])
+            return None
+        answer = Answer(ua.CallResponse(), self._limits.response_bytes)
+        for wanted in calls:
+            await self._add(request, wanted, answer)
             await request.turns.end(answer.size)
         return answer
+
+    async def _add(self, request: Request, wanted: ua.CallMethodRequest, answer: Answer) -> None:
+        """Call a method, and tell of it."""
+        result, reason = await self._call(request, wanted)
+        answer.add(
+            result,
+            lambda code: ua.CallMethodResult(StatusCode=status(code)),
+            self._context.misfit,
+            partial(shown, wanted.MethodId),
+        )
+        if request.wants_reasons:
+            answer.explain(reason)
+        self._context.statistics.calls += 1
+        code = int(result.StatusCode.value)
+        if wanted.MethodId in self._context.frequent_methods and code != StatusCodes.BadUserAccessDenied:
+            return
+        self._record(request, wanted, code)
+        outputs = result.OutputArguments or []
+        self._events.called(request.who, wanted, [] if outputs and self._is_secret(wanted) else outputs, code)
+
+    def _put_aside(self, request: Request, wanted: ua.CallMethodRequest) -> None:
+        session = request.session
+        if session.calls_aside >= _MOST_ASIDE:
+            raise Refusal(StatusCodes.BadTooManyOperations, f"{session.calls_aside} calls wait for their answers")
+        session.calls_aside += 1
+        task = asyncio.create_task(self._answer_later(request, wanted), name="call")
+        self._aside.add(task)
+        task.add_done_callback(self._aside.discard)
+
+    async def _answer_later(self, request: Request, wanted: ua.CallMethodRequest) -> None:
+        session, link = request.session, request.session.link
+        try:
+            with self._context.mistakes.guard("services", service="Call"):
+                answer = Answer(ua.CallResponse(), self._limits.response_bytes)
+                await self._add(request, wanted, answer)
+                if link is not None and session.link is link:
+                    link.respond(answer, request.handle, request.request_id)
+        finally:
+            session.calls_aside -= 1
+
+    async def close(self) -> None:
+        """Give up the calls that are not answered yet."""
+        for task in list(self._aside):
+            task.cancel()
+        await asyncio.gather(*self._aside, return_exceptions=True)
 
     def _is_secret(self, wanted: ua.CallMethodRequest) -> bool:
         """Whether no event may show what a Method has answered, by whichever NodeId it was named."""
@@ -100,8 +147,9 @@ class MethodServices:
         else:
             audit.record("call", request.caller, name_of(code), **what)
 
-    async def _call(self, request: Request, wanted: ua.CallMethodRequest) -> ua.CallMethodResult:
-        result, checked = ua.CallMethodResult(), False
+    async def _call(self, request: Request, wanted: ua.CallMethodRequest) -> tuple[ua.CallMethodResult, str]:
+        """The result of a call, and why a Method that may be called has refused it; empty where it has not."""
+        result, checked, reason = ua.CallMethodResult(), False, ""
         try:
             method_id = self._method(wanted)
             implementation = self._check(request, method_id)
@@ -123,13 +171,14 @@ class MethodServices:
         except Exception as error:  # noqa: BLE001 - what is no refusal is logged with its traceback
             if (known := status_of(error)) is not None:
                 result.StatusCode = status(known)
+                reason = "" if isinstance(error, Refusal) else str(error)
             else:
                 # A mistake in one method must not end the client's connection.
                 self._context.mistakes.caught("methods", error, method=shown(wanted.MethodId))
                 result.StatusCode = status(StatusCodes.BadInternalError)
         if checked and not result.InputArgumentResults:
             result.InputArgumentResults = [GOOD] * len(wanted.InputArguments or [])
-        return result
+        return result, reason
 
     def _method(self, wanted: ua.CallMethodRequest) -> ua.NodeId:
         """The Method of the Object; a client may also name that of the Object's type (OPC 10000-4 5.12.2)."""

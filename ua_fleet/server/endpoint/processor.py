@@ -59,6 +59,8 @@ class Stage(IntEnum):
     AUTHENTICATED = 3
 
 
+_OPERATION_ADDITIONAL_INFO = 0x80
+"""Bit of ReturnDiagnostics (OPC 10000-4 7.33)."""
 _INTERNAL = int(StatusCodes.BadInternalError)
 _GONE = StatusCodes.BadConnectionClosed
 _CREATE = encoding("CreateSession")
@@ -468,6 +470,7 @@ class Processor:
             self._channel.encrypted,
             turns,
             head.audit_entry,
+            bool(head.diagnostics & _OPERATION_ADDITIONAL_INFO),
         )
         return await service.handle(request, parameters)
 

@@ -35,6 +35,8 @@ class Request:
     """Ended between operations, so that others have theirs."""
     audit_entry: str = ""
     """AuditEntryId of the request."""
+    wants_reasons: bool = False
+    """Whether the client asks for the AdditionalInfo of operations (ReturnDiagnostics)."""
 
     @property
     def who(self) -> Who:

@@ -48,7 +48,8 @@ class Services:
         self.sessions = Sessions()
         self.events = events = AuditEvents(subscriptions, lambda: context.server_id)
         self.session = SessionServices(context, self.sessions, subscriptions, events)
-        attributes, methods = AttributeServices(context, events), MethodServices(context, events)
+        attributes = AttributeServices(context, events)
+        self.methods = methods = MethodServices(context, events)
         views = ViewServices(context)
         subs = SubscriptionServices(context, subscriptions)
         self.table: dict[int, Service] = {

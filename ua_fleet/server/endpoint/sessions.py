@@ -113,6 +113,8 @@ class Session:
     farewells: deque[tuple[int, Any]] = field(default_factory=lambda: deque[tuple[int, Any]](maxlen=_MOST_FAREWELLS))
     """Last messages of subscriptions that it has no more, with their ids; each goes with the next Publish request."""
     continuations: OrderedDict[bytes, list[Any]] = field(default_factory=OrderedDict)
+    calls_aside: int = 0
+    """Its calls that are answered later."""
     usage: SessionUsage = field(default_factory=SessionUsage)
     """What its diagnostics tell."""
 

@@ -327,7 +327,7 @@ class Roster:
         if robot.skill_status is not None:
             self._by_status[robot.skill_status] = robot
         owner = f"robots.{robot.name}"
-        for topic in (*[data_set.topic for data_set in robot.all_data_sets()], *robot.actions()):
+        for topic in (*[data_set.topic for data_set in robot.all_data_sets()], *robot.all_actions()):
             self._ids.update(dict.fromkeys(_places(topic), owner))
 
     def _check_idle(self, robot: RobotModel) -> None:

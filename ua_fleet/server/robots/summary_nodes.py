@@ -108,7 +108,7 @@ class SummaryNodes:
             robot.shown_since or 0,
             self._state.quality(robot),
             robot.told_update or 0,
-            ", ".join(activity.tasks or robot.skills)[:MOST_TEXT],
+            ", ".join(activity.tasks or robot.skills or ((robot.driven_by,) if robot.driven_by else ()))[:MOST_TEXT],
             activity.run_id,
             hold is not None,
             "" if hold is None else hold.by[:MOST_TEXT],

@@ -553,6 +553,10 @@ class ScenarioService:
         robot = self._tasks.robot_of(topic) or ""
         self._do(self._orchestrator.followed(robot, self._tasks.under_way(topic), self._wall_s()))
 
+    def driven(self, robot: str, told: str) -> None:
+        """People drive a robot by hand, in words that follow its name; empty: nobody does."""
+        self._do(self._orchestrator.driven(robot, told, self._wall_s()))
+
     def concluded(self, execution_id: bytes, outcome: Outcome) -> None:
         """The outcome of a request is known."""
         self.take_news()

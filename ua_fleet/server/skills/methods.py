@@ -20,7 +20,7 @@ from typing import Any, Final, NamedTuple, Protocol
 import structlog
 from asyncua import ua
 
-from ua_fleet.errors import LocalWireError, RobotOffline
+from ua_fleet.errors import LocalWireError, RobotBusy, RobotOffline
 from ua_fleet.fleet.model import RobotModel
 from ua_fleet.fleet.skills import SkillModel, argument_problem
 from ua_fleet.server.convert import node_id
@@ -92,6 +92,7 @@ class SkillMethods:
         put: Callable[[Iterable[SkillChange]], None],
         clock: Callable[[], float],
         wall_ticks: Callable[[], int],
+        driven_by: Callable[[str], str] = lambda _robot: "",
     ) -> None:
         """Connect the parts; `add` lets a robot's Methods be called.
 
@@ -102,7 +103,9 @@ class SkillMethods:
             put: shows changes.
             clock: monotonic seconds.
             wall_ticks: the wall clock.
+            driven_by: why a robot does no skill now, since people drive it by hand, in words; empty where it may.
         """
+        self._driven_by = driven_by
         self._server, self._requests, self._tracker = server, requests, tracker
         self._put, self._clock, self._wall_ticks = put, clock, wall_ticks
         self._skills: dict[ua.NodeId, _Offered] = {}
@@ -167,6 +170,8 @@ class SkillMethods:
             raise Refusal(StatusCodes.BadRequestTooLarge, f"{size} bytes of {limits.largest_message_bytes}")
         if self._tracker.is_silent(offered.key):
             raise RobotOffline(f"robot {offered.robot.name} is silent; see whether its bridge, or its client, runs")
+        if driven := self._driven_by(offered.robot.name):
+            raise RobotBusy(f"robot {offered.robot.name} does no skill now: it is {driven}")
         self._put(self._tracker.expire(offered.key, self._wall_ticks()))
         if self._tracker.under_way(offered.key) >= limits.requests_at_once:
             raise Refusal(StatusCodes.BadTooManyOperations, f"{limits.requests_at_once} executions are under way")

@@ -8,6 +8,7 @@ print(change.value, change.status_text)
 from ua_fleet.client.all_events import EventInfo
 from ua_fleet.client.attributes import NodeAttribute
 from ua_fleet.client.browsing import NodeInfo
+from ua_fleet.client.charges import ChargeNode, charge_nodes
 from ua_fleet.client.details import ValueDetails
 from ua_fleet.client.events import (
     DecisionTold,
@@ -75,6 +76,7 @@ __all__ = [
     "BridgeNodes",
     "BridgeStatus",
     "Change",
+    "ChargeNode",
     "ClientIdentity",
     "DataNode",
     "DecisionInfo",
@@ -129,6 +131,7 @@ __all__ = [
     "ValueDetails",
     "WouldHappen",
     "bridge_nodes",
+    "charge_nodes",
     "default_identity_folder",
     "driving",
     "fleet_status",

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from ua_fleet.client.fleet_client import FleetClient
 
 __all__ = [
+    "CHARGES",
     "BridgeNodes",
     "BridgeStatus",
     "FaultStatus",
@@ -44,7 +45,7 @@ _STATES: Final = ("offline", "idle", "busy", "faulted")
 """RobotStateEnumeration of the UaFleet nodeset."""
 _OVER: Final = ("done", "failed", "aborted")
 _TASK_OVER: Final = ("done", "failed")
-_CHARGES: Final = ("battery", "percentage", "charge", "level", "soc", "state_of_charge")
+CHARGES: Final = ("battery", "percentage", "charge", "level", "soc", "state_of_charge")
 """Fields of a data source `battery` that say how full it is."""
 _HAS_PROPERTY: Final = ua.NodeId(ua.Int32(ua.ObjectIds.HasProperty))
 _OBJECTS: Final = int(ua.NodeClass.Object)
@@ -400,8 +401,8 @@ async def _data(client: FleetClient, robots: Mapping[str, str]) -> dict[str, tup
             continue
         told[robot][0][code.name if code is not None else "Good"] += 1
         value = data.Value.Value if data.Value is not None else None
-        if name in _CHARGES and isinstance(value, int | float) and not isinstance(value, bool):
-            told[robot][1].append((_CHARGES.index(name), node, float(value)))
+        if name in CHARGES and isinstance(value, int | float) and not isinstance(value, bool):
+            told[robot][1].append((CHARGES.index(name), node, float(value)))
     charges = {name: min(batteries, key=lambda one: one[0]) for name, (_, batteries) in told.items() if batteries}
     details = await client.details([node.to_string() for _, node, _ in charges.values()])
     units = dict(zip(charges, details, strict=True))

@@ -22,7 +22,11 @@ GOTO: Final[Mapping[str, Any]] = {
     "results": {"distance": {"type": "Double", "unit": "m"}},
     "timeout_s": 30,
 }
-FLEET: Final[Mapping[str, Any]] = {"rover": {**ROBOTS["rover"], "skill_status_id": 1500, "skills": {"goto": GOTO}}}
+BATTERY: Final[Mapping[str, Any]] = {"id": 1005, "type": "Double", "unit": "%", "origin": "server", "initial": 80}
+_DATA: Final = {**ROBOTS["rover"]["data"], "battery": BATTERY}
+FLEET: Final[Mapping[str, Any]] = {
+    "rover": {**ROBOTS["rover"], "data": _DATA, "skill_status_id": 1500, "skills": {"goto": GOTO}}
+}
 
 
 @pytest_asyncio.fixture

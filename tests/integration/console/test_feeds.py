@@ -44,6 +44,17 @@ async def test_a_fault_is_an_alarm_until_it_is_over_and_seen(console: Console) -
         assert missing.status_code == 404
 
 
+async def test_a_card_has_the_battery(console: Console) -> None:
+    async with console.logged_in() as browser, browser.live() as live:
+        await live.want("all", "robots")
+        await live.until(lambda: live.feeds.get("all", {}).get("rover", {}).get("marked"))
+        (battery,) = live.feeds["all"]["rover"]["marked"]
+        assert (battery["name"], battery["v"], battery["u"], battery["s"]) == ("battery", 80, "%", 0)
+        assert (await browser.ask("node.write", node="ns=2;i=1005", value="12")).status_code == 200
+        await live.until(lambda: live.feeds["all"]["rover"]["marked"][0]["v"] == 12)
+        assert live.wholes == {"all": 1}
+
+
 async def test_a_held_robot_shows_by_whom(console: Console) -> None:
     async with console.logged_in() as browser, browser.live() as live:
         await live.want("one", "robot", robot="rover")
@@ -96,7 +107,7 @@ async def test_nodes_are_browsed_read_written_and_watched(console: Console) -> N
     goal, gone = "ns=2;i=1002", "ns=2;i=9999"
     async with console.logged_in() as browser, browser.live() as live:
         below = (await browser.ask("node.browse", node="ns=2;s=Robots.rover.Data")).json()["result"]
-        assert {one["name"] for one in below} == {"speed", "goal", "velocity", "pose"}
+        assert {one["name"] for one in below} == {"speed", "goal", "velocity", "pose", "battery"}
         await live.want("watch", "nodes", nodes=[goal, gone, f"ns=2;i={SPEED.id}"])
         await live.until(lambda: "watch" in live.feeds)
         assert live.feeds["watch"][goal]["v"] == 0

@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+import asyncio
 from contextlib import aclosing
 from typing import Any, Final
 
-from ua_fleet.client import FleetClient, Reading, RobotSummary
+from ua_fleet.client import ChargeNode, FleetClient, Reading, RobotSummary, SummariesChanged, charge_nodes
 from ua_fleet.console.board import Board
+from ua_fleet.console.feeds.following import followed
 from ua_fleet.console.feeds.kinds import FeedKind, NoParameters
-from ua_fleet.console.shown import harmless_value, shown_time, shown_value
+from ua_fleet.console.shown import harmless_value, shown_reading, shown_time, shown_value
 
 __all__ = ["ROBOTS", "held_shown", "state_shown"]
 
+_MOST_MARKED: Final = 500
+"""Robots of a fleet whose batteries are watched; of a larger one the cards have none."""
+_MARKED_MS: Final = 1000.0
 _STATES: Final = ("offline", "idle", "busy", "faulted")
 """RobotStateEnumeration of the UaFleet nodeset."""
 
@@ -58,15 +63,59 @@ def _held(robot: RobotSummary) -> dict[str, Any]:
     }
 
 
+class _Cards:
+    """Puts cards together of what is heard of robots as a whole, and of the values that they show beside it."""
+
+    def __init__(self, board: Board) -> None:
+        self._board = board
+        self._cards: dict[str, dict[str, Any]] = {}
+        self._marked: dict[str, list[dict[str, Any]]] = {}
+
+    def stands(self, change: SummariesChanged) -> None:
+        for robot in change.changed:
+            self._cards[robot.name] = _card(robot)
+            self._show(robot.name)
+        for name in change.gone:
+            self._cards.pop(name, None)
+            self._board.gone(name)
+        if change.is_whole:
+            self._board.ready()
+
+    def marks(self, robot: str, marked: list[dict[str, Any]]) -> None:
+        self._marked[robot] = marked
+        if robot in self._cards:
+            self._show(robot)
+
+    def unmark(self, robots: set[str]) -> None:
+        """These alone have such values from now on."""
+        for robot in self._marked.keys() - robots:
+            self.marks(robot, [])
+
+    def _show(self, robot: str) -> None:
+        self._board.put(robot, {**self._cards[robot], "marked": self._marked.get(robot, [])})
+
+
 async def _run(client: FleetClient, parameters: NoParameters, board: Board) -> None:
-    async with aclosing(client.watch_summaries()) as changes:
-        async for change in changes:
-            for robot in change.changed:
-                board.put(robot.name, _card(robot))
-            for name in change.gone:
-                board.gone(name)
-            if change.is_whole:
-                board.ready()
+    cards = _Cards(board)
+
+    async def look() -> list[ChargeNode]:
+        return await charge_nodes(client, _MOST_MARKED)
+
+    async def show(charges: list[ChargeNode]) -> None:
+        place = {one.node_id: one for one in charges}
+        cards.unmark({one.robot for one in charges})
+        if not place:
+            await asyncio.Event().wait()
+        async with aclosing(client.watch(list(place), period_ms=_MARKED_MS)) as changes:
+            async for reading in changes:
+                one = place[reading.node_id]
+                cards.marks(one.robot, [{"name": harmless_value(one.name), **shown_reading(reading, one.unit)}])
+
+    async with asyncio.TaskGroup() as group:
+        group.create_task(followed(client, look, show))
+        async with aclosing(client.watch_summaries()) as changes:
+            async for change in changes:
+                cards.stands(change)
 
 
 ROBOTS: Final = FeedKind("robots", NoParameters, _run)

@@ -167,3 +167,25 @@ async def test_a_login_at_a_server_that_is_not_there_says_so(tmp_path: Path, tcp
             answer = await browser.post("api/login", json={"fleet": "hall", "user": "anna", "password": "a password"})
             assert answer.status_code == (504 if silent else 503), answer.text
             assert "\n" not in answer.json()["error"]["message"]
+
+
+async def test_a_server_that_does_not_trust_the_console_says_what_to_do(
+    tmp_path: Path, udp_url: str, tcp_port: int
+) -> None:
+    config = fleet_config(udp_url, tcp_port, robots=FLEET, trust_all_clients=False)
+    async with (
+        serving(tmp_path, config) as server,
+        console_at(tmp_path, {"hall": server.url}) as console,
+        console.browser() as browser,
+    ):
+        login = {"fleet": "hall", "user": OPERATOR[0], "password": OPERATOR[1]}
+        answer = await browser.post("api/login", json=login)
+        assert answer.status_code == 502
+        assert "cert trust --last --show" in answer.json()["error"]["message"]
+        (refused,) = (server.folder / "state").rglob("rejected/*.der")
+        trusted = refused.parent.parent / "gateways"
+        trusted.mkdir(exist_ok=True)
+        refused.rename(trusted / "console.der")
+        async with asyncio.timeout(15):
+            while (answer := await browser.post("api/login", json=login)).status_code != 200:
+                await asyncio.sleep(0.3)

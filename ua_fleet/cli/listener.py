@@ -6,7 +6,7 @@ import asyncio
 import json
 import math
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, Final, cast
 
 from ua_fleet.cli.discovery_json import announcement_as_json
@@ -26,11 +26,12 @@ from ua_fleet.pubsub.events import (
 )
 from ua_fleet.pubsub.subscriber import Subscriber
 from ua_fleet.pubsub.timing import PubSubTiming
+from ua_fleet.teleoperation.messages import read_setpoint
 from ua_fleet.topics import Side, Verdict
 from ua_fleet.transport.base import Address, Transport
 from ua_fleet.values import BuiltinType, Variant, datetime_from_ticks, status_name
 from ua_fleet.wire import ActionMessage, Codec
-from ua_fleet.wire.messages import FieldMetaData, FrameKind, MetaDataAnnouncement, NetworkMessage, Probe
+from ua_fleet.wire.messages import DataSetMessage, FieldMetaData, FrameKind, MetaDataAnnouncement, NetworkMessage, Probe
 from ua_fleet.wire.security import NONCE_BYTES, SecurityMode
 
 __all__ = ["Listener", "figures_text"]
@@ -63,14 +64,26 @@ def _plain(value: Any, field: FieldMetaData) -> Any:
 class Listener:
     """Prints what is heard, until it has printed as many lines as are wanted."""
 
-    def __init__(self, timing: PubSubTiming, opener: Opener, *, count: int | None, as_json: bool) -> None:
+    def __init__(
+        self,
+        timing: PubSubTiming,
+        opener: Opener,
+        *,
+        count: int | None,
+        as_json: bool,
+        setpoint_groups: Mapping[int, int] | None = None,
+    ) -> None:
+        """Prepare; `setpoint_groups` as in Subscriber."""
         self.counters = opener.counters
         self.lines = 0
         self.kinds: Counter[str] = Counter()
         """What was opened, by its kind."""
         self._opener = opener
         self._codec = Codec()
-        self._subscriber = Subscriber(_NOBODY, timing, opener.counters, self._codec, _hear_all)
+        self._setpoint_groups = setpoint_groups or {}
+        self._subscriber = Subscriber(
+            _NOBODY, timing, opener.counters, self._codec, _hear_all, setpoint_groups=setpoint_groups
+        )
         self._left, self._as_json = count, as_json
         self._changed = asyncio.Event()
         self._transport: Transport | None = None
@@ -115,6 +128,10 @@ class Listener:
         except RemoteWireError:
             return None  # the subscriber counts it
         if isinstance(decoded, NetworkMessage):
+            space = self._setpoint_groups.get(decoded.writer_group_id or 0) if decoded.publisher_id == 0 else None
+            if space is not None and len(decoded.messages) == 1:
+                self.kinds["setpoint"] += 1
+                return _setpoint(space, decoded.messages[0])
             self.kinds.update(KINDS[FrameKind(part.kind)] for part in decoded.messages)
         elif isinstance(decoded, Probe):
             self.kinds["probe"] += 1
@@ -160,6 +177,15 @@ class Listener:
             "drops": dict(counters.drops),
             "malformed": dict(counters.malformed),
         }
+
+
+def _setpoint(space: int, message: DataSetMessage) -> dict[str, Any] | None:
+    setpoint = read_setpoint(message)
+    if setpoint is None:
+        return None
+    values = [value if math.isfinite(value) else str(value) for value in setpoint.values]
+    fields = {"Lease": setpoint.lease, "Number": setpoint.number, "Echo": setpoint.echo, "Values": values}
+    return {"event": "setpoint", "space": space, "data_set_writer_ids": [message.data_set_writer_id], "fields": fields}
 
 
 def security_as_json(opened: Opened) -> dict[str, Any]:

@@ -13,6 +13,7 @@ from ua_fleet.cli.key_source import service_keys_of
 from ua_fleet.cli.output import message
 from ua_fleet.config.schema import FleetConfig, PubSubSecurity
 from ua_fleet.config.security import all_groups, security_mode_of
+from ua_fleet.config.teleoperation import setpoint_groups
 from ua_fleet.counters import Counters, Drop
 from ua_fleet.errors import ConfigError, KeySourceUnavailable, KeysRefused, RemoteWireError
 from ua_fleet.keys.files import FileKeySource
@@ -88,6 +89,8 @@ class Opener:
             return Opened(None, heard, True if is_secured else None, Drop.MALFORMED, str(error))
         if plain is None and heard.is_action and is_secured:
             return self._dropped(heard, Drop.SECURED, None, "an Action of a group whose keys we do not have")
+        if plain is None and is_secured and self._envelope.is_setpoint(heard):
+            return self._dropped(heard, Drop.SECURED, None, "a setpoint of a group whose keys we do not have")
         return Opened(plain, heard, True if is_secured else None)
 
     def _dropped(self, heard: SecuredDatagram, drop: Drop, verified: bool | None, reason: str) -> Opened:
@@ -121,6 +124,7 @@ def tool_envelope(fleet: FleetConfig | None, counters: Counters) -> Envelope:
         max_message_bytes=pubsub.max_message_bytes,
         past_keys=pubsub.keys.past_keys,
         asks_for_all=pubsub.keys.source == "files",
+        setpoint_groups=setpoint_groups(fleet),
     )
     if pubsub.security is not PubSubSecurity.NONE:
         for group_id in all_groups(fleet):

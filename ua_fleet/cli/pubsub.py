@@ -77,6 +77,7 @@ def listen(
     from ua_fleet.cli.listener import Listener, figures_text
     from ua_fleet.cli.opening import Opener, lacks_keys, tool_envelope, tool_keys
     from ua_fleet.cli.pubsub_decode import key_of
+    from ua_fleet.config.teleoperation import setpoint_groups
     from ua_fleet.counters import Counters
     from ua_fleet.pubsub.timing import PubSubTiming
 
@@ -94,7 +95,13 @@ def listen(
         keyed = fleet
     envelope = tool_envelope(keyed, counters)
     timing = PubSubTiming() if fleet is None else fleet.pubsub.timing()
-    listener = Listener(timing, Opener(counters, envelope, one_key), count=count, as_json=as_json)
+    listener = Listener(
+        timing,
+        Opener(counters, envelope, one_key),
+        count=count,
+        as_json=as_json,
+        setpoint_groups=None if fleet is None else setpoint_groups(fleet),
+    )
     keys_of_fleet = nullcontext() if keyed is None else tool_keys(keyed, envelope, config.resolve().parent, as_bridge)
 
     async def main() -> None:

@@ -120,7 +120,9 @@ def weaknesses(config: FleetConfig) -> list[str]:
     pubsub = config.pubsub
     reach = f"whoever reaches {pubsub.url} on {pubsub.interface}"
     if pubsub.security is PubSubSecurity.NONE:
-        return [f"PubSub messages are neither signed nor encrypted: {reach} can read and forge them"]
+        driven = [name for name, robot in config.robots.items() if robot.teleoperation is not None]
+        more = f", and drive {', '.join(driven)}" if driven else ""
+        return [f"PubSub messages are neither signed nor encrypted: {reach} can read and forge them{more}"]
     found: list[str] = []
     if pubsub.security is PubSubSecurity.SIGN:
         found.append(f"PubSub messages are signed and not encrypted: {reach} can read them")

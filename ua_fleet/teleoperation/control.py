@@ -25,6 +25,7 @@ from typing import Final
 
 from ua_fleet.counters import Drop
 from ua_fleet.errors import LeaseRefused
+from ua_fleet.printing import harmless
 from ua_fleet.teleoperation.leases import Lease, Leases
 from ua_fleet.teleoperation.messages import MOST_NAME_CHARACTERS, SETPOINT_DROPS, Granted, Setpoint, State, Status
 from ua_fleet.teleoperation.model import COUNTER_PERIOD_S, TeleoperationModel
@@ -111,6 +112,9 @@ class Control:
             if not 0 < len(text) <= MOST_NAME_CHARACTERS:
                 said = f"{name} has {len(text)} characters; 1 to {MOST_NAME_CHARACTERS} are legal"
                 raise LeaseRefused(StatusCode.BAD_INVALID_ARGUMENT, said)
+            if not text.isprintable():
+                said = f"{name} has characters that cannot be shown"
+                raise LeaseRefused(StatusCode.BAD_INVALID_ARGUMENT, said)
         if busy:
             raise LeaseRefused(StatusCode.BAD_INVALID_STATE, f"{self.model.robot} cannot be driven: {busy}")
         was_held = self._leases.held is not None
@@ -133,7 +137,7 @@ class Control:
         """End a lease. One that is over is left alone."""
         self.expire(now)
         if (lease := self._leases.held) is not None and lease.number == number:
-            self._end(why[:MOST_NAME_CHARACTERS] or "released", now)
+            self._end(harmless(why)[:MOST_NAME_CHARACTERS] or "released", now)
 
     def end(self, why: str, now: float) -> None:
         """End the lease that is held: the robot cannot be driven any more."""

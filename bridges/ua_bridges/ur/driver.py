@@ -250,7 +250,7 @@ class UrDriver:
     def _turn(self, now: float) -> None:
         if driven := self._driven():
             for speeding in driven:
-                speeding.look(self._link, self._state, now)
+                speeding.look(self._link, lambda: self._state, now)
             return  # the robot executes nothing else, and nothing must keep its speeds waiting
         state = self._state
         if state is not None:
@@ -280,6 +280,9 @@ class UrDriver:
         self._executing.begin(self._skills[execution.topic], execution, now)
         self._tasks[execution.execution_id] = task
         try:
+            for speeding in self._driven():
+                speeding.leave(self._link, lambda: self._state)
+                state = self._state
             if state is None:
                 raise RobotOffline(self.status().detail)
             task.begin(self._link, state, now)

@@ -78,7 +78,7 @@ class CommandLink:
         elif not is_playing:
             self._send_control_program()
         if is_playing:  # somebody may have begun another one since
-            self._check_own_program()
+            self.check_own_program()
         self.has_control = True
 
     def _send_control_program(self) -> None:
@@ -89,8 +89,12 @@ class CommandLink:
                 raise SkillFailed("the control program does not run; see the robot's log")
             time.sleep(0.01)
 
-    def _check_own_program(self) -> None:
-        """The program that runs is ur-rtde's where it answers: we sent it, or a bridge before us has left it."""
+    def check_own_program(self) -> None:
+        """The program that runs is ur-rtde's where it answers: we sent it, or a bridge before us has left it.
+
+        Raises:
+            SkillFailed: another one runs.
+        """
         try:
             offset = self.call("control", "getTCPOffset")
         except (SkillFailed, SkillTimeout):

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from typing import Final
 
@@ -22,7 +22,7 @@ from ua_bridges.ur.link import CommandLink
 from ua_bridges.ur.modes import RuntimeState
 from ua_bridges.ur.outputs import SPEEDS
 from ua_bridges.ur.state import State
-from ua_fleet.errors import SkillError
+from ua_fleet.errors import SkillError, SkillFailed
 from ua_fleet.teleoperation import TeleoperationModel
 
 __all__ = ["Speeding"]
@@ -31,6 +31,7 @@ IDLE_S: Final = 0.3
 UNUSED_S: Final = 5.0
 _SEEN_S: Final = 1.0
 """The state shows within this that the control program runs."""
+_LOOK_S: Final = 0.01
 _AXES: Final = 6
 _SPARE: Final = 2.0
 """The controller may accelerate so much more than the setpoints do, so that it follows each within its period."""
@@ -87,7 +88,9 @@ class Speeding:
         try:
             if state is not None and not self.is_armed:
                 link.take_control(is_playing=state.runtime is RuntimeState.PLAYING)
-                link.call("control", "setWatchdog", 1 / self._timeout_s)
+                link.check_own_program()  # somebody may have begun another one that the state does not show yet
+                if not link.call("control", "setWatchdog", 1 / self._timeout_s):
+                    raise SkillFailed("it does not set its watchdog; see the robot's log")
                 self._problem = ""
                 self._latest = (-math.inf, ())
                 self._armed_at, self.is_armed = time.monotonic(), True
@@ -112,9 +115,9 @@ class Speeding:
         except SkillError as error:
             self._end(f"the controller does not take speeds: {error}")
 
-    def look(self, link: CommandLink, state: State | None, now: float) -> None:
+    def look(self, link: CommandLink, state_of: Callable[[], State | None], now: float) -> None:
         """While it is armed: keep the watchdog content where nobody drives, and end where nobody will."""
-        at, values = self._latest
+        (at, values), state = self._latest, state_of()
         is_shown = now > self._armed_at + _SEEN_S
         if not link.has_control:
             self._end("the connection to the controller was lost")
@@ -123,13 +126,20 @@ class Speeding:
         elif any(values):
             return
         elif now > (self._armed_at + UNUSED_S if not values else at + IDLE_S):
-            self._end("")
-            with suppress(SkillError):  # the watchdog stops it then
-                link.call("control", "speedStop", self._deceleration)
-                link.stop_control()
+            self.leave(link, state_of)
         else:
             with suppress(SkillError):
                 link.call("control", "kickWatchdog")
+
+    def leave(self, link: CommandLink, state_of: Callable[[], State | None]) -> None:
+        """Stop the control program, and wait until the state shows it: what comes next begins with its own."""
+        self._end("")
+        with suppress(SkillError):  # the watchdog stops it then
+            link.call("control", "speedStop", self._deceleration)
+            link.stop_control()
+        until = time.monotonic() + _SEEN_S
+        while (state := state_of()) is not None and state.runtime is RuntimeState.PLAYING and time.monotonic() < until:
+            time.sleep(_LOOK_S)
 
     def _end(self, problem: str) -> None:
         self.is_armed, self._problem = False, problem

@@ -6,6 +6,7 @@ import asyncio
 import json
 import os
 import signal
+import socket
 import sys
 import threading
 import time
@@ -139,14 +140,15 @@ async def stopped(cell: Cell) -> None:
 
 async def test_an_arm_is_driven_and_released_and_works_again(cell: Cell) -> None:
     async with driving(cell.config, cell.folder, "anna") as (anna,):
-        for _ in range(2):
+        for wait_s in (0.0, 1.0):  # while its control program still runs, and after that
             await turning(cell, anna)
             last = await anna.drive(0.1, SPEED)
             await anna.until(lambda status: status.state is State.IDLE)
-            await stopped(cell)
+            await asyncio.sleep(wait_s)
             assert cell.look.moved_last() - last < DEADMAN_S + PERIOD_S + STOP_S + SLACK_S
-            done = await anna.requestor.invoke(Topic(300, 2, 1010), (), WAIT_S)
-            assert done.kind is OutcomeKind.ACCEPTED, done.report.message
+            async with asyncio.timeout(WAIT_S):
+                while (await anna.requestor.invoke(Topic(300, 2, 1010), (), WAIT_S)).kind is not OutcomeKind.ACCEPTED:
+                    await asyncio.sleep(0.05)
             async with asyncio.timeout(WAIT_S):
                 while abs(cell.controller.state()["q"][0]) > 0.01:
                     await asyncio.sleep(0.02)
@@ -181,3 +183,32 @@ async def test_a_protective_stop_ends_the_lease_and_what_it_is_said_with(cell: C
         refused = await anna.acquire()
         assert refused.kind is OutcomeKind.REFUSED
         assert "protective stop" in refused.report.message
+
+
+async def test_an_arm_that_nobody_drives_is_left_and_one_with_a_program_is_not_given_out(cell: Cell) -> None:
+    async with driving(cell.config, cell.folder, "anna") as (anna,):
+        refused = await anna.acquire()
+        assert refused.report.message == (
+            "arm cannot be driven: its control program is being started; acquire it again in a moment"
+        )
+        async with asyncio.timeout(WAIT_S):
+            while cell.controller.state()["runtime"] != "PLAYING":
+                await asyncio.sleep(0.02)
+        await stopped(cell)
+        await asyncio.to_thread(dashboard, cell.controller.host, "load slow.urp", "play")
+        async with asyncio.timeout(WAIT_S):
+            while cell.controller.state()["runtime"] != "PLAYING":
+                await asyncio.sleep(0.02)
+            while "another program runs on the controller" not in (refused := await anna.acquire()).report.message:
+                assert refused.kind is OutcomeKind.REFUSED
+                await asyncio.sleep(0.1)
+
+
+def dashboard(host: str, *commands: str) -> None:
+    """Tell the dashboard server something, as the teach pendant does."""
+    with socket.create_connection((host, 29999), 5) as connection, connection.makefile("rw") as lines:
+        lines.readline()
+        for command in commands:
+            lines.write(f"{command}\n")
+            lines.flush()
+            lines.readline()

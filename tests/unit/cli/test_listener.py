@@ -23,12 +23,17 @@ from ua_fleet.errors import KeySourceUnavailable, KeysRefused
 from ua_fleet.pubsub import PubSubTiming
 from ua_fleet.pubsub.security.envelope import Envelope
 from ua_fleet.pubsub.security.keyring import GroupKeys
+from ua_fleet.teleoperation import Setpoint, SetpointAddress
+from ua_fleet.teleoperation.messages import encode_setpoint
 from ua_fleet.transport.base import Address, Receive, TransportStats
+from ua_fleet.wire import Codec
 from ua_fleet.wire.actions import encode_action
 from ua_fleet.wire.announcements import encode_announcement
 from ua_fleet.wire.security import MessageKey
 
 FOR_EVER = 1e12
+SETPOINT_GROUPS = {1001: TOPIC.space}
+SETPOINT = encode_setpoint(Codec(), SetpointAddress(1001, 7), Setpoint(3, 5, 9, (0.5, float("nan"))))
 GROUPS = (f"t-{TOPIC.space}", f"c-{TOPIC.space}")
 
 
@@ -53,7 +58,7 @@ class Recorded:
 
 
 def listener(opener: Opener, *, as_json: bool = True, count: int | None = None) -> Listener:
-    return Listener(PubSubTiming(), opener, count=count, as_json=as_json)
+    return Listener(PubSubTiming(), opener, count=count, as_json=as_json, setpoint_groups=SETPOINT_GROUPS)
 
 
 def heard(
@@ -85,7 +90,7 @@ def with_key(data_of_key: bytes) -> Opener:
 def with_keys(*groups: str) -> Opener:
     """An opener with keys that do not end while a test runs."""
     counters = Counters()
-    opened = envelope(TOOL_SPACE, counters=counters)
+    opened = envelope(TOOL_SPACE, counters=counters, setpoint_groups=SETPOINT_GROUPS)
     for group_id in groups or GROUPS:
         opened.install(group_id, group_keys(seed=f"0{group_id}", next_s=FOR_EVER, lifetime_s=FOR_EVER), 0.0)
     return Opener(counters, opened)
@@ -112,6 +117,19 @@ def test_plain_messages(capsys: pytest.CaptureFixture[str]) -> None:
     assert lines[2]["announcement"]["state"] == 0
     assert figures["kinds"] == {"metadata": 1, "keep-alive": 1, "key": 1, "probe": 1, "announcement": 1}
     assert figures["drops"] == {}
+
+
+def test_setpoints_are_shown_by_who_has_the_keys_of_commands(capsys: pytest.CaptureFixture[str]) -> None:
+    server = envelope(0, "t-0", GROUPS[1], setpoint_groups=SETPOINT_GROUPS)
+    datagrams = [server.seal(SETPOINT, 0.0)[0] for _ in range(2)]
+    for opener, sent in ((with_keys(), datagrams[:1]), (without_keys(), [SETPOINT])):
+        (line,), figures = heard(sent, opener, capsys)
+        assert (line["event"], line["space"], line["data_set_writer_ids"]) == ("setpoint", TOPIC.space, [7])
+        assert line["fields"] == {"Lease": 3, "Number": 5, "Echo": 9, "Values": [0.5, "nan"]}
+        assert (figures["kinds"], figures["drops"]) == ({"setpoint": 1}, {})
+    (line,), figures = heard(datagrams[1:], with_keys(GROUPS[0]), capsys)
+    assert line["event"] == "secured"
+    assert figures["drops"] == {"secured": 1}
 
 
 @pytest.mark.parametrize("make", [with_keys, lambda: with_key(group_keys(seed=f"0{GROUPS[0]}").keys[0])])

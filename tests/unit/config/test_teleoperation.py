@@ -8,6 +8,7 @@ from ua_fleet.config.assign_ids import insert_ids
 from ua_fleet.config.load import load_content
 from ua_fleet.config.nodes import fleet_model
 from ua_fleet.config.registration import announced_robots
+from ua_fleet.config.security import weaknesses
 from ua_fleet.config.teleoperation import setpoint_groups, teleoperations
 from ua_fleet.errors import ConfigInvalid
 from ua_fleet.teleoperation import AxisLimits, SetpointAddress
@@ -150,6 +151,11 @@ def test_robots_of_other_kinds_are_refused_with_those_that_can() -> None:
     said = [one for one in problems(text) if "teleoperation" in one]
     assert "robots on a bridge of kind tcp cannot be driven by hand" in said[0]
     assert "those on bridges of these kinds can: `ros1`, `ros2`, `ur`" in said[0]
+
+
+def test_without_security_it_is_said_who_can_drive() -> None:
+    (said,) = weaknesses(load_content(FILE.encode(), "f.yaml", {}))
+    assert said.endswith("can read and forge them, and drive carrier")
 
 
 def test_a_bridge_announces_nothing_of_it() -> None:

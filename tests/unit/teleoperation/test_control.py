@@ -192,7 +192,16 @@ def test_a_busy_robot_and_names_that_are_none_are_refused() -> None:
     for holder, session in (("", "s"), ("a", ""), ("a" * 257, "s")):
         with pytest.raises(LeaseRefused, match="1 to 256 are legal"):
             robot.acquire(holder, session, 0.0)
+    with pytest.raises(LeaseRefused, match="Holder has characters that cannot be shown"):
+        robot.acquire("anna\x1b[2J", "s1", 0.0)
     assert robot.driven_by == ""
+
+
+def test_why_a_lease_was_released_is_one_line() -> None:
+    robot = control()
+    lease = robot.acquire("anna", "s1", 0.0).lease
+    robot.release(lease, "bye\nben: forged", 0.0)
+    assert robot.last_end == "anna: bye\\nben: forged"
 
 
 def test_a_robot_that_is_driven_does_nothing_else_until_it_stands() -> None:

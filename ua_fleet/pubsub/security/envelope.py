@@ -189,16 +189,21 @@ class Envelope:
         publisher_id = heard.publisher_id
         if publisher_id == self._own_space:
             raise Refused(Drop.LOOP, heard)
-        if publisher_id == SERVER_SPACE and (space := self._setpoint_groups.get(heard.writer_group_id or 0)):
-            return self._open_setpoints(heard, space, now)
+        if publisher_id == SERVER_SPACE and self.is_setpoint(heard):
+            return self._open_setpoints(heard, now)
         if heard.mode is not self._mode and heard.mode < self._mode:
             raise Refused(Drop.NOT_SECURED, heard, self._mode)
         group = self._telemetry.get(publisher_id) or self._meet(heard)
         return self._verified(heard, group, _THE_PUBLISHER, now)
 
-    def _open_setpoints(self, heard: SecuredDatagram, space: int, now: float) -> bytes | None:
-        """Open setpoints for the robots of a space; None where we are not in the group of its commands."""
-        group = self._groups.commands.get(space)
+    def is_setpoint(self, heard: SecuredDatagram) -> bool:
+        """Whether a message is of a WriterGroup of the server's setpoints."""
+        is_known = heard.publisher_id == SERVER_SPACE and heard.writer_group_id in self._setpoint_groups
+        return is_known and not (heard.is_action or heard.is_discovery)
+
+    def _open_setpoints(self, heard: SecuredDatagram, now: float) -> bytes | None:
+        """Open setpoints; None where we are not in the group of the commands of their bridge."""
+        group = self._groups.commands.get(self._setpoint_groups[heard.writer_group_id or 0])
         if group is None:
             return None
         if heard.mode < self._mode:

@@ -19,5 +19,5 @@ def test_who_logs_in_sees_the_fleet(open_page: Callable[..., Page], picture: Cal
     page.get_by_label("Password").fill(OPERATOR[1])
     page.keyboard.press("Enter")
     expect(page.get_by_role("link", name="Fleet", exact=True)).to_have_attribute("aria-current", "page")
-    expect(page.get_by_text("middle")).to_be_visible()
+    expect(page.get_by_role("article", name="middle")).to_be_visible()
     picture(page, "fleet")

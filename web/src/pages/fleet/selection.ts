@@ -1,5 +1,5 @@
 /** Which robots are shown, in which order and groups: what stands in the page's address. */
-import { compared } from '../../parts/sorting';
+import { ranksOf } from '../../parts/sorting';
 import { type Robot, robotQuality, type Standing, STANDINGS, standingOf } from './robots';
 
 export type SortName = 'name' | 'state' | 'updated' | 'task' | 'bridge';
@@ -73,7 +73,7 @@ function groupsOf(robot: Robot, group: GroupName): string[] {
 export function selected(robots: Iterable<Robot>, wish: Wish): Row[] {
   const words = wish.text.toLowerCase().split(/\s+/).filter(Boolean);
   const told = TOLD[wish.sort];
-  const keyed: { row: Row; sort: string | number | null; at: number }[] = [];
+  const found: { row: Row; told: string | number | null }[] = [];
   for (const robot of robots) {
     if (wish.state === 'held' ? !robot.held : wish.state && standingOf(robot) !== wish.state) continue;
     if (wish.bridge && robot.bridge !== wish.bridge) continue;
@@ -83,23 +83,39 @@ export function selected(robots: Iterable<Robot>, wish: Wish): Row[] {
       if (!words.every((word) => text.includes(word))) continue;
     }
     for (const group of groupsOf(robot, wish.group)) {
-      const at = wish.group === 'state' ? STANDINGS.indexOf(group as Standing) : 0;
-      keyed.push({ row: { key: `${group}/${robot.name}`, group, robot }, sort: told(robot), at });
+      found.push({ row: { key: `${group}/${robot.name}`, group, robot }, told: told(robot) });
     }
   }
+  const groups =
+    wish.group === 'state'
+      ? new Map<string, number>(STANDINGS.map((name, at) => [name, at]))
+      : ranksOf(found.map((one) => one.row.group));
+  const texts = ranksOf(
+    wish.sort === 'name' ? [] : found.flatMap((one) => (typeof one.told === 'string' ? [one.told] : [])),
+  );
+  const names = nameRanks(found);
+  const keyed = found.map(({ row, told }) => {
+    const name = names.get(row.robot.name) ?? 0;
+    const by = wish.sort === 'name' ? name : typeof told === 'string' ? (texts.get(told) ?? 0) : told;
+    return { row, group: groups.get(row.group) ?? 0, by, name };
+  });
   keyed.sort((a, b) => {
-    const groups = a.at - b.at || compared(a.row.group, b.row.group);
-    if (groups) return groups;
-    if (a.sort === null || b.sort === null) {
-      const last = Number(a.sort === null) - Number(b.sort === null);
+    if (a.group !== b.group) return a.group - b.group;
+    if (a.by === null || b.by === null) {
+      const last = Number(a.by === null) - Number(b.by === null);
       if (last) return last;
-    } else {
-      const by = wish.down ? compared(b.sort, a.sort) : compared(a.sort, b.sort);
-      if (by) return by;
-    }
-    return compared(a.row.robot.name, b.row.robot.name);
+    } else if (a.by !== b.by) return wish.down ? b.by - a.by : a.by - b.by;
+    return a.name - b.name;
   });
   return keyed.map((one) => one.row);
+}
+
+let ranked: ReadonlyMap<string, number> = new Map();
+
+/** Names seldom change, so their order is kept; it has no more of them than were there at the last new one. */
+function nameRanks(found: readonly { row: Row }[]): ReadonlyMap<string, number> {
+  if (!found.every((one) => ranked.has(one.row.robot.name))) ranked = ranksOf(found.map((one) => one.row.robot.name));
+  return ranked;
 }
 
 export interface Counts {

@@ -28,7 +28,7 @@ def keys(part: dict[str, Any], above: str = "") -> Iterator[str]:
 
 
 TEXTS: Final = list(keys(json.loads((WEB / "src" / "texts" / "en.json").read_text(encoding="utf-8"))))
-_TEMPLATE = re.compile(r"`((?:[a-z0-9_]+\.)+(?:\$\{[^`}]*\}[a-z0-9_]*)+)`")
+_TEMPLATE = re.compile(r"`((?:[a-z0-9_]+\.)+[a-z0-9_]*(?:\$\{[^`}]*\}[a-z0-9_]*)+)`")
 """A key that is put together, as `link.${state}`."""
 
 

@@ -36,6 +36,7 @@ async def server(port: int, has_summaries: bool) -> None:
     from ua_fleet.config.schema import FleetConfig
     from ua_fleet.counters import Counters
     from ua_fleet.fleet import Change, Coalescer, FleetState, ValueChanged
+    from ua_fleet.monitoring.mistakes import Mistakes
     from ua_fleet.pubsub.events import DataReceived
     from ua_fleet.pubsub.metadata import make_field
     from ua_fleet.server.address_space import FleetNodes
@@ -78,7 +79,7 @@ async def server(port: int, has_summaries: bool) -> None:
         wall = ticks_from_unix_ns(time.time_ns())
         parts = NodeParts(made.iserver.aspace, nodes.ns)
         parts.values = nodes.values
-        summaries = SummaryNodes(parts, state, RobotActivities(), projection.put, lambda: wall)
+        summaries = SummaryNodes(parts, state, RobotActivities(), projection.put, lambda: wall, Mistakes())
         if has_summaries:
             summaries.build()
         await made.start()

@@ -72,6 +72,6 @@ def add_roster(
         offers.follow(robot)
     hub.add_roster(roster)
     hub.add_clock(offers)
-    summaries = SummaryNodes(parts, hub.state, activities, projection.put, wall_ticks)
+    summaries = SummaryNodes(parts, hub.state, activities, projection.put, wall_ticks, hub.mistakes)
     summaries.build()
     hub.add_part("summaries", summaries)

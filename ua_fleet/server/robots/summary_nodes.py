@@ -12,6 +12,7 @@ from ua_fleet.fleet.members import RobotStatus
 from ua_fleet.fleet.model import RobotState
 from ua_fleet.fleet.state import FleetState
 from ua_fleet.fleet.summaries import RobotSummary, Summaries
+from ua_fleet.monitoring.mistakes import Mistakes
 from ua_fleet.server.convert import data_value
 from ua_fleet.server.nodeset import TYPES_INDEX, TypeId
 from ua_fleet.server.parts import NodeParts
@@ -32,6 +33,8 @@ SUMMARY_SHAPE: Final = structure(
 """The binary encoding of RobotSummaryDataType."""
 MOST_TEXT: Final = 200
 """Characters of a text."""
+MOST_CAPACITIES: Final = 50
+"""Of a robot: a definition of 64 KiB may name thousands."""
 ROBOTS_AT_ONCE: Final = 500
 GROUPS_AT_ONCE: Final = 5
 """What is done in one turn: some 5 ms of work either way."""
@@ -49,6 +52,7 @@ class SummaryNodes:
         activities: RobotActivities,
         put: Callable[[ValueChanged], None],
         wall_ticks: Callable[[], int],
+        mistakes: Mistakes,
     ) -> None:
         """Prepare to make the nodes.
 
@@ -58,9 +62,10 @@ class SummaryNodes:
             activities: of its robots.
             put: has a value written.
             wall_ticks: the wall clock.
+            mistakes: counts what has cost a robot its summary.
         """
         self._parts, self._state, self._activities = parts, state, activities
-        self._put, self._wall_ticks = put, wall_ticks
+        self._put, self._wall_ticks, self._mistakes = put, wall_ticks, mistakes
         self._summaries = Summaries()
         self._encoded: dict[str, tuple[RobotSummary, ExtensionObject]] = {}
         self._made = 0
@@ -91,12 +96,28 @@ class SummaryNodes:
 
     def _look_at(self, names: Iterable[str]) -> None:
         for name in names:
-            robot = self._state.robot_status(name)
-            if robot is not None:
-                self._summaries.put(self._summary(robot))
-            else:
-                self._summaries.remove(name)
-                self._encoded.pop(name, None)
+            try:
+                self._look_at_one(name)
+            except Exception as error:  # noqa: BLE001 - the other robots are shown all the same
+                self._forget(name)  # what was said of it last may be good no more
+                self._mistakes.caught("summaries", error, robot=name)
+
+    def _look_at_one(self, name: str) -> None:
+        robot = self._state.robot_status(name)
+        if robot is None:
+            self._forget(name)
+            return
+        summary = self._summary(robot)
+        known = self._encoded.get(name)
+        if known is None or known[0] != summary:
+            body = bytearray()
+            SUMMARY_SHAPE.encode(body, summary)
+            self._encoded[name] = summary, ExtensionObject(_ENCODING, bytes(body))
+            self._summaries.put(summary)
+
+    def _forget(self, name: str) -> None:
+        self._summaries.remove(name)
+        self._encoded.pop(name, None)
 
     def _summary(self, robot: RobotStatus) -> RobotSummary:
         model = robot.model
@@ -117,7 +138,7 @@ class SummaryNodes:
             activity.faults,
             activity.fault[:MOST_TEXT],
             model.bridge,
-            self._state.capacities.of(model.name),
+            self._state.capacities.of(model.name)[:MOST_CAPACITIES],
         )
 
     def _key(self, number: int) -> NodeId:
@@ -136,14 +157,4 @@ class SummaryNodes:
         self._made = len(self._summaries)
 
     def _value(self, number: int) -> tuple[ExtensionObject, ...]:
-        return tuple([self._structure(summary) for summary in self._summaries.group(number)])
-
-    def _structure(self, summary: RobotSummary) -> ExtensionObject:
-        known = self._encoded.get(summary.name)
-        if known is not None and known[0] is summary:
-            return known[1]
-        body = bytearray()
-        SUMMARY_SHAPE.encode(body, summary)
-        made = ExtensionObject(_ENCODING, bytes(body))
-        self._encoded[summary.name] = summary, made
-        return made
+        return tuple([self._encoded[summary.name][1] for summary in self._summaries.group(number)])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import AsyncGenerator
 from contextlib import asynccontextmanager
+from dataclasses import replace
 from typing import Any
 
 from tests.unit.fleet.fleet_of import fleet_config
@@ -11,12 +12,14 @@ from tests.unit.server.model_server import fleet_built
 from ua_fleet.config.nodes import fleet_model
 from ua_fleet.counters import Counters
 from ua_fleet.fleet import FleetState, ValueChanged
+from ua_fleet.monitoring.mistakes import Mistakes
 from ua_fleet.orchestrator import Hold, HoldChanged
 from ua_fleet.pubsub.events import DataReceived
 from ua_fleet.pubsub.metadata import make_field
 from ua_fleet.server.parts import NodeParts
 from ua_fleet.server.robots.summary_nodes import (
     GROUPS_AT_ONCE,
+    MOST_CAPACITIES,
     MOST_TEXT,
     ROBOTS_AT_ONCE,
     SUMMARY_SHAPE,
@@ -45,7 +48,8 @@ class Summarised:
         self.activities = RobotActivities()
         self.told: list[ValueChanged] = []
         self.parts = parts
-        self.nodes = SummaryNodes(parts, self.state, self.activities, self.told.append, lambda: 77)
+        self.mistakes = Mistakes()
+        self.nodes = SummaryNodes(parts, self.state, self.activities, self.told.append, lambda: 77, self.mistakes)
 
     def hear(self, robot: int, ticks: int) -> None:
         topic = Topic(2, 2, 1 + robot)
@@ -139,8 +143,31 @@ async def test_robots_come_and_go_and_long_texts_are_cut() -> None:
         robot = fleet.state.robot_status("r0")
         assert robot is not None
         robot.skills = ("x" * 300,)
+        many = tuple([f"c{number}" for number in range(MOST_CAPACITIES + 1)])
+        fleet.state.add_robot(replace(lift, name="able", capacities=many))
         robot.has_moved()
         fleet.state.remove_robot("lift")
         fleet.settle(2.0)
-        (only,) = fleet.summaries(1)
-        assert only.task == "x" * MOST_TEXT
+        first, able = fleet.summaries(1)
+        assert first.task == "x" * MOST_TEXT
+        assert able.capacities == many[:MOST_CAPACITIES]
+
+
+async def test_a_text_that_cannot_be_told_costs_its_own_robot_alone() -> None:
+    async with summarised(3) as fleet:
+        fleet.nodes.build()
+        fleet.settle(0.0)
+        for name, task in (("r0", "fetch"), ("r1", "half a \udc80"), ("r2", "look")):
+            robot = fleet.state.robot_status(name)
+            assert robot is not None
+            robot.skills = (task,)
+            robot.has_moved()
+        fleet.settle(1.0)
+        assert [(one.name, one.task) for one in fleet.summaries(1)] == [("r0", "fetch"), ("r2", "look")]
+        assert fleet.mistakes.count == 1
+        robot = fleet.state.robot_status("r1")
+        assert robot is not None
+        robot.skills = ("a whole",)
+        robot.has_moved()
+        fleet.settle(2.0)
+        assert sorted((one.name, one.task) for one in fleet.summaries(1))[1] == ("r1", "a whole")

@@ -7,7 +7,7 @@ import json
 import os
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -79,8 +79,11 @@ class Hall:
         self.robot: system.Child
         self.bridge: system.Child
 
-    def fleet(self, **pubsub: Any) -> FleetConfig:
+    def fleet(
+        self, *, server: Mapping[str, Any] | None = None, deadman_s: float = DEADMAN_S, **pubsub: Any
+    ) -> FleetConfig:
         """Write the fleet's file, and keys where it has some."""
+        teleoperation = {**CARRIER["teleoperation"], "deadman_ms": round(deadman_s * 1000)}
         bridge: dict[str, Any] = {"kind": self.kind, "space": self.space, "status_id": 1001}
         if self._master is not None:
             bridge["master_uri"] = self._master.uri
@@ -88,7 +91,8 @@ class Hall:
             "version": 1,
             "pubsub": {"security": "none", "url": self._url, "interface": "lo", **pubsub},
             "bridges": {"floor": bridge},
-            "robots": {"carrier": {"bridge": "floor", **CARRIER}},
+            "robots": {"carrier": {"bridge": "floor", **CARRIER, "teleoperation": teleoperation}},
+            "server": dict(server or {}),
         }
         path = self.folder / "fleet.json"
         path.write_text(json.dumps(raw))

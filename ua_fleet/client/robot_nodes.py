@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Final
 
 from asyncua import ua
@@ -24,6 +24,8 @@ _HAS_PROPERTY: Final = ua.NodeId(ua.Int32(ua.ObjectIds.HasProperty))
 _WRITE: Final = 2
 """CurrentWrite of an access level (OPC 10000-3 8.57)."""
 _FOLDERS: Final = ("Data", "Sensors")
+_EXECUTIONS: Final = ("ExecutionId", "Skill", "State", "Progress", "Result", "Message", "Status")
+"""Fields of SkillStatus, arrays of the last executions."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,6 +76,8 @@ class RobotNodes:
     node_id: str
     data: tuple[DataNode, ...]
     skills: tuple[SkillNodes, ...]
+    executions: Mapping[str, str] = field(default_factory=dict[str, str])
+    """NodeIds of the arrays that tell its last executions, by their names; empty where it tells none."""
 
 
 async def robot_nodes(client: FleetClient, robot: str) -> RobotNodes:
@@ -94,7 +98,12 @@ async def robot_nodes(client: FleetClient, robot: str) -> RobotNodes:
             if folder in folders:
                 data += await _data(client, folder, folders[folder])
         skills = await _skills(client, robot, folders["Skills"]) if "Skills" in folders else ()
-        return RobotNodes(robot, node.to_string(), tuple(data), tuple(skills))
+        executions: dict[str, str] = {}
+        if "SkillStatus" in folders:
+            (arrays,) = await client.batches.browse([folders["SkillStatus"]], classes=int(ua.NodeClass.Variable))
+            names = {str(one.BrowseName.Name): one.NodeId.to_string() for one in arrays}
+            executions = {name: names[name] for name in _EXECUTIONS if name in names}
+        return RobotNodes(robot, node.to_string(), tuple(data), tuple(skills), executions)
 
 
 async def _data(client: FleetClient, folder: str, node: ua.NodeId) -> list[DataNode]:

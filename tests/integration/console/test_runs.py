@@ -95,8 +95,12 @@ async def test_a_skill_is_started_seen_and_halted(plant: Plant) -> None:
         execution = answer.json()["result"]["execution"]
         await live.until(lambda: live.feeds["left"]["now/work"]["state"] == "Running")
         assert live.feeds["left"]["now/work"]["execution"] == execution
+        await live.until(lambda: f"execution/{execution}" in live.feeds["left"])
+        shown = live.feeds["left"][f"execution/{execution}"]
+        assert (shown["skill"], shown["state"], shown["place"]) == ("work", "running", 0)
         await live.until(lambda: live.feeds["all"]["left"]["state"]["v"] == "busy")
         assert (await browser.ask("skill.halt", robot="left", skill="work")).status_code == 200
         await live.until(lambda: live.feeds["left"]["now/work"]["state"] in ("Ready", "Halted"))
+        await live.until(lambda: live.feeds["left"][f"execution/{execution}"]["state"] != "running")
         again = await browser.ask("skill.halt", robot="left", skill="work")
         assert again.status_code == 409

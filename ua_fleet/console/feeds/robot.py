@@ -1,7 +1,7 @@
 """Feed `robot`: all of one robot.
 
 Keys: `robot` (what it is), `state`, `held`; `data/NODEID` (what a Variable is) and `value/NODEID` (what it has);
-`skill/NAME` (a skill and its arguments) and `now/NAME` (how it stands).
+`skill/NAME` (a skill and its arguments) and `now/NAME` (how it stands); `execution/ID` (one of its last executions).
 """
 
 from __future__ import annotations
@@ -16,11 +16,13 @@ from ua_fleet.console.feeds.following import followed
 from ua_fleet.console.feeds.kinds import FeedKind, FeedParameters
 from ua_fleet.console.feeds.robots import held_shown, state_shown
 from ua_fleet.console.shown import harmless_value, shown_reading, shown_value
+from ua_fleet.skill import ExecutionState
 
 __all__ = ["ROBOT"]
 
 _STANDS: Final = ("CurrentState", "Progress", "ExecutionId", "Message", "LastStatus")
 _IS: Final = ("Description", "Origin", "Capacities")
+_STATES: Final = {int(state): state.name.lower() for state in ExecutionState}
 _HELD: Final = ("HeldBy", "HeldSince", "HeldReason")
 
 
@@ -85,7 +87,10 @@ class _Shown:
             if part in skill.members
         }
         self._stands: dict[str, dict[str, Reading]] = {skill.name: {} for skill in robot.skills}
-        self._missing = {*self._own, *self._skills, *(one.node_id for one in robot.data)}
+        self._arrays = {node: name for name, node in robot.executions.items()}
+        self._columns: dict[str, Reading] = {}
+        self._executions: set[str] = set()
+        self._missing = {*self._own, *self._skills, *self._arrays, *(one.node_id for one in robot.data)}
         self.watched = list(self._missing)
 
     def describe(self) -> None:
@@ -97,7 +102,7 @@ class _Shown:
         for skill in self._robot.skills:
             board.put(f"skill/{skill.name}", _skill_shown(skill))
             keys |= {f"skill/{skill.name}", f"now/{skill.name}"}
-        board.keep(keys)
+        board.keep(keys | self._executions)
 
     def take(self, reading: Reading) -> None:
         """Show a value."""
@@ -108,12 +113,46 @@ class _Shown:
             name, part = self._skills[node]
             self._stands[name][part] = reading
             self._board.put(f"now/{name}", _now(self._stands[name]))
+        elif node in self._arrays:
+            self._columns[self._arrays[node]] = reading
+            if len(self._columns) == len(self._arrays):
+                self._take_executions()
         else:
             self._board.put(f"value/{node}", shown_reading(reading))
         if self._missing:
             self._missing.discard(node)
             if not self._missing:
                 self._board.ready()
+
+    def _take_executions(self) -> None:
+        """The last executions; the newest is the last of them."""
+        columns: dict[str, list[Any]] = {name: reading.exact or [] for name, reading in self._columns.items()}
+        shown: set[str] = set()
+        for place, execution in enumerate(columns.get("ExecutionId", [])):
+
+            def part(name: str, place: int = place) -> Any:
+                column = columns.get(name, [])
+                return column[place] if place < len(column) else None
+
+            state = part("State")
+            key = f"execution/{execution.hex()}"
+            shown.add(key)
+            self._board.put(
+                key,
+                {
+                    "execution": execution.hex(),
+                    "place": place,
+                    "skill": harmless_value(part("Skill") or ""),
+                    "state": _STATES.get(state, str(state)),
+                    "progress": shown_value(part("Progress")),
+                    "message": harmless_value(part("Message") or ""),
+                    "result": harmless_value(part("Result") or ""),
+                    "status": shown_value(part("Status")),
+                },
+            )
+        for key in self._executions - shown:
+            self._board.gone(key)
+        self._executions = shown
 
     def _take_own(self, part: str, reading: Reading) -> None:
         self._parts[part] = reading

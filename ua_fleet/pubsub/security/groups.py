@@ -1,9 +1,10 @@
 """Which SecurityGroup a message belongs to. This is the only place that knows how groups are named.
 
 Each publishing process has two (OPC 10000-14 6.2.12): `t-<PublisherId>` for what it publishes to all, and
-`c-<PublisherId>` for Actions, requests and responses alike, whose keys only it and its permitted requestors have. All
-WriterGroups of a publisher share them: they run in one process, which has one key for each purpose. SecurityTokenIds
-are not unique over groups, so a key is never chosen by its token alone.
+`c-<PublisherId>` for Actions, requests and responses alike, and for the server's setpoints for that process's robots,
+whose keys only it and its permitted requestors have. All WriterGroups of a publisher share them: they run in one
+process, which has one key for each purpose. SecurityTokenIds are not unique over groups, so a key is never chosen by
+its token alone.
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ def telemetry_group(publisher_id: int) -> str:
 
 
 def command_group(publisher_id: int) -> str:
-    """The group of the Actions of a responder."""
+    """The group of the Actions of a responder, and of the setpoints for its robots."""
     return f"c-{publisher_id}"
 
 

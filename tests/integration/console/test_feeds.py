@@ -155,3 +155,32 @@ async def test_health_names_bridges_and_drops(console: Console, server: Running)
         assert live.feeds["resilience"]["settings"]["mode"] == "operator"
         server.peer.send(b"no message at all")
         await live.until(lambda: live.feeds["health"]["drops"].get("malformed"))
+
+
+CART = """\
+robots:
+  cart:
+    bridge: mobile_side
+    capacities: [carry]
+    data:
+      load: {id: 1701, type: Double, unit: kg}
+"""
+
+
+async def test_a_robot_that_comes_while_somebody_looks_is_there_by_itself(console: Console) -> None:
+    async with console.logged_in(ENGINEER) as browser, browser.live() as live:
+        await live.want("all", "robots")
+        await live.want("cart", "robot", robot="cart")
+        await live.until(lambda: "all" in live.feeds and live.errors.get("cart"))
+        assert live.errors["cart"]["status"] == "BadNodeIdUnknown"
+        wrong = await browser.ask("robots.register", robot="cart", definition=CART.replace("Double", "Dubble"))
+        assert wrong.status_code == 400
+        assert [one["line"] for one in wrong.json()["error"]["problems"]] == [6]
+        made = await browser.ask("robots.register", robot="cart", definition=CART)
+        assert made.status_code == 200, made.text
+        await live.until(lambda: "cart" in live.feeds["all"])
+        await live.until(lambda: any(key.startswith("data/") for key in live.feeds.get("cart", {})))
+        await live.until(lambda: live.errors["cart"] is None)
+        assert (await browser.ask("robots.unregister", robot="cart")).status_code == 200
+        await live.until(lambda: "cart" not in live.feeds["all"] and live.errors["cart"])
+        assert "rover" in live.feeds["all"]

@@ -20,6 +20,7 @@ echo "$*" >>asked
 case "$*" in
   *sys.version_info*) exit ${NEW_PYTHON:-0} ;;
   *pip.__version__*) exit ${OLD_PIP:-0} ;;
+  scripts/web.py) exit ${WEB:-0} ;;
   "scripts/wanted "*) echo "$*" ;;
   *--requirement*)
     for wanted; do :; done
@@ -92,6 +93,14 @@ def test_what_a_broken_network_left_out_is_tried_again(checkout: Checkout, extra
 def test_what_has_no_wheels_is_said_once(checkout: Checkout, machine: str, extra: str, others: dict[str, str]) -> None:
     assert f"there are no wheels of the extra {extra} for this machine" in checkout.set_up(machine, extra, **others)[1]
     assert checkout.set_up(machine, extra, **others) == ([], "")
+
+
+def test_each_set_up_builds_the_page_and_does_without_it(checkout: Checkout, tmp_path: Path) -> None:
+    """It is the script that knows whether there is anything to do."""
+    checkout.set_up("x86_64", "none")
+    for _ in range(2):
+        assert checkout.set_up("x86_64", "none", WEB="1") == ([], "")
+        assert "scripts/web.py" in (tmp_path / "checkout" / "asked").read_text(encoding="utf-8").splitlines()
 
 
 def test_an_environment_whose_making_was_interrupted_is_made_again(checkout: Checkout, tmp_path: Path) -> None:

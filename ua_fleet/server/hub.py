@@ -12,7 +12,7 @@ import time
 from collections.abc import Callable, Collection, Iterable
 from functools import partial
 from pathlib import Path
-from typing import Final, Protocol
+from typing import Final
 
 import structlog
 
@@ -49,6 +49,7 @@ from ua_fleet.pubsub.metadata import first_property
 from ua_fleet.pubsub.publisher import Publisher
 from ua_fleet.pubsub.security.groups import telemetry_group
 from ua_fleet.pubsub.subscriber import LoopRule, Subscriber
+from ua_fleet.server.attached import Announced, Clock, Part, Teleoperation
 from ua_fleet.server.commands_out import SkillCommands
 from ua_fleet.server.projection import Projection
 from ua_fleet.server.scenarios.service import ScenarioService
@@ -90,70 +91,6 @@ def wall_ticks() -> int:
 def _sources(model: FleetModel) -> int:
     """Data sources that are configured."""
     return len(model.bridges) + sum(1 for robot in model.robots for _ in robot.all_data_sets())
-
-
-class Announced(Protocol):
-    """Who is told of robots that bridges announce; see `server.robots.roster.Roster`."""
-
-    def announced(self, topic: Topic, text: str) -> None:
-        """A bridge says in the metadata of a robot's SkillStatus what the robot is."""
-        ...
-
-    def tick(self) -> None:
-        """A second has passed."""
-        ...
-
-
-class Clock(Protocol):
-    """What has to be called in time."""
-
-    def poll(self) -> None:
-        """Do what is due."""
-        ...
-
-    def due_in_s(self) -> float | None:
-        """After how many seconds `poll` is to be called next, or None."""
-        ...
-
-
-class Part(Protocol):
-    """What has to be called in time, by the clock of the event loop."""
-
-    def poll(self, now: float) -> None:
-        """Do what is due."""
-        ...
-
-    def next_deadline(self, now: float) -> float | None:
-        """When `poll` is to be called next, or None."""
-        ...
-
-
-class Teleoperation(Protocol):
-    """Robots that are driven by hand; see `server.teleoperation.service`."""
-
-    def begin(self) -> None:
-        """Ask for the Actions that are not announced yet."""
-        ...
-
-    def follow(self, event: SubscriberEvent) -> None:
-        """Take what bridges say of them."""
-        ...
-
-    def receive(self, event: ActionReceived, now: float) -> None:
-        """Take responses."""
-        ...
-
-    def announced(self, announcement: ActionMetaDataAnnouncement) -> None:
-        """Learn of an Action."""
-        ...
-
-    def poll(self, now: float) -> None:
-        """Do what is due."""
-        ...
-
-    def next_deadline(self) -> float | None:
-        """When `poll` is to be called next, or None."""
-        ...
 
 
 class Hub:

@@ -4,6 +4,8 @@ What waits is bounded. Of an analog value the latest replaces one that waits, as
 texts and changes of quality are written one after the other, as they were said, until `MOST_IN_ORDER` wait: from then
 on their latest replaces one that waits, too, and what clients are not told is counted (`untold`). So no more waits than
 that, a value for each node, `MOST_EVENTS` events, and a change of nodes for each source that comes and goes.
+
+What is put ahead does not wait for the others: a few values that somebody's safety hangs on, in an order of their own.
 """
 
 # pyright: reportUnknownMemberType=false, reportUnknownVariableType=false, reportUnknownArgumentType=false
@@ -101,6 +103,7 @@ class Projection:
         self._now = now
         self._tell = tell
         self._mistakes = mistakes or Mistakes()
+        self._ahead: deque[ValueChanged] = deque()
         self._waiting: deque[_Slot] = deque()
         self._latest: dict[NodeId, _Slot] = {}
         """The last value of each node that waits, where a newer one may take its place."""
@@ -114,7 +117,7 @@ class Projection:
     @property
     def waiting(self) -> int:
         """Changes and events that wait."""
-        return len(self._waiting)
+        return len(self._ahead) + len(self._waiting)
 
     def put(self, change: Change | SkillTransitioned) -> None:
         """Queue a change for `run`."""
@@ -129,6 +132,11 @@ class Projection:
         else:
             self._added.clear()
             self._append(change)
+
+    def put_ahead(self, change: ValueChanged) -> None:
+        """Queue a value before all that waits, and behind what was put ahead before; a node has all its values so."""
+        self._ahead.append(change)
+        self._wake.set()
 
     def then(self, action: Callable[[], Awaitable[None]]) -> None:
         """Do something once all that was put before is written."""
@@ -210,9 +218,8 @@ class Projection:
 
     async def write_waiting(self) -> None:
         """Write all that waits; others get their turn after each batch."""
-        waiting = self._waiting
-        while waiting:
-            await self._write(min(len(waiting), max(BATCH, min(len(waiting) // 8, LARGEST_BATCH))))
+        while waiting := self.waiting:
+            await self._write(min(waiting, max(BATCH, min(waiting // 8, LARGEST_BATCH))))
             await asyncio.sleep(0)
 
     async def _write(self, count: int) -> None:
@@ -220,10 +227,15 @@ class Projection:
         values = self._nodes.values
         last_ticks: int | None = None
         source_time: datetime | None = None
-        while count > 0 and self._waiting:
+        while count > 0 and (self._ahead or self._waiting):
             count -= 1
-            slot = self._waiting.popleft()
-            change, slot.is_waiting = slot.change, False
+            slot: _Slot | None = None
+            change: _Waiting | None
+            if self._ahead:
+                change = self._ahead.popleft()
+            else:
+                slot = self._waiting.popleft()
+                change, slot.is_waiting = slot.change, False
             if change is None:
                 continue
             if type(change) is not ValueChanged:
@@ -234,7 +246,7 @@ class Projection:
                 if isinstance(change, _MAKES_NODES):
                     return  # hundreds of them, as many as a batch of values takes
                 continue
-            if self._latest.get(change.key) is slot:
+            if slot is not None and self._latest.get(change.key) is slot:
                 del self._latest[change.key]
             held = values.get(change.key) or self._nodes.value(change.key)
             if held is None:

@@ -196,10 +196,10 @@ class Floor:
         await ready.wait()
 
     async def end_bridge(self) -> None:
-        assert self._bridge is not None
-        self._bridge.cancel()
-        await asyncio.wait([self._bridge])
-        self._bridge = None
+        if self._bridge is not None:
+            self._bridge.cancel()
+            await asyncio.wait([self._bridge])
+            self._bridge = None
 
 
 @asynccontextmanager

@@ -25,7 +25,7 @@ from tests.integration.teleoperation.served import (
     until_value,
     value,
 )
-from ua_fleet.client import FleetClient
+from ua_fleet.client import ClientIdentity, FleetClient, issue_session_key, revoke_session_key
 from ua_fleet.server.audit.log import LOG_FILE
 from ua_fleet.server.users import USERS_FILE, Role, ScryptCost, UserStore
 
@@ -192,6 +192,45 @@ async def test_who_is_removed_loses_the_robot(made: Floor) -> None:
         await Operator(client).acquire()
         users(made).remove(OTHER[0])
         assert await held_by_nobody(onlooker, 4) == "otto: the session or its connection has ended"
+
+
+async def test_whose_session_key_is_revoked_loses_the_robot(made: Floor) -> None:
+    running, identity = made.running, ClientIdentity(made.running.folder / "identity")
+    async with (
+        running.client(OBSERVER) as onlooker,
+        FleetClient.connect(running.url, user=OPERATOR[0], password=OPERATOR[1], identity=identity) as with_password,
+    ):
+        issued = await issue_session_key(with_password, "tablet")
+        async with running.client((OPERATOR[0], issued.key)) as client:
+            await Operator(client).acquire()
+            await revoke_session_key(with_password, issued.id)
+            assert await held_by_nobody(onlooker, 4.5) == "oscar: the session or its connection has ended"
+
+
+async def test_who_has_gone_before_the_bridge_answers_gets_nothing(made: Floor) -> None:
+    await made.end_bridge()
+    async with made.running.client(OBSERVER) as onlooker:
+        async with connected(made.running.url, made.running.folder, OPERATOR) as client:
+            asking = asyncio.ensure_future(Operator(client).acquire())
+            await asyncio.sleep(0.3)
+            assert client.uaclient.protocol is not None
+            assert client.uaclient.protocol.transport is not None
+            client.uaclient.protocol.transport.abort()
+            await asyncio.wait([asking])
+            asking.exception()
+        await made.begin_bridge()
+        assert await until_value(onlooker, "LastEnd", bool) == "oscar: the session or its connection has ended"
+    assert audited(made, "teleoperation") == []
+
+
+async def test_calls_that_wait_are_bounded(made: Floor) -> None:
+    await made.end_bridge()
+    async with made.running.client() as client:
+        attempts = [Operator(client).acquire() for _ in range(18)]
+        answers = await asyncio.gather(*attempts, return_exceptions=True)
+        refused = [one for one in answers if isinstance(one, ua.uaerrors.BadTooManyOperations)]
+        assert len(refused) == 2
+        assert {one.name for one in answers if isinstance(one, Refused)} <= {"BadTimeout", "BadNoCommunication"}
 
 
 async def test_a_robot_at_a_skill_is_not_given_out_and_one_that_is_driven_takes_none(made: Floor) -> None:

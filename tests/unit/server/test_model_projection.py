@@ -34,6 +34,30 @@ async def test_a_change_becomes_value_status_and_both_times() -> None:
         assert data.ServerTimestamp == NOW
 
 
+async def test_what_is_put_ahead_waits_for_nothing_but_what_was_put_so_before() -> None:
+    async with fleet_built() as (server, nodes):
+        told: list[Any] = []
+
+        async def note(_handle: int, data: Any, _error: Any = None) -> None:
+            told.append(data.Value.Value)
+
+        for number in (1001, 1002):
+            server.iserver.aspace.add_datachange_callback(raw_id(number, 2), ua.AttributeIds.Value, note)
+        projection = Projection(nodes)
+        for value in range(2 * BATCH):
+            projection.put(changed(float(value)))
+        writing = asyncio.ensure_future(projection.write_waiting())
+        while not told:
+            await asyncio.sleep(0)
+        already = len(told)
+        for ahead in (-1.0, -2.0):
+            projection.put_ahead(changed(ahead, key=NodeId(2, 1002)))
+        await writing
+        assert told[already : already + 2] == [-1.0, -2.0]
+        assert len(told) == 2 * BATCH + 2
+        assert not projection.waiting
+
+
 async def test_a_bad_node_keeps_its_last_value() -> None:
     async with fleet_built() as (server, nodes):
         projection = Projection(nodes)

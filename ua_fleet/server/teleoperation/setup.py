@@ -51,7 +51,7 @@ def add_teleoperation(
         send=hub.send,
         want=hub.want_action,
         sooner=hub.check_deadline,
-        put=projection.put,
+        put=projection.put_ahead,
         busy=lambda name: _busy(hub, robots[name]),
         driven=driven,
         ended=ended,

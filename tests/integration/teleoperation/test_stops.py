@@ -248,7 +248,6 @@ async def test_a_robot_has_one_occupation(hall: Hall) -> None:
         await anna.acquired()
 
 
-@BOTH
 async def test_a_robot_that_does_not_listen_is_not_given_out(hall: Hall) -> None:
     config = hall.fleet()
     hall.start_bridge()

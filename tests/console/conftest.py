@@ -69,13 +69,14 @@ class Console:
 
 
 @contextmanager
-def fleet_of(folder: Path) -> Generator[Fleet]:
-    """The fleet while the context lasts."""
+def fleet_of(folder: Path, prepare: Callable[[Plant], None] = lambda plant: None) -> Generator[Fleet]:
+    """The fleet while the context lasts; `prepare` changes its files before it begins."""
     with Processes() as processes:
         plant = Plant(folder, system.free_multicast_url(), system.free_tcp_port(), processes, "operator")
         plant.users()
         users = UserStore(folder / plant.config.server.state_dir / USERS_FILE, ScryptCost(2**8, 8, 1))
         users.add(*OBSERVER, Role.OBSERVER, replace_existing=True)
+        prepare(plant)
         fleet = Fleet(plant, plant.server_process())
         for robot in ROBOTS:
             fleet.bridges[robot] = plant.start_bridge(robot)

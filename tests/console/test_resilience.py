@@ -1,0 +1,97 @@
+"""Who takes over: a robot fails in a run, and it is decided in the browser."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator
+from typing import Any, Final
+
+import pytest
+from playwright.sync_api import Locator, Page, expect
+
+from tests.console.conftest import Fleet, fleet_of
+from tests.console.test_alarms import ask
+from tests.contract.skilled import ENDLESS_WORK
+from tests.integration.scenarios.conftest import ROBOTS, Plant
+
+Open = Callable[..., Page]
+Picture = Callable[[Page, str], None]
+PLACE: Final = "#/hall/resilience"
+STEPS: Final = f"  - {{task: a, skill: work, robot: left, arguments: {{work: {ENDLESS_WORK}}}, timeout_s: 60}}\n"
+
+
+def _with_criteria(plant: Plant) -> None:
+    """Two criteria by which the robots differ: `middle` has less battery and less to carry than `right`."""
+    path = plant.folder / "fleet.json"
+    raw: dict[str, Any] = json.loads(path.read_text())
+    for number, robot in enumerate(ROBOTS):
+        raw["robots"][robot].setdefault("data", {}).update(
+            battery={"id": 1310 + number, "type": "Double", "origin": "server", "initial": 30.0 + 20 * number},
+            load={"id": 1320 + number, "type": "Double", "origin": "server", "initial": 1.0 + 4 * number},
+        )
+    raw["resilience"] |= {
+        "criteria": {
+            "battery": {"kind": "benefit", "range": [0, 100], "value": "battery", "unit": "%"},
+            "load": {"kind": "cost", "range": [0, 10], "value": "load", "unit": "kg"},
+        },
+        "judgements": {"battery": {"load": 1}},
+    }
+    path.write_text(json.dumps(raw))
+    plant.scenario("long", STEPS)
+
+
+@pytest.fixture(scope="module")
+def fleet(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Fleet]:
+    with fleet_of(tmp_path_factory.mktemp("fleet"), _with_criteria) as running:
+        yield running
+
+
+def ranked(page: Page) -> Locator:
+    return page.get_by_role("region", name="Ranking").locator("tbody th")
+
+
+def test_a_person_weighs_criteria_and_chooses_who_takes_over(open_page: Open, fleet: Fleet, picture: Picture) -> None:
+    page = open_page("operator", PLACE)
+    expect(page.get_by_text("No decision is open.")).to_be_visible()
+    picture(page, "resilience-none")
+    ask(page, "scenario.run", scenario="long")
+    page.get_by_label("Robot that fails").select_option("left")
+    page.get_by_role("button", name="Who would take over?").click()
+    expect(page.get_by_role("region", name="What if a robot fails?").get_by_role("listitem")).to_contain_text("a:")
+    ask(page, "fault.raise", robot="left", reason="the welding tip is worn")
+    expect(page.get_by_role("heading", name="a, instead of left")).to_be_visible()
+    expect(ranked(page)).to_have_text(["middle", "right"])
+    observer = open_page("observer", PLACE)
+    expect(observer.get_by_role("button", name="Choose right")).to_be_disabled()
+
+    slider = page.get_by_role("slider", name="battery or load")
+    expect(slider).to_have_attribute("aria-valuetext", "Both count the same")
+    slider.focus()
+    for _ in range(8):
+        page.keyboard.press("ArrowLeft")
+    expect(slider).to_have_attribute("aria-valuetext", "battery counts 9 times as much as load")
+    expect(ranked(page)).to_have_text(["right", "middle"])
+    expect(ranked(observer)).to_have_text(["middle", "right"])  # what is tried is nobody else's
+    picture(page, "resilience")
+    page.get_by_role("button", name="Keep for this decision").click()
+    expect(ranked(observer)).to_have_text(["right", "middle"])
+    page.get_by_role("button", name="Choose right").click()
+    expect(page.get_by_role("status").filter(has_text="right takes over.")).to_be_visible()
+    expect(page.get_by_role("link", name="right, chosen by oscar")).to_be_visible()
+    page.get_by_role("link", name="right, chosen by oscar").click()
+    expect(page.get_by_role("heading", name="a, instead of left")).to_be_visible()
+    expect(page.get_by_role("slider")).to_have_count(0)
+    picture(page, "resilience-taken")
+
+
+def test_an_engineer_says_who_decides(open_page: Open) -> None:
+    page = open_page("engineer", PLACE)
+    who = page.get_by_role("region", name="Who decides")
+    expect(who).to_contain_text("A person chooses. After 1 min")
+    who.get_by_role("button", name="Change…").click()
+    page.get_by_role("dialog").get_by_label("Who decides").select_option("The server takes the best.")
+    page.keyboard.press("Enter")
+    page.get_by_role("dialog").get_by_role("button", name="Save").click()
+    expect(who).to_contain_text("The server takes the best.")
+    other = open_page("operator", PLACE)
+    expect(other.get_by_role("button", name="Change…")).to_be_disabled()

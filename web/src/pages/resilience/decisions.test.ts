@@ -1,0 +1,44 @@
+import { expect, it } from 'vitest';
+import { type ListedDecision, type Ranking, partsOf, percent, sortedDecisions } from './decisions';
+
+const RANKING: Ranking = {
+  criteria: [
+    { name: 'battery', weight: 0.75 },
+    { name: 'distance', weight: 0.25 },
+  ],
+  ratio: 0,
+  robots: [
+    {
+      robot: 'a',
+      score: 0.6,
+      values: [
+        { raw: 80, score: 0.6, missing: '' },
+        { raw: 2, score: 0.6, missing: '' },
+      ],
+    },
+    {
+      robot: 'b',
+      score: 0.3,
+      values: [
+        { raw: 40, score: 0.4, missing: '' },
+        { raw: null, score: 0, missing: 'silent' },
+      ],
+    },
+  ],
+  excluded: [],
+};
+
+it('shares a score among the criteria, as a part of the best one', () => {
+  expect(partsOf(RANKING, 0).map((one) => one.part)).toEqual([0.75, 0.25]);
+  const second = partsOf(RANKING, 1);
+  expect(second.map((one) => one.part)).toEqual([0.5, 0]);
+  expect(second[1]?.missing).toBe('silent');
+  expect(partsOf({ ...RANKING, robots: [] }, 0)).toEqual([]);
+});
+
+it('puts open decisions first, then the newest', () => {
+  const of = (id: string, state: string) => ({ id, state }) as ListedDecision;
+  const sorted = sortedDecisions([of('9', 'taken'), of('10', 'taken'), of('3', 'open')]);
+  expect(sorted.map((one) => one.id)).toEqual(['3', '10', '9']);
+  expect(percent(0.1234)).toBe('12.3 %');
+});

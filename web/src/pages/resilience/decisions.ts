@@ -1,0 +1,79 @@
+/** Decisions and rankings as the feeds tell them. */
+import type { Json } from '../../lib/protocol';
+import { numberOf } from '../../lib/value';
+
+export interface Ranking {
+  criteria: { name: string; weight: Json }[];
+  ratio: Json;
+  robots: { robot: string; score: Json; values: { raw: Json; score: Json; missing: string }[] }[];
+  excluded: { robot: string; reason: string }[];
+}
+
+export interface DecisionHead {
+  id: string;
+  state: string;
+  run: string;
+  step: string;
+  task: string;
+  failed: string;
+  reason: string;
+  chosen: string;
+  by: string;
+}
+
+export interface ListedDecision extends DecisionHead {
+  candidates: number;
+  best: { robot: string; score: Json }[];
+}
+
+export interface Decision extends DecisionHead {
+  ranking: Ranking;
+}
+
+export interface Settings {
+  mode: string;
+  limit_s: Json;
+  on_limit: string;
+  synthesis: string;
+  ratio: Json;
+  criteria: { name: string; weight: Json }[];
+  judgements: Record<string, number>;
+}
+
+export interface Preview {
+  ranking: Ranking | null;
+  ratio: Json;
+  problem: string;
+}
+
+/** Saaty: judgements above this contradict each other too much. */
+export const MOST_INCONSISTENT = 0.1;
+
+const number = (value: Json) => numberOf(value) ?? 0;
+
+/** Open ones first, then the newest: their ids rise. */
+export function sortedDecisions(decisions: Iterable<ListedDecision>): ListedDecision[] {
+  return [...decisions].sort(
+    (a, b) =>
+      Number(b.state === 'open') - Number(a.state === 'open') || b.id.localeCompare(a.id, undefined, { numeric: true }),
+  );
+}
+
+/** What each criterion adds to a robot's score, as a part of the best score: the lengths of a bar. */
+export function partsOf(ranking: Ranking, at: number): { name: string; part: number; missing: string }[] {
+  const best = Math.max(...ranking.robots.map((one) => number(one.score)), 0);
+  const robot = ranking.robots[at];
+  const shares = (robot?.values ?? []).map((value, index) => {
+    const weight = number(ranking.criteria[index]?.weight ?? 0);
+    return weight * number(value.score);
+  });
+  const sum = shares.reduce((all, one) => all + one, 0);
+  const whole = best > 0 ? number(robot?.score ?? 0) / best : 0;
+  return shares.map((share, index) => ({
+    name: ranking.criteria[index]?.name ?? '',
+    part: sum > 0 ? (share / sum) * whole : 0,
+    missing: robot?.values[index]?.missing ?? '',
+  }));
+}
+
+export const percent = (value: Json) => `${(100 * number(value)).toFixed(1)} %`;

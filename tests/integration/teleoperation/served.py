@@ -25,7 +25,7 @@ from ua_fleet.wire.messages import DataSetMessage, DataSetMetaData
 ua: Any = importlib.import_module("asyncua.ua")
 
 SPACE: Final = 7
-DEADMAN_MS: Final = 1500
+DEADMAN_MS: Final = 3000
 OBJECT: Final = "ns=2;i=1003"
 WAVE: Final = "ns=2;i=1010"
 METHODS: Final = {"Acquire": 72071, "Renew": 72072, "Release": 72073, "Drive": 72074}
@@ -34,11 +34,11 @@ _SECONDS: Final = make_field("seconds", BuiltinType.DOUBLE)
 
 def fleet(url: str, port: int) -> FleetConfig:
     """A fleet with one robot that is driven by hand. Its times are those of a machine that has much else to do."""
-    driven = {**CARRIER["teleoperation"], "deadman_ms": DEADMAN_MS, "robot_timeout_ms": 9000}
+    driven = {**CARRIER["teleoperation"], "deadman_ms": DEADMAN_MS, "robot_timeout_ms": 10_000}
     raw = {
         "version": 1,
         "server": {"port": port, "trust_all_clients": True},
-        "pubsub": {"security": "none", "url": url, "interface": "lo", "keep_alive_s": 0.3, "receive_timeout_s": 3},
+        "pubsub": {"security": "none", "url": url, "interface": "lo", "keep_alive_s": 0.3, "receive_timeout_s": 6},
         "bridges": {"floor": {"kind": "ros2", "space": SPACE, "status_id": 1001}},
         "robots": {"carrier": {"bridge": "floor", **CARRIER, "teleoperation": driven}},
     }

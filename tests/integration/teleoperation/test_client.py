@@ -48,7 +48,7 @@ async def test_a_robot_is_held_while_the_context_lasts(made: Floor) -> None:
     async with connect(made, OPERATOR) as client, made.running.client(OBSERVER) as onlooker:
         info = await teleoperation_info(client, "carrier")
         assert info.axes[0] == AxisInfo("linear", "", 0.5, 1.0, 2.0, 20.0)
-        assert (info.deadman_s, info.lease_s, info.robot_timeout_s) == (DEADMAN_MS / 1000, 5.0, 9.0)
+        assert (info.deadman_s, info.lease_s, info.robot_timeout_s) == (DEADMAN_MS / 1000, 5.0, 10.0)
         async with driving(client, info) as lease:
             await drive_for(lease, 1.5, angular=0.3, linear=0.4)
             assert made.carrier.written[-1] == pytest.approx((0.4, 0.3))

@@ -12,6 +12,7 @@ import pytest
 
 from tests.integration.server_model.harness import ENGINEER, OBSERVER, OPERATOR, connected, until
 from tests.integration.teleoperation.served import (
+    DEADMAN_MS,
     METHODS,
     OBJECT,
     WAVE,
@@ -86,7 +87,7 @@ async def test_what_the_robot_is_like_stands_below_it(made: Floor) -> None:
         assert await value(client, "Axes") == ["linear", "angular"]
         assert await value(client, "Speed") == [0.5, 1.0]
         assert await value(client, "Deceleration") == [2.0, 4.0]
-        assert (await value(client, "DeadmanMs"), await value(client, "RobotTimeoutMs")) == (1500, 9000)
+        assert (await value(client, "DeadmanMs"), await value(client, "RobotTimeoutMs")) == (3000, 10_000)
 
 
 async def test_observers_see_it_and_may_do_nothing(made: Floor) -> None:
@@ -150,11 +151,9 @@ async def test_a_stolen_lease_moves_nothing_and_is_counted(made: Floor) -> None:
     assert {record["user"] for record in stolen} == {"otto"}
 
 
-async def held_by_nobody(client: Any, within_s: float) -> str:
-    """Wait for the end of the lease; why it has ended."""
-    began = time.monotonic()
-    await until_value(client, "Lease", 0, within_s)
-    assert time.monotonic() - began < within_s
+async def held_by_nobody(client: Any) -> str:
+    """Wait for the end of the lease; why it has ended. By silence it would, too, and would say so."""
+    await until_value(client, "Lease", 0)
     return str(await value(client, "LastEnd"))
 
 
@@ -166,14 +165,14 @@ async def test_a_connection_that_is_lost_releases_at_once(made: Floor) -> None:
         await Operator(cut).acquire()
         assert await value(onlooker, "Holder") == "oscar"
         cut.uaclient.protocol.transport.abort()
-        assert await held_by_nobody(onlooker, 4) == "oscar: the session or its connection has ended"
+        assert await held_by_nobody(onlooker) == "oscar: the session or its connection has ended"
 
 
 async def test_a_session_that_is_closed_releases(made: Floor) -> None:
     async with made.running.client(OBSERVER) as onlooker:
         async with made.running.client() as client:
             await Operator(client).acquire()
-        assert await held_by_nobody(onlooker, 4) == "oscar: the session or its connection has ended"
+        assert await held_by_nobody(onlooker) == "oscar: the session or its connection has ended"
 
 
 async def test_who_loses_the_role_loses_the_robot(made: Floor) -> None:
@@ -181,7 +180,7 @@ async def test_who_loses_the_role_loses_the_robot(made: Floor) -> None:
         oscar = Operator(client)
         await oscar.acquire()
         users(made).add(*OPERATOR, Role.OBSERVER, replace_existing=True)
-        assert await held_by_nobody(onlooker, 4) == "oscar: oscar may not drive any more"
+        assert await held_by_nobody(onlooker) == "oscar: oscar may not drive any more"
         with pytest.raises(Refused, match="BadUserAccessDenied"):
             await oscar.drive(0.1, 0.0)
 
@@ -191,7 +190,7 @@ async def test_who_is_removed_loses_the_robot(made: Floor) -> None:
     async with made.running.client(OBSERVER) as onlooker, made.running.client(OTHER) as client:
         await Operator(client).acquire()
         users(made).remove(OTHER[0])
-        assert await held_by_nobody(onlooker, 4) == "otto: the session or its connection has ended"
+        assert await held_by_nobody(onlooker) == "otto: the session or its connection has ended"
 
 
 async def test_whose_session_key_is_revoked_loses_the_robot(made: Floor) -> None:
@@ -204,7 +203,7 @@ async def test_whose_session_key_is_revoked_loses_the_robot(made: Floor) -> None
         async with running.client((OPERATOR[0], issued.key)) as client:
             await Operator(client).acquire()
             await revoke_session_key(with_password, issued.id)
-            assert await held_by_nobody(onlooker, 4.5) == "oscar: the session or its connection has ended"
+            assert await held_by_nobody(onlooker) == "oscar: the session or its connection has ended"
 
 
 async def test_who_has_gone_before_the_bridge_answers_gets_nothing(made: Floor) -> None:
@@ -267,7 +266,7 @@ async def test_what_is_late_repeated_or_no_setpoint_is_dropped_by_the_bridge_and
         old = oscar.echo
         await oscar.send(oscar.number, oscar.echo, 0.5, 0.0)
         assert await until_value(client, "Drops.number", 1) == 1
-        until_at = asyncio.get_running_loop().time() + 1.8
+        until_at = asyncio.get_running_loop().time() + DEADMAN_MS / 1000 + 0.3
         while asyncio.get_running_loop().time() < until_at:
             await oscar.drive(0.2, 0.0)
             await asyncio.sleep(0.02)
@@ -292,11 +291,11 @@ async def test_setpoints_that_cease_end_the_lease(made: Floor) -> None:
         await oscar.watch()
         await oscar.acquire()
         await oscar.drive_for(0.5, 0.2, 0.0)
-        assert await until_value(client, "LastEnd", bool) == "oscar: no setpoint was fresh for 1500 ms"
+        assert await until_value(client, "LastEnd", bool) == "oscar: no setpoint was fresh for 3000 ms"
         with pytest.raises(Refused, match=r"BadInvalidState.*no setpoint was fresh"):
             await oscar.renew()
     (record,) = audited(made, "teleoperation")
-    assert record["ended"] == "oscar: no setpoint was fresh for 1500 ms"
+    assert record["ended"] == "oscar: no setpoint was fresh for 3000 ms"
 
 
 async def test_renew_keeps_a_lease_without_setpoints(made: Floor) -> None:
@@ -314,11 +313,10 @@ async def test_renew_keeps_a_lease_without_setpoints(made: Floor) -> None:
 async def test_a_bridge_that_does_not_answer_holds_up_nothing_else(made: Floor) -> None:
     await made.end_bridge()
     async with made.running.client() as client:
-        began = time.monotonic()
         asking = asyncio.ensure_future(Operator(client).acquire())
         await asyncio.sleep(0.02)
         await value(client, "Axes")
-        assert time.monotonic() - began < 0.5
+        assert not asking.done()
         with pytest.raises(Refused, match=r"BadTimeout: the bridge of carrier does not answer|BadNoCommunication"):
             await asking
         await until_value(client, "State", "BadNoCommunication")

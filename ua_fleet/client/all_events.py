@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import AsyncGenerator, AsyncIterator, Awaitable, Mapping
-from contextlib import asynccontextmanager
+from contextlib import aclosing, asynccontextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import Any, Final
@@ -87,8 +87,8 @@ async def all_events(
             yield _info(event, types[event.EventType])
         raise NotConnected(f"the connection to {endpoint} was lost")
 
-    async with subscriptions.open(events, 100, begin):
-        yield told()
+    async with subscriptions.open(events, 100, begin), aclosing(told()) as iterator:
+        yield iterator
 
 
 def _info(event: Any, type_name: str) -> EventInfo:

@@ -6,6 +6,7 @@ Keys: `robot` (what it is), `state`, `held`; `data/NODEID` (what a Variable is) 
 
 from __future__ import annotations
 
+from contextlib import aclosing
 from typing import Any, Final
 
 from pydantic import Field
@@ -196,8 +197,9 @@ async def _run(client: FleetClient, parameters: OfRobot, board: Board) -> None:
     async def show(robot: RobotNodes) -> None:
         shown = _Shown(robot, board)
         shown.describe()
-        async for reading in client.watch(shown.watched, period_ms=100, with_times=True):
-            shown.take(reading)
+        async with aclosing(client.watch(shown.watched, period_ms=100, with_times=True)) as changes:
+            async for reading in changes:
+                shown.take(reading)
 
     await followed(client, look, show)
 

@@ -48,7 +48,7 @@ RUN if [ -f ca.pem ]; then cat ca.pem >> "$PIP_CERT"; fi \
     && sed -n '/^pip==/,/[^\\]$/p' requirements.lock >/tmp/pip.lock \
     && /opt/pip/bin/pip install --quiet --require-hashes --requirement /tmp/pip.lock \
     && /opt/pip/bin/pip install --quiet --require-hashes --constraint requirements.lock hatchling
-RUN add server client modbus sensors
+RUN add server client modbus sensors console
 
 # --- the console's page: files for browsers, built by Node, which is in no image ----------------------------------
 FROM builder AS page

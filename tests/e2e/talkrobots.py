@@ -43,6 +43,7 @@ def demonstration(processes: Processes, folder: Path, *options: str) -> Generato
             *(sys.executable, "-m", "ua_fleet.cli", "demo", "talkrobots", "--once"),
             *("--json", str(folder / "report.json"), "--folder", str(folder / "run")),
             *("--port", str(free_tcp_port()), "--ros-master-port", str(free_tcp_port())),
+            *("--console-port", str(free_tcp_port())),
             *("--pubsub-url", free_multicast_url()),
             *(word for domain in domains for word in ("--domain", str(domain))),
             *options,

@@ -4,15 +4,19 @@ from __future__ import annotations
 
 import json
 import signal
+import socket
 import sys
+import time
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from tests import terminal
+from tests.e2e.console import check_console, told_of_console
 from tests.system import ROOT, Child, Processes, clean_environment, free_multicast_url, free_tcp_port
 from tests.system import ros_domain as ros_domain_lock
+from ua_fleet.server.certificates import CertificateState, list_certificates
 
 RUN_TIMEOUT_S = 90
 
@@ -24,6 +28,7 @@ def _start(processes: Processes, folder: Path, domain: int, *options: str, once:
         *(["--once"] if once else []),
         *("--domain", str(domain), "--port", str(free_tcp_port()), "--ros-master-port", str(free_tcp_port())),
         *("--pubsub-url", free_multicast_url(), "--folder", str(folder / "run")),
+        *("--console-port", str(free_tcp_port())),
         *options,
     ]
     return processes.start(*command), report
@@ -33,12 +38,12 @@ def _finish(child: Child) -> int:
     return child.process.wait(RUN_TIMEOUT_S)
 
 
-def _run(processes: Processes, folder: Path, domain: int, *options: str) -> dict[str, Any]:
+def _run(processes: Processes, folder: Path, domain: int, *options: str) -> tuple[dict[str, Any], list[str]]:
+    """What it reports and prints."""
     child, path = _start(processes, folder, domain, *options)
     code = _finish(child)
     assert code == 0, "\n".join(child.lines)
-    report: dict[str, Any] = json.loads(path.read_text())
-    return report
+    return json.loads(path.read_text()), child.lines
 
 
 def _check_line(report: dict[str, Any]) -> None:
@@ -62,18 +67,28 @@ def _check_line(report: dict[str, Any]) -> None:
 
 @pytest.mark.needs("ros1", "ros2")
 def test_the_line_with_the_arm_in_ros1(processes: Processes, tmp_path: Path, ros_domain: int) -> None:
-    report = _run(processes, tmp_path, ros_domain)
+    report, lines = _run(processes, tmp_path, ros_domain, "--no-console")
     _check_line(report)
     assert report["ros1"] is True
+    assert told_of_console(lines) == []
+    assert not (tmp_path / "run" / "log" / "console.log").exists()
 
 
 @pytest.mark.needs("ros2")
 def test_the_line_without_ros1_has_the_arm_in_ros2(processes: Processes, tmp_path: Path, ros_domain: int) -> None:
-    with ros_domain_lock() as arm_domain:
-        options = ("--without-ros1", "--arm-domain", str(arm_domain))
+    with ros_domain_lock() as arm_domain, socket.create_server(("127.0.0.1", 0)) as somebody:
+        port = somebody.getsockname()[1]
+        options = ("--without-ros1", "--arm-domain", str(arm_domain), "--console-port", str(port))
         child, path = _start(processes, tmp_path, ros_domain, *options, once=False)
         child.wait_for("end it with Ctrl-C", RUN_TIMEOUT_S)
+        check_console(child, "AssemblyLine", ("niryo_ned", "turtlebot3", "human"))
+        began = time.monotonic()
         assert child.end(signal.SIGINT) == 0
+        assert time.monotonic() - began < 5, "who is logged in at the console does not keep it up"
+    if len(told_of_console(child.lines)) == 2:
+        assert any(f"port {port} is in use; the web console takes " in line for line in child.lines)
+        known = list_certificates(tmp_path / "run" / "state")
+        assert [info.gateway for info in known if info.state is CertificateState.GATEWAY] == ["console"]
     report = json.loads(path.read_text())
     _check_line(report)
     assert report["ros1"] is False
@@ -87,7 +102,7 @@ def test_the_line_without_ros1_has_the_arm_in_ros2(processes: Processes, tmp_pat
 
 @pytest.mark.needs("ros1", "ros2")
 def test_the_secured_line_has_the_same_result(processes: Processes, tmp_path: Path, ros_domain: int) -> None:
-    report = _run(processes, tmp_path, ros_domain, "--secure")
+    report, _ = _run(processes, tmp_path, ros_domain, "--secure")
     _check_line(report)
     assert report["secure"] is True
     refused = report["drops"].keys() & {

@@ -8,8 +8,10 @@ from typing import Any
 
 import pytest
 
+from tests.e2e.console import check_console
 from tests.e2e.talkrobots import demonstration
 from tests.system import Processes
+from ua_fleet.demo.talkrobots.setting import ACTORS
 
 TASKS = ["fetch", "transport", "grasp", "approach", "take_off", "pick_left", "bring", "land", "load"]
 KINDS = {
@@ -40,6 +42,7 @@ def _check_course(report: dict[str, Any]) -> None:
 @pytest.mark.needs("ros1", "ros2", "ur")
 def test_the_best_robot_takes_over_by_itself(processes: Processes, tmp_path: Path) -> None:
     with demonstration(processes, tmp_path, "--speed", "15", "--resilience", "automatic") as started:
+        check_console(started.child, "TalkRoBots", {actor.name for actor in ACTORS})
         report = started.finish(150)
     _check_course(report)
     robots = {row["task"]: row["robot"] for row in report["tasks"]}

@@ -7,7 +7,9 @@ import os
 from collections.abc import Callable, Generator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any, Final
+
+import typer
 
 from ua_fleet.cli.output import message, print_line
 from ua_fleet.errors import ConfigError
@@ -16,7 +18,19 @@ if TYPE_CHECKING:
     from ua_fleet.demo.result import DemoResult
     from ua_fleet.demo.site import Site
 
-__all__ = ["report_writer", "shown_until_ctrl_c", "tell_how_to_connect", "tell_result"]
+__all__ = [
+    "CONSOLE_PORT",
+    "ConsolePort",
+    "NoConsole",
+    "report_writer",
+    "shown_until_ctrl_c",
+    "tell_how_to_connect",
+    "tell_result",
+]
+
+CONSOLE_PORT: Final = 8080
+NoConsole = Annotated[bool, typer.Option("--no-console", help="Start no web console.")]
+ConsolePort = Annotated[int, typer.Option(help="TCP port of the web console.", min=1, max=65535)]
 
 
 def report_writer(path: Path | None) -> Callable[[Mapping[str, Any]], None]:
@@ -58,9 +72,11 @@ def shown_until_ctrl_c(is_over: Callable[[], bool]) -> Generator[None]:
 
 
 def tell_how_to_connect(site: Site) -> None:
-    """Say what UaExpert needs."""
+    """Say what a browser and UaExpert need."""
     from ua_fleet.demo.site import KEY_LIFETIME_S, USER
 
+    if site.console_url:
+        message(f"browser:  {site.console_url}  (the web console; log in with the user and password below)")
     message(f"UaExpert: {site.endpoint}  (Basic256Sha256, Sign & Encrypt)")
     message(f"          user {USER}, password {site.password}")
     if site.secure:

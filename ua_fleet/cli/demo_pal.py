@@ -8,7 +8,15 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ua_fleet.cli.demo import report_writer, shown_until_ctrl_c, tell_how_to_connect, tell_result
+from ua_fleet.cli.demo import (
+    CONSOLE_PORT,
+    ConsolePort,
+    NoConsole,
+    report_writer,
+    shown_until_ctrl_c,
+    tell_how_to_connect,
+    tell_result,
+)
 from ua_fleet.cli.options import WithoutLoopRule
 from ua_fleet.cli.output import message, print_line
 from ua_fleet.cli.process import run
@@ -35,6 +43,8 @@ def pal(
     secure: Annotated[bool, typer.Option("--secure", help="Sign and encrypt PubSub, with the key service.")] = False,
     arm_domain: Annotated[int, typer.Option(help="ROS 2 domain of the arm without ROS 1.", min=2, max=232)] = 3,
     without_loop_rule: WithoutLoopRule = False,
+    no_console: NoConsole = False,
+    console_port: ConsolePort = CONSOLE_PORT,
 ) -> None:
     """Run the fault-tolerant assembly line of Nguyen et al. (ONCON 2022).
 
@@ -61,6 +71,7 @@ def pal(
             pubsub_url=pubsub_url,
             without_ros1=without_ros1,
             secure=secure,
+            console_port=None if no_console else console_port,
             say=message,
         )
         setting = make_setting(
@@ -80,7 +91,7 @@ def pal(
             ends.append(result)
             if not once:
                 tell_how_to_connect(site)
-                message("the line stays up for UaExpert; end it with Ctrl-C")
+                message("the line stays up for you to look at; end it with Ctrl-C")
 
         with shown_until_ctrl_c(lambda: bool(ends)):
             run(run_pal(setting, say=print_line, started=started, finished=finished, stay=not once))

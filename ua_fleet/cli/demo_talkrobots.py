@@ -12,7 +12,15 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from ua_fleet.cli.demo import report_writer, shown_until_ctrl_c, tell_how_to_connect, tell_result
+from ua_fleet.cli.demo import (
+    CONSOLE_PORT,
+    ConsolePort,
+    NoConsole,
+    report_writer,
+    shown_until_ctrl_c,
+    tell_how_to_connect,
+    tell_result,
+)
 from ua_fleet.cli.output import message, print_line
 from ua_fleet.cli.process import run
 from ua_fleet.errors import BridgeUnavailable
@@ -64,6 +72,8 @@ def talkrobots(
     ] = None,
     folder: Annotated[Path | None, typer.Option(help="Keep configuration, state and logs here.")] = None,
     without_ros1: Annotated[bool, typer.Option("--without-ros1", help="Run Ridgeback in ROS 2.")] = False,
+    no_console: NoConsole = False,
+    console_port: ConsolePort = CONSOLE_PORT,
 ) -> None:
     """Run the nine tasks of TalkRoBots (Ayaida et al., Future Internet 2022, section 6.1).
 
@@ -93,6 +103,7 @@ def talkrobots(
             pubsub_url=pubsub_url,
             without_ros1=without_ros1,
             secure=secure,
+            console_port=None if no_console else console_port,
             say=message,
         )
         limit_s = UNATTENDED_S if once and not sys.stdin.isatty() else PATIENCE_S
@@ -110,7 +121,7 @@ def talkrobots(
             ends.append(result)
             if not once:
                 tell_how_to_connect(site)
-                message("the fleet stays up for UaExpert; end it with Ctrl-C")
+                message("the fleet stays up for you to look at; end it with Ctrl-C")
 
         ask = partial(_ask, endpoint=site.endpoint, limit_s=limit_s)
         with shown_until_ctrl_c(lambda: bool(ends)):

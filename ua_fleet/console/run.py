@@ -14,11 +14,11 @@ from typing import Any
 
 import uvicorn
 
-from ua_fleet.client import ClientIdentity
 from ua_fleet.console.app import ConsoleApp
 from ua_fleet.console.connections import bounded_http
 from ua_fleet.console.counts import ConsoleCounts
 from ua_fleet.console.figures import console_figures
+from ua_fleet.console.identity import console_identity
 from ua_fleet.console.origins import TrustedProxies
 from ua_fleet.console.page import Page
 from ua_fleet.console.people import People
@@ -65,12 +65,7 @@ async def run_console(
     listening = _listening(host, port)
     monitor = Monitor(Process.CONSOLE)
     counts = ConsoleCounts(monitor.mistakes)
-    identity = ClientIdentity(
-        settings.state_dir or default_state_dir(),
-        name="console",
-        application_uri=f"urn:{socket.gethostname()}:ua-fleet:console",
-        subject="ua-fleet console",
-    )
+    identity = console_identity(settings.state_dir or default_state_dir())
     try:
         await identity.ensure()
         async with _monitored(settings, monitor), asyncio.TaskGroup() as group:

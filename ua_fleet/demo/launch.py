@@ -1,4 +1,4 @@
-"""Starts what each demonstration has: the server with its user, the ROS master, bridges, and robots' programs."""
+"""Starts what each demonstration has: server with user, web console, ROS master, bridges, and robots' programs."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from typing import Final
 
 from ua_fleet.client import ClientIdentity, FleetClient
 from ua_fleet.config.load import load
+from ua_fleet.demo.console import CONSOLE, introduce_console, settings_text
 from ua_fleet.demo.processes import Processes
 from ua_fleet.demo.site import USER, Site
 from ua_fleet.server.introduce import introduce_bridge
@@ -33,12 +34,14 @@ class Launch:
         self._site, self._processes, self._cli_options = site, processes, cli_options
 
     async def prepare(self) -> None:
-        """Make the user, and the certificates of bridges where they need them."""
+        """Make the user, the console's certificate, and those of bridges where they need them."""
         site = self._site
         state = site.folder / "state"
         state.mkdir(mode=0o700, exist_ok=True)
         store = UserStore(state / "users.yaml")
         await asyncio.to_thread(store.add, USER, site.password, Role.OPERATOR, replace_existing=True)
+        if site.console_port is not None:
+            await introduce_console(state, site.folder / CONSOLE)
         if site.secure:
             config = load(site.config_file)
             for bridge in config.bridges:
@@ -54,6 +57,19 @@ class Launch:
     async def server(self, *options: str) -> None:
         """Start the server."""
         await self._cli("server", 2, "serve", *options)
+
+    async def console(self) -> None:
+        """Start the web console, where there is one, and wait until it answers. It needs no server for that."""
+        site = self._site
+        if site.console_port is None:
+            return
+        listen, settings = f"127.0.0.1:{site.console_port}", site.folder / "console.yaml"
+        fleet = load(site.config_file).fleet.name
+        text = settings_text(fleet, site.endpoint, listen, site.folder / CONSOLE)
+        settings.write_text(text, encoding="utf-8")
+        command = [site.python(2), "-m", "ua_fleet.cli", "console", "--config", str(settings)]
+        await self._processes.start(CONSOLE, command, site.environment(None))
+        await self.ready(CONSOLE)
 
     async def bridge(self, name: str, ros: int, *options: str) -> None:
         """Start a bridge, in the interpreter for ROS 1 or 2."""

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Final
 
 from ua_fleet.bridge.launch import child_environment, find_ros1_python
+from ua_fleet.demo.console import why_no_console
 from ua_fleet.demo.layout import Layout, check_same_fleet
 from ua_fleet.demo.processes import free_tcp_port, udp_port_in_use
 from ua_fleet.demo.ros_environment import ros2_environment
@@ -38,11 +39,18 @@ class Site:
     why_without_ros1: str
     secure: bool
     """Whether PubSub is signed and encrypted, with keys from the server's key service."""
+    console_port: int | None = None
+    """None where there is no web console."""
 
     @property
     def endpoint(self) -> str:
         """URL of the OPC UA server."""
         return f"opc.tcp://127.0.0.1:{self.server_port}/ua_fleet"
+
+    @property
+    def console_url(self) -> str:
+        """Where the web console is; empty where there is none."""
+        return "" if self.console_port is None else f"http://127.0.0.1:{self.console_port}/"
 
     @property
     def config_file(self) -> Path:
@@ -90,6 +98,7 @@ def choose_site(
     pubsub_url: str | None,
     without_ros1: bool,
     secure: bool,
+    console_port: int | None,
     say: Callable[[str], None],
 ) -> Site:
     """Choose ports and a password, and say what differs from what a reader expects.
@@ -101,6 +110,7 @@ def choose_site(
         pubsub_url: PubSub address; by default the registered one, or another group if its port is in use.
         without_ros1: do without ROS 1 even if it is there.
         secure: sign and encrypt PubSub.
+        console_port: wanted TCP port of the web console, likewise; None: no console.
         say: prints a line for people.
     """
     server_port = _free_port("the OPC UA server", port, say)
@@ -114,8 +124,14 @@ def choose_site(
     if ros1_python is not None:
         master_port = _free_port("the ROS master", master_port, say)
     why = "as asked" if without_ros1 else "since there is no .venv-ros1 (make setup says why)"
+    if console_port is not None:
+        if why_not := why_no_console():
+            say(f"there is no web console: {why_not}")
+            console_port = None
+        else:
+            console_port = _free_port("the web console", console_port, say)
     password = secrets.token_urlsafe(9)
-    return Site(folder, server_port, pubsub_url, password, master_port, ros1_python, why, secure)
+    return Site(folder, server_port, pubsub_url, password, master_port, ros1_python, why, secure, console_port)
 
 
 def _free_port(who: str, wanted: int, say: Callable[[str], None]) -> int:

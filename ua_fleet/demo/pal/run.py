@@ -26,7 +26,7 @@ class _Hall:
         self._changed = asyncio.Event()
 
     async def start_infrastructure(self) -> None:
-        """Start the server, the ROS master and both bridges, and wait until they are ready."""
+        """Start the server, the ROS master, both bridges and the console, and wait until they are ready."""
         launch = self.launch
         await launch.prepare()
         if self._setting.arm_ros == 1:
@@ -34,6 +34,7 @@ class _Hall:
         await launch.server()
         await launch.bridge("arm_side", self._setting.arm_ros)
         await launch.bridge("mobile_side", 2)
+        await launch.console()
         await launch.ready("server", "arm_side", "mobile_side")
 
     async def start_robots(self) -> None:

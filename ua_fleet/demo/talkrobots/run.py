@@ -43,6 +43,7 @@ class _Hall:
         for actor in ACTORS:
             heard = partial(self._robot_says, actor.name)
             await self._processes.start(actor.name, setting.command(actor), setting.environment(actor), heard)
+        await launch.console()
         await launch.ready("server", *(actor.bridge for actor in ACTORS))
         names = {actor.name for actor in ACTORS}
         await self._processes.until(lambda: names <= self._ready, self._changed, START_TIMEOUT_S, "the robots")

@@ -1,0 +1,63 @@
+"""Where a demonstration runs, and what of it is said."""
+
+from __future__ import annotations
+
+import socket
+from pathlib import Path
+
+import pytest
+
+from ua_fleet.console import page
+from ua_fleet.demo.site import Site, choose_site
+
+PAGE_MISSING = page.page_missing
+
+
+def chosen(folder: Path, console_port: int | None) -> tuple[Site, list[str]]:
+    """A site, and what was said about it; nothing else than the console is worth a word here."""
+    said: list[str] = []
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    site = choose_site(
+        folder,
+        port=port,
+        master_port=port,
+        pubsub_url="opc.udp://239.1.2.3:4840",
+        without_ros1=True,
+        secure=False,
+        console_port=console_port,
+        say=said.append,
+    )
+    return site, said
+
+
+@pytest.fixture
+def built(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A page; the installation's own may not be built."""
+    (tmp_path / "index.html").write_text("<!doctype html>")
+    monkeypatch.setattr(page, "page_missing", lambda: PAGE_MISSING(tmp_path))
+    return tmp_path / "index.html"
+
+
+def test_the_console_takes_another_port_where_one_is_in_use(built: Path) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as somebody:
+        port = somebody.getsockname()[1]
+        site, said = chosen(built.parent, port)
+    assert site.console_port not in (None, port)
+    assert said == [f"port {port} is in use; the web console takes {site.console_port}"]
+    assert site.console_url == f"http://127.0.0.1:{site.console_port}/"
+
+
+def test_without_its_page_there_is_no_console_and_a_line_says_why(built: Path) -> None:
+    built.unlink()
+    site, said = chosen(built.parent, 8080)
+    assert (site.console_port, site.console_url) == (None, "")
+    assert len(said) == 1
+    assert said[0].startswith("there is no web console: the page is not built: run make setup")
+
+
+def test_nothing_is_said_of_a_console_that_nobody_wants(built: Path) -> None:
+    built.unlink()
+    site, said = chosen(built.parent, None)
+    assert (site.console_url, said) == ("", [])

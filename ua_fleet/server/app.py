@@ -210,7 +210,8 @@ async def run_server(
             await hub.run()
         finally:
             server.context.departed.clear()  # that clients are gone now says nothing of them
-            teleoperation.close()
+            with mistakes.guard("teleoperation"):
+                teleoperation.close()
             await hub.close()
     finally:
         stack.close()

@@ -432,10 +432,10 @@ class Hub:
             if isinstance(event, MetaDataReceived):
                 self._look_for_robot(event)
             self._take(self.state.apply(event, wall), now)
-            if self._teleoperation is not None:
-                self._teleoperation.follow(event)
             self._follow_skills(event, wall)
             self._follow_executions(event)
+            if self._teleoperation is not None:
+                self._teleoperation.follow(event)
 
     def _want(self, action: Topic) -> None:
         """See to it that a bridge announces an Action; nobody announces what clients do."""

@@ -187,6 +187,7 @@ class TeleoperationService:
             robot.is_silent = False
             self._show(robot, 0, self._wall_ticks())
         elif isinstance(event, SourceStale):
+            robot.is_silent = False
             self._show(robot, _LAST_USABLE, self._wall_ticks())
         else:
             self._lost(robot, _REFUSED if isinstance(event, SourceRefused) else _NO_COMMUNICATION)

@@ -94,6 +94,12 @@ def _without_expressions(markup: str) -> str:
     return "".join(kept)
 
 
+def test_the_editor_completes_by_the_schema_that_is_published() -> None:
+    schemas = (WEB / "src/pages/scenarios/scenario.schema.json", system.ROOT / "docs/schemas/scenario.schema.json")
+    mine, published = (json.loads(path.read_text(encoding="utf-8")) for path in schemas)
+    assert mine == published, f"copy {schemas[1]} to {schemas[0]}, and have prettier format it"
+
+
 def test_the_lock_file_names_no_registry_and_has_hashes() -> None:
     locked = json.loads((WEB / "package-lock.json").read_text(encoding="utf-8"))["packages"]
     assert len(locked) > 50

@@ -1,0 +1,203 @@
+"""Scenarios: the library, the text with the server's problems, runs that are followed, asked about and ended."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+
+import pytest
+from playwright.sync_api import Locator, Page, expect
+
+from tests.console.conftest import Fleet
+
+Open = Callable[..., Page]
+Picture = Callable[[Page, str], None]
+PLACE = "#/hall/scenarios"
+HELLO = "<img onerror=alert(1)> \u202e " + "x" * 200
+ORDERED = """\
+  # first left, then two at once
+  - {task: one, skill: work, robot: left, arguments: {seconds: "=seconds"}}
+  - parallel:
+      - {task: two, skill: work, robot: middle, arguments: {seconds: 0.4}}
+      - {task: three, skill: work, capacity: weld, arguments: {seconds: 0.6}}
+  - repeat:
+      - {task: again, skill: work, robot: right, after: [one]}
+    times: 2
+  - if: one.seconds > 100
+    then:
+      - {end: failed, reason: too long}
+"""
+
+
+@pytest.fixture
+def expected_complaints() -> list[str]:
+    return ["409", "400"]
+
+
+def row(page: Page, name: str, table: str = "Library") -> Locator:
+    return page.get_by_role("table", name=table).locator("tbody tr").filter(has_text=name).first
+
+
+def chosen(page: Page, name: str, action: str) -> None:
+    row(page, name).get_by_role("button", name=f"Actions for {name}").click()
+    page.get_by_role("menuitem", name=action).click()
+
+
+def text_of(page: Page, name: str) -> Locator:
+    return page.get_by_role("textbox", name=f"Text of {name}")
+
+
+def lines(page: Page) -> Locator:
+    return page.get_by_role("list", name="Steps").get_by_role("listitem")
+
+
+def test_a_scenario_is_started_with_its_parameters_and_followed(
+    fleet: Fleet, open_page: Open, picture: Picture
+) -> None:
+    head = "parameters:\n  seconds: {default: 0.5, unit: s, range: [0, 30], description: how long}\n"
+    fleet.plant.scenario("ordered", ORDERED, head)
+    page = open_page("operator", PLACE)
+    expect(row(page, "ordered")).to_contain_text("Fits")
+    chosen(page, "ordered", "Start…")
+    dialog = page.get_by_role("dialog", name="Start ordered")
+    expect(dialog).to_contain_text("how long")
+    dialog.get_by_label("seconds").fill("300")
+    dialog.get_by_role("button", name="Start").click()
+    expect(dialog).to_contain_text("Give 0 to 30.")
+    picture(page, "scenarios-start")
+    dialog.get_by_label("seconds").fill("0.8")
+    page.keyboard.press("Enter")
+    expect(lines(page).filter(has_text="one").first).to_contain_text("left")
+    expect(page.locator("header").get_by_text("Done")).to_be_visible()
+    expect(lines(page).filter(has_text="again")).to_contain_text("time 2")
+    expect(lines(page).filter(has_text="three")).to_contain_text("Done")
+    picture(page, "run-steps")
+    page.get_by_role("tab", name="Gantt chart").click()
+    chart = page.get_by_role("region", name="Gantt chart")
+    expect(chart.get_by_role("listitem")).to_have_count(4)
+    expect(chart.get_by_role("listitem").filter(has_text="three")).to_contain_text("done")
+    picture(page, "run-gantt")
+    page.get_by_role("link", name="Runs").click()
+    expect(row(page, "ordered", "Runs")).to_contain_text("5/5")
+    picture(page, "runs")
+
+
+def test_a_run_is_paused_resumed_and_aborted_with_a_reason(fleet: Fleet, open_page: Open, picture: Picture) -> None:
+    fleet.plant.scenario(
+        "long", "  - {task: slow, skill: work, robot: left, arguments: {seconds: 6}}\n  - {wait: 60}\n"
+    )
+    page = open_page("operator", PLACE)
+    chosen(page, "long", "Start…")
+    page.get_by_role("dialog").get_by_role("button", name="Start").click()
+    expect(lines(page).first).to_contain_text("At it")
+    watcher = open_page("observer", page.url.partition("/#")[2].join(["#", ""]))
+    expect(watcher.get_by_role("button", name="Abort…")).to_have_attribute(
+        "title", "Your role may not do this; it needs: Operator."
+    )
+    page.get_by_role("button", name="Pause").click()
+    expect(page.locator("header").get_by_text("Paused")).to_be_visible()
+    page.get_by_role("button", name="Resume").click()
+    expect(page.locator("header").get_by_text("Running")).to_be_visible()
+    page.get_by_role("button", name="Abort…").click()
+    dialog = page.get_by_role("dialog", name="Abort this run")
+    dialog.get_by_role("button", name="Abort the run").click()
+    expect(dialog).to_contain_text("Say why")
+    dialog.get_by_label("Reason").fill("<b>enough</b>")
+    page.keyboard.press("Enter")
+    expect(page.locator("header").get_by_text("Aborted")).to_be_visible(timeout=20_000)
+    expect(page.locator("dl")).to_contain_text("<b>enough</b>")
+    expect(watcher.locator("header").get_by_text("Aborted")).to_be_visible()
+
+
+def test_a_text_is_checked_by_the_server_while_it_is_typed_and_stored(
+    fleet: Fleet, open_page: Open, picture: Picture
+) -> None:
+    page = open_page("engineer", PLACE)
+    page.get_by_role("button", name="New scenario").click()
+    text = text_of(page, "new_scenario")
+    problems = page.get_by_role("region", name="Problems")
+    expect(problems).to_contain_text("It fits the fleet.")
+    text.click()
+    page.keyboard.press("Control+End")
+    page.keyboard.insert_text("  # stays\n  - {task: a, skill: wrok, robot: left}\n")
+    expect(problems).to_contain_text("1 problem")
+    expect(problems.get_by_role("button")).to_have_text(
+        "Line 7: task 'a': left has no skill 'wrok'; did you mean `work`?"
+    )
+    expect(page.get_by_role("button", name="Start…")).to_have_attribute("title", "Store it first.")
+    picture(page, "editor-problems")
+    problems.get_by_role("button").click()
+    expect(text).to_be_focused()
+    page.keyboard.press("End")
+    page.keyboard.press("Shift+Home")
+    page.keyboard.insert_text("- {task: a, ro")
+    expect(page.get_by_role("option", name="robot")).to_have_count(0)
+    page.keyboard.press("Control+Space")
+    page.get_by_role("option", name="robot").click()
+    page.keyboard.insert_text("left, skill: work}")
+    expect(problems).to_contain_text("It fits the fleet.")
+    page.keyboard.press("Control+s")
+    expect(page.get_by_text("new_scenario was stored.")).to_be_visible()
+    expect(page).to_have_url(page.url.split("#")[0] + "#/hall/scenarios/edit/new_scenario")
+    stored = (fleet.plant.folder / "scenarios" / "new_scenario.yaml").read_text()
+    assert stored.endswith("  - {wait: 1}\n  # stays\n  - {task: a, robot: left, skill: work}\n")
+
+
+def test_who_stores_over_another_sees_what_differs(fleet: Fleet, open_page: Open, picture: Picture) -> None:
+    fleet.plant.scenario("shared", "  - {task: a, skill: work, robot: left}\n  - {wait: 1}\n")
+    file = fleet.plant.folder / "scenarios" / "shared.yaml"
+    page = open_page("engineer", PLACE + "/edit/shared")
+    text_of(page, "shared").click()
+    page.keyboard.press("Control+End")
+    page.keyboard.insert_text("  # mine\n")
+    file.write_text(file.read_text().replace("wait: 1", "wait: 2"))
+    page.keyboard.press("Control+s")
+    dialog = page.get_by_role("dialog", name="shared is another one now")
+    expect(dialog.get_by_role("region", name="What differs")).to_contain_text("wait: 2")
+    picture(page, "editor-conflict")
+    dialog.get_by_role("button", name="Store mine").click()
+    expect(page.get_by_text("shared was stored.")).to_be_visible()
+    assert file.read_text().endswith("  - {wait: 1}\n  # mine\n")
+    page.keyboard.press("Escape")
+    text_of(page, "shared").click()
+    page.keyboard.press("Control+End")
+    page.keyboard.insert_text("  # more\n")
+    file.write_text(file.read_text().replace("wait: 1", "wait: 3"))
+    page.keyboard.press("Control+s")
+    dialog.get_by_role("button", name="Take the stored one").click()
+    expect(text_of(page, "shared")).to_contain_text("wait: 3")
+    expect(text_of(page, "shared")).not_to_contain_text("# more")
+
+
+def test_a_scenario_is_duplicated_and_deleted(fleet: Fleet, open_page: Open) -> None:
+    fleet.plant.scenario("old", "  # why\n  - {wait: 1}\n")
+    page = open_page("engineer", PLACE)
+    chosen(page, "old", "Duplicate")
+    expect(text_of(page, "old_copy")).to_contain_text("# why")
+    page.get_by_role("button", name="Store").click()
+    expect(page.get_by_text("old_copy was stored.")).to_be_visible()
+    page.get_by_role("link", name="Library").click()
+    chosen(page, "old_copy", "Delete…")
+    dialog = page.get_by_role("dialog", name="Delete old_copy")
+    expect(dialog).to_contain_text("# why")
+    dialog.get_by_role("button", name="Delete", exact=True).click()
+    expect(page.get_by_text("old_copy was deleted.")).to_be_visible()
+    expect(row(page, "old_copy")).to_have_count(0)
+
+
+def test_texts_of_strangers_are_texts_and_an_observer_changes_nothing(
+    fleet: Fleet, open_page: Open, picture: Picture
+) -> None:
+    text = f"version: 1\nname: strange\ndescription: {json.dumps(HELLO)}\nsteps:\n  - {{wait: 1}}\n  - {{task: a}}\n"
+    (fleet.plant.folder / "scenarios" / "strange.yaml").write_text(text)
+    page = open_page("observer", PLACE)
+    expect(row(page, "strange")).to_contain_text("<img onerror=alert(1)>")
+    expect(row(page, "strange")).to_contain_text("problem")
+    picture(page, "library")
+    expect(page.get_by_role("button", name="New scenario")).to_have_attribute("aria-disabled", "true")
+    row(page, "strange").get_by_role("link").click()
+    expect(text_of(page, "strange")).to_contain_text("<img onerror")
+    text_of(page, "strange").click()
+    page.keyboard.type("x")
+    expect(page.get_by_text("Changed", exact=True)).to_have_count(0)
+    expect(page.get_by_role("region", name="Problems").get_by_role("button").first).to_contain_text("Line 6:")

@@ -1,0 +1,153 @@
+/** What a run has done and is at: its steps in their order, and who was at what when. */
+import type { Fact, Outline, Step, TaskRow } from './types';
+
+/** A line of the list of steps. */
+export interface StepLine {
+  key: string;
+  depth: number;
+  /** A step that is no task, or the branch of one; null where the scenario's text is another now. */
+  step: Step | null;
+  branch?: 'then' | 'else';
+  /** Those of a task, one for each repetition that it has come to. */
+  tasks: TaskRow[];
+}
+
+/** Things by what they have in common, in the order in which each of these is first met. */
+export function groupedBy<T>(all: readonly T[], by: (one: T) => string): Map<string, T[]> {
+  const groups = new Map<string, T[]>();
+  for (const one of all) {
+    const group = groups.get(by(one));
+    if (group) group.push(one);
+    else groups.set(by(one), [one]);
+  }
+  return groups;
+}
+
+/** A step's key without the numbers of repetitions. */
+export const placeOf = (step: string) => step.split('@', 1)[0] ?? step;
+
+/** The numbers of repetitions that a step's key has, as `1·3`, counted from 1; empty: it is in none. */
+export function repetitionOf(step: string): string {
+  return step
+    .split('@')
+    .slice(1)
+    .map((number) => String(Number(number) + 1))
+    .join('·');
+}
+
+function isDescribed(outline: Outline, tasks: readonly TaskRow[]): boolean {
+  const names = new Map<string, string>();
+  const note = (steps: readonly Step[]): void => {
+    for (const step of steps) {
+      if (step.kind === 'task') names.set(step.step, step.name);
+      else for (const below of belowOf(step)) note(below.steps);
+    }
+  };
+  note(outline.steps);
+  return tasks.every((one) => names.get(placeOf(one.step)) === one.task);
+}
+
+function belowOf(step: Step): { branch?: 'then' | 'else'; steps: Step[] }[] {
+  if (step.kind === 'if') {
+    return [
+      { branch: 'then', steps: step.then },
+      { branch: 'else', steps: step.else },
+    ];
+  }
+  return 'steps' in step ? [{ steps: step.steps }] : [];
+}
+
+/** Steps as lines. Where the text has changed since the run began, so that its tasks are not there, only these. */
+export function linesOf(outline: Outline | null, tasks: readonly TaskRow[]): StepLine[] {
+  if (!outline || !isDescribed(outline, tasks)) {
+    return tasks.map((one) => ({ key: one.step, depth: 0, step: null, tasks: [one] }));
+  }
+  const byPlace = groupedBy(tasks, (one) => placeOf(one.step));
+  const lines: StepLine[] = [];
+  const add = (steps: readonly Step[], depth: number, inParallel = false): void => {
+    for (const one of steps) {
+      // A branch of one step is that step.
+      const only = inParallel && one.kind === 'sequence' && one.steps.length === 1 ? one.steps[0] : undefined;
+      const step = only ?? one;
+      lines.push({ key: step.step, depth, step, tasks: byPlace.get(step.step) ?? [] });
+      for (const { branch, steps: below } of belowOf(step)) {
+        if (branch && below.length) {
+          lines.push({ key: `${step.step} ${branch}`, depth: depth + 1, step, branch, tasks: [] });
+        }
+        add(below, branch ? depth + 2 : depth + 1, step.kind === 'parallel');
+      }
+    }
+  };
+  add(outline.steps, 0);
+  return lines;
+}
+
+/** One attempt of a robot at a task. Times are null where nobody looked when it began or ended. */
+export interface Attempt {
+  key: string;
+  step: string;
+  task: string;
+  robot: string;
+  attempt: number;
+  from: number | null;
+  to: number | null;
+  /** As `done`; empty: it is at it. */
+  outcome: string;
+}
+
+/** Facts in the order of their times, each once, however often the feed has begun anew. */
+export function mergedFacts(known: readonly Fact[], told: Iterable<Fact>): Fact[] {
+  const all = new Map<string, Fact>();
+  for (const fact of [...known, ...told]) all.set(JSON.stringify([fact.at, fact.fact, fact.task, fact.detail]), fact);
+  return [...all.values()].sort((a, b) => a.at.localeCompare(b.at));
+}
+
+const AT_IT = new Set(['assigned', 'accepted', 'halting', 'asked', 'lost']);
+
+/** Who was at what when, by the facts; and what is under way of which nobody saw the beginning. */
+export function attemptsOf(facts: readonly Fact[], tasks: readonly TaskRow[]): Attempt[] {
+  const all = new Map<string, Attempt>();
+  for (const fact of facts) {
+    const step = fact.detail?.step;
+    const attempt = fact.detail?.attempt;
+    if (typeof step !== 'string' || typeof attempt !== 'number') continue;
+    const key = `${step}#${attempt}`;
+    const at = Date.parse(fact.at);
+    if (fact.fact === 'TaskAssigned') {
+      const robot = fact.robot ?? '';
+      all.set(key, { key, step, task: fact.task ?? '', robot, attempt, from: at, to: null, outcome: '' });
+    } else if (fact.fact === 'TaskOver') {
+      const known = all.get(key);
+      const robot = known?.robot || fact.robot || '';
+      const from = known?.from ?? null;
+      all.set(key, {
+        ...{ key, step, task: fact.task ?? '', robot, attempt, from, to: at },
+        outcome: fact.outcome || String(fact.detail?.outcome ?? ''),
+      });
+    }
+  }
+  for (const one of tasks) {
+    const key = `${one.step}#${one.attempt}`;
+    if (!AT_IT.has(one.state) || !one.robot || all.has(key)) continue;
+    const { step, task, robot, attempt } = one;
+    all.set(key, { key, step, task, robot, attempt, from: null, to: null, outcome: '' });
+  }
+  return [...all.values()];
+}
+
+/** Where a bar stands between the times of a chart, in parts of its width. */
+export function barOf(attempt: Attempt, first: number, last: number): { left: number; width: number } {
+  const span = Math.max(1, last - first);
+  const part = (at: number) => Math.min(1, Math.max(0, (at - first) / span));
+  const left = part(attempt.from ?? first);
+  return { left, width: Math.max(0, part(attempt.to ?? last) - left) };
+}
+
+const STEPS_S = [0.1, 0.2, 0.5, 1, 2, 5, 10, 15, 30, 60, 120, 300, 600, 900, 1800, 3600, 7200, 14400, 43200, 86400];
+
+/** Times in seconds from the beginning that a chart of so many seconds has lines at: few, and round ones. */
+export function ticksOf(span_s: number, most: number): number[] {
+  const step = STEPS_S.find((one) => span_s / one <= most) ?? Math.ceil(span_s / most / 86400) * 86400;
+  const count = Math.floor(span_s / step + 1e-9);
+  return Array.from({ length: count + 1 }, (_, at) => Number((at * step).toFixed(3)));
+}

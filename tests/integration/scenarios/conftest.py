@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 import time
-from collections.abc import AsyncGenerator, Mapping, Sequence
+from collections.abc import AsyncGenerator, Callable, Mapping, Sequence
 from contextlib import AbstractAsyncContextManager, asynccontextmanager
 from pathlib import Path
 from typing import Any, Final, NamedTuple
@@ -74,6 +74,14 @@ class Plant:
         (folder / "fleet.json").write_text(json.dumps(raw))
         self.config = FleetConfig.model_validate(raw)
         (folder / "scenarios").mkdir()
+
+    def declare(self, change: Callable[[dict[str, Any]], None]) -> None:
+        """Change the fleet before its server is started."""
+        path = self.folder / "fleet.json"
+        raw = json.loads(path.read_text())
+        change(raw)
+        path.write_text(json.dumps(raw))
+        self.config = FleetConfig.model_validate(raw)
 
     def scenario(self, name: str, steps: str, head: str = "") -> None:
         """Write a scenario's file."""

@@ -67,12 +67,19 @@ export function numberOf(value: Json): number | null {
   return null;
 }
 
+/** Signs that would change how the text around them is read: of control, and of direction. */
+const SIGNS = /[\u0000-\u001f\u007f-\u009f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069]/g;
+
+function escaped(text: string): string {
+  return text.replace(SIGNS, (sign) => `\\u${sign.charCodeAt(0).toString(16).padStart(4, '0')}`);
+}
+
 /** A value in one line of text; long ones are cut by what shows them. */
 export function formatValue(value: Json): string {
   if (value === null) return '—';
   if (typeof value === 'number') return formatNumber(value);
   if (typeof value === 'boolean') return value ? 'true' : 'false';
-  if (typeof value === 'string') return value;
+  if (typeof value === 'string') return escaped(value);
   if (Array.isArray(value)) return `[${value.map(formatValue).join(', ')}]`;
   const keys = Object.keys(value);
   if (keys.length === 1 && typeof value.int === 'string') return value.int.replace('-', '−');

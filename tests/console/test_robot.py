@@ -1,0 +1,171 @@
+"""The page of one robot: its data, its skills, its faults."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import Any, Final
+
+import pytest
+from playwright.sync_api import Locator, Page, expect
+
+from tests.console.conftest import Fleet, fleet_of
+
+Open = Callable[..., Page]
+Picture = Callable[[Page, str], None]
+LEFT: Final = "#/hall/robot/left"
+HOSTILE: Final = "<img src=x onerror=alert(1)>\u202e" + "long " * 40
+NODES: Final = {
+    "speed_limit": {"id": 1301, "type": "Double", "unit": "m/s", "range": [0, 2], "initial": 0.5},
+    "route": {"id": 1302, "type": "String", "initial": "A, B"},
+    "lamp": {"id": 1303, "type": "Boolean", "initial": False},
+    "drive": {
+        "id": 1304,
+        "fields": {
+            "current": {"type": "Double", "unit": "A", "initial": 1.25},
+            "mode": {"type": "String", "initial": HOSTILE},
+        },
+    },
+    "never": {"id": 1305, "type": "Double", "unit": "V"},
+}
+
+
+@pytest.fixture(scope="module")
+def fleet(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Fleet]:
+    """The fleet, whose robot `left` has more data."""
+
+    def change(raw: dict[str, Any]) -> None:
+        raw["robots"]["left"]["data"] |= {name: {"origin": "server", **node} for name, node in NODES.items()}
+
+    with fleet_of(tmp_path_factory.mktemp("fleet"), lambda plant: plant.declare(change)) as running:
+        yield running
+
+
+def row(page: Page, name: str) -> Locator:
+    return (
+        page.get_by_role("table", name="Data")
+        .get_by_role("row")
+        .filter(has=page.get_by_role("rowheader", name=name, exact=True))
+    )
+
+
+def skill(page: Page, name: str = "work") -> Locator:
+    return page.get_by_role("region", name=name, exact=True)
+
+
+def test_a_robot_s_data_stand_in_their_groups(open_page: Open, picture: Picture) -> None:
+    page = open_page("operator", LEFT)
+    expect(page.get_by_role("heading", level=1, name="left")).to_be_visible()
+    expect(row(page, "speed_limit")).to_contain_text("0.5")
+    expect(row(page, "speed_limit")).to_contain_text("m/s")
+    expect(row(page, "speed_limit")).to_contain_text("Good")
+    expect(row(page, "never")).to_contain_text("—")
+    expect(page.get_by_role("rowheader", name="drive", exact=True)).to_be_visible()
+    expect(row(page, "current")).to_contain_text("1.25")
+    expect(row(page, "mode")).to_contain_text("<img src=x onerror=alert(1)>")
+    expect(page.get_by_role("main")).not_to_contain_text("\u202e")
+    picture(page, "robot")
+
+
+def test_a_value_is_written_within_its_range(open_page: Open, picture: Picture) -> None:
+    page = open_page("operator", LEFT)
+    row(page, "speed_limit").get_by_role("button", name="Write speed_limit").click()
+    dialog = page.get_by_role("dialog", name="Write speed_limit")
+    field = dialog.get_by_label("speed_limit", exact=True)
+    expect(field).to_be_focused()
+    field.fill("7")
+    page.keyboard.press("Enter")
+    expect(dialog).to_contain_text("Give 0 to 2.")
+    picture(page, "robot-write")
+    field.fill("1,5")
+    page.keyboard.press("Enter")
+    expect(dialog).to_be_hidden()
+    expect(row(page, "speed_limit")).to_contain_text("1.5")
+
+
+def test_a_skill_is_started_by_its_form_and_told_of(open_page: Open, picture: Picture) -> None:
+    page = open_page("operator", LEFT)
+    expect(skill(page)).to_contain_text("Ready")
+    skill(page).get_by_role("button", name="Start…").click()
+    expect(skill(page).get_by_label("work", exact=True)).to_have_value("weld")
+    skill(page).get_by_label("seconds", exact=True).fill("61")
+    skill(page).get_by_role("button", name="Start", exact=True).click()
+    expect(skill(page)).to_contain_text("Give 0 to 60.")
+    skill(page).get_by_label("seconds", exact=True).fill("0.1")
+    skill(page).get_by_role("button", name="Start", exact=True).click()
+    last = page.get_by_role("list", name="Last executions").get_by_role("listitem").first
+    expect(last).to_contain_text("Done")
+    expect(last).to_contain_text("weld")
+    skill(page).get_by_label("work", exact=True).fill("fail")
+    skill(page).get_by_role("button", name="Start", exact=True).click()
+    expect(last).to_contain_text("Failed")
+    expect(last).to_contain_text("the machine broke")
+    expect(page.get_by_role("list", name="Last executions").get_by_role("listitem")).to_have_count(2)
+    picture(page, "robot-skill")
+
+
+def test_what_is_under_way_stands_goes_on_and_is_halted(open_page: Open, picture: Picture) -> None:
+    page = open_page("operator", "#/hall/robot/right")
+    skill(page).get_by_role("button", name="Start…").click()
+    skill(page).get_by_label("work", exact=True).fill("never ends")
+    page.keyboard.press("Enter")
+    expect(skill(page).get_by_role("progressbar")).to_have_attribute("value", "0.5")
+    expect(page.get_by_role("main")).to_contain_text("Busy")
+    skill(page).get_by_role("button", name="Suspend").click()
+    expect(skill(page)).to_contain_text("Suspended")
+    expect(skill(page)).to_contain_text("it stands")
+    picture(page, "robot-suspended")
+    skill(page).get_by_role("button", name="Resume").click()
+    expect(skill(page).get_by_role("button", name="Suspend")).to_be_visible()
+    skill(page).get_by_role("button", name="Halt").click()
+    expect(page.get_by_role("list", name="Last executions").get_by_role("listitem").first).to_contain_text("halted")
+    expect(skill(page).get_by_role("progressbar")).to_have_count(0)
+
+
+def test_an_observer_looks_and_is_told_why_they_may_not_act(open_page: Open) -> None:
+    page = open_page("observer", LEFT)
+    expect(row(page, "speed_limit")).to_contain_text("Good")
+    expect(page.get_by_role("button", name="Write speed_limit")).to_have_count(0)
+    why = "Your role may not do this; it needs: Operator."
+    for button in (skill(page).get_by_role("button", name="Start…"), page.get_by_role("button", name="Hold…")):
+        expect(button).to_have_attribute("aria-disabled", "true")
+        expect(button).to_have_attribute("title", why)
+
+
+def test_a_robot_is_held_here_too(open_page: Open) -> None:
+    page = open_page("operator", "#/hall/robot/middle")
+    page.get_by_role("button", name="Hold…").click()
+    page.keyboard.type("new tyre")
+    page.keyboard.press("Enter")
+    expect(page.get_by_role("main")).to_contain_text("Held by oscar: new tyre")
+    page.get_by_role("button", name="Release…").click()
+    page.get_by_role("dialog").get_by_role("button", name="Release", exact=True).click()
+    expect(page.get_by_role("button", name="Hold…")).to_be_visible()
+
+
+def test_a_silent_robot_has_a_fault_that_is_acknowledged(open_page: Open, fleet: Fleet, picture: Picture) -> None:
+    page = open_page("operator", "#/hall/robot/middle")
+    expect(skill(page)).to_contain_text("Ready")
+    fleet.bridges["middle"].end()
+    faults = page.get_by_role("list", name="Faults")
+    expect(faults).to_contain_text("Active")
+    expect(skill(page)).to_contain_text("Unknown")
+    start = skill(page).get_by_role("button", name="Start…")
+    expect(start).to_have_attribute("title", "The robot is not heard.")
+    picture(page, "robot-silent")
+    faults.get_by_role("button", name="Acknowledge…").click()
+    page.keyboard.type("I look")
+    page.keyboard.press("Enter")
+    expect(faults).to_contain_text("acknowledged by oscar · I look")
+    fleet.bridges["middle"] = fleet.plant.start_bridge("middle")
+    expect(skill(page)).to_contain_text("Ready", timeout=20_000)
+    expect(faults).to_have_count(0)
+
+
+def test_a_robot_that_there_is_not_is_said(open_page: Open, axe: Callable[[Page], None]) -> None:
+    page = open_page("observer", "#/hall/robot/nobody")
+    expect(page.get_by_role("alert")).to_contain_text("there is no robot 'nobody'")
+    axe(page)
+    page.get_by_role("main").get_by_role("link", name="Fleet").click()
+    expect(page.get_by_role("article", name="left")).to_be_visible()
+    page.get_by_role("article", name="left").get_by_role("link", name="left").click()
+    expect(page.get_by_role("heading", level=1, name="left")).to_be_visible()

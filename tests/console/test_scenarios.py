@@ -201,3 +201,37 @@ def test_texts_of_strangers_are_texts_and_an_observer_changes_nothing(
     page.keyboard.type("x")
     expect(page.get_by_text("Changed", exact=True)).to_have_count(0)
     expect(page.get_by_role("region", name="Problems").get_by_role("button").first).to_contain_text("Line 6:")
+
+
+def test_blocks_are_put_in_moved_and_removed_by_keys_and_comments_stay(
+    fleet: Fleet, open_page: Open, picture: Picture
+) -> None:
+    task = "  # of one\n  - {task: one, skill: work, robot: left}  # behind\n"
+    fleet.plant.scenario("blocky", task + "  - repeat:\n      - {wait: 1}\n    times: 2\n")
+    page = open_page("engineer", PLACE + "/edit/blocky")
+    tree = page.get_by_role("tree", name="Blocks")
+    one = tree.get_by_role("treeitem", name="one")
+    expect(tree.get_by_role("treeitem")).to_have_count(3)
+    one.focus()
+    page.keyboard.press("Alt+ArrowDown")
+    expect(one).to_be_focused()
+    page.keyboard.press("Alt+ArrowRight")
+    expect(one).to_have_attribute("aria-level", "2")
+    palette = page.get_by_role("group", name="Put in")
+    palette.get_by_role("button", name="work").focus()
+    page.keyboard.press("Enter")
+    added = tree.get_by_role("treeitem", name="work → weld")
+    expect(added).to_be_focused()
+    expect(page.get_by_role("region", name="Problems")).to_contain_text("It fits the fleet.")
+    picture(page, "editor-blocks")
+    tree.get_by_role("treeitem", name="Wait").focus()
+    page.keyboard.press("Delete")
+    expect(tree.get_by_role("treeitem")).to_have_count(3)
+    added.drag_to(tree.get_by_role("treeitem", name="Repeat"), target_position={"x": 30, "y": 4})
+    expect(added).to_have_attribute("aria-level", "1")
+    page.get_by_role("button", name="Store").click()
+    expect(page.get_by_text("blocky was stored.")).to_be_visible()
+    assert (fleet.plant.folder / "scenarios" / "blocky.yaml").read_text().partition("steps:\n")[2] == (
+        "  - {task: work, skill: work, capacity: weld}\n"
+        "  - repeat:\n      # of one\n      - {task: one, skill: work, robot: left}  # behind\n    times: 2\n"
+    )

@@ -18,7 +18,7 @@ RUN apt-get update -qq \
     && useradd --uid 10001 --gid 10001 --home-dir /tmp --no-create-home --shell /usr/sbin/nologin ua-fleet \
     # A new volume takes owner and mode from the folder that it is mounted on.
     && cd /var/lib && mkdir ua-fleet && cd ua-fleet \
-    && install -d -o ua-fleet -g ua-fleet -m 700 fleet server operator modbus events traffic arm_side \
+    && install -d -o ua-fleet -g ua-fleet -m 700 fleet server operator console modbus events traffic arm_side \
         mobile_side ridgeback_bridge ur3_bridge pioneer_1_bridge pioneer_2_bridge drone_bridge conveyor_bridge \
         temperature_sensor_bridge
 # The root file system is read-only: whoever wants a home or logs in files has /tmp.
@@ -78,7 +78,7 @@ WORKDIR /tmp
 ENTRYPOINT []
 CMD ["ua-fleet", "--help"]
 
-# --- core: the server, the Modbus gateway, the conductor; bridges to PLCs, TCP robots and plugged-in devices ------
+# --- core: server, web console, Modbus gateway, conductor; bridges to PLCs, TCP robots and plugged-in devices ------
 FROM environment AS core
 LABEL org.opencontainers.image.title=ua-fleet/core \
       org.opencontainers.image.description="OPC UA server of a mixed fleet; bridges to PLCs, TCP robots and devices"

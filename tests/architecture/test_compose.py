@@ -17,7 +17,7 @@ COMPOSE: Final[Any] = yaml.safe_load((ROOT / "compose.yaml").read_text(encoding=
 SERVICES: Final[Mapping[str, Any]] = COMPOSE["services"]
 DOCKERFILE: Final = (ROOT / "Dockerfile").read_text(encoding="utf-8")
 JOBS: Final = {"setup": "talkrobots", "setup-pal": "pal"}
-BESIDE_THE_SERVER: Final = {"server", "server-pal", "tasks", "line", "plc-gateway"}
+BESIDE_THE_SERVER: Final = {"server", "server-pal", "tasks", "line", "plc-gateway", "console", "console-pal"}
 """Who is on the server's network beside the bridges."""
 STATE: Final = "/var/lib/ua-fleet"
 
@@ -114,8 +114,12 @@ def test_no_network_has_an_answer_from_outside() -> None:
 @each_service
 def test_ports_are_published_on_the_address_that_was_asked_for(name: str) -> None:
     ports = SERVICES[name].get("ports", [])
-    assert bool(ports) == (name in {"server", "server-pal", "plc-gateway"})
+    consoles = {"console", "console-pal"}
+    assert bool(ports) == (name in {"server", "server-pal", "plc-gateway"} | consoles)
     for port in ports:
+        if name in consoles:
+            assert port == "127.0.0.1:${UA_FLEET_CONSOLE_PORT:-8080}:8080", "without TLS on loopback alone"
+            continue
         assert port.startswith("${UA_FLEET_PUBLISH:-127.0.0.1}:${UA_FLEET_")
 
 
@@ -129,7 +133,12 @@ def test_only_the_job_may_change_the_fleet_s_files(name: str) -> None:
 
 @each_service
 def test_keys_and_passwords_are_read_by_their_owner_alone(name: str) -> None:
-    own = {"operator": {"tasks", "line", "plc-gateway"}, "server": {"server", "server-pal"}, "modbus": {"plc-gateway"}}
+    own = {
+        "operator": {"tasks", "line", "plc-gateway"},
+        "server": {"server", "server-pal"},
+        "console": {"console", "console-pal"},
+        "modbus": {"plc-gateway"},
+    }
     for volume, _, _ in mounts(name):
         plain = volume.removeprefix("pal-")
         if name not in JOBS and plain not in {"fleet", "events", "traffic"}:
@@ -170,7 +179,7 @@ def test_every_process_of_a_testbed_has_a_service() -> None:
         with_thermometer = {"temperature_sensor"}  # beside its bridge, at the other end of its line
         robots = {robot for robot in testbed.robots if robot not in with_thermometer}
         wanted = {name.replace("_", "-") for name in (*testbed.bridges, *robots)}
-        wanted |= {job, testbed.server, testbed.conductor, "rosmaster"} | (
+        wanted |= {job, testbed.server, testbed.console, testbed.conductor, "rosmaster"} | (
             {"plc-gateway"} if testbed.has_modbus else set()
         )
         assert there == wanted

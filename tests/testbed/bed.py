@@ -108,7 +108,11 @@ def _free_port() -> int:
 def make_bed() -> Bed:
     """Check this machine, make the base image where that is possible, and choose what is free; raises Missing."""
     given = os.environ.get("COMPOSE", "")
-    ports = (("UA_FLEET_PORT", _free_port()), ("UA_FLEET_MODBUS_PORT", _free_port()))
+    ports = (
+        ("UA_FLEET_PORT", _free_port()),
+        ("UA_FLEET_MODBUS_PORT", _free_port()),
+        ("UA_FLEET_CONSOLE_PORT", _free_port()),
+    )
     needs = _on_free_network(ports, given)
     _ensure_base(needs)
     command, _ = checks.compose_command(given, checks.ask)

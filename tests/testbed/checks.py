@@ -64,7 +64,11 @@ class Needs:
     project: str
     network: str = "10.214.84"
     host: str = "127.0.0.1"
-    ports: tuple[tuple[str, int], ...] = (("UA_FLEET_PORT", 4840), ("UA_FLEET_MODBUS_PORT", 1502))
+    ports: tuple[tuple[str, int], ...] = (
+        ("UA_FLEET_PORT", 4840),
+        ("UA_FLEET_MODBUS_PORT", 1502),
+        ("UA_FLEET_CONSOLE_PORT", 8080),
+    )
     """Each with the option that says which."""
     base: str = BASE
 

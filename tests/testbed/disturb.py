@@ -56,6 +56,7 @@ KINDS: Final = (
     Kind("TCP bridge", "drone-bridge", ("drone",)),
     Kind("bridge of a plugged-in device", "temperature-sensor-bridge", ("temperature_sensor",)),
     Kind("Modbus server", GATEWAY),
+    Kind("web console", "console"),
     Kind("conductor", CONDUCTOR),
     Kind("ROS 1 robot", "ridgeback", ("ridgeback",), ("ridgeback-bridge",)),
     Kind("ROS 2 robot", "pioneer-1", ("pioneer_1",), ("pioneer-1-bridge",)),

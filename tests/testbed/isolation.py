@@ -27,6 +27,7 @@ ROBOTS: Final = {
 _GROUP: Final = "224.0.2.14"
 _OPC_UA: Final = 4840
 _MONITORING: Final = 9464
+_CONSOLE: Final = 8080
 
 # Tries all ways that are given as JSON at once, and prints those that were open. What it says to the group is no
 # message: the server counts it as malformed where it gets there.
@@ -39,7 +40,7 @@ def connect(place):
     host, port = place
     try:
         with socket.create_connection((host, port), 2) as link:
-            if port == 9464:
+            if port in (9464, 8080):
                 return f"TCP {host}:{port}"
             url = b"opc.tcp://server:4840/"
             body = struct.pack("<IIIIII", 0, 65535, 65535, 0, 0, len(url)) + url
@@ -123,14 +124,14 @@ def _ways(bed: Bed, containers: Mapping[str, Container], robot: Container) -> di
     own = [joined["IPAddress"] for joined in robot.inspect()["NetworkSettings"]["Networks"].values()]
     bridges = [
         joined["IPAddress"]
-        for service in {*ROBOTS.values(), "plc-gateway", "temperature-sensor-bridge"}
+        for service in {*ROBOTS.values(), "plc-gateway", "console", "temperature-sensor-bridge"}
         for joined in containers[service].inspect()["NetworkSettings"]["Networks"].values()
     ]
     gateways = [f"{network}.{last}" for last in (1, 65, 129, 193)]
     hosts = [f"{network}.2", "server", *sorted({*bridges, *gateways} - set(own))]
-    tcp = [(host, port) for host in hosts for port in (_OPC_UA, _MONITORING)]
+    tcp = [(host, port) for host in hosts for port in (_OPC_UA, _MONITORING, _CONSOLE)]
     tcp += [(host, bed.port) for host in gateways]
-    return {"tcp": tcp, "udp": hosts, "names": ["server", "tasks"], "group": _GROUP}
+    return {"tcp": tcp, "udp": hosts, "names": ["server", "console", "tasks"], "group": _GROUP}
 
 
 def check_isolation(bed: Bed, containers: Mapping[str, Container]) -> list[str]:

@@ -111,7 +111,7 @@ def run(
 
 
 def login(testbed: _Which, folder: _Folder = _DEFAULT_FOLDER, as_json: Json = False) -> None:
-    """Say how UaExpert, or a command here, logs in to a testbed."""
+    """Say how a browser, UaExpert, or a command here, logs in to a testbed."""
     plan, options = _plan(testbed)
     with extra_needed("the testbed", "server"):
         from ua_fleet.demo.testbed.login import login_of
@@ -120,10 +120,14 @@ def login(testbed: _Which, folder: _Folder = _DEFAULT_FOLDER, as_json: Json = Fa
         print_json(asdict(found))
         return
     compose = "docker compose exec"
+    print_line(f"browser:      {found.console}  (the web console)")
     print_line(f"endpoint:     {found.endpoint}  ({found.security})")
     print_line(f"user:         {found.user}")
     print_line(f"password:     {found.password}")
     print_line(f"certificate:  {found.server_thumbprint}  (SHA-1 of the server's; compare it)")
-    message("The server lets a client in once it knows its certificate: connect once, in vain, and then run")
+    message(
+        "The web console is let in already, UaExpert once the server knows its certificate: connect once, in vain, and"
+    )
+    message("then run")
     message(f"  {compose} {plan.server} ua-fleet cert trust --last --show")
     message(f"Without UaExpert: {compose} {plan.conductor} ua-fleet browse --password-file {found.password_file}")

@@ -25,7 +25,7 @@ def why_no_console() -> str:
     return page_missing()
 
 
-def settings_text(name: str, endpoint: str, listen: str, state_dir: Path) -> str:
+def settings_text(name: str, endpoint: str, listen: str, state_dir: str, **more: object) -> str:
     """A `console.yaml` of one fleet; JSON is YAML, and needs no care with quotes.
 
     Args:
@@ -33,12 +33,14 @@ def settings_text(name: str, endpoint: str, listen: str, state_dir: Path) -> str
         endpoint: URL of its server.
         listen: address and port of the console.
         state_dir: for its certificate.
+        more: further keys.
     """
     settings = {
         "version": 1,
         "listen": listen,
         "fleets": {name: {"endpoint": endpoint}},
-        "state_dir": str(state_dir),
+        "state_dir": state_dir,
+        **more,
     }
     return json.dumps(settings, indent=2) + "\n"
 

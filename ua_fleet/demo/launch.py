@@ -65,7 +65,7 @@ class Launch:
             return
         listen, settings = f"127.0.0.1:{site.console_port}", site.folder / "console.yaml"
         fleet = load(site.config_file).fleet.name
-        text = settings_text(fleet, site.endpoint, listen, site.folder / CONSOLE)
+        text = settings_text(fleet, site.endpoint, listen, str(site.folder / CONSOLE))
         settings.write_text(text, encoding="utf-8")
         command = [site.python(2), "-m", "ua_fleet.cli", "console", "--config", str(settings)]
         await self._processes.start(CONSOLE, command, site.environment(None))

@@ -25,6 +25,8 @@ class Login:
     password_file: str
     server_thumbprint: str
     """SHA-1 of the server's certificate, as OPC UA tools show it."""
+    console: str
+    """URL of the web console; the same user and password."""
 
 
 def login_of(folder: Path, options: Options) -> Login:
@@ -32,7 +34,7 @@ def login_of(folder: Path, options: Options) -> Login:
 
     Args:
         folder: the volumes' folders stand in it.
-        options: where the server's port is published.
+        options: where the ports of server and console are published.
     """
     operator = folder / OPERATOR
     password = operator / PASSWORD
@@ -45,4 +47,6 @@ def login_of(folder: Path, options: Options) -> Login:
         raise ConfigError(f"the testbed is not prepared: {reason}", file=str(operator), suggestion=remedy) from error
     host = "localhost" if options.published_host == "0.0.0.0" else options.published_host
     endpoint = f"opc.tcp://{host}:{options.published_port}/ua_fleet"
-    return Login(endpoint, "Basic256Sha256, Sign & Encrypt", USER, word, str(password), thumbprint(certificate))
+    console = f"http://127.0.0.1:{options.console_port}/"
+    security = "Basic256Sha256, Sign & Encrypt"
+    return Login(endpoint, security, USER, word, str(password), thumbprint(certificate), console)

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Final, cast, get_args
 
+from ua_fleet.demo.console import CONSOLE, settings_text
 from ua_fleet.demo.layout import Layout
 from ua_fleet.demo.pal import setting as pal
 from ua_fleet.demo.ros_environment import ros2_environment
@@ -15,6 +16,8 @@ from ua_fleet.demo.talkrobots.setting import ACTORS, Kind, Mode
 from ua_fleet.errors import ConfigError
 
 __all__ = [
+    "CONSOLE_PORT",
+    "CONSOLE_SETTINGS",
     "EVENTS",
     "FLEET",
     "IDENTITY",
@@ -34,9 +37,12 @@ EVENTS, TRAFFIC = "events", "traffic"
 """Folders of volumes, beside one for each bridge. Robots see events alone; server and bridges write traffic."""
 PASSWORD = "password"  # noqa: S105 - the name of a file
 """In the operator's folder."""
+CONSOLE_SETTINGS = "console.yaml"
+"""In the fleet's folder."""
 IDENTITY = "ua-fleet/client"
 """In the operator's folder: where every `ua-fleet` command finds its certificate if XDG_STATE_HOME is that folder."""
 
+CONSOLE_PORT: Final = 8080
 _OPC_UA_PORT: Final = 4840
 _MONITORING_PORT: Final = 9464
 _KEY_LIFETIME_S: Final = 600
@@ -65,6 +71,8 @@ class Options:
     published_port: int = _OPC_UA_PORT
     network: str = "10.214.84"
     """First three bytes of the addresses of all containers."""
+    console_port: int = CONSOLE_PORT
+    """Port of loopback of the host at which the web console is published."""
 
     @classmethod
     def of(cls, environment: Mapping[str, str]) -> Options:
@@ -80,11 +88,14 @@ class Options:
             raise _wrong("SPEED", speed, "a number from 0.1 to 20")
         if mode not in get_args(Mode):
             raise _wrong("RESILIENCE", mode, f"one of {', '.join(get_args(Mode))}")
-        if not (port.isdecimal() and 0 < int(port) < 65536):
-            raise _wrong("PORT", port, "a TCP port")
+        console_port = given("CONSOLE_PORT", usual.console_port)
+        for name, number in (("PORT", port), ("CONSOLE_PORT", console_port)):
+            if not (number.isdecimal() and 0 < int(number) < 65536):
+                raise _wrong(name, number, "a TCP port")
         if not _NETWORK.fullmatch(network):
             raise _wrong("NET", network, "the first three numbers of a network's addresses, e.g. 10.214.84")
-        return cls(float(speed), cast("Mode", mode), given("PUBLISH", usual.published_host), int(port), network)
+        host = given("PUBLISH", usual.published_host)
+        return cls(float(speed), cast("Mode", mode), host, int(port), network, int(console_port))
 
 
 def _wrong(name: str, value: str, wanted: str) -> ConfigError:
@@ -96,6 +107,8 @@ class Testbed:
     """One of the two."""
 
     name: str
+    fleet: str
+    """What fleet.yaml calls the fleet."""
     bridges: tuple[str, ...]
     robots: tuple[str, ...]
     """What `testbed robot` becomes."""
@@ -108,15 +121,29 @@ class Testbed:
     has_modbus: bool
 
     @property
+    def console(self) -> str:
+        """The web console's service."""
+        return self.server.replace("server", CONSOLE)
+
+    @property
     def volumes(self) -> tuple[str, ...]:
         """The folders that its processes keep something in."""
-        return (FLEET, SERVER, *self.bridges, OPERATOR, EVENTS, TRAFFIC, *([MODBUS] if self.has_modbus else []))
+        return (
+            FLEET,
+            SERVER,
+            *self.bridges,
+            OPERATOR,
+            CONSOLE,
+            EVENTS,
+            TRAFFIC,
+            *([MODBUS] if self.has_modbus else []),
+        )
 
     def files(self, options: Options) -> dict[str, str]:
         """What stands in the folder of the fleet, by path."""
-        layout = self._layout(options)
+        layout, console = self._layout(options), {CONSOLE_SETTINGS: self._console_text()}
         if self.name == "pal":
-            return {"fleet.yaml": pal.fleet_text(layout, arm_space=1, mobile_space=_MOBILE_DOMAIN)}
+            return {"fleet.yaml": pal.fleet_text(layout, arm_space=1, mobile_space=_MOBILE_DOMAIN), **console}
         text = talkrobots.fleet_text(
             layout,
             _spaces(),
@@ -126,7 +153,19 @@ class Testbed:
             mode=options.mode,
             limit_s=LIMIT_S,
         )
-        return {"fleet.yaml": text, f"scenarios/{talkrobots.SCENARIO}.yaml": talkrobots.scenario_text()}
+        return {"fleet.yaml": text, f"scenarios/{talkrobots.SCENARIO}.yaml": talkrobots.scenario_text(), **console}
+
+    def _console_text(self) -> str:
+        """Of `console.yaml`: published on loopback of the host alone, so browsers need no TLS."""
+        return settings_text(
+            self.fleet,
+            f"opc.tcp://server:{_OPC_UA_PORT}/ua_fleet",
+            f"0.0.0.0:{CONSOLE_PORT}",
+            f"../{CONSOLE}",
+            allowed_hosts=["127.0.0.1", "localhost"],
+            plain_http=True,
+            monitoring_port=_MONITORING_PORT,
+        )
 
     def _layout(self, options: Options) -> Layout:
         return Layout(
@@ -166,9 +205,12 @@ def _spaces() -> dict[str, int]:
 
 
 TESTBEDS: Final = {
-    "pal": Testbed("pal", ("arm_side", "mobile_side"), pal.ROBOTS, 71, "server-pal", "line", has_modbus=False),
+    "pal": Testbed(
+        "pal", "AssemblyLine", ("arm_side", "mobile_side"), pal.ROBOTS, 71, "server-pal", "line", has_modbus=False
+    ),
     "talkrobots": Testbed(
         "talkrobots",
+        "TalkRoBots",
         tuple(actor.bridge for actor in ACTORS),
         tuple(actor.name for actor in ACTORS),
         70,

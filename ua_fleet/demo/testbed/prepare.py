@@ -16,6 +16,8 @@ from typing import Final
 from ua_fleet.client import ClientIdentity
 from ua_fleet.config.load import load
 from ua_fleet.config.schema import FleetConfig
+from ua_fleet.console.identity import console_identity
+from ua_fleet.demo.console import CONSOLE, introduce_console
 from ua_fleet.demo.layout import check_same_fleet
 from ua_fleet.demo.site import USER
 from ua_fleet.demo.testbed.plan import FLEET, IDENTITY, OPERATOR, PASSWORD, SERVER, Options, Testbed
@@ -82,6 +84,7 @@ async def _prepare(testbed: Testbed, folder: Path, options: Options, say: Callab
         if not _was_revoked(server, own, f"--bridge {bridge} ", say):
             await introduce_bridge(config, fleet, bridge)
     await _operator(folder / OPERATOR, server, certificate, say)
+    await _console(folder / CONSOLE, server, certificate, say)
     say(f"the testbed {testbed.name} is prepared: {len(config.bridges)} bridges, user {USER}")
 
 
@@ -121,4 +124,12 @@ async def _operator(operator: Path, server: Path, server_certificate: bytes, say
     await identity.ensure()
     if not _was_revoked(server, identity.certificate, "", say):
         trust(server, identity.certificate)
+    write_whole(identity.pinned_server, server_certificate)
+
+
+async def _console(state: Path, server: Path, server_certificate: bytes, say: Callable[[str], None]) -> None:
+    """A console that the server knows as a gateway, and that knows the server."""
+    identity = console_identity(state)
+    if not _was_revoked(server, identity.certificate, f"--gateway {CONSOLE} ", say):
+        await introduce_console(server, state)
     write_whole(identity.pinned_server, server_certificate)

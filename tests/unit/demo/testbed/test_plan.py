@@ -8,7 +8,8 @@ import pytest
 
 from ua_fleet.cli.testbed import Name
 from ua_fleet.config.load import load_content
-from ua_fleet.demo.testbed.plan import TESTBEDS, Options
+from ua_fleet.console.load import load_settings
+from ua_fleet.demo.testbed.plan import CONSOLE_PORT, CONSOLE_SETTINGS, TESTBEDS, Options
 from ua_fleet.errors import ConfigError
 
 
@@ -35,6 +36,23 @@ def test_each_robot_is_a_program_that_is_there(name: str, robot: str) -> None:
     assert ("ROS_DOMAIN_ID" in added) is (robot in in_ros2)
 
 
+@pytest.mark.parametrize("name", TESTBEDS)
+def test_the_console_has_settings_of_its_own_fleet(name: str, tmp_path: Path) -> None:
+    testbed = TESTBEDS[name]
+    files = testbed.files(Options())
+    config = load_content(files["fleet.yaml"].encode(), "fleet.yaml", {})
+    (tmp_path / "fleet").mkdir()
+    path = tmp_path / "fleet" / CONSOLE_SETTINGS
+    path.write_text(files[CONSOLE_SETTINGS])
+    settings = load_settings(path, {})
+    assert {name: one.endpoint for name, one in settings.fleets.items()} == {
+        config.fleet.name: config.pubsub.keys.endpoint
+    }
+    assert settings.state_dir is not None
+    assert settings.state_dir.resolve() == tmp_path / "console"
+    assert settings.listen == f"0.0.0.0:{CONSOLE_PORT}"
+
+
 def test_bridges_look_where_robots_are() -> None:
     testbed = TESTBEDS["talkrobots"]
     config = load_content(testbed.files(Options())["fleet.yaml"].encode(), "fleet.yaml", {})
@@ -53,7 +71,8 @@ def test_bridges_look_where_robots_are() -> None:
 def test_options_come_from_the_environment() -> None:
     assert Options.of({"UA_FLEET_SPEED": "", "HOME": "/"}) == Options()
     given = {"SPEED": "2.5", "RESILIENCE": "automatic", "PUBLISH": "192.0.2.7", "PORT": "4841", "NET": "10.1.2"}
-    expected = Options(2.5, "automatic", "192.0.2.7", 4841, "10.1.2")
+    given["CONSOLE_PORT"] = "8081"
+    expected = Options(2.5, "automatic", "192.0.2.7", 4841, "10.1.2", 8081)
     assert Options.of({f"UA_FLEET_{name}": value for name, value in given.items()}) == expected
 
 

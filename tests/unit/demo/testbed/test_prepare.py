@@ -27,9 +27,11 @@ from ua_fleet.server.certificates import (
     load_certificate,
     revoke,
     revoke_bridge,
+    revoke_gateway,
     thumbprint,
     trust,
     trust_bridge,
+    trust_gateway,
 )
 from ua_fleet.server.users import UserStore
 
@@ -60,7 +62,10 @@ def test_all_know_each_other_and_nobody_else_reads_what_is_secret(tmp_path: Path
     own = (server / "certificates" / "own" / "server.der").read_bytes()
     pinned = [*(tmp_path / name / "server.der" for name in ("arm_side", "mobile_side"))]
     pinned.append(tmp_path / "operator" / "ua-fleet" / "client" / "server.der")
-    assert [path.read_bytes() for path in pinned] == [own] * 3
+    pinned.append(tmp_path / "console" / "server.der")
+    assert [path.read_bytes() for path in pinned] == [own] * 4
+    gateways = {info.gateway: info.thumbprint for info in infos if info.gateway}
+    assert gateways == {"console": thumbprint(load_certificate(tmp_path / "console" / "console.der"))}
     names = host_names(load_certificate(server / "certificates" / "own" / "server.der"))
     assert names >= {"server", "localhost", "127.0.0.1"}
 
@@ -69,7 +74,7 @@ def test_all_know_each_other_and_nobody_else_reads_what_is_secret(tmp_path: Path
     assert user is not None
     assert user.role.value == "operator"
     keys = [path for path in tmp_path.rglob("*") if path.name in ("password", "users.yaml") or "-key" in path.name]
-    assert len(keys) == 6
+    assert len(keys) == 7
     assert {path.stat().st_mode & 0o077 for path in [*keys, *tmp_path.iterdir()]} == {0}
 
 
@@ -79,15 +84,18 @@ def test_what_was_revoked_stays_so_until_somebody_trusts_it_again(tmp_path: Path
     client = thumbprint(load_certificate(tmp_path / "operator" / "ua-fleet" / "client" / "client.der"))
     bridge = revoke_bridge(server, "arm_side").thumbprint
     revoke(server, client)
+    console = revoke_gateway(server, "console").thumbprint
     *said, _ = prepared(tmp_path)
     assert [line.partition("; ")[2] for line in said] == [
         f"undo it on the server with: ua-fleet cert trust --bridge arm_side {bridge[:12]}",
         f"undo it on the server with: ua-fleet cert trust {client[:12]}",
+        f"undo it on the server with: ua-fleet cert trust --gateway console {console[:12]}",
     ]
     trusted = {info.thumbprint for info in list_certificates(server) if info.state is not CertificateState.REJECTED}
-    assert trusted.isdisjoint({bridge, client})
+    assert trusted.isdisjoint({bridge, client, console})
     trust(server, client)
     trust_bridge(server, "arm_side", bridge)
+    trust_gateway(server, "console", console)
     assert len(prepared(tmp_path)) == 1
 
 
@@ -96,8 +104,9 @@ def test_what_uaexpert_needs_is_told_from_the_operators_volume_alone(tmp_path: P
     own = load_certificate(tmp_path / "server" / "certificates" / "own" / "server.der")
     for path in (tmp_path / "server").rglob("*.der"):
         path.unlink()
-    found = login_of(tmp_path, Options(published_port=4999))
+    found = login_of(tmp_path, Options(published_port=4999, console_port=8099))
     assert found.endpoint == "opc.tcp://127.0.0.1:4999/ua_fleet"
+    assert found.console == "http://127.0.0.1:8099/"
     assert found.password == (tmp_path / "operator" / "password").read_text().strip()
     assert re.fullmatch("[0-9a-f]{40}", found.server_thumbprint)
     assert "server" in host_names(own)

@@ -169,3 +169,17 @@ def test_a_robot_that_there_is_not_is_said(open_page: Open, axe: Callable[[Page]
     expect(page.get_by_role("article", name="left")).to_be_visible()
     page.get_by_role("article", name="left").get_by_role("link", name="left").click()
     expect(page.get_by_role("heading", level=1, name="left")).to_be_visible()
+
+
+def test_a_server_that_is_away_leaves_what_was_and_heals(open_page: Open, fleet: Fleet, picture: Picture) -> None:
+    page = open_page("operator", LEFT)
+    expect(row(page, "speed_limit")).to_contain_text("Good")
+    fleet.server.end()
+    expect(row(page, "speed_limit")).to_contain_text("(not current)")
+    for button in (skill(page).get_by_role("button", name="Start…"), page.get_by_role("button", name="Hold…")):
+        expect(button).to_have_attribute("title", "What is shown is not current.")
+    picture(page, "robot-away")
+    fleet.server = fleet.plant.server_process()
+    expect(row(page, "speed_limit")).not_to_contain_text("(not current)", timeout=30_000)
+    start = skill(page).get_by_role("button", name="Start…")
+    expect(start).not_to_have_attribute("aria-disabled", "true", timeout=20_000)

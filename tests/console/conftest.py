@@ -72,7 +72,9 @@ class Console:
 def fleet_of(folder: Path, prepare: Callable[[Plant], None] = lambda plant: None) -> Generator[Fleet]:
     """The fleet while the context lasts; `prepare` changes its files before it begins."""
     with Processes() as processes:
-        plant = Plant(folder, system.free_multicast_url(), system.free_tcp_port(), processes, "operator")
+        # Long enough that a busy machine makes no robot silent that nobody has ended.
+        patient = {"receive_timeout_s": 3.0}
+        plant = Plant(folder, system.free_multicast_url(), system.free_tcp_port(), processes, "operator", patient)
         plant.users()
         users = UserStore(folder / plant.config.server.state_dir / USERS_FILE, ScryptCost(2**8, 8, 1))
         users.add(*OBSERVER, Role.OBSERVER, replace_existing=True)

@@ -53,8 +53,8 @@ async def test_asyncua_finds_no_contradiction_in_any_node(udp_url: str, tcp_port
                 ua.ReadValueId(node_id, ua.AttributeIds(attribute)) for node_id in nodes for attribute in ATTRIBUTES
             ]
             values: list[Any] = []
-            for at in range(0, len(wanted), 5_000):
-                values += await protocol.read(ua.ReadParameters(NodesToRead=wanted[at : at + 5_000]))
+            for at in range(0, len(wanted), 1_000):
+                values += await protocol.read(ua.ReadParameters(NodesToRead=wanted[at : at + 1_000]))
             # What others do is told by the diagnostics, but not to observers.
             assert {value.StatusCode.name for value in values} <= EXPECTED | {"BadUserAccessDenied"}
             of_node = [dict(zip(ATTRIBUTES, values[at : at + 27], strict=True)) for at in range(0, len(values), 27)]

@@ -24,7 +24,7 @@ async def test_a_foreign_client_runs_the_nine_tasks_and_chooses_who_takes_over(
 ) -> None:
     with demonstration(processes, tmp_path, *OPTIONS) as started:
         started.printed("ready: run nine_tasks")
-        url, password = started.printed("UaExpert: "), started.printed("password ")
+        url, password = started.printed("UaExpert: "), started.printed("operator, password ")
         code, output, errors = await run_client(
             url, "operator", password, tmp_path / "pki", script=CLIENT, timeout_s=150
         )

@@ -15,7 +15,8 @@ from ua_fleet.teleoperation import State
 
 
 async def test_the_robot_of_the_page_is_driven_and_stops(hall: Hall, processes: system.Processes) -> None:
-    (program,) = [block.text for block in blocks("python") if block.page == ROOT / "docs" / "teleoperation.md"]
+    page = ROOT / "docs" / "teleoperation.md"
+    (program,) = [one.text for one in blocks("python") if one.page == page and "@robot.driven" in one.text]
     assert "space=2" in program
     config = hall.fleet()
     environment = system.clean_environment(

@@ -5,8 +5,8 @@ from __future__ import annotations
 import logging
 import sys
 import threading
-from collections.abc import Iterator
-from typing import Any
+from collections.abc import Generator, Iterator
+from typing import Any, Final
 
 import pytest
 import structlog
@@ -23,6 +23,9 @@ else:
         "untimed", deadline=None, suppress_health_check=[hypothesis.HealthCheck.too_slow]
     )
     hypothesis.settings.load_profile("untimed")
+
+CHILDREN: Final = "Child processes of "
+"""A report's section."""
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -43,6 +46,27 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
             if part in required:
                 pytest.fail(f"{part} is required and missing: {reason}", pytrace=False)
             pytest.skip(f"{part}: {reason}")
+
+
+@pytest.hookimpl(hookwrapper=True)
+def pytest_runtest_makereport(item: pytest.Item) -> Generator[None, Any]:
+    """Whoever reads of a failure reads what the programs said that were at work then."""
+    outcome = yield
+    report: pytest.TestReport = outcome.get_result()
+    if report.failed:
+        lines = [line for processes in system.Processes.at_work for line in processes.said_last()]
+        if lines:
+            report.sections.append((f"{CHILDREN}{item.name}", "\n".join(lines)))
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
+    """A test that passed when it was repeated is to be mended too: why it failed is told."""
+    for report in terminalreporter.stats.get("rerun", []):
+        terminalreporter.section(f"{report.nodeid} failed first", sep="_")
+        terminalreporter.write_line("\n".join(report.longreprtext.splitlines()[-20:]))
+        for name, text in report.sections:
+            if name.startswith(CHILDREN):
+                terminalreporter.write_line(text)
 
 
 @pytest.fixture(autouse=True)

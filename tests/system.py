@@ -16,10 +16,10 @@ import sys
 import sysconfig
 import threading
 import time
-from collections.abc import Callable, Generator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
-from typing import Self
+from typing import ClassVar, Self
 
 from tests import network
 from tests.forking import ForkedProcess
@@ -266,8 +266,19 @@ class Child:
 class Processes:
     """The child processes of one test."""
 
+    at_work: ClassVar[set[Processes]] = set()
+    """Those whose context lasts."""
+
     def __init__(self) -> None:
         self._children: list[Child] = []
+
+    def said_last(self, most: int = 12) -> Iterator[str]:
+        """The last lines of each, beneath its arguments: what is told of a test that failed."""
+        for child in self._children:
+            code = child.process.poll()
+            state = "at work" if code is None else f"ended, {code}"
+            yield f"{' '.join(child.args)} ({state})"
+            yield from (f"    {line[:400]}" for line in child.lines[-most:])
 
     def start(self, *args: str | Path, env: Mapping[str, str] | None = None) -> Child:
         """Start a process of its own group."""
@@ -282,10 +293,12 @@ class Processes:
         return child
 
     def __enter__(self) -> Self:
+        self.at_work.add(self)
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
+        self.at_work.discard(self)
         for child in reversed(self._children):
             child.end()

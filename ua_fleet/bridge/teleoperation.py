@@ -113,6 +113,7 @@ class Teleoperation:
         self._timer: asyncio.TimerHandle | None = None
         self._not_before = 0.0
         self._at_rest = asyncio.Event()
+        self._is_ending = False
 
     @property
     def topics(self) -> frozenset[Topic]:
@@ -146,7 +147,7 @@ class Teleoperation:
 
     async def stop(self) -> None:
         """End all leases, bring the robots to a standstill, and write nothing any more."""
-        now = self._loop.time()
+        now, self._is_ending = self._loop.time(), True
         for control in self._controls.values():
             control.end("the bridge ends", now)
         self._arm()
@@ -215,7 +216,8 @@ class Teleoperation:
         model = control.model
         if writer_id == model.acquire.id:
             holder, session, take_over = values
-            busy = self._busy(model.robot, now) or self._driver.setpoint_problem(model.data)
+            busy = "its bridge ends" if self._is_ending else self._busy(model.robot, now)
+            busy = busy or self._driver.setpoint_problem(model.data)
             granted = control.acquire(holder or "", session or "", now, take_over=take_over, busy=busy)
             self._say("a lease to drive it by hand begins", model.robot, f"lease {granted.lease}: {holder}")
             return pack(type_codes(ACQUIRE_RESPONSE), granted.fields())

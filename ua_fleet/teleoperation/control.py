@@ -178,6 +178,8 @@ class Control:
             if not self._go(now):
                 self._step_at = None
                 return self._ramp.values
+            if self._watch is None and not self._is_stopping:  # each zero is written, however late
+                step_at = max(step_at, now + self.model.period_s)
         self._step_at = step_at
         return self._ramp.values
 

@@ -50,7 +50,7 @@ class Driven:
         self.stops = 0
         """How often no speed came in time."""
         self.ignored = 0
-        """Speeds that came before a zero was heard."""
+        """Speeds that came before a zero was heard, or after `close`."""
         self._thread = threading.Thread(target=self._look, name="driven", daemon=True)
         self._thread.start()
 
@@ -60,9 +60,10 @@ class Driven:
         return self._heard_at is None
 
     def take(self, message: Any) -> None:
-        """Take a speed."""
+        """Take a speed; none is followed after `close`."""
         with self._changed:
-            if self._heard_at is None and not self._is_zero(message):
+            self._look_at_time()  # the thread may not have had its turn yet
+            if self._is_closed or (self._heard_at is None and not self._is_zero(message)):
                 self.ignored += 1
                 return
             self._heard_at = self._clock()
@@ -83,13 +84,18 @@ class Driven:
     def _look(self) -> None:
         with self._changed:
             while not self._is_closed:
-                if self._heard_at is None:
-                    self._changed.wait()
-                elif (left_s := self._heard_at + self._timeout_s - self._clock()) > 0:
-                    self._changed.wait(left_s)
-                else:
-                    self.stops += 1
-                    self._stop()
+                self._changed.wait(self._look_at_time())
+
+    def _look_at_time(self) -> float | None:
+        """Stop where the time is over; the seconds that are left, None while stopped."""
+        if self._heard_at is None:
+            return None
+        left_s = self._heard_at + self._timeout_s - self._clock()
+        if left_s > 0:
+            return left_s
+        self.stops += 1
+        self._stop()
+        return None
 
     def _stop(self) -> None:
         if self._heard_at is None:

@@ -71,6 +71,7 @@ class Server:
         self.statuses: list[Status] = []
         self.bridge: dict[str, Any] = {}
         """The latest status of the bridge itself."""
+        self.end_bridge: Callable[[], object] = lambda: None
         self._commands = SkillCommands(
             MemoryJournal(),
             send=self.send,
@@ -141,6 +142,7 @@ async def driven(robot: DrivenRobot, folder: Path, monitor: Monitor | None = Non
         bridge = run_bridge(CONFIG, "floor", robot, line, state_dir=folder, ready=ready.set, monitor=monitor)
         async with asyncio.TaskGroup() as group:
             tasks = [group.create_task(bridge)]
+            server.end_bridge = tasks[0].cancel
             await ready.wait()
             tasks.append(group.create_task(server.hear_on()))
             yield server
@@ -238,3 +240,21 @@ async def test_drops_are_counted_for_the_robot_and_among_those_of_the_bridge(tmp
         assert status.last_end == "anna: a setpoint with a value that is no number, or with another number of axes"
         counted = {"Drops.lease": 1, "Drops.number": 1, "Drops.setpoint": 1, "Drops.echo": 0}
         await until(lambda: counted.items() <= server.bridge.items())
+
+
+async def test_a_bridge_that_ends_gives_nobody_the_robot_that_it_stops(tmp_path: Path) -> None:
+    robot = DrivenRobot()
+    async with driven(robot, tmp_path) as server:
+        lease = await server.acquire()
+        await server.until(lambda status: status.state is State.HELD)
+        number = 0
+        while not robot.written or robot.written[-1][0] < 0.2:
+            number += 1
+            server.drive(lease, number, 0.5, 0.0)
+            await asyncio.sleep(0.02)
+        server.end_bridge()
+        await server.until(lambda status: status.state is State.STOPPING)
+        refused = await server.ask(MODEL.acquire, "ben", "s", False)
+        assert (refused.kind, refused.report.status) == (OutcomeKind.REFUSED, StatusCode.BAD_INVALID_STATE)
+        assert refused.report.message == "carrier cannot be driven: its bridge ends"
+        await until(lambda: robot.written[-1] == (0.0, 0.0))

@@ -239,6 +239,19 @@ def test_a_bridge_that_stood_for_less_is_where_its_profile_is_by_then() -> None:
     assert late.robot.step(late.now) == pytest.approx(timely.last)
 
 
+def test_a_robot_at_rest_is_told_zero_as_often_when_the_bridge_was_late() -> None:
+    one = Drive()
+    one.acquire()
+    one.drive(1.0, 0.4, 0.0)
+    one.robot.release(one.lease, "", one.now)
+    while one.robot.state is State.STOPPING:
+        one.wait(PERIOD_S)
+    before = len(one.written)
+    one.now += 0.3
+    one.wait(0.3)
+    assert [values for _, values in one.written[before:]] == [(0.0, 0.0)] * ZEROS_AT_END
+
+
 def test_status_is_published_each_50_ms_while_held_and_at_once_when_something_changes() -> None:
     robot, now = control(), 10.0
     assert robot.next_publish is None

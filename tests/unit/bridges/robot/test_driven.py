@@ -53,6 +53,33 @@ def test_each_speed_gives_it_time_again() -> None:
     assert driven_to == [0.0, 0.5] * 3 + [0.0]
 
 
+def test_a_speed_that_comes_first_after_an_outage_is_not_followed() -> None:
+    """The thread may look later than the speed comes, e.g. where the whole program stood."""
+    now = 0.0
+    driven_to: list[float] = []
+    watch = Driven(driven_to.append, lambda: 0.0, 100.0, clock=lambda: now)
+    watch.take(0.0)
+    watch.take(0.5)
+    now += 100.0
+    watch.take(0.5)
+    assert driven_to == [0.0, 0.5, 0.0]
+    assert (watch.is_stopped, watch.stops, watch.ignored) == (True, 1, 1)
+    watch.take(0.0)
+    watch.take(0.2)
+    assert driven_to[3:] == [0.0, 0.2]
+    watch.close()
+
+
+def test_nothing_is_followed_once_it_is_closed() -> None:
+    with driven() as (watch, driven_to):
+        watch.take(0.0)
+        watch.close()
+        assert [driven_to.get(timeout=PATIENCE_S) for _ in range(2)] == [0.0, 0.0]
+        watch.take(0.0)
+        watch.take(0.3)
+        assert (watch.is_stopped, driven_to.empty()) == (True, True)
+
+
 def test_a_function_that_fails_is_told_to_stop_the_next_time_too() -> None:
     stopped = threading.Semaphore(0)
 

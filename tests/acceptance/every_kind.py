@@ -11,7 +11,7 @@ import json
 import signal
 import sys
 import threading
-from collections.abc import Generator, Mapping
+from collections.abc import Awaitable, Callable, Generator, Mapping
 from contextlib import AbstractAsyncContextManager, contextmanager
 from pathlib import Path
 from typing import Any, Final
@@ -20,7 +20,7 @@ from asyncua.client.client import Client
 
 from tests import system
 from tests.contract.ros1 import Master
-from tests.integration.scenarios.conftest import says
+from tests.integration.scenarios.conftest import call, says, value
 from tests.integration.server_model.harness import OPERATOR, connected
 from tests.plugged_device import PtyDevice
 from tests.system import Child, Processes, clean_environment, free_multicast_url, free_tcp_port
@@ -218,12 +218,28 @@ class EveryKind:
         for robot in robots:
             assert self._bridges[robot].end(signal.SIGKILL) == -signal.SIGKILL, "it had ended by itself"
 
-    async def restart_bridges(self, *robots: str) -> None:
-        """Start them again, and wait until they work."""
+    async def restart_bridges(self, *robots: str, begun: Callable[[], Awaitable[None]] | None = None) -> None:
+        """Start them again, and wait until they work; `begun` is called when the first one's program runs."""
         for robot in robots:
             self._start_bridge(robot)
+        if begun is not None:
+            await says(self._bridges[robots[0]], '"event": ')
+            await begun()
         for robot in robots:
             await says(self._bridges[robot], "ready: ")
+
+    async def mend(self) -> None:
+        """Start what a test that failed has left dead, end its runs, and clear the faults that it has left."""
+        if self._running_server().process.poll() is not None:
+            await self.restart_server()
+        await self.restart_bridges(*(robot for robot in ROBOTS if self._bridges[robot].process.poll() is not None))
+        async with self.client() as client:
+            for node in await client.get_node("ns=2;s=Fleet.Scenarios.Runs").get_children():
+                run_id = (await node.read_browse_name()).Name
+                if await value(client, f"Scenarios.Runs.{run_id}.State") not in ("done", "failed", "aborted"):
+                    await call(client, "Scenarios", "Abort", run_id, "its test is over")
+            for robot in ROBOTS:
+                await call(client, "Faults", "ClearFault", robot)
 
     def kill_server(self) -> None:
         """SIGKILL."""

@@ -9,9 +9,9 @@ from dataclasses import asdict, dataclass
 from datetime import UTC, datetime, timedelta, tzinfo
 from typing import TYPE_CHECKING, Any, Final, cast
 
-from ua_fleet.cli.drop_meanings import drop_meanings, is_loss
 from ua_fleet.cli.table import Cell, Colour, painted, table_lines, within
 from ua_fleet.cli.value_text import ValueStyle, age_text, clock_text, value_text
+from ua_fleet.drop_meanings import drop_meanings, is_loss
 
 if TYPE_CHECKING:
     from ua_fleet.client.status import FaultStatus, FleetStatus, RobotStatus

@@ -26,6 +26,7 @@ from ua_fleet.client.identity import ClientIdentity, default_identity_folder
 from ua_fleet.client.methods import NotDone
 from ua_fleet.client.model_changes import ModelChanges
 from ua_fleet.client.offers import OfferedSkill, SkillRequest
+from ua_fleet.client.recent_messages import MessagesHeard, PubSubMessage, recent_messages
 from ua_fleet.client.robot_nodes import ArgumentNode, DataNode, RobotNodes, SkillNodes, robot_nodes
 from ua_fleet.client.robots import RobotClient, RobotInfo, RobotInvalid
 from ua_fleet.client.scenarios import (
@@ -92,6 +93,7 @@ __all__ = [
     "Forecast",
     "IssuedKey",
     "JudgementsContradict",
+    "MessagesHeard",
     "ModelChanges",
     "NodeAttribute",
     "NodeInfo",
@@ -100,6 +102,7 @@ __all__ = [
     "OfferedSkill",
     "OpenDecision",
     "Problem",
+    "PubSubMessage",
     "RankedRobot",
     "RankingInfo",
     "Reading",
@@ -137,6 +140,7 @@ __all__ = [
     "fleet_status",
     "issue_session_key",
     "ranking_of",
+    "recent_messages",
     "revoke_session_key",
     "robot_nodes",
     "server_status",

@@ -115,6 +115,8 @@ class Subscriber:
         """
         self.caught: Callable[[str, Exception], None] | None = None
         """Told of a mistake that cost one writer what time has brought it; without it, the mistake is raised."""
+        self.opened: Callable[[bytes], None] | None = None
+        """Told of each plain message before it is decoded; for who looks at messages."""
         self.is_nearer = True
         """Whether the last datagram may have brought the next deadline nearer. A new value of a writer that is heard
         all the time, and a chunk of a message, do not: chunks that do not come are given up after seconds."""
@@ -168,6 +170,8 @@ class Subscriber:
                     self.is_nearer = False
                     return []
                 datagram = plain
+            if self.opened is not None:
+                self.opened(datagram)
             message = self._codec.decode(datagram)
         except Refused as refused:
             return self._refuse(refused)

@@ -31,6 +31,7 @@ from ua_fleet.server.key_service.service import KeyService
 from ua_fleet.server.nodeset import load_types
 from ua_fleet.server.parts import NodeParts
 from ua_fleet.server.projection import Projection
+from ua_fleet.server.recent_methods import RecentMessageMethods
 from ua_fleet.server.robots.changes import tell_capacities
 from ua_fleet.server.robots.roster import Roster
 from ua_fleet.server.robots.router import SkillRouter
@@ -160,6 +161,7 @@ async def run_server(
             sent=sent,
             mistakes=mistakes,
         )
+        RecentMessageMethods(server, NodeParts(server.iserver.aspace, nodes.ns), hub).build()
         offers = make_offers(hub, stack.enter_context(SqliteJournal(state_dir / OFFERS_JOURNAL)))
         requests = SkillRouter(hub.skills, offers)
 

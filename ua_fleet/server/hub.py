@@ -47,10 +47,12 @@ from ua_fleet.pubsub.events import (
 )
 from ua_fleet.pubsub.metadata import first_property
 from ua_fleet.pubsub.publisher import Publisher
+from ua_fleet.pubsub.recent import RecentMessages
 from ua_fleet.pubsub.security.groups import telemetry_group
 from ua_fleet.pubsub.subscriber import LoopRule, Subscriber
 from ua_fleet.server.attached import Announced, Clock, Part, Teleoperation
 from ua_fleet.server.commands_out import SkillCommands
+from ua_fleet.server.message_tap import MessageTap
 from ua_fleet.server.projection import Projection
 from ua_fleet.server.scenarios.service import ScenarioService
 from ua_fleet.server.skills.tracker import SkillChange, SkillTracker
@@ -152,6 +154,9 @@ class Hub:
             max_ages=max_ages_of(config),
             mapped=mapped_sources(config),
         )
+        self.recent = RecentMessages()
+        """The last messages, while somebody looks at them."""
+        self._tap = MessageTap(self.recent, self._subscriber, sender, self.counters, wall_ticks)
         self._config = config
         self._publisher = Publisher(
             SERVER_SPACE,
@@ -390,6 +395,13 @@ class Hub:
         self.check_deadline()
 
     def _receive(self, datagram: bytes, sender: Address) -> None:
+        if not self.recent.is_wanted:
+            self._take_datagram(datagram, sender)
+            return
+        with self.mistakes.guard("recent messages"):
+            self._tap.received(datagram, sender, self._take_datagram)
+
+    def _take_datagram(self, datagram: bytes, sender: Address) -> None:
         now = asyncio.get_running_loop().time()
         try:
             events = self._subscriber.receive(datagram, now, sender)
@@ -559,6 +571,7 @@ class Hub:
             self.counters.drops[Drop.SEND_FAILED] += self._refused
             self.counters.drops[Drop.UNTOLD] = self._projection.untold
             self._take(self.state.tick(wall_ticks()), now)
+            self.recent.poll(now)
         if self._roster is not None:
             with guard("announced robots"):
                 self._roster.tick()

@@ -50,6 +50,7 @@ MOST_LOGGED: Final = 500
 """Characters of why something was not done."""
 _TEXT: Final = int(BuiltinType.STRING)
 _FLAG: Final = int(BuiltinType.BOOLEAN)
+_COUNT: Final = int(BuiltinType.UINT64)
 _NODE: Final = int(BuiltinType.NODE_ID)
 _TIME: Final = int(BuiltinType.DATETIME)
 
@@ -196,4 +197,4 @@ def _plain(argument: ua.Variant) -> Any:
 def _nothing(kind: int) -> Any:
     if kind & ARRAY:
         return []
-    return {_TEXT: "", _FLAG: False, _NODE: NodeId(0, 0), _TIME: None}.get(kind, 0.0)
+    return {_TEXT: "", _FLAG: False, _NODE: NodeId(0, 0), _TIME: None, _COUNT: 0}.get(kind, 0.0)

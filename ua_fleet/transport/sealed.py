@@ -7,10 +7,13 @@ from collections.abc import Callable, Iterable
 from ua_fleet.pubsub.security.envelope import Envelope
 from ua_fleet.transport.base import Address, Sends
 
-__all__ = ["SealedSender", "Sent"]
+__all__ = ["SealedSender", "Sent", "Watched"]
 
 Sent = Callable[[bytes, int], None]
 """Told of each message that is sent: as it was before it was secured, and its bytes on the wire."""
+
+Watched = Callable[[bytes, list[bytes], Address | None], None]
+"""Told of each message that is sent: as it was before it was secured, the datagrams, and the address if it is one."""
 
 
 class SealedSender:
@@ -21,12 +24,16 @@ class SealedSender:
     ) -> None:
         """`clock` is in seconds, and `sent` is told of each message."""
         self._envelope, self._transport, self._clock, self._sent = envelope, transport, clock, sent
+        self.watched: Watched | None = None
+        """Told of each message that is sent; for who looks at messages."""
 
     def send(self, datagram: bytes, address: Address | None = None) -> None:
         """Send a plain message to all, or to one address alone; without a key it is dropped and counted."""
         sealed = self._envelope.seal(datagram, self._clock())
         if sealed and self._sent is not None:
             self._sent(datagram, sum(map(len, sealed)))
+        if sealed and self.watched is not None:
+            self.watched(datagram, sealed, address)
         for part in sealed:
             self._transport.send(part, address)
 

@@ -2,6 +2,7 @@
 
     annotate(datagram)                      a plain message, or what can be read of a secured one
     annotate(datagram, payload=decrypted)   an encrypted one that was opened: the bytes that were encrypted, in plain
+    annotate(datagram, is_open=True)        one in which they stand in plain already (`security.opened_form`)
     annotate(datagram, closed=True)         one that does not verify: its payload is not looked into
     annotate(datagram, error=refused)       one that Codec.decode refused: up to there, the rest as it is
 
@@ -77,17 +78,23 @@ NETWORK_MESSAGE_TYPES: Final = ("DataSetMessages", "discovery probe", "discovery
 
 
 def annotate(
-    datagram: bytes, *, payload: bytes | None = None, closed: bool = False, error: RemoteWireError | None = None
+    datagram: bytes,
+    *,
+    payload: bytes | None = None,
+    is_open: bool = False,
+    closed: bool = False,
+    error: RemoteWireError | None = None,
 ) -> tuple[Span, ...]:
     """Name every byte of a NetworkMessage.
 
     Args:
         datagram: as it was received.
         payload: what was encrypted, decrypted; of an encrypted message without it, only the headers are named.
+        is_open: what was encrypted stands in `datagram` decrypted.
         closed: name the headers only.
         error: why the message was refused, with its offset in `datagram`: what stands behind that is not named.
     """
-    message = _Message(datagram, payload, closed)
+    message = _Message(datagram, payload, is_open, closed)
     with contextlib.suppress(RemoteWireError):  # the decoder says the same; the spans up to there are right
         message.walk()
     return message.covered(len(datagram) if error is None or error.offset < 0 else error.offset)
@@ -96,8 +103,8 @@ def annotate(
 class _Message:
     """One NetworkMessage, and what its flags say about what follows."""
 
-    def __init__(self, datagram: bytes, payload: bytes | None, closed: bool) -> None:
-        self._datagram, self._payload, self._closed = datagram, payload, closed
+    def __init__(self, datagram: bytes, payload: bytes | None, is_open: bool, closed: bool) -> None:
+        self._datagram, self._payload, self._is_open, self._closed = datagram, payload, is_open, closed
         self._walk = Walk(datagram)
         self._extended1 = self._extended2 = 0
         self._writers = 1
@@ -215,7 +222,7 @@ class _Message:
         inner.spans = self._walk.spans
         self._walk = inner
         inner.section = "Payload"
-        if self._encrypted and self._payload is None:
+        if self._encrypted and self._payload is None and not self._is_open:
             inner.rest("EncryptedData", f"{end - start} bytes, not to be read without the key")
         elif self._closed:
             inner.rest("NotRead", f"{end - start} bytes of a message that does not verify")

@@ -33,7 +33,7 @@ from ua_fleet.wire.header import (
 )
 from ua_fleet.wire.messages import PublisherIdType
 
-__all__ = ["Outline", "encode_flags", "is_action", "read_outline"]
+__all__ = ["Outline", "encode_flags", "is_action", "is_chunk", "read_outline"]
 
 GUID_BYTES: Final = 16
 TIMESTAMP_BYTES: Final = 8
@@ -80,6 +80,16 @@ def is_action(datagram: bytes) -> bool:
         and bool(datagram[0] & HAS_EXTENDED_FLAGS_1)
         and bool(datagram[1] & HAS_EXTENDED_FLAGS_2)
         and bool(datagram[2] & HAS_ACTION_HEADER)
+    )
+
+
+def is_chunk(datagram: bytes) -> bool:
+    """Whether a datagram says that it is a part of a message, secured or not."""
+    return (
+        len(datagram) > 2
+        and bool(datagram[0] & HAS_EXTENDED_FLAGS_1)
+        and bool(datagram[1] & HAS_EXTENDED_FLAGS_2)
+        and bool(datagram[2] & IS_CHUNK)
     )
 
 

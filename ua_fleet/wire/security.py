@@ -43,6 +43,7 @@ __all__ = [
     "SecuredDatagram",
     "SecurityMode",
     "SecurityPolicy",
+    "opened_form",
     "payload_offset",
     "read_security",
 ]
@@ -358,6 +359,20 @@ def without_security(secured: SecuredDatagram) -> bytes:
     """The plain form of a message that is signed only, not verified: for people to look at, not to be taken as data."""
     datagram = secured.datagram
     return _plain_head(secured) + datagram[secured.payload_offset : -SIGNATURE_BYTES - secured.footer_size]
+
+
+def opened_form(secured: SecuredDatagram, plain: bytes) -> bytes:
+    """A secured message as it was sent, but for what was encrypted, which stands in plain: for people to look at.
+
+    Args:
+        secured: which has been verified.
+        plain: what `unprotect` has made of it.
+    """
+    datagram, start = secured.datagram, secured.payload_offset
+    if secured.mode is not _ENCRYPTED:
+        return datagram
+    end = len(datagram) - SIGNATURE_BYTES - secured.footer_size
+    return datagram[:start] + plain[len(plain) - (end - start) :] + datagram[end:]
 
 
 def _secured_head(plain_head: bytes, token_id: int, mode: SecurityMode, more_flags: int = 0) -> bytes:

@@ -10,7 +10,6 @@ from typing import Any
 
 import pytest
 
-from ua_fleet.cli.drop_meanings import drop_meanings, is_loss
 from ua_fleet.cli.status_text import problems_of, status_json, status_lines
 from ua_fleet.cli.table import width_of
 from ua_fleet.client import (
@@ -23,6 +22,7 @@ from ua_fleet.client import (
     ServerStatus,
 )
 from ua_fleet.counters import Drop
+from ua_fleet.drop_meanings import drop_meanings, is_loss
 
 NOON = datetime(2030, 1, 31, 12, tzinfo=UTC)
 SERVER = ServerStatus(

@@ -7,6 +7,7 @@ from ua_fleet.console.feeds.decisions import DECISION, DECISIONS, RESILIENCE
 from ua_fleet.console.feeds.events import EVENTS
 from ua_fleet.console.feeds.health import HEALTH
 from ua_fleet.console.feeds.kinds import FeedKind
+from ua_fleet.console.feeds.messages import MESSAGES
 from ua_fleet.console.feeds.nodes import NODES
 from ua_fleet.console.feeds.robot import ROBOT
 from ua_fleet.console.feeds.robots import ROBOTS
@@ -14,5 +15,7 @@ from ua_fleet.console.feeds.runs import LIBRARY, RUN, RUNS
 
 __all__ = ["FEEDS"]
 
-_ALL: Final = (*(ROBOTS, ROBOT, RUNS, RUN, LIBRARY, DECISIONS, DECISION, RESILIENCE, ALARMS, EVENTS, HEALTH, NODES),)
+_ALL: Final = (
+    *(ROBOTS, ROBOT, RUNS, RUN, LIBRARY, DECISIONS, DECISION, RESILIENCE, ALARMS, EVENTS, HEALTH, MESSAGES, NODES),
+)
 FEEDS: Final[dict[str, FeedKind]] = {kind.name: kind for kind in _ALL}

@@ -1,4 +1,4 @@
-"""Feed `health`: `server`, each bridge (`bridge/NAME`), the server's `traffic`, and its `drops` by cause."""
+"""Feed `health`: `server`, each bridge (`bridge/NAME`), the server's `traffic`, its `drops`, and `causes` of drops."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from ua_fleet.client import BridgeNodes, FleetClient, Reading, bridge_nodes, ser
 from ua_fleet.console.board import Board
 from ua_fleet.console.feeds.kinds import FeedKind, NoParameters
 from ua_fleet.console.shown import harmless_value, shown_reading, shown_time, shown_value
+from ua_fleet.drop_meanings import drop_meanings, is_loss
 
 __all__ = ["HEALTH"]
 
@@ -28,6 +29,7 @@ async def _run(client: FleetClient, parameters: NoParameters, board: Board) -> N
             "certificate_until": shown_time(server.certificate_until),
         },
     )
+    board.put("causes", {cause: {"text": text, "loss": is_loss(cause)} for cause, text in drop_meanings().items()})
     nodes = await bridge_nodes(client)
     place: dict[str, tuple[str, str, bool]] = {}
     for one in nodes:

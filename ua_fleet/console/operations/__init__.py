@@ -3,6 +3,7 @@
 from typing import Final
 
 from ua_fleet.console.operations.kinds import OperationKind
+from ua_fleet.console.operations.messages import MESSAGE_OPERATIONS
 from ua_fleet.console.operations.nodes import NODE_OPERATIONS
 from ua_fleet.console.operations.resilience import RESILIENCE_OPERATIONS
 from ua_fleet.console.operations.robots import ROBOT_OPERATIONS
@@ -11,5 +12,12 @@ from ua_fleet.console.operations.skills import SKILL_OPERATIONS
 
 __all__ = ["OPERATIONS"]
 
-_ALL: Final = (*SKILL_OPERATIONS, *ROBOT_OPERATIONS, *SCENARIO_OPERATIONS, *RESILIENCE_OPERATIONS, *NODE_OPERATIONS)
+_ALL: Final = (
+    *SKILL_OPERATIONS,
+    *ROBOT_OPERATIONS,
+    *SCENARIO_OPERATIONS,
+    *RESILIENCE_OPERATIONS,
+    *NODE_OPERATIONS,
+    *MESSAGE_OPERATIONS,
+)
 OPERATIONS: Final[dict[str, OperationKind]] = {kind.name: kind for kind in _ALL}

@@ -133,7 +133,7 @@ def test_a_conductor_that_sees_the_server_alone_has_the_nine_tasks_done_once(
 ) -> None:
     with nine_tasks(processes, tmp_path) as testbed:
         conductor = testbed.conductor()
-        conductor.wait_for("without the server: nobody answers at", timeout_s=WAIT_S)
+        conductor.wait_for("without the server: the server at", timeout_s=WAIT_S)
         server = testbed.server()
         report = testbed.wait_for_result(conductor, 90)
         assert report.keys() == MEMBERS_OF_JSON

@@ -6,7 +6,10 @@
 from __future__ import annotations
 
 import asyncio
+import os
+import socket
 from typing import Any, Final
+from urllib.parse import urlsplit
 
 from asyncua import ua
 from asyncua.ua.uaerrors import UaError, UaStatusCodeError
@@ -56,6 +59,13 @@ def _is_asyncuas() -> bool:
     return task is not None and not task.cancelling()
 
 
+def _why(error: OSError) -> str:
+    """Why nobody answers, where the system says it; asyncio's own texts are addresses in Python's notation."""
+    if isinstance(error, socket.gaierror):
+        return f" ({(error.strerror or str(error)).lower()})"
+    return f" ({os.strerror(error.errno).lower()})" if error.errno else ""
+
+
 class translated:  # noqa: N801  (reads like a function where it is used)
     """Turns asyncua's and the socket's errors into ours."""
 
@@ -78,8 +88,9 @@ class translated:  # noqa: N801  (reads like a function where it is used)
         if isinstance(error, TimeoutError):
             raise SendTimeout(f"{self._endpoint} did not answer in time") from error
         if isinstance(error, OSError):
+            address = urlsplit(self._endpoint).netloc or self._endpoint
             raise NotConnected(
-                f"nobody answers at {self._endpoint} ({error.strerror or error}); start it with: ua-fleet serve"
+                f"the server at {address} does not answer{_why(error)}; start it with: ua-fleet serve"
             ) from error
         if isinstance(error, UaError):
             raise NotConnected(f"{self._endpoint}: {error or type(error).__name__}") from error

@@ -29,7 +29,7 @@ from ua_fleet.console.origins import RequestOrigin, TrustedProxies, is_allowed_h
 from ua_fleet.console.page import SECURITY_HEADERS, Page
 from ua_fleet.console.people import People
 from ua_fleet.console.sessions import BrowserSession
-from ua_fleet.console.settings import ConsoleSettings, split_listen
+from ua_fleet.console.settings import ConsoleSettings
 from ua_fleet.errors import UaFleetError
 
 __all__ = ["ConsoleApp"]
@@ -56,11 +56,20 @@ class ConsoleApp:
     """What uvicorn serves."""
 
     def __init__(
-        self, settings: ConsoleSettings, people: People, counts: ConsoleCounts, page: Page | None = None
+        self, settings: ConsoleSettings, people: People, counts: ConsoleCounts, cookie: str, page: Page | None = None
     ) -> None:
+        """Put it together.
+
+        Args:
+            settings: checked.
+            people: who is logged in.
+            counts: of what is refused.
+            cookie: its name, without the prefix that it has under TLS.
+            page: the page's files; by default those of the package.
+        """
         self._settings, self._people, self._counts = settings, people, counts
         self._page = page or Page()
-        self._port = split_listen(settings.listen)[1]
+        self._cookie_name = cookie
         self._at_once: Counter[str] = Counter()
         self._sockets = 0
         routes = [
@@ -77,15 +86,16 @@ class ConsoleApp:
         starlette = Starlette(routes=routes, exception_handlers=handlers)
         self.asgi: ASGIApp = _Guarded(starlette, settings, counts)
 
-    def listens_at(self, port: int) -> None:
-        """Say the port that was free, where any was asked for; the cookie is named by it."""
-        self._port = port
-
     # ------------------------------------------------------------------ who it is
 
     def _cookie(self, seen: RequestOrigin) -> str:
-        """The cookie's name. Browsers do not tell ports apart, so two consoles of a machine have two names."""
-        return f"{'__Secure-' if seen.scheme == 'https' else ''}ua-fleet-console-{self._port}"
+        """The cookie's name. `__Host-` would want the path `/`, which behind a proxy belongs to others too."""
+        return f"{'__Secure-' if seen.scheme == 'https' else ''}{self._cookie_name}"
+
+    def _set_cookie(self, seen: RequestOrigin, token: str, *attributes: str) -> str:
+        # Without a path: the browser takes that of this request, whatever a proxy has put before it.
+        secure = ("Secure",) if seen.scheme == "https" else ()
+        return "; ".join((f"{self._cookie(seen)}={token}", *attributes, "HttpOnly", "SameSite=Strict", *secure))
 
     def _session(self, scope: Scope, cookies: Mapping[str, str]) -> BrowserSession | None:
         token = cookies.get(self._cookie(scope[_SEEN]), "")
@@ -152,9 +162,7 @@ class ConsoleApp:
         session, token = await self._people.login(before, asked.fleet, asked.user, asked.password, seen.address)
         answer = _json(self._shown(session))
         if token is not None:
-            # Without a path: the browser takes that of this request, whatever a proxy has put before it.
-            secure = "; Secure" if seen.scheme == "https" else ""
-            answer.headers["set-cookie"] = f"{self._cookie(seen)}={token}; HttpOnly; SameSite=Strict{secure}"
+            answer.headers["set-cookie"] = self._set_cookie(seen, token)
         return answer
 
     async def _logout(self, request: Request) -> Response:
@@ -166,9 +174,7 @@ class ConsoleApp:
         self._people.logout(session, asked.fleet)
         answer = _json({"fleets": {name: link.shown for name, link in session.logins.items()}})
         if not session.logins:
-            answer.headers["set-cookie"] = (
-                f"{self._cookie(request.scope[_SEEN])}=; Max-Age=0; HttpOnly; SameSite=Strict"
-            )
+            answer.headers["set-cookie"] = self._set_cookie(request.scope[_SEEN], "", "Max-Age=0")
         return answer
 
     async def _operate(self, request: Request) -> Response:

@@ -22,6 +22,7 @@ from ua_fleet.console.identity import console_identity
 from ua_fleet.console.origins import TrustedProxies
 from ua_fleet.console.page import Page
 from ua_fleet.console.people import People
+from ua_fleet.console.sessions import cookie_name
 from ua_fleet.console.settings import ConsoleSettings, TlsFiles, default_state_dir, split_listen
 from ua_fleet.errors import ServerStartError
 from ua_fleet.monitoring import Monitor, Process
@@ -74,8 +75,8 @@ async def run_console(
                 return group.create_task(_guarded(work, what, counts), name=what)
 
             people = People(settings, identity, counts, spawn)
-            app = ConsoleApp(settings, people, counts, page)
-            app.listens_at(listening.getsockname()[1])
+            cookie = cookie_name(identity.certificate.read_bytes(), listening.getsockname()[1])
+            app = ConsoleApp(settings, people, counts, cookie, page)
             monitor.add(partial(console_figures, people, app, counts))
             server = _Quiet(_uvicorn(settings, app, counts, context))
             sweeping = spawn(people.sweep(), "sweep")

@@ -12,9 +12,18 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Any, Final
 
-__all__ = ["BrowserSession", "BrowserSessions"]
+__all__ = ["BrowserSession", "BrowserSessions", "cookie_name"]
 
 _TOKEN_BYTES: Final = 32
+
+
+def cookie_name(certificate: bytes, port: int) -> str:
+    """The name of a console's cookie.
+
+    Browsers tell neither ports apart nor the containers behind them, so that two consoles of a host need two names:
+    those of one certificate differ by their ports, those of one port, as in containers, by their certificates.
+    """
+    return f"ua-fleet-console-{hashlib.sha256(certificate + port.to_bytes(2)).hexdigest()[:12]}"
 
 
 @dataclass(eq=False, slots=True)

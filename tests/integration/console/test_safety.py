@@ -14,6 +14,7 @@ import pytest
 from websockets.asyncio.client import connect
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 
+from tests import system
 from tests.integration.console.harness import OPERATOR, Browser, Console, console_at
 from tests.integration.server_model.harness import Running
 from ua_fleet.server.certificates import CertificateFiles, create_certificate
@@ -75,13 +76,28 @@ async def test_the_cookie_is_for_nobody_but_this_page(console: Console) -> None:
     async with console.browser() as browser:
         answer = await browser.post("api/login", json=LOGIN)
         cookie = answer.headers["set-cookie"]
-        name = cookie.partition("=")[0]
-        assert console.url.rstrip("/").rpartition(":")[2] in name, "two consoles of a machine have two cookies"
         assert "HttpOnly" in cookie
         assert "SameSite=Strict" in cookie
         assert "Path" not in cookie
         again = await browser.post("api/login", json=LOGIN)
         assert "set-cookie" not in again.headers
+
+
+async def test_two_consoles_of_a_host_do_not_log_each_other_out(server: Running, tmp_path: Path) -> None:
+    """A browser sends its cookies to all ports of a host: containers, and a console of this machine beside them."""
+    port = system.free_tcp_port()
+    names: set[str] = set()
+    for folder, listen in (("one", port), ("two", port), ("two", 0)):
+        (tmp_path / folder).mkdir(exist_ok=True)
+        given = {"listen": f"127.0.0.1:{listen}"}
+        async with (
+            console_at(tmp_path / folder, {"hall": server.url}, **given) as console,
+            console.browser() as browser,
+        ):
+            answer = await browser.post("api/login", json=LOGIN)
+            assert answer.status_code == 200, answer.text
+            names.add(answer.headers["set-cookie"].partition("=")[0])
+    assert len(names) == 3
 
 
 async def test_a_post_needs_the_token_of_its_session(console: Console) -> None:
@@ -223,8 +239,13 @@ async def test_behind_a_proxy_the_browsers_view_counts(server: Running, tmp_path
     ):
         answer = await client.post("api/login", json=LOGIN)
         assert answer.status_code == 200, answer.text
-        assert "; Secure" in answer.headers["set-cookie"]
-        assert answer.headers["set-cookie"].startswith("__Secure-")
+        cookie = answer.headers["set-cookie"]
+        assert "; Secure" in cookie
+        assert cookie.startswith("__Secure-")
+        token = {"x-csrf": answer.json()["csrf"], "cookie": cookie.partition(";")[0]}
+        ended = (await client.post("api/logout", json={}, headers=token)).headers["set-cookie"]
+        assert ended.startswith(f"{cookie.partition('=')[0]}=;")
+        assert "; Secure" in ended, "a browser takes no cookie of this name without it"
         assert "strict-transport-security" in answer.headers
         assert (await client.post("api/login", json=LOGIN, headers={"origin": console.origin})).status_code == 403
     async with (

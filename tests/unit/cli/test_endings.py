@@ -157,7 +157,7 @@ def test_no_password_and_nobody_to_ask(invoke: Invoke) -> None:
 def test_nobody_at_the_endpoint(invoke: Invoke, tcp_port: int) -> None:
     ended = invoke("read", "i=85", "-e", f"opc.tcp://127.0.0.1:{tcp_port}/ua_fleet", "--insecure")
     assert ended.code == 4
-    assert ended.stderr.startswith(f"ua-fleet: nobody answers at opc.tcp://127.0.0.1:{tcp_port}/ua_fleet")
+    assert ended.stderr.startswith(f"ua-fleet: the server at 127.0.0.1:{tcp_port} does not answer (connection refused)")
     assert ended.stderr.endswith("start it with: ua-fleet serve\n")
 
 

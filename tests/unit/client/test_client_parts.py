@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import math
 import re
@@ -22,7 +23,8 @@ from ua_fleet.client.convert import parse_value, plain_value
 from ua_fleet.client.fleet_client import Reading
 from ua_fleet.client.identity import ClientIdentity
 from ua_fleet.client.subscriptions import Feed
-from ua_fleet.errors import AccessRefused
+from ua_fleet.client.translated import translated
+from ua_fleet.errors import AccessRefused, NotConnected
 from ua_fleet.server.certificates import CertificateFiles
 from ua_fleet.values import StatusCode
 
@@ -238,3 +240,18 @@ def test_a_number_that_is_none_is_said_with_the_remedy() -> None:
     for kind, hint in ((ua.VariantType.Int32, "give a whole number"), (ua.VariantType.DateTime, "give a time like")):
         with pytest.raises(AccessRefused, match=hint):
             parse_value("soon", kind, array=False)
+
+
+@pytest.mark.parametrize(
+    ("error", "said"),
+    [
+        (OSError(errno.ECONNREFUSED, "Connect call failed ('127.0.0.1', 4840)"), " (connection refused)"),
+        (OSError(errno.EHOSTUNREACH, "Connect call failed ('10.0.0.9', 4840)"), " (no route to host)"),
+        (OSError("Multiple exceptions: [Errno 111] Connect call failed ('::1', 4840, 0, 0), ..."), ""),
+        (socket.gaierror(socket.EAI_NONAME, "Name or service not known"), " (name or service not known)"),
+    ],
+)
+def test_a_server_that_does_not_answer_is_said_in_words(error: OSError, said: str) -> None:
+    with pytest.raises(NotConnected) as told, translated("opc.tcp://10.0.0.9:4840/ua_fleet"):
+        raise error
+    assert str(told.value) == f"the server at 10.0.0.9:4840 does not answer{said}; start it with: ua-fleet serve"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterator
 from typing import Any, Final
 
@@ -176,6 +177,10 @@ def test_a_server_that_is_away_leaves_what_was_and_heals(open_page: Open, fleet:
     expect(row(page, "speed_limit")).to_contain_text("Good")
     fleet.server.end()
     expect(row(page, "speed_limit")).to_contain_text("(not current)")
+    expect(row(page, "speed_limit")).to_contain_text("Was Good")
+    expect(skill(page)).to_contain_text(re.compile("Was (Ready|Halted)"))
+    live = page.get_by_role("main").get_by_text(re.compile("^(Good|Idle|Ready|Halted|Running|Busy|Active)$"))
+    expect(live).to_have_count(0)
     for button in (skill(page).get_by_role("button", name="Start…"), page.get_by_role("button", name="Hold…")):
         expect(button).to_have_attribute("title", "What is shown is not current.")
     picture(page, "robot-away")

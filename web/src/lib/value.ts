@@ -1,5 +1,6 @@
 /** Values of OPC UA as people read them. */
 import type { Json, Shown } from './protocol';
+import { t } from './texts';
 
 export type Quality = 'good' | 'uncertain' | 'bad';
 
@@ -35,6 +36,12 @@ export function statusName(status: number): string {
   if (status === 0) return 'Good';
   const code = (status & 0xffff0000) >>> 0;
   return NAMES[code] ?? `0x${(status >>> 0).toString(16).toUpperCase().padStart(8, '0')}`;
+}
+
+/** A quality in a word; of what is not of now, what it was. */
+export function qualityText(quality: Quality, current: boolean): string {
+  const text = t(`quality.${quality}`);
+  return current ? text : t('quality.was', { quality: text });
 }
 
 /** Whether a value has never come. */

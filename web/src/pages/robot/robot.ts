@@ -78,6 +78,11 @@ export function isKnown(state: string): state is ExecutionState {
   return Object.hasOwn(EXECUTION_TONES, state);
 }
 
+/** Whether an execution in this state has no end yet: what is told of it may be over. */
+export function goesOn(state: string): boolean {
+  return !['refused', 'timed_out', 'done', 'failed'].includes(state);
+}
+
 /** The last executions, the newest first. */
 export function executionsOf(entries: ReadonlyMap<string, unknown>): Execution[] {
   const found = [...entries].filter(([key]) => key.startsWith('execution/')).map(([, entry]) => entry as Execution);

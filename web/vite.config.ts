@@ -55,6 +55,7 @@ export default defineConfig(({ mode }) => {
         },
       },
     },
-    test: { include: ['src/**/*.test.ts'], environment: 'node' },
+    // What is tried at random takes long on a busy machine.
+    test: { include: ['src/**/*.test.ts'], environment: 'node', testTimeout: 30_000 },
   };
 });

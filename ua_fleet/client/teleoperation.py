@@ -226,10 +226,18 @@ class DrivingLease:
         """How long ago the lease was last used."""
         return self._clock() - self._used_at
 
-    async def drive(self, values: Mapping[str, float] | Sequence[float]) -> None:
+    async def drive(self, values: Mapping[str, float] | Sequence[float], *, echo: int | None = None) -> int:
         """Send what each axis shall do: by the names of the axes, those left out being zero, or in their order.
 
         Good says that the server has sent it; whether the bridge took it says `status.last_number`.
+
+        Args:
+            values: speeds.
+            echo: the newest counter that the operator's own device had seen, where that is another one than this
+                process; without it the newest that this process has seen.
+
+        Returns:
+            The number of the setpoint.
 
         Raises:
             LeaseRefused: the lease is over (`ua_status` Bad_ResourceUnavailable: taken over), or that was no setpoint.
@@ -245,10 +253,13 @@ class DrivingLease:
                 )
             values = [values.get(name, 0.0) for name in names]
         self.setpoints += 1
+        number = self.setpoints
+        echo = self._counter if echo is None else echo
         began = self._used_at = self._clock()
         doubles = ua.Variant([float(value) for value in values], ua.VariantType.Double, is_array=True)
-        await self._call("Drive", _number(self.number), _number(self.setpoints), _number(self._counter), doubles)
+        await self._call("Drive", _number(self.number), _number(number), _number(echo), doubles)
         self.round_trip_s = self._clock() - began
+        return number
 
     async def renew(self) -> None:
         """Keep the lease; `driving` does that by itself. Raises as `drive`."""
@@ -285,7 +296,7 @@ class DrivingLease:
 
 @asynccontextmanager
 async def driving(
-    client: FleetClient, robot: str | TeleoperationInfo, *, take_over: bool = False
+    client: FleetClient, robot: str | TeleoperationInfo, *, take_over: bool = False, renew: bool = True
 ) -> AsyncGenerator[DrivingLease]:
     """Hold a robot while the context lasts: its lease is renewed, and released in the end.
 
@@ -293,6 +304,7 @@ async def driving(
         client: whose session has the lease; it ends with its connection.
         robot: its name, or what `teleoperation_info` has said of it.
         take_over: end the lease of another one for it; for engineers.
+        renew: keep the lease while nothing is driven. Who passes on the setpoints of others leaves it to them.
 
     Raises:
         LeaseRefused: it is not given out; the text says why, e.g. who drives it.
@@ -308,7 +320,9 @@ async def driving(
             raise
         raise LeaseRefused(error.ua_status, str(error)) from error
     lease = DrivingLease(client, info, granted, time.monotonic)
-    tasks = [asyncio.ensure_future(work) for work in (_follow(client, lease), _keep(lease))]
+    tasks = [asyncio.ensure_future(_follow(client, lease))]
+    if renew:
+        tasks.append(asyncio.ensure_future(_keep(lease)))
     try:
         yield lease
     finally:

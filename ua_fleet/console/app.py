@@ -7,6 +7,7 @@ import json
 import time
 from collections import Counter
 from collections.abc import Mapping
+from functools import partial
 from typing import Any, Final
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
@@ -21,15 +22,17 @@ from starlette.websockets import WebSocket
 from ua_fleet import __version__
 from ua_fleet.console.board import encoded
 from ua_fleet.console.counts import ConsoleCounts
+from ua_fleet.console.drive import DriveSocket
 from ua_fleet.console.failures import Refused, invalid_parameters, refused_by
 from ua_fleet.console.link import FleetLink
-from ua_fleet.console.live import CLOSE_FORBIDDEN, CLOSE_LOGGED_OUT, CLOSE_TOO_MANY, PageSocket
+from ua_fleet.console.live import PageSocket
 from ua_fleet.console.operations import OPERATIONS
 from ua_fleet.console.origins import RequestOrigin, TrustedProxies, is_allowed_host, is_own_origin
 from ua_fleet.console.page import SECURITY_HEADERS, Page
 from ua_fleet.console.people import People
 from ua_fleet.console.sessions import BrowserSession
 from ua_fleet.console.settings import ConsoleSettings
+from ua_fleet.console.sockets import CLOSE_FORBIDDEN, CLOSE_LOGGED_OUT, CLOSE_TOO_MANY
 from ua_fleet.errors import UaFleetError
 
 __all__ = ["ConsoleApp"]
@@ -78,7 +81,8 @@ class ConsoleApp:
             Route("/api/login", self._login, methods=["POST"]),
             Route("/api/logout", self._logout, methods=["POST"]),
             Route("/api/{fleet}/{operation}", self._operate, methods=["POST"]),
-            WebSocketRoute("/api/live", self._live),
+            WebSocketRoute("/api/live", partial(self._serve, kind=PageSocket)),
+            WebSocketRoute("/api/drive", partial(self._serve, kind=DriveSocket)),
             Route("/healthz", self._health),
             Route("/{path:path}", self._file),
         ]
@@ -207,7 +211,7 @@ class ConsoleApp:
                 del self._at_once[who]
         return _json({"result": result})
 
-    async def _live(self, socket: WebSocket) -> None:
+    async def _serve(self, socket: WebSocket, kind: type[PageSocket | DriveSocket]) -> None:
         seen: RequestOrigin = socket.scope[_SEEN]
         if not is_own_origin(socket.headers.get("origin", ""), seen):
             self._counts.drop("wrong_origin")
@@ -225,7 +229,7 @@ class ConsoleApp:
         else:
             self._sockets += 1
             try:
-                await PageSocket(socket, session, self._people, self._counts, limits).run()
+                await kind(socket, session, self._people, self._counts, limits).run()
             finally:
                 self._sockets -= 1
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from typing import Final
 
+from ua_fleet.console.setpoints import SETPOINT_CAUSES
 from ua_fleet.monitoring import Mistakes
 
 __all__ = ["DROP_CAUSES", "ConsoleCounts"]
@@ -26,6 +27,9 @@ DROP_CAUSES: Final = (
     "login_failed",
     "login_limited",
     "key_not_revoked",
+    "too_many_drives",
+    "drive_silent",
+    *SETPOINT_CAUSES,
 )
 """All that is counted, so that a counter that is 0 can be seen too."""
 

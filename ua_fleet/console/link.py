@@ -12,7 +12,8 @@ import asyncio
 import contextlib
 import json
 import time
-from collections.abc import Awaitable, Callable, Sequence
+from collections.abc import AsyncGenerator, Awaitable, Callable, Sequence
+from contextlib import AbstractAsyncContextManager, asynccontextmanager
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from typing import Any, Final, TypeVar
@@ -38,6 +39,7 @@ _log: Any = structlog.get_logger("ua_fleet.console")
 Answer = TypeVar("Answer")
 
 _TIMEOUT_S: Final = 10.0
+_OWN_TIMEOUT_S: Final = 5.0
 _BEAT_S: Final = 1.0
 _SILENT_S: Final = 3.0
 """A server that has not answered for so long is away; so is what is shown of it."""
@@ -101,6 +103,9 @@ class FleetLink:
         self._feeds: dict[str, RunningFeed] = {}
         self._listeners: list[Callable[[FleetLink], None]] = []
         self._changed = asyncio.Event()
+        self._own_sessions = 0
+        self._is_alone = asyncio.Event()
+        self._is_alone.set()
 
     # ------------------------------------------------------------------ how it is
 
@@ -175,6 +180,46 @@ class FleetLink:
                 f"{self.fleet} has not answered within {timeout_s:g} s; whether it was done is not known"
             ) from None
 
+    @asynccontextmanager
+    async def own_session(self, most: int) -> AsyncGenerator[FleetClient]:
+        """A session beside this one, by the same key, for what must not wait behind anything else.
+
+        Args:
+            most: sessions of this kind at once; raises Refused beyond.
+        """
+        if self._state != "live":
+            raise Refused(
+                503, f"{self.fleet} is away: {self._reason or 'connecting'}", code=int(StatusCode.BAD_NOT_CONNECTED)
+            )
+        if self._own_sessions >= most:
+            self._counts.drop("too_many_drives")
+            raise Refused(429, f"{self.user} drives {self._own_sessions} robots at {self.fleet} already")
+        self._own_sessions += 1
+        self._is_alone.clear()
+        try:
+            async with self._connected(_OWN_TIMEOUT_S) as client:
+                yield client
+        finally:
+            self._own_sessions -= 1
+            if not self._own_sessions:
+                self._is_alone.set()
+
+    async def unused(self) -> None:
+        """Wait until no session of its key but its own is open."""
+        await self._is_alone.wait()
+
+    def _connected(self, timeout_s: float) -> AbstractAsyncContextManager[FleetClient]:
+        return FleetClient.connect(
+            self._address.endpoint,
+            user=self.user,
+            password=self.secret.key,
+            identity=self._identity,
+            policy=self._address.policy,
+            insecure=self._address.insecure,
+            server_uri=self.secret.server_uri,
+            timeout_s=timeout_s,
+        )
+
     # ------------------------------------------------------------------ feeds
 
     def open_feed(self, name: str, parameters: FeedParameters) -> RunningFeed:
@@ -240,16 +285,7 @@ class FleetLink:
         backoff_s = _FIRST_BACKOFF_S
         while True:
             try:
-                async with FleetClient.connect(
-                    self._address.endpoint,
-                    user=self.user,
-                    password=self.secret.key,
-                    identity=self._identity,
-                    policy=self._address.policy,
-                    insecure=self._address.insecure,
-                    server_uri=self.secret.server_uri,
-                    timeout_s=_TIMEOUT_S,
-                ) as client:
+                async with self._connected(_TIMEOUT_S) as client:
                     backoff_s = _FIRST_BACKOFF_S
                     await self._serve(client)
             except AccessRefused as error:

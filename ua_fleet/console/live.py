@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import time
 from datetime import UTC, datetime
-from typing import Any, Final
+from typing import Any
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from starlette.websockets import WebSocket, WebSocketDisconnect
@@ -20,15 +20,9 @@ from ua_fleet.console.people import People
 from ua_fleet.console.sessions import BrowserSession
 from ua_fleet.console.settings import ConsoleLimits
 from ua_fleet.console.shown import shown_time
+from ua_fleet.console.sockets import CLOSE_LOGGED_OUT, CLOSE_TOO_MANY, Closed, FirstSaid, close, first_said, said_by
 
-__all__ = ["CLOSE_FORBIDDEN", "CLOSE_INVALID", "CLOSE_LOGGED_OUT", "CLOSE_TOO_MANY", "PageSocket"]
-
-CLOSE_FORBIDDEN: Final = 4403
-CLOSE_LOGGED_OUT: Final = 4401
-CLOSE_TOO_MANY: Final = 4429
-CLOSE_INVALID: Final = 4400
-_FIRST_S: Final = 10.0
-"""A page says its csrf token within so long."""
+__all__ = ["PageSocket"]
 
 
 class _Want(BaseModel):
@@ -38,20 +32,13 @@ class _Want(BaseModel):
     parameters: dict[str, Any] = Field(default_factory=dict[str, Any])
 
 
-class _Said(BaseModel):
+class _Said(FirstSaid):
     """A message of the page."""
 
-    model_config = ConfigDict(extra="forbid")
-    csrf: str | None = Field(default=None, max_length=200)
     want: dict[str, _Want] = Field(default_factory=dict[str, _Want], max_length=200)
     drop: list[str] = Field(default_factory=list[str], max_length=1000)
     seen: int | None = None
     active: bool | None = None
-
-
-class _Closed(Exception):
-    def __init__(self, code: int, reason: str) -> None:
-        self.code, self.reason = code, reason
 
 
 class PageSocket:
@@ -75,20 +62,14 @@ class PageSocket:
         self._people.on_end(self._session_changed)
         self._session.sockets += 1
         try:
-            async with asyncio.timeout(_FIRST_S):
-                first = await self._received()
-            if first.csrf is None or not self._session.is_csrf(first.csrf):
-                self._counts.drop("wrong_csrf")
-                raise _Closed(CLOSE_FORBIDDEN, "the first message has no csrf token of this session")
-            self._follow_links()
-            self._take(first)
+            self._take_first(await first_said(self._socket, _Said, self._session, self._counts))
             async with asyncio.TaskGroup() as group:
                 group.create_task(self._read())
                 group.create_task(self._send())
-        except* (_Closed, TimeoutError) as ended:
+        except* Closed as ended:
             first_one = ended.exceptions[0]
-            code, reason = (first_one.code, first_one.reason) if isinstance(first_one, _Closed) else (4408, "silent")
-            await self._close(code, reason)
+            if isinstance(first_one, Closed):
+                await close(self._socket, first_one.code, first_one.reason)
         except* (WebSocketDisconnect, RuntimeError):
             pass  # the page has gone, while we read or while we sent
         finally:
@@ -100,37 +81,21 @@ class PageSocket:
             for link in self._links.values():
                 link.unlisten(self._link_changed)
 
-    async def _close(self, code: int, reason: str) -> None:
-        try:
-            await self._socket.close(code, reason[:100])
-        except RuntimeError:
-            return  # it was closed already
-
     # ------------------------------------------------------------------ what the page says
 
     async def _read(self) -> None:
         while True:
-            said = await self._received()
+            said = await said_by(self._socket, _Said, self._counts)
             now = time.monotonic()
             if self._messages.wait_s("", now) > 0:
                 self._counts.drop("too_many_messages")
-                raise _Closed(CLOSE_TOO_MANY, "too many messages")
+                raise Closed(CLOSE_TOO_MANY, "too many messages")
             self._messages.count("", now)
             self._take(said)
 
-    async def _received(self) -> _Said:
-        message = await self._socket.receive()
-        if message["type"] == "websocket.disconnect":
-            raise WebSocketDisconnect(message.get("code", 1000))
-        text = message.get("text")
-        if text is None:
-            self._counts.drop("invalid")
-            raise _Closed(CLOSE_INVALID, "a message is JSON text")
-        try:
-            return _Said.model_validate_json(text)
-        except ValidationError as error:
-            self._counts.drop("invalid")
-            raise _Closed(CLOSE_INVALID, str(invalid_parameters(error, "message"))) from None
+    def _take_first(self, said: _Said) -> None:
+        self._follow_links()
+        self._take(said)
 
     def _take(self, said: _Said) -> None:
         if said.seen is not None:
@@ -211,7 +176,7 @@ class PageSocket:
     async def _send(self) -> None:
         while True:
             if self._is_over or self._people.sessions.is_over(self._session, time.monotonic()):
-                raise _Closed(CLOSE_LOGGED_OUT, "logged out")
+                raise Closed(CLOSE_LOGGED_OUT, "logged out")
             self._waiting.clear()
             text = self._outbox.next(time.monotonic(), shown_time(datetime.now(UTC)) or "")
             if text is not None:

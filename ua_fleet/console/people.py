@@ -184,7 +184,7 @@ class People:
         if held is not None:
             browsers = held.browsers
             held.task.cancel()
-            self._spawn(self._revoke(fleet, user, held.link.secret), "revoke the key of an older login")
+            self._spawn(self._revoke_unused(held.link), "revoke the key of an older login")
         link = FleetLink(
             fleet, self._settings.fleets[fleet], user, secret, self._identity, self._counts,
             self._settings.limits.feeds_per_user,
@@ -223,6 +223,11 @@ class People:
             del self._links[fleet, link.user]
             held.task.cancel()
             self._spawn(self._revoke(fleet, link.user, link.secret), "revoke")
+
+    async def _revoke_unused(self, link: FleetLink) -> None:
+        """Have the server end the key of a link once nobody drives a robot by it: another login stops no robot."""
+        await link.unused()
+        await self._revoke(link.fleet, link.user, link.secret)
 
     async def _revoke(self, fleet: str, user: str, secret: SessionSecret) -> None:
         """Have the server end a key; where that fails it ends by itself."""

@@ -16,6 +16,8 @@ __all__ = ["ROLES", "Rights", "rights_of"]
 ROLES: Final = ("observer", "operator", "engineer")
 _ASKED: Final = {"operator": "ns=2;s=Fleet.Scenarios.Run", "engineer": "ns=2;s=Fleet.RegisterRobot"}
 """For each role a Method that this one may call and none below it."""
+_DRIVING: Final = {"teleoperation.drive": "operator", "teleoperation.take_over": "engineer"}
+"""What is no operation, since it goes over a WebSocket of its own, and the least role that may."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,7 +29,8 @@ class Rights:
     @property
     def shown(self) -> dict[str, Any]:
         """For the page: the roles, and the operations that they may do."""
-        return {"roles": list(self.roles), "may": [one.name for one in OPERATIONS.values() if one.role in self.roles]}
+        least = {**{name: one.role for name, one in OPERATIONS.items()}, **_DRIVING}
+        return {"roles": list(self.roles), "may": [name for name, role in least.items() if role in self.roles]}
 
 
 async def rights_of(client: FleetClient) -> Rights:

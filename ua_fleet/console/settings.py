@@ -54,6 +54,10 @@ class ConsoleLimits(_Section):
     message_bytes: int = Field(default=65_536, ge=1024)
     """Message of a page on its WebSocket."""
     messages_per_s: float = Field(default=50.0, gt=0)
+    setpoints_per_s: float = Field(default=100.0, gt=0)
+    """Messages of a page that drives a robot."""
+    drives_per_user: int = Field(default=4, ge=1)
+    """Robots that one user drives at a fleet at once, each by an OPC UA session of its own."""
     requests_at_once: int = Field(default=8, ge=1)
     """Operations of one user that have not been answered."""
     connections: int = Field(default=2000, ge=10)

@@ -12,10 +12,12 @@ from ua_fleet.console.feeds.nodes import NODES
 from ua_fleet.console.feeds.robot import ROBOT
 from ua_fleet.console.feeds.robots import ROBOTS
 from ua_fleet.console.feeds.runs import LIBRARY, RUN, RUNS
+from ua_fleet.console.feeds.teleoperation import TELEOPERATION
 
 __all__ = ["FEEDS"]
 
 _ALL: Final = (
-    *(ROBOTS, ROBOT, RUNS, RUN, LIBRARY, DECISIONS, DECISION, RESILIENCE, ALARMS, EVENTS, HEALTH, MESSAGES, NODES),
+    *(ROBOTS, ROBOT, TELEOPERATION, RUNS, RUN, LIBRARY),
+    *(DECISIONS, DECISION, RESILIENCE, ALARMS, EVENTS, HEALTH, MESSAGES, NODES),
 )
 FEEDS: Final[dict[str, FeedKind]] = {kind.name: kind for kind in _ALL}

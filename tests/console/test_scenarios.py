@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable
 
 import pytest
@@ -235,3 +236,99 @@ def test_blocks_are_put_in_moved_and_removed_by_keys_and_comments_stay(
         "  - {task: work, skill: work, capacity: weld}\n"
         "  - repeat:\n      # of one\n      - {task: one, skill: work, robot: left}  # behind\n    times: 2\n"
     )
+
+
+FORMS = """\
+  # of one
+  - {task: one, skill: work, robot: left}  # behind
+  - task: two  # the second
+    skill: work
+    capacity: weld
+  - parallel: [{wait: 1}, {wait: 2}]  # both
+"""
+
+
+def stored(fleet: Fleet, name: str) -> str:
+    return (fleet.plant.folder / "scenarios" / f"{name}.yaml").read_text().partition("steps:\n")[2]
+
+
+def test_fields_of_a_step_change_its_lines_alone_and_say_what_the_server_finds_wrong(
+    fleet: Fleet, open_page: Open, picture: Picture
+) -> None:
+    fleet.plant.scenario("formed", FORMS)
+    page = open_page("engineer", PLACE + "/edit/formed")
+    tree = page.get_by_role("tree", name="Blocks")
+    problems = page.get_by_role("region", name="Problems")
+    one = page.get_by_role("region", name="Fields of one")
+    expect(one.get_by_label("Who does it")).to_have_value("robot left")
+    seconds = one.get_by_label("seconds")
+    expect(seconds).to_have_value("")
+    seconds.fill("2.5")
+    page.keyboard.press("Enter")
+    expect(text_of(page, "formed")).to_contain_text("robot: left, arguments: {seconds: 2.5}}  # behind")
+    seconds.fill("999")
+    page.keyboard.press("Enter")
+    expect(one).to_contain_text("Give")
+    expect(text_of(page, "formed")).to_contain_text("seconds: 2.5")
+    seconds.fill("=nothing.there")
+    page.keyboard.press("Tab")
+    expect(seconds).to_have_accessible_description(re.compile("no parameter, no result"))
+    one.get_by_label("Skill").fill("wrok")
+    one.get_by_label("Retries").fill("500")
+    page.keyboard.press("Enter")
+    expect(one.get_by_label("Skill")).to_have_accessible_description(re.compile("did you mean `work`"))
+    expect(one.get_by_label("Retries")).to_have_accessible_description(re.compile("whole number from 0 to 100"))
+    picture(page, "editor-form")
+    page.get_by_role("button", name="Undo").click()
+    expect(one.get_by_label("Retries")).to_have_value("")
+    one.get_by_label("Skill").fill("work")
+    seconds.fill("0.5 min")
+    page.keyboard.press("Tab")
+    expect(problems).to_contain_text("It fits the fleet.")
+    tree.get_by_role("treeitem", name="two").focus()
+    two = page.get_by_role("region", name="Fields of two")
+    two.get_by_label("Who does it").select_option(label="right")
+    two.get_by_label("When nobody can tell").select_option("retry")
+    two.get_by_label("After").fill("one")
+    page.keyboard.press("Control+s")
+    expect(page.get_by_text("formed was stored.")).to_be_visible()
+    assert stored(fleet, "formed") == (
+        '  # of one\n  - {task: one, skill: work, robot: left, arguments: {seconds: "0.5 min"}}  # behind\n'
+        "  - task: two  # the second\n    skill: work\n    robot: right\n    after: [one]\n    on_unknown: retry\n"
+        "  - parallel: [{wait: 1}, {wait: 2}]  # both\n"
+    )
+
+
+def test_steps_in_brackets_are_moved_edited_and_put_in(fleet: Fleet, open_page: Open, picture: Picture) -> None:
+    fleet.plant.scenario("bracketed", FORMS + "  - repeat: [{wait: 3}, # why\n      {wait: 4}]\n    times: 2\n")
+    page = open_page("engineer", PLACE + "/edit/bracketed?view=blocks")
+    waits = page.get_by_role("treeitem", name="Wait")
+    waits.nth(1).focus()
+    page.keyboard.press("Alt+ArrowUp")
+    expect(text_of(page, "bracketed")).to_contain_text("[{wait: 2}, {wait: 1}]  # both")
+    page.get_by_role("group", name="Put in").get_by_role("button", name="Repeat").click()
+    expect(text_of(page, "bracketed")).to_contain_text("[{wait: 2}, {repeat: [{wait: 1}], times: 2}, {wait: 1}]")
+    expect(page.get_by_role("treeitem", name="Repeat").first).to_be_focused()
+    page.get_by_role("region", name="Fields of Repeat").get_by_label("Times").fill("3")
+    page.keyboard.press("Enter")
+    expect(text_of(page, "bracketed")).to_contain_text("{repeat: [{wait: 1}], times: 3}")
+    page.get_by_role("treeitem", name="one").focus()
+    for way in ("ArrowDown", "ArrowDown", "ArrowUp"):
+        page.keyboard.press(f"Alt+{way}")
+    commented = page.get_by_role("treeitem", name="Wait").last
+    commented.focus()
+    expect(page.get_by_role("button", name="Move up")).to_have_attribute("title", re.compile("Comments stand between"))
+    page.get_by_role("region", name="Fields of Wait").get_by_label("Event").fill("door open")
+    page.keyboard.press("Enter")
+    expect(text_of(page, "bracketed")).to_contain_text("{wait: null, event: door open}]")
+    picture(page, "editor-brackets")
+
+
+def test_an_observer_reads_the_fields_of_a_step_and_changes_none(fleet: Fleet, open_page: Open) -> None:
+    fleet.plant.scenario("shown", FORMS)
+    page = open_page("observer", PLACE + "/edit/shown")
+    one = page.get_by_role("region", name="Fields of one")
+    expect(one.get_by_label("Name")).to_have_value("one")
+    expect(one.get_by_label("Name")).not_to_be_editable()
+    expect(one.get_by_label("Who does it")).to_be_disabled()
+    expect(page.get_by_role("button", name="Undo")).to_have_count(0)

@@ -1,14 +1,26 @@
 /**
- * A scenario's text as blocks, and edits of it as small changes of the text: what is not moved, removed or inserted
- * stays to the sign, comments too. Comments right above a step, and at the end of its lines, go with it.
- *
- * Only lists of one item a line can be edited so (`- …`); steps in brackets (`[{…}, {…}]`) are shown, and edited as text.
+ * A scenario's text as blocks. Edits of them are in `moves.ts` (steps) and `fields.ts` (what a step says).
  */
-import { isMap, isPair, isScalar, isSeq, type Pair, parseDocument, type YAMLMap, type YAMLSeq } from 'yaml';
-import type { Edit } from './edits';
+import {
+  type Document,
+  isMap,
+  isPair,
+  isScalar,
+  isSeq,
+  type Pair,
+  parseDocument,
+  type YAMLMap,
+  type YAMLSeq,
+} from 'yaml';
 
 export const KINDS = ['task', 'parallel', 'repeat', 'if', 'wait', 'sequence', 'end'] as const;
 export type Kind = (typeof KINDS)[number];
+
+/**
+ * Why a step stays where it is: it stands alone where a list could be; its brackets have comments between the steps, of
+ * which nobody could tell whose they are; its line does not begin with a dash alone.
+ */
+export type Fixed = '' | 'alone' | 'comments' | 'marked';
 
 /** A step, or the branch of `parallel` that is a list. */
 export interface Block {
@@ -21,8 +33,8 @@ export interface Block {
   detail: string;
   line: number;
   lists: List[];
-  /** Whether it can be moved and removed by its lines. */
-  movable: boolean;
+  /** Why it can be neither moved nor removed; empty: it can. */
+  fixed: Fixed;
 }
 
 /** Steps in their order, where others can be inserted. */
@@ -31,7 +43,7 @@ export interface List {
   /** The key that it stands at, as `then`; empty: of a branch, or of the whole. */
   key: string;
   blocks: Block[];
-  /** Whether its steps are a line or more each, so that lines can be put in. */
+  /** Whether steps can be put in. */
   open: boolean;
 }
 
@@ -78,12 +90,29 @@ function detailOf(kind: Block['kind'], map: YAMLMap): string {
   }
 }
 
-class Reader {
-  constructor(
-    readonly text: string,
-    readonly starts: readonly number[],
-  ) {}
+/** A text by its lines. */
+export class Lines {
+  readonly starts: readonly number[];
 
+  constructor(readonly text: string) {
+    this.starts = startsOf(text);
+  }
+
+  /** With its end. */
+  at(line: number): string {
+    return this.text.slice(this.starts[line], this.starts[line + 1] ?? this.text.length);
+  }
+
+  startOf(offset: number): number {
+    return this.starts[this.lineOf(offset)] ?? 0;
+  }
+
+  /** Where the line after the one of an offset begins, or the text ends. */
+  after(offset: number): number {
+    return this.starts[this.lineOf(offset) + 1] ?? this.text.length;
+  }
+
+  /** Counted from 0. */
   lineOf(offset: number): number {
     let low = 0;
     let high = this.starts.length;
@@ -94,40 +123,42 @@ class Reader {
     }
     return low;
   }
+}
 
-  /** Whether only a dash and spaces stand before an item on its line, so that its lines are its own. */
-  ownLines(offset: number): boolean {
-    return /^ *- +$/.test(this.text.slice(this.starts[this.lineOf(offset)] ?? 0, offset));
-  }
-
-  list(node: unknown, path: string, key: string): List {
-    if (!isSeq(node)) {
-      // A single step needs no list.
-      return { path, key, blocks: isMap(node) ? [this.block(node, path, false)] : [], open: false };
+class Reader extends Lines {
+  list(node: unknown, path: string, key: string, inBrackets: boolean): List {
+    if (isSeq(node)) {
+      const fixed = node.flow ? this.inBrackets(node) : partsOf(this.text, node) ? '' : 'marked';
+      return {
+        ...{ path, key, open: !fixed },
+        blocks: node.items.map((item, at) => this.block(item, `${path}/${at}`, fixed)),
+      };
     }
-    const open = !node.flow && node.items.length > 0;
-    return {
-      ...{ path, key, open },
-      blocks: node.items.map((item, at) => this.block(item, `${path}/${at}`, open)),
-    };
+    // A single step needs no list.
+    if (isMap(node)) return { path, key, blocks: [this.block(node, path, 'alone')], open: false };
+    return { path, key, blocks: [], open: !inBrackets && (node === null || (isScalar(node) && node.value === null)) };
   }
 
-  block(node: unknown, path: string, inLines: boolean): Block {
-    const start = (node as { range?: [number, number, number] } | null)?.range?.[0] ?? 0;
-    const movable = inLines && this.ownLines(start);
+  private inBrackets(list: YAMLSeq): Fixed {
+    return spacesOf(this.text, list).some((one) => one.includes('#')) ? 'comments' : '';
+  }
+
+  block(node: unknown, path: string, fixed: Fixed): Block {
+    const start = rangeOf(node)?.[0] ?? 0;
     const line = this.lineOf(start) + 1;
     if (isSeq(node)) {
-      return { ...{ path, kind: 'branch', title: '', detail: '', line, movable }, lists: [this.list(node, path, '')] };
+      const lists = [this.list(node, path, '', false)];
+      return { path, kind: 'branch', title: '', detail: '', line, fixed, lists };
     }
-    if (!isMap(node)) return { path, kind: 'unknown', title: '', detail: '', line, lists: [], movable };
+    if (!isMap(node)) return { path, kind: 'unknown', title: '', detail: '', line, lists: [], fixed };
     const keys = node.items.map((pair) => (isPair(pair) && isScalar(pair.key) ? String(pair.key.value) : ''));
     const kind = keys.find((key): key is Kind => (KINDS as readonly string[]).includes(key)) ?? 'unknown';
     const lists = (BELOW[kind] ?? []).flatMap((key) => {
       const pair = node.items.find((one) => isScalar(one.key) && one.key.value === key) as Pair | undefined;
-      return pair ? [this.list(pair.value, `${path}/${key}`, key)] : [];
+      return pair ? [this.list(pair.value, `${path}/${key}`, key, Boolean(node.flow))] : [];
     });
     const title = kind === 'unknown' ? keys.join(', ') : textAt(node, kind);
-    return { path, kind, title, detail: detailOf(kind, node), line, lists, movable };
+    return { path, kind, title, detail: detailOf(kind, node), line, lists, fixed };
   }
 }
 
@@ -139,63 +170,90 @@ function startsOf(text: string): number[] {
 
 const OPTIONS = { keepSourceTokens: false, prettyErrors: false, uniqueKeys: false, merge: false } as const;
 
+let last: { text: string; document: Document.Parsed } | null = null;
+
+/** A text read as YAML, which nobody changes. The last one is kept, since each edit looks at its text several times. */
+export function parsed(text: string): Document.Parsed {
+  if (last?.text !== text) last = { text, document: parseDocument(text, OPTIONS) };
+  return last.document;
+}
+
+/** The keys and numbers of a path. */
+export const keysOf = (path: string) => path.split('/').map((part) => (/^\d+$/.test(part) ? Number(part) : part));
+
+/** What stands at a path of a text; undefined where the text cannot be read. */
+export function nodeAt(text: string, path: string): unknown {
+  const document = parsed(text);
+  return document.errors.length ? undefined : document.getIn(keysOf(path), true);
+}
+
+/** Where a node begins, where its value ends, and where what belongs to it ends. */
+export const rangeOf = (node: unknown) => (node as { range?: [number, number, number] } | null)?.range ?? null;
+
 /** The blocks of a text. */
 export function blocksOf(text: string): Blocks {
-  const document = parseDocument(text, OPTIONS);
+  const document = parsed(text);
   const [error] = document.errors;
   if (error) return { list: null, problem: error.message };
   const steps = isMap(document.contents) ? document.contents.get('steps', true) : undefined;
-  return { list: new Reader(text, startsOf(text)).list(steps, 'steps', ''), problem: '' };
+  return { list: new Reader(text).list(steps, 'steps', '', false), problem: '' };
 }
 
 /** The lines of an item, with comments right above it, up to the next one's. */
-interface Part {
+export interface Part {
   from: number;
   to: number;
   /** Where its dash is in its line. */
   indent: number;
+  /** Whether other dashes stand before its own, as in `- - {wait: 1}`: it then begins at its dash. */
+  inline: boolean;
 }
 
-function listAt(text: string, path: string): YAMLSeq | null {
-  const document = parseDocument(text, OPTIONS);
-  if (document.errors.length) return null;
-  const node = document.getIn(
-    path.split('/').map((part) => (/^\d+$/.test(part) ? Number(part) : part)),
-    true,
-  );
-  return isSeq(node) && !node.flow ? node : null;
-}
-
-function partsOf(text: string, list: YAMLSeq): Part[] | null {
-  const reader = new Reader(text, startsOf(text));
-  const lineText = (line: number) => text.slice(reader.starts[line], reader.starts[line + 1] ?? text.length);
+/** The lines of each item; null where some have no line that begins with a dash. */
+export function partsOf(text: string, list: YAMLSeq): Part[] | null {
+  const lines = new Lines(text);
   const parts: Part[] = [];
   let over = -1; // the last line of the item before
   for (const item of list.items) {
-    const range = (item as { range?: [number, number, number] } | null)?.range;
-    if (!range || !reader.ownLines(range[0])) return null;
-    let line = reader.lineOf(range[0]);
-    const indent = lineText(line).indexOf('-');
-    const last = reader.lineOf(Math.max(range[0], trimmedEnd(text, range[0], range[1]) - 1));
+    const range = rangeOf(item);
+    const start = range && lines.startOf(range[0]);
+    const dashes = range && start !== null ? /^( *)((?:- +)+)$/.exec(text.slice(start, range[0])) : null;
+    if (!range || start === null || !dashes) return null;
+    const inline = (dashes[2] ?? '').trim().length > 1;
+    if (inline && parts.length) return null;
+    const indent = text.slice(start, range[0]).lastIndexOf('-');
+    let line = lines.lineOf(range[0]);
+    const last = lines.lineOf(Math.max(range[0], trimmedEnd(text, range[0], range[1]) - 1));
     while (
+      !inline &&
       line - 1 > over &&
-      lineText(line - 1)
+      lines
+        .at(line - 1)
         .trimStart()
         .startsWith('#') &&
-      indentOf(lineText(line - 1)) >= indent
+      indentOf(lines.at(line - 1)) >= indent
     ) {
       line -= 1;
     }
-    parts.push({ from: reader.starts[line] ?? 0, to: reader.starts[last + 1] ?? text.length, indent });
+    const from = inline ? start + indent : (lines.starts[line] ?? 0);
+    parts.push({ from, to: lines.starts[last + 1] ?? text.length, indent, inline });
     over = last;
   }
   return parts;
 }
 
-const indentOf = (line: string) => line.search(/\S|$/);
+/** What stands in the brackets of a list before, between and behind its items. */
+export function spacesOf(text: string, list: YAMLSeq): string[] {
+  const [from = 0, to = 0] = rangeOf(list) ?? [];
+  const ends = list.items.flatMap((item) => rangeOf(item)?.slice(0, 2) ?? []);
+  const edges = [from + 1, ...ends, to - 1];
+  return edges.flatMap((edge, at) => (at % 2 ? [text.slice(edges[at - 1], edge)] : []));
+}
+
+export const indentOf = (line: string) => line.search(/\S|$/);
 
 /** The end of an item without blank lines and comments, which follow it and belong to what comes next. */
-function trimmedEnd(text: string, from: number, to: number): number {
+export function trimmedEnd(text: string, from: number, to: number): number {
   const lines = text.slice(from, to).split('\n');
   let end = to;
   for (let at = lines.length - 1; at > 0; at -= 1) {
@@ -204,138 +262,6 @@ function trimmedEnd(text: string, from: number, to: number): number {
     end -= line.length + 1;
   }
   return end;
-}
-
-/** Lines moved to another indentation. */
-function indented(lines: string, by: number): string {
-  if (by === 0) return lines;
-  return lines
-    .split('\n')
-    .map((line) =>
-      line.trim() === '' ? line : by > 0 ? ' '.repeat(by) + line : line.slice(Math.min(-by, indentOf(line))),
-    )
-    .join('\n');
-}
-
-const parentOf = (path: string) => path.slice(0, path.lastIndexOf('/'));
-const numberOf = (path: string) => Number(path.slice(path.lastIndexOf('/') + 1));
-const withEnd = (lines: string) => (lines.endsWith('\n') ? lines : `${lines}\n`);
-
-function applied(text: string, edits: Edit[]): string {
-  return [...edits]
-    .sort((a, b) => b.from - a.from)
-    .reduce((now, edit) => now.slice(0, edit.from) + edit.insert + now.slice(edit.to), text);
-}
-
-/** Where lines of a new item at a place of a list go. */
-function placeIn(text: string, parts: readonly Part[], at: number): number {
-  return parts[at]?.from ?? parts.at(-1)?.to ?? text.length;
-}
-
-/** The text without a step; null where its lines are not its own, or it is the only one of its list. */
-export function removed(text: string, path: string): string | null {
-  const list = listAt(text, parentOf(path));
-  const parts = list && partsOf(text, list);
-  const part = parts?.[numberOf(path)];
-  if (!part || parts.length < 2) return null;
-  return applied(text, [{ from: part.from, to: part.to, insert: '' }]);
-}
-
-/** The text with a step, given as YAML without indentation, at a place of a list; null where no lines can be put in. */
-export function inserted(text: string, list: string, at: number, step: string): string | null {
-  const found = listAt(text, list);
-  const parts = found && partsOf(text, found);
-  const first = parts?.[0];
-  if (!parts || !first) return null;
-  const place = placeIn(text, parts, at);
-  const spaces = ' '.repeat(first.indent);
-  const line = `${spaces}- ${step.replaceAll('\n', `\n${spaces}  `)}\n`;
-  const before = place > 0 && text[place - 1] !== '\n' ? '\n' : '';
-  return applied(text, [{ from: place, to: place, insert: before + line }]);
-}
-
-/** The text with a step moved to a place of a list, counted as before it is taken away; null where it cannot be. */
-export function moved(text: string, path: string, list: string, at: number): string | null {
-  if (list === path || list.startsWith(`${path}/`)) return null;
-  const from = listAt(text, parentOf(path));
-  const to = listAt(text, list);
-  const sources = from && partsOf(text, from);
-  const targets = to && partsOf(text, to);
-  const part = sources?.[numberOf(path)];
-  const first = targets?.[0];
-  if (!part || !first) return null;
-  if (parentOf(path) !== list && sources.length < 2) return null; // an empty list is none
-  const place = placeIn(text, targets, at);
-  if (place >= part.from && place <= part.to) return text;
-  const lines = indented(withEnd(text.slice(part.from, part.to)), first.indent - part.indent);
-  const before = place > 0 && text[place - 1] !== '\n' ? '\n' : '';
-  return applied(text, [
-    { from: part.from, to: part.to, insert: '' },
-    { from: place, to: place, insert: before + lines },
-  ]);
-}
-
-/** The path that a step has after it was moved so. */
-export function pathAfter(path: string, list: string, at: number): string {
-  const from = parentOf(path);
-  const number = numberOf(path);
-  if (from === list) return `${list}/${at > number ? at - 1 : at}`;
-  // Those behind it, and what is in them, have a lower number now.
-  const [next = '', ...rest] = list.startsWith(`${from}/`) ? list.slice(from.length + 1).split('/') : [];
-  const shifted = next && Number(next) > number ? [from, Number(next) - 1, ...rest].join('/') : list;
-  return `${shifted}/${at}`;
-}
-
-/** Where a step goes that is moved one place up or down, into the one before it, or out of the one around it. */
-export function destination(
-  list: List,
-  path: string,
-  way: 'up' | 'down' | 'into' | 'out',
-): { list: string; at: number } | null {
-  const around = listAround(list, path);
-  if (!around) return null;
-  const at = numberOf(path);
-  switch (way) {
-    case 'up':
-      return at > 0 ? { list: around.path, at: at - 1 } : null;
-    case 'down':
-      return at < around.blocks.length - 1 ? { list: around.path, at: at + 2 } : null;
-    case 'into': {
-      const into = around.blocks[at - 1]?.lists.findLast((one) => one.open);
-      return into ? { list: into.path, at: into.blocks.length } : null;
-    }
-    case 'out': {
-      // A branch is a list in a list; elsewhere the key stands between.
-      const owner = ownerOf(list, around.path);
-      return owner ? { list: parentOf(owner), at: numberOf(owner) + 1 } : null;
-    }
-  }
-}
-
-function listAround(list: List, path: string): List | null {
-  if (list.blocks.some((one) => one.path === path)) return list;
-  for (const block of list.blocks) {
-    if (!path.startsWith(`${block.path}/`)) continue;
-    for (const below of block.lists) {
-      const found = listAround(below, path);
-      if (found) return found;
-    }
-  }
-  return null;
-}
-
-/** The step that has a list. */
-function ownerOf(list: List, path: string): string | null {
-  for (const block of list.blocks) {
-    if (block.lists.some((one) => one.path === path)) return block.path;
-    if (path.startsWith(block.path)) {
-      for (const below of block.lists) {
-        const found = ownerOf(below, path);
-        if (found) return found;
-      }
-    }
-  }
-  return null;
 }
 
 /** A name for a task that the text does not have yet. */

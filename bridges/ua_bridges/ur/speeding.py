@@ -8,6 +8,9 @@
 The controller itself stops its program, and so the arm, when the watchdog is not kicked for `robot_timeout_s`: the
 robot's own watch, which works where this bridge is dead. While the arm is driven only a speed kicks it. To start the
 program takes a second at most; who asks meanwhile is refused, since nobody is to drive an arm that does not follow yet.
+
+A program that has ended is started again by the next one who asks for the arm, never by the lease that ends with it.
+The arm stands by then, and follows once a zero was written: what is left of an earlier ramp would set it in motion.
 """
 
 from __future__ import annotations
@@ -61,6 +64,10 @@ class Speeding:
         """Whether the commander was told that there is a speed, or that the program is wanted."""
         self._problem = ""
         """Why the last start failed, or what has ended."""
+        self._has_ended = False
+        """Whether the program has ended, and nobody was told."""
+        self._awaits_zero = False
+        """Whether speeds are zero for the arm until one is."""
         self.is_armed = False
         self._armed_at = -math.inf
 
@@ -68,6 +75,9 @@ class Speeding:
 
     def write(self, values: tuple[float, ...]) -> bool:
         """Take a speed; whether the commander has to be told."""
+        if self._awaits_zero:
+            self._awaits_zero = any(values)
+            values = (0.0,) * len(values)
         self._latest = time.monotonic(), values
         was_waiting, self._is_waiting = self._is_waiting, True
         return not was_waiting
@@ -77,7 +87,13 @@ class Speeding:
         return "" if self.is_armed else self._problem or _STARTING
 
     def wants_arming(self) -> bool:
-        """Whether the commander has to be told to start the program; said once until it was tried."""
+        """Whether the commander has to be told to start the program; said once until it was tried.
+
+        Asked of each problem that somebody is told.
+        """
+        if self._has_ended:
+            self._has_ended, self._problem = False, ""
+            return False
         was_arming, self._is_arming = self._is_arming, True
         return not (was_arming or self.is_armed)
 
@@ -85,6 +101,7 @@ class Speeding:
 
     def arm(self, link: CommandLink, state: State | None) -> None:
         """Start the control program under the watchdog."""
+        self._awaits_zero = True
         try:
             if state is not None and not self.is_armed:
                 link.take_control(is_playing=state.runtime is RuntimeState.PLAYING)
@@ -102,9 +119,9 @@ class Speeding:
     def send(self, link: CommandLink) -> None:
         """Send the latest speed."""
         self._is_waiting = False
-        if not self.is_armed:
-            return
         _, values = self._latest
+        if not self.is_armed or not values:
+            return
         speeds = [0.0] * _AXES
         for place, value in zip(self._places, values, strict=True):
             speeds[place] = value
@@ -142,4 +159,4 @@ class Speeding:
             time.sleep(_LOOK_S)
 
     def _end(self, problem: str) -> None:
-        self.is_armed, self._problem = False, problem
+        self.is_armed, self._problem, self._has_ended = False, problem, bool(problem)

@@ -101,13 +101,18 @@ class Cell:
 
 
 @pytest.fixture
-def cell(controller: UrController, tmp_path: Path, udp_url: str, processes: Processes) -> Iterator[Cell]:
+def cell(
+    request: pytest.FixtureRequest, controller: UrController, tmp_path: Path, udp_url: str, processes: Processes
+) -> Iterator[Cell]:
+    """`param`: the deceleration of its axes, where a test wants another one."""
     path = tmp_path / "fleet.json"
+    limits = {**LIMITS, "deceleration": getattr(request, "param", LIMITS["deceleration"])}
+    driven = {**ARM["teleoperation"], "axes": {"turn": limits, "tip": limits}}
     raw = {
         "version": 1,
         "pubsub": {"security": "none", "url": udp_url},
         "bridges": {"cell": {"kind": "ur", "space": 300, "status_id": 1001, "address": controller.host}},
-        "robots": {"arm": ARM},
+        "robots": {"arm": {**ARM, "teleoperation": driven}},
     }
     path.write_text(json.dumps(raw))
     environment = clean_environment(PYTHONUNBUFFERED="1", PYTHONPATH=os.pathsep.join(("bridges", ".")))
@@ -183,6 +188,27 @@ async def test_a_protective_stop_ends_the_lease_and_what_it_is_said_with(cell: C
         refused = await anna.acquire()
         assert refused.kind is OutcomeKind.REFUSED
         assert "protective stop" in refused.report.message
+
+
+@pytest.mark.parametrize("cell", [0.02], indirect=True)
+async def test_a_stop_that_goes_on_does_not_move_an_arm_that_has_stopped(cell: Cell) -> None:
+    """It was stopped by its controller; who acquires it soon begins at rest, whatever of the ramp is left."""
+    async with driving(cell.config, cell.folder, "anna") as (anna,):
+        await turning(cell, anna)
+        await asyncio.to_thread(dashboard, cell.controller.host, "stop")
+        await anna.until(lambda status: status.lease == 0)
+        await stopped(cell)
+        async with asyncio.timeout(WAIT_S):
+            while (at_rest := time.monotonic()) < cell.look.moved_last() + 0.3:
+                await asyncio.sleep(0.02)
+        await anna.acquired()
+        status = await anna.until(lambda status: status.state is State.STOPPING)
+        assert status.values[0] > 0.1, "the ramp was over before the arm could be driven again"
+        for _ in range(10):
+            await anna.drive(0.1, 0.0)
+        assert anna.status is not None
+        assert anna.status.lease == anna.lease
+        assert cell.look.moved_last(at_rest) == 0.0
 
 
 async def test_an_arm_that_nobody_drives_is_left_and_one_with_a_program_is_not_given_out(cell: Cell) -> None:

@@ -101,3 +101,10 @@ def test_what_is_remembered_is_bounded() -> None:
         leases.end("rover", "released")
     assert "is over" not in refusal(leases, 2)[1]
     assert "is over" in refusal(leases, 3)[1]
+
+
+def test_setpoints_are_sent_in_the_order_of_the_bridge_and_no_more_values_than_axes() -> None:
+    held = HeldLease("carrier", 7, "s1", "anna", (1, 0), 100, 0.0)
+    assert held.ordered((0.1, 0.2)) == (0.2, 0.1)
+    for values in ((), (0.1,), (0.1,) * 200_000):
+        assert held.ordered(values) == ()

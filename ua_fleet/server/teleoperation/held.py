@@ -14,7 +14,7 @@ after one such a status says nothing of it.
 from __future__ import annotations
 
 from collections import OrderedDict
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, Final, NamedTuple
 
@@ -49,6 +49,10 @@ class HeldLease:
     """Who has it, for the audit log."""
     setpoints: int = 0
     """Sent under it."""
+
+    def ordered(self, values: Sequence[float]) -> tuple[float, ...]:
+        """The values of a setpoint in the bridge's order; none of another number of them than axes, however many."""
+        return tuple([values[place] for place in self.order]) if len(values) == len(self.order) else ()
 
     def is_older(self, counter: int) -> bool:
         """Whether a counter was published before the lease was granted, or with it."""

@@ -285,12 +285,10 @@ class TeleoperationService:
         """
         known = self._robots[robot]
         lease = self._checked(known, lease_number, session)
-        fits = len(values) == len(lease.order)
-        ordered = tuple([values[place] for place in lease.order]) if fits else tuple(values)
-        setpoint = Setpoint(lease_number, number, echo, ordered)
+        setpoint = Setpoint(lease_number, number, echo, lease.ordered(values))
         self._send(encode_setpoint(self._codec, known.model.setpoints, setpoint))
         lease.setpoints += 1
-        if not fits or not all(map(isfinite, values)):
+        if not setpoint.values or not all(map(isfinite, setpoint.values)):
             said = f"a setpoint of {robot} has {len(lease.order)} finite numbers: it is stopped"
             raise LeaseRefused(StatusCode.BAD_INVALID_ARGUMENT, said)
 

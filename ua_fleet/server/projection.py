@@ -5,7 +5,8 @@ texts and changes of quality are written one after the other, as they were said,
 on their latest replaces one that waits, too, and what clients are not told is counted (`untold`). So no more waits than
 that, a value for each node, `MOST_EVENTS` events, and a change of nodes for each source that comes and goes.
 
-What is put ahead does not wait for the others: a few values that somebody's safety hangs on, in an order of their own.
+What is put ahead does not wait for the others: a few values that somebody's safety hangs on, in an order of their own
+and with the same bounds.
 """
 
 # pyright: reportUnknownMemberType=false, reportUnknownVariableType=false, reportUnknownArgumentType=false
@@ -13,7 +14,8 @@ What is put ahead does not wait for the others: a few values that somebody's saf
 from __future__ import annotations
 
 import asyncio
-from collections import deque
+import itertools
+from collections import OrderedDict, deque
 from collections.abc import Awaitable, Callable, Sequence
 from datetime import UTC, datetime
 from typing import Final, NamedTuple
@@ -103,7 +105,9 @@ class Projection:
         self._now = now
         self._tell = tell
         self._mistakes = mistakes or Mistakes()
-        self._ahead: deque[ValueChanged] = deque()
+        self._ahead: OrderedDict[tuple[NodeId, int], ValueChanged] = OrderedDict()
+        """What is put ahead, by its node and a number where it is not to be replaced; else 0."""
+        self._numbers = itertools.count(1)
         self._waiting: deque[_Slot] = deque()
         self._latest: dict[NodeId, _Slot] = {}
         """The last value of each node that waits, where a newer one may take its place."""
@@ -135,7 +139,11 @@ class Projection:
 
     def put_ahead(self, change: ValueChanged) -> None:
         """Queue a value before all that waits, and behind what was put ahead before; a node has all its values so."""
-        self._ahead.append(change)
+        is_latest = change.can_wait or len(self._ahead) >= MOST_IN_ORDER
+        key = change.key, 0 if is_latest else next(self._numbers)
+        replaced = self._ahead.pop(key, None)
+        self.untold += replaced is not None and not change.can_wait
+        self._ahead[key] = change
         self._wake.set()
 
     def then(self, action: Callable[[], Awaitable[None]]) -> None:
@@ -232,7 +240,7 @@ class Projection:
             slot: _Slot | None = None
             change: _Waiting | None
             if self._ahead:
-                change = self._ahead.popleft()
+                _, change = self._ahead.popitem(last=False)
             else:
                 slot = self._waiting.popleft()
                 change, slot.is_waiting = slot.change, False

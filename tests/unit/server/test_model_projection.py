@@ -58,6 +58,35 @@ async def test_what_is_put_ahead_waits_for_nothing_but_what_was_put_so_before() 
         assert not projection.waiting
 
 
+async def test_what_is_put_ahead_is_bounded_and_ends_with_what_was_put_last() -> None:
+    """E.g. by a bridge that tells a thousand statuses while the server is at something else."""
+    async with fleet_built() as (server, nodes):
+        told: list[tuple[int, Any]] = []
+
+        def note(number: int) -> Any:
+            async def tell(_handle: int, data: Any, _error: Any = None) -> None:
+                told.append((number, data.Value.Value))
+
+            return tell
+
+        for number in (1001, 1002):
+            server.iserver.aspace.add_datachange_callback(raw_id(number, 2), ua.AttributeIds.Value, note(number))
+        projection = Projection(nodes)
+        for value in range(100):
+            projection.put_ahead(ValueChanged(SPEED, DOUBLE, float(value % 2), 0, None, False))
+            projection.put_ahead(ValueChanged(NodeId(2, 1002), DOUBLE, float(value), 0, None, True))
+        assert projection.waiting == 101
+        await projection.write_waiting()
+        assert [value for number, value in told if number == 1001] == [0.0, 1.0] * 50
+        assert told[-1] == (1002, 99.0)
+        for value in range(2 * MOST_IN_ORDER):
+            projection.put_ahead(ValueChanged(SPEED, DOUBLE, float(value), 0, None, False))
+        assert projection.waiting == MOST_IN_ORDER + 1
+        assert projection.untold == MOST_IN_ORDER - 1
+        await projection.write_waiting()
+        assert told[-1] == (1001, float(2 * MOST_IN_ORDER - 1))
+
+
 async def test_a_bad_node_keeps_its_last_value() -> None:
     async with fleet_built() as (server, nodes):
         projection = Projection(nodes)

@@ -19,7 +19,7 @@ from ua_fleet.client.batches import Batches
 from ua_fleet.errors import RemoteWireError
 from ua_fleet.values import BuiltinType, datetime_from_ticks
 from ua_fleet.wire.cursor import Cursor
-from ua_fleet.wire.structure import Shape, array
+from ua_fleet.wire.structure import array_decoder
 from ua_fleet.wire.variant import DECODERS, SMALLEST
 
 __all__ = ["StructureLayout", "Structures", "layout_of", "read_layout"]
@@ -101,11 +101,13 @@ class Structures:
     async def shown(self, node_id: ua.NodeId, value: Any) -> Any:
         """The value of a Variable, with its structures as mappings of their fields."""
         if self.is_new(value):
+            (told,) = await self._batches.read([node_id], ua.AttributeIds.DataType)
+            layout = None if told.Value is None else await read_layout(self._batches, told.Value.Value)
             if len(self._layouts) >= _MOST_TYPES:
                 self._layouts.clear()
-            self._layouts[(value[0] if isinstance(value, list) else value).TypeId] = None
-            (told,) = await self._batches.read([node_id], ua.AttributeIds.DataType)
-            if told.Value is not None and (layout := await read_layout(self._batches, told.Value.Value)) is not None:
+            # Others may have met it meanwhile, and asked too.
+            self._layouts.setdefault((value[0] if isinstance(value, list) else value).TypeId, None)
+            if layout is not None:
                 self._layouts[layout.encoding] = layout
         if isinstance(value, list):
             return [self._one(each) for each in value]
@@ -149,7 +151,7 @@ def layout_of(definition: ua.StructureDefinition, enumerations: Collection[ua.No
             break
         decode = DECODERS[kind]
         if field.ValueRank == 1:
-            decode = array(Shape(SMALLEST[kind], decode, _no_encoder)).decode
+            decode = array_decoder(SMALLEST[kind], decode)
         fields.append(_Field(str(field.Name), decode, None if field.ValueRank == 1 else kind))
     return StructureLayout(definition.DefaultEncodingId, fields)
 
@@ -161,7 +163,3 @@ def _builtin(data_type: ua.NodeId) -> BuiltinType | None:
     if number in _SIMPLE:
         return _SIMPLE[number]
     return BuiltinType(number) if 1 <= number <= BuiltinType.LOCALIZED_TEXT else None
-
-
-def _no_encoder(_out: bytearray, _value: Any) -> None:
-    raise NotImplementedError

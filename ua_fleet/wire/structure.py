@@ -58,6 +58,7 @@ __all__ = [
     "Record",
     "Shape",
     "array",
+    "array_decoder",
     "extension",
     "structure",
 ]
@@ -146,18 +147,24 @@ def structure(make: Callable[..., Any], *fields: Shape) -> Shape:
     return Shape(sum(field.smallest for field in fields), decode, encode, Record(names, fields))
 
 
+def array_decoder(smallest: int, decode: Decoder) -> Decoder:
+    """Decodes an array, which becomes a tuple, of elements that take `smallest` bytes at least; a null one is empty."""
+
+    def decode_array(cursor: Cursor) -> Any:
+        return tuple([decode(cursor) for _ in range(cursor.length(smallest) or 0)])
+
+    return decode_array
+
+
 def array(element: Shape) -> Shape:
     """The shape of an array, which becomes a tuple; a null array is empty."""
-
-    def decode(cursor: Cursor) -> Any:
-        return tuple([element.decode(cursor) for _ in range(cursor.length(element.smallest) or 0)])
 
     def encode(out: bytearray, value: Any) -> None:
         encode_length(out, len(value))
         for part in value:
             element.encode(out, part)
 
-    return Shape(4, decode, encode, Elements(element))
+    return Shape(4, array_decoder(element.smallest, element.decode), encode, Elements(element))
 
 
 def extension(known: Mapping[int, tuple[type, Shape]] | None = None) -> Shape:

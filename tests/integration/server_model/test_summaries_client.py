@@ -83,6 +83,13 @@ async def test_all_robots_are_read_in_their_order(
         assert first.told.tzinfo is not None
 
 
+async def test_who_meets_a_structure_first_keeps_it_from_nobody(udp_url: str, tcp_port: int, tmp_path: Path) -> None:
+    """E.g. two tabs that watch it: one asks for its layout, and the other must not get the bytes meanwhile."""
+    async with serving(tmp_path, fleet_config(udp_url, tcp_port)) as running, connected(running) as client:
+        readings = await asyncio.gather(*[client.read("ns=2;s=Fleet.Summaries.1") for _ in range(4)])
+        assert not [one for reading in readings for one in reading.raw if isinstance(one, ua.ExtensionObject)]
+
+
 async def test_a_watch_follows_the_robots(udp_url: str, tcp_port: int, tmp_path: Path) -> None:
     async with (
         serving(tmp_path, fleet_config(udp_url, tcp_port)) as running,

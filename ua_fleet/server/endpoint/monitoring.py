@@ -17,6 +17,7 @@ import dataclasses
 import functools
 import math
 import time
+from abc import ABC, abstractmethod
 from collections.abc import Generator
 from typing import Any, Final, Protocol
 
@@ -93,7 +94,7 @@ class Owner(Protocol):
     """What waits for the user."""
 
 
-class Item:
+class Item(ABC):
     """What data and event items share: a queue of bounded length."""
 
     __slots__ = (
@@ -187,9 +188,9 @@ class Item:
         """A notification that says that something was lost beside it."""
         return notification
 
+    @abstractmethod
     def encode(self, notification: Any, room: int, misfit: Misfit) -> bytes:
         """A notification as bytes; a value that takes more than `room` is told by its StatusCode alone."""
-        raise NotImplementedError
 
     def clear(self) -> None:
         """Forget what waits."""

@@ -340,8 +340,11 @@ async def _follow(client: FleetClient, lease: DrivingLease) -> None:
             async for status in statuses:
                 lease.heard(status)
     except UaFleetError as error:
-        lease.over = lease.over or str(error)
+        is_held, lease.over = not lease.over, lease.over or str(error)
         lease.changed.set()
+        if is_held:  # without the counter no setpoint is fresh
+            with contextlib.suppress(UaFleetError):
+                await lease.release()
 
 
 async def _keep(lease: DrivingLease) -> None:

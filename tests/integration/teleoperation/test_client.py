@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import AsyncGenerator
-from contextlib import AbstractAsyncContextManager
+from contextlib import AbstractAsyncContextManager, aclosing
 from pathlib import Path
 
 import pytest
@@ -68,6 +68,27 @@ async def test_a_lease_without_setpoints_is_renewed(made: Floor) -> None:
         await asyncio.sleep(6.5)
         assert not lease.over
         assert lease.status.lease == lease.number
+
+
+async def test_who_cannot_follow_the_bridge_gives_the_robot_back(tmp_path: Path, udp_url: str, tcp_port: int) -> None:
+    config = fleet(udp_url, tcp_port)
+    few = config.server.model_copy(update={"max_subscriptions_per_session": 1})
+    async with (
+        floor(tmp_path, config.model_copy(update={"server": few})) as made,
+        connect(made, OPERATOR) as client,
+        aclosing(client.watch(["ns=2;s=1003.State"])) as changes,
+    ):
+        await anext(changes)
+        async with driving(client, "carrier") as lease, asyncio.timeout(10):
+            while not lease.over:
+                await lease.changed.wait()
+                lease.changed.clear()
+            assert "BadTooManySubscriptions" in lease.over
+            async for change in changes:
+                if change.value == 0:
+                    break
+        (told,) = await client.read(["ns=2;s=1003.LastEnd"])
+        assert told.value == "oscar: released"
 
 
 async def test_who_is_overruled_learns_by_whom(made: Floor) -> None:

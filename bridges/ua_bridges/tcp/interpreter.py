@@ -94,7 +94,6 @@ class InterpreterSession:
         self._fields, self._messages = FieldReader(link), MessageReader(link.most_fields)
         self._begun_at: float | None = None
         """When all that had arrived was done with, and a message was not whole; None while there is no such message."""
-        """When the message began that is not complete."""
 
     @property
     def is_connected(self) -> bool:

@@ -27,6 +27,9 @@ QUEUE_SIZE: Final = 100
 """Messages that wait for a slow subscriber; then its oldest go. A thread of the link sends them, not the event loop."""
 HOLD_S: Final = 1.0
 """So long the first messages wait for the subscribers that are there; connecting takes them some 10 ms."""
+LATCH_S: Final = 5.0
+"""The same where there is but a message that the bridge before this one had published, which rospy gives to whoever
+connects from then on: on a busy machine robots that have it already needed more than a second."""
 
 
 class _Header:
@@ -113,7 +116,8 @@ class Outlet:
 
         Callable from any thread.
         """
-        if time.monotonic() > self._made + HOLD_S:
+        hold_s = LATCH_S if self._remembered is not None and not self._held else HOLD_S
+        if time.monotonic() > self._made + hold_s:
             return True
         return subscribers is not None and int(self._publisher.get_num_connections()) >= subscribers
 

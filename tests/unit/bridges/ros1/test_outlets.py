@@ -2,6 +2,7 @@
 from __future__ import annotations
 
 import asyncio
+import time
 from typing import Any
 
 import pytest
@@ -10,7 +11,8 @@ pytest.importorskip("rospy", reason="needs the Python that has rospy")
 
 from ua_bridges.ros.delivered import Delivered
 from ua_bridges.ros1 import outlets
-from ua_bridges.ros1.outlet import QUEUE_SIZE, Outlet
+from ua_bridges.ros1.classes import needed_type
+from ua_bridges.ros1.outlet import HOLD_S, LATCH_S, QUEUE_SIZE, Outlet
 from ua_bridges.ros1.outlets import Outlets
 
 from ua_fleet.bridge.driver import DriverEvent, Dropped
@@ -77,3 +79,22 @@ def test_messages_that_no_subscriber_gets_since_more_came_than_are_held_are_coun
     loop.close()
     lost = [(event.cause, event.count) for event in inlet.events if isinstance(event, Dropped)]
     assert lost == [(Drop.INLET_FULL, 1)] * 3 + [(Drop.INLET_FULL, QUEUE_SIZE)]
+
+
+def test_who_connects_late_has_more_time_where_nothing_else_waits(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    now = 100.0
+    monkeypatch.setattr(time, "monotonic", lambda: now)
+    remembering, publishing = (
+        Outlet(f"/{name}", needed_type("std_msgs/Int32"), ("data",), latched=True) for name in "ab"
+    )
+    remembering.remember((2,))
+    publishing.remember((2,))
+    publishing.publish((3,))
+    now += HOLD_S + 0.1
+    assert publishing.is_ready(1)
+    assert not remembering.is_ready(1)
+    assert remembering.is_ready(0)
+    now += LATCH_S - HOLD_S
+    assert remembering.is_ready(1)

@@ -19,6 +19,7 @@ export interface Page {
 export const pages: readonly Page[] = [
   { name: 'fleet', title: 'fleet.title', icon: 'fleet', load: () => import('./pages/fleet/Fleet.svelte') },
   { name: 'scenarios', title: 'scenarios.title', icon: 'scenarios', load: () => import('./pages/scenarios/Scenarios.svelte') },
+  { name: 'drive', title: 'drive.title', icon: 'drive', hidden: true, load: () => import('./pages/drive/Drive.svelte') },
   { name: 'robot', title: 'robot.title', icon: 'robot', hidden: true, load: () => import('./pages/robot/Robot.svelte') },
   { name: 'resilience', title: 'resilience.title', icon: 'resilience', load: () => import('./pages/resilience/Resilience.svelte') },
   { name: 'alarms', title: 'alarms.title', icon: 'alarms', load: () => import('./pages/alarms/Alarms.svelte') },

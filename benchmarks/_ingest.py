@@ -14,7 +14,7 @@ import logging
 import sys
 import tempfile
 import time
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +22,8 @@ import structlog
 
 NODES = 10_000
 PUBLISHING_MS = 100
+MOST_WAITING = 10 * NODES
+"""Notifications that a client takes before it has counted them."""
 
 Serve = Callable[[str], Awaitable[str]]
 
@@ -151,8 +153,8 @@ async def stock(port: int) -> None:
     await server.stop()
 
 
-async def client(url: str, monitored: int) -> None:
-    """Counts notifications; `N` is answered when N of them have come since the last answer."""
+async def client(url: str, watched: Sequence[str]) -> None:
+    """Counts notifications of these nodes; `N` is answered when N of them have come since the last answer."""
     from asyncua.client.client import Client
 
     count = 0
@@ -163,9 +165,9 @@ async def client(url: str, monitored: int) -> None:
             count += 1
 
     async with Client(url, timeout=60, watchdog_intervall=60) as connected:
-        subscription: Any = await connected.create_subscription(PUBLISHING_MS, Handler(), queue_maxsize=10 * NODES)
-        nodes = [connected.get_node(f"ns=2;i={number}") for number in range(1, monitored + 1)]
-        for first in range(0, monitored, 1_000):
+        subscription: Any = await connected.create_subscription(PUBLISHING_MS, Handler(), queue_maxsize=MOST_WAITING)
+        nodes = [connected.get_node(one) for one in watched]
+        for first in range(0, len(nodes), 1_000):
             await subscription.subscribe_data_change(nodes[first : first + 1_000], queuesize=1)
 
         async def answer(line: str) -> str:
@@ -187,7 +189,8 @@ def main() -> None:
     structlog.configure(wrapper_class=structlog.make_filtering_bound_logger(logging.CRITICAL))
     role, *arguments = sys.argv[1:]
     if role == "client":
-        asyncio.run(client(arguments[0], int(arguments[1])))
+        url, monitored = arguments
+        asyncio.run(client(url, [f"ns=2;i={number + 1}" for number in range(int(monitored))]))
     else:
         asyncio.run({"ours": ours, "stock": stock}[role](int(arguments[0])))
 

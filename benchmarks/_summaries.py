@@ -15,11 +15,10 @@ import sys
 import tempfile
 import time
 from pathlib import Path
-from typing import Any
 
 import structlog
 
-from benchmarks._ingest import PUBLISHING_MS, Meter, serve_lines
+from benchmarks._ingest import Meter, client, serve_lines
 
 ROBOTS = 1_000
 VALUES = 10
@@ -117,47 +116,20 @@ async def server(port: int, has_summaries: bool) -> None:
         await made.stop()
 
 
-async def client(url: str, what: str) -> None:
-    """Counts notifications; `N` is answered when N of them have come since the last answer."""
-    from asyncua.client.client import Client
-
-    count = 0
-
-    class Handler:
-        def datachange_notification(self, node: Any, val: Any, data: Any) -> None:
-            nonlocal count
-            count += 1
-
-    async with Client(url, timeout=60, watchdog_intervall=60) as connected:
-        subscription: Any = await connected.create_subscription(PUBLISHING_MS, Handler(), queue_maxsize=100_000)
-        watched = {
-            "summaries": [f"ns=2;s=Fleet.Summaries.{number + 1}" for number in range(GROUPS)],
-            "nodes": [f"ns=2;s=Robots.robot{robot:04d}.{part}" for robot in range(ROBOTS) for part in PARTS],
-            "nothing": [],
-        }[what]
-        nodes = [connected.get_node(one) for one in watched]
-        for first in range(0, len(nodes), 1_000):
-            await subscription.subscribe_data_change(nodes[first : first + 1_000], queuesize=1)
-
-        async def answer(line: str) -> str:
-            nonlocal count
-            wanted, deadline = int(line), time.monotonic() + 60
-            while count < wanted:
-                if time.monotonic() > deadline:
-                    return f"only {count}"
-                await asyncio.sleep(0.02)
-            taken, count = count, 0
-            return str(taken)
-
-        print("ready", flush=True)
-        await serve_lines(answer)
+def watched(what: str) -> list[str]:
+    """The nodes that a client watches."""
+    return {
+        "summaries": [f"ns=2;s=Fleet.Summaries.{number + 1}" for number in range(GROUPS)],
+        "nodes": [f"ns=2;s=Robots.robot{robot:04d}.{part}" for robot in range(ROBOTS) for part in PARTS],
+        "nothing": [],
+    }[what]
 
 
 def main() -> None:
     logging.disable(logging.WARNING)
     structlog.configure(wrapper_class=structlog.make_filtering_bound_logger(logging.CRITICAL))
     role, first, second = sys.argv[1:]
-    asyncio.run(client(first, second) if role == "client" else server(int(first), second == "with"))
+    asyncio.run(client(first, watched(second)) if role == "client" else server(int(first), second == "with"))
 
 
 if __name__ == "__main__":

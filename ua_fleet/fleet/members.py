@@ -8,6 +8,7 @@ from typing import Any, Final
 from ua_fleet.counters import Counters, Drop
 from ua_fleet.fleet.changes import Change, Noticed, ValueChanged
 from ua_fleet.fleet.model import BridgeModel, FleetModel, RobotModel, RobotState, drop_field
+from ua_fleet.fleet.moved import MovedRobots
 from ua_fleet.topics import SERVER_SPACE
 from ua_fleet.values import BuiltinType, NodeId, StatusCode
 
@@ -89,7 +90,7 @@ class RobotStatus:
         "told_update",
     )
 
-    def __init__(self, model: RobotModel, bridge: BridgeStatus | None, moved: dict[str, None]) -> None:
+    def __init__(self, model: RobotModel, bridge: BridgeStatus | None, moved: MovedRobots) -> None:
         """Know a robot.
 
         Args:
@@ -100,7 +101,7 @@ class RobotStatus:
         self.model = model
         self.bridge = bridge
         self._moved = moved
-        moved[model.name] = None
+        moved.add(model.name)
         self.sources = tuple([each.topic for each in model.data_sets if each.topic.space != SERVER_SPACE])
         if self.sources and model.fault is not None:
             self.sources += (model.fault.topic,)
@@ -134,7 +135,7 @@ class RobotStatus:
 
     def has_moved(self, *, quality: bool = False) -> None:
         """Something of it has changed that a list of robots shows; `quality`: the status of a value."""
-        self._moved[self.model.name] = None
+        self._moved.add(self.model.name)
         if quality:
             self.quality = None
 

@@ -14,7 +14,6 @@ conflict that is counted and never shown.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from itertools import islice
 from typing import Final
 
 from ua_fleet.counters import Counters, Drop
@@ -31,6 +30,7 @@ from ua_fleet.fleet.changes import (
 from ua_fleet.fleet.discovery import Discovery
 from ua_fleet.fleet.members import BridgeStatus, RobotStatus, Traffic
 from ua_fleet.fleet.model import DataSetModel, FleetModel, RobotModel, RobotState, UnknownSources
+from ua_fleet.fleet.moved import MovedRobots
 from ua_fleet.fleet.source import Source
 from ua_fleet.fleet.turnover import LinePerMinute
 from ua_fleet.pubsub.events import (
@@ -85,7 +85,8 @@ class FleetState:
         """How often each source was asked for its metadata."""
         self._discovered: set[Topic] = set()
         self._silent_strangers: set[Topic] = set()
-        self._moved: dict[str, None] = {}
+        self.moved = MovedRobots()
+        """Robots of which something has changed that a list of robots shows, or that are gone."""
         self._silences, self._returns = LinePerMinute(), LinePerMinute()
         self.caught: Callable[[str, Exception], None] | None = None
         """Told of a mistake that cost one robot or bridge its second; without it, the mistake is raised."""
@@ -134,18 +135,6 @@ class FleetState:
     def robots(self) -> list[RobotModel]:
         """All robots that are there."""
         return [status.model for status in self._robots.values()]
-
-    @property
-    def has_moved(self) -> bool:
-        """Whether `take_moved` has something."""
-        return bool(self._moved)
-
-    def take_moved(self, most: int) -> list[str]:
-        """Robots, by their names, of which something has changed that a list of robots shows, or that are gone."""
-        moved = list(islice(self._moved, most))
-        for name in moved:
-            del self._moved[name]
-        return moved
 
     def robot_status(self, name: str) -> RobotStatus | None:
         """What is known of a robot; None where there is no such robot."""
@@ -215,7 +204,7 @@ class FleetState:
     def remove_robot(self, name: str) -> list[Change]:
         """Forget a robot."""
         status = self._robots.pop(name)
-        self._moved[name] = None
+        self.moved.add(name)
         for data_set in status.model.all_data_sets():
             topic = data_set.topic
             del self._sources[topic], self._claims[topic.ns, topic.id]
@@ -259,7 +248,7 @@ class FleetState:
             source.remember(timestamp)
 
     def _add(self, robot: RobotModel) -> None:
-        status = self._robots[robot.name] = RobotStatus(robot, self._bridge_named.get(robot.bridge), self._moved)
+        status = self._robots[robot.name] = RobotStatus(robot, self._bridge_named.get(robot.bridge), self.moved)
         for data_set in robot.all_data_sets():
             self._claim(data_set)
         for topic in status.sources:
@@ -377,7 +366,7 @@ class FleetState:
 
     def _capacities_moved(self, changes: list[CapacitiesChanged]) -> list[CapacitiesChanged]:
         for change in changes:
-            self._moved[change.robot.name] = None
+            self.moved.add(change.robot.name)
         return changes
 
     def _notice_life(self, source: Source, wall_ticks: int) -> list[Change]:

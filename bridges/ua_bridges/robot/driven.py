@@ -10,10 +10,11 @@ from __future__ import annotations
 import logging
 import threading
 import time
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from typing import Any
 
-__all__ = ["Driven"]
+__all__ = ["Driven", "DrivenByTopics"]
 
 _log = logging.getLogger(__name__)
 
@@ -105,3 +106,30 @@ class Driven:
             self._drive(self._zero())
         except Exception:  # noqa: BLE001 - whatever the robot's programmer has not foreseen, the next one is stopped too
             _log.exception("the robot could not be stopped")
+
+
+class DrivenByTopics(ABC):
+    """A robot that is driven by what comes on topics of its middleware."""
+
+    def driven(
+        self, topic: str, kind: type[Any], *, timeout_s: float, is_zero: Callable[[Any], bool] | None = None
+    ) -> Callable[[Callable[[Any], None]], Driven]:
+        """Have a function move the robot as somebody drives it by hand, and stop it when nothing comes in time.
+
+        Args:
+            topic: of the data that takes the setpoints in `fleet.yaml`, e.g. `/cmd_vel`.
+            kind: its type, e.g. `geometry_msgs.msg.Twist`; an empty one has to stop the robot.
+            timeout_s: `robot_timeout_ms` there, in seconds.
+            is_zero: whether a message stops the robot; needed where it has a Header.
+        """
+
+        def offer(drive: Callable[[Any], None]) -> Driven:
+            watch = Driven(drive, kind, timeout_s, is_zero=is_zero)
+            self._hear_speeds(topic, kind, watch.take)
+            return watch
+
+        return offer
+
+    @abstractmethod
+    def _hear_speeds(self, topic: str, kind: type[Any], take: Callable[[Any], None]) -> None:
+        """Have a function called with each message; of those that wait, with the last alone."""

@@ -9,7 +9,7 @@ from typing import Any
 import rospy
 from std_msgs.msg import String
 
-from ua_bridges.robot.driven import Driven
+from ua_bridges.robot.driven import DrivenByTopics
 from ua_bridges.robot.program import Announcer, Program
 
 __all__ = ["Robot"]
@@ -17,7 +17,7 @@ __all__ = ["Robot"]
 Function = Callable[..., Mapping[str, Any] | None]
 
 
-class Robot(Announcer):
+class Robot(Announcer, DrivenByTopics):
     """A robot in the graph of a ROS 1 master; the program has called `rospy.init_node`."""
 
     def __init__(self, *, namespace: int = 2, fault_id: int | None = None) -> None:
@@ -35,24 +35,8 @@ class Robot(Announcer):
         publisher = rospy.Publisher(name, String, queue_size=10, latch=True, tcp_nodelay=True)
         return lambda text: publisher.publish(String(data=text))
 
-    def driven(
-        self, topic: str, kind: type[Any], *, timeout_s: float, is_zero: Callable[[Any], bool] | None = None
-    ) -> Callable[[Callable[[Any], None]], Driven]:
-        """Have a function move the robot as somebody drives it by hand, and stop it when nothing comes in time.
-
-        Args:
-            topic: of the data that takes the setpoints in `fleet.yaml`, e.g. `/cmd_vel`.
-            kind: its type, e.g. `geometry_msgs.msg.Twist`; an empty one has to stop the robot.
-            timeout_s: `robot_timeout_ms` there, in seconds.
-            is_zero: whether a message stops the robot; needed where it has a Header.
-        """
-
-        def offer(drive: Callable[[Any], None]) -> Driven:
-            watch = Driven(drive, kind, timeout_s, is_zero=is_zero)
-            rospy.Subscriber(topic, kind, watch.take, queue_size=1, tcp_nodelay=True)  # of those that wait, the last
-            return watch
-
-        return offer
+    def _hear_speeds(self, topic: str, kind: type[Any], take: Callable[[Any], None]) -> None:
+        rospy.Subscriber(topic, kind, take, queue_size=1, tcp_nodelay=True)
 
     def skill(self, id: int, *, name: str | None = None, at_once: int = 1) -> Callable[[Function], Function]:
         """Offer a function as a skill.

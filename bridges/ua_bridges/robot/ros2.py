@@ -9,7 +9,7 @@ from typing import Any
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from std_msgs.msg import String
 
-from ua_bridges.robot.driven import Driven
+from ua_bridges.robot.driven import DrivenByTopics
 from ua_bridges.robot.program import Announcer, Program
 
 __all__ = ["Robot"]
@@ -21,7 +21,7 @@ _LATCHED = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE, durabilit
 Function = Callable[..., Mapping[str, Any] | None]
 
 
-class Robot(Announcer):
+class Robot(Announcer, DrivenByTopics):
     """A robot in a ROS 2 domain."""
 
     def __init__(self, node: Any, *, space: int, namespace: int = 2, fault_id: int | None = None) -> None:
@@ -40,24 +40,8 @@ class Robot(Announcer):
         publisher = self._node.create_publisher(String, name, _LATCHED)
         return lambda text: publisher.publish(String(data=text))
 
-    def driven(
-        self, topic: str, kind: type[Any], *, timeout_s: float, is_zero: Callable[[Any], bool] | None = None
-    ) -> Callable[[Callable[[Any], None]], Driven]:
-        """Have a function move the robot as somebody drives it by hand, and stop it when nothing comes in time.
-
-        Args:
-            topic: of the data that takes the setpoints in `fleet.yaml`, e.g. `/cmd_vel`.
-            kind: its type, e.g. `geometry_msgs.msg.Twist`; an empty one has to stop the robot.
-            timeout_s: `robot_timeout_ms` there, in seconds.
-            is_zero: whether a message stops the robot; needed where it has a Header.
-        """
-
-        def offer(drive: Callable[[Any], None]) -> Driven:
-            watch = Driven(drive, kind, timeout_s, is_zero=is_zero)
-            self._node.create_subscription(kind, topic, watch.take, _LATEST)
-            return watch
-
-        return offer
+    def _hear_speeds(self, topic: str, kind: type[Any], take: Callable[[Any], None]) -> None:
+        self._node.create_subscription(kind, topic, take, _LATEST)
 
     def skill(self, id: int, *, name: str | None = None, at_once: int = 1) -> Callable[[Function], Function]:
         """Offer a function as a skill.

@@ -10,6 +10,7 @@ from ua_fleet.config.schema import FleetConfig
 from ua_fleet.counters import Counters
 from ua_fleet.fleet import FleetState
 from ua_fleet.fleet.members import BridgeStatus, RobotStatus
+from ua_fleet.fleet.moved import MovedRobots
 from ua_fleet.pubsub.events import DataReceived, SourceReturned, SourceSilent, SourceStale
 from ua_fleet.values import BuiltinType, StatusCode, status_name
 from ua_fleet.wire.messages import DataSetMessage
@@ -28,7 +29,7 @@ def quality(fleet: Fleet) -> str:
 
 
 def moved(fleet: Fleet) -> list[str]:
-    return fleet.state.take_moved(100)
+    return fleet.state.moved.take(100)
 
 
 def test_what_has_never_come_is_not_good_and_does_not_count_beside_what_has() -> None:
@@ -62,7 +63,7 @@ def test_a_value_that_may_be_of_an_earlier_life_is_not_good() -> None:
 def test_a_list_has_to_look_again_when_quality_or_state_or_time_have_moved_and_not_for_each_value() -> None:
     fleet = Fleet()
     assert moved(fleet) == ["rover"]
-    assert not fleet.state.has_moved
+    assert not fleet.state.moved
     fleet.speed(0.5)
     assert moved(fleet) == ["rover"]
     for timestamp in range(2, 50):
@@ -102,11 +103,11 @@ def test_the_skills_that_a_robot_is_at_are_known() -> None:
     assert arm is not None
     status = arm.model.skill_status
     assert status is not None
-    state.take_moved(9)
+    state.moved.take(9)
     state.set_busy(status, ("pick",), 5)
-    assert (arm.skills, state.take_moved(9)) == (("pick",), ["arm"])
+    assert (arm.skills, state.moved.take(9)) == (("pick",), ["arm"])
     state.set_busy(status, ("pick",), 6)
-    assert state.take_moved(9) == []
+    assert state.moved.take(9) == []
 
 
 def test_a_robot_without_data_of_its_own_is_as_its_bridge_is() -> None:
@@ -126,7 +127,7 @@ def test_a_robot_without_data_of_its_own_is_as_its_bridge_is() -> None:
     assert status_name(state.quality(arm)) == "Good"
     state.apply(SourceSilent(BRIDGE), 20)
     assert status_name(state.quality(arm)) == "BadNoCommunication"
-    assert "arm" in state.take_moved(9)
+    assert "arm" in state.moved.take(9)
 
 
 def test_what_nobody_wants_to_be_read_does_not_count_beside_what_is_read() -> None:
@@ -134,15 +135,17 @@ def test_what_nobody_wants_to_be_read_does_not_count_beside_what_is_read() -> No
     not_read = [0, int(StatusCode.UNCERTAIN_LAST_USABLE_VALUE)]
     (bridge,) = fleet.model.bridges
     for on_demand, expected in ((True, "Good"), (False, "UncertainLastUsableValue")):
-        status = RobotStatus(fleet.model.robots[0], BridgeStatus(replace(bridge, reads_on_demand=on_demand)), {})
+        status = RobotStatus(
+            fleet.model.robots[0], BridgeStatus(replace(bridge, reads_on_demand=on_demand)), MovedRobots()
+        )
         assert status_name(status.quality_of_values(not_read)) == expected
-    alone = RobotStatus(fleet.model.robots[0], BridgeStatus(replace(bridge, reads_on_demand=True)), {})
+    alone = RobotStatus(fleet.model.robots[0], BridgeStatus(replace(bridge, reads_on_demand=True)), MovedRobots())
     assert status_name(alone.quality_of_values(not_read[1:])) == "UncertainLastUsableValue"
 
 
 def test_a_robot_that_is_gone_is_told_too() -> None:
     fleet = Fleet()
-    fleet.state.take_moved(9)
+    fleet.state.moved.take(9)
     fleet.state.remove_robot("rover")
-    assert fleet.state.take_moved(9) == ["rover"]
+    assert fleet.state.moved.take(9) == ["rover"]
     assert fleet.state.robot_status("rover") is None

@@ -73,21 +73,20 @@ class SummaryNodes:
     def build(self) -> None:
         """Make the nodes, with the robots that are there."""
         self._parts.folder(SUMMARIES, "Summaries", self._parts.id("Fleet"))
-        self._look_at(self._state.take_moved(len(self._state.robots)))
+        self._look_at(self._state.moved.take(len(self._state.robots)))
         self._make_nodes()
 
     def next_deadline(self, now: float) -> float | None:
         """When `poll` is to be called next, or None."""
-        if self._state.has_moved or self._activities.has_moved:
+        if self._state.moved or self._activities.moved:
             return now
         return self._summaries.next_deadline()
 
     def poll(self, now: float) -> None:
         """Take in what has changed; when all of it is taken in, write what is due. A part of either at a time."""
-        for source in (self._activities, self._state):
-            if source.has_moved:
-                self._look_at(source.take_moved(ROBOTS_AT_ONCE))
-        if self._state.has_moved or self._activities.has_moved:
+        for moved in (self._activities.moved, self._state.moved):
+            self._look_at(moved.take(ROBOTS_AT_ONCE))
+        if self._state.moved or self._activities.moved:
             return
         self._make_nodes()
         for number in self._summaries.take_due(now, GROUPS_AT_ONCE):

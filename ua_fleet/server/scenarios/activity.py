@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from itertools import islice
 from typing import Final, NamedTuple
 
+from ua_fleet.fleet.moved import MovedRobots
 from ua_fleet.orchestrator import Fault, FaultChanged, Hold, HoldChanged, Output, RunChanged
 from ua_fleet.scenario.consequences import SILENT
 from ua_fleet.scenario.state import RunState, TaskPhase
@@ -48,19 +48,8 @@ class RobotActivities:
         self._faults: dict[str, dict[str, Fault]] = {}
         """Of each robot those that are active, by their ids."""
         self._holds: dict[str, Hold] = {}
-        self._moved: dict[str, None] = {}
-
-    @property
-    def has_moved(self) -> bool:
-        """Whether `take_moved` has something."""
-        return bool(self._moved)
-
-    def take_moved(self, most: int) -> list[str]:
+        self.moved = MovedRobots()
         """Robots of which something has changed."""
-        moved = list(islice(self._moved, most))
-        for name in moved:
-            del self._moved[name]
-        return moved
 
     def of(self, robot: str) -> RobotActivity:
         """What a robot is at."""
@@ -81,7 +70,7 @@ class RobotActivities:
                 self._look_at(record.run_id, step, record.state)
         for hold in holds:
             self._holds[hold.robot] = hold
-            self._moved[hold.robot] = None
+            self.moved.add(hold.robot)
 
     def take(self, output: Output, run: RunState | None) -> None:
         """Something has happened, and was taken in by its run, if it is one's."""
@@ -100,13 +89,13 @@ class RobotActivities:
                     faults.pop(fault.id, None)
                     if not faults:
                         del self._faults[fault.robot]
-                self._moved[fault.robot] = None
+                self.moved.add(fault.robot)
             case HoldChanged(hold=hold, is_held=is_held):
                 if is_held:
                     self._holds[hold.robot] = hold
                 else:
                     self._holds.pop(hold.robot, None)
-                self._moved[hold.robot] = None
+                self.moved.add(hold.robot)
             case _:
                 pass
 
@@ -120,7 +109,7 @@ class RobotActivities:
         if robot and task is not None:
             self._robots.setdefault(run_id, {})[step] = robot
             self._tasks.setdefault(robot, {})[run_id, step] = task.name
-            self._moved[robot] = None
+            self.moved.add(robot)
 
     def _leave(self, run_id: str, step: str) -> None:
         """Nobody is at a step any more."""
@@ -134,4 +123,4 @@ class RobotActivities:
         del tasks[run_id, step]
         if not tasks:
             del self._tasks[robot]
-        self._moved[robot] = None
+        self.moved.add(robot)

@@ -63,12 +63,12 @@ def test_a_robot_is_at_its_task_from_the_request_to_the_end() -> None:
     told = Told()
     assert told.of("rover") == NOTHING
     told.tell("r1", assigned("1", "fetch", "rover"))
-    assert told.activities.take_moved(9) == ["rover"]
+    assert told.activities.moved.take(9) == ["rover"]
     assert (told.of("rover").tasks, told.of("rover").run_id) == (("fetch",), "r1")
     told.tell("r1", TaskAccepted(1.5, "1", 1))
-    assert told.activities.take_moved(9) == []
+    assert told.activities.moved.take(9) == []
     told.tell("r1", over("1"))
-    assert told.activities.take_moved(9) == ["rover"]
+    assert told.activities.moved.take(9) == ["rover"]
     assert told.of("rover") == NOTHING
 
 
@@ -78,10 +78,10 @@ def test_a_task_goes_to_the_robot_that_takes_it_over() -> None:
     assert told.of("rover") == NOTHING
     told.tell("r1", ReplacementWanted(2.0, "1", "rover", "broken"), Replaced(3.0, "1", "rover", "lift", "anna"))
     assert told.of("lift") == NOTHING  # it waits for its turn
-    told.activities.take_moved(9)
+    told.activities.moved.take(9)
     told.tell("r1", assigned("1", "fetch", "lift", 2))
     assert told.of("lift").tasks == ("fetch",)
-    assert told.activities.take_moved(9) == ["lift"]
+    assert told.activities.moved.take(9) == ["lift"]
 
 
 def test_two_tasks_are_told_with_the_run_of_the_first() -> None:
@@ -96,10 +96,10 @@ def test_two_tasks_are_told_with_the_run_of_the_first() -> None:
 def test_the_end_of_a_run_is_the_end_of_its_tasks() -> None:
     told = Told()
     told.tell("r1", assigned("1", "fetch", "rover"), assigned("2", "look", "lift"))
-    told.activities.take_moved(9)
+    told.activities.moved.take(9)
     told.tell("r1", RunEnded(3.0, RunOutcome.ABORTED, "enough"))
     assert (told.of("rover"), told.of("lift")) == (NOTHING, NOTHING)
-    assert sorted(told.activities.take_moved(9)) == ["lift", "rover"]
+    assert sorted(told.activities.moved.take(9)) == ["lift", "rover"]
 
 
 def test_the_first_fault_is_told_and_silence_only_where_there_is_no_other() -> None:
@@ -111,11 +111,11 @@ def test_the_first_fault_is_told_and_silence_only_where_there_is_no_other() -> N
     assert told.of("rover") == NOTHING._replace(faults=3, fault="lacks mobile: the drive is hot")
     told.take(fault("announced", "", active=False), None)
     assert told.of("rover") == NOTHING._replace(faults=2, fault="out of order")
-    told.take_moved(9)
+    told.moved.take(9)
     for source in ("robot", "silent", "silent"):
         told.take(fault(source, "", active=False), None)
     assert told.of("rover") == NOTHING
-    assert told.take_moved(9) == ["rover"]
+    assert told.moved.take(9) == ["rover"]
 
 
 def test_who_holds_a_robot_is_told_until_it_is_released() -> None:

@@ -154,7 +154,7 @@ class Operator:
         del node, data
         if value is not None:
             self.counters.append(value)
-            self.echo = value
+            self.echo = max(self.echo, value)  # one from before the grant may come after it
 
 
 def _uint32(value: int) -> Any:

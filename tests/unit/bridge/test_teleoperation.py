@@ -220,10 +220,9 @@ async def test_what_takes_setpoints_takes_nothing_else(tmp_path: Path) -> None:
             server.send(datagram)
         for datagram in other.publish(MODEL.data, (0.5, 0.0), timestamp=10**17, now=0.0):
             server.send(datagram)
-        await asyncio.sleep(0.05)
+        await until(lambda: server.bridge.get("Drops.not_a_setpoint") == 1)
         assert robot.published == []
         assert robot.written == []
-        await until(lambda: server.bridge.get("Drops.not_a_setpoint") == 1)
 
 
 async def test_drops_are_counted_for_the_robot_and_among_those_of_the_bridge(tmp_path: Path) -> None:

@@ -24,4 +24,5 @@ export const pages: readonly Page[] = [
   { name: 'resilience', title: 'resilience.title', icon: 'resilience', load: () => import('./pages/resilience/Resilience.svelte') },
   { name: 'alarms', title: 'alarms.title', icon: 'alarms', load: () => import('./pages/alarms/Alarms.svelte') },
   { name: 'space', title: 'space.title', icon: 'space', load: () => import('./pages/space/Space.svelte') },
+  { name: 'pubsub', title: 'pubsub.title', icon: 'pubsub', load: () => import('./pages/pubsub/PubSub.svelte') },
 ];

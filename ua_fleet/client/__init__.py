@@ -26,6 +26,7 @@ from ua_fleet.client.identity import ClientIdentity, default_identity_folder
 from ua_fleet.client.methods import NotDone
 from ua_fleet.client.model_changes import ModelChanges
 from ua_fleet.client.offers import OfferedSkill, SkillRequest
+from ua_fleet.client.positions import PositionNodes, known_places, position_nodes, yaw_of
 from ua_fleet.client.recent_messages import MessagesHeard, PubSubMessage, recent_messages
 from ua_fleet.client.robot_nodes import ArgumentNode, DataNode, RobotNodes, SkillNodes, robot_nodes
 from ua_fleet.client.robots import RobotClient, RobotInfo, RobotInvalid
@@ -101,6 +102,7 @@ __all__ = [
     "NotDone",
     "OfferedSkill",
     "OpenDecision",
+    "PositionNodes",
     "Problem",
     "PubSubMessage",
     "RankedRobot",
@@ -139,6 +141,8 @@ __all__ = [
     "driving",
     "fleet_status",
     "issue_session_key",
+    "known_places",
+    "position_nodes",
     "ranking_of",
     "recent_messages",
     "revoke_session_key",
@@ -146,4 +150,5 @@ __all__ = [
     "server_status",
     "teleoperation_info",
     "watch_teleoperation",
+    "yaw_of",
 ]

@@ -9,6 +9,7 @@ from ua_fleet.console.feeds.health import HEALTH
 from ua_fleet.console.feeds.kinds import FeedKind
 from ua_fleet.console.feeds.messages import MESSAGES
 from ua_fleet.console.feeds.nodes import NODES
+from ua_fleet.console.feeds.positions import POSITIONS_FEED
 from ua_fleet.console.feeds.robot import ROBOT
 from ua_fleet.console.feeds.robots import ROBOTS
 from ua_fleet.console.feeds.runs import LIBRARY, RUN, RUNS
@@ -18,6 +19,6 @@ __all__ = ["FEEDS"]
 
 _ALL: Final = (
     *(ROBOTS, ROBOT, TELEOPERATION, RUNS, RUN, LIBRARY),
-    *(DECISIONS, DECISION, RESILIENCE, ALARMS, EVENTS, HEALTH, MESSAGES, NODES),
+    *(DECISIONS, DECISION, RESILIENCE, ALARMS, EVENTS, HEALTH, MESSAGES, NODES, POSITIONS_FEED),
 )
 FEEDS: Final[dict[str, FeedKind]] = {kind.name: kind for kind in _ALL}

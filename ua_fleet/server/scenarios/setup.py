@@ -14,6 +14,7 @@ from ua_fleet.server.events import ServerEvents
 from ua_fleet.server.hardened import HardenedServer
 from ua_fleet.server.hub import Hub, wall_ticks
 from ua_fleet.server.parts import NodeParts
+from ua_fleet.server.places import add_places, places_of
 from ua_fleet.server.projection import Projection
 from ua_fleet.server.scenarios.activity import RobotActivities
 from ua_fleet.server.scenarios.clock import steady
@@ -64,6 +65,7 @@ def add_scenarios(
     parts.values = fleet.values
     nodes = ScenarioNodes(parts, projection.put, wall_ticks)
     nodes.build()
+    add_places(parts, places_of(config.resilience))
     view = ScenarioView(nodes, ServerEvents(server.iserver), projection, wall_ticks)
 
     def show(output: Output) -> None:

@@ -88,6 +88,7 @@ def _build() -> typer.Typer:
         decision,
         demo_pal,
         demo_talkrobots,
+        drive,
         healthcheck,
         keys,
         login,
@@ -123,6 +124,7 @@ def _build() -> typer.Typer:
     _add(whole, "read", read.read, read.EXAMPLES)
     _add(whole, "write", write.write, write.EXAMPLES)
     _add(whole, "watch", watch.watch, watch.EXAMPLES)
+    _add(whole, "drive", drive.drive, drive.EXAMPLES)
     _add(whole, "console", console.console, console.EXAMPLES)
     _add(whole, "simulate", simulate.simulate, simulate.EXAMPLES)
     _add(whole, "healthcheck", healthcheck.healthcheck, healthcheck.EXAMPLES)

@@ -50,6 +50,7 @@ COMMANDS = [
     *(f"scenario {name}" for name in ("list", "validate", "dryrun", "run", "watch")),
     *(f"scenario {name}" for name in ("pause", "resume", "abort", "answer", "tell")),
     "fault list",
+    "drive",
     "fault ack",
     "fault clear",
     "fault raise",

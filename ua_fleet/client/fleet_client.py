@@ -303,20 +303,21 @@ class FleetClient:
         with translated(self.endpoint):
             return await read_summaries(self.batches)
 
-    def watch_summaries(self, *, period_ms: float = 500.0) -> AsyncGenerator[SummariesChanged]:
+    def watch_summaries(self, *, robot: str = "", period_ms: float = 500.0) -> AsyncGenerator[SummariesChanged]:
         """How all robots stand, a hundred together, then what changes, until the iteration is closed.
 
         The server tells of each robot once a second at most. Robots that come while it is watched are told too; a slow
         consumer gets the newest of each robot.
 
         Args:
+            robot: tell this one alone, and watch no more than the Variable that it stands in.
             period_ms: publishing interval.
 
         Raises:
-            NodeNotFound: the server is of a version without summaries.
+            NodeNotFound: the server is of a version without summaries; or there is no such robot, or no longer.
             NotConnected: the connection was lost.
         """
-        return watch_summaries(self.batches, self._subscriptions, self.endpoint, period_ms)
+        return watch_summaries(self.batches, self._subscriptions, self.endpoint, period_ms, robot)
 
     async def skill_nodes(self) -> list[SkillNode]:
         """Where the skills of all robots stand."""

@@ -25,6 +25,7 @@ __all__ = ["RobotSummary", "SummariesChanged", "read_summaries", "watch_summarie
 _FOLDER: Final = "ns=2;s=Fleet.Summaries"
 _STATES: Final = ("offline", "idle", "busy", "faulted")
 """RobotStateEnumeration of the UaFleet nodeset."""
+_NO_ROBOT: Final = "there is no robot {!r}; look with: ua-fleet robot list"
 _MOST_GROUPS: Final = 100_000
 """Of each the latest value waits alone, so a slow consumer makes nothing grow."""
 
@@ -186,7 +187,7 @@ class _Known:
 
 
 async def watch_summaries(
-    batches: Batches, subscriptions: Subscriptions, endpoint: str, period_ms: float
+    batches: Batches, subscriptions: Subscriptions, endpoint: str, period_ms: float, robot: str = ""
 ) -> AsyncGenerator[SummariesChanged]:
     """How all robots stand, then each change; see `FleetClient.watch_summaries`."""
     reader, feed, known = _Reader(batches), _Groups(), _Known()
@@ -203,14 +204,28 @@ async def watch_summaries(
                 if isinstance(result, ua.StatusCode):
                     raise NodeNotFound(f"the summaries of robots cannot be watched: {result.name}")
 
+    async def group_of(groups: Sequence[ua.NodeId]) -> ua.NodeId:
+        for group, data in zip(groups, await batches.read(groups), strict=True):
+            if any(one.name == robot for one in reader.robots(data)):
+                return group
+        raise NodeNotFound(_NO_ROBOT.format(robot))
+
     async def begin(subscription: Subscription) -> None:
         opened.append(subscription)
-        await add(subscription, await reader.groups())
+        groups = await reader.groups()
+        await add(subscription, [await group_of(groups)] if robot else groups)
 
     async with subscriptions.open(feed, period_ms, begin):
         while (group := await feed.next()) is not None:
             robots = reader.robots(feed.newest.pop(group))
             changed, gone = known.take(group, robots)
+            if robot:
+                if all(one.name != robot for one in robots):
+                    raise NodeNotFound(_NO_ROBOT.format(robot))
+                mine = tuple(one for one in changed if one.name == robot)
+                if mine:
+                    yield SummariesChanged(mine, (), is_whole=True)
+                continue
             if robots and group == watched[-1]:  # the last one is empty until there is another one
                 with translated(endpoint):
                     there = await reader.groups()

@@ -44,6 +44,33 @@ async def test_a_fault_is_an_alarm_until_it_is_over_and_seen(console: Console) -
         assert missing.status_code == 404
 
 
+async def test_the_page_of_a_robot_reads_its_own_card_and_faults_alone(console: Console) -> None:
+    async with console.logged_in() as browser, browser.live() as live:
+        for feed in ("robots", "alarms"):
+            await live.want(feed, feed, robot="rover")
+            await live.want(f"no {feed}", feed, robot="nobody")
+        await live.until(
+            lambda: live.feeds.keys() >= {"robots", "alarms", "no alarms"} and live.errors.get("no robots")
+        )
+        assert live.errors["no robots"]["status"] == "BadNodeIdUnknown"
+        assert (await browser.ask("fault.raise", robot="rover", reason="it smokes")).status_code == 200
+        await live.until(lambda: live.feeds["robots"]["rover"]["faults"] and live.feeds["alarms"])
+        assert live.feeds["alarms"]["rover.robot"]["reason"] == "it smokes"
+        assert live.feeds["robots"]["rover"]["fault"] == "it smokes"
+        assert live.feeds["no alarms"] == {}
+
+
+async def test_what_waits_for_a_person_is_counted(console: Console) -> None:
+    async with console.logged_in() as browser, browser.live() as live:
+        await live.want("counts", "counts")
+        await live.until(lambda: live.feeds.get("counts") == {"alarms": 0, "decisions": 0})
+        assert (await browser.ask("fault.raise", robot="rover", reason="it smokes")).status_code == 200
+        await live.until(lambda: live.feeds["counts"]["alarms"] == 1)
+        assert (await browser.ask("fault.acknowledge", fault="rover.robot", comment="I look")).status_code == 200
+        await live.until(lambda: live.feeds["counts"]["alarms"] == 0)
+        assert live.wholes == {"counts": 1}
+
+
 async def test_a_card_has_the_battery(console: Console) -> None:
     async with console.logged_in() as browser, browser.live() as live:
         await live.want("all", "robots")

@@ -69,6 +69,8 @@ async def test_a_decision_is_previewed_and_made(plant: Plant) -> None:
         run = (await browser.ask("scenario.run", scenario="one")).json()["result"]["run"]
         await live.until(lambda: any(one["state"] == "open" for one in live.feeds.get("decisions", {}).values()))
         (decision,) = live.feeds["decisions"]
+        await live.want("counts", "counts")
+        await live.until(lambda: live.feeds.get("counts") == {"alarms": 1, "decisions": 1})
         await live.want("decision", "decision", decision=decision)
         await live.until(lambda: live.feeds.get("decision", {}).get("decision", {}).get("ranking"))
         ranking = live.feeds["decision"]["decision"]["ranking"]
@@ -82,6 +84,7 @@ async def test_a_decision_is_previewed_and_made(plant: Plant) -> None:
         assert confirmed.json()["result"] == {"outcome": "taken"}
         await live.until(lambda: live.feeds["decision"]["decision"]["state"] == "chosen")
         assert live.feeds["decision"]["decision"]["by"] == "oscar"
+        await live.until(lambda: live.feeds["counts"]["decisions"] == 0)
         await live.want("runs", "runs")
         await live.until(lambda: live.feeds.get("runs", {}).get(run, {}).get("state") == "done")
 

@@ -3,6 +3,7 @@
 from typing import Final
 
 from ua_fleet.console.feeds.alarms import ALARMS
+from ua_fleet.console.feeds.counts import COUNTS
 from ua_fleet.console.feeds.decisions import DECISION, DECISIONS, RESILIENCE
 from ua_fleet.console.feeds.events import EVENTS
 from ua_fleet.console.feeds.health import HEALTH
@@ -19,6 +20,6 @@ __all__ = ["FEEDS"]
 
 _ALL: Final = (
     *(ROBOTS, ROBOT, TELEOPERATION, RUNS, RUN, LIBRARY),
-    *(DECISIONS, DECISION, RESILIENCE, ALARMS, EVENTS, HEALTH, MESSAGES, NODES, POSITIONS_FEED),
+    *(DECISIONS, DECISION, RESILIENCE, ALARMS, COUNTS, EVENTS, HEALTH, MESSAGES, NODES, POSITIONS_FEED),
 )
 FEEDS: Final[dict[str, FeedKind]] = {kind.name: kind for kind in _ALL}

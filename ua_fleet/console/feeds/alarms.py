@@ -1,4 +1,6 @@
-"""Feed `alarms`: faults that are active, or that nobody has acknowledged. Keys are their ids, e.g. `rover.silent`."""
+"""Feed `alarms`: faults that are active, or that nobody has acknowledged, of all robots or of one. Keys are their ids,
+e.g. `rover.silent`.
+"""
 
 from __future__ import annotations
 
@@ -8,10 +10,10 @@ from typing import Any, Final
 from ua_fleet.client import FaultTold, FleetClient, Reading
 from ua_fleet.console.board import Board
 from ua_fleet.console.feeds.following import followed, show_rows, telling
-from ua_fleet.console.feeds.kinds import FeedKind, NoParameters
+from ua_fleet.console.feeds.kinds import FeedKind, OfAnyRobot
 from ua_fleet.console.shown import harmless_value, shown_value
 
-__all__ = ["ALARMS"]
+__all__ = ["ALARMS", "fault_nodes"]
 
 _FOLDER: Final = "ns=2;s=Fleet.Faults"
 _PARTS: Final = (
@@ -41,10 +43,20 @@ def _alarm(fault: str, parts: Mapping[str, Reading]) -> dict[str, Any] | None:
     }
 
 
-async def _run(client: FleetClient, parameters: NoParameters, board: Board) -> None:
+async def fault_nodes(client: FleetClient, robot: str = "") -> dict[str, str]:
+    """NodeIds of faults by their ids, of all robots or of one."""
+    nodes = await client.browse(_FOLDER)
+    beginning = f"{robot}." if robot else ""
+    return {
+        node.browse_name: node.node_id
+        for node in nodes
+        if node.node_class == "Object" and node.browse_name.startswith(beginning)
+    }
+
+
+async def _run(client: FleetClient, parameters: OfAnyRobot, board: Board) -> None:
     async def look() -> dict[str, str]:
-        nodes = await client.browse(_FOLDER)
-        return {node.browse_name: node.node_id for node in nodes if node.node_class == "Object"}
+        return await fault_nodes(client, parameters.robot)
 
     async def show(faults: dict[str, str]) -> None:
         await show_rows(client, board, faults, _PARTS, _alarm)
@@ -52,4 +64,4 @@ async def _run(client: FleetClient, parameters: NoParameters, board: Board) -> N
     await followed(client, look, show, telling(client, (FaultTold,)))
 
 
-ALARMS: Final = FeedKind("alarms", NoParameters, _run)
+ALARMS: Final = FeedKind("alarms", OfAnyRobot, _run)

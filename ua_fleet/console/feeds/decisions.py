@@ -14,7 +14,7 @@ from ua_fleet.console.feeds.kinds import FeedKind, FeedParameters, NoParameters
 from ua_fleet.console.rankings import shown_ranking
 from ua_fleet.console.shown import harmless_value, shown_value
 
-__all__ = ["DECISION", "DECISIONS", "RESILIENCE"]
+__all__ = ["DECISION", "DECISIONS", "RESILIENCE", "decision_nodes"]
 
 _FOLDER: Final = "ns=2;s=Fleet.Resilience.Decisions"
 _OBJECT: Final = "ns=2;s=Fleet.Resilience"
@@ -65,10 +65,15 @@ def _whole(decision: str, parts: Mapping[str, Reading]) -> dict[str, Any]:
     return {**_head(decision, parts), "ranking": shown_ranking(ranking)}
 
 
+async def decision_nodes(client: FleetClient) -> dict[str, str]:
+    """NodeIds of decisions by their ids."""
+    nodes = await client.browse(_FOLDER)
+    return {node.browse_name: node.node_id for node in nodes if node.node_class == "Object"}
+
+
 async def _run_decisions(client: FleetClient, parameters: NoParameters, board: Board) -> None:
     async def look() -> dict[str, str]:
-        nodes = await client.browse(_FOLDER)
-        return {node.browse_name: node.node_id for node in nodes if node.node_class == "Object"}
+        return await decision_nodes(client)
 
     async def show(decisions: dict[str, str]) -> None:
         await show_rows(client, board, decisions, (*_HEAD, "Robots", "Scores"), _listed)

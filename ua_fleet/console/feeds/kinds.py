@@ -6,18 +6,24 @@ from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
 from typing import Any
 
-from pydantic import BaseModel, ConfigDict
+from pydantic import BaseModel, ConfigDict, Field
 
 from ua_fleet.client import FleetClient
 from ua_fleet.console.board import Board
 
-__all__ = ["FeedKind", "FeedParameters", "NoParameters"]
+__all__ = ["FeedKind", "FeedParameters", "NoParameters", "OfAnyRobot"]
 
 
 class FeedParameters(BaseModel):
     """What a page says of the feed that it wants; an unknown key is an error."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class OfAnyRobot(FeedParameters):
+    """All robots, or one of them."""
+
+    robot: str = Field(default="", max_length=200)
 
 
 class NoParameters(FeedParameters):

@@ -1,4 +1,4 @@
-"""Feed `robots`: every robot of the fleet, as its card needs it. Keys are names of robots."""
+"""Feed `robots`: every robot of the fleet, or one, as its card needs it. Keys are names of robots."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any, Final
 from ua_fleet.client import ChargeNode, FleetClient, Reading, RobotSummary, SummariesChanged, charge_nodes
 from ua_fleet.console.board import Board
 from ua_fleet.console.feeds.following import followed
-from ua_fleet.console.feeds.kinds import FeedKind, NoParameters
+from ua_fleet.console.feeds.kinds import FeedKind, OfAnyRobot
 from ua_fleet.console.shown import harmless_value, shown_reading, shown_time, shown_value
 
 __all__ = ["ROBOTS", "held_shown", "state_shown"]
@@ -95,8 +95,12 @@ class _Cards:
         self._board.put(robot, {**self._cards[robot], "marked": self._marked.get(robot, [])})
 
 
-async def _run(client: FleetClient, parameters: NoParameters, board: Board) -> None:
+async def _run(client: FleetClient, parameters: OfAnyRobot, board: Board) -> None:
     cards = _Cards(board)
+    if parameters.robot:  # its page has all its values anyway
+        async with aclosing(client.watch_summaries(robot=parameters.robot)) as changes:
+            async for change in changes:
+                cards.stands(change)
 
     async def look() -> list[ChargeNode]:
         return await charge_nodes(client, _MOST_MARKED)
@@ -118,4 +122,4 @@ async def _run(client: FleetClient, parameters: NoParameters, board: Board) -> N
                 cards.stands(change)
 
 
-ROBOTS: Final = FeedKind("robots", NoParameters, _run)
+ROBOTS: Final = FeedKind("robots", OfAnyRobot, _run)

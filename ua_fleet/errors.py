@@ -180,6 +180,8 @@ class SkillRejected(SkillError):
     """The robot refused to start the skill."""
 
     ua_status: int = StatusCode.BAD_REQUEST_NOT_ALLOWED
+    argument: str = ""
+    """The argument that is wrong, where it is one."""
 
 
 class RobotBusy(SkillRejected):

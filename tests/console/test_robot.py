@@ -27,6 +27,7 @@ NODES: Final = {
         },
     },
     "never": {"id": 1305, "type": "Double", "unit": "V"},
+    "points": {"id": 1306, "type": "Double", "array": True, "unit": "m", "range": [0, 5]},
 }
 
 
@@ -81,6 +82,63 @@ def test_a_value_is_written_within_its_range(open_page: Open, picture: Picture) 
     page.keyboard.press("Enter")
     expect(dialog).to_be_hidden()
     expect(row(page, "speed_limit")).to_contain_text("1.5")
+
+
+def test_an_array_is_written_element_by_element(open_page: Open, picture: Picture) -> None:
+    page = open_page("operator", LEFT)
+    row(page, "points").get_by_role("button", name="Write points").click()
+    dialog = page.get_by_role("dialog", name="Write points")
+    add = dialog.get_by_role("button", name="Add an element")
+    add.click()
+    expect(dialog.get_by_label("points, element 1")).to_be_focused()
+    page.keyboard.type("1,5")
+    add.click()
+    page.keyboard.type("7")
+    page.keyboard.press("Enter")
+    expect(dialog).to_contain_text("Element 2: Give 0 to 5.")
+    expect(dialog.get_by_label("points, element 2")).to_have_attribute("aria-invalid", "true")
+    picture(page, "robot-write-array")
+    dialog.get_by_role("button", name="As JSON").click()
+    dialog.get_by_label("points", exact=True).fill("[1.5, 9, 3, 4]")
+    dialog.get_by_role("button", name="As JSON").click()
+    dialog.get_by_role("button", name="Remove element 2 of points").click()
+    expect(dialog.get_by_label("points, element 2")).to_be_focused()
+    page.keyboard.press("Enter")
+    expect(dialog).to_be_hidden()
+    expect(row(page, "points")).to_contain_text("[1.5, 3, 4]")
+
+
+def test_numbers_are_drawn_and_told_as_a_table(open_page: Open, picture: Picture) -> None:
+    page = open_page("operator", LEFT)
+    for name in ("speed_limit", "current"):
+        row(page, name).get_by_role("button", name=f"Draw {name} in the chart").click()
+    chart = page.get_by_role("region", name="Chart")
+    # Speed and current have an axis each.
+    expect(chart.get_by_role("img", name=re.compile(r"^speed_limit is [\d.]+ m.s; least "))).to_be_visible()
+    course = "drive.current is 1.25 A; least 1.25 A, greatest 1.25 A."
+    expect(chart.get_by_role("img", name=course, exact=True)).to_be_visible()
+    row(page, "speed_limit").get_by_role("button", name="Write speed_limit").click()
+    page.get_by_role("dialog").get_by_label("speed_limit", exact=True).fill("1.75")
+    page.keyboard.press("Enter")
+    lines = chart.get_by_role("list", name="Lines")
+    expect(lines).to_contain_text("1.75 m/s")
+    chart.get_by_role("button", name="Table").click()
+    expect(chart.get_by_role("table").get_by_role("row")).to_have_count(13)
+    picture(page, "robot-chart")
+    chart.get_by_role("button", name="Pause").click()
+    expect(chart).to_contain_text("Stopped at ")
+    time = chart.get_by_role("slider", name="Time")
+    time.press("Home")
+    expect(time).to_have_attribute("aria-valuetext", re.compile("speed_limit —, drive.current —$"))
+    time.press("End")
+    expect(time).to_have_attribute("aria-valuetext", re.compile("speed_limit 1.75 m/s, drive.current 1.25 A$"))
+    chart.get_by_role("button", name="Last 10 min").click()
+    chart.get_by_role("button", name="Pause").click()
+    page.reload()
+    expect(lines.get_by_role("listitem")).to_have_count(2)
+    for name in ("speed_limit", "drive.current"):
+        chart.get_by_role("button", name=f"Remove {name} from the chart").click()
+    expect(chart).to_have_count(0)
 
 
 def test_a_skill_is_started_by_its_form_and_told_of(open_page: Open, picture: Picture) -> None:

@@ -94,5 +94,10 @@ def test_a_sensor_that_is_plugged_in_appears(
         expect(main).to_contain_text("Idle")
         line = page.get_by_role("img", name="Course of temperature").locator("path")
         expect(line).to_have_attribute("d", re.compile("L.*L.*L"))
+        page.get_by_role("button", name="Draw temperature in the chart").click()
+        chart = page.get_by_role("region", name="Chart")
+        expect(chart.get_by_role("img", name=re.compile("^temperature is 2[0-9]"))).to_be_visible()
         picture(page, "robot-plugged")
     expect(row).to_contain_text("Bad", timeout=20_000)
+    # What is not Good is a gap, and what was seen before stays.
+    expect(chart.get_by_role("img", name=re.compile("^temperature is —; least 2[0-9]"))).to_be_visible()

@@ -297,21 +297,24 @@ def _values(known: KnownSkill, given: Mapping[str, Any]) -> list[ua.Variant]:
     name = f"{known.info.robot}.{known.info.name}"
     names = [argument.name for argument in known.info.arguments]
     problems = [f"there is no argument {other!r}" for other in given if other not in names]
+    wrong: list[str] = []
     values: list[ua.Variant] = []
     for argument in known.info.arguments:
         value = given.get(argument.name, argument.default)
         if value is None:
             problems.append(f"the argument {argument.name!r} is missing")
+            wrong.append(argument.name)
             continue
         kind = known.types[argument.name]
         fitted = fitting(value, kind)
         if fitted is None:
             problems.append(f"{argument.name} is {value!r}, and no {kind.name}")
+            wrong.append(argument.name)
             continue
         values.append(ua.Variant(fitted, kind))
     if problems:
         takes = f"; it takes {', '.join(names)}" if names else "; it takes none"
-        raise _rejected(StatusCode.BAD_INVALID_ARGUMENT, f"{name}: {'; '.join(problems)}{takes}")
+        raise _rejected(StatusCode.BAD_INVALID_ARGUMENT, f"{name}: {'; '.join(problems)}{takes}", wrong)
     return values
 
 
@@ -343,15 +346,16 @@ def _check(known: KnownSkill, result: ua.CallMethodResult) -> None:
         raise AccessRefused(code, f"{name}: {text}: this user may not command robots; see: ua-fleet user list")
     if code == StatusCode.BAD_NO_COMMUNICATION:
         raise RobotOffline(f"{name}: the robot is not heard; see whether its bridge runs, or its client")
-    wrong = [
-        f"{argument.name}: {outcome.name} ({argument.description})"
+    wrong = {
+        argument.name: f"{argument.name}: {outcome.name} ({argument.description})"
         for argument, outcome in zip(known.info.arguments, result.InputArgumentResults or (), strict=False)
         if not outcome.is_good()
-    ]
-    raise _rejected(code, f"{name}: {'; '.join(wrong) or _REASONS.get(code, text)}")
+    }
+    raise _rejected(code, f"{name}: {'; '.join(wrong.values()) or _REASONS.get(code, text)}", list(wrong))
 
 
-def _rejected(code: int, text: str) -> SkillRejected:
+def _rejected(code: int, text: str, wrong: Sequence[str]) -> SkillRejected:
     error = SkillRejected(text)
     error.ua_status = int(code)
+    error.argument = wrong[0] if len(wrong) == 1 else ""
     return error

@@ -96,7 +96,7 @@ def refused_by(error: UaFleetError, *, method: str = "") -> Refused:
         shown = [
             {"line": getattr(one, "line", 0), "message": harmless(str(getattr(one, "text", one)))} for one in problems
         ]
-    return Refused(status, message, code=code, problems=shown)
+    return Refused(status, message, code=code, field=getattr(error, "argument", ""), problems=shown)
 
 
 def invalid_parameters(error: ValidationError, what: str) -> Refused:

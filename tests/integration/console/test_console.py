@@ -95,6 +95,9 @@ async def test_mistakes_of_the_page_are_told_with_the_field(console: Console) ->
         answer = await browser.ask("skill.start", robot="rover", skill="goto", arguments={"x": "far"})
         assert answer.status_code == 400
         assert "x is 'far', and no Double" in answer.json()["error"]["message"]
+        assert answer.json()["error"]["field"] == "x"
+        answer = await browser.ask("skill.start", robot="rover", skill="goto", arguments={"x": 7})
+        assert (answer.status_code, answer.json()["error"]["field"]) == (400, "x")
         answer = await browser.ask("skill.start", robot="rover", skill="goto")
         assert answer.status_code == 409
         assert "not heard" in answer.json()["error"]["message"]

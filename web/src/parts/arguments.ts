@@ -30,14 +30,45 @@ const WHOLE: Record<string, [number, number]> = {
 };
 const NUMBERS = new Set(['Float', 'Double', ...Object.keys(WHOLE)]);
 
-export type Control = 'checkbox' | 'choice' | 'number' | 'text' | 'long';
+/** Built-in types that are given as a text. */
+const TEXTS = new Set(
+  'String LocalizedText DateTime UtcTime Guid ByteString XmlElement NodeId ExpandedNodeId QualifiedName StatusCode'.split(
+    ' ',
+  ),
+);
+/** Elements that have a control each; a longer array is JSON. */
+export const MOST_ELEMENTS = 32;
+
+export type Control = 'checkbox' | 'choice' | 'number' | 'text' | 'list' | 'json';
 
 /** What it is given with. */
 export function controlOf(argument: Argument): Control {
+  if (argument.type.endsWith('[]')) return 'list';
   if (argument.names && Object.keys(argument.names).length) return 'choice';
   if (argument.type === 'Boolean') return 'checkbox';
   if (NUMBERS.has(argument.type)) return 'number';
-  return argument.type.endsWith('[]') ? 'long' : 'text';
+  return TEXTS.has(argument.type) ? 'text' : 'json';
+}
+
+/** What each element of an array is. */
+export function elementOf(argument: Argument): Argument {
+  return { ...argument, type: argument.type.slice(0, -2), default: null };
+}
+
+/** The texts of an array's elements: of JSON, or of one value a line or between commas. */
+export function elementsOf(text: string): string[] {
+  const trimmed = text.trim();
+  if (!trimmed) return [];
+  try {
+    const parsed: unknown = JSON.parse(trimmed);
+    if (Array.isArray(parsed)) return parsed.map((one) => (typeof one === 'string' ? one : JSON.stringify(one)));
+  } catch {
+    // As people type it.
+  }
+  return trimmed
+    .replace(/^\[|\]$/g, '')
+    .split(/[\n,;]/)
+    .map((part) => part.trim().replace(/^"(.*)"$/, '$1'));
 }
 
 /** The limits of a number: those that are said, within those of its type; null: none. */
@@ -61,7 +92,7 @@ export function limitsText([low, high]: [number, number]): string {
 export function initialText(argument: Argument): string {
   const value = argument.default;
   if (value === undefined || value === null) return argument.type === 'Boolean' ? 'false' : '';
-  return typeof value === 'string' ? value : JSON.stringify(value);
+  return typeof value === 'string' && controlOf(argument) !== 'json' ? value : JSON.stringify(value);
 }
 
 export type Parsed = { value: Json } | { error: string };
@@ -87,17 +118,23 @@ export function parseArgument(argument: Argument, text: string): Parsed {
       return { value: text === 'true' };
     case 'number':
       return text.trim() ? parseNumber(argument, text) : { error: t('form.missing') };
-    case 'long': {
-      const one = { ...argument, type: argument.type.slice(0, -2), default: null };
+    case 'list': {
+      const one = elementOf(argument);
       const values: Json[] = [];
-      // As JSON, or one value a line or between commas.
-      const trimmed = text.trim().replace(/^\[|\]$/g, '');
-      for (const [at, part] of trimmed ? trimmed.split(/[\n,;]/).entries() : []) {
-        const parsed = parseArgument(one, part.trim().replace(/^"(.*)"$/, '$1'));
+      for (const [at, part] of elementsOf(text).entries()) {
+        const parsed = parseArgument(one, part);
         if ('error' in parsed) return { error: t('form.element', { n: at + 1, error: parsed.error }) };
         values.push(parsed.value);
       }
       return { value: values };
+    }
+    case 'json': {
+      if (!text.trim()) return { error: t('form.missing') };
+      try {
+        return { value: JSON.parse(text) as Json };
+      } catch (error) {
+        return { error: t('form.json', { error: (error as Error).message }) };
+      }
     }
     case 'text':
       return { value: text };

@@ -38,6 +38,7 @@ export const icons = {
   hold: 'M6.500 4h2.500v12H6.500zM11 4h2.500v12H11z',
   play: 'M6 4l10 6-10 6z',
   stop: 'M5 5h10v10H5z',
+  chart: 'M3 3v14h14M5.500 13l3.500-4.500 3 2.500 4.500-6',
   plus: 'M10 4v12M4 10h12',
   minus: 'M4 10h12',
   copy: 'M7 7h9.500v9.500H7zM13 7V3.500H3.500V13H7',

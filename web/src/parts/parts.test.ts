@@ -21,6 +21,14 @@ describe('an argument of a form', () => {
     [of('String'), '', { value: '' }],
     [of('Double[]'), '[1, 2.5]', { value: [1, 2.5] }],
     [of('Double[]'), '1\n2', { value: [1, 2] }],
+    [of('Double[]'), '["1", "2,5"]', { value: [1, 2.5] }],
+    [of('Double[]', { low: 0, high: 2 }), '["1", "7"]', { error: 'Element 2: Give 0 to 2.' }],
+    [of('Double[]'), '[""]', { error: 'Element 1: Give a value.' }],
+    [of('Boolean[]'), '[true, false]', { value: [true, false] }],
+    [of('Int32[]', { names: { '7': 'left' } }), '[7]', { value: [7] }],
+    [of('String[]'), '["a, b", "c"]', { value: ['a, b', 'c'] }],
+    [of('Pose'), '{"x": 1}', { value: { x: 1 } }],
+    [of('Pose'), '', { error: 'Give a value.' }],
     [of('Double[]'), '', { value: [] }],
     [of('Byte[]'), '1, 300', { error: 'Element 2: Give 0 to 255.' }],
     [of('String[]'), '["a", "b"]', { value: ['a', 'b'] }],
@@ -33,6 +41,8 @@ describe('an argument of a form', () => {
     expect(initialText(of('Double', { default: 0 }))).toBe('0');
     expect(initialText(of('String', { default: 'weld' }))).toBe('weld');
     expect(initialText(of('Boolean'))).toBe('false');
+    expect(initialText(of('Pose', { default: 'x' }))).toBe('"x"');
+    expect(parseArgument(of('Pose'), '{x')).toEqual({ error: expect.stringMatching(/^Give JSON: /) as string });
     expect(initialText(of('Int32', { default: 7, names: { '7': 'left' } }))).toBe('7');
     const list = of('Double[]', { default: [1, 2] });
     expect(parseArgument(list, initialText(list))).toEqual({ value: [1, 2] });

@@ -24,6 +24,14 @@ export class History {
     this.#drop(first);
   }
 
+  /** As it is now, whatever comes later. */
+  copy(): History {
+    const copy = new History();
+    copy.times.push(...this.times);
+    copy.values.push(...this.values);
+    return copy;
+  }
+
   #drop(count: number): void {
     this.times.splice(0, count);
     this.values.splice(0, count);
@@ -52,10 +60,15 @@ export class Histories {
     for (const [node, entry, number] of values) {
       if (this.#heard.get(node) === entry) continue;
       this.#heard.set(node, entry);
-      let history = this.of.get(node);
-      if (!history) this.of.set(node, (history = new History()));
-      history.add(at, number());
+      this.history(node).add(at, number());
     }
+  }
+
+  /** That of a number; empty where nothing was seen of it. */
+  history(node: string): History {
+    let history = this.of.get(node);
+    if (!history) this.of.set(node, (history = new History()));
+    return history;
   }
 
   /** Nothing is known from now on, until values come again. */

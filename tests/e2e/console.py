@@ -5,13 +5,15 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Collection, Sequence
 
-from tests.integration.console.harness import Console
+from tests.integration.console.driving import drive
+from tests.integration.console.harness import Browser, Console
 from tests.system import Child
 from ua_fleet.console.page import page_missing
 from ua_fleet.demo.site import USER
 
 __all__ = ["check_console", "told_of_console"]
 
+DRIVE_S = 2.0
 BROWSER = "browser:  "
 NONE = "there is no web console: "
 
@@ -21,8 +23,11 @@ def told_of_console(lines: Sequence[str]) -> list[str]:
     return [line for line in lines if line.startswith((BROWSER, NONE))]
 
 
-def check_console(child: Child, fleet: str, robots: Collection[str]) -> None:
-    """Load the page, log in by HTTP, and see the robots of a fleet; or be told that there is no page."""
+def check_console(child: Child, fleet: str, robots: Collection[str], drives: tuple[str, str] | None = None) -> None:
+    """Load the page, log in by HTTP, see the robots, drive one of them; or be told that there is no page.
+
+    `drives` has its name, and the NodeId of where it is.
+    """
     last = child.wait_for("user operator, password ", 60)
     first, *others = told_of_console(child.lines)
     if problem := page_missing():
@@ -30,10 +35,10 @@ def check_console(child: Child, fleet: str, robots: Collection[str]) -> None:
         return
     told = [at for at, line in enumerate(child.lines) if line.startswith(BROWSER) or " operator, password " in line]
     assert child.lines[told[0]] == first, "what a person looks for comes first"
-    asyncio.run(_look(first.removeprefix(BROWSER).split()[0], fleet, last.rpartition(" ")[2], set(robots)))
+    asyncio.run(_look(first.removeprefix(BROWSER).split()[0], fleet, last.rpartition(" ")[2], set(robots), drives))
 
 
-async def _look(url: str, fleet: str, password: str, robots: set[str]) -> None:
+async def _look(url: str, fleet: str, password: str, robots: set[str], drives: tuple[str, str] | None) -> None:
     console = Console(url)
     async with console.browser() as stranger:
         page = await stranger.get("")
@@ -45,3 +50,29 @@ async def _look(url: str, fleet: str, password: str, robots: set[str]) -> None:
         await live.want("robots", "robots", fleet)
         await live.until(lambda: robots <= live.feeds.get("robots", {}).keys())
         assert live.feeds["robots"].keys() == robots
+        if drives is not None:
+            await _drive(browser, fleet, drives)
+
+
+async def _drive(browser: Browser, fleet: str, drives: tuple[str, str]) -> None:
+    """Drive a robot, and see in its own words that it has moved and stands."""
+    robot, node = drives
+    async with browser.live() as live:
+        await live.want("where", "nodes", fleet, nodes=[node])
+
+        def x_m() -> float | None:
+            shown = live.feeds.get("where", {}).get(node)
+            return None if shown is None else shown["v"]
+
+        await live.until(lambda: x_m() is not None)
+        before = x_m()
+        assert before is not None
+        async with drive(browser, robot, fleet=fleet) as page:
+            assert page.held, page.over
+            fast = page.held["axes"][0]["speed"]
+            until_at = asyncio.get_running_loop().time() + DRIVE_S
+            await page.until(lambda: asyncio.get_running_loop().time() > until_at, (-fast, 0.0))
+            await page.until(lambda: page.state["output"] == [0.0, 0.0])
+            await page.say(release=True)
+            assert await page.closed() == 1000
+        await live.until(lambda: (x_m() or before) < before - fast * DRIVE_S / 3)

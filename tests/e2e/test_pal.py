@@ -16,6 +16,7 @@ from tests import terminal
 from tests.e2e.console import check_console, told_of_console
 from tests.system import ROOT, Child, Processes, clean_environment, free_multicast_url, free_tcp_port
 from tests.system import ros_domain as ros_domain_lock
+from ua_fleet.demo.pal.conductor import POSE
 from ua_fleet.server.certificates import CertificateState, list_certificates
 
 RUN_TIMEOUT_S = 90
@@ -81,7 +82,7 @@ def test_the_line_without_ros1_has_the_arm_in_ros2(processes: Processes, tmp_pat
         options = ("--without-ros1", "--arm-domain", str(arm_domain), "--console-port", str(port))
         child, path = _start(processes, tmp_path, ros_domain, *options, once=False)
         child.wait_for("end it with Ctrl-C", RUN_TIMEOUT_S)
-        check_console(child, "AssemblyLine", ("niryo_ned", "turtlebot3", "human"))
+        check_console(child, "AssemblyLine", ("niryo_ned", "turtlebot3", "human"), ("turtlebot3", POSE))
         began = time.monotonic()
         assert child.end(signal.SIGINT) == 0
         assert time.monotonic() - began < 5, "who is logged in at the console does not keep it up"

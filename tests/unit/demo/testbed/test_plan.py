@@ -8,7 +8,9 @@ import pytest
 
 from ua_fleet.cli.testbed import Name
 from ua_fleet.config.load import load_content
+from ua_fleet.config.teleoperation import teleoperations
 from ua_fleet.console.load import load_settings
+from ua_fleet.demo.hand import ROBOT_TIMEOUT_S
 from ua_fleet.demo.testbed.plan import CONSOLE_PORT, CONSOLE_SETTINGS, TESTBEDS, Options
 from ua_fleet.errors import ConfigError
 
@@ -51,6 +53,14 @@ def test_the_console_has_settings_of_its_own_fleet(name: str, tmp_path: Path) ->
     assert settings.state_dir is not None
     assert settings.state_dir.resolve() == tmp_path / "console"
     assert settings.listen == f"0.0.0.0:{CONSOLE_PORT}"
+
+
+@pytest.mark.parametrize(("name", "driven"), [("pal", ["turtlebot3"]), ("talkrobots", ["pioneer_1", "pioneer_2"])])
+def test_some_robots_can_be_driven_by_hand(name: str, driven: list[str]) -> None:
+    config = load_content(TESTBEDS[name].files(Options())["fleet.yaml"].encode(), "fleet.yaml", {})
+    found = [model for bridge in config.bridges for model in teleoperations(config, bridge)]
+    assert [model.robot for model in found] == driven
+    assert {model.robot_timeout_s for model in found} == {ROBOT_TIMEOUT_S}
 
 
 def test_bridges_look_where_robots_are() -> None:

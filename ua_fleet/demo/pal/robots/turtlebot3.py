@@ -3,15 +3,19 @@
 Its rule, from the paper: if the park is busy and the bucket is busy, move to the human worker; otherwise wait. The park
 is busy while the robot stands there. The bucket is busy from the moment when the arm's count of covers placed in it
 rises until the worker has taken the cover.
+
+It can be driven by hand too. Its own way waits meanwhile, and goes on from where it was brought.
 """
 
 from __future__ import annotations
 
 import argparse
+import math
 import threading
 import time
 from typing import Any
 
+from ua_fleet.demo.hand import Hand, Pose
 from ua_fleet.demo.report import report
 from ua_fleet.demo.ros_node import RosNode, connect
 
@@ -31,7 +35,8 @@ class TurtleBot3:
         self._carried = 0
         self._heard_count = False
         self._cover_taken = threading.Event()
-        self._x_m = 0.0
+        self._pose = Pose()
+        self._hand = Hand(node, own_space, "/cmd_vel", self._pose)
         self._set_park = node.publisher(f"ua_{own_space}_2_1011", "std_msgs/Bool")
         self._set_bucket = node.publisher(f"ua_{own_space}_2_1012", "std_msgs/Bool")
         self._set_pose = node.publisher(f"ua_{own_space}_2_1013", "geometry_msgs/PoseStamped", latched=False)
@@ -55,16 +60,24 @@ class TurtleBot3:
         while not self._node.stopped.wait(1 / POSE_HZ):
             message = self._node.message("geometry_msgs/PoseStamped")
             message.header.frame_id = "map"
-            message.pose.position.x = self._x_m
-            message.pose.orientation.w = 1.0
+            message.pose.position.x, message.pose.position.y = self._pose.x_m, self._pose.y_m
+            message.pose.orientation.z = math.sin(self._pose.heading_rad / 2)
+            message.pose.orientation.w = math.cos(self._pose.heading_rad / 2)
             self._set_pose(message)
 
     def _drive(self, to_x_m: float, line_s: float) -> None:
-        start_m, begun, lasts_s = self._x_m, time.time(), line_s / self._speed
-        while (done := (time.time() - begun) / lasts_s) < 1:
-            self._x_m = start_m + (to_x_m - start_m) * done
-            self._node.wait(min(0.02, lasts_s / 20))
-        self._x_m = to_x_m
+        pose, pace_m_s = self._pose, WORKER_X_M * self._speed / line_s
+        while True:
+            self._node.wait_until(lambda: not self._hand.is_on)
+            lasts_s = math.hypot(to_x_m - pose.x_m, pose.y_m) / pace_m_s
+            if not lasts_s:
+                return
+            begun, start_x_m, start_y_m = time.time(), pose.x_m, pose.y_m
+            while (done := (time.time() - begun) / lasts_s) < 1 and not self._hand.is_on:
+                pose.x_m, pose.y_m = start_x_m + (to_x_m - start_x_m) * done, start_y_m * (1 - done)
+                self._node.wait(min(0.02, lasts_s / 20))
+            if done >= 1:
+                pose.x_m, pose.y_m, pose.heading_rad = to_x_m, 0.0, 0.0
 
     def run(self) -> None:
         """Carry covers until told to stop."""

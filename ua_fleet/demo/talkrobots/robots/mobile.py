@@ -6,6 +6,7 @@ import math
 import threading
 from typing import Final
 
+from ua_fleet.demo.hand import Hand, Pose
 from ua_fleet.demo.ros_node import RosNode
 
 __all__ = ["PLACES", "MobileBase"]
@@ -23,10 +24,27 @@ class MobileBase:
 
     def __init__(self, node: RosNode, x_m: float, y_m: float, battery: float, speed: float) -> None:
         self._node, self._speed = node, speed
-        self.x_m, self.y_m, self.battery = x_m, y_m, battery
+        self._pose, self.battery = Pose(x_m, y_m), battery
         self._tell_pose = node.publisher("/pose", "geometry_msgs/PoseStamped")
         self._tell_battery = node.publisher("/battery", "std_msgs/Float32")
         threading.Thread(target=self._tell, name="telemetry", daemon=True).start()
+
+    @property
+    def x_m(self) -> float:
+        """Where it is."""
+        return self._pose.x_m
+
+    @property
+    def y_m(self) -> float:
+        """Where it is."""
+        return self._pose.y_m
+
+    def obey(self, space: int) -> None:
+        """Have it driven by hand too. It has no skill at work then: the server sees to that."""
+        Hand(self._node, space, "/cmd_vel", self._pose, moved=self._use)
+
+    def _use(self, way_m: float) -> None:
+        self.battery -= BATTERY_PER_M * way_m
 
     def _tell(self) -> None:
         while True:
@@ -50,6 +68,6 @@ class MobileBase:
             if canceled.wait(way_m / SPEED_M_S / self._speed / steps):
                 break
             done = step / steps
-            self.x_m, self.y_m = from_x + way_x * done, from_y + way_y * done
+            self._pose.x_m, self._pose.y_m = from_x + way_x * done, from_y + way_y * done
             self.battery = from_battery - BATTERY_PER_M * way_m * done
         return math.hypot(self.x_m - from_x, self.y_m - from_y)

@@ -35,6 +35,7 @@ def main() -> None:
         execution.check()
 
     node.robot(options.space).skill(options.go_id)(go)
+    base.obey(options.space)
     report(options.name, "is ready")
     node.stopped.wait()
     node.close()

@@ -50,6 +50,8 @@ async def test_a_run_is_seen_from_its_start_to_its_end(plant: Plant) -> None:
         tasks = {one["task"]: (one["robot"], one["state"]) for key, one in feed.items() if key.startswith("task/")}
         assert tasks == {"one": ("left", "done"), "two": ("middle", "done"), "three": ("right", "done")}
         assert feed["run"]["by"] == "oscar"
+        times = [(one["begun"], one["ended"]) for key, one in feed.items() if key.startswith("task/")]
+        assert all(feed["run"]["started"] <= begun < ended <= feed["run"]["ended"] for begun, ended in times)
         steps = [one["step"] for one in feed["outline"]["steps"]]
         assert set(steps) <= {"0", "1"}
         told = [one["fact"] for key, one in sorted(feed.items()) if key.startswith("fact/")]
@@ -59,6 +61,21 @@ async def test_a_run_is_seen_from_its_start_to_its_end(plant: Plant) -> None:
         assert late.status_code == 404, "it is not under way any more"
         await live.want("nobody", "run", run="no-such-run")
         await live.until(lambda: "nobody" in live.errors)
+
+
+async def test_a_run_of_before_a_restart_has_its_times_and_the_text_that_it_began_with(plant: Plant) -> None:
+    plant.scenario("three", SCENARIO)
+    async with page_of(plant) as (browser, live):
+        run = (await browser.ask("scenario.run", scenario="three")).json()["result"]["run"]
+        await live.want("run", "run", run=run)
+        await live.until(lambda: live.feeds.get("run", {}).get("run", {}).get("state") == "done")
+        before = {key: one for key, one in live.feeds["run"].items() if not key.startswith("fact/")}
+    plant.scenario("three", "  - {wait: 1}\n")
+    async with page_of(plant) as (_, live):
+        await live.want("run", "run", run=run)
+        await live.until(lambda: "run" in live.feeds)
+        assert live.feeds["run"] == before
+        assert live.feeds["run"]["task/0"]["ended"] is not None
 
 
 async def test_a_decision_is_previewed_and_made(plant: Plant) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 from collections import Counter, deque
-from collections.abc import Mapping
+from collections.abc import Container, Mapping
 from typing import Any, Final
 
 from pydantic import Field
@@ -15,14 +15,19 @@ from ua_fleet.console.board import Board
 from ua_fleet.console.feeds.following import followed, show_rows, telling
 from ua_fleet.console.feeds.kinds import FeedKind, FeedParameters, NoParameters
 from ua_fleet.console.outline import outline
-from ua_fleet.console.shown import harmless_value, shown_instant, shown_value
+from ua_fleet.console.shown import harmless_value, shown_instant, shown_time, shown_value
 
 __all__ = ["LIBRARY", "RUN", "RUNS"]
 
 _FOLDER: Final = "ns=2;s=Fleet.Scenarios.Runs"
 _HEAD: Final = ("State", "Scenario", "StartTime", "EndTime", "StartedBy", "Reason")
 _COLUMNS: Final = ("Steps", "Tasks", "Robots", "Skills", "States", "Attempts", "Results", "Messages")
+_TIMES: Final = ("Begun", "Ended")
+_TEXT: Final = "Text"
+"""Like these times not there in a server of an earlier version."""
 _OVER: Final = ("done", "failed")
+_FIRST_YEAR: Final = 1970
+"""A DateTime before is the one that stands for none."""
 _AT: Final = 20
 """Tasks that a run is at which are shown in the list."""
 _MOST_FACTS: Final = 1000
@@ -83,6 +88,13 @@ def _results(text: Any) -> Any:
         return {}
 
 
+def _times(reading: Reading | None, count: int) -> list[str | None]:
+    """Times of so many tasks; None for each that is not told. The arrays of a run change one after the other."""
+    told = reading.exact if reading is not None and reading.exact is not None else ()
+    shown = [None if one is None or one.year < _FIRST_YEAR else shown_time(one) for one in told]
+    return (shown + [None] * count)[:count]
+
+
 class _Steps:
     """Puts one run onto the board: its head, its tasks, and what has happened."""
 
@@ -97,7 +109,8 @@ class _Steps:
         self._board.put("run", {**_head(self._run, parts), "parameters": parameters})
         rows = _rows(parts, _COLUMNS)
         keys: set[str] = set()
-        for step, task, robot, skill, state, attempt, result, message in rows:
+        begun, ended = [_times(parts.get(name), len(rows)) for name in _TIMES]
+        for at, (step, task, robot, skill, state, attempt, result, message) in enumerate(rows):
             key = f"task/{step}"
             keys.add(key)
             self._board.put(
@@ -111,6 +124,8 @@ class _Steps:
                     "attempt": attempt,
                     "result": _results(result),
                     "message": harmless_value(message),
+                    "begun": begun[at],
+                    "ended": ended[at],
                 },
             )
         for key in self._shown - keys:
@@ -145,11 +160,11 @@ async def _run_run(client: FleetClient, parameters: OfRun, board: Board) -> None
     state = await client.read(f"{node}.State")
     steps = _Steps(run, board)
     async with client.told() as told, asyncio.TaskGroup() as group:
-        scenario = str((await client.read(f"{node}.Scenario")).value or "")
-        board.put("outline", await _outline(client, scenario))
+        there = {one.browse_name for one in await client.browse(node)}
+        board.put("outline", await _outline(client, node, there))
 
         async def watch() -> None:
-            names = (*_HEAD, "Parameters", *_COLUMNS)
+            names = (*_HEAD, "Parameters", *_COLUMNS, *(name for name in _TIMES if name in there))
             place = {f"{node}.{name}": name for name in names}
             parts: dict[str, Reading] = {}
             async for reading in client.watch(list(place)):
@@ -164,12 +179,16 @@ async def _run_run(client: FleetClient, parameters: OfRun, board: Board) -> None
                 steps.tell(one)
 
 
-async def _outline(client: FleetClient, scenario: str) -> dict[str, Any] | None:
-    """The steps of the scenario of this name as it is now; None where the folder has none."""
-    try:
-        text, _ = await ScenarioClient(client).text(scenario)
-    except (NotDone, NodeNotFound):
-        return None
+async def _outline(client: FleetClient, node: str, there: Container[str]) -> dict[str, Any] | None:
+    """The steps of what runs; where the server does not keep its text, of the scenario of this name as it is now."""
+    if _TEXT in there:
+        text = str((await client.read(f"{node}.{_TEXT}")).value or "")
+    else:
+        scenario = str((await client.read(f"{node}.Scenario")).value or "")
+        try:
+            text, _ = await ScenarioClient(client).text(scenario)
+        except (NotDone, NodeNotFound):
+            return None
     return await asyncio.to_thread(outline, text)
 
 

@@ -27,7 +27,7 @@ from ua_fleet.server.nodeset import TYPES_INDEX, TypeId
 from ua_fleet.server.parts import STANDARD, NodeParts
 from ua_fleet.server.robots.hold_nodes import NOT_HELD
 from ua_fleet.server.scenarios.alarms import SHARED_METHODS
-from ua_fleet.server.scenarios.records import DecisionRecord, RunRecord
+from ua_fleet.server.scenarios.records import DecisionRecord, RunRecord, TaskRow
 from ua_fleet.values import ARRAY, BuiltinType, NodeId, QualifiedName, Variant, ticks_from_unix_ns
 
 __all__ = ["FAULTS", "RESILIENCE", "SCENARIOS", "ScenarioNodes", "ranking_values", "ticks_of"]
@@ -41,6 +41,9 @@ _TEXTS: Final = int(BuiltinType.STRING | ARRAY)
 _NUMBER: Final = int(BuiltinType.DOUBLE)
 _NUMBERS: Final = int(BuiltinType.DOUBLE | ARRAY)
 _TIME: Final = int(BuiltinType.DATETIME)
+_TIMES: Final = int(BuiltinType.DATETIME | ARRAY)
+_NO_TIME: Final = 0
+"""The DateTime that stands for none, where an array has to have one."""
 _COUNTS: Final = int(BuiltinType.INT32 | ARRAY)
 _TWO_STATE: Final = ns0(ObjectIds.TwoStateVariableType)
 _CONDITION_VARIABLE: Final = ns0(ObjectIds.ConditionVariableType)
@@ -109,11 +112,12 @@ class ScenarioNodes:
     def show_run(self, record: RunRecord) -> None:
         """A run, as it is now."""
         rows = record.rows()
-        columns = list(zip(*rows, strict=True)) or [()] * 8
+        columns = list(zip(*rows, strict=True)) or [()] * len(TaskRow._fields)
         ended = record.ended
         values: dict[str, Variant] = {
             "State": Variant(_TEXT, record.shown_state),
             "Scenario": Variant(_TEXT, record.scenario),
+            "Text": Variant(_TEXT, record.text),
             "StartTime": Variant(_TIME, ticks_of(record.started)),
             "EndTime": Variant(_TIME, None if ended is None else ticks_of(ended)),
             "StartedBy": Variant(_TEXT, record.state.by),
@@ -133,6 +137,8 @@ class ScenarioNodes:
             )
         ):
             values[name] = Variant(kind, tuple(columns[column]))
+        for name, times in (("Begun", [row.begun for row in rows]), ("Ended", [row.ended for row in rows])):
+            values[name] = Variant(_TIMES, tuple([_NO_TIME if at is None else ticks_of(at) for at in times]))
         self._show(f"{SCENARIOS}.Runs.{record.run_id}", record.run_id, f"{SCENARIOS}.Runs", TypeId.RUN, values)
 
     def show_decision(self, record: DecisionRecord) -> None:
@@ -238,7 +244,7 @@ class ScenarioNodes:
         type_definition: ua.NodeId | None = None,
         reference: ua.NodeId = HAS_COMPONENT,
     ) -> None:
-        kind: Any = STANDARD["UtcTime"] if value.type == _TIME else raw_id(value.type & 0x3F)
+        kind: Any = STANDARD["UtcTime"] if value.type in (_TIME, _TIMES) else raw_id(value.type & 0x3F)
         self._last[self.key(path)] = value
         self._parts.values[self.key(path)] = self._parts.builder.add_variable(
             self._parts.id(path),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Final, NamedTuple
@@ -12,7 +13,18 @@ from ua_fleet.printing import utc_text
 from ua_fleet.resilience import Aborted, Ranking, RankingChanged, ReplacementChosen
 from ua_fleet.scenario import Value, read_scenario
 from ua_fleet.scenario.effects import TaskWaits
-from ua_fleet.scenario.facts import Fact, ReplacementWanted, RunCreated, RunEnded, TaskOver
+from ua_fleet.scenario.facts import (
+    Fact,
+    Replaced,
+    ReplacementWanted,
+    RunCreated,
+    RunEnded,
+    StepEnded,
+    TaskAnswered,
+    TaskAssigned,
+    TaskOver,
+    Then,
+)
 from ua_fleet.scenario.state import RunState, TaskPhase
 
 __all__ = ["DecisionRecord", "RunRecord", "TaskRow"]
@@ -24,6 +36,8 @@ MOST_ROWS: Final = 500
 MOST_REASONS: Final = 5
 """Tasks of which a run says at once why they wait."""
 _DECIDED_ABOUT: Final = (TaskPhase.REPLACING, TaskPhase.ASKED)
+_NOT_KNOWN: Final = (Then.ASK, Then.AWAIT)
+"""What follows where nobody knows whether an attempt has ended."""
 
 
 class TaskRow(NamedTuple):
@@ -38,6 +52,10 @@ class TaskRow(NamedTuple):
     result: str
     """A JSON object."""
     message: str
+    begun: float | None = None
+    """When the attempt began, by the wall clock; None before."""
+    ended: float | None = None
+    """When it ended; None before, and where nobody knows whether it has."""
 
 
 class RunRecord:
@@ -46,10 +64,14 @@ class RunRecord:
     def __init__(self, run_id: str) -> None:
         self.run_id = run_id
         self.scenario = ""
+        self.text = ""
+        """The scenario as it was read when the run began."""
         self.started = 0.0
         self.ended: float | None = None
         self.state = RunState()
         self._messages: dict[str, str] = {}
+        self._times: dict[str, tuple[float, float | None]] = {}
+        """When the last attempt at each task began and ended."""
         self._waiting: dict[str, TaskWaits] = {}
         """Why tasks cannot begin now."""
         self._decisions: dict[str, str] = {}
@@ -73,15 +95,36 @@ class RunRecord:
         match fact:
             case RunCreated():
                 self.started = fact.at
+                self.text = sys.intern(fact.text)  # runs of one scenario share it
                 self.scenario = read_scenario(fact.text.encode()).scenario.name
             case RunEnded():
                 self.ended = fact.at
+            case TaskAssigned():
+                self._begin(fact.step, fact.at)
             case TaskOver():
                 self._messages[fact.step] = fact.message
+                if fact.then not in _NOT_KNOWN:
+                    self._end(fact.step, fact.at)
+            case Replaced():
+                self._times.pop(fact.step, None)  # the other one has not begun it
+            case TaskAnswered() if fact.then not in _NOT_KNOWN:
+                self._end(fact.step, fact.at)
+            case StepEnded():
+                self._end(fact.step, fact.at)
             case ReplacementWanted():
                 self._messages[fact.step] = fact.reason
             case _:
                 pass
+
+    def _begin(self, step: str, at: float) -> None:
+        self._times[step] = at, None
+        if len(self._times) > 4 * MOST_ROWS:  # of repetitions that are over
+            self._times = {known: times for known, times in self._times.items() if known in self.state.tasks}
+
+    def _end(self, step: str, at: float) -> None:
+        begun, ended = self._times.get(step, (None, None))
+        if begun is not None and ended is None:
+            self._times[step] = begun, at
 
     def show_waiting(self, waits: TaskWaits) -> None:
         """Know why a task cannot begin now."""
@@ -146,6 +189,7 @@ class RunRecord:
                     task.attempt,
                     json.dumps(results, ensure_ascii=False),
                     self._messages.get(step, ""),
+                    *self._times.get(step, (None, None)),
                 )
             )
         shown = {row.step: place for place, row in enumerate(rows)}

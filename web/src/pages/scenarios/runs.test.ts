@@ -83,6 +83,15 @@ describe('attemptsOf', () => {
     expect(attemptsOf([], [task('1', 'b', { state: 'accepted' })])).toMatchObject([{ from: null, to: null }]);
     expect(attemptsOf([], [task('1', 'b'), task('2', 'c', { state: 'wanted', robot: '' })])).toEqual([]);
   });
+  it('has the times that the server keeps, of what nobody saw too', () => {
+    const times = { begun: '2030-01-01T00:00:01Z', ended: '2030-01-01T00:00:03Z' };
+    const [past] = attemptsOf([], [task('0', 'one', { ...times, state: 'failed' })]);
+    expect(past).toMatchObject({ from: Date.parse(times.begun), to: Date.parse(times.ended), outcome: 'failed' });
+    const [seen] = attemptsOf([{ ...over, outcome: 'timed_out' }], [task('0', 'one', { ...times, state: 'failed' })]);
+    expect(seen).toMatchObject({ from: Date.parse(times.begun), outcome: 'timed_out' });
+    const [now] = attemptsOf([], [task('0', 'one', { begun: times.begun, ended: null, state: 'accepted' })]);
+    expect(now).toMatchObject({ from: Date.parse(times.begun), to: null, outcome: '' });
+  });
   it('has a second attempt beside the first', () => {
     const again = { ...assigned, at: '2030-01-01T00:00:04Z', detail: { step: '0', attempt: 2 } };
     expect(attemptsOf([assigned, over, again], []).map((one) => one.to === null)).toEqual([false, true]);

@@ -104,7 +104,7 @@ export function mergedFacts(known: readonly Fact[], told: Iterable<Fact>): Fact[
 
 const AT_IT = new Set(['assigned', 'accepted', 'halting', 'asked', 'lost']);
 
-/** Who was at what when, by the facts; and what is under way of which nobody saw the beginning. */
+/** Who was at what when, by what the server keeps of each task's last attempt, and by facts of those before it. */
 export function attemptsOf(facts: readonly Fact[], tasks: readonly TaskRow[]): Attempt[] {
   const all = new Map<string, Attempt>();
   for (const fact of facts) {
@@ -128,9 +128,13 @@ export function attemptsOf(facts: readonly Fact[], tasks: readonly TaskRow[]): A
   }
   for (const one of tasks) {
     const key = `${one.step}#${one.attempt}`;
-    if (!AT_IT.has(one.state) || !one.robot || all.has(key)) continue;
+    const known = all.get(key);
+    const timeOf = (at: string | null | undefined) => (at ? Date.parse(at) : null);
+    const [from, to] = [known?.from ?? timeOf(one.begun), known?.to ?? timeOf(one.ended)];
+    if (!one.robot || (!known && from === null && !AT_IT.has(one.state))) continue;
     const { step, task, robot, attempt } = one;
-    all.set(key, { key, step, task, robot, attempt, from: null, to: null, outcome: '' });
+    const ended = to === null ? '' : one.state === 'done' ? 'done' : 'failed';
+    all.set(key, { ...(known ?? { key, step, task, robot, attempt }), from, to, outcome: known?.outcome || ended });
   }
   return [...all.values()];
 }
@@ -150,4 +154,10 @@ export function ticksOf(span_s: number, most: number): number[] {
   const step = STEPS_S.find((one) => span_s / one <= most) ?? Math.ceil(span_s / most / 86400) * 86400;
   const count = Math.floor(span_s / step + 1e-9);
   return Array.from({ length: count + 1 }, (_, at) => Number((at * step).toFixed(3)));
+}
+
+/** A time since the beginning. */
+export function secondsText(s: number): string {
+  if (s >= 6000) return `${Number((s / 3600).toFixed(1))} h`;
+  return s >= 600 ? `${Number((s / 60).toFixed(1))} min` : `${Number(s.toFixed(2))} s`;
 }

@@ -39,6 +39,9 @@ export interface TaskRow {
   attempt: number;
   result: Record<string, Json>;
   message: string;
+  /** When this attempt began and ended; null where it has not, or the server does not tell. */
+  begun?: string | null;
+  ended?: string | null;
 }
 
 /** Something that happened in a run while somebody looked. */

@@ -78,6 +78,24 @@ def test_a_scenario_is_started_with_its_parameters_and_followed(
     expect(chart.get_by_role("listitem")).to_have_count(4)
     expect(chart.get_by_role("listitem").filter(has_text="three")).to_contain_text("done")
     picture(page, "run-gantt")
+    page.get_by_role("tab", name="Graph").click()
+    listed = page.get_by_role("list", name="The same as a list")
+    expect(listed.get_by_role("listitem").filter(has_text="again")).to_contain_text("after one time 1, Done, right")
+    nodes = page.locator(".svelte-flow__node")
+    expect(nodes).to_have_count(9)
+    expect(nodes.filter(has_text="again")).to_contain_text("time 2")
+    expect(page.locator(".svelte-flow__edge")).to_have_count(11)
+    page.get_by_role("button", name="Show all").click()
+    picture(page, "run-graph")
+    page.get_by_role("group", name="Graph").focus()
+    before = page.locator(".svelte-flow__viewport").evaluate("one => one.style.transform")
+    page.keyboard.press("ArrowRight")
+    expect(page.locator(".svelte-flow__viewport")).not_to_have_attribute("style", re.compile(re.escape(before)))
+    page.get_by_role("tab", name="Gantt chart").click()
+    later = open_page("observer", page.url.partition("/#")[2].join(["#", ""]))
+    past = later.get_by_role("region", name="Gantt chart").get_by_role("listitem")
+    expect(past).to_have_count(4)
+    expect(past.first).to_contain_text(re.compile(r"left · \d+:\d\d:\d\d.*\d+:\d\d:.* · done"))
     page.get_by_role("link", name="Runs").click()
     expect(row(page, "ordered", "Runs")).to_contain_text("5/5")
     picture(page, "runs")
@@ -332,3 +350,61 @@ def test_an_observer_reads_the_fields_of_a_step_and_changes_none(fleet: Fleet, o
     expect(one.get_by_label("Name")).not_to_be_editable()
     expect(one.get_by_label("Who does it")).to_be_disabled()
     expect(page.get_by_role("button", name="Undo")).to_have_count(0)
+
+
+DRY = """\
+  - {task: one, skill: work, robot: left, arguments: {seconds: "=seconds"}}
+  - parallel:
+      - {task: two, skill: work, robot: middle}
+      - {task: three, skill: work, capacity: weld}
+  - {wait: 90}
+  - if: one.seconds > 100
+    then:
+      - {end: failed, reason: <b>too long</b>}
+    else:
+      - {repeat: [{task: again, skill: work, robot: right}, {wait: 0.5}], times: 2}
+"""
+
+
+def test_a_dry_run_shows_what_would_happen_over_time(fleet: Fleet, open_page: Open, picture: Picture) -> None:
+    head = "parameters:\n  seconds: {default: 0.5, unit: s, range: [0, 30], description: how long}\n"
+    fleet.plant.scenario("rehearsed", DRY, head)
+    page = open_page("operator", PLACE + "/edit/rehearsed")
+    page.get_by_role("button", name="Dry run…").click()
+    dialog = page.get_by_role("dialog", name="Dry run of rehearsed")
+    expect(dialog.get_by_label("seconds", exact=True)).to_have_value("0.5")
+    page.keyboard.press("Enter")
+    result = dialog.get_by_role("region", name="What would happen").first
+    expect(result).to_contain_text("It would be done")
+    chart = dialog.get_by_role("tabpanel")
+    expect(chart.get_by_role("listitem")).to_have_count(6)
+    expect(chart.get_by_role("listitem").filter(has_text="three")).to_contain_text("at 0 s")
+    expect(chart.get_by_role("listitem").filter(has_text="again")).to_contain_text("at 90.5 s")
+    picture(page, "dry-run")
+    dialog.get_by_role("tab", name="By step").focus()
+    page.keyboard.press("ArrowRight")
+    expect(chart.get_by_role("listitem").filter(has_text="right")).to_contain_text("again")
+    page.keyboard.press("ArrowRight")
+    table = dialog.get_by_role("table", name="Table")
+    expect(table).to_contain_text("two: middle work(")
+    expect(table).to_contain_text("90 s")
+    picture(page, "dry-run-table")
+    dialog.get_by_label("one.seconds").fill("300")
+    page.keyboard.press("Enter")
+    expect(result).to_contain_text("It would fail")
+    expect(result).to_contain_text("<b>too long</b>")
+    dialog.get_by_label("seconds", exact=True).fill("31")
+    dialog.get_by_role("button", name="Rehearse").click()
+    expect(dialog).to_contain_text("Give 0 to 30.")
+    dialog.get_by_role("button", name="Add a value").click()
+    dialog.get_by_label("Name").fill("no.such")
+    dialog.get_by_label("Value").fill("1")
+    dialog.get_by_label("seconds", exact=True).fill("1")
+    page.keyboard.press("Enter")
+    expect(result).to_contain_text("It would fail")
+    dialog.get_by_role("tab", name="Table").click()
+    table.get_by_role("row").filter(has_text="two: middle").click()
+    expect(dialog).to_have_count(0)
+    expect(text_of(page, "rehearsed")).to_be_focused()
+    watcher = open_page("observer", PLACE + "/edit/rehearsed")
+    expect(watcher.get_by_role("button", name="Dry run…")).to_have_attribute("title", re.compile("it needs: Operator"))

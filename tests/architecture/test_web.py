@@ -33,7 +33,7 @@ _TEMPLATE = re.compile(r"`((?:[a-z0-9_]+\.)+[a-z0-9_]*(?:\$\{[^`}]*\}[a-z0-9_]*)
 
 
 @pytest.mark.needs("npm")
-@pytest.mark.parametrize("script", ["check", "lint:form", "test"])
+@pytest.mark.parametrize("script", ["lint", "test"])
 def test_web_s_own_checks_pass(script: str) -> None:
     """svelte-check with no warning, prettier, vitest."""
     command = [sys.executable, "scripts/web.py", "--run", script]

@@ -25,6 +25,7 @@ bridges:
 robots:
   box:
     bridge: pc
+    card: [temperature]
     skill_status_id: 1902
     data:
       temperature:
@@ -98,6 +99,14 @@ def test_a_sensor_that_is_plugged_in_appears(
         chart = page.get_by_role("region", name="Chart")
         expect(chart.get_by_role("img", name=re.compile("^temperature is 2[0-9]"))).to_be_visible()
         picture(page, "robot-plugged")
+        # What fleet.yaml marks stands on the card.
+        main.get_by_role("link", name="Fleet").click()
+        card = page.get_by_role("article", name="box")
+        expect(card).to_contain_text("temperature")
+        expect(card).to_contain_text(re.compile(r"2[0-9.]+ °C"))
+        picture(page, "fleet-card")
+        page.go_back()
+        expect(chart.get_by_role("img", name=re.compile("^temperature is 2[0-9]"))).to_be_visible()
     expect(row).to_contain_text("Bad", timeout=20_000)
     # What is not Good is a gap, and what was seen before stays.
     expect(chart.get_by_role("img", name=re.compile("^temperature is —; least 2[0-9]"))).to_be_visible()

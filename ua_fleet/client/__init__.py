@@ -8,6 +8,7 @@ print(change.value, change.status_text)
 from ua_fleet.client.all_events import EventInfo
 from ua_fleet.client.attributes import NodeAttribute
 from ua_fleet.client.browsing import NodeInfo
+from ua_fleet.client.cards import CardNode, card_nodes
 from ua_fleet.client.charges import ChargeNode, charge_nodes
 from ua_fleet.client.details import ValueDetails
 from ua_fleet.client.events import (
@@ -77,6 +78,7 @@ __all__ = [
     "AxisInfo",
     "BridgeNodes",
     "BridgeStatus",
+    "CardNode",
     "Change",
     "ChargeNode",
     "ClientIdentity",
@@ -136,6 +138,7 @@ __all__ = [
     "ValueDetails",
     "WouldHappen",
     "bridge_nodes",
+    "card_nodes",
     "charge_nodes",
     "default_identity_folder",
     "driving",

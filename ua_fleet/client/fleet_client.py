@@ -434,7 +434,12 @@ class FleetClient:
         return model_changes(self.endpoint, self._subscriptions, period_ms)
 
     async def watch(
-        self, addresses: Sequence[str], *, period_ms: float = 100.0, with_times: bool = False
+        self,
+        addresses: Sequence[str],
+        *,
+        period_ms: float = 100.0,
+        with_times: bool = False,
+        newest_only: bool = False,
     ) -> AsyncGenerator[Change]:
         """The current values of some nodes, then each change, until the iteration is closed.
 
@@ -442,6 +447,7 @@ class FleetClient:
             addresses: of the nodes.
             period_ms: publishing interval.
             with_times: whether a value counts as changed where its SourceTimestamp alone is another.
+            newest_only: tell nothing but the last of what changes within a period, as of images.
 
         Raises:
             NodeNotFound: one of the nodes does not exist.
@@ -455,7 +461,10 @@ class FleetClient:
             at_once = await self.batches.monitored_items_at_once()
             for at in range(0, len(nodes), at_once):
                 part = nodes[at : at + at_once]
-                items = [monitored_item(node.nodeid, at + place, with_times) for place, node in enumerate(part)]
+                items = [
+                    monitored_item(node.nodeid, at + place, with_times, newest_only=newest_only)
+                    for place, node in enumerate(part)
+                ]
                 results = await subscription.create_monitored_items(items)
                 for address, result in zip(addresses[at:], results, strict=False):
                     if isinstance(result, ua.StatusCode):

@@ -81,15 +81,20 @@ async def with_fields(structures: Structures, reading: Reading) -> Reading:
     return replace(reading, value=plain_value(raw), raw=raw)
 
 
-def monitored_item(node_id: ua.NodeId, handle: int, with_times: bool) -> ua.MonitoredItemCreateRequest:
-    """Each write of a node's value is to be told; `with_times`: also where the SourceTimestamp alone is another."""
+def monitored_item(
+    node_id: ua.NodeId, handle: int, with_times: bool, *, newest_only: bool = False
+) -> ua.MonitoredItemCreateRequest:
+    """Each write of a node's value is to be told; `with_times`: also where the SourceTimestamp alone is another.
+
+    `newest_only`: of what is written between two publications nothing but the last.
+    """
     item = ua.MonitoredItemCreateRequest()
     item.ItemToMonitor.NodeId = node_id
     item.ItemToMonitor.AttributeId = ua.AttributeIds.Value
     item.MonitoringMode = ua.MonitoringMode.Reporting
     asked = item.RequestedParameters
     asked.ClientHandle, asked.SamplingInterval = ua.IntegerId(handle), ua.Duration(0)
-    asked.QueueSize, asked.DiscardOldest = ua.Counter(1000), True
+    asked.QueueSize, asked.DiscardOldest = ua.Counter(1 if newest_only else 1000), True
     if with_times:
         asked.Filter = ua.DataChangeFilter(Trigger=ua.DataChangeTrigger.StatusValueTimestamp)
     return item

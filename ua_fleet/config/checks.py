@@ -15,6 +15,7 @@ from ua_fleet.config.schema import (
     PubSubSecurity,
     ScalarType,
     TopicMapping,
+    value_name,
 )
 from ua_fleet.config.teleoperation_checks import check_teleoperation
 from ua_fleet.config.teleoperation_schema import TELEOPERATION_IDS
@@ -341,6 +342,25 @@ def _check_skills(parts: Parts) -> None:
                 )
 
 
+def _check_cards(parts: Parts) -> None:
+    for name, robot in parts.robots.items():
+        mine = {data: one for (owner, data), one in parts.data.items() if owner == name}
+        if mine.keys() != parts.mapping_at(("robots", name, "data")).keys():
+            continue  # what is wrong with its data is said, and what its values are is not known
+        known = {value_name(data, key): field for data, one in mine.items() for key, field in one.all_fields().items()}
+        for position, value in enumerate(robot.card):
+            path: KeyPath = ("robots", name, "card", position)
+            field = known.get(value)
+            if field is None:
+                there = f"there are: {listed(known)}" if known else f"add it to robots.{name}.data"
+                parts.document.problem(path, f"{name} has no value `{value}`", closest(value, known) or there)
+            elif value in robot.card[:position]:
+                parts.document.problem(path, f"`{value}` is named twice", "remove one of them")
+            elif field.array or field.type is ScalarType.BYTE_STRING:
+                what = "an array" if field.array else "a ByteString"
+                parts.document.problem(path, f"`{value}` is {what}, and a card has room for one value", "name another")
+
+
 def _given(parts: Parts) -> dict[str, set[str]]:
     """Capacities that data gives to each robot while it is there: its own data, and that of what it carries."""
     given: dict[str, set[str]] = {}
@@ -363,6 +383,7 @@ _CHECKS: Final[tuple[Callable[[Parts], None], ...]] = (
     _check_listed_spaces,
     _check_keys,
     _check_skills,
+    _check_cards,
     _check_kinds,
     _check_sizes,
     check_teleoperation,
@@ -378,5 +399,5 @@ def check_all(parts: Parts) -> None:
 
 def check_robots(parts: Parts) -> None:
     """Note the problems of robots that stand in no file: of all but what their bridges alone can know."""
-    for check in (_check_ids, _check_directions, _check_initial_values, _check_skills):
+    for check in (_check_ids, _check_directions, _check_initial_values, _check_skills, _check_cards):
         check(parts)

@@ -5,7 +5,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from ua_fleet.config.schema import BridgeConfig, DataSetConfig, FleetConfig, RobotConfig, ScalarType, SkillConfig
+from ua_fleet.config.schema import (
+    BridgeConfig,
+    DataSetConfig,
+    FleetConfig,
+    RobotConfig,
+    ScalarType,
+    SkillConfig,
+    value_name,
+)
 from ua_fleet.config.source_schema import PublishedSourceConfig
 from ua_fleet.config.teleoperation import teleoperation_model
 from ua_fleet.counters import Drop
@@ -123,8 +131,18 @@ def robot_model(name: str, config: RobotConfig, space: int, bridge_status: int |
         () if topic is None else _skill_status_fields(topic),
         None if config.fault_id is None else _fault(Topic.checked(space, ns, config.fault_id)),
         mounted_on=config.mounted_on or "",
+        card=_card(config),
         teleoperation=teleoperation_model(name, config, space, bridge_status),
     )
+
+
+def _card(config: RobotConfig) -> tuple[NodeId, ...]:
+    nodes = {
+        value_name(data, field): NodeId(config.namespace, f"{one.id}.{field}" if field else one.id or 0)
+        for data, one in config.data.items()
+        for field in one.all_fields()
+    }
+    return tuple(nodes[name] for name in config.card)
 
 
 def _fault(topic: Topic) -> DataSetModel:

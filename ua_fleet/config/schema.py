@@ -51,6 +51,7 @@ __all__ = [
     "TopicMapping",
     "UnknownSources",
     "VendorBridgeConfig",
+    "value_name",
 ]
 
 
@@ -98,6 +99,7 @@ class DataMapping(Model, frozen=True):
 MESSAGE_TYPE: Final = r"^[a-z][a-z0-9_]*/(msg/)?[A-Z][A-Za-z0-9]*$"
 TOPIC_NAME: Final = r"^/?[A-Za-z_][A-Za-z0-9_/]*$"
 FIELD_NAME: Final = r"^[A-Za-z][A-Za-z0-9_.]{0,127}$"
+ValueName = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_.-]{0,191}$", examples=["battery"])]
 MessageTypeName = Annotated[str, Field(pattern=MESSAGE_TYPE, examples=["sensor_msgs/BatteryState"])]
 
 
@@ -210,6 +212,11 @@ class DataSetConfig(
         return self.sink if isinstance(self.sink, TopicMapping) else None
 
 
+def value_name(data: str, field: str) -> str:
+    """A value by the names that people use: `battery` of a single field, `pose.x` of several."""
+    return f"{data}.{field}" if field else data
+
+
 class RobotConfig(Model, frozen=True):
     """One robot (or machine, or cell) of the fleet."""
 
@@ -226,6 +233,9 @@ class RobotConfig(Model, frozen=True):
     gives."""
     data: dict[Name, DataSetConfig] = {}
     """The robot's data sources by browse name."""
+    card: Annotated[tuple[ValueName, ...], Field(max_length=3)] = ()
+    """Values that lists of robots show of this one, e.g. `[battery, pose.x]`: of `data`, with the field's name where
+    there are several; no arrays or ByteStrings. Left out: how full its battery is, where its name says so."""
     skills: dict[Name, SkillConfig] = {}
     """What the robot does when it is asked."""
     skill_status_id: DataSetId | None = None

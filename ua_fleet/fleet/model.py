@@ -166,6 +166,8 @@ class RobotModel:
     """The robot that carries this one, and has what the data here gives."""
     teleoperation: TeleoperationModel | None = None
     """How it is driven by hand; None where it is not."""
+    card: tuple[NodeId, ...] = ()
+    """The Variables that lists of robots show of it."""
 
     @property
     def key(self) -> NodeId:

@@ -2,7 +2,7 @@
 
 Fleet
   Robots/G00/<robot>       State, Description, Capacities, LastUpdate, Data/<DataSet>, Sensors, Skills/<skill>,
-                           Held, HeldBy, HeldSince, HeldReason, Hold, Release
+                           Card, Held, HeldBy, HeldSince, HeldReason, Hold, Release
   Bridges/<bridge>         the bridge's status DataSet, Online, LastSeen, Drops/<cause>
   Capabilities/<name>
   Summaries/<number>       how a hundred robots stand (server.robots.summary_nodes)
@@ -216,6 +216,8 @@ class FleetNodes:
         capacities = BuiltinType.STRING | ARRAY
         held = self._parts.property(f"{prefix}.Capacities", "Capacities", node, capacities, robot.capacities)
         self._parts.values[robot.part("Capacities")] = held
+        if robot.card:
+            self._parts.property(f"{prefix}.Card", "Card", node, BuiltinType.NODE_ID | ARRAY, robot.card)
         self._holds.add(robot, node)
         for folder in ("Sensors", "Skills"):
             self._parts.folder(f"{prefix}.{folder}", folder, node)

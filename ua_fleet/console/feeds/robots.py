@@ -6,7 +6,7 @@ import asyncio
 from contextlib import aclosing
 from typing import Any, Final
 
-from ua_fleet.client import ChargeNode, FleetClient, Reading, RobotSummary, SummariesChanged, charge_nodes
+from ua_fleet.client import CardNode, FleetClient, Reading, RobotSummary, SummariesChanged, card_nodes
 from ua_fleet.console.board import Board
 from ua_fleet.console.feeds.following import followed
 from ua_fleet.console.feeds.kinds import FeedKind, OfAnyRobot
@@ -15,8 +15,10 @@ from ua_fleet.console.shown import harmless_value, shown_reading, shown_time, sh
 __all__ = ["ROBOTS", "held_shown", "state_shown"]
 
 _MOST_MARKED: Final = 500
-"""Robots of a fleet whose batteries are watched; of a larger one the cards have none."""
+"""Robots of a fleet whose marked values are watched; of a larger one the cards have none."""
 _MARKED_MS: Final = 1000.0
+_MARKED_CHARACTERS: Final = 200
+"""Of a text on a card."""
 _STATES: Final = ("offline", "idle", "busy", "faulted")
 """RobotStateEnumeration of the UaFleet nodeset."""
 
@@ -63,6 +65,15 @@ def _held(robot: RobotSummary) -> dict[str, Any]:
     }
 
 
+def _marked(node: CardNode, reading: Reading) -> dict[str, Any]:
+    shown = {"name": harmless_value(node.name), **shown_reading(reading, node.unit)}
+    if isinstance(reading.exact, str) and len(reading.exact) > _MARKED_CHARACTERS:
+        shown["v"] = f"{shown_value(reading.exact[:_MARKED_CHARACTERS])}…"
+    if node.names:
+        shown["names"] = {str(number): harmless_value(name) for number, name in node.names.items()}
+    return shown
+
+
 class _Cards:
     """Puts cards together of what is heard of robots as a whole, and of the values that they show beside it."""
 
@@ -102,18 +113,23 @@ async def _run(client: FleetClient, parameters: OfAnyRobot, board: Board) -> Non
             async for change in changes:
                 cards.stands(change)
 
-    async def look() -> list[ChargeNode]:
-        return await charge_nodes(client, _MOST_MARKED)
+    async def look() -> list[CardNode]:
+        return await card_nodes(client, _MOST_MARKED)
 
-    async def show(charges: list[ChargeNode]) -> None:
-        place = {one.node_id: one for one in charges}
-        cards.unmark({one.robot for one in charges})
+    async def show(marked: list[CardNode]) -> None:
+        place = {one.node_id: one for one in marked}
+        told: dict[str, dict[str, Any]] = {}
+        order: dict[str, list[str]] = {}
+        for one in marked:
+            order.setdefault(one.robot, []).append(one.node_id)
+        cards.unmark(set(order))
         if not place:
             await asyncio.Event().wait()
-        async with aclosing(client.watch(list(place), period_ms=_MARKED_MS)) as changes:
+        async with aclosing(client.watch(list(place), period_ms=_MARKED_MS, newest_only=True)) as changes:
             async for reading in changes:
                 one = place[reading.node_id]
-                cards.marks(one.robot, [{"name": harmless_value(one.name), **shown_reading(reading, one.unit)}])
+                told[one.node_id] = _marked(one, reading)
+                cards.marks(one.robot, [told[node] for node in order[one.robot] if node in told])
 
     async with asyncio.TaskGroup() as group:
         group.create_task(followed(client, look, show))

@@ -22,7 +22,7 @@ export interface Robot {
   bridge?: string;
   capacities?: string[];
   /** What `fleet.yaml` marks. */
-  marked?: (Shown & { name: string; label?: string })[];
+  marked?: (Shown & { name: string; names?: Record<string, string> })[];
 }
 
 /** What it is, as far as that is known. */

@@ -25,6 +25,7 @@ __all__ = [
     "merge_results",
     "seconds_per_call",
     "shown",
+    "within",
 ]
 
 FEWEST_ROUNDS = 5
@@ -73,6 +74,11 @@ def at_most(
     ratio = value / reference_value
     limit = goal if fails_beyond is None else fails_beyond
     return Figure(name, value, unit, reference, reference_value, ratio, goal, ratio <= limit)
+
+
+def within(name: str, value: float, unit: str, limit: float) -> Figure:
+    """A cost that may be at most a limit, which is no floor but what was asked for."""
+    return Figure(name, value, unit, "goal", limit, value / limit, 1.0, value <= limit)
 
 
 def shown(name: str, value: float, unit: str, *, reference: str, reference_value: float) -> Figure:

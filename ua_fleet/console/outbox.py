@@ -12,19 +12,22 @@ from typing import Any, Final
 
 from ua_fleet.console.board import Board, encoded
 
-__all__ = ["LEAST_INTERVAL_S", "MOST_INTERVAL_S", "PageOutbox"]
+__all__ = ["LEAST_INTERVAL_S", "MOST_CHARACTERS", "MOST_INTERVAL_S", "PageOutbox"]
 
 LEAST_INTERVAL_S: Final = 0.05
 MOST_INTERVAL_S: Final = 5.0
 """A browser that confirms is told something at least so often: silence for longer tells it that the link is gone."""
+MOST_CHARACTERS: Final = 65_536
+"""Of a feed in a message, about, unless it is told whole: a page that had all robots at once would stand still for it.
+What waits for longest goes first, and the rest with the next message."""
 _SLACK: Final = 1000
 
 
 class _Watched:
     """A feed that the browser wants: what of it waits."""
 
-    def __init__(self, board: Board, waits: Callable[[], None]) -> None:
-        self.board, self._waits = board, waits
+    def __init__(self, board: Board, waits: Callable[[], None], most_characters: int) -> None:
+        self.board, self._waits, self._most_characters = board, waits, most_characters
         self.whole = board.is_ready
         self.keys: dict[str, None] = {}
         self.has_failed = bool(board.error)
@@ -52,23 +55,39 @@ class _Watched:
         self._waits()
 
     def taken(self) -> str:
-        """What waits, as JSON; then nothing does."""
+        """What waits, or a part of it, as JSON; that does not wait any more."""
         parts: list[str] = []
         board = self.board
-        if self.whole and board.is_ready:
+        if not board.is_ready:
+            self.keys.clear()  # it will be told whole
+        elif self.whole:
             self.whole = False
+            self.keys.clear()
             parts += ['"whole":true', f'"set":{{{",".join(_pair(key, text) for key, text in board.items())}}}']
-        elif self.keys and board.is_ready:
-            there = [(key, board.get(key)) for key in self.keys]
+        elif self.keys:
+            there = self._longest_waiting()
             set_ = ",".join(_pair(key, text) for key, text in there if text is not None)
             gone = ",".join(json.dumps(key, ensure_ascii=False) for key, text in there if text is None)
             parts += [f'"set":{{{set_}}}'] if set_ else []
             parts += [f'"gone":[{gone}]'] if gone else []
-        self.keys.clear()  # a map that is not whole yet is told whole
         if self.has_failed:
             self.has_failed = False
             parts.append(f'"error":{board.error or "null"}')
         return f"{{{','.join(parts)}}}"
+
+    def _longest_waiting(self) -> list[tuple[str, str | None]]:
+        """As many of the keys as a message may have, with their values."""
+        found: list[tuple[str, str | None]] = []
+        characters = 0
+        for key in self.keys:
+            text = self.board.get(key)
+            found.append((key, text))
+            characters += len(key) + len(text or "")
+            if characters >= self._most_characters:
+                break
+        for key, _ in found:
+            del self.keys[key]
+        return found
 
 
 def _pair(key: str, text: str) -> str:
@@ -78,8 +97,8 @@ def _pair(key: str, text: str) -> str:
 class PageOutbox:
     """What waits for one browser. `waits` is called when there is something to send, perhaps again."""
 
-    def __init__(self, waits: Callable[[], None] = lambda: None) -> None:
-        self._waits = waits
+    def __init__(self, waits: Callable[[], None] = lambda: None, most_characters: int = MOST_CHARACTERS) -> None:
+        self._waits, self._most_characters = waits, most_characters
         self._feeds: dict[str, _Watched] = {}
         self._refused: dict[str, str] = {}
         self._links: dict[str, str] = {}
@@ -104,7 +123,7 @@ class PageOutbox:
         """Send a feed from now on, whole at first; one of this name that there was is over."""
         self.drop(name)
         self._refused.pop(name, None)
-        self._feeds[name] = _Watched(board, self._waits)
+        self._feeds[name] = _Watched(board, self._waits, self._most_characters)
         if self._feeds[name].is_waiting:
             self._waits()
 

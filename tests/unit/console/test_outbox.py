@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ua_fleet.console.board import Board
-from ua_fleet.console.outbox import LEAST_INTERVAL_S, MOST_INTERVAL_S, PageOutbox
+from ua_fleet.console.outbox import LEAST_INTERVAL_S, MOST_CHARACTERS, MOST_INTERVAL_S, PageOutbox
 
 KEYS = st.sampled_from(["a", "b", "c", "\u202e", 'q"'])
 NAMES = st.sampled_from(["1", "2"])
@@ -60,9 +60,11 @@ def change(board: Board, action: str, *given: Any) -> None:
 
 
 @settings(max_examples=400)
-@given(st.lists(ACTIONS, max_size=60))
-def test_after_the_last_confirmation_the_page_has_what_the_boards_have(actions: list[tuple[Any, ...]]) -> None:
-    boards, outbox, page = {"1": Board(), "2": Board()}, PageOutbox(), Page()
+@given(st.lists(ACTIONS, max_size=60), st.sampled_from([1, 5, MOST_CHARACTERS]))
+def test_after_the_last_confirmation_the_page_has_what_the_boards_have(
+    actions: list[tuple[Any, ...]], most_characters: int
+) -> None:
+    boards, outbox, page = {"1": Board(), "2": Board()}, PageOutbox(most_characters=most_characters), Page()
     wanted: set[str] = set()
     now, sent_at = 100.0, float("-inf")
 
@@ -142,6 +144,26 @@ def test_keys_that_come_and_go_take_no_memory(rounds: int) -> None:
     text = outbox.next(1000.0)
     assert text is not None
     assert "set" not in json.loads(text)["feeds"]["1"] or not json.loads(text)["feeds"]["1"]["set"]
+
+
+def test_much_that_changed_at_once_comes_in_parts_and_what_waits_for_longest_first() -> None:
+    board, outbox = Board(), PageOutbox()
+    board.ready()
+    outbox.want("1", board)
+    assert outbox.next(0.0) is not None
+    for number in range(1000):
+        board.put(f"robot{number}", {"is": "x" * 290})
+    met: list[str] = []
+    for turn in range(1, 7):
+        assert outbox.seen(turn)
+        board.put("robot0", {"is": turn})  # one that changes each time keeps nobody waiting
+        text = outbox.next(float(turn))
+        assert text is not None
+        assert len(text) < MOST_CHARACTERS * 1.2
+        met += json.loads(text)["feeds"]["1"]["set"]
+    assert set(met) == {f"robot{number}" for number in range(1000)}
+    assert [one for one in met if one != "robot0"] == [f"robot{number}" for number in range(1, 1000)]
+    assert outbox.waiting_keys == 0
 
 
 def test_a_value_is_encoded_once_and_the_same_one_is_no_change() -> None:

@@ -1,9 +1,12 @@
 /** Times and ages as people read them. */
 
+export const NOW_S = 3;
+
 /** How long ago in the fewest signs that mean something: `now`, `8 s`, `3 min`, `2 h`, `5 d`. */
 export function formatAge(seconds: number): string {
-  // Clocks of robots differ a little: a value of the near future is one of now.
-  if (seconds < 1) return seconds < -2 ? `in ${formatDuration(-seconds)}` : 'now';
+  // Clocks of robots differ a little: a value of the near future is one of now. So is what comes once a second: its age
+  // would be another one at each look, and a source is silent after 3 s.
+  if (seconds < NOW_S) return seconds < -2 ? `in ${formatDuration(-seconds)}` : 'now';
   return formatDuration(seconds);
 }
 

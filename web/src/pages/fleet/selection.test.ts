@@ -1,6 +1,6 @@
 import { describe, expect, it } from 'vitest';
 import type { Robot } from './robots';
-import { countsOf, selected, type Wish, wishOf } from './selection';
+import { countsOf, linesOf, selected, type Wish, wishOf } from './selection';
 
 const robot = (name: string, state: Robot['state']['v'], more: Partial<Robot> = {}): Robot => ({
   name,
@@ -80,5 +80,38 @@ describe('robots', () => {
   it('are wished for by an address, also by one that was typed wrong', () => {
     const address: Record<string, string> = { q: 'arm', state: 'broken', sort: 'size', group: 'bridge', down: '1' };
     expect(wishOf((name) => address[name] ?? '')).toEqual(wish({ text: 'arm', group: 'bridge', down: true }));
+  });
+});
+
+describe('lines of cards', () => {
+  const rows = selected(FLEET, wish());
+
+  it('have as many robots as there is room for', () => {
+    const lines = linesOf(rows, 2, false, []);
+    expect(lines.map((line) => ('rows' in line ? line.rows.map((row) => row.key) : line.group))).toEqual([
+      ['arm2', 'arm10'],
+      ['Belt', 'drone'],
+      ['shy'],
+    ]);
+  });
+
+  it('are the same objects where no robot in them has changed', () => {
+    const before = linesOf(rows, 2, false, []);
+    const changed = FLEET.map((one) => (one.name === 'drone' ? { ...one } : one));
+    const after = linesOf(selected(changed, wish()), 2, false, before);
+    expect(after).toEqual(before);
+    expect(after.map((line, at) => line === before[at])).toEqual([true, false, true]);
+    expect(linesOf(rows, 3, false, before)[0]).not.toBe(before[0]);
+  });
+
+  it('stand below the heading of their group', () => {
+    const grouped = selected(FLEET, wish({ group: 'bridge' }));
+    const lines = linesOf(grouped, 2, true, []);
+    expect(lines.flatMap((line) => ('group' in line ? [[line.group, line.count]] : []))).toEqual([
+      ['', 2],
+      ['ros1', 2],
+      ['ros2', 1],
+    ]);
+    expect(linesOf(grouped, 2, true, lines)[0]).toBe(lines[0]);
   });
 });

@@ -69,11 +69,10 @@ function groupsOf(robot: Robot, group: GroupName): string[] {
   return [''];
 }
 
-/** The robots that are wished for, sorted within their groups. */
+/** The robots that are wished for, sorted within their groups. Asked for with each message, of all robots. */
 export function selected(robots: Iterable<Robot>, wish: Wish): Row[] {
   const words = wish.text.toLowerCase().split(/\s+/).filter(Boolean);
-  const told = TOLD[wish.sort];
-  const found: { row: Row; told: string | number | null }[] = [];
+  const rows: Row[] = [];
   for (const robot of robots) {
     if (wish.state === 'held' ? !robot.held : wish.state && standingOf(robot) !== wish.state) continue;
     if (wish.bridge && robot.bridge !== wish.bridge) continue;
@@ -82,39 +81,86 @@ export function selected(robots: Iterable<Robot>, wish: Wish): Row[] {
       const text = textOf(robot);
       if (!words.every((word) => text.includes(word))) continue;
     }
-    for (const group of groupsOf(robot, wish.group)) {
-      found.push({ row: { key: `${group}/${robot.name}`, group, robot }, told: told(robot) });
-    }
+    if (!wish.group) rows.push(rowOf(robot));
+    else for (const group of groupsOf(robot, wish.group)) rows.push({ key: `${group}/${robot.name}`, group, robot });
   }
-  const groups =
-    wish.group === 'state'
-      ? new Map<string, number>(STANDINGS.map((name, at) => [name, at]))
-      : ranksOf(found.map((one) => one.row.group));
-  const texts = ranksOf(
-    wish.sort === 'name' ? [] : found.flatMap((one) => (typeof one.told === 'string' ? [one.told] : [])),
-  );
-  const names = nameRanks(found);
-  const keyed = found.map(({ row, told }) => {
-    const name = names.get(row.robot.name) ?? 0;
-    const by = wish.sort === 'name' ? name : typeof told === 'string' ? (texts.get(told) ?? 0) : told;
-    return { row, group: groups.get(row.group) ?? 0, by, name };
-  });
-  keyed.sort((a, b) => {
-    if (a.group !== b.group) return a.group - b.group;
-    if (a.by === null || b.by === null) {
-      const last = Number(a.by === null) - Number(b.by === null);
+  const names = nameRanks(rows);
+  const name = rows.map((row) => names.get(row.robot.name) ?? 0);
+  const by = wish.sort === 'name' ? name : toldRanks(rows.map((row) => TOLD[wish.sort](row.robot)));
+  const group = wish.group ? groupRanks(rows, wish.group) : null;
+  const compare = (a: number, b: number): number => {
+    if (group && group[a] !== group[b]) return (group[a] ?? 0) - (group[b] ?? 0);
+    const [one, other] = [by[a] ?? null, by[b] ?? null];
+    if (one === null || other === null) {
+      const last = Number(one === null) - Number(other === null);
       if (last) return last;
-    } else if (a.by !== b.by) return wish.down ? b.by - a.by : a.by - b.by;
-    return a.name - b.name;
-  });
-  return keyed.map((one) => one.row);
+    } else if (one !== other) return wish.down ? other - one : one - other;
+    return (name[a] ?? 0) - (name[b] ?? 0);
+  };
+  // The console tells robots in the order of their names, mostly: then there is nothing to do.
+  if (!rows.some((_, at) => at > 0 && compare(at - 1, at) > 0)) return rows;
+  return rows
+    .map((_, at) => at)
+    .sort(compare)
+    .flatMap((at) => rows[at] ?? []);
+}
+
+const rows_of = new WeakMap<Robot, Row>();
+
+/** The same row for the same robot, so that what has not changed is not looked at again. */
+function rowOf(robot: Robot): Row {
+  let row = rows_of.get(robot);
+  if (!row) rows_of.set(robot, (row = { key: robot.name, group: '', robot }));
+  return row;
+}
+
+/** Rows as many beside each other as there is room for; a line that is the same as before is the same object. */
+export type Line = { key: string; group: string; count: number } | { key: string; rows: Row[] };
+
+export function linesOf(rows: readonly Row[], across: number, grouped: boolean, before: readonly Line[]): Line[] {
+  const known = new Map(before.map((line) => [line.key, line]));
+  const same = (line: Line): Line => {
+    const old = known.get(line.key);
+    if (!old || 'rows' in old !== 'rows' in line) return line;
+    if ('rows' in old && 'rows' in line) {
+      return old.rows.length === line.rows.length && old.rows.every((row, at) => row === line.rows[at]) ? old : line;
+    }
+    return 'count' in old && 'count' in line && old.count === line.count ? old : line;
+  };
+  const all: Line[] = [];
+  for (let at = 0; at < rows.length;) {
+    const group = rows[at]?.group ?? '';
+    let end = at;
+    while (end < rows.length && rows[end]?.group === group) end += 1;
+    if (grouped) all.push(same({ key: `#${group}`, group, count: end - at }));
+    for (; at < end; at += across) {
+      const part = rows.slice(at, Math.min(at + across, end));
+      all.push(same({ key: part[0]?.key ?? '', rows: part }));
+    }
+    at = end;
+  }
+  return all;
+}
+
+function groupRanks(rows: readonly Row[], group: GroupName): number[] {
+  const ranks =
+    group === 'state'
+      ? new Map<string, number>(STANDINGS.map((name, at) => [name, at]))
+      : ranksOf(rows.map((row) => row.group));
+  return rows.map((row) => ranks.get(row.group) ?? 0);
+}
+
+/** Texts by their order among each other. */
+function toldRanks(told: readonly (string | number | null)[]): (number | null)[] {
+  const ranks = ranksOf(told.filter((one) => typeof one === 'string'));
+  return told.map((one) => (typeof one === 'string' ? (ranks.get(one) ?? 0) : one));
 }
 
 let ranked: ReadonlyMap<string, number> = new Map();
 
 /** Names seldom change, so their order is kept; it has no more of them than were there at the last new one. */
-function nameRanks(found: readonly { row: Row }[]): ReadonlyMap<string, number> {
-  if (!found.every((one) => ranked.has(one.row.robot.name))) ranked = ranksOf(found.map((one) => one.row.robot.name));
+function nameRanks(rows: readonly Row[]): ReadonlyMap<string, number> {
+  if (!rows.every((row) => ranked.has(row.robot.name))) ranked = ranksOf(rows.map((row) => row.robot.name));
   return ranked;
 }
 

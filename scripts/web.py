@@ -56,7 +56,8 @@ def run(what: str, *arguments: str) -> None:
     if done.returncode == 0:
         return
     said = [line for line in done.stdout.splitlines() if line.strip() and not line.startswith("npm warn")]
-    told = next((line for line in said if "error" in line.lower()), said[-1] if said else f"code {done.returncode}")
+    errors = (line for line in said if "error" in line.lower() and not line.endswith(":"))
+    told = next(errors, said[-1] if said else f"code {done.returncode}")
     raise NotBuilt(f"npm could not {what}: {told.strip()}")
 
 

@@ -105,12 +105,12 @@ export function selected(robots: Iterable<Robot>, wish: Wish): Row[] {
     .flatMap((at) => rows[at] ?? []);
 }
 
-const rows_of = new WeakMap<Robot, Row>();
+const rowsKnown = new WeakMap<Robot, Row>();
 
 /** The same row for the same robot, so that what has not changed is not looked at again. */
 function rowOf(robot: Robot): Row {
-  let row = rows_of.get(robot);
-  if (!row) rows_of.set(robot, (row = { key: robot.name, group: '', robot }));
+  let row = rowsKnown.get(robot);
+  if (!row) rowsKnown.set(robot, (row = { key: robot.name, group: '', robot }));
   return row;
 }
 

@@ -35,7 +35,7 @@ _TEMPLATE = re.compile(r"`((?:[a-z0-9_]+\.)+[a-z0-9_]*(?:\$\{[^`}]*\}[a-z0-9_]*)
 @pytest.mark.needs("npm")
 @pytest.mark.parametrize("script", ["lint", "test"])
 def test_web_s_own_checks_pass(script: str) -> None:
-    """svelte-check with no warning, prettier, vitest."""
+    """Prettier and svelte-check with no warning; vitest."""
     command = [sys.executable, "scripts/web.py", "--run", script]
     done = subprocess.run(command, cwd=system.ROOT, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout[-4000:] + done.stderr[-2000:]

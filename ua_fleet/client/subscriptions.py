@@ -27,6 +27,7 @@ class Feed(Generic[Item]):
 
     def __init__(self, size: int) -> None:
         self._queue: asyncio.Queue[Item | None] = asyncio.Queue(size)
+        self._is_lost = False
         self.dropped = 0
         """What nobody took in time."""
 
@@ -34,8 +35,12 @@ class Feed(Generic[Item]):
         """The next one; None after the end of the subscription. The wait may be cancelled."""
         return await self._queue.get()
 
-    def put(self, item: Item | None) -> None:
-        """Hand over an item, or the end; the oldest item goes where there is no room."""
+    def put(self, item: Item) -> None:
+        """Hand over an item; the oldest goes where there is no room. After the end nothing comes any more."""
+        if not self._is_lost:
+            self._put(item)
+
+    def _put(self, item: Item | None) -> None:
         if self._queue.full():
             self._queue.get_nowait()
             self.dropped += 1
@@ -47,7 +52,8 @@ class Feed(Generic[Item]):
 
     def lose(self) -> None:
         """No more will come."""
-        self.put(None)
+        self._is_lost = True
+        self._put(None)
 
 
 class Subscriptions:

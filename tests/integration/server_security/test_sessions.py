@@ -484,3 +484,21 @@ async def test_nothing_is_left_when_the_server_stops(tmp_path: Path, identities:
     assert not names & {"housekeeping", "connection", "subscription"}
     assert not server.server.iserver.subscription_service.subscriptions
     assert server.server.sessions == 0
+
+
+async def test_a_part_that_fails_when_somebody_departs_costs_the_others_nothing(
+    tmp_path: Path, identities: Identities
+) -> None:
+    async with door(tmp_path, identities) as running:
+        context, told = running.server.context, list[str]()
+
+        def fail(_session: str) -> None:
+            raise OSError("a mistake of ours")
+
+        context.departed += [fail, told.append]
+        client = await running.client("oscar")
+        await client.connect()
+        await client.disconnect()
+        await until(lambda: told)
+        assert context.mistakes.counts["departures"] >= 1
+        assert not running.server._services.sessions.holders()  # pyright: ignore[reportPrivateUsage]

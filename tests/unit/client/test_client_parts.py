@@ -22,6 +22,7 @@ from ua_fleet.client.addresses import parse_address
 from ua_fleet.client.convert import parse_value, plain_value
 from ua_fleet.client.fleet_client import Reading
 from ua_fleet.client.identity import ClientIdentity
+from ua_fleet.client.model_changes import ModelChanges
 from ua_fleet.client.subscriptions import Feed
 from ua_fleet.client.translated import translated
 from ua_fleet.errors import AccessRefused, NotConnected
@@ -221,12 +222,22 @@ async def test_a_slow_consumer_loses_the_oldest_changes_and_hears_the_end() -> N
     feed = Feed[Reading](3)
     for number in range(5):
         feed.put(Reading("i=1", number, "Int32", 0, None, None))
-    feed.put(None)
+    feed.lose()
     seen: list[Any] = []
     while (change := await feed.next()) is not None:
         seen.append(change.value)
     assert seen == [3, 4]
     assert feed.dropped == 3
+
+
+async def test_what_comes_after_the_end_does_not_hide_it() -> None:
+    """asyncua may hand on what it had before the connection was lost."""
+    changes = ModelChanges("opc.tcp://x")
+    changes.lose()
+    changes.event_notification(None)
+    for _ in range(2):
+        with pytest.raises(NotConnected):
+            await changes.wait()
 
 
 @pytest.mark.parametrize(

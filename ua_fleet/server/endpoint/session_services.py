@@ -245,7 +245,8 @@ class SessionServices:
 
     def _depart(self, session: Session) -> None:
         for tell in self._context.departed:
-            tell(session.key)
+            with self._context.mistakes.guard("departures"):
+                tell(session.key)
 
     async def end_overdue(self) -> None:
         """End the sessions whose clients have been silent for too long, and those of removed users."""

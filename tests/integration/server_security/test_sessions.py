@@ -490,7 +490,8 @@ async def test_a_part_that_fails_when_somebody_departs_costs_the_others_nothing(
     tmp_path: Path, identities: Identities
 ) -> None:
     async with door(tmp_path, identities) as running:
-        context, told = running.server.context, list[str]()
+        server: Any = running.server
+        context, told = server.context, list[str]()
 
         def fail(_session: str) -> None:
             raise OSError("a mistake of ours")
@@ -501,4 +502,4 @@ async def test_a_part_that_fails_when_somebody_departs_costs_the_others_nothing(
         await client.disconnect()
         await until(lambda: told)
         assert context.mistakes.counts["departures"] >= 1
-        assert not running.server._services.sessions.holders()  # pyright: ignore[reportPrivateUsage]
+        assert not server._services.sessions.holders()

@@ -5,16 +5,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Final, NamedTuple
 
 from asyncua import ua
 
 from ua_fleet.client.batches import Batches
 from ua_fleet.client.details import type_names
 
-__all__ = ["NodeInfo", "browse_below"]
+__all__ = ["FoundVariable", "NodeInfo", "browse_below", "variables_below"]
 
 _HAS_PROPERTY: Final = ua.NodeId(ua.Int32(ua.ObjectIds.HasProperty))
 _COUNTED: Final = 2_000
@@ -42,6 +42,41 @@ class _Place:
     order: tuple[int, ...]
     node: ua.NodeId
     info: NodeInfo
+
+
+class FoundVariable(NamedTuple):
+    """A Variable below one of several nodes."""
+
+    root: str
+    """Name of that node."""
+    path: tuple[str, ...]
+    """Browse names from there down."""
+    node: ua.NodeId
+
+
+async def variables_below(batches: Batches, roots: Mapping[str, ua.NodeId]) -> list[FoundVariable]:
+    """The Variables below nodes and below the Objects there, without properties and what is below Variables.
+
+    An Object that is reached twice is entered once. Raises asyncua's errors.
+    """
+    found: list[FoundVariable] = []
+    seen = set(roots.values())
+    level = [FoundVariable(root, (), node) for root, node in roots.items()]
+    while level:
+        deeper: list[FoundVariable] = []
+        answers = await batches.browse([one.node for one in level])
+        for above, children in zip(level, answers, strict=True):
+            for child in children:
+                if child.ReferenceTypeId == _HAS_PROPERTY:
+                    continue
+                one = FoundVariable(above.root, (*above.path, str(child.BrowseName.Name)), child.NodeId)
+                if child.NodeClass is ua.NodeClass.Variable:
+                    found.append(one)
+                elif child.NodeClass is ua.NodeClass.Object and child.NodeId not in seen:
+                    seen.add(child.NodeId)
+                    deeper.append(one)
+        level = deeper
+    return found
 
 
 async def browse_below(batches: Batches, node: ua.NodeId, *, depth: int) -> list[NodeInfo]:

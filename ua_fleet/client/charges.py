@@ -6,10 +6,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING
 
 from asyncua import ua
 
+from ua_fleet.client.browsing import variables_below
 from ua_fleet.client.details import value_details
 from ua_fleet.client.status import CHARGES
 from ua_fleet.client.translated import translated
@@ -18,8 +19,6 @@ if TYPE_CHECKING:
     from ua_fleet.client.fleet_client import FleetClient
 
 __all__ = ["ChargeNode", "charge_nodes"]
-
-_HAS_PROPERTY: Final = ua.NodeId(ua.Int32(ua.ObjectIds.HasProperty))
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,21 +38,12 @@ async def charge_nodes(client: FleetClient, most: int) -> list[ChargeNode]:
         return []
     best: dict[str, tuple[int, str, ua.NodeId]] = {}
     with translated(client.endpoint):
-        level = [(name, ua.NodeId.from_string(f"{node.to_string()}.Data")) for name, node in robots.items()]
-        while level:
-            deeper: list[tuple[str, ua.NodeId]] = []
-            answers = await client.batches.browse([node for _, node in level])
-            for (robot, _), children in zip(level, answers, strict=True):
-                for child in children:
-                    name = str(child.BrowseName.Name)
-                    if child.ReferenceTypeId == _HAS_PROPERTY:
-                        continue
-                    if child.NodeClass is not ua.NodeClass.Variable:
-                        deeper.append((robot, child.NodeId))
-                    elif name in CHARGES:
-                        place = CHARGES.index(name), name, child.NodeId
-                        best[robot] = min(best.get(robot, place), place, key=lambda one: one[0])
-            level = deeper
+        data = {name: ua.NodeId.from_string(f"{node.to_string()}.Data") for name, node in robots.items()}
+        for one in await variables_below(client.batches, data):
+            name = one.path[-1]
+            if name in CHARGES:
+                place = CHARGES.index(name), name, one.node
+                best[one.root] = min(best.get(one.root, place), place, key=lambda rank: rank[0])
         found = sorted(best.items())
         details = await value_details(client.batches, [node for _, (_, _, node) in found])
     return [

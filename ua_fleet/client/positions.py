@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Final
 
 from asyncua import ua
 
+from ua_fleet.client.browsing import variables_below
 from ua_fleet.client.details import value_details
 from ua_fleet.client.translated import translated
 from ua_fleet.fleet.quantities import UnitsDiffer, convert
@@ -34,7 +35,6 @@ _OTHERS: Final = frozenset({"twist", "velocity", "goal", "target", "setpoint", "
 _HEADINGS: Final = ("heading", "yaw", "theta")
 _FRAMES: Final = ("frame", "frame_id")
 _PLACES: Final = "ns=2;s=Fleet.Places"
-_HAS_PROPERTY: Final = ua.NodeId(ua.Int32(ua.ObjectIds.HasProperty))
 
 
 @dataclass(frozen=True, slots=True)
@@ -161,22 +161,10 @@ def _factor(unit: str, wanted: str) -> float | None:
 
 async def _data(client: FleetClient, robots: Mapping[str, str]) -> dict[str, dict[_Parts, str]]:
     """NodeIds of the Variables of robots' data by their paths."""
-    level: list[tuple[str, _Parts, ua.NodeId]]
-    level = [(name, (), ua.NodeId.from_string(f"{node}.Data")) for name, node in robots.items()]
     found: dict[str, dict[_Parts, str]] = {name: {} for name in robots}
-    while level:
-        deeper: list[tuple[str, _Parts, ua.NodeId]] = []
-        answers = await client.batches.browse([node for _, _, node in level])
-        for (robot, path, _), children in zip(level, answers, strict=True):
-            for child in children:
-                if child.ReferenceTypeId == _HAS_PROPERTY:
-                    continue
-                below = (*path, str(child.BrowseName.Name))
-                if child.NodeClass is ua.NodeClass.Variable:
-                    found[robot][below] = child.NodeId.to_string()
-                else:
-                    deeper.append((robot, below, child.NodeId))
-        level = deeper
+    data = {name: ua.NodeId.from_string(f"{node}.Data") for name, node in robots.items()}
+    for one in await variables_below(client.batches, data):
+        found[one.root][one.path] = one.node.to_string()
     return found
 
 

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from asyncua import ua
 
+from ua_fleet.client.browsing import variables_below
 from ua_fleet.client.details import ValueDetails, type_names, value_details
 from ua_fleet.client.skill_nodes import KnownSkill, read_skills, skill_nodes
 from ua_fleet.client.translated import NodeNotFound, translated
@@ -20,7 +21,6 @@ if TYPE_CHECKING:
 
 __all__ = ["ArgumentNode", "DataNode", "RobotNodes", "SkillNodes", "robot_nodes"]
 
-_HAS_PROPERTY: Final = ua.NodeId(ua.Int32(ua.ObjectIds.HasProperty))
 _WRITE: Final = 2
 """CurrentWrite of an access level (OPC 10000-3 8.57)."""
 _FOLDERS: Final = ("Data", "Sensors")
@@ -108,36 +108,23 @@ async def robot_nodes(client: FleetClient, robot: str) -> RobotNodes:
 
 async def _data(client: FleetClient, folder: str, node: ua.NodeId) -> list[DataNode]:
     batches = client.batches
-    found: list[tuple[ua.NodeId, tuple[str, ...]]] = []
-    level: list[tuple[ua.NodeId, tuple[str, ...]]] = [(node, ())]
-    while level:
-        deeper: list[tuple[ua.NodeId, tuple[str, ...]]] = []
-        for (_, path), children in zip(level, await batches.browse([one for one, _ in level]), strict=True):
-            for child in children:
-                if child.ReferenceTypeId == _HAS_PROPERTY:
-                    continue
-                entry = (child.NodeId, (*path, str(child.BrowseName.Name)))
-                if child.NodeClass is ua.NodeClass.Variable:
-                    found.append(entry)
-                elif child.NodeClass is ua.NodeClass.Object:
-                    deeper.append(entry)
-        level = deeper
-    ids = [one for one, _ in found]
+    found = await variables_below(batches, {folder: node})
+    ids = [one.node for one in found]
     types = await type_names(batches, ids)
     details = await value_details(batches, ids)
     levels = await batches.read(ids, ua.AttributeIds.UserAccessLevel)
     texts = await batches.read(ids, ua.AttributeIds.Description)
     return [
         DataNode(
-            one.to_string(),
-            path,
+            one.node.to_string(),
+            one.path,
             folder,
             type_name,
             detail,
             bool(int(_value(level) or 0) & _WRITE),
             str(getattr(_value(text), "Text", None) or ""),
         )
-        for (one, path), type_name, detail, level, text in zip(found, types, details, levels, texts, strict=True)
+        for one, type_name, detail, level, text in zip(found, types, details, levels, texts, strict=True)
         if type_name is not None
     ]
 

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Final
 from asyncua import ua
 from cryptography import x509
 
+from ua_fleet.client.browsing import variables_below
 from ua_fleet.client.convert import plain_value
 from ua_fleet.client.skill_nodes import read_skills, skill_nodes
 from ua_fleet.client.summaries import RobotSummary
@@ -47,7 +48,6 @@ _OVER: Final = ("done", "failed", "aborted")
 _TASK_OVER: Final = ("done", "failed")
 CHARGES: Final = ("battery", "percentage", "charge", "level", "soc", "state_of_charge")
 """Fields of a data source `battery` that say how full it is."""
-_HAS_PROPERTY: Final = ua.NodeId(ua.Int32(ua.ObjectIds.HasProperty))
 _OBJECTS: Final = int(ua.NodeClass.Object)
 _WAITING: Final = ua.StatusCodes.BadWaitingForInitialData
 
@@ -378,31 +378,20 @@ async def _skills(client: FleetClient, robots: Sequence[str]) -> list[tuple[str,
 
 async def _data(client: FleetClient, robots: Mapping[str, str]) -> dict[str, tuple[dict[str, int], float | None, str]]:
     """Of robots, given with their nodes: their values by StatusCode, and how full the battery is, with its unit."""
-    level = [(name, "", ua.NodeId.from_string(f"{node}.Data")) for name, node in robots.items()]
-    variables: list[tuple[str, str, ua.NodeId]] = []
-    while level:
-        answers = await client.batches.browse([node for _, _, node in level])
-        deeper: list[tuple[str, str, ua.NodeId]] = []
-        for (robot, _, _), children in zip(level, answers, strict=True):
-            for child in children:
-                if child.ReferenceTypeId == _HAS_PROPERTY:
-                    continue
-                entry = (robot, str(child.BrowseName.Name), child.NodeId)
-                (variables if child.NodeClass is ua.NodeClass.Variable else deeper).append(entry)
-        level = deeper
+    data_of = {name: ua.NodeId.from_string(f"{node}.Data") for name, node in robots.items()}
+    variables = await variables_below(client.batches, data_of)
     told: dict[str, tuple[Counter[str], list[tuple[int, ua.NodeId, float]]]] = {
         name: (Counter(), []) for name in robots
     }
-    for (robot, name, node), data in zip(
-        variables, await client.batches.read([node for _, _, node in variables]), strict=True
-    ):
+    values = await client.batches.read([one.node for one in variables])
+    for (robot, path, node), data in zip(variables, values, strict=True):
         code = data.StatusCode
         if code is not None and code.value == _WAITING:
             continue
         told[robot][0][code.name if code is not None else "Good"] += 1
         value = data.Value.Value if data.Value is not None else None
-        if name in CHARGES and isinstance(value, int | float) and not isinstance(value, bool):
-            told[robot][1].append((CHARGES.index(name), node, float(value)))
+        if path[-1] in CHARGES and isinstance(value, int | float) and not isinstance(value, bool):
+            told[robot][1].append((CHARGES.index(path[-1]), node, float(value)))
     charges = {name: min(batteries, key=lambda one: one[0]) for name, (_, batteries) in told.items() if batteries}
     details = await client.details([node.to_string() for _, node, _ in charges.values()])
     units = dict(zip(charges, details, strict=True))

@@ -87,11 +87,6 @@ class Leases:
         """Whether there is one, of which nothing was heard for too long."""
         return self._lease is not None and now >= self._until
 
-    @property
-    def until(self) -> float | None:
-        """When the lease ends unless it is prolonged; None without one."""
-        return None if self._lease is None else self._until
-
     def end(self, why: str) -> None:
         """There is none any more."""
         if self._lease is not None:

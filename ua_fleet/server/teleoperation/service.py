@@ -102,7 +102,7 @@ class _Robot:
         self.model = model
         self.status: Status | None = None
         self.held_since: int | None = None
-        self.quality = 0
+        """When its lease was first told of here; None without one."""
         self.is_silent = False
         """Whether its bridge was heard, and is not any more."""
         self.refused = 0

@@ -24,12 +24,16 @@ NO_TESTS = $(if $(ARGS),5,0)
 # A disturbance, or some: make testbed ONLY="server:killed rosmaster", or ONLY=runs; KEEP=1 leaves the testbed up
 KEEP ?=
 
-.PHONY: help setup setup-test demo test test-main test-ros1 testbed testbed-check bench lint format docs docs-serve sbom lock clean
+# Runs of teleoperation over the whole chain, by their seeds: make test-teleoperation SEEDS=17,40-43
+SEEDS ?= 0-199
+
+.PHONY: help setup setup-test demo test test-main test-ros1 test-teleoperation testbed testbed-check bench lint format docs docs-serve sbom lock clean
 
 help:
 	@echo "make demo    the fault-tolerant assembly line: OPC UA server, ROS 1 arm, ROS 2 mobile robot;"
 	@echo "             DEMO=talkrobots: nine tasks on seven robots and machines, one of which fails"
 	@echo "make test    all tests; what this machine lacks is skipped with the reason"
+	@echo "make test-teleoperation  200 runs in which robots are driven by hand and something on the way is cut or stops"
 	@echo "make testbed compose.yaml on this machine's Docker engine: both profiles to their end, then every kind of"
 	@echo "             container disturbed; testbed-check only says what this machine lacks for it"
 	@echo "make lint    ruff, mypy, pyright, import rules"
@@ -75,6 +79,9 @@ test-main: setup-test
 
 test-ros1: setup-test
 	@$(ROS1_TESTS)
+
+test-teleoperation: setup-test
+	@UA_FLEET_TELEOPERATION_SEEDS=$(SEEDS) $(PYTHON) -m pytest -s tests/teleoperation/test_chain.py --require="$(REQUIRE)" $(ARGS)
 
 testbed: setup-test
 	@ONLY="$(ONLY)" KEEP="$(KEEP)" $(PYTHON) -m tests.testbed

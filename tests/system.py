@@ -280,6 +280,11 @@ class Processes:
             yield f"{' '.join(child.args)} ({state})"
             yield from (f"    {line[:400]}" for line in child.lines[-most:])
 
+    @property
+    def children(self) -> Sequence[Child]:
+        """Those that were started, also those that have ended."""
+        return self._children
+
     def start(self, *args: str | Path, env: Mapping[str, str] | None = None) -> Child:
         """Start a process of its own group."""
         child = Child(args, env)

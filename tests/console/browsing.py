@@ -28,14 +28,17 @@ _OPTIONS: Final = (
 _RULES: Final = {"runOnly": ["wcag2a", "wcag2aa", "wcag21a", "wcag21aa", "wcag22aa", "best-practice"]}
 
 
+def chromium_options(*options: str) -> dict[str, Any]:
+    """How the system's Chromium is launched, by Playwright of either kind."""
+    sandbox = ("--no-sandbox",) if os.geteuid() == 0 else ()
+    return {"executable_path": shutil.which("chromium"), "args": [*_OPTIONS, *sandbox, *options]}
+
+
 @contextmanager
 def chromium(*options: str) -> Generator[Browser]:
     """The system's Chromium, without a window."""
-    sandbox = ("--no-sandbox",) if os.geteuid() == 0 else ()
     with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(
-            executable_path=shutil.which("chromium"), args=[*_OPTIONS, *sandbox, *options]
-        )
+        browser = playwright.chromium.launch(**chromium_options(*options))
         try:
             yield browser
         finally:

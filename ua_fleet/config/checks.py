@@ -343,18 +343,22 @@ def _check_skills(parts: Parts) -> None:
 
 
 def _check_cards(parts: Parts) -> None:
-    for name, robot in parts.robots.items():
-        mine = {data: one for (owner, data), one in parts.data.items() if owner == name}
+    of_robot: dict[str, dict[str, DataSetConfig]] = {name: {} for name, robot in parts.robots.items() if robot.card}
+    for (owner, data), one in parts.data.items():
+        if owner in of_robot:
+            of_robot[owner][data] = one
+    for name, mine in of_robot.items():
         if mine.keys() != parts.mapping_at(("robots", name, "data")).keys():
             continue  # what is wrong with its data is said, and what its values are is not known
         known = {value_name(data, key): field for data, one in mine.items() for key, field in one.all_fields().items()}
-        for position, value in enumerate(robot.card):
+        card = parts.robots[name].card
+        for position, value in enumerate(card):
             path: KeyPath = ("robots", name, "card", position)
             field = known.get(value)
             if field is None:
                 there = f"there are: {listed(known)}" if known else f"add it to robots.{name}.data"
                 parts.document.problem(path, f"{name} has no value `{value}`", closest(value, known) or there)
-            elif value in robot.card[:position]:
+            elif value in card[:position]:
                 parts.document.problem(path, f"`{value}` is named twice", "remove one of them")
             elif field.array or field.type is ScalarType.BYTE_STRING:
                 what = "an array" if field.array else "a ByteString"

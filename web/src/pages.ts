@@ -18,6 +18,7 @@ export interface Page {
 // prettier-ignore
 export const pages: readonly Page[] = [
   { name: 'fleet', title: 'fleet.title', icon: 'fleet', load: () => import('./pages/fleet/Fleet.svelte') },
+  { name: 'map', title: 'map.title', icon: 'map', load: () => import('./pages/map/Map.svelte') },
   { name: 'scenarios', title: 'scenarios.title', icon: 'scenarios', load: () => import('./pages/scenarios/Scenarios.svelte') },
   { name: 'drive', title: 'drive.title', icon: 'drive', hidden: true, load: () => import('./pages/drive/Drive.svelte') },
   { name: 'robot', title: 'robot.title', icon: 'robot', hidden: true, load: () => import('./pages/robot/Robot.svelte') },

@@ -57,22 +57,23 @@ async def _look(url: str, fleet: str, password: str, robots: set[str], drives: t
 async def _drive(browser: Browser, fleet: str, drives: tuple[str, str]) -> None:
     """Drive a robot, and see in its own words that it has moved and stands."""
     robot, node = drives
+    orientation = node.replace("position.x", "orientation.z")
     async with browser.live() as live:
-        await live.want("where", "nodes", fleet, nodes=[node])
+        await live.want("where", "nodes", fleet, nodes=[node, orientation])
+        await live.until(lambda: live.feeds.get("where", {}).keys() == {node, orientation})
 
-        def x_m() -> float | None:
-            shown = live.feeds.get("where", {}).get(node)
-            return None if shown is None else shown["v"]
+        def shown(which: str) -> float:
+            return float(live.feeds["where"][which]["v"])
 
-        await live.until(lambda: x_m() is not None)
-        before = x_m()
-        assert before is not None
         async with drive(browser, robot, fleet=fleet) as page:
             assert page.held, page.over
             fast = page.held["axes"][0]["speed"]
+            before = shown(node)
+            # It looks along x, or back after it was at the worker.
+            ahead = -1.0 if abs(shown(orientation)) > 0.5 else 1.0
             until_at = asyncio.get_running_loop().time() + DRIVE_S
             await page.until(lambda: asyncio.get_running_loop().time() > until_at, (-fast, 0.0))
             await page.until(lambda: page.state["output"] == [0.0, 0.0])
             await page.say(release=True)
             assert await page.closed() == 1000
-        await live.until(lambda: (x_m() or before) < before - fast * DRIVE_S / 3)
+        await live.until(lambda: (before - shown(node)) * ahead > fast * DRIVE_S / 3)

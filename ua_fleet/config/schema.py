@@ -412,6 +412,8 @@ class FleetInfo(Model, frozen=True):
     namespaces: tuple[Annotated[str, Field(min_length=3)], ...] = ()
     """URIs of further namespaces, with the indices 4, 5 and so on: each has 65,535 ids for robots whose `namespace` it
     is."""
+    places: dict[Annotated[str, Field(min_length=1)], tuple[float, float]] = {}
+    """Places by name for maps, x and y in metres. Those that criteria of `resilience` measure to are shown too."""
 
     @property
     def namespace_indices(self) -> tuple[int, ...]:

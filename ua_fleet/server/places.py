@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from ua_fleet.config.resilience_schema import ResilienceConfig
+from ua_fleet.config.schema import FleetConfig
 from ua_fleet.server.convert import data_value, raw_id
 from ua_fleet.server.parts import NodeParts
 from ua_fleet.values import ARRAY, BuiltinType, NodeId
@@ -15,10 +15,10 @@ _PLACES = "Fleet.Places"
 _DOUBLES = int(BuiltinType.DOUBLE | ARRAY)
 
 
-def places_of(config: ResilienceConfig) -> dict[str, tuple[float, float]]:
-    """The places that criteria measure distances to, by name; of one that two criteria have, the first."""
-    found: dict[str, tuple[float, float]] = {}
-    for criterion in config.criteria.values():
+def places_of(config: FleetConfig) -> dict[str, tuple[float, float]]:
+    """The fleet's places by name, and those that criteria measure distances to; of two of a name the first."""
+    found = dict(config.fleet.places)
+    for criterion in config.resilience.criteria.values():
         if criterion.distance is not None:
             for name, place in criterion.distance.places.items():
                 found.setdefault(name, place)

@@ -20,7 +20,7 @@ from ua_fleet.values import BuiltinType
 
 DOUBLE, STRING = BuiltinType.DOUBLE, BuiltinType.STRING
 CART: Final = Topic(POSE.space, 2, 1104)
-PLACES: Final = {"gate": [0, 0], "dock <b>": [4, -2.5]}
+PLACES: Final = {"gate": [9, 9], "dock <b>": [4, -2.5]}
 FLEET: Final[Any] = {
     **ROBOTS,
     "cart": {
@@ -62,6 +62,7 @@ FLEET: Final[Any] = {
 async def server(tmp_path: Path, udp_url: str, tcp_port: int) -> AsyncGenerator[Running]:
     raw: dict[str, Any] = fleet_config(udp_url, tcp_port, robots=FLEET).model_dump(mode="json", exclude_unset=True)
     distance = {"x": "position.x", "y": "position.y", "argument": "to", "places": PLACES}
+    raw["fleet"]["places"] = {"yard": [1, 1], "gate": [0, 0]}
     raw["resilience"] = {"criteria": {"distance": {"kind": "cost", "range": [0, 20], "distance": distance}}}
     config = load_content(json.dumps(raw).encode(), "fleet.json", {}, allow_missing_ids=True)
     async with serving(tmp_path, config) as running:
@@ -80,9 +81,10 @@ async def test_robots_say_where_they_are(server: Running, console: Console) -> N
         await live.want("map", "positions")
         await live.until(lambda: "map" in live.feeds)
         seen = live.feeds["map"]
-        assert {key for key in seen if key.startswith("place/")} == {"place/gate", "place/dock <b>"}
+        assert {key for key in seen if key.startswith("place/")} == {"place/gate", "place/dock <b>", "place/yard"}
         assert (seen["place/dock <b>"]["x"], seen["place/dock <b>"]["y"]) == (4, -2.5)
         assert {key for key in seen if key.startswith("robot/")} == {"robot/cart", "robot/press"}
+        assert (seen["place/gate"]["x"], seen["place/gate"]["y"]) == (0, 0)
         press = seen["robot/press"]
         assert (press["x"], press["y"], press["s"]) == (7, 1, 0)
         assert press["heading"] == pytest.approx(math.pi / 2)

@@ -66,7 +66,12 @@ BAD: list[tuple[str, str, list[str]]] = [
     (
         "a key like no other",
         HEAD + "fleet:\n  zzzz: 1\n",
-        ["F:4:fleet.zzzz: unknown key `zzzz`; known keys: `name`, `namespace_uri`, `namespace_index`, `namespaces`"],
+        [
+            (
+                "F:4:fleet.zzzz: unknown key `zzzz`; known keys: "
+                "`name`, `namespace_uri`, `namespace_index`, `namespaces`, `places`"
+            )
+        ],
     ),
     ("too large", HEAD + "server:\n  port: 70000\n", ["F:4:server.port: must be at most 65535, not 70000"]),
     ("negative", HEAD + "server:\n  port: -1\n", ["F:4:server.port: must be at least 0, not -1"]),

@@ -65,7 +65,7 @@ def add_scenarios(
     parts.values = fleet.values
     nodes = ScenarioNodes(parts, projection.put, wall_ticks)
     nodes.build()
-    add_places(parts, places_of(config.resilience))
+    add_places(parts, places_of(config))
     view = ScenarioView(nodes, ServerEvents(server.iserver), projection, wall_ticks)
 
     def show(output: Output) -> None:

@@ -72,12 +72,13 @@ class TurtleBot3:
             lasts_s = math.hypot(to_x_m - pose.x_m, pose.y_m) / pace_m_s
             if not lasts_s:
                 return
+            pose.heading_rad = math.atan2(-pose.y_m, to_x_m - pose.x_m)
             begun, start_x_m, start_y_m = time.time(), pose.x_m, pose.y_m
             while (done := (time.time() - begun) / lasts_s) < 1 and not self._hand.is_on:
                 pose.x_m, pose.y_m = start_x_m + (to_x_m - start_x_m) * done, start_y_m * (1 - done)
                 self._node.wait(min(0.02, lasts_s / 20))
             if done >= 1:
-                pose.x_m, pose.y_m, pose.heading_rad = to_x_m, 0.0, 0.0
+                pose.x_m, pose.y_m = to_x_m, 0.0
 
     def run(self) -> None:
         """Carry covers until told to stop."""

@@ -51,7 +51,8 @@ class MobileBase:
             pose = self._node.message("geometry_msgs/PoseStamped")
             pose.header.frame_id = "map"
             pose.pose.position.x, pose.pose.position.y = self.x_m, self.y_m
-            pose.pose.orientation.w = 1.0
+            half_rad = self._pose.heading_rad / 2
+            pose.pose.orientation.z, pose.pose.orientation.w = math.sin(half_rad), math.cos(half_rad)
             self._tell_pose(pose)
             self._tell_battery(self.battery)
             if self._node.stopped.wait(TELL_S):
@@ -63,6 +64,8 @@ class MobileBase:
         way_x, way_y = (to_x - self.x_m) * share, (to_y - self.y_m) * share
         from_x, from_y, from_battery = self.x_m, self.y_m, self.battery
         way_m = math.hypot(way_x, way_y)
+        if way_m:
+            self._pose.heading_rad = math.atan2(way_y, way_x)
         steps = max(1, math.ceil(way_m / SPEED_M_S / STEP_S / self._speed))
         for step in range(1, steps + 1):
             if canceled.wait(way_m / SPEED_M_S / self._speed / steps):

@@ -10,7 +10,7 @@ all: a task can be done when no active fault takes one that it needs. Silence ta
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass, replace
 from enum import Enum, auto
 from typing import Final
@@ -85,6 +85,8 @@ class Faults:
 
     def __init__(self) -> None:
         self._faults: dict[str, Fault] = {}
+        self._of_robot: dict[str, dict[str, Fault]] = {}
+        """The same by robot: a thousand robots may have one each."""
 
     def __iter__(self) -> Iterator[Fault]:
         return iter(self._faults.values())
@@ -98,11 +100,11 @@ class Faults:
 
     def active(self, robot: str) -> list[Fault]:
         """What is wrong with a robot, the first first."""
-        return [fault for fault in self._faults.values() if fault.robot == robot and fault.active]
+        return [fault for fault in self._of(robot) if fault.active]
 
     def keeping(self, robot: str, needs: Collection[str]) -> list[Fault]:
         """Those that keep a robot from what needs these capacities."""
-        return [fault for fault in self._faults.values() if fault.robot == robot and fault.takes(needs)]
+        return [fault for fault in self._of(robot) if fault.takes(needs)]
 
     def unfit(self, robot: str, needs: Collection[str]) -> str | None:
         """Why a robot cannot do now what needs these capacities; None where it can."""
@@ -128,9 +130,11 @@ class Faults:
                 capacities = tuple(dict.fromkeys((*before.capacities, *capacities))) if both else ()
             if (before.reason, before.capacities) == (reason, capacities):
                 return None
-            fault = self._faults[fault_id] = replace(before, reason=reason, capacities=capacities)
+            fault = replace(before, reason=reason, capacities=capacities)
+            self._keep(fault)
             return fault, FaultChange.REASON_CHANGED
-        fault = self._faults[fault_id] = Fault(fault_id, robot, source, reason, True, False, now, capacities=capacities)
+        fault = Fault(fault_id, robot, source, reason, True, False, now, capacities=capacities)
+        self._keep(fault)
         return fault, FaultChange.RAISED
 
     def clear(self, robot: str, source: str) -> tuple[Fault, FaultChange] | None:
@@ -156,8 +160,14 @@ class Faults:
         self._keep(fault)
         return fault, FaultChange.ACKNOWLEDGED
 
+    def _of(self, robot: str) -> Iterable[Fault]:
+        return self._of_robot.get(robot, {}).values()
+
     def _keep(self, fault: Fault) -> None:
+        of_robot = self._of_robot.setdefault(fault.robot, {})
         if fault.active or not fault.acknowledged:
-            self._faults[fault.id] = fault
-        else:
-            del self._faults[fault.id]
+            self._faults[fault.id] = of_robot[fault.id] = fault
+            return
+        del self._faults[fault.id], of_robot[fault.id]
+        if not of_robot:
+            del self._of_robot[fault.robot]

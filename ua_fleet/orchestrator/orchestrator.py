@@ -266,10 +266,20 @@ class Orchestrator:
         self._known.fleet = fleet
         return self.poll(now)
 
-    def told(self, found: Iterable[FaultFound], now: float) -> list[Output]:
-        """What has become known of robots. All of it is taken in before anything follows from it."""
+    def told(
+        self, found: Iterable[FaultFound], now: float, followed: Iterable[tuple[str, frozenset[str]]] = ()
+    ) -> list[Output]:
+        """What has become known of robots. All of it is taken in before anything follows from it.
+
+        Args:
+            found: faults that are there, or are no more.
+            now: by the wall clock.
+            followed: robots with what each SkillStatus says they are at, as in `followed`.
+        """
         for one in found:
             self._guard.do("faults", self._take_in, one, now)
+        for robot, told in followed:
+            self._guard.do("tasks", self._follow, robot, told, now)
         return self._taken(now)
 
     def not_heard(self, robots: Iterable[str], now: float) -> list[Output]:
@@ -280,9 +290,12 @@ class Orchestrator:
 
     def followed(self, robot: str, told: frozenset[str], now: float) -> list[Output]:
         """A robot's SkillStatus says which executions it is at: none of them, where nothing says so any more."""
+        self._follow(robot, told, now)
+        return self._taken(now)
+
+    def _follow(self, robot: str, told: frozenset[str], now: float) -> None:
         if self._known.follow(robot, told, self._executions, now):
             self._has_news = True
-        return self._taken(now)
 
     def hold(self, robot: str, by: str, reason: str, now: float) -> list[Output]:
         """Give a robot no task that it is not at already; raises ScenarioError where somebody else holds it."""

@@ -421,7 +421,7 @@ class Hub:
                 self.mistakes.caught("messages", error, what=type(event).__name__)
         if self._scenarios is not None:
             with self.mistakes.guard("scenarios"):
-                self._scenarios.take_news()
+                self._scenarios.end_batch()
 
     def _handle_one(self, event: SubscriberEvent, now: float, wall: int) -> None:
         if isinstance(event, SourceUnknown | ProbeDue):

@@ -28,11 +28,21 @@ from ua_fleet.server.built import BuiltNode, Held, Kind, Shared
 from ua_fleet.server.convert import raw_id, to_status
 from ua_fleet.values import QualifiedName, StatusCode
 
-__all__ = ["HAS_COMPONENT", "HAS_PROPERTY", "ORGANIZES", "NodeBuilder", "paused_collection", "release_collection"]
+__all__ = [
+    "HAS_COMPONENT",
+    "HAS_PROPERTY",
+    "ORGANIZES",
+    "NodeBuilder",
+    "paused_collection",
+    "release_collection",
+    "spare_collection",
+]
 
 HAS_COMPONENT: Final = raw_id(ObjectIds.HasComponent)
 HAS_PROPERTY: Final = raw_id(ObjectIds.HasProperty)
 ORGANIZES: Final = raw_id(ObjectIds.Organizes)
+_TYPED: Final = (ua.NodeClass.Object, ua.NodeClass.Variable)
+"""What has a type definition."""
 _HAS_TYPE_DEFINITION: Final = raw_id(ObjectIds.HasTypeDefinition)
 
 READ: Final = 1
@@ -59,6 +69,16 @@ def paused_collection() -> Generator[None]:
     finally:
         gc.freeze()
         gc.enable()
+
+
+def spare_collection() -> None:
+    """Have garbage collection look no more at what is there now, after many nodes were made that stay.
+
+    Else it would look at all of them again and again, and the event loop stand for as long. What is in a cycle now, and
+    ends later, is kept too: so this is for now and then.
+    """
+    if gc.isenabled():
+        gc.freeze()
 
 
 def release_collection() -> None:
@@ -333,10 +353,17 @@ class NodeBuilder:
         return known
 
     def _describe(self, reference: ua.NodeId, target: NodeData, *, is_forward: bool) -> ua.ReferenceDescription:
-        type_definition: Any = next(
-            (ref.NodeId for ref in target.references if ref.IsForward and ref.ReferenceTypeId == _HAS_TYPE_DEFINITION),
-            raw_id(0),
-        )
+        node_class = _held(target.attributes[AttributeIds.NodeClass])
+        type_definition: Any = raw_id(0)
+        if node_class in _TYPED:  # a Method that many Objects share has as many references, and no type
+            type_definition = next(
+                (
+                    one.NodeId
+                    for one in target.references
+                    if one.IsForward and one.ReferenceTypeId == _HAS_TYPE_DEFINITION
+                ),
+                type_definition,
+            )
         forward: Any = is_forward
         identifier: Any = target.nodeid
         return ua.ReferenceDescription(
@@ -345,7 +372,7 @@ class NodeBuilder:
             identifier,
             _held(target.attributes[AttributeIds.BrowseName]),
             _held(target.attributes[AttributeIds.DisplayName]),
-            _held(target.attributes[AttributeIds.NodeClass]),
+            node_class,
             type_definition,
         )
 

@@ -45,6 +45,8 @@ __all__ = ["Projection"]
 _TEXTS: Final = int(BuiltinType.STRING | ARRAY)
 BATCH: Final = 250
 """Writes after which clients get their turn: about 3 ms of work."""
+EVENT: Final = 25
+"""An event, or any other change that is no value, takes as long as so many writes."""
 WATCHERS: Final = 4
 """Monitored items to tell that take as long as a write."""
 LARGEST_BATCH: Final = 1000
@@ -247,6 +249,7 @@ class Projection:
             if change is None:
                 continue
             if type(change) is not ValueChanged:
+                count -= EVENT
                 try:
                     await self._apply(change)
                 except Exception as error:  # noqa: BLE001 - what is behind it has nothing to do with it

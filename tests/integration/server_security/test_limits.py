@@ -21,6 +21,7 @@ LIMITS = {
     "continuation_points": 2,
     "references_per_node": 25,
     "queue_size": 4,
+    "event_queue_size": 3,
 }
 
 
@@ -166,6 +167,13 @@ async def test_requested_times_and_queues_are_revised(small: Door) -> None:
         request.Parameters.ItemsToCreate = [monitored(small.nodes.plain, QueueSize=1_000_000, SamplingInterval=100.0)]
         created = (await send(client, request, ua.CreateMonitoredItemsResponse)).Results[0]
         assert (created.RevisedQueueSize, created.RevisedSamplingInterval) == (4, 100.0)
+        for asked, revised_size in ((0, 3), (1_000_000, 3), (2, 2)):  # with 0 the server decides
+            request.Parameters.ItemsToCreate = [monitored(ua.NodeId(ua.ObjectIds.Server), QueueSize=asked)]
+            request.Parameters.ItemsToCreate[0].ItemToMonitor.AttributeId = ua.AttributeIds.EventNotifier
+            select = ua.SimpleAttributeOperand(ua.NodeId(ua.ObjectIds.BaseEventType), [ua.QualifiedName("Message")])
+            request.Parameters.ItemsToCreate[0].RequestedParameters.Filter = ua.EventFilter([select])
+            events = (await send(client, request, ua.CreateMonitoredItemsResponse)).Results[0]
+            assert (events.StatusCode.is_good(), events.RevisedQueueSize) == (True, revised_size)
         modify = ua.ModifyMonitoredItemsRequest()
         modify.Parameters.SubscriptionId = revised.SubscriptionId
         modify.Parameters.TimestampsToReturn = ua.TimestampsToReturn.Both

@@ -63,7 +63,9 @@ class Limits:
     triggering_links: int = 1_000
     """Triggering links of one subscription: each publishing cycle may have to follow all of them."""
     queue_size: int = 100
-    """Values or events that wait for one monitored item."""
+    """Values that wait for one monitored item."""
+    event_queue_size: int = 2_000
+    """Likewise events: a thousand robots may fall silent within one publishing interval."""
     queued_bytes_per_user: int = 24 * 1024 * 1024
     """Memory of the values and events that wait for one user in all sessions, or for one address without; then what has
     waited longest gives way."""
@@ -150,7 +152,7 @@ class Limits:
             "MaxSubscriptions": (self.sessions * self.subscriptions_per_session, ua.VariantType.UInt32),
             "MaxSubscriptionsPerSession": (self.subscriptions_per_session, ua.VariantType.UInt32),
             "MaxMonitoredItemsPerSubscription": (self.monitored_items_per_subscription, ua.VariantType.UInt32),
-            "MaxMonitoredItemsQueueSize": (self.queue_size, ua.VariantType.UInt32),
+            "MaxMonitoredItemsQueueSize": (max(self.queue_size, self.event_queue_size), ua.VariantType.UInt32),
             "MinSupportedSampleRate": (0.0, ua.VariantType.Double),
         }
         for name, (value, variant_type) in values.items():

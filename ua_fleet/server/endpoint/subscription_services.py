@@ -261,7 +261,6 @@ class SubscriptionServices:
             raise Refusal(StatusCodes.BadNodeIdUnknown)
         if self._subscriptions.items_on(target.NodeId, subscription.holder) >= self._limits.items_per_node_and_user:
             raise Refusal(StatusCodes.BadTooManyMonitoredItems, "too many items of one user on one node")
-        size = self._queue_size(parameters.QueueSize)
         result: Any = ua.MonitoredItemCreateResult()
         if target.AttributeId == AttributeIds.EventNotifier:
             notifier = self._aspace.read_attribute_value(target.NodeId, AttributeIds.EventNotifier)
@@ -272,7 +271,7 @@ class SubscriptionServices:
             if watched >= self._limits.event_items_per_session:
                 raise Refusal(StatusCodes.BadTooManyMonitoredItems, "too many items on events")
             event_filter = self._event_filter(request, parameters.Filter)
-            size = self._limits.queue_size if not parameters.QueueSize else size
+            size = self._event_queue_size(parameters.QueueSize)
             events = EventItem(subscription, subscription.items.next_id(), wanted, size, event_filter)
             subscription.items.add_events(events)
             result.MonitoredItemId = events.id
@@ -288,6 +287,7 @@ class SubscriptionServices:
             if index_range is not None and target.AttributeId != AttributeIds.Value:
                 raise Refusal(StatusCodes.BadIndexRangeInvalid)
             interval_s = self._sampling_s(subscription, target.NodeId, target.AttributeId, parameters)
+            size = self._queue_size(parameters.QueueSize)
             data = DataItem(
                 subscription,
                 subscription.items.next_id(),
@@ -333,6 +333,11 @@ class SubscriptionServices:
     def _queue_size(self, requested: int) -> int:
         return min(max(int(requested), 1), self._limits.queue_size)
 
+    def _event_queue_size(self, requested: int) -> int:
+        """With 0 the server decides (OPC 10000-4 7.21)."""
+        most = self._limits.event_queue_size
+        return min(int(requested) or most, most)
+
     async def modify_monitored_items(self, request: Request, params: ua.ModifyMonitoredItemsParameters) -> Any:
         """ModifyMonitoredItems."""
         subscription = self._own(request, params.SubscriptionId)
@@ -365,7 +370,6 @@ class SubscriptionServices:
             item.filter = self._event_filter(request, parameters.Filter, item.filter.cost)
             if item.filter.result is not None:
                 result.FilterResult = item.filter.result
-            parameters.QueueSize = parameters.QueueSize or ua.UInt32(self._limits.queue_size)
         elif isinstance(item, DataItem):
             value = self._aspace.read_attribute_value(item.node_id, item.attribute)
             deadband = check_data_filter(
@@ -378,7 +382,8 @@ class SubscriptionServices:
         if parameters.ClientHandle != _NO_HANDLE:
             item.client_handle = parameters.ClientHandle
         item.discard_oldest = bool(parameters.DiscardOldest)
-        item.resize(self._queue_size(parameters.QueueSize))
+        revised = self._event_queue_size if isinstance(item, EventItem) else self._queue_size
+        item.resize(revised(parameters.QueueSize))
         result.RevisedQueueSize = item.queue_size
         return result
 

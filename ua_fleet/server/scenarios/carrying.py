@@ -1,11 +1,16 @@
 """What has happened is written down, and then carried out.
 
-What follows from one input is written down as one, before any of it is carried out or shown. Where that fails it is
-tried again until it is written: nothing is carried out meanwhile, and nothing is lost.
+    outputs -> unwritten --one transaction--> written --one by one, in their order--> carried out
+
+What follows from one input is written down as one, before any of it is carried out or shown; so is all that follows
+from carrying that out, once it is done. Where writing fails it is tried again until it is written: nothing is carried
+out meanwhile, and nothing is lost. A thousand robots that fall silent at once are one transaction; what cannot be
+carried out in `TURN_S` waits for the next turn of the event loop, with all that comes behind it.
 """
 
 from __future__ import annotations
 
+from collections import Counter, deque
 from collections.abc import Callable, Collection, Iterable
 from typing import Any, Final
 
@@ -21,6 +26,8 @@ __all__ = ["OutputCarrier"]
 
 RETRY_S: Final = 1.0
 """After a journal that could not be written it is tried again after so long."""
+TURN_S: Final = 0.03
+"""So long outputs are carried out before others get their turn in the event loop."""
 
 _log: Any = structlog.get_logger("ua_fleet.scenarios")
 
@@ -50,78 +57,112 @@ class OutputCarrier:
         """
         self._journal, self._carry_out, self._failed = journal, carry_out, failed
         self._mistakes, self._clock, self._sooner = mistakes, clock, sooner
-        self._unwritten: list[tuple[str, Fact]] = []
-        self._held: list[Output] = []
-        """Outputs that are carried out once their facts are written."""
+        self._unwritten_facts: list[tuple[str, Fact]] = []
+        self._written: deque[Output] = deque()
+        """Outputs that may be carried out: their facts are written."""
+        self._unwritten: list[Output] = []
+        """Those behind them, which are to be written first."""
+        self._taken_back: Counter[str] = Counter()
+        """The executions that are taken back by outputs that wait."""
         self._changed_faults: dict[str, Fault] = {}
         self._changed_halts: dict[str, HaltChanged] = {}
         self._changed_holds: dict[str, HoldChanged] = {}
         self._is_carrying_out = False
-        self.retry_at: float | None = None
-        """When to try again, by the monotonic clock."""
+        self._goes_on_at: float | None = None
+        """When what a turn has left is carried out, by the monotonic clock."""
+        self._retry_at: float | None = None
+        """When to try again to write, by the monotonic clock."""
         self.problem = ""
         """Why nothing is carried out; empty while it is."""
 
     @property
     def is_behind(self) -> bool:
         """Whether something waits to be carried out."""
-        return bool(self._held)
+        return bool(self._written or self._unwritten)
+
+    def next_deadline(self) -> float | None:
+        """When `poll` is to be called next, by the monotonic clock, or None."""
+        return self._retry_at if self._retry_at is not None else self._goes_on_at
 
     def note(self, run_id: str, fact: Fact) -> None:
         """A fact of a run is to be written down."""
-        self._unwritten.append((run_id, fact))
+        self._unwritten_facts.append((run_id, fact))
 
     def hold(self, outputs: Iterable[Output]) -> None:
         """Outputs wait for the next `do`."""
-        self._held += outputs
+        for output in outputs:
+            self._unwritten.append(output)
+            if isinstance(output, FaultChanged):
+                self._changed_faults[output.fault.id] = output.fault
+            elif isinstance(output, HaltChanged):
+                self._changed_halts[output.halt.execution_id] = output
+            elif isinstance(output, HoldChanged):
+                self._changed_holds[output.hold.robot] = output
+            elif isinstance(output, TaskCancelled):
+                self._taken_back[output.execution_id] += 1
 
     def first_unwritten(self, run_id: str) -> Fact | None:
         """The first fact of a run that is not written; None where all are."""
-        return next((fact for owner, fact in self._unwritten if owner == run_id), None)
+        return next((fact for owner, fact in self._unwritten_facts if owner == run_id), None)
 
     def drop(self, run_id: str) -> None:
         """Have nothing happen of a run of which nothing is written."""
-        self._unwritten = [(owner, fact) for owner, fact in self._unwritten if owner != run_id]
-        self._held = [output for output in self._held if getattr(output, "run_id", "") != run_id]
+        self._unwritten_facts = [(owner, fact) for owner, fact in self._unwritten_facts if owner != run_id]
+        self._unwritten = [output for output in self._unwritten if getattr(output, "run_id", "") != run_id]
 
     def poll(self, now: float) -> None:
-        """Try again, where it is time to."""
-        if self.retry_at is not None and now >= self.retry_at:
-            self.retry_at = None
+        """Go on, or try again, where it is time to."""
+        due = self.next_deadline()
+        if due is not None and now >= due:
+            self._retry_at = self._goes_on_at = None
             self.do([])
 
     def do(self, outputs: Iterable[Output], *, must_be_written: bool = False) -> None:
-        """Write down what has happened, then carry it out, and what follows from that.
+        """Write down what has happened, then carry it out, and what follows from that, as far as this turn goes.
 
         Raises:
             StorageUnavailable: it cannot be written, and somebody must know.
         """
-        self._held += outputs
+        self.hold(outputs)
         if self._is_carrying_out:
             return  # whoever carries out takes this as well
+        if self._goes_on_at is not None and not must_be_written:
+            return  # the next turn takes it, in one transaction with all else that comes until then
         self._is_carrying_out = True
         try:
-            while self._held or self._unwritten:
-                self._write()
-                if self._held:
-                    self._carry_out_one(self._held.pop(0))
+            self._write()
+            self._carry_out_written()
         except StorageUnavailable as error:
-            if self.retry_at is None:
+            if self._retry_at is None:
                 _log.error("runs cannot be written down, and stand still", reason=str(error))
             self.problem = f"runs cannot be written down, and stand still: {error}"
-            self.retry_at = self._clock() + RETRY_S
+            self._retry_at = self._clock() + RETRY_S
             if must_be_written:
                 raise
         finally:
             self._is_carrying_out = False
         self._sooner()
 
+    def _carry_out_written(self) -> None:
+        if self._goes_on_at is not None:
+            return  # it is written, and has its place behind what waits
+        until = self._clock() + TURN_S
+        while self._written or self._unwritten or self._unwritten_facts:
+            if not self._written:
+                self._write()
+            elif self._clock() > until:
+                self._goes_on_at = self._clock()
+                return
+            else:
+                self._carry_out_one(self._written.popleft())
+
     def _carry_out_one(self, output: Output) -> None:
-        taken_back: list[str] = []
-        if isinstance(output, TaskStarted):
-            taken_back = [later.execution_id for later in self._held if isinstance(later, TaskCancelled)]
+        if isinstance(output, TaskCancelled):
+            self._taken_back[output.execution_id] -= 1
+            if not self._taken_back[output.execution_id]:
+                del self._taken_back[output.execution_id]
         try:
-            self._carry_out(output, taken_back)
+            self._carry_out(output, self._taken_back.keys())
         except StorageUnavailable:
             raise
         except Exception as error:  # noqa: BLE001 - the outputs behind it are other runs' too
@@ -130,21 +171,18 @@ class OutputCarrier:
                 self._failed(output.execution_id, error)
 
     def _write(self) -> None:
-        for output in self._held:
-            if isinstance(output, FaultChanged):
-                self._changed_faults[output.fault.id] = output.fault
-            elif isinstance(output, HaltChanged):
-                self._changed_halts[output.halt.execution_id] = output
-            elif isinstance(output, HoldChanged):
-                self._changed_holds[output.hold.robot] = output
-        faults, halts, holds = self._changed_faults, self._changed_halts, self._changed_holds
-        if not (self._unwritten or faults or halts or holds):
-            return
-        self._journal.write(self._unwritten, faults.values(), halts.values(), holds.values())
-        if self.problem:
-            self.problem = ""
-            _log.info("runs are written down again, and go on")
+        facts, faults, halts, holds = (
+            self._unwritten_facts,
+            self._changed_faults,
+            self._changed_halts,
+            self._changed_holds,
+        )
+        if facts or faults or halts or holds:
+            self._journal.write(facts, faults.values(), halts.values(), holds.values())
+            if self.problem:
+                self.problem = ""
+                _log.info("runs are written down again, and go on")
+            for written in (facts, faults, halts, holds):
+                written.clear()
+        self._written += self._unwritten
         self._unwritten.clear()
-        faults.clear()
-        halts.clear()
-        holds.clear()

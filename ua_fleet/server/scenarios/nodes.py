@@ -22,7 +22,7 @@ from ua_fleet.orchestrator import Hold, ResilienceSettings
 from ua_fleet.resilience import Ranking
 from ua_fleet.server.convert import raw_id, to_variant
 from ua_fleet.server.endpoint.stack import ns0
-from ua_fleet.server.nodes import HAS_COMPONENT, HAS_PROPERTY
+from ua_fleet.server.nodes import HAS_COMPONENT, HAS_PROPERTY, spare_collection
 from ua_fleet.server.nodeset import TYPES_INDEX, TypeId
 from ua_fleet.server.parts import STANDARD, NodeParts
 from ua_fleet.server.robots.hold_nodes import NOT_HELD
@@ -47,6 +47,8 @@ _NO_TIME: Final = 0
 _COUNTS: Final = int(BuiltinType.INT32 | ARRAY)
 _TWO_STATE: Final = ns0(ObjectIds.TwoStateVariableType)
 _CONDITION_VARIABLE: Final = ns0(ObjectIds.ConditionVariableType)
+SPARED_FAULTS: Final = 20
+"""After so many new faults, of 34 nodes each, garbage collection is told not to look at them."""
 _OWN_FIELDS: Final = ("Robot", "FaultSource", "Reason", "Capacities")
 
 _Values = Mapping[str, Variant]
@@ -95,6 +97,7 @@ class ScenarioNodes:
         self._known: dict[str, tuple[str, ...]] = {}
         """Objects that were made, with the names of their variables."""
         self._last: dict[NodeId, Variant] = {}
+        self._faults_made = 0
 
     def key(self, path: str) -> NodeId:
         """The address of a node."""
@@ -196,6 +199,9 @@ class ScenarioNodes:
                 self._add_field(path, node, name, field)
             for method in SHARED_METHODS:
                 self._parts.builder.add_reference(node, HAS_COMPONENT, method)
+            self._faults_made += 1  # each robot has few, and they stay
+            if self._faults_made % SPARED_FAULTS == 0:
+                spare_collection()
         self._write(path, {name.replace("/", "."): field for name, field in fields.items()})
 
     async def forget(self, folder: str, name: str) -> None:

@@ -12,6 +12,7 @@ import secrets
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 from datetime import UTC, datetime
+from math import inf
 from pathlib import Path
 from typing import Any, Final
 
@@ -65,6 +66,8 @@ __all__ = ["ScenarioService", "TooManyRuns"]
 
 COALESCE_S: Final = 0.1
 """Numbers are looked at so often at most; a Boolean at once."""
+NEWS_PAUSE_S: Final = 0.01
+"""News of robots that follow others sooner wait for the next turn, and are taken in together."""
 MOST_NAME: Final = 200
 """Characters of a reason or a name that people give."""
 
@@ -140,7 +143,7 @@ class ScenarioService:
         )
         self._orchestrator.tell_mistakes(self._mistakes.caught)
         self._orchestrator.explain_silence(self._bridges.why_silent)
-        self.holds = RobotHolds(self._orchestrator, self._carrier.do, self._robot, wall_s)
+        self.holds = RobotHolds(self._orchestrator, self._carrier.do, self._robot_now, wall_s)
         self._tasks = TaskRequests(
             self._robots,
             requests,
@@ -153,7 +156,13 @@ class ScenarioService:
         )
         self._news: list[FaultFound] = []
         """What became known of robots, and nothing has followed from yet."""
+        self._has_fleet_changed = False
+        self._moved: dict[Topic, bool] = {}
+        """Likewise each SkillStatus that says something else of what its robot is at, or says nothing any more; and
+        whether what it shows is to be taken in."""
         self._news_at: float | None = None
+        self._taken_at = -inf
+        """When news were taken in last."""
         self._has_dirty_values = False
         self._heard_by: float | None = None
         """When robots that were not heard since the start are silent."""
@@ -305,6 +314,7 @@ class ScenarioService:
 
     def pause(self, run_id: str, by: str) -> None:
         """Let a run start no further task."""
+        self.take_news()
         self._do(self._orchestrator.pause(self._known(run_id), by, self._wall_s()), must_be_written=True)
 
     def resume(self, run_id: str, by: str) -> None:
@@ -314,6 +324,7 @@ class ScenarioService:
 
     def abort(self, run_id: str, reason: str, by: str) -> None:
         """End a run."""
+        self.take_news()
         reason = " ".join(reason.split())[:MOST_NAME] or f"aborted by {by}"
         self._do(self._orchestrator.abort(self._known(run_id), reason, by, self._wall_s()), must_be_written=True)
 
@@ -356,6 +367,7 @@ class ScenarioService:
             ScenarioUnknown: there is no such decision.
             StorageUnavailable: it cannot be kept, and nothing has changed.
         """
+        self.take_news()
         ranking = self.preview(decision_id, judgements)  # refuses what cannot be weighed before it is kept
         now = self._wall_s()
         if judgements is None:
@@ -382,11 +394,13 @@ class ScenarioService:
         Raises:
             StorageUnavailable: it cannot be kept, and nothing has changed.
         """
+        self.take_news()
         self._settings.keep(settings, by, self._wall_s())
         self._do(self._orchestrator.set_settings(settings, self._wall_s()))
 
     def raise_fault(self, robot: str, reason: str) -> None:
         """A robot, or somebody for it, says that it cannot work; `mobile: the drive is hot`: that it is not mobile."""
+        self.take_news()
         reason = " ".join(reason.split())[:MOST_NAME] or "it says that it cannot work"
         capacities, rest = self.fleet.named_first(self._robot(robot).name, reason)
         outputs = self._orchestrator.fault_raised(robot, "robot", rest or reason, self._wall_s(), capacities)
@@ -409,6 +423,7 @@ class ScenarioService:
             ScenarioUnknown: there is no such robot, or it has no such fault.
             ScenarioError: it has no other faults than those whose cause is there still.
         """
+        self.take_news()
         robot, _, source = name.partition(".")
         active = self._orchestrator.faults.active(self._robot(robot).name)
         if source:
@@ -428,6 +443,7 @@ class ScenarioService:
 
     def acknowledge(self, fault_id: str, by: str) -> None:
         """Somebody has seen a fault."""
+        self.take_news()
         self._do(self._orchestrator.acknowledge(fault_id, by, self._wall_s()), must_be_written=True)
 
     # Robots.
@@ -454,14 +470,19 @@ class ScenarioService:
         del self._robots[name]
         for part in (self._values, self._finder, self._tasks):
             part.remove(robot)
-        self.fleet_changed()
+        self._look_at_fleet()  # before it could be given to a task
 
     def users_of(self, robot: str) -> list[str]:
         """Runs with tasks that a robot is at, or has ahead."""
         return sorted(self._orchestrator.runs_with(robot))
 
     def fleet_changed(self) -> None:
-        """Robots, skills or capacities have come or gone."""
+        """Robots, skills or capacities have come or gone: it is looked at with the next news."""
+        self._has_fleet_changed = True
+        self._expect_news()
+
+    def _look_at_fleet(self) -> None:
+        self._has_fleet_changed = False
         self._own = own_fields(self._robots.values())
         self.fleet = fleet_view(self._robots.values(), self._values.meanings, self._capacities)
         self._do(self._orchestrator.fleet_changed(self.fleet, self._wall_s()))
@@ -487,34 +508,34 @@ class ScenarioService:
 
     def heard(self, event: DataReceived) -> None:
         """Take a robot's SkillStatus; any other data is left alone."""
-        self.take_news()
         if quality_of(event.message.status or 0) is Quality.BAD:
             self.source_lost(event.topic)
-        elif self._tasks.robot_of(event.topic) is not None:
+        elif (robot := self._tasks.robot_of(event.topic)) is not None:
+            if event.topic in self._moved:
+                self.take_news()  # what it has said before is not passed over
             self._tasks.show(event)
-            if self._bridges.is_apart(self._tasks.robot_of(event.topic) or ""):
+            if self._bridges.is_apart(robot):
                 self._tasks.lose(event.topic)
-            self._take_shown(event.topic)
+            self._move(event.topic, is_shown=True)
 
     def source_lost(self, topic: Topic) -> None:
         """A source is not heard any more, or its last value may not be of now: of a SkillStatus, nothing says any more
         what the robot is at.
         """
         if self._tasks.robot_of(topic) is not None:
-            self.take_news()
             self._tasks.lose(topic)
-            self._follow(topic)
+            self._move(topic, is_shown=False)
 
     def source_returned(self, topic: Topic) -> None:
         """The last value of a source is of now again."""
-        if self._tasks.robot_of(topic) is not None and not self._bridges.is_apart(self._tasks.robot_of(topic) or ""):
-            self.take_news()
+        robot = self._tasks.robot_of(topic)
+        if robot is not None and not self._bridges.is_apart(robot):
             self._tasks.find(topic)
-            self._take_shown(topic)
+            self._move(topic, is_shown=True)
 
-    def _take_shown(self, topic: Topic) -> None:
-        self._follow(topic)  # before what follows from it, so that a run finds that its robot is at it
-        self._tasks.take_shown(topic)
+    def _move(self, topic: Topic, *, is_shown: bool) -> None:
+        self._moved[topic] = is_shown or self._moved.get(topic, False)
+        self._expect_news()
 
     def _take_link(self, bridge: str, reaches: bool) -> None:
         """A bridge reaches its robots, or has lost one: then it says no longer what any of them is at. Those whose
@@ -539,6 +560,10 @@ class ScenarioService:
         """Have what became known of robots taken in with what comes in the same batch."""
         if news:
             self._news += news
+            self._expect_news()
+
+    def _expect_news(self) -> None:
+        if self._news_at is None:
             self._news_at = self._clock()
             self._sooner()
 
@@ -547,11 +572,6 @@ class ScenarioService:
         if found.source == SILENT and found.active and (why := self._bridges.why_silent(found.robot)):
             return replace(found, reason=f"{found.reason}: {why}")
         return found
-
-    def _follow(self, topic: Topic) -> None:
-        """Know what a robot says it is at."""
-        robot = self._tasks.robot_of(topic) or ""
-        self._do(self._orchestrator.followed(robot, self._tasks.under_way(topic), self._wall_s()))
 
     def driven(self, robot: str, told: str) -> None:
         """People drive a robot by hand, in words that follow its name; empty: nobody does."""
@@ -569,19 +589,36 @@ class ScenarioService:
         outputs = self._orchestrator.ended(execution_id, outcome, self._wall_s(), message=message, results=results)
         self._do(outputs)
 
+    def end_batch(self) -> None:
+        """A batch of news is complete: it is taken in now, or with those that follow where the last ones just were.
+
+        So what a thousand robots say one by one is decided, and written down, a few times and not a thousand.
+        """
+        if not self._carrier.is_behind and self._clock() >= self._taken_at + NEWS_PAUSE_S:
+            self.take_news()
+
     def take_news(self) -> None:
-        """Take in all that has become known of robots, and do what follows. Called when a batch of news is complete."""
+        """Take in all that has become known of robots, and do what follows. Who decides anything calls it before."""
         if self._has_dirty_values:
             self._has_dirty_values = False
             self._news += self._finder.check(self._values.look_up)
-        if not self._news:
+        self._news_at = None
+        if self._has_fleet_changed:
+            self._look_at_fleet()
+        if not (self._news or self._moved):
             return
-        news, self._news, self._news_at = self._news, [], None
+        news, self._news = self._news, []
+        moved, self._moved = self._moved, {}
+        followed = [(self._tasks.robot_of(topic) or "", self._tasks.under_way(topic)) for topic in moved]
         with self._mistakes.guard("faults"):
-            self._do(self._orchestrator.told([self._explained(one) for one in news], self._wall_s()))
+            self._do(self._orchestrator.told([self._explained(one) for one in news], self._wall_s(), followed))
+        for topic in [topic for topic, is_shown in moved.items() if is_shown]:
+            with self._mistakes.guard("tasks", topic=topic.name):
+                self._tasks.take_shown(topic)  # after it is known that the robot is at it, or is not
         for robot in [one.robot for one in news if one.source == SILENT and not one.active]:
             with self._mistakes.guard("tasks", robot=robot):
                 self._tasks.robot_heard(robot)
+        self._taken_at = self._clock()
 
     # Time.
 
@@ -602,7 +639,7 @@ class ScenarioService:
     def next_deadline(self) -> float | None:
         """When `poll` is to be called next, by the monotonic clock, or None."""
         due = self._orchestrator.next_deadline()
-        deadlines = [self._carrier.retry_at, self._heard_by, self._news_at, self._dirty_at]
+        deadlines = [self._carrier.next_deadline(), self._heard_by, self._news_at, self._dirty_at]
         deadlines.append(self._tasks.next_deadline(may_begin=not self._carrier.is_behind))
         if due is not None:
             deadlines.append(self._clock() + max(0.0, due - self._wall_s()))
@@ -646,6 +683,11 @@ class ScenarioService:
         if run_id not in self._orchestrator.runs:
             raise ScenarioUnknown(f"there is no run {run_id[:MOST_NAME]!r} under way")
         return run_id
+
+    def _robot_now(self, name: str) -> RobotModel:
+        """A robot, with all that is known of it; raises as `_robot` does."""
+        self.take_news()
+        return self._robot(name)
 
     def _robot(self, name: str) -> RobotModel:
         robot = self._robots.get(name)

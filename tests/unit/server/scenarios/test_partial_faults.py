@@ -58,6 +58,7 @@ def test_a_device_that_comes_or_goes_is_a_part_of_what_a_robot_can_do(tmp_path: 
     for is_there in (True, False):
         world.capacities.source_changed(Topic(2, 2, 1050), is_there)
         world.service.fleet_changed()
+        world.service.take_news()
         assert world.faulted == {"left": not is_there}
 
 

@@ -93,10 +93,13 @@ class Robots:
 
 class FailingJournal(RunJournal):
     fails = False
+    writes = 0
+    """Transactions."""
 
     def write(self, facts: Any, faults: Any = (), halts: Any = (), holds: Any = ()) -> None:
         if self.fails:
             raise StorageUnavailable("the disk is full")
+        self.writes += 1
         super().write(facts, faults, halts, holds)
 
 
@@ -146,6 +149,7 @@ class World:
         """Nothing of a robot is heard any more, neither its values nor its SkillStatus."""
         self.state(robot, RobotState.OFFLINE)
         self.service.source_lost(STATUS[robot])
+        self.service.take_news()
 
     def value(self, key: int | str, value: object, kind: BuiltinType = BuiltinType.DOUBLE, status: int = 0) -> None:
         self.service.value_changed(ValueChanged(NodeId(2, key), int(kind), value, status, 1, False))
@@ -161,6 +165,7 @@ class World:
         message = DataSetMessage(status_id, types=types, values=values, status=status)
         metadata = DataSetMetaData("skill status", SKILL_STATUS_FIELDS, ConfigurationVersion(1, 1))
         self.service.heard(DataReceived(Topic(2, 2, status_id), message, metadata))
+        self.service.take_news()
 
     def start(self, text: str = ONE, names: Sequence[str] = (), values: Sequence[str] = ()) -> str:
         return self.service.start(self.service.valid(text), names, values, "anna")

@@ -49,6 +49,8 @@ READ: Final = 1
 """Bit CurrentRead of AccessLevel (OPC 10000-3 8.57)."""
 WRITE: Final = 2
 """Bit CurrentWrite of AccessLevel."""
+TIMESTAMP_WRITE: Final = 64
+"""Bit TimestampWrite of AccessLevel: the time that a client gives is the node's, and is published."""
 
 _DIGITS: Final = 5
 """Of the largest number that a data source has."""
@@ -167,7 +169,8 @@ class NodeBuilder:
         attributes = self._kinds.get(kind)
         if attributes is None:
             attributes = self._kinds[kind] = self._common(ua.NodeClass.Variable)
-            access = self._share("Byte", READ | WRITE if writable else READ, ua.VariantType.Byte)
+            level = READ | WRITE | TIMESTAMP_WRITE if writable else READ
+            access = self._share("Byte", level, ua.VariantType.Byte)
             attributes[AttributeIds.AccessLevel] = access
             attributes[AttributeIds.UserAccessLevel] = access
             attributes[AttributeIds.DataType] = self._share("DataType", data_type, ua.VariantType.NodeId)

@@ -60,6 +60,9 @@ async def test_the_time_that_a_client_gives_is_the_nodes_and_is_published(
     async with serving(tmp_path, fleet_config(udp_url, tcp_port)) as running, running.client() as client:
         peer = running.peer
         await peer.until(lambda: peer.good(GOAL) == [(0.0,)])
+        level = await client.get_node("ns=2;i=1002").get_user_access_level()
+        assert ua.AccessLevel.TimestampWrite in level, "else it were Bad_WriteNotSupported (OPC 10000-4 5.11.4)"
+        assert ua.AccessLevel.StatusWrite not in level
         given = datetime.now(UTC)
         assert await write(client, ("ns=2;i=1002", valued(SourceTimestamp=given))) == ["Good"]
         await peer.until(lambda: peer.good(GOAL)[-1] == (0.5,))
@@ -67,6 +70,8 @@ async def test_the_time_that_a_client_gives_is_the_nodes_and_is_published(
         assert datetime_from_ticks(peer.messages(GOAL)[-1].timestamp or 0) == given
         assert await write(client, ("ns=2;i=1002", valued(SourceTimestamp=given))) == ["BadWriteNotSupported"]
         # The fields of one DataSet are published together, so they may have the same time.
+        async with running.client(OBSERVER) as observer:
+            assert await observer.get_node("ns=2;i=1002").get_user_access_level() == {ua.AccessLevel.CurrentRead}
         same = [valued(SourceTimestamp=datetime.now(UTC))] * 2
         fields = zip(("ns=2;s=1003.linear.x", "ns=2;s=1003.angular.z"), same, strict=True)
         assert await write(client, *fields) == ["Good", "Good"]

@@ -127,7 +127,7 @@ async def test_units_and_ranges_can_be_read() -> None:
 
 async def test_only_data_of_the_server_can_be_written() -> None:
     async with fleet_built(ROBOTS) as (server, _):
-        for identifier, access in ((1001, 1), (1005, 3)):
+        for identifier, access in ((1001, 1), (1005, 3 | 64)):  # a client may give the time, too
             for attribute in (ua.AttributeIds.AccessLevel, ua.AttributeIds.UserAccessLevel):
                 data = await server.get_node(f"ns=2;i={identifier}").read_attribute(attribute)
                 assert data.Value.Value == access

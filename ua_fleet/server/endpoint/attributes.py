@@ -32,6 +32,7 @@ __all__ = ["AttributeServices", "access_level", "readable_value"]
 
 READ: Final = 1 << ua.AccessLevel.CurrentRead.value
 WRITE: Final = 1 << ua.AccessLevel.CurrentWrite.value
+WRITE_ANYTHING: Final = WRITE | 1 << ua.AccessLevel.StatusWrite.value | 1 << ua.AccessLevel.TimestampWrite.value
 HISTORY: Final = 1 << ua.AccessLevel.HistoryRead.value
 
 
@@ -107,7 +108,7 @@ class AttributeServices:
         if attribute == AttributeIds.UserExecutable and not self._callable(user, wanted.NodeId):
             return _but(value, lambda _: False)
         if attribute == AttributeIds.UserAccessLevel and not user.role.covers(Role.OPERATOR):
-            value = _but(value, lambda level: level & ~WRITE)
+            value = _but(value, lambda level: level & ~WRITE_ANYTHING)
         if attribute == AttributeIds.UserAccessLevel and reader_refused(
             self._aspace, wanted.NodeId, user, encrypted=encrypted
         ):

@@ -50,12 +50,11 @@ FILE: Final = system.ROOT / "build" / "benchmarks" / "console-1000-robots.jsonl.
 WANTED: Final[dict[str, dict[str, Any]]] = {
     "robots": {},
     "robot": {"robot": robot_name(0)},
-    "runs": {},
+    "teleoperation": {"robot": robot_name(0)},
     "alarms": {},
-    "decisions": {},
-    "health": {},
+    "counts": {},
 }
-"""The feeds that are recorded: those of the first pages."""
+"""Those of the pages of all robots and of one; of another robot the first one's is played."""
 FAULTS_EVERY_S: Final = 0.5
 SETTLED_S: Final = 65.0
 """Before it is recorded: a fleet in which no robot has come up just now, so ages of states are minutes."""
@@ -188,6 +187,7 @@ class RecordedLink:
     async def _play(self, feed: RunningFeed) -> None:
         board = feed.board
         told = [one for one in self._recording.told if one.feed == feed.kind.name]
+        is_shown = _shown_keys(feed)
         start = time.monotonic()
         while True:
             later = datetime.now(UTC) - self._recording.began
@@ -196,12 +196,25 @@ class RecordedLink:
                 if one.whole:
                     board.keep(set(one.set))
                 for key, value in one.set.items():
-                    board.put(key, _moved(value, later))
+                    if is_shown(key):
+                        board.put(key, _moved(value, later))
                 for key in one.gone:
                     board.gone(key)
                 board.ready()
             start += self._recording.seconds
             await asyncio.sleep(max(0.0, start - time.monotonic()))
+
+
+def _shown_keys(feed: RunningFeed) -> Callable[[str], bool]:
+    """Which keys a feed of one robot has, of those of all."""
+    robot = getattr(feed.parameters, "robot", "")
+    match feed.kind.name:
+        case "robots" if robot:
+            return lambda key: key == robot
+        case "alarms" if robot:
+            return lambda key: key.startswith(f"{robot}.")
+        case _:
+            return lambda key: True
 
 
 def _moved(value: Any, later: timedelta) -> Any:

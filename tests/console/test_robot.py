@@ -210,7 +210,7 @@ def test_a_silent_robot_has_a_fault_that_is_acknowledged(open_page: Open, fleet:
     expect(skill(page)).to_contain_text("Unknown")
     start = skill(page).get_by_role("button", name="Start…")
     expect(start).to_have_attribute("title", "The robot is not heard.")
-    waits = page.get_by_role("link", name="Alarms and events 1 alarm to acknowledge")
+    waits = page.get_by_role("link", name="Alarms 1 alarm to acknowledge")
     expect(waits).to_be_visible()
     expect(page).to_have_title("(1) Robot · Hall 1")
     expect(page.get_by_role("status").filter(has_text=re.compile("^1 alarm to acknowledge$"))).to_have_count(1)

@@ -13,6 +13,8 @@ export interface Listed {
 export type RunState = 'running' | 'paused' | 'ending' | 'done' | 'failed' | 'aborted';
 export type TaskState =
   'wanted' | 'assigned' | 'accepted' | 'halting' | 'replacing' | 'asked' | 'lost' | 'done' | 'failed';
+/** How a task is shown: also as one that nobody will be asked for any more. */
+export type ShownState = TaskState | 'skipped';
 
 /** A run of the list. */
 export interface RunRow {
@@ -99,7 +101,8 @@ export const RUN_TONES: Record<RunState, Tone> = {
 };
 export const RUN_ICONS: Partial<Record<RunState, IconName>> = { running: 'play', paused: 'hold', done: 'check' };
 
-export const TASK_TONES: Record<TaskState, Tone> = {
+export const TASK_TONES: Record<ShownState, Tone> = {
+  skipped: 'off',
   wanted: 'off',
   assigned: 'active',
   accepted: 'active',
@@ -110,7 +113,7 @@ export const TASK_TONES: Record<TaskState, Tone> = {
   done: 'normal',
   failed: 'alarm',
 };
-export const TASK_ICONS: Partial<Record<TaskState, IconName>> = {
+export const TASK_ICONS: Partial<Record<ShownState, IconName>> = {
   wanted: 'idle',
   assigned: 'play',
   accepted: 'busy',
@@ -119,3 +122,9 @@ export const TASK_ICONS: Partial<Record<TaskState, IconName>> = {
 
 /** Whether nothing more comes of a run. */
 export const isOver = (state: RunState) => state === 'done' || state === 'failed' || state === 'aborted';
+
+/** How a task is shown, given once it was asked for, and whether its run is over. */
+export function shownState(task: TaskRow | null | undefined, over: boolean): ShownState {
+  const state = task?.state ?? 'wanted';
+  return over && state === 'wanted' ? 'skipped' : state;
+}

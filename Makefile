@@ -27,7 +27,7 @@ KEEP ?=
 # Runs of teleoperation over the whole chain, by their seeds: make test-teleoperation SEEDS=17,40-43
 SEEDS ?= 0-199
 
-.PHONY: help setup setup-test demo test test-main test-ros1 test-teleoperation testbed testbed-check bench lint format docs docs-serve sbom lock clean
+.PHONY: help setup setup-test demo test test-main test-ros1 test-teleoperation picture testbed testbed-check bench lint format docs docs-serve sbom lock clean
 
 help:
 	@echo "make demo    the fault-tolerant assembly line: OPC UA server, ROS 1 arm, ROS 2 mobile robot;"
@@ -38,6 +38,7 @@ help:
 	@echo "             container disturbed; testbed-check only says what this machine lacks for it"
 	@echo "make lint    ruff, mypy, pyright, import rules"
 	@echo "make docs    the documentation as a site, in build/site; docs-serve shows it while it is edited"
+	@echo "make picture what README begins with, taken anew"
 	@echo "make sbom    what the wheel and the images are made of (CycloneDX), in build/sbom"
 	@echo "make bench   measure against peers and floors; ONLY=codec for one group"
 	@echo "make setup   the two virtual environments alone; demo and test do it themselves"
@@ -82,6 +83,11 @@ test-ros1: setup-test
 
 test-teleoperation: setup-test
 	@UA_FLEET_TELEOPERATION_SEEDS=$(SEEDS) $(PYTHON) -m pytest -s tests/teleoperation/test_chain.py --require="$(REQUIRE)" $(ARGS)
+
+# Those with which README begins, made by the test that goes through the nine tasks in the page.
+picture: setup-test
+	$(PYTHON) -m pytest -q tests/e2e/test_talkrobots_page.py --require=chromium,ros1,ros2,ur
+	cp build/pictures/console-light.png build/pictures/console-dark.png docs/assets/
 
 testbed: setup-test
 	@ONLY="$(ONLY)" KEEP="$(KEEP)" $(PYTHON) -m tests.testbed

@@ -24,7 +24,7 @@ LEAST_WORD_BYTES = 54
 COUNTED = ("registration", "request", "response", "status", "token", "fault")
 
 
-def _check_course(report: dict[str, Any]) -> None:
+def check_course(report: dict[str, Any]) -> None:
     rows = report["tasks"]
     assert sorted(row["task"] for row in rows) == sorted(TASKS)
     assert {row["state"] for row in rows} == {"done"}
@@ -44,7 +44,7 @@ def test_the_best_robot_takes_over_by_itself(processes: Processes, tmp_path: Pat
     with demonstration(processes, tmp_path, "--speed", "15", "--resilience", "automatic") as started:
         check_console(started.child, "TalkRoBots", {actor.name for actor in ACTORS})
         report = started.finish(150)
-    _check_course(report)
+    check_course(report)
     robots = {row["task"]: row["robot"] for row in report["tasks"]}
     assert robots == {
         "fetch": "ridgeback",

@@ -122,6 +122,8 @@ class Conductor:
         addresses = [(robot, f"ns=2;s=Robots.{robot}.State") for robot in self._config.robots]
         for name, robot in self._config.robots.items():
             for data in robot.data.values():
+                if data.origin == "server":
+                    continue  # what clients write is told by no robot
                 fields = [f"ns=2;s={data.id}.{field}" for field in data.fields or ()]
                 addresses += [(name, address) for address in fields or [f"ns=2;i={data.id}"]]
         readings = await client.read([address for _, address in addresses])

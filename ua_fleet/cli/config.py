@@ -147,8 +147,8 @@ def check(
         else:
             for problem in problems:
                 print_line(str(problem))
-            count = len(problems)
-            message(f"ua-fleet: {count} problem{'s' if count > 1 else ''}; mend and run: ua-fleet config check {file}")
+            count, again = len(problems), f"ua-fleet config check {'--ros ' if ros else ''}{file}"
+            message(f"ua-fleet: {count} problem{'s' if count > 1 else ''}; mend and run: {again}")
         raise typer.Exit(EXIT_USAGE)
     size = _Size.of(config)
     if as_json:

@@ -66,7 +66,8 @@ def _session_keys(config: Path) -> SessionKeys:
     return SessionKeys(folder / KEYS_FILE, UserStore(folder / USERS_FILE), fleet.server.max_session_key_days * DAY_S)
 
 
-def _new_password(name: str, password_file: Path | None) -> str:
+def _new_password(name: str, password_file: Path | None, command: str) -> str:
+    """The password, which is held to the rule before it is asked for again."""
     if password_file is not None:
         return read_secret(password_file)
     if not sys.stdin.isatty():
@@ -75,11 +76,12 @@ def _new_password(name: str, password_file: Path | None) -> str:
         )
     from getpass import getpass
 
-    from ua_fleet.server.users import MIN_PASSWORD
+    from ua_fleet.server.users import MIN_PASSWORD, check_password
 
     password = getpass(f"Password for {name} (at least {MIN_PASSWORD} characters): ")
+    check_password(password)
     if getpass("The same again: ") != password:
-        raise UsageError(f"the passwords differ; nothing was changed; run again: ua-fleet user add {name}")
+        raise UsageError(f"the passwords differ; nothing was changed; run again: {command}")
     return password
 
 
@@ -107,7 +109,14 @@ def add(
         raise UsageError(
             f"there is a user {name} already; to change the password run: ua-fleet user add {name} --replace"
         )
-    user = store.add(name, _new_password(name, password_file), Role(role.value), replace_existing=replace)
+    # Without --role, the command that an error tells would make an observer.
+    options = (
+        f" --role {role.value}",
+        *([" --replace"] if replace else []),
+        *([f" -c {config}"] if config != DEFAULT_CONFIG else []),
+    )
+    password = _new_password(name, password_file, f"ua-fleet user add {name}{''.join(options)}")
+    user = store.add(name, password, Role(role.value), replace_existing=replace)
     if as_json:
         print_json({"name": user.name, "role": user.role.value})
     else:

@@ -43,6 +43,7 @@ __all__ = [
     "User",
     "UserFileError",
     "UserStore",
+    "check_password",
     "current_user",
 ]
 
@@ -115,6 +116,16 @@ class UserFileError(UaFleetError):
     """The users file cannot be used as asked."""
 
     ua_status = StatusCode.BAD_CONFIGURATION_ERROR
+
+
+def check_password(password: str) -> None:
+    """Raise UserFileError where nobody may have this password."""
+    if not MIN_PASSWORD <= len(password) <= MAX_PASSWORD:
+        raise UserFileError(f"the password must have {MIN_PASSWORD} to {MAX_PASSWORD} characters")
+    if "\0" in password:
+        raise UserFileError("the password has a NUL character; choose one without")
+    if looks_like_key(password):
+        raise UserFileError("the password looks like a session key; choose another one")
 
 
 @dataclass(frozen=True, slots=True)
@@ -253,12 +264,7 @@ class UserStore:
         """Add a user, or give an existing one a new password and role; raises UserFileError."""
         if not _NAME.fullmatch(name) or name == ANONYMOUS.name:
             raise UserFileError(f"{name!r} is no user name; use 1 to 64 letters, digits and _ . @ -")
-        if not MIN_PASSWORD <= len(password) <= MAX_PASSWORD:
-            raise UserFileError(f"the password must have {MIN_PASSWORD} to {MAX_PASSWORD} characters")
-        if "\0" in password:
-            raise UserFileError("the password has a NUL character; choose one without")
-        if looks_like_key(password):
-            raise UserFileError("the password looks like a session key; choose another one")
+        check_password(password)
         salt = secrets.token_bytes(16)
         entry = _Entry(User(name, role), self._cost, salt, self._cost.hash(password, salt))
         with exclusive(self._path):

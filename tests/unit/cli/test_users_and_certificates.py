@@ -135,7 +135,7 @@ def type_at_terminal(fleet: Path, answers: list[str]) -> tuple[int, str]:
     """Run `user add` on a terminal, and type the answers; the exit code and all that the terminal showed."""
     controller, terminal = pty.openpty()
     process = subprocess.Popen(
-        [sys.executable, "-c", ON_OWN_TERMINAL, "user", "add", "anna", "-c", str(fleet)],
+        [sys.executable, "-c", ON_OWN_TERMINAL, "user", "add", "anna", "--role", "operator", "-c", str(fleet)],
         stdin=terminal,
         stdout=terminal,
         stderr=terminal,
@@ -170,7 +170,15 @@ def test_on_a_terminal_the_password_is_asked_for_twice_and_never_shown(fleet: Pa
 def test_two_passwords_that_differ(fleet: Path) -> None:
     code, shown = type_at_terminal(fleet, [f"{PASSWORD}\n", "another\n"])
     assert code == 2
-    assert "the passwords differ; nothing was changed" in shown
+    assert f"nothing was changed; run again: ua-fleet user add anna --role operator -c {fleet}\r\n" in shown
+    assert store_of(fleet).list() == ()
+
+
+def test_a_password_that_is_too_short_is_not_asked_for_again(fleet: Path) -> None:
+    code, shown = type_at_terminal(fleet, ["short\n"])
+    assert code == 2
+    assert "the password must have 8 to 1024 characters" in shown
+    assert "The same again" not in shown
     assert store_of(fleet).list() == ()
 
 

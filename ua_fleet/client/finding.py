@@ -6,11 +6,13 @@
 from __future__ import annotations
 
 import re
+import struct
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Final
 
 from asyncua import Client, Node, ua
+from asyncua.ua.ua_binary import nodeid_to_binary
 from asyncua.ua.uaerrors import UaError
 
 from ua_fleet.client.addresses import parse_address
@@ -128,9 +130,11 @@ class Finder:
 
     def _by_id(self, text: str) -> Node:
         try:
-            return self._client.get_node(text)
-        except (UaError, ValueError):
+            node = self._client.get_node(text)
+            nodeid_to_binary(node.nodeid)  # its numbers may be none of the wire's
+        except (UaError, ValueError, struct.error):
             raise NodeNotFound(f"{text!r} is not a NodeId; look with: ua-fleet browse") from None
+        return node
 
     async def _child(self, node: Node, name: str) -> Node | None:
         """The node of that name below a node; groups and `Data` folders may be left out of a path."""

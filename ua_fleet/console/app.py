@@ -21,6 +21,7 @@ from starlette.websockets import WebSocket
 
 from ua_fleet import __version__
 from ua_fleet.console.board import encoded
+from ua_fleet.console.connections import Connections
 from ua_fleet.console.counts import ConsoleCounts
 from ua_fleet.console.drive import DriveSocket
 from ua_fleet.console.failures import Refused, invalid_parameters, refused_by
@@ -59,7 +60,13 @@ class ConsoleApp:
     """What uvicorn serves."""
 
     def __init__(
-        self, settings: ConsoleSettings, people: People, counts: ConsoleCounts, cookie: str, page: Page | None = None
+        self,
+        settings: ConsoleSettings,
+        people: People,
+        counts: ConsoleCounts,
+        cookie: str,
+        page: Page | None = None,
+        connections: Connections | None = None,
     ) -> None:
         """Put it together.
 
@@ -69,8 +76,11 @@ class ConsoleApp:
             counts: of what is refused.
             cookie: its name, without the prefix that it has under TLS.
             page: the page's files; by default those of the package.
+            connections: those that are open, where they are counted.
         """
         self._settings, self._people, self._counts = settings, people, counts
+        self._proxies = TrustedProxies(settings.trusted_proxies)
+        self._connections = connections or Connections(self._proxies, settings.limits.connections_per_address, counts)
         self._page = page or Page()
         self._cookie_name = cookie
         self._at_once: Counter[str] = Counter()
@@ -88,7 +98,7 @@ class ConsoleApp:
         ]
         handlers: Any = {UaFleetError: self._failed, HTTPException: self._no_route, Exception: self._mistaken}
         starlette = Starlette(routes=routes, exception_handlers=handlers)
-        self.asgi: ASGIApp = _Guarded(starlette, settings, counts)
+        self.asgi: ASGIApp = _Guarded(starlette, settings, self._proxies, counts)
 
     # ------------------------------------------------------------------ who it is
 
@@ -229,7 +239,8 @@ class ConsoleApp:
         else:
             self._sockets += 1
             try:
-                await kind(socket, session, self._people, self._counts, limits).run()
+                with self._connections.logged_in(socket.scope.get("client")):
+                    await kind(socket, session, self._people, self._counts, limits).run()
             finally:
                 self._sockets -= 1
 
@@ -253,7 +264,9 @@ class ConsoleApp:
         )
 
     async def _file(self, request: Request) -> Response:
-        return await asyncio.to_thread(self._page.answer, request.path_params["path"], request)
+        if self._page.is_other:  # and else without a thread, of which others may have all
+            await asyncio.to_thread(self._page.read)
+        return self._page.answer(request.path_params["path"], request)
 
     # ------------------------------------------------------------------ errors
 
@@ -281,16 +294,19 @@ def _json(value: Any, status: int = 200) -> Response:
 class _Guarded:
     """Checks Host and, of what changes something, Origin; adds the headers of safety to every answer."""
 
-    def __init__(self, app: ASGIApp, settings: ConsoleSettings, counts: ConsoleCounts) -> None:
-        self._app, self._settings, self._counts = app, settings, counts
-        self._proxies = TrustedProxies(settings.trusted_proxies)
+    def __init__(self, app: ASGIApp, settings: ConsoleSettings, proxies: TrustedProxies, counts: ConsoleCounts) -> None:
+        self._app, self._settings, self._proxies, self._counts = app, settings, proxies, counts
         self._headers = [(name.encode(), value.encode()) for name, value in SECURITY_HEADERS.items()]
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         if scope["type"] == "lifespan":
             await self._app(scope, receive, send)
             return
-        headers = {name.decode("latin-1"): value.decode("latin-1") for name, value in scope["headers"]}
+        headers: dict[str, str] = {}
+        for raw_name, raw_value in scope["headers"]:
+            name, value = raw_name.decode("latin-1"), raw_value.decode("latin-1")
+            # A proxy may add a line of its own where another one would go on in the line that there is: RFC 9110, 5.3.
+            headers[name] = f"{headers[name]}, {value}" if name in headers else value
         scheme = "https" if scope["scheme"] in ("https", "wss") else "http"
         peer = str(scope["client"][0]) if scope.get("client") else ""
         seen = scope[_SEEN] = self._proxies.seen(peer, scheme, headers)

@@ -100,7 +100,7 @@ class PageSocket:
     def _take(self, said: _Said) -> None:
         if said.seen is not None:
             self._outbox.seen(said.seen)
-        if said.want or said.active:
+        if said.active:  # not what it wants: a page that nobody looks at wants it again after each outage
             self._people.sessions.use(self._session, time.monotonic())
         for name in said.drop:
             self._wanted.pop(name, None)

@@ -6,12 +6,17 @@ Pure. X-Forwarded headers count where the peer is one of the trusted proxies, an
 from __future__ import annotations
 
 import ipaddress
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
-__all__ = ["RequestOrigin", "TrustedProxies", "is_allowed_host", "is_own_origin"]
+__all__ = ["RequestOrigin", "TrustedProxies", "is_allowed_host", "is_own_origin", "source_of"]
 
+_HOST: Final = re.compile(r"([a-z0-9._-]+|\[[0-9a-f:.]+\])(:[0-9]{1,5})?")
+"""Name and port, in lower case. A browser writes names of other letters in ASCII."""
+_ONE_NETWORK: Final = 64
+"""Of the 128 bits of an IPv6 address so many are a network's; the others are chosen by whoever is in it."""
 LOOPBACK_NAMES: Final = ("localhost", "127.0.0.1", "[::1]")
 
 
@@ -35,7 +40,7 @@ class TrustedProxies:
     def is_trusted(self, address: str) -> bool:
         """Whether this peer is one of them."""
         try:
-            peer = ipaddress.ip_address(address)
+            peer = _address(address)
         except ValueError:
             return False
         return any(peer in network for network in self._networks)
@@ -67,16 +72,30 @@ class TrustedProxies:
         return address
 
 
-def _without_port(host: str) -> str:
-    if host.startswith("["):
-        return host.partition("]")[0] + "]"
-    return host.partition(":")[0]
+def _address(text: str) -> ipaddress.IPv4Address | ipaddress.IPv6Address:
+    """An address; one of IPv4 as itself where a socket of both, as on `[::]`, shows it as `::ffff:192.0.2.1`."""
+    address = ipaddress.ip_address(text)
+    return getattr(address, "ipv4_mapped", None) or address
+
+
+def source_of(address: str) -> str:
+    """For what an address counts: itself, or its network where it is of IPv6, since one machine has all of that."""
+    try:
+        peer = _address(address)
+    except ValueError:
+        return address
+    if isinstance(peer, ipaddress.IPv4Address):
+        return str(peer)
+    return str(ipaddress.IPv6Network((int(peer), _ONE_NETWORK), strict=False))
 
 
 def is_allowed_host(host: str, allowed: Sequence[str], *, is_loopback: bool) -> bool:
     """Whether the Host that a browser sees is one by which the console may be reached (against DNS rebinding)."""
-    name = _without_port(host)
-    return bool(name) and (name in [one.lower() for one in allowed] or (is_loopback and name in LOOPBACK_NAMES))
+    found = _HOST.fullmatch(host)
+    if found is None:
+        return False
+    name = found[1]
+    return name in [one.lower() for one in allowed] or (is_loopback and name in LOOPBACK_NAMES)
 
 
 def is_own_origin(origin: str, seen: RequestOrigin) -> bool:

@@ -63,8 +63,7 @@ class Page:
         self._read_at = 0
 
     def answer(self, path: str, request: Request) -> Response:
-        """The file of a path below the page's root."""
-        self._read()
+        """The file of a path below the page's root, as it was read."""
         file = self._files.get(path or "index.html")
         if file is None:
             if path or page_missing(self._folder) == "":
@@ -80,15 +79,22 @@ class Page:
                 return Response(content, headers=headers, media_type=file.media_type)
         return Response(file.content, headers=headers, media_type=file.media_type)
 
-    def _read(self) -> None:
-        """Read the files where that has not been done, or the page was built anew."""
-        index = self._folder / "index.html"
+    @property
+    def is_other(self) -> bool:
+        """Whether the page has not been read, or was built anew."""
+        return self._built_at() != self._read_at
+
+    def _built_at(self) -> int:
         try:
-            changed_at = index.stat().st_mtime_ns
+            return (self._folder / "index.html").stat().st_mtime_ns
         except OSError:
+            return 0
+
+    def read(self) -> None:
+        """Read the files, and compress what was not compressed beforehand."""
+        built_at = self._built_at()
+        if not built_at:
             self._files, self._read_at = {}, 0
-            return
-        if changed_at == self._read_at:
             return
         files: dict[str, _File] = {}
         for file in sorted(self._folder.rglob("*")):
@@ -96,7 +102,7 @@ class Page:
             if not file.is_file() or file.suffix in _PACKED.values():
                 continue
             files[name] = _file(file, name)
-        self._files, self._read_at = files, changed_at
+        self._files, self._read_at = files, built_at
 
 
 def _file(file: Path, name: str) -> _File:

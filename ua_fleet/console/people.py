@@ -6,7 +6,8 @@ import asyncio
 import contextlib
 import socket
 import time
-from collections.abc import Awaitable, Callable, Coroutine
+from collections import Counter
+from collections.abc import Awaitable, Callable, Coroutine, Generator
 from datetime import UTC, datetime, timedelta
 from typing import Any, Final, NoReturn
 
@@ -17,6 +18,7 @@ from ua_fleet.console.attempts import Attempts
 from ua_fleet.console.counts import ConsoleCounts
 from ua_fleet.console.failures import Refused, refused_by
 from ua_fleet.console.link import FleetLink, SessionSecret
+from ua_fleet.console.origins import source_of
 from ua_fleet.console.sessions import BrowserSession, BrowserSessions
 from ua_fleet.console.settings import ConsoleSettings
 from ua_fleet.errors import AccessRefused, UaFleetError
@@ -39,6 +41,8 @@ _PAIR: Final = (4, 15.0)
 """Logins of one user from one address that may fail at once, and seconds for one more. The server's own limit is 5."""
 _ADDRESS: Final = (12, 10.0)
 _USER: Final = (12, 10.0)
+_AT_ONCE_OF_USER: Final = 2
+"""Logins of one user that wait for the server."""
 
 Spawn = Callable[[Coroutine[Any, Any, None], str], asyncio.Task[None]]
 
@@ -62,7 +66,7 @@ class People:
         self.sessions = BrowserSessions(settings.session_idle_s, settings.session_max_s, limits.sessions)
         self._links: dict[tuple[str, str], _HeldLink] = {}
         self._pairs, self._addresses, self._users = Attempts(*_PAIR), Attempts(*_ADDRESS), Attempts(*_USER)
-        self._logging_in = 0
+        self._logging_in: Counter[str] = Counter()
         self._on_end: list[Callable[[BrowserSession], None]] = []
 
     @property
@@ -87,11 +91,8 @@ class People:
         where = self._settings.fleets.get(fleet)
         if where is None:
             raise Refused(404, f"there is no fleet {fleet!r}", field="fleet")
-        names = (
-            (self._pairs, f"{fleet}/{user}@{address}"),
-            (self._addresses, address),
-            (self._users, f"{fleet}/{user}"),
-        )
+        source, who = source_of(address), f"{fleet}/{user}"
+        names = ((self._pairs, f"{who}@{source}"), (self._addresses, source), (self._users, who))
         now = time.monotonic()
         wait_s = max(attempts.wait_s(name, now) for attempts, name in names)
         if wait_s > 0:
@@ -99,19 +100,31 @@ class People:
             raise Refused(
                 429, f"too many failed logins; try again in {wait_s:.0f} s", retry_after_s=wait_s, field="password"
             )
-        if self._logging_in >= self._settings.limits.logins_at_once:
-            self._counts.drop("login_limited")
-            raise Refused(429, "too many people log in at this moment; try again in a second", retry_after_s=1.0)
-        for attempts, name in names:
-            attempts.count(name, now)
-        self._logging_in += 1
-        try:
+        with self._one_more_login(fleet, source, who):
+            for attempts, name in names:
+                attempts.count(name, now)
             secret = await self._secret(fleet, user, password, address)
-        finally:
-            self._logging_in -= 1
         for attempts, name in names:
             attempts.forgive(name)
         return await self._admit(session, fleet, user, secret)
+
+    @contextlib.contextmanager
+    def _one_more_login(self, fleet: str, source: str, who: str) -> Generator[None]:
+        """Let a login begin: so many at once of a fleet, half of them of an address, a few of a user. Raises Refused.
+
+        A fleet that stands, or somebody whose password is right each time, would have the places of all others.
+        """
+        most = self._settings.limits.logins_at_once
+        places = {f"fleet {fleet}": most, f"from {source}": max(1, most // 2), f"user {who}": _AT_ONCE_OF_USER}
+        if any(self._logging_in[place] >= at_once for place, at_once in places.items()):
+            self._counts.drop("login_limited")
+            raise Refused(429, "too many people log in at this moment; try again in a second", retry_after_s=1.0)
+        self._logging_in.update(places.keys())
+        try:
+            yield
+        finally:
+            self._logging_in.subtract(places.keys())
+            self._logging_in = +self._logging_in  # without those of 0
 
     async def _secret(self, fleet: str, user: str, password: str, address: str) -> SessionSecret:
         """A session key of a user who knows the password."""
@@ -154,7 +167,7 @@ class People:
         self, session: BrowserSession | None, fleet: str, user: str, secret: SessionSecret
     ) -> tuple[BrowserSession, str | None]:
         token: str | None = None
-        if session is None:
+        if session is None or self.sessions.is_over(session, time.monotonic()):  # it may have ended meanwhile
             begun = self.sessions.begin(time.monotonic())
             if begun is None:
                 self._counts.drop("too_many_sessions")

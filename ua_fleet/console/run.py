@@ -14,8 +14,9 @@ from typing import Any
 
 import uvicorn
 
+from ua_fleet.console import connections
 from ua_fleet.console.app import ConsoleApp
-from ua_fleet.console.connections import bounded_http
+from ua_fleet.console.connections import BoundedListener, Connections, bounded_http, bounded_websocket
 from ua_fleet.console.counts import ConsoleCounts
 from ua_fleet.console.figures import console_figures
 from ua_fleet.console.identity import console_identity
@@ -63,9 +64,11 @@ async def run_console(
     """
     host, port = split_listen(settings.listen)
     context = _tls(settings.tls) if settings.tls is not None else None
-    listening = _listening(host, port)
     monitor = Monitor(Process.CONSOLE)
     counts = ConsoleCounts(monitor.mistakes)
+    proxies = TrustedProxies(settings.trusted_proxies)
+    there = Connections(proxies, settings.limits.connections_per_address, counts)
+    listening = _listening(host, port, there)
     identity = console_identity(settings.state_dir or default_state_dir())
     try:
         await identity.ensure()
@@ -76,7 +79,7 @@ async def run_console(
 
             people = People(settings, identity, counts, spawn)
             cookie = cookie_name(identity.certificate.read_bytes(), listening.getsockname()[1])
-            app = ConsoleApp(settings, people, counts, cookie, page)
+            app = ConsoleApp(settings, people, counts, cookie, page, there)
             monitor.add(partial(console_figures, people, app, counts))
             server = _Quiet(_uvicorn(settings, app, counts, context))
             sweeping = spawn(people.sweep(), "sweep")
@@ -115,9 +118,10 @@ async def _guarded(work: Coroutine[Any, Any, None], what: str, counts: ConsoleCo
         counts.mistake(what, error)
 
 
-def _listening(host: str, port: int) -> socket.socket:
+def _listening(host: str, port: int, there: Connections) -> socket.socket:
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
-    made = socket.socket(family, socket.SOCK_STREAM)
+    made = BoundedListener(family, socket.SOCK_STREAM)
+    made.connections = there
     try:
         made.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         made.bind((host, port))
@@ -147,11 +151,11 @@ def _uvicorn(
     config = uvicorn.Config(
         app.asgi,
         loop="none",
-        http=bounded_http(TrustedProxies(settings.trusted_proxies), limits.connections_per_address, counts),
-        ws="websockets-sansio",
+        http=bounded_http(counts),
+        ws=bounded_websocket(counts),
         ws_max_size=limits.message_bytes,
-        ws_ping_interval=10.0,
-        ws_ping_timeout=20.0,
+        ws_ping_interval=connections.PING_S,
+        ws_ping_timeout=connections.PONG_S,
         ws_per_message_deflate=False,
         lifespan="off",
         log_config=None,

@@ -62,8 +62,9 @@ class ConsoleLimits(_Section):
     """Operations of one user that have not been answered."""
     connections: int = Field(default=2000, ge=10)
     connections_per_address: int = Field(default=64, ge=1)
-    """Without WebSockets, and without those of trusted proxies."""
+    """Without WebSockets of people who are logged in, and without those of trusted proxies."""
     logins_at_once: int = Field(default=8, ge=1)
+    """Logins that wait for one fleet's server; half as many of one address."""
 
 
 class ConsoleSettings(_Section):

@@ -211,3 +211,29 @@ async def test_a_robot_that_comes_while_somebody_looks_is_there_by_itself(consol
         assert (await browser.ask("robots.unregister", robot="cart")).status_code == 200
         await live.until(lambda: "cart" not in live.feeds["all"] and live.errors["cart"])
         assert "rover" in live.feeds["all"]
+
+
+ODD_NODES = [
+    "ns=99999999;i=1",
+    "ns=2;i=99999999999",
+    "i=-1",
+    "i=x",
+    "ns=2;g=none",
+    "ns=2;b=!!!",
+    "ns=2;s=\x00\u202e",
+    "x;y",
+]
+
+
+async def test_what_is_no_node_is_told_and_is_no_mistake(console: Console) -> None:
+    async with console.logged_in() as browser, browser.live() as live:
+        battery = "ns=2;i=1005"
+        await live.want("odd", "nodes", nodes=[*ODD_NODES, battery])
+        await live.until(lambda: "odd" in live.feeds and live.feeds["odd"].keys() == {*ODD_NODES, battery}, 60)
+        assert [one for one in ODD_NODES if not live.feeds["odd"][one]["error"]] == []
+        assert live.feeds["odd"][battery]["v"] == 80
+        for node in ODD_NODES:
+            for operation in ("node.read", "node.browse", "node.attributes"):
+                answer = await browser.ask(operation, node=node)
+                assert answer.status_code < 500, (operation, node, answer.text)
+        assert (await browser.http.get("healthz")).json()["mistakes"] == {}

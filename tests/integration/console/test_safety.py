@@ -6,6 +6,7 @@ import asyncio
 import contextlib
 import json
 import ssl
+import threading
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,8 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 from tests import system
 from tests.integration.console.harness import OPERATOR, Browser, Console, console_at
 from tests.integration.server_model.harness import Running
+from tests.waiting import until
+from ua_fleet.console.sessions import BrowserSession, BrowserSessions
 from ua_fleet.server.certificates import CertificateFiles, create_certificate
 
 LOGIN = {"fleet": "hall", "user": OPERATOR[0], "password": OPERATOR[1]}
@@ -288,6 +291,74 @@ async def test_a_slow_head_is_cut_off(console: Console, monkeypatch: pytest.Monk
             assert await reader.read() == b""
     writer.close()
     assert (await drops(console))["too_slow"] == 1
+
+
+async def test_each_line_of_a_forwarded_header_counts(server: Running, tmp_path: Path) -> None:
+    """Some proxies add a line of their own to what the one before has sent; people do not share an address then."""
+    given: dict[str, Any] = {"trusted_proxies": ["127.0.0.1", "10.0.0.0/8"]}
+    async with console_at(tmp_path, {"hall": server.url}, **given) as console, console.browser() as browser:
+
+        async def login(password: str, address: str) -> int:
+            headers = [("origin", console.origin), ("x-forwarded-for", address), ("x-forwarded-for", "10.0.0.1")]
+            async with httpx.AsyncClient(base_url=console.url) as client:
+                body = {**LOGIN, "password": password}
+                return (await client.post("api/login", json=body, headers=headers)).status_code
+
+        assert [await login("a guess", "192.0.2.1") for _ in range(5)] == [401] * 4 + [429]
+        assert await login(OPERATOR[1], "192.0.2.2") == 200
+        headers = [("host", console.origin.partition("//")[2]), ("origin", console.origin), ("origin", "null")]
+        assert (await browser.request("POST", "api/login", json=LOGIN, headers=headers)).status_code == 403
+
+
+async def test_outlines_of_a_user_are_made_one_after_the_other_and_the_page_waits_for_none(
+    console: Console, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    at_once: list[int] = []
+    go_on = threading.Event()
+
+    def slow(_text: str) -> dict[str, Any]:
+        at_once.append(1)
+        go_on.wait(20)
+        return {}
+
+    monkeypatch.setattr("ua_fleet.console.operations.scenarios.outline", slow)
+    async with console.logged_in() as browser:
+        page = await browser.http.get("")
+        asked = [asyncio.ensure_future(browser.ask("scenario.outline", scenario="x")) for _ in range(8)]
+        loop = asyncio.get_running_loop()
+        others: list[asyncio.Future[bool]] = []
+        try:
+            await until(lambda: at_once)
+            others = [loop.run_in_executor(None, go_on.wait, 20) for _ in range(40)]  # all other threads
+            async with asyncio.timeout(10):
+                assert (await browser.http.get("")).text == page.text
+                while (await browser.ask("scenario.outline", scenario="x")).status_code != 429:
+                    pass  # all 8 are there
+            assert len(at_once) == 1
+        finally:
+            go_on.set()
+        assert {(await one).status_code for one in asked} == {200}
+        await asyncio.gather(*others)
+
+
+async def test_a_page_that_only_wants_keeps_no_login(server: Running, tmp_path: Path) -> None:
+    """It wants its feeds again after each outage; that somebody is there it says itself."""
+    used: list[float] = []
+    use = BrowserSessions.use
+
+    def noted(sessions: BrowserSessions, session: BrowserSession, now: float) -> None:
+        used.append(now)
+        use(sessions, session, now)
+
+    async with console_at(tmp_path, {"hall": server.url}) as console, console.logged_in() as browser:
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(BrowserSessions, "use", noted)
+            async with browser.live() as live:
+                await live.want("all", "robots")
+                await live.until(lambda: "all" in live.feeds)
+                assert not used
+                await live.say(active=True)
+                await live.until(lambda: used)
 
 
 async def test_connections_of_an_address_are_bounded(server: Running, tmp_path: Path) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from typing import Any, Final
+from weakref import WeakKeyDictionary
 
 from pydantic import Field
 
@@ -16,6 +17,7 @@ __all__ = ["SCENARIO_OPERATIONS"]
 
 _MOST_TEXT: Final = 300_000
 """Characters of a scenario; the server's own bound is lower, and says so."""
+_OUTLINING: Final[WeakKeyDictionary[FleetClient, asyncio.Lock]] = WeakKeyDictionary()
 
 
 class Named(OperationParameters):
@@ -90,7 +92,9 @@ async def _text(client: FleetClient, asked: Named) -> dict[str, Any]:
 
 
 async def _outline(client: FleetClient, asked: Text) -> dict[str, Any]:
-    return await asyncio.to_thread(outline, asked.scenario)
+    # It takes a thread, and of a large text its time from all others: one of each user at a time.
+    async with _OUTLINING.setdefault(client, asyncio.Lock()):
+        return await asyncio.to_thread(outline, asked.scenario)
 
 
 async def _validate(client: FleetClient, asked: Text) -> dict[str, Any]:

@@ -20,6 +20,7 @@ from tests.teleoperation.programs.control import serve
 
 ENABLED_S: Final = 3.0
 GRANT_S: Final = 8.0
+SHOWN_S: Final = 1.0
 KEY: Final = "w"
 _NOTE: Final = """
 (() => {
@@ -128,9 +129,10 @@ class Tab:
         slider = self._page.get_by_role("slider")
         tenths = round(10 * speed / self._settings["speed"])
         for _ in range(10):
-            if not await slider.count():
-                return  # the lease is over
-            found = round(int(await slider.input_value()) / 10)
+            try:
+                found = round(int(await slider.input_value(timeout=SHOWN_S * 1000)) / 10)
+            except Error:
+                return  # the lease is over, and the desk gone with it
             if found == tenths:
                 break
             await keyboard.press("+" if found < tenths else "-")

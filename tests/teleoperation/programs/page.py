@@ -47,7 +47,7 @@ _NOTE: Final = """
     send(text) {
       if (drive.socket === this) {
         const { n, echo, values } = JSON.parse(text)
-        if (n) drive.wishes.push([now(), drive.seen[echo], drive.lease, values[0]])
+        if (n) drive.wishes.push([now(), drive.seen[echo], drive.lease, values[0], echo])
       }
       super.send(text)
     }
@@ -139,8 +139,8 @@ class Tab:
         await keyboard.down(KEY)
 
     async def _tell(self) -> None:
-        for sent, seen, lease, speed in await self._page.evaluate("noted.wishes.splice(0)"):
-            print("wish", sent + self._offset_s, seen + self._offset_s, lease, speed, flush=True)
+        for sent, seen, lease, speed, echo in await self._page.evaluate("noted.wishes.splice(0)"):
+            print("wish", sent + self._offset_s, seen + self._offset_s, lease, speed, echo, flush=True)
 
 
 async def main() -> None:

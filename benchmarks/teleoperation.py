@@ -22,6 +22,7 @@ from benchmarks._keys import write_keys
 from benchmarks._ros import NODES, Node, median_and_p99, running_node
 from benchmarks.harness import FEWEST_ROUNDS, Failed, Figure, Unavailable, at_most, shown
 from tests import system
+from ua_fleet.config.load import load
 from ua_fleet.config.schema import FleetConfig
 from ua_fleet.server.users import USERS_FILE, Role, UserStore
 
@@ -106,6 +107,12 @@ def fleet_of(domain: int, port: int) -> dict[str, Any]:
     }
 
 
+def write_fleet(path: Path, domain: int, port: int) -> FleetConfig:
+    """Write the file of the fleet; what it says."""
+    path.write_text(json.dumps(fleet_of(domain, port)))
+    return load(path, {})
+
+
 @contextlib.contextmanager
 def line() -> Generator[Line]:
     """Start robot, floor, bridge, server, console and browser; end them afterwards."""
@@ -118,10 +125,8 @@ def line() -> Generator[Line]:
         ros2 = env | {"ROS_DOMAIN_ID": str(domain), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
         robot_env = ros2 | {"FASTRTPS_DEFAULT_PROFILES_FILE": str(profiles / "robot.xml")}
         floor_env = ros2 | {"FASTRTPS_DEFAULT_PROFILES_FILE": str(profiles / "bridge.xml")}
-        raw = fleet_of(domain, ports["server"])
         fleet = folder / "fleet.yaml"
-        fleet.write_text(json.dumps(raw))
-        config = FleetConfig.model_validate(raw)
+        config = write_fleet(fleet, domain, ports["server"])
         write_keys(folder, config)
         users = UserStore(folder / config.server.state_dir / USERS_FILE)
         users.path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)

@@ -3,7 +3,7 @@
 The record is the speed of one axis each time that it was set; between two entries the robot keeps it. A motion has to
 be explained by a wish that its operator sent under a lease, and by nothing else:
 
-    fresh     a wish explains a motion until `deadman_s` after its echo was seen, and one period, and the slack
+    fresh     a wish explains a motion until `deadman_s` after its echo was published, and one period, and the slack
     sent      not before it could arrive: what was sent into a link that is cut explains nothing, and what was sent into
               one that stands nothing before it goes on
     held      no longer than until the next lease was granted
@@ -35,8 +35,8 @@ class Wish(NamedTuple):
     """A setpoint, as the device of its operator sent it."""
 
     sent: float
-    seen: float
-    """When that device first saw the counter that it echoes."""
+    published: float
+    """When the bridge published the counter that it echoes."""
     lease: int
     speed: float
 
@@ -205,7 +205,7 @@ class _Judge:
     def _explains_until(self, wish: Wish) -> float:
         rules = self._rules
         grace_s = rules.period_s + rules.slack_s
-        until = wish.seen + rules.deadman_s + grace_s
+        until = wish.published + rules.deadman_s + grace_s
         for grant in self._facts.grants:
             if grant.lease > wish.lease:
                 until = min(until, grant.granted + grace_s)
@@ -228,9 +228,9 @@ class _Judge:
         if not before:
             return ": nobody has wished anything yet"
         newest = max(before)
-        echo_s = at - max(wish.seen for wish in before)
+        echo_s = at - max(wish.published for wish in before)
         said = f"; the newest wish is {newest.speed:g} under lease {newest.lease}, sent {at - newest.sent:.3f} s ago"
-        return f"{said}, the newest echo was seen {echo_s:.3f} s ago"
+        return f"{said}, the newest echo was published {echo_s:.3f} s ago"
 
     def _wrong(self, at: float, what: str) -> None:
         self._verdict.problems.append(f"{at:.3f}: {what}")

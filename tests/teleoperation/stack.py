@@ -191,7 +191,7 @@ class Lane:
         folder = self.stack.folder
         file = self.stack.write_fleet(f"{self.bridge_name}.json", self.far)
         env = env | {"UA_FLEET_RUNTIME_DIR": str(folder), "PYTHONUNBUFFERED": "1"}
-        self.bridge = self.stack.processes.start(python, INTEGRATION / "run_bridge.py", file, self.bridge_name, env=env)
+        self.bridge = self.stack.processes.start(python, PROGRAMS / "bridge.py", file, self.bridge_name, env=env)
 
     def start_tab(self) -> None:
         """Start the operator's device."""
@@ -233,9 +233,18 @@ class Lane:
 
     def wishes(self, since: float) -> list[Wish]:
         """What all devices of this lane have sent."""
-        found = self.stack.printed(self, "wish", 5)
-        wishes = [Wish(float(each[1]), float(each[2]), int(each[3]), float(each[4])) for each in found]
+        found, published = self.stack.printed(self, "wish", 6), self._published()
+        wishes = [
+            # A device has seen no counter before it was published; what the bridge has printed may not be read yet.
+            Wish(float(sent), published.get(echo, float(seen)), int(lease), float(speed))
+            for _, sent, seen, lease, speed, echo in found
+        ]
         return sorted(wish for wish in wishes if wish.sent >= since)
+
+    def _published(self) -> dict[str, float]:
+        """When its bridge published each counter."""
+        found = [line.split() for line in list(self.bridge.lines) if line.startswith("counter ")]
+        return {each[1]: float(each[2]) for each in found if len(each) == 3}
 
     def grants(self, since: float) -> list[Grant]:
         """The leases that they got."""

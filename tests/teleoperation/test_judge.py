@@ -13,7 +13,7 @@ from tests.teleoperation.judge import Blocked, Entry, Facts, Frozen, Grant, Rule
 RULES: Final = Rules(deadman_s=0.3, period_s=0.02, robot_timeout_s=0.5, stop_s=0.4, rise_s=0.05, slack_s=0.1)
 FULL: Final = 0.5
 LAST: Final = 2.0
-"""The last wish is sent then, and its echo was seen just then."""
+"""The last wish is sent then, and its echo was published just then."""
 LATEST: Final = LAST + RULES.deadman_s + RULES.period_s + RULES.slack_s
 
 

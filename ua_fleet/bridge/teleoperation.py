@@ -6,6 +6,9 @@
 
 It has a timer of its own, since the bridge's may be put off by a second after a mistake. A mistake with one robot ends
 its lease and leaves the others alone.
+
+The clock of the event loop stands while the machine sleeps, and what waits in a socket is as fresh afterwards as it was
+before. So the time of `Control` is that clock and the time for which the machine has slept.
 """
 
 from __future__ import annotations
@@ -13,6 +16,8 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import math
+import sys
+import time
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any, Final
 
@@ -111,7 +116,7 @@ class Teleoperation:
         self._ends: dict[str, int] = {}
         """How many ends of leases were told, by robot."""
         self._timer: asyncio.TimerHandle | None = None
-        self._not_before = 0.0
+        self._not_before = self._slept_s = 0.0
         self._at_rest = asyncio.Event()
         self._is_ending = False
 
@@ -147,7 +152,7 @@ class Teleoperation:
 
     async def stop(self) -> None:
         """End all leases, bring the robots to a standstill, and write nothing any more."""
-        now, self._is_ending = self._loop.time(), True
+        now, self._is_ending = self._control_time(self._loop.time()), True
         for control in self._controls.values():
             control.end("the bridge ends", now)
         self._arm()
@@ -183,7 +188,7 @@ class Teleoperation:
         if control is None or setpoint is None:
             self._counters.drop(Drop.LAYOUT if setpoint is None else Drop.UNKNOWN_SOURCE)
             return
-        drop = control.take(setpoint, now)
+        drop = control.take(setpoint, self._control_time(now))
         if drop is not None:
             self._counters.drop(drop)
             self._arm()  # it may have stopped the robot
@@ -218,14 +223,21 @@ class Teleoperation:
             holder, session, take_over = values
             busy = "its bridge ends" if self._is_ending else self._busy(model.robot, now)
             busy = busy or self._driver.setpoint_problem(model.data)
-            granted = control.acquire(holder or "", session or "", now, take_over=take_over, busy=busy)
+            granted = control.acquire(
+                holder or "", session or "", self._control_time(now), take_over=take_over, busy=busy
+            )
             self._say("a lease to drive it by hand begins", model.robot, f"lease {granted.lease}: {holder}")
             return pack(type_codes(ACQUIRE_RESPONSE), granted.fields())
         if writer_id == model.renew.id:
-            control.renew(values[0], now)
+            control.renew(values[0], self._control_time(now))
         else:
-            control.release(values[0], values[1] or "", now)
+            control.release(values[0], values[1] or "", self._control_time(now))
         return b""
+
+    def _control_time(self, now: float) -> float:
+        """The time for `Control`, by that of the event loop."""
+        self._slept_s = max(self._slept_s, slept_s())
+        return now + self._slept_s
 
     def _arm(self) -> None:
         """Set the timer to the next deadline, unless it will ring before that."""
@@ -235,7 +247,7 @@ class Teleoperation:
             self._at_rest.clear()
         due = [self._responder.next_deadline()]
         for control in self._controls.values():
-            due += (control.next_step, control.next_publish)
+            due += [at - self._slept_s for at in (control.next_step, control.next_publish) if at is not None]
         at = max(min((each for each in due if each is not None), default=math.inf), self._not_before)
         if at == math.inf or (self._timer is not None and self._timer.when() <= at):
             return
@@ -250,7 +262,7 @@ class Teleoperation:
             try:
                 self._serve(robot, control, now)
             except Exception as error:  # noqa: BLE001 - a mistake with one robot must not keep the others from stopping
-                control.end("the bridge failed while it drove the robot", now)
+                control.end("the bridge failed while it drove the robot", self._control_time(now))
                 self._not_before = now + _PAUSE_S
                 self._caught("teleoperation", error)
         try:
@@ -262,18 +274,23 @@ class Teleoperation:
 
     def _serve(self, robot: str, control: Control, now: float) -> None:
         """Write to a robot and tell of it, as far as that is due."""
-        data = control.model.data
-        if (values := control.step(now)) is not None:
+        data, at = control.model.data, self._control_time(now)
+        if (values := control.step(at)) is not None:
             self._driver.write_setpoint(data, values)
-        if control.next_publish is None or now < control.next_publish:
+        if control.next_publish is None or at < control.next_publish:
             return
         if control.lease is not None and (problem := self._driver.setpoint_problem(data)):
-            control.end(problem, now)
-        if (status := control.publish(now)) is not None:
+            control.end(problem, at)
+        if (status := control.publish(at)) is not None:
             self._core.tell(control.model.status, status.fields(), self._wall_ticks(), now=now)
         if control.ends != self._ends.get(robot, 0):
             self._ends[robot] = control.ends
             self._say("a lease to drive it by hand has ended", robot, control.last_end)
+
+
+def slept_s() -> float:
+    """How long this machine has slept since it was started, or less where this process was put off meanwhile."""
+    return time.clock_gettime(time.CLOCK_BOOTTIME) - time.monotonic() if sys.platform == "linux" else 0.0
 
 
 def _actions(model: TeleoperationModel) -> Iterable[tuple[Topic, str, _Fields, _Fields]]:

@@ -19,6 +19,8 @@ __all__ = ["check_setpoint_groups", "check_teleoperation"]
 _SPEEDS: Final = (ScalarType.FLOAT, ScalarType.DOUBLE)
 _FEWEST_PERIODS: Final = 3
 """Within the robot's own timeout: one lost or late message must not stop it."""
+_LONGEST_STOP_S: Final = 30.0
+"""A jerk or a deceleration with a digit too few would let the robot run on for minutes after its operator is gone."""
 
 
 def check_teleoperation(parts: Parts) -> None:
@@ -99,6 +101,10 @@ def _check_data(parts: Parts, path: KeyPath, robot: str, said: TeleoperationConf
         if axis_field is None:
             hint = closest(name, list(names)) or f"there are: {listed(list(names))}"
             problem((*path, "axes", name), f"`{said.data}` has no field `{name}`", hint)
+        elif (stop_s := axis.model().stop_s) > _LONGEST_STOP_S:
+            text = f"a stop of this axis may take {stop_s:.3g} s, at most {_LONGEST_STOP_S:g} s are legal"
+            hint = "it is acceleration / jerk + speed / deceleration + deceleration / jerk; has one a digit too few?"
+            problem((*path, "axes", name), text, hint)
         elif axis_field.range is not None and axis.speed > (most := min(-axis_field.range[0], axis_field.range[1])):
             text = (
                 f"{axis.speed:g} is beyond the range of the field, {axis_field.range[0]:g} to {axis_field.range[1]:g}"

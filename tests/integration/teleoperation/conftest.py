@@ -120,16 +120,21 @@ class Hall:
 
     def start_bridge(self) -> system.Child:
         """Start the bridge."""
+        self.bridge = self.start_bridge_in(self.folder)
+        return self.bridge
+
+    def start_bridge_in(self, folder: Path) -> system.Child:
+        """Start a process of the bridge that has its file and its state in a folder."""
         if self._master is not None:
             env, python = self._master.env, str(system.ROS1_PYTHON)
         else:
             env = system.clean_environment(PYTHONPATH=os.pathsep.join(("bridges", ".")))
             env.pop(PROFILES_VARIABLE, None)
             python = sys.executable
-        env = env | {"UA_FLEET_RUNTIME_DIR": str(self.folder), "PYTHONUNBUFFERED": "1"}
-        self.bridge = self._processes.start(python, str(PROGRAM), str(self.folder / "fleet.json"), "floor", env=env)
-        self.bridge.wait_for("ready")
-        return self.bridge
+        env = env | {"UA_FLEET_RUNTIME_DIR": str(folder), "PYTHONUNBUFFERED": "1"}
+        bridge = self._processes.start(python, str(PROGRAM), str(folder / "fleet.json"), "floor", env=env)
+        bridge.wait_for("ready")
+        return bridge
 
     def speeds(self, what: str = "moved", since: float = 0.0) -> list[Speed]:
         """What the robot recorded: `heard` on its topic, or what it `moved` by after its own watch."""

@@ -20,6 +20,7 @@ from tests.teleoperation.programs.control import serve
 
 ENABLED_S: Final = 3.0
 GRANT_S: Final = 8.0
+SHOWN_S: Final = 1.0
 KEY: Final = "w"
 _NOTE: Final = """
 (() => {
@@ -46,7 +47,7 @@ _NOTE: Final = """
     send(text) {
       if (drive.socket === this) {
         const { n, echo, values } = JSON.parse(text)
-        if (n) drive.wishes.push([now(), drive.seen[echo], drive.lease, values[0]])
+        if (n) drive.wishes.push([now(), drive.seen[echo], drive.lease, values[0], echo])
       }
       super.send(text)
     }
@@ -128,17 +129,18 @@ class Tab:
         slider = self._page.get_by_role("slider")
         tenths = round(10 * speed / self._settings["speed"])
         for _ in range(10):
-            if not await slider.count():
-                return  # the lease is over
-            found = round(int(await slider.input_value()) / 10)
+            try:
+                found = round(int(await slider.input_value(timeout=SHOWN_S * 1000)) / 10)
+            except Error:
+                return  # the lease is over, and the desk gone with it
             if found == tenths:
                 break
             await keyboard.press("+" if found < tenths else "-")
         await keyboard.down(KEY)
 
     async def _tell(self) -> None:
-        for sent, seen, lease, speed in await self._page.evaluate("noted.wishes.splice(0)"):
-            print("wish", sent + self._offset_s, seen + self._offset_s, lease, speed, flush=True)
+        for sent, seen, lease, speed, echo in await self._page.evaluate("noted.wishes.splice(0)"):
+            print("wish", sent + self._offset_s, seen + self._offset_s, lease, speed, echo, flush=True)
 
 
 async def main() -> None:

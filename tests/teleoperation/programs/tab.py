@@ -1,7 +1,7 @@
 """The device of an operator who holds a stick: `tab.py SOCKET SETTINGS_JSON`.
 
 It drives through the console's WebSocket as a page does, or by OPC UA. Prints each setpoint before it is sent, as
-`wish SENT SEEN LEASE SPEED`: when, and when it first saw the counter that is echoed. Told what to do as one of
+`wish SENT SEEN LEASE SPEED ECHO`: when, and when it first saw the counter that is echoed. Told what to do as one of
 
     {"do": "acquire", "by": "console" | "opcua", "take_over": bool}   the lease, and when it was asked for and granted
     {"do": "wish", "speed": float | null, "as": KIND}                 what is wished from now on, each PERIOD_S
@@ -229,6 +229,8 @@ class Tab:
                 make = self._by_console if by == "console" else self._by_opcua
                 self._held = await make(take_over)
         except (Refused, UaFleetError, httpx.HTTPError, OSError, ConnectionClosed, TimeoutError) as error:
+            if "log in again" in str(error):  # of logins that a busy machine has not answered each has left a key
+                self._http = None
             return {"refused": f"{type(error).__name__}: {error}"}
         self._number = 0
         granted = time.monotonic()
@@ -310,7 +312,7 @@ class Tab:
             if self._kind != "repeated":
                 self._number += 1
             echo = held.counter if self._kind in ("new", "queued") else self._echo
-            print("wish", time.monotonic(), held.seen[echo], held.lease, speed, flush=True)
+            print("wish", time.monotonic(), held.seen[echo], held.lease, speed, echo, flush=True)
             if self._kind == "queued":
                 self._kept.append((self._number, echo, speed))
             else:

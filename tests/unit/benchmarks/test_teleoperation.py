@@ -1,11 +1,14 @@
-"""The benchmark `teleoperation`: which callback of the robot belongs to which press."""
+"""The benchmark `teleoperation`: its fleet, and which callback of the robot belongs to which press."""
 
 from __future__ import annotations
+
+from pathlib import Path
 
 import pytest
 
 from benchmarks.harness import Failed
-from benchmarks.teleoperation import arrivals
+from benchmarks.teleoperation import arrivals, write_fleet
+from ua_fleet.config.teleoperation import teleoperations
 
 HELD = [(0.00, 0.2), (0.02, 0.2), (0.04, 0.2)]
 
@@ -25,3 +28,8 @@ def test_one_that_never_arrives_is_a_failure() -> None:
 def test_one_that_goes_the_other_way_is_a_failure() -> None:
     with pytest.raises(Failed, match="did not come"):
         arrivals([(0.05, 0.25)], [*HELD, (0.06, 0.15)])
+
+
+def test_its_file_is_one(tmp_path: Path) -> None:
+    (model,) = teleoperations(write_fleet(tmp_path / "fleet.yaml", 7, 4840), "floor")
+    assert model.robot == "carrier"

@@ -15,7 +15,7 @@ from structlog.testing import capture_logs
 from tests.outcomes import Outcomes
 from tests.unit.bridge.test_runner import Line, Robot, until
 from tests.unit.config.test_teleoperation import FILE
-from ua_fleet.bridge import run_bridge, runner
+from ua_fleet.bridge import run_bridge, runner, teleoperation
 from ua_fleet.config.load import load_content
 from ua_fleet.config.teleoperation import teleoperations
 from ua_fleet.counters import Counters
@@ -187,6 +187,28 @@ async def test_a_driver_that_fails_costs_the_lease_and_nothing_else(tmp_path: Pa
         await server.acquire("ben")
         status = await server.until(lambda status: status.state is State.HELD)
         assert status.holder == "ben"
+
+
+async def test_what_waited_while_the_machine_slept_is_old_when_it_wakes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    robot = DrivenRobot()
+    async with driven(robot, tmp_path) as server:
+        lease, number = await server.acquire(), 0
+        await server.until(lambda status: status.state is State.HELD)
+        while not robot.written or robot.written[-1][0] < 0.05:
+            number += 1
+            server.drive(lease, number, 0.3, 0.0)
+            await asyncio.sleep(0.02)
+        before, slept = len(robot.written), teleoperation.slept_s()
+        monkeypatch.setattr(teleoperation, "slept_s", lambda: slept + 3600.0)
+        server.drive(lease, number + 1, 0.3, 0.0)
+        status = await server.until(lambda status: status.state is State.IDLE)
+        assert status.last_end == "anna: the bridge stood still, and the robot has stopped by itself"
+        assert status.drops[0] == 1
+        assert set(robot.written[before:]) == {(0.0, 0.0)}
+        assert await server.acquire() > lease
+        await server.until(lambda status: status.state is State.HELD)
 
 
 async def test_a_robot_that_is_away_is_not_given_out_and_taken_back(tmp_path: Path) -> None:

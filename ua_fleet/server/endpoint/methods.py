@@ -260,7 +260,7 @@ class MethodServices:
             or rank == -2
             or (rank == -3 and not value.Dimensions)
         )
-        if rank > 1 and value.Dimensions is not None and len(value.Dimensions) != rank:
+        if rank >= 1 and value.Dimensions is not None and len(value.Dimensions) != rank:
             shape = False
         types = self._types.builtin_types(argument.DataType)
         if value.VariantType.value == 0:

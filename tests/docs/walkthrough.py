@@ -18,8 +18,8 @@ A comment before a block, which no reader sees, says what the block is:
     <!-- tested: FILE -->                  commands that this other test runs
     <!-- not run: REASON -->               what no test can do
 
-`<!-- ends: NAME, NAME -->` before no block ends terminals by Ctrl-C, and `<!-- browser: NAME -->` is what the test of the
-page does by this name in a browser, as the text before it says.
+`<!-- ends: NAME, NAME -->` before no block ends terminals by Ctrl-C, and `<!-- browser: NAME -->` is what the test of
+the page does by this name in a browser, as the text before it says.
 """
 
 from __future__ import annotations
@@ -119,7 +119,7 @@ class Walk:
             processes: end the terminals in the end.
             environment: of all commands, beside the usual.
             instead: what stands in the pages, such as a port, and what is free here.
-            browser: what the reader does in a browser, by the names in the page; each fails where that is not to be done.
+            browser: what the reader does in a browser, by the names in the page; each fails where it cannot.
         """
         self.folder = folder
         self._processes = processes
@@ -133,8 +133,8 @@ class Walk:
         todo = list(steps(page))
         text = "".join(step.text for step in todo)
         for done in self._browser:
-            assert done in [step.detail for step in todo if step.kind == "browser"], (
-                f"{page.name} has no {done!r} any more"
+            assert any((step.kind, step.detail) == ("browser", done) for step in todo), (
+                f"{page.name} has no {done!r} now"
             )
         for known in self._instead:
             assert known in text, f"{page.name} has no {known!r} any more"

@@ -30,7 +30,6 @@ _HTTP: Final[Mapping[int, int]] = {
     StatusCode.BAD_COMMUNICATION_ERROR: 502,
 }
 """Of StatusCodes; others are 409: the server has refused for now."""
-_UNTRUSTED: Final = (StatusCode.BAD_SECURITY_CHECKS_FAILED, StatusCode.BAD_CERTIFICATE_UNTRUSTED)
 _RETURNED: Final = {1: 404, 2: 400, 3: 409, 4: 409}
 """Of the ReturnStatus of the server's Methods."""
 
@@ -91,7 +90,7 @@ def refused_by(error: UaFleetError, *, method: str = "") -> Refused:
     if code == StatusCode.BAD_USER_ACCESS_DENIED:
         what = f"your role does not allow {method}" if method else "your role does not allow this"
         message = f"{what} (BadUserAccessDenied); ask an engineer of this fleet for a role that does"
-    if code in _UNTRUSTED:
+    if code == StatusCode.BAD_SECURITY_CHECKS_FAILED:
         # Many people come by the console's certificate, so it is trusted in another way than that of one client.
         trust = "ua-fleet cert trust --last --show --gateway console"
         message = f"the server does not trust this console's certificate; on the server run: {trust}"

@@ -39,8 +39,8 @@ def test_a_fault_is_seen_acknowledged_and_cleared(open_page: Open, picture: Pict
     expect(left).to_contain_text("Active")
     expect(left).to_contain_text("Concerns: weld")
     picture(page, "alarms")
-    # It can do what needs no welding: it is found among those that are idle, and by its fault.
-    fleet = open_page("observer", "#/hall/fleet?state=idle")
+    # It is found among all robots by its fault.
+    fleet = open_page("observer", "#/hall/fleet")
     expect(fleet.get_by_role("article", name="left")).to_contain_text(REASON)
     fleet.get_by_role("button", name="With a fault 1").click()
     expect(fleet.get_by_role("article")).to_have_count(1)

@@ -39,6 +39,12 @@ def test_a_fault_is_seen_acknowledged_and_cleared(open_page: Open, picture: Pict
     expect(left).to_contain_text("Active")
     expect(left).to_contain_text("Concerns: weld")
     picture(page, "alarms")
+    # It is found among all robots by its fault.
+    fleet = open_page("observer", "#/hall/fleet")
+    expect(fleet.get_by_role("article", name="left")).to_contain_text(REASON)
+    fleet.get_by_role("button", name="With a fault 1").click()
+    expect(fleet.get_by_role("article")).to_have_count(1)
+    picture(fleet, "fleet-with-a-fault")
     observer = open_page("observer", PLACE)
     expect(alarm(observer, "left").get_by_role("button", name="Acknowledge…")).to_be_disabled()
     left.get_by_role("button", name="Acknowledge…").click()

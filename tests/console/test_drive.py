@@ -146,6 +146,8 @@ def test_keys_drive_as_long_as_they_are_held(fleet: Plant, open_page: Open, pict
     expect(page.get_by_role("heading", level=1, name="Drive carrier")).to_be_visible()
     expect(page.get_by_role("note")).to_contain_text("This is no safety function.")
     expect(page.get_by_role("table", name="Limits")).to_contain_text("0.5 m/s")
+    # Where it has to be scrolled, a keyboard can do it.
+    expect(page.get_by_role("group", name="Limits")).to_have_attribute("tabindex", "0")
     expect(page.get_by_text("Nobody", exact=True)).to_be_visible()
     picture(page, "drive")
     acquire(page)

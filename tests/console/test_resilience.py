@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable, Iterator
 from typing import Any, Final
 
 import pytest
 from playwright.sync_api import Locator, Page, expect
 
+from tests.console import browsing
 from tests.console.conftest import Fleet, fleet_of
 from tests.console.test_alarms import ask
 from tests.contract.skilled import ENDLESS_WORK
@@ -50,11 +52,32 @@ def ranked(page: Page) -> Locator:
     return page.get_by_role("region", name="Ranking").locator("tbody th")
 
 
+def width(shown: Locator) -> float:
+    box = shown.bounding_box()
+    assert box is not None
+    return box["width"]
+
+
+def _find_it_from_the_run(page: Page) -> None:
+    """A run that waits leads to its decision, tells for how long it has been under way, and is counted."""
+    other = page.context.new_page()
+    other.goto(page.url.partition("#")[0] + "#/hall/scenarios")
+    other.get_by_role("tab", name=re.compile("^Runs.*1$")).click()
+    other.get_by_role("link", name="long").click()
+    expect(other.get_by_text("left has failed, and a person decides who takes over")).to_be_visible()
+    expect(other.get_by_text("Lasted").locator("..")).not_to_contain_text("ms")
+    assert browsing.pictures(other, "scenarios-run-decides") == []
+    other.get_by_role("link", name="Decide…").click()
+    expect(other.get_by_role("heading", name="a, instead of left")).to_be_visible()
+    other.close()
+
+
 def test_a_person_weighs_criteria_and_chooses_who_takes_over(open_page: Open, fleet: Fleet, picture: Picture) -> None:
     page = open_page("operator", PLACE)
     expect(page.get_by_text("No decision is open.")).to_be_visible()
     picture(page, "resilience-none")
     ask(page, "scenario.run", scenario="long")
+    assert width(page.get_by_label("Robot that fails")) > 120, "the name of a robot is cut"
     page.get_by_label("Robot that fails").select_option("left")
     page.get_by_role("button", name="Who would take over?").click()
     expect(page.get_by_role("region", name="What if a robot fails?").get_by_role("listitem")).to_contain_text("a:")
@@ -73,6 +96,12 @@ def test_a_person_weighs_criteria_and_chooses_who_takes_over(open_page: Open, fl
     expect(ranked(page)).to_have_text(["right", "middle"])
     expect(ranked(observer)).to_have_text(["middle", "right"])  # what is tried is nobody else's
     picture(page, "resilience")
+    browsing.show(page, "light", 360)
+    choose = page.get_by_role("button", name="Choose right")
+    choose.scroll_into_view_if_needed()
+    expect(choose).to_be_in_viewport(ratio=1)
+    browsing.show(page, "light", 1280)
+    _find_it_from_the_run(page)
     page.get_by_role("button", name="Keep for this decision").click()
     expect(ranked(observer)).to_have_text(["right", "middle"])
     page.get_by_role("button", name="Choose right").click()

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import re
+import struct
+import zlib
 from collections.abc import Callable, Iterator
 from typing import Any, Final
 
@@ -10,6 +12,7 @@ import pytest
 from playwright.sync_api import Locator, Page, expect
 
 from tests.console.conftest import Fleet, fleet_of
+from tests.console.test_alarms import ask
 
 Open = Callable[..., Page]
 Picture = Callable[[Page, str], None]
@@ -27,6 +30,7 @@ NODES: Final = {
         },
     },
     "never": {"id": 1305, "type": "Double", "unit": "V"},
+    "camera": {"id": 1307, "type": "ByteString"},
     "points": {"id": 1306, "type": "Double", "array": True, "unit": "m", "range": [0, 5]},
 }
 
@@ -52,6 +56,35 @@ def row(page: Page, name: str) -> Locator:
 
 def skill(page: Page, name: str = "work") -> Locator:
     return page.get_by_role("region", name=name, exact=True)
+
+
+def _png(wide: int) -> bytes:
+    """A picture of so many grey points beside each other."""
+
+    def chunk(kind: bytes, content: bytes) -> bytes:
+        return struct.pack(">I", len(content)) + kind + content + struct.pack(">I", zlib.crc32(kind + content))
+
+    header = struct.pack(">IIBBBBB", wide, 1, 8, 0, 0, 0, 0)
+    return (
+        b"\x89PNG\r\n\x1a\n"
+        + chunk(b"IHDR", header)
+        + chunk(b"IDAT", zlib.compress(bytes(wide + 1)))
+        + chunk(b"IEND", b"")
+    )
+
+
+def test_a_camera_s_newest_picture_is_shown(open_page: Open, picture: Picture) -> None:
+    page = open_page("operator", LEFT)
+    ask(page, "node.write", node="ns=2;i=1307", value=_png(40).hex())
+    page.get_by_role("button", name="Picture of camera").click()
+    shown = page.get_by_role("img", name="Picture of camera")
+    expect(shown).to_have_js_property("naturalWidth", 40)
+    picture(page, "robot-picture")
+    for wide in (50, 60, 70):
+        ask(page, "node.write", node="ns=2;i=1307", value=_png(wide).hex())
+    expect(shown).to_have_js_property("naturalWidth", 70)
+    ask(page, "node.write", node="ns=2;i=1307", value=b"no picture".hex())
+    expect(page.get_by_text("It is no picture that a browser shows")).to_be_visible()
 
 
 def test_a_robot_s_data_stand_in_their_groups(open_page: Open, picture: Picture) -> None:

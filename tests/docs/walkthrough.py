@@ -18,7 +18,8 @@ A comment before a block, which no reader sees, says what the block is:
     <!-- tested: FILE -->                  commands that this other test runs
     <!-- not run: REASON -->               what no test can do
 
-`<!-- ends: NAME, NAME -->` before no block ends terminals by Ctrl-C.
+`<!-- ends: NAME, NAME -->` before no block ends terminals by Ctrl-C, and `<!-- browser: NAME -->` is what the test of
+the page does by this name in a browser, as the text before it says.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ import re
 import signal
 import subprocess
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Final, NamedTuple
 
@@ -56,7 +57,7 @@ KINDS: Final = frozenset(
         "tested",
         "not run",
     }
-    | {"ends"}
+    | {"ends", "browser"}
 )
 
 
@@ -109,6 +110,7 @@ class Walk:
         processes: system.Processes,
         environment: Mapping[str, str],
         instead: Mapping[str, str],
+        browser: Mapping[str, Callable[[], None]] | None = None,
     ) -> None:
         """Begin.
 
@@ -117,17 +119,23 @@ class Walk:
             processes: end the terminals in the end.
             environment: of all commands, beside the usual.
             instead: what stands in the pages, such as a port, and what is free here.
+            browser: what the reader does in a browser, by the names in the page; each fails where it cannot.
         """
         self.folder = folder
         self._processes = processes
         self._environment = system.clean_environment(**environment)
         self._instead = instead
+        self._browser = browser or {}
         self._terminals: dict[str, system.Child] = {}
 
     def walk(self, page: Path) -> None:
         """Do all that the page says."""
         todo = list(steps(page))
         text = "".join(step.text for step in todo)
+        for done in self._browser:
+            assert any((step.kind, step.detail) == ("browser", done) for step in todo), (
+                f"{page.name} has no {done!r} now"
+            )
         for known in self._instead:
             assert known in text, f"{page.name} has no {known!r} any more"
         while todo:
@@ -173,6 +181,9 @@ class Walk:
             case "ends":
                 for name in step.detail.split(", "):
                     self._terminals[name].end(signal.SIGINT)
+            case "browser":
+                assert step.detail in self._browser, f"{step.place}: no test does {step.detail!r} in a browser"
+                self._browser[step.detail]()
             case "tested" | "not run":
                 pass
             case _:

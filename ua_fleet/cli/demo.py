@@ -73,11 +73,12 @@ def shown_until_ctrl_c(is_over: Callable[[], bool]) -> Generator[None]:
 
 def tell_how_to_connect(site: Site) -> None:
     """Say what a browser and UaExpert need."""
-    from ua_fleet.demo.site import KEY_LIFETIME_S, USER
+    from ua_fleet.demo.site import ENGINEER, KEY_LIFETIME_S, USER
 
     if site.console_url:
         message(f"browser:  {site.console_url}  (the web console; log in with the user and password below)")
     message(f"UaExpert: {site.endpoint}  (Basic256Sha256, Sign & Encrypt)")
     message(f"          user {USER}, password {site.password}")
+    message(f"          user {ENGINEER}, same password: stores scenarios too, and sees messages and the audit log")
     if site.secure:
         message(f"PubSub:   signed and encrypted, keys from the server, changed every {KEY_LIFETIME_S} s")

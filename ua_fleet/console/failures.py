@@ -90,6 +90,10 @@ def refused_by(error: UaFleetError, *, method: str = "") -> Refused:
     if code == StatusCode.BAD_USER_ACCESS_DENIED:
         what = f"your role does not allow {method}" if method else "your role does not allow this"
         message = f"{what} (BadUserAccessDenied); ask an engineer of this fleet for a role that does"
+    if code == StatusCode.BAD_SECURITY_CHECKS_FAILED:
+        # Many people come by the console's certificate, so it is trusted in another way than that of one client.
+        trust = "ua-fleet cert trust --last --show --gateway console"
+        message = f"the server does not trust this console's certificate; on the server run: {trust}"
     problems = getattr(error, "problems", None)
     shown: list[dict[str, Any]] | None = None
     if problems is not None:

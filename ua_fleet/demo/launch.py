@@ -11,7 +11,7 @@ from ua_fleet.client import ClientIdentity, FleetClient
 from ua_fleet.config.load import load
 from ua_fleet.demo.console import CONSOLE, introduce_console, settings_text
 from ua_fleet.demo.processes import Processes
-from ua_fleet.demo.site import USER, Site
+from ua_fleet.demo.site import ENGINEER, USER, Site
 from ua_fleet.server.introduce import introduce_bridge
 from ua_fleet.server.users import Role, UserStore
 
@@ -34,12 +34,13 @@ class Launch:
         self._site, self._processes, self._cli_options = site, processes, cli_options
 
     async def prepare(self) -> None:
-        """Make the user, the console's certificate, and those of bridges where they need them."""
+        """Make the users, the console's certificate, and those of bridges where they need them."""
         site = self._site
         state = site.folder / "state"
         state.mkdir(mode=0o700, exist_ok=True)
         store = UserStore(state / "users.yaml")
-        await asyncio.to_thread(store.add, USER, site.password, Role.OPERATOR, replace_existing=True)
+        for user, role in ((USER, Role.OPERATOR), (ENGINEER, Role.ENGINEER)):
+            await asyncio.to_thread(store.add, user, site.password, role, replace_existing=True)
         if site.console_port is not None:
             await introduce_console(state, site.folder / CONSOLE)
         if site.secure:

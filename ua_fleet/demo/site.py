@@ -16,9 +16,11 @@ from ua_fleet.demo.layout import Layout, check_same_fleet
 from ua_fleet.demo.processes import free_tcp_port, udp_port_in_use
 from ua_fleet.demo.ros_environment import ros2_environment
 
-__all__ = ["KEY_LIFETIME_S", "OPC_UA_PORT", "USER", "Site", "choose_site"]
+__all__ = ["ENGINEER", "KEY_LIFETIME_S", "OPC_UA_PORT", "USER", "Site", "choose_site"]
 
 USER: Final = "operator"
+ENGINEER: Final = "engineer"
+"""With the same password: for who changes a scenario."""
 OPC_UA_PORT: Final = 4840
 KEY_LIFETIME_S: Final = 5
 _DEFAULT_GROUP: Final = "224.0.2.14"
@@ -32,7 +34,7 @@ class Site:
     server_port: int
     pubsub_url: str
     password: str
-    """Of the user USER."""
+    """Of the users USER and ENGINEER."""
     master_port: int
     ros1_python: Path | None
     """None where there is no ROS 1, or it is not wanted."""

@@ -97,6 +97,10 @@ async def test_a_decision_is_previewed_and_made(plant: Plant) -> None:
         assert previewed["ranking"] == ranking
         wrong = await browser.ask("resilience.preview", decision=decision, judgements={"a/b": 3})
         assert wrong.json()["result"]["problem"]
+        await live.want("run", "run", run=run)
+        await live.until(lambda: live.feeds.get("run", {}).get("run", {}).get("state") == "running")
+        assert live.feeds["run"]["run"]["started"] is not None
+        assert live.feeds["run"]["run"]["ended"] is None, "it is under way"
         confirmed = await browser.ask("resilience.confirm", decision=decision, robot="left")
         assert confirmed.json()["result"] == {"outcome": "taken"}
         await live.until(lambda: live.feeds["decision"]["decision"]["state"] == "chosen")

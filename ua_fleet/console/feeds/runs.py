@@ -6,6 +6,7 @@ import asyncio
 import json
 from collections import Counter, deque
 from collections.abc import Container, Mapping
+from datetime import datetime
 from typing import Any, Final
 
 from pydantic import Field
@@ -41,13 +42,17 @@ class OfRun(FeedParameters):
     run: str = Field(min_length=1, max_length=100)
 
 
+def _time(told: datetime | None) -> str | None:
+    return None if told is None or told.year < _FIRST_YEAR else shown_time(told)
+
+
 def _head(run: str, parts: Mapping[str, Reading]) -> dict[str, Any]:
     return {
         "id": run,
         "state": parts["State"].value,
         "scenario": harmless_value(str(parts["Scenario"].value or "")),
-        "started": shown_value(parts["StartTime"].exact),
-        "ended": shown_value(parts["EndTime"].exact),
+        "started": _time(parts["StartTime"].exact),
+        "ended": _time(parts["EndTime"].exact),
         "by": harmless_value(str(parts["StartedBy"].value or "")),
         "reason": harmless_value(str(parts["Reason"].value or "")),
     }
@@ -91,8 +96,7 @@ def _results(text: Any) -> Any:
 def _times(reading: Reading | None, count: int) -> list[str | None]:
     """Times of so many tasks; None for each that is not told. The arrays of a run change one after the other."""
     told = reading.exact if reading is not None and reading.exact is not None else ()
-    shown = [None if one is None or one.year < _FIRST_YEAR else shown_time(one) for one in told]
-    return (shown + [None] * count)[:count]
+    return ([_time(one) for one in told] + [None] * count)[:count]
 
 
 class _Steps:

@@ -1,14 +1,16 @@
-"""The address space: browse, read, write."""
+"""The address space: browse, read, write; a picture is read whole when it is looked at, and not by a feed."""
 
 from __future__ import annotations
 
+import base64
 from typing import Any, Final
 
 from pydantic import Field
 
 from ua_fleet.client import FleetClient
 from ua_fleet.console.operations.kinds import OperationKind, OperationParameters
-from ua_fleet.console.shown import harmless_value, shown_reading, shown_value
+from ua_fleet.console.pictures import MOST_BYTES, picture_type
+from ua_fleet.console.shown import harmless_value, shown_reading, shown_time, shown_value
 
 __all__ = ["NODE_OPERATIONS"]
 
@@ -51,6 +53,19 @@ async def _read(client: FleetClient, asked: OfNode) -> dict[str, Any]:
     }
 
 
+async def _picture(client: FleetClient, asked: OfNode) -> dict[str, Any]:
+    """The picture that a ByteString is; `type` is null where it is none, or larger than what is shown."""
+    reading = await client.read(asked.node)
+    content = reading.exact if isinstance(reading.exact, bytes) else b""
+    kind = picture_type(content) if len(content) <= MOST_BYTES else None
+    return {
+        "type": kind,
+        "base64": base64.b64encode(content).decode("ascii") if kind else "",
+        "s": reading.status,
+        "t": shown_time(reading.source_time),
+    }
+
+
 async def _write(client: FleetClient, asked: Written) -> dict[str, Any]:
     reading = await client.write(asked.node, asked.value)
     return {"node": reading.node_id, "type": reading.type_name, "value": shown_reading(reading)}
@@ -65,6 +80,7 @@ async def _attributes(client: FleetClient, asked: OfNode) -> list[dict[str, Any]
 NODE_OPERATIONS: Final = (
     OperationKind("node.browse", OfNode, _browse, "Browse", "observer"),
     OperationKind("node.read", OfNode, _read, "Read", "observer"),
+    OperationKind("node.picture", OfNode, _picture, "Read", "observer"),
     OperationKind("node.attributes", OfNode, _attributes, "Read", "observer"),
     OperationKind("node.write", Written, _write, "Write of this node", "operator"),
 )

@@ -36,6 +36,12 @@ describe('a number', () => {
     [Infinity, '∞'],
     [NaN, 'NaN'],
   ])('%d is %s', (value, text) => expect(formatNumber(value)).toBe(text));
+
+  it('has fewer digits where there is little room', () => {
+    expect(formatValue(87.49654, 5)).toBe('87.497');
+    expect(formatValue(123456.78, 5)).toBe('123460');
+    expect(formatValue(123456, 5)).toBe('123456');
+  });
 });
 
 describe('a value', () => {

@@ -49,13 +49,16 @@ export function isNever(shown: Shown): boolean {
   return (shown.s & 0xffff0000) >>> 0 === 0x80320000;
 }
 
-/** A number in as many digits as mean something: 7 significant ones, no exponent where plain digits are short. */
-export function formatNumber(value: number): string {
+/** What a 32-bit number holds. */
+const DIGITS = 7;
+
+/** A number in as many digits as mean something, or fewer of them; no exponent where plain digits are short. */
+export function formatNumber(value: number, digits = DIGITS): string {
   if (!Number.isFinite(value)) return Number.isNaN(value) ? 'NaN' : value > 0 ? '∞' : '−∞';
   if (Number.isInteger(value) && Math.abs(value) < 1e15) return String(value).replace('-', '−');
   const size = Math.abs(value);
   const text =
-    size !== 0 && (size < 1e-4 || size >= 1e15) ? value.toExponential(3) : String(Number(value.toPrecision(7)));
+    size !== 0 && (size < 1e-4 || size >= 1e15) ? value.toExponential(3) : String(Number(value.toPrecision(digits)));
   return text.replaceAll('-', '−');
 }
 
@@ -82,17 +85,17 @@ function escaped(text: string): string {
 }
 
 /** A value in one line of text; long ones are cut by what shows them. */
-export function formatValue(value: Json): string {
+export function formatValue(value: Json, digits = DIGITS): string {
   if (value === null) return '—';
-  if (typeof value === 'number') return formatNumber(value);
+  if (typeof value === 'number') return formatNumber(value, digits);
   if (typeof value === 'boolean') return value ? 'true' : 'false';
   if (typeof value === 'string') return escaped(value);
-  if (Array.isArray(value)) return `[${value.map(formatValue).join(', ')}]`;
+  if (Array.isArray(value)) return `[${value.map((one) => formatValue(one, digits)).join(', ')}]`;
   const keys = Object.keys(value);
   if (keys.length === 1 && typeof value.int === 'string') return value.int.replace('-', '−');
-  if (keys.length === 1 && typeof value.float === 'string') return formatNumber(numberOf(value) ?? NaN);
+  if (keys.length === 1 && typeof value.float === 'string') return formatNumber(numberOf(value) ?? NaN, digits);
   if (typeof value.bytes === 'number' && keys.every((key) => key === 'bytes' || key === 'base64')) {
     return `${value.bytes} bytes`;
   }
-  return `{${keys.map((key) => `${key}: ${formatValue(value[key] ?? null)}`).join(', ')}}`;
+  return `{${keys.map((key) => `${key}: ${formatValue(value[key] ?? null, digits)}`).join(', ')}}`;
 }

@@ -35,6 +35,9 @@ export function standingOf(robot: Robot): Standing {
   return robot.state.v !== null && qualityOf(robot.state.s) === 'good' ? robot.state.v : 'unknown';
 }
 
+/** Whether something of it is out of order; it may do what does not need that, and be idle or busy. */
+export const hasFault = (robot: Robot) => Boolean(robot.fault) || (robot.faults ?? 0) > 0;
+
 export const TONES: Record<Standing, Tone> = {
   faulted: 'alarm',
   offline: 'off',

@@ -19,6 +19,7 @@ const FLEET = [
     bridge: 'ros1',
     capacities: ['grab', 'mobile'],
     quality: 0,
+    faults: 1,
     updated: '2026-11-23T22:00:03Z',
   }),
   robot('drone', 'faulted', { bridge: 'ros2', fault: 'Motor too hot', quality: 0x80310000, capacities: ['fly'] }),
@@ -40,6 +41,8 @@ describe('robots', () => {
     [{ state: 'idle' }, ['arm2']],
     [{ state: 'unknown' }, ['shy']],
     [{ state: 'held' }, ['Belt']],
+    // Also one that is idle meanwhile.
+    [{ state: 'fault' }, ['arm2', 'drone']],
     [{ bridge: 'ros1' }, ['arm2', 'arm10']],
     [{ quality: 'good' }, ['arm2']],
     // What is not known to be good is not.
@@ -73,6 +76,7 @@ describe('robots', () => {
     expect(countsOf(FLEET)).toEqual({
       all: 5,
       held: 1,
+      fault: 2,
       states: { faulted: 1, offline: 1, unknown: 1, busy: 1, idle: 1 },
     });
   });

@@ -1,6 +1,6 @@
 /** Which robots are shown, in which order and groups: what stands in the page's address. */
 import { ranksOf } from '../../parts/sorting';
-import { type Robot, robotQuality, type Standing, STANDINGS, standingOf } from './robots';
+import { hasFault, type Robot, robotQuality, type Standing, STANDINGS, standingOf } from './robots';
 
 export type SortName = 'name' | 'state' | 'updated' | 'task' | 'bridge';
 export type GroupName = '' | 'state' | 'bridge' | 'capacity';
@@ -10,7 +10,7 @@ export const GROUPS: readonly GroupName[] = ['', 'state', 'bridge', 'capacity'];
 export interface Wish {
   /** Words, each of which stands somewhere in what is said of a robot. */
   text: string;
-  state: Standing | 'held' | '';
+  state: Standing | 'held' | 'fault' | '';
   bridge: string;
   quality: 'good' | 'not-good' | '';
   sort: SortName;
@@ -30,7 +30,7 @@ export function wishOf(query: (name: string) => string): Wish {
     (all as readonly string[]).includes(value) ? (value as T) : other;
   return {
     text: query('q'),
-    state: one<Wish['state']>(['', 'held', ...STANDINGS], query('state'), ''),
+    state: one<Wish['state']>(['', 'held', 'fault', ...STANDINGS], query('state'), ''),
     bridge: query('bridge'),
     quality: one<Wish['quality']>(['', 'good', 'not-good'], query('quality'), ''),
     sort: one(SORTS, query('sort'), 'name'),
@@ -54,6 +54,11 @@ function textOf(robot: Robot): string {
     .toLowerCase();
 }
 
+function isLike(robot: Robot, state: Exclude<Wish['state'], ''>): boolean {
+  if (state === 'held') return Boolean(robot.held);
+  return state === 'fault' ? hasFault(robot) : standingOf(robot) === state;
+}
+
 const TOLD: Record<SortName, (robot: Robot) => string | number | null> = {
   name: (robot) => robot.name,
   state: (robot) => STANDINGS.indexOf(standingOf(robot)),
@@ -74,7 +79,7 @@ export function selected(robots: Iterable<Robot>, wish: Wish): Row[] {
   const words = wish.text.toLowerCase().split(/\s+/).filter(Boolean);
   const rows: Row[] = [];
   for (const robot of robots) {
-    if (wish.state === 'held' ? !robot.held : wish.state && standingOf(robot) !== wish.state) continue;
+    if (wish.state && !isLike(robot, wish.state)) continue;
     if (wish.bridge && robot.bridge !== wish.bridge) continue;
     if (wish.quality && (robotQuality(robot) === 'good') !== (wish.quality === 'good')) continue;
     if (words.length) {
@@ -167,14 +172,22 @@ function nameRanks(rows: readonly Row[]): ReadonlyMap<string, number> {
 export interface Counts {
   all: number;
   held: number;
+  /** Also those that can do something else meanwhile, and are idle or busy. */
+  fault: number;
   states: Record<Standing, number>;
 }
 
 export function countsOf(robots: Iterable<Robot>): Counts {
-  const counts: Counts = { all: 0, held: 0, states: { faulted: 0, offline: 0, unknown: 0, busy: 0, idle: 0 } };
+  const counts: Counts = {
+    all: 0,
+    held: 0,
+    fault: 0,
+    states: { faulted: 0, offline: 0, unknown: 0, busy: 0, idle: 0 },
+  };
   for (const robot of robots) {
     counts.all += 1;
     if (robot.held) counts.held += 1;
+    if (hasFault(robot)) counts.fault += 1;
     counts.states[standingOf(robot)] += 1;
   }
   return counts;

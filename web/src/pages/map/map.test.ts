@@ -11,6 +11,7 @@ import {
   keyed,
   moved,
   niceStep,
+  placeLabels,
   seenOf,
   shortName,
   toScreen,
@@ -49,6 +50,15 @@ describe('what is seen', () => {
     ]);
     expect(seen.places.map((one) => one.name)).toEqual(['gate']);
     expect(seen.missing).toEqual(['c', 'd']);
+  });
+
+  it('tells the fault of a robot that is idle meanwhile', () => {
+    const broken = new Map([...robots, ['b', { ...robot('b'), faults: 1, fault: 'lacks mobile' }]]);
+    const seen = seenOf(entries, broken, true);
+    expect(seen.markers.map((one) => [one.name, one.faulty, one.fault])).toEqual([
+      ['a', false, ''],
+      ['b', true, 'lacks mobile'],
+    ]);
   });
 
   it('takes nothing for now while the link is away', () => {
@@ -146,5 +156,29 @@ describe('texts', () => {
     expect([0, -Math.PI / 2, Math.PI, 7].map(formatHeading)).toEqual(['0°', '270°', '180°', '41°']);
     expect(shortName('a'.repeat(30), 5)).toBe('aaaa…');
     expect(shortName('🤖'.repeat(3), 3)).toBe('🤖🤖🤖');
+  });
+});
+
+describe('names of places', () => {
+  const at = (name: string, x: number, y: number) => ({ name, x, y });
+  const gate = at('gate', 400, 200);
+
+  it('stand below where nothing else is', () => {
+    expect(placeLabels([gate], [at('arm', 100, 100)], 800)).toEqual([{ x: 0, y: 20, anchor: 'middle' }]);
+  });
+
+  it('go out of the way of robots, of their names and of each other', () => {
+    // A robot below, whose name is where that of the place would be.
+    expect(placeLabels([gate], [at('ridgeback', 400, 240)], 800)).toEqual([{ x: 0, y: -12, anchor: 'middle' }]);
+    // One on each of two places beside each other: their names go beside it and below it.
+    const two = [gate, at('dock', 405, 200)];
+    expect(placeLabels(two, [at('arm', 400, 205)], 800).map((one) => one.anchor)).toEqual(['start', 'middle']);
+    // At the edge there is no room to the right.
+    expect(placeLabels([at('gate', 796, 200)], [], 800)).toEqual([{ x: 0, y: 20, anchor: 'end' }]);
+  });
+
+  it('stand below where there is no free side', () => {
+    const around = [-40, -20, 0, 20, 40].flatMap((x) => [-40, 0, 40].map((y) => at('arm', 400 + x, 200 + y)));
+    expect(placeLabels([gate], around, 800)).toEqual([{ x: 0, y: 20, anchor: 'middle' }]);
   });
 });

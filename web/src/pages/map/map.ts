@@ -1,6 +1,6 @@
 /** Where robots and places are, what of the plane is seen, and how it is moved. Metres; x to the right, y up. */
 import { qualityOf } from '../../lib/value';
-import { type Robot, type Standing, standingOf } from '../fleet/robots';
+import { hasFault, type Robot, type Standing, standingOf } from '../fleet/robots';
 
 /** An entry `robot/NAME` of the feed `positions`; null: not known. */
 export interface Position {
@@ -28,6 +28,10 @@ export interface Marker {
   /** Whether it is there now; else it was there. */
   now: boolean;
   standing: Standing;
+  /** Whether something of it is out of order, also where it does something else meanwhile. */
+  faulty: boolean;
+  /** The first of its faults in words; empty: none is told. */
+  fault: string;
   time: string | null;
   frame: string;
 }
@@ -60,6 +64,8 @@ export function seenOf(
       heading: one.heading,
       now: current && qualityOf(one.s) === 'good',
       standing: robot ? standingOf(robot) : 'unknown',
+      faulty: robot ? standingOf(robot) === 'faulted' || hasFault(robot) : false,
+      fault: robot?.fault ?? '',
       time: one.t,
       frame: one.frame,
     });
@@ -217,4 +223,73 @@ const NAME_PX = 90;
 export function anchorOf(x: number, width: number): 'start' | 'middle' | 'end' {
   if (width < 2 * NAME_PX) return 'middle';
   return x < NAME_PX ? 'start' : x > width - NAME_PX ? 'end' : 'middle';
+}
+
+const SIGN_PX = 7;
+const LINE_HEIGHT_PX = 13;
+/** Of a robot with its nose, from its middle. */
+const ROBOT_PX = 21;
+
+interface Box {
+  left: number;
+  right: number;
+  top: number;
+  bottom: number;
+}
+
+export interface Label {
+  /** From the marker's point. */
+  x: number;
+  y: number;
+  anchor: 'start' | 'middle' | 'end';
+}
+
+interface Named {
+  name: string;
+  x: number;
+  y: number;
+}
+
+function boxOf(one: Named, label: Label): Box {
+  const wide = [...shortName(one.name)].length * SIGN_PX;
+  const x = one.x + label.x;
+  const left = label.anchor === 'start' ? x : label.anchor === 'end' ? x - wide : x - wide / 2;
+  const bottom = one.y + label.y + 3;
+  return { left, right: left + wide, top: bottom - LINE_HEIGHT_PX, bottom };
+}
+
+const meet = (a: Box, b: Box) => a.left < b.right && b.left < a.right && a.top < b.bottom && b.top < a.bottom;
+
+/** Names are placed anew each time a robot moves: so many pairs of a place and a robot are looked at. */
+const MOST_PAIRS = 20_000;
+
+/** The name of a robot stands above it. */
+export const robotLabel = (x: number, width: number): Label => ({ x: 0, y: -22, anchor: anchorOf(x, width) });
+
+/**
+ * Where the names of places stand, by points on the screen: below, above or beside, where neither a robot, its name nor
+ * another place's name is; below where there is no such side, or too much to look at.
+ */
+export function placeLabels(places: readonly Named[], robots: readonly Named[], width: number): Label[] {
+  const looked = places.length * robots.length <= MOST_PAIRS;
+  const taken: Box[] = (looked ? robots : []).flatMap((one) => [
+    { left: one.x - ROBOT_PX, right: one.x + ROBOT_PX, top: one.y - ROBOT_PX, bottom: one.y + ROBOT_PX },
+    boxOf(one, robotLabel(one.x, width)),
+  ]);
+  return places.map((one) => {
+    const anchor = anchorOf(one.x, width);
+    const sides: Label[] = [
+      { x: 0, y: 20, anchor },
+      { x: 0, y: -12, anchor },
+      { x: 24, y: 6, anchor: 'start' },
+      { x: -24, y: 6, anchor: 'end' },
+    ];
+    const free = sides.filter((label) => {
+      const { left, right } = boxOf(one, label);
+      return left >= 0 && right <= width;
+    });
+    const label = free.find((side) => !taken.some((box) => meet(box, boxOf(one, side)))) ?? { x: 0, y: 20, anchor };
+    taken.push(boxOf(one, label));
+    return label;
+  });
 }

@@ -158,6 +158,11 @@ export function drawn(value: Shown | undefined): number | null {
   return number !== null && Number.isFinite(number) ? number : null;
 }
 
+/** Whether it is a ByteString, which may be a picture. */
+export function isBytes(value: Json): boolean {
+  return typeof value === 'object' && value !== null && !Array.isArray(value) && typeof value.bytes === 'number';
+}
+
 /** Whether a value has parts that want lines of their own. */
 export function hasParts(value: Json): boolean {
   return typeof value === 'object' && value !== null && leavesOf(value, 2).length > 1;

@@ -38,6 +38,29 @@ const ALL: Step[] = [
 ];
 
 describe('graphOf', () => {
+  it('has an edge that passes another branch turn at its end, and not behind a step', () => {
+    const graph = of([
+      {
+        ...{ step: '0', line: 1, kind: 'parallel' },
+        steps: [
+          task('0.0', 'short'),
+          {
+            step: '0.1',
+            line: 1,
+            kind: 'sequence',
+            steps: [task('0.1.0', 'a'), task('0.1.1', 'b'), task('0.1.2', 'c')],
+          },
+        ],
+      },
+    ]);
+    const edge = graph.edges.find((one) => one.from === '0.0');
+    const [from, to, last] = ['0.0', '0 join', '0.1.2'].map((id) => at(graph, id));
+    if (!edge?.bend || !from || !to || !last) throw new Error('no such edge');
+    const start = from.x + from.width;
+    expect(start + edge.bend * (to.x - start)).toBeGreaterThan(last.x + last.width);
+    expect(graph.edges.find((one) => one.from === '0.1.0')?.bend).toBeUndefined();
+  });
+
   it('has what follows what, and what waits for what', () => {
     expect(edges(of(ALL))).toEqual([
       '1.0.0 order 1.0.1',

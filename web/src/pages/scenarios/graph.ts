@@ -23,6 +23,8 @@ export interface GraphEdge {
   to: string;
   /** `back` is to the next repetition; `after` is what a task waits for besides the order. */
   kind: 'order' | 'then' | 'else' | 'back' | 'after';
+  /** How far on its way it turns, from 0 to 1; without it in the middle. */
+  bend?: number;
 }
 
 export interface Graph {
@@ -206,6 +208,17 @@ class Layout {
   }
 }
 
+/**
+ * Where an edge passes other columns it turns in the gap before its end: its own row is free up to there, and the row of
+ * its end may not be.
+ */
+function bent(edge: GraphEdge, nodes: ReadonlyMap<string, GraphNode>): GraphEdge {
+  const [from, to] = [nodes.get(edge.from), nodes.get(edge.to)];
+  if (edge.kind !== 'order' || !from || !to) return edge;
+  const way = to.x - from.x - from.width;
+  return way > GAP.x ? { ...edge, bend: 1 - GAP.x / 2 / way } : edge;
+}
+
 /** Steps within others that a graph can show; more of them are a list. */
 export const MOST_NODES = 500;
 
@@ -215,5 +228,6 @@ export function graphOf(outline: Outline, tasks: readonly TaskRow[]): Graph {
   const { width, height } = layout.sizeOf(whole);
   layout.steps(outline.steps, 0, height / 2);
   layout.after();
-  return { nodes: layout.nodes, edges: layout.edges, width, height };
+  const nodes = new Map(layout.nodes.map((one) => [one.id, one]));
+  return { nodes: layout.nodes, edges: layout.edges.map((one) => bent(one, nodes)), width, height };
 }

@@ -110,14 +110,14 @@ format: setup-test
 	.venv/bin/ruff check --fix .
 	.venv/bin/ruff format .
 
-docs docs-serve: export NO_MKDOCS_2_WARNING = 1
-
+# Nothing is left of pages that are gone.
 docs: setup-test
-	@.venv/bin/mkdocs build --quiet
+	@rm -rf build/site
+	@.venv/bin/zensical build --strict
 	@echo "build/site/index.html"
 
 docs-serve: setup-test
-	.venv/bin/mkdocs serve
+	.venv/bin/zensical serve
 
 # The images that docker compose has built here, if any.
 sbom: setup-test
@@ -132,4 +132,4 @@ lock:
 		--no-emit-index-url --no-emit-find-links --no-annotate --no-header --generate-hashes --quiet --output-file requirements.lock
 
 clean:
-	rm -rf .venv .venv-ros1 .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache build dist
+	rm -rf .venv .venv-ros1 .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache .cache build dist

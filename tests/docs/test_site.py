@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import os
 import re
-import subprocess
-import sys
+import shutil
 from pathlib import Path
 
 import pytest
 
+from tests.docs.site import build, build_fails
 from tests.unit.docs.pages import ROOT
 
 _LOADED = re.compile(
@@ -19,17 +18,7 @@ _LOADED = re.compile(
 
 @pytest.fixture(scope="module")
 def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("site")
-    built = subprocess.run(
-        [sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet", "--site-dir", str(folder)],
-        cwd=ROOT,
-        env={**os.environ, "NO_MKDOCS_2_WARNING": "1"},
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert built.returncode == 0, built.stdout + built.stderr
-    return folder
+    return build(tmp_path_factory.mktemp("pages"))
 
 
 def test_no_page_loads_anything_from_elsewhere(site: Path) -> None:
@@ -43,13 +32,35 @@ def test_no_page_loads_anything_from_elsewhere(site: Path) -> None:
 
 
 def test_a_page_is_found_by_its_words(site: Path) -> None:
-    index = (site / "search" / "search_index.js").read_text(encoding="utf-8")
+    index = (site / "search.js").read_text(encoding="utf-8")
     assert "MessageReceiveTimeout" in index
 
 
 def test_lists_and_tables_are_such(site: Path) -> None:
-    """MkDocs takes a list for text where no empty line is before it."""
+    """The generator takes a list for text where no empty line is before it."""
     for page in site.rglob("*.html"):
         text = re.sub(r"<pre>.*?</pre>", "", page.read_text(encoding="utf-8"), flags=re.DOTALL)
         for paragraph in re.findall(r"<p>.*?</p>", text, re.DOTALL):
             assert not re.search(r"\n(\* |\d\. |\|)", paragraph), f"{page.name}: {paragraph}"
+
+
+@pytest.mark.parametrize("link", ["gone.md", "console.md#gone", "../README.md", "/console.md"])
+def test_a_link_that_leads_nowhere_fails_the_build(tmp_path: Path, link: str) -> None:
+    (tmp_path / "docs").mkdir()
+    (tmp_path / "docs" / "index.md").write_text(f"# Pages\n\n[there]({link})\n", encoding="utf-8")
+    (tmp_path / "docs" / "console.md").write_text("# Console\n", encoding="utf-8")
+    settings = (ROOT / "mkdocs.yml").read_text(encoding="utf-8").partition("nav:\n")[0]
+    (tmp_path / "mkdocs.yml").write_text(f"{settings}nav:\n  - index.md\n  - console.md\n", encoding="utf-8")
+    shutil.copytree(ROOT / "docs" / "assets", tmp_path / "docs" / "assets")
+    assert "does not exist" in build_fails(tmp_path)
+
+
+def test_each_page_leads_to_its_neighbours(site: Path) -> None:
+    tutorial = (site / "tutorial.html").read_text(encoding="utf-8")
+    assert {"Previous", "Next"} <= set(re.findall(r"md-footer__link--\w+\" aria-label=\"(\w+):", tutorial))
+
+
+def test_commands_and_files_are_coloured(site: Path) -> None:
+    tutorial = (site / "tutorial.html").read_text(encoding="utf-8")
+    assert re.search(r'class="language-sh highlight">.*?<span class="w">', tutorial, re.DOTALL)
+    assert re.search(r'class="language-ya?ml highlight">.*?<span class="nt">', tutorial, re.DOTALL)

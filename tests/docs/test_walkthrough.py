@@ -10,7 +10,8 @@ from tests import system
 from tests.docs.walkthrough import KINDS, PASSWORD, Walk, blocks_without_mark, missing_line, steps
 from tests.unit.docs.pages import ROOT
 
-WALKED = [ROOT / "README.md", ROOT / "docs" / "tutorial.md", *sorted((ROOT / "docs" / "how-to").glob("*.md"))]
+PAGES = ROOT / "docs"
+WALKED = [ROOT / "README.md", PAGES / "index.md", PAGES / "tutorial.md", *sorted((PAGES / "how-to").glob("*.md"))]
 
 
 @pytest.mark.parametrize("page", [pytest.param(page, id=page.name) for page in WALKED])

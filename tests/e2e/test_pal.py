@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import signal
 import socket
 import sys
@@ -47,6 +48,21 @@ def _run(processes: Processes, folder: Path, domain: int, *options: str) -> tupl
     return json.loads(path.read_text()), child.lines
 
 
+# Of the counter that is 0 at first; whether that comes before the line begins, and so before its timeline, is chance.
+HEARS_OF_NONE = "turtlebot3 hears of covers for its bucket (count 0)"
+
+
+def _page_of_the_site() -> list[str]:
+    return (ROOT / "docs" / "index.md").read_text(encoding="utf-8").splitlines()
+
+
+def _told(lines: list[str]) -> set[str]:
+    """What a timeline tells, without when."""
+    told = {found[1] for line in lines if (found := re.fullmatch(r" *\d+\.\d\d s  (.+)", line))}
+    assert len(told) > 20
+    return told
+
+
 def _check_line(report: dict[str, Any]) -> None:
     covers = report["covers"]
     assert [cover["carrier"] for cover in covers] == ["conveyor", "conveyor", "turtlebot3", "turtlebot3"]
@@ -71,6 +87,7 @@ def test_the_line_with_the_arm_in_ros1(processes: Processes, tmp_path: Path, ros
     report, lines = _run(processes, tmp_path, ros_domain, "--no-console")
     _check_line(report)
     assert report["ros1"] is True
+    assert _told(_page_of_the_site()) - _told(lines) <= {HEARS_OF_NONE}, "docs/index.md shows what no run prints"
     assert told_of_console(lines) == []
     assert not (tmp_path / "run" / "log" / "console.log").exists()
 

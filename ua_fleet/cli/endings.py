@@ -33,12 +33,14 @@ class NotFound(UaFleetError):
     """There is nothing of that name."""
 
     ua_status = StatusCode.BAD_NODE_ID_UNKNOWN
+    remedy = "Take a name from those that the message lists; `ua-fleet browse` shows all nodes."
 
 
 class UsageError(UaFleetError):
     """The command cannot do anything with what it was given."""
 
     ua_status = StatusCode.BAD_CONFIGURATION_ERROR
+    remedy = "Correct the command; `--help` after it shows its options."
 
 
 class UsageProblems(UsageError):

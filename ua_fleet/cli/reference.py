@@ -70,7 +70,7 @@ def _parts(command: Any, path: str, depth: int, shared: Mapping[str, tuple[str, 
             yield from _parts(command.commands[name], f"{path} {name}", depth + 1, shared)
         return
     if examples:
-        yield "```\n" + "\n".join(line.strip() for line in examples.splitlines()) + "\n```"
+        yield "```sh\n" + "\n".join(line.strip() for line in examples.splitlines()) + "\n```"
     records = _records(command)
     connects = shared.keys() <= records.keys()
     own = [record for name, record in records.items() if not connects or record != shared.get(name)]

@@ -69,6 +69,8 @@ class _Bell:
 class AnotherServer(AccessRefused):
     """Another server answers at an endpoint than the one that was meant."""
 
+    remedy = "Log in to the server that answers now, or correct the endpoint."
+
     def __init__(self, endpoint: str, found: str, wanted: str) -> None:
         super().__init__(
             StatusCode.BAD_SECURITY_CHECKS_FAILED, f"another server answers at {endpoint}: {found}, not {wanted}"

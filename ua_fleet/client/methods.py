@@ -31,6 +31,8 @@ _STATUS: Final = {
 class NotDone(UaFleetError):
     """The server has not done what was asked for; the text says why."""
 
+    remedy = "Do what the server's text says."
+
     def __init__(self, return_status: int, message: str) -> None:
         self.return_status = return_status
         self.ua_status = int(_STATUS.get(return_status, StatusCode.BAD_UNEXPECTED_ERROR))

@@ -42,6 +42,7 @@ class NodeNotFound(UaFleetError):
     """There is no such node."""
 
     ua_status = StatusCode.BAD_NODE_ID_UNKNOWN
+    remedy = "Take an existing one; `ua-fleet browse` shows all nodes."
 
 
 async def quietly(ending: Any) -> None:

@@ -37,6 +37,8 @@ _RETURNED: Final = {1: 404, 2: 400, 3: 409, 4: 409}
 class Refused(UaFleetError):
     """What the console answers in place of a result."""
 
+    remedy = "Load the page again and log in."
+
     def __init__(
         self,
         http_status: int,

@@ -25,6 +25,8 @@ _LINES: Final = 1000
 class DemoFailed(UaFleetError):
     """A part of the demonstration did not start or ended too early."""
 
+    remedy = "Read the log that is named, in the folder of the demonstration."
+
 
 class _Process:
     def __init__(self, name: str, process: asyncio.subprocess.Process, log: Path) -> None:

@@ -58,6 +58,7 @@ class UnitsDiffer(UaFleetError):
     """A unit that is not known, or one that measures something else."""
 
     ua_status = StatusCode.BAD_INVALID_ARGUMENT
+    remedy = "Write a unit of the same quantity (docs/fleet-yaml.md)."
 
 
 def convert(value: float, unit: str, wanted: str) -> float:

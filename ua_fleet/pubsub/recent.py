@@ -43,6 +43,7 @@ class TooManyLook(UaFleetError):
     """As many look at messages as may."""
 
     ua_status = StatusCode.BAD_RESOURCE_UNAVAILABLE
+    remedy = "Wait until another one has stopped looking at messages."
 
 
 class RecentMessage(NamedTuple):

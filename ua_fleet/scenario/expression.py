@@ -46,9 +46,13 @@ _ORDER: Final[dict[type[ast.cmpop], Callable[[float, float], bool]]] = {
 class ExpressionInvalid(ScenarioError):
     """A text that is no condition."""
 
+    remedy = "Correct the condition (docs/scenarios.md)."
+
 
 class ValueUnknown(ScenarioError):
     """A condition cannot be decided now: a value is not known, or is of the wrong kind."""
+
+    remedy = "Wait until the robot tells the value, or correct its name in the condition."
 
     def __init__(self, message: str, robot: str = "") -> None:
         """Say why; `robot` is whose value it is, where that is known."""

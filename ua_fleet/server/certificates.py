@@ -80,6 +80,7 @@ class CertificateError(UaFleetError):
     """A certificate cannot be found, read or written."""
 
     ua_status = StatusCode.BAD_CONFIGURATION_ERROR
+    remedy = "See `ua-fleet cert list`, and name one of the certificates there."
 
 
 class CertificateState(StrEnum):

@@ -81,6 +81,7 @@ class NotValid(UaFleetError):
     """What was given is not valid; some outputs say why."""
 
     ua_status = StatusCode.BAD_INVALID_ARGUMENT
+    remedy = "Correct what the outputs name."
 
     def __init__(self, message: str, outputs: Sequence[Any] | None = None) -> None:
         self.outputs = outputs

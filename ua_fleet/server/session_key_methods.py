@@ -125,6 +125,8 @@ class SessionKeyMethods:
 class _NotNow(UaFleetError):
     """There is no key for this caller."""
 
+    remedy = "Log in with the password, over a channel with Sign & Encrypt."
+
 
 def _code_of(error: UaFleetError) -> int:
     return NOT_FOUND if isinstance(error, KeyUnknown) else NOT_POSSIBLE

@@ -44,12 +44,14 @@ class KeyFileError(UaFleetError):
     """The file cannot be used."""
 
     ua_status = StatusCode.BAD_CONFIGURATION_ERROR
+    remedy = "Move the file away; users log in again with their passwords."
 
 
 class KeyUnknown(UaFleetError):
     """The user has no such key."""
 
     ua_status = StatusCode.BAD_NODE_ID_UNKNOWN
+    remedy = "Take a key from `ua-fleet user keys`."
 
 
 @dataclass(frozen=True, slots=True)

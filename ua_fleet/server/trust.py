@@ -52,6 +52,8 @@ _WEAK_HASHES: Final = (hashes.MD5, hashes.SHA1)
 class CertificateRefused(UaFleetError):
     """A client's certificate is not accepted; `ua_status` and the text are for our log."""
 
+    remedy = "Compare the thumbprint, then run `ua-fleet cert trust --last --show` on the server's machine."
+
     def __init__(self, ua_status: int, reason: str) -> None:
         self.ua_status = ua_status
         super().__init__(reason)

@@ -116,6 +116,7 @@ class UserFileError(UaFleetError):
     """The users file cannot be used as asked."""
 
     ua_status = StatusCode.BAD_CONFIGURATION_ERROR
+    remedy = "Correct the name or the password, or the rights of the users file (docs/security.md)."
 
 
 def check_password(password: str) -> None:

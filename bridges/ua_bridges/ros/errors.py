@@ -12,6 +12,7 @@ class SchemaInvalid(UaFleetError):
     """A message definition that cannot be understood, or that is too large; `ros_type` is the offender."""
 
     ua_status = StatusCode.BAD_NOT_SUPPORTED
+    remedy = "Correct the definition of the message type; such messages are dropped and counted."
 
     def __init__(self, ros_type: str, reason: str) -> None:
         self.ros_type, self.reason = ros_type, reason
@@ -22,6 +23,7 @@ class ConversionError(UaFleetError):
     """A value does not fit its place on the other side. `field` is the flat field, with an index where there is one."""
 
     ua_status = StatusCode.BAD_TYPE_MISMATCH
+    remedy = "Give the value a type in fleet.yaml that holds it (docs/ros.md); the field is Bad until then."
 
     def __init__(self, field: str, reason: str) -> None:
         self.field, self.reason = field, reason

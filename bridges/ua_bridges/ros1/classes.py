@@ -89,6 +89,7 @@ class TypeUnavailable(UaFleetError):
     """A message type that is not installed here, or a definition that no class can, or may, be made of."""
 
     ua_status = StatusCode.BAD_NOT_SUPPORTED
+    remedy = "Install the package of the message type beside rospy, as `python3-<package>`."
 
 
 def sanitized(definition: str) -> str:

@@ -22,6 +22,7 @@ class TypeMissing(UaFleetError):
     """A message type that is not installed here."""
 
     ua_status = StatusCode.BAD_NOT_SUPPORTED
+    remedy = "Install the package of the message type in the environment of the bridge."
 
     def __init__(self, ros_type: str, folder: Literal["msg", "srv", "action"] = "msg") -> None:
         package, _, name = ros_type.replace(f"/{folder}/", "/").partition("/")

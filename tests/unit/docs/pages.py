@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import importlib.util
 import re
+import sys
 from collections.abc import Iterator
 from pathlib import Path
+from types import ModuleType
 from typing import Final, NamedTuple
 
 ROOT: Final = Path(__file__).resolve().parents[3]
@@ -45,3 +48,15 @@ def inline_code() -> Iterator[tuple[str, str]]:
         for number, line in enumerate(content.splitlines(), 1):
             for match in _INLINE.finditer(line):
                 yield f"{page.relative_to(ROOT)}:{number}", match[1]
+
+
+def script(name: str) -> ModuleType:
+    """A program of scripts/, which is no package, as a module."""
+    spec = importlib.util.spec_from_file_location(name, ROOT / "scripts" / f"{name}.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    # Dataclasses look their module up there.
+    sys.modules[name] = module
+    spec.loader.exec_module(module)
+    return module

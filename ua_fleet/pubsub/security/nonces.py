@@ -45,6 +45,8 @@ _NUMBER: Final = Struct("<I")
 class NoncesUnavailable(UaFleetError):
     """There is no nonce to send with; says why and what to do about it."""
 
+    remedy = "Give the process a `state_dir` on a disk that it can write."
+
 
 class NonceReservations(Protocol):
     """Gives blocks of sequence numbers, each number once."""

@@ -30,6 +30,7 @@ class AuditLogMissing(UaFleetError):
     """There is no audit log, or it cannot be read."""
 
     ua_status = StatusCode.BAD_CONFIGURATION_ERROR
+    remedy = "Name the `state_dir` of the server whose log is meant, as a user who may read it."
 
 
 @dataclass(frozen=True, slots=True)

@@ -53,6 +53,8 @@ _SHOWN: Final = 200
 class Refusal(UaFleetError):
     """A service, or one operation of it, is refused with this StatusCode; the reason is for the audit log."""
 
+    remedy = "Correct the request of the client; the StatusCode says what is wrong with it (docs/services.md)."
+
     def __init__(self, code: int, reason: str = "") -> None:
         self.ua_status = int(code)
         super().__init__(reason or name_of(int(code)))

@@ -30,6 +30,7 @@ class KeysNotKept(UaFleetError):
     """New keys cannot be written down, so they are not given to anybody."""
 
     ua_status = StatusCode.BAD_RESOURCE_UNAVAILABLE
+    remedy = "Give the server a `state_dir` on a disk with room that it can write."
 
 
 def load_groups(path: Path) -> dict[str, GroupState]:

@@ -33,12 +33,14 @@ class KeysDenied(UaFleetError):
     """The caller may not have this group's keys."""
 
     ua_status = StatusCode.BAD_USER_ACCESS_DENIED
+    remedy = "See `ua-fleet cert list`: the certificate must be trusted for that bridge."
 
 
 class TooManyKeyCalls(UaFleetError):
     """The caller asks far more often than keys change."""
 
     ua_status = _BAD_SERVER_TOO_BUSY
+    remedy = "Find the client that asks; keys change once in a lifetime only."
 
 
 class KeyService:

@@ -37,6 +37,7 @@ class GroupUnknown(UaFleetError):
     """There is no SecurityGroup of this id."""
 
     ua_status = StatusCode.BAD_NOT_FOUND
+    remedy = "Name a group such as `t-2` or `c-2` of a space that fleet.yaml has."
 
 
 @dataclass(frozen=True, slots=True)

@@ -53,6 +53,7 @@ class OfferRefused(SkillError):
     """A client cannot do that with a request now."""
 
     ua_status: int = StatusCode.BAD_INVALID_STATE
+    remedy = "See `ua-fleet skill offer --help`, and take a request that is open."
 
 
 @dataclass(frozen=True, slots=True)

@@ -34,18 +34,21 @@ class RobotUnknown(UaFleetError):
     """There is no such robot."""
 
     ua_status = StatusCode.BAD_NOT_FOUND
+    remedy = "Take a name from `ua-fleet robot list`."
 
 
 class RobotInUse(UaFleetError):
     """A robot is at work, or a run will need it."""
 
     ua_status = StatusCode.BAD_INVALID_STATE
+    remedy = "End or abort what the robot does, and try again."
 
 
 class RobotFixed(UaFleetError):
     """A robot can be changed only where it comes from."""
 
     ua_status = StatusCode.BAD_INVALID_STATE
+    remedy = "Change it where it comes from: in fleet.yaml, or by the client that registered it."
 
 
 class Taking(Protocol):

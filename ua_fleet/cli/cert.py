@@ -56,7 +56,7 @@ REVOKE_EXAMPLES = (
 _BridgeName = Annotated[str | None, typer.Option("--bridge", help="Name of a bridge of the configuration file.")]
 _GatewayName = Annotated[
     str | None,
-    typer.Option("--gateway", help="Name that you give a client through which many people come, such as a console."),
+    typer.Option("--gateway", help="Name for a client through which several users log in, such as a console."),
 ]
 
 
@@ -91,24 +91,23 @@ def _as_json(info: CertificateInfo) -> dict[str, Any]:
 
 def create(
     client: Annotated[
-        str | None, typer.Option(help="Make a certificate and key for a client of this name, to be carried to it.")
+        str | None, typer.Option(help="Make a certificate and key for a client of this name; copy both to the client.")
     ] = None,
     bridge: _BridgeName = None,
     and_trust: Annotated[
-        bool, typer.Option("--trust", help="With --bridge, on the server: let both know each other at once.")
+        bool,
+        typer.Option("--trust", help="With --bridge, on the server: server and bridge trust each other from now on."),
     ] = False,
-    renew: Annotated[
-        bool, typer.Option("--renew", help="Make the certificate anew, with the key that there is.")
-    ] = False,
+    renew: Annotated[bool, typer.Option("--renew", help="Make a new certificate with the existing key.")] = False,
     config: Config = DEFAULT_CONFIG,
     as_json: Json = False,
 ) -> None:
-    """Make the certificate and key of the server, a client or a bridge, unless they are there.
+    """Make the certificate and key of the server, a client or a bridge, unless they exist.
 
-    The server makes its own at its first start, and a bridge at its own; this command does it before, for instance to
-    hand the certificate on. With --trust the server knows the bridge from now on, and the bridge this server and no
-    other. With --renew a certificate that has expired, or soon will, is made anew: a running bridge goes on with it,
-    the server has to be restarted, and others have to trust it anew.
+    The server and each bridge make their own at the first start; this command makes them earlier, for instance to hand
+    the certificate on. With --trust the server trusts the bridge from now on, and the bridge trusts this server and no
+    other. --renew replaces a certificate that has expired or soon will: a running bridge goes on with the new one, the
+    server needs a restart, and the other side must trust the new certificate.
     """
     from ua_fleet.server.certificates import (
         ensure_application_certificate,
@@ -236,27 +235,27 @@ def _days_text(info: CertificateInfo) -> str:
 
 def trust_certificate(
     what: Annotated[
-        str | None, typer.Argument(help="First characters of a rejected one's thumbprint, or a file.")
+        str | None, typer.Argument(help="First characters of the thumbprint of a rejected certificate, or a file.")
     ] = None,
     bridge: _BridgeName = None,
     gateway: _GatewayName = None,
-    last: Annotated[bool, typer.Option("--last", help="The one that was refused last; needs --show.")] = False,
+    last: Annotated[bool, typer.Option("--last", help="The certificate that was refused last; needs --show.")] = False,
     show_first: Annotated[
-        bool, typer.Option("--show", help="Show subject, address and thumbprint, and ask before it is trusted.")
+        bool, typer.Option("--show", help="Show subject, address and thumbprint, and ask for confirmation.")
     ] = False,
     config: Config = DEFAULT_CONFIG,
     as_json: Json = False,
 ) -> None:
     """Let a client with this certificate connect; with --bridge or --gateway, know that bridge or gateway by it.
 
-    A client that is not trusted yet connects in vain once; then its certificate stands in `ua-fleet cert list` as
-    rejected, and is trusted by the first characters of its thumbprint. Compare these with what the client shows: anyone
-    may write any subject into a certificate. A bridge is known by one certificate, by which it gets its keys of message
-    security; a new one replaces the old one.
+    The first connection of a client fails, since the server does not trust its certificate. `ua-fleet cert list` then
+    shows the certificate as rejected, and this command trusts it by the first characters of its thumbprint. Compare
+    these with what the client shows: anyone may write any subject into a certificate. A bridge has one certificate, by
+    which it gets its keys of message security; a new one replaces the old one.
 
-    A gateway is a client through which many people log in, each as himself, such as the web console. Who guesses
-    passwords there locks out the name that he guesses at, and not everybody who comes through it. It gets no rights by
-    that. Trust its certificate without --gateway, and it is an ordinary client again.
+    A gateway is a client through which several users log in, each under their own name, such as the web console. A
+    wrong password there locks out the user name that was tried, and not all users of the gateway. A gateway has no
+    further rights. To make it an ordinary client again, trust its certificate without --gateway.
     """
     from ua_fleet.server.certificates import CertificateError
 
@@ -324,17 +323,19 @@ def _is_meant(folder: Path, what: str) -> bool:
 
 
 def revoke_certificate(
-    what: Annotated[str | None, typer.Argument(help="First characters of its thumbprint, or a file.")] = None,
+    what: Annotated[
+        str | None, typer.Argument(help="First characters of the certificate's thumbprint, or a file.")
+    ] = None,
     bridge: _BridgeName = None,
     gateway: _GatewayName = None,
     config: Config = DEFAULT_CONFIG,
     as_json: Json = False,
 ) -> None:
-    """Trust a client's certificate no longer, or with --bridge or --gateway that of a bridge or gateway.
+    """End the trust in the certificate of a client, or with --bridge or --gateway in that of a bridge or gateway.
 
-    It holds at once for new connections; the sessions of a bridge, and all through a gateway, end too. It stands in the
-    list as rejected then. A bridge still has the keys that it has got: an engineer calls InvalidateKeys on its
-    SecurityGroups to end that.
+    This holds at once for new connections; the sessions of the bridge, or all sessions through the gateway, end too.
+    `ua-fleet cert list` shows the certificate as rejected. A bridge still has the keys that it fetched before: to end
+    that, an engineer calls InvalidateKeys on its SecurityGroups.
     """
     from ua_fleet.server.certificates import CertificateError, revoke, revoke_bridge, revoke_gateway
 
@@ -369,8 +370,9 @@ def forget(
 ) -> None:
     """Forget the certificates that servers at an endpoint have shown to this command line, or to a bridge.
 
-    A server that shows another certificate than before is refused, since it may be an impostor, who would be given the
-    password. Where you know why it has another one, forget the old one: the next that is shown there is trusted.
+    A server that shows another certificate than before is refused: it may be an impostor that wants the password. If
+    you know why the certificate has changed, forget the old one. The next certificate that the server shows is then
+    trusted.
     """
     with extra_needed("this command", "client"):
         from ua_fleet.client import ClientIdentity, default_identity_folder

@@ -64,18 +64,18 @@ def login(
     context: ContextName = None,
     password_file: PasswordFile = None,
     days: Annotated[
-        float, typer.Option(help="How long the key is wanted to be valid; the server may give less.", min=0.01)
+        float, typer.Option(help="Validity of the key in days; the server may shorten it.", min=0.01)
     ] = DEFAULT_DAYS,
     policy: SecurityPolicy = None,
     insecure: Insecure = False,
     timeout: Timeout = CONNECT_TIMEOUT_S,
     as_json: Json = False,
 ) -> None:
-    """Log in once: the other commands need neither endpoint, user nor password then.
+    """Log in once: afterwards the other commands need neither endpoint, user nor password.
 
-    The server issues a session key, which is kept in place of the password: in the keyring of the desktop where the
-    package keyring is there and works, otherwise in a file that nobody else can read. Said again, it gets a new key,
-    and the server ends the old one. With several servers, or users, each login is a context; the last one is current.
+    The server issues a session key, which is kept instead of the password: in the keyring of the desktop if the package
+    keyring is installed and works, otherwise in a file that other users cannot read. A second login gets a new key, and
+    the server ends the old one. Each server and user is a context of its own; the last one is current.
     """
     file = ContextFile()
     stored = file.load()
@@ -192,7 +192,7 @@ def _tell_left(context: Context, problem: str) -> None:
 
 
 def logout(context: ContextName = None, as_json: Json = False) -> None:
-    """Log out: the server ends the session key, and it is forgotten here."""
+    """Log out: the server ends the session key, and this machine deletes it."""
     file = ContextFile()
     stored = file.load()
     found = stored.named(context) if context is not None else stored.chosen
@@ -216,7 +216,7 @@ def logout(context: ContextName = None, as_json: Json = False) -> None:
 def contexts(
     use: Annotated[
         str | None,
-        typer.Option(help="Make this one the current one.", autocompletion=complete_context),
+        typer.Option(help="Make this context the current one.", autocompletion=complete_context),
     ] = None,
     as_json: Json = False,
 ) -> None:

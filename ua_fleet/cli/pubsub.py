@@ -46,16 +46,16 @@ def transport_of(fleet: FleetConfig | None, url: str | None, interface: str | No
 
 
 def listen(
-    url: Annotated[str | None, typer.Option(help="Listen here, and not where the configuration file says.")] = None,
+    url: Annotated[str | None, typer.Option(help="Listen at this address instead of the file's.")] = None,
     interface: Annotated[str | None, typer.Option(help="Name, address or subnet of the network interface.")] = None,
-    count: Annotated[int | None, typer.Option(help="End after so many lines.", min=1)] = None,
-    timeout: Annotated[float | None, typer.Option(help="End after so many seconds.", min=0.1)] = None,
+    count: Annotated[int | None, typer.Option(help="End after this number of lines.", min=1)] = None,
+    timeout: Annotated[float | None, typer.Option(help="End after this number of seconds.", min=0.1)] = None,
     key: Annotated[
         str | None,
         typer.Option(
             metavar="KEYDATA_HEX",
             envvar="UA_FLEET_PUBSUB_KEY",
-            help="Open secured messages with this one key, and not with those of the configuration file.",
+            help="Decrypt messages with this key instead of the file's keys.",
         ),
     ] = None,
     as_bridge: Annotated[

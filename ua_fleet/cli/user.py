@@ -134,7 +134,7 @@ def remove(
     config: Config = DEFAULT_CONFIG,
     as_json: Json = False,
 ) -> None:
-    """Remove a user of the server, who cannot log in from now on."""
+    """Remove a user of the server. The user cannot log in from now on."""
     store = _store(config)
     if name not in {user.name for user in store.list()}:
         raise NotFound(f"there is no user {name}; list them with: ua-fleet user list")

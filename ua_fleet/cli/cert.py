@@ -132,7 +132,7 @@ def create(
         made = ensure_client_certificate(
             folder, f"urn:ua-fleet:{fleet.fleet.name}:client:{client}", client, renew=renew
         )
-        message(f"its key: {made.private_key}; let it in with: ua-fleet cert trust {made.certificate}")
+        message(f"its key: {made.private_key}; trust it with: ua-fleet cert trust {made.certificate}")
     info = next(info for info in list_certificates(folder) if info.path == made.certificate)
     if as_json:
         print_json({**_as_json(info), "private_key": str(made.private_key)})
@@ -145,12 +145,12 @@ def _renew_server(fleet: FleetConfig, config: Path) -> CertificateFiles:
 
     made, pinned = renew_server(fleet, config.resolve().parent)
     others = [name for name in fleet.bridges if name not in pinned]
-    message("restart the server; clients that have trusted the old certificate are asked to trust the new one")
+    message("restart the server; clients that trusted the old certificate must trust the new one")
     if pinned:
-        message(f"these bridges know the new one: {', '.join(pinned)}")
+        message(f"these bridges trust the new one: {', '.join(pinned)}")
     if others:
         message(
-            f"where another bridge has a server.der ({', '.join(others)}), put {made.certificate} there as that file"
+            f"for bridges with their own server.der ({', '.join(others)}), put {made.certificate} there as that file"
         )
     return made
 
@@ -204,7 +204,7 @@ def show(config: Config = DEFAULT_CONFIG, as_json: Json = False) -> None:
             print_json(_as_json(info))
         return
     if not found:
-        message("there are no certificates yet; the server makes its own at its first start")
+        message("no certificate exists yet; the server makes its own at its first start")
         return
     rows = [
         (
@@ -264,7 +264,7 @@ def trust_certificate(
     if (what is None) != last:
         raise UsageError("name a certificate, or give --last --show; list them with: ua-fleet cert list")
     if last and not show_first:
-        raise UsageError("another client may have been refused since; give --last --show, which asks")
+        raise UsageError("another client may have been refused since; use --last --show, which asks for confirmation")
     fleet, folder = state_folder(config)
     if bridge is not None:
         _check_bridge(fleet, config, bridge)
@@ -302,7 +302,7 @@ def _last_rejected(folder: Path) -> str:
 
     waiting = [info for info in list_certificates(folder) if info.state is CertificateState.REJECTED]
     if not waiting:
-        raise NotFound("no certificate was refused; connect once with the client that is to be trusted")
+        raise NotFound("no certificate was refused; connect once with the client that you want to trust")
     return max(waiting, key=lambda info: rejection_of(info.path).last_s).thumbprint
 
 
@@ -319,7 +319,7 @@ def _is_meant(folder: Path, what: str) -> bool:
         print_line(f"refused      {utc_text(refused.last_s)}, first {utc_text(refused.first_s)}")
     print_line(f"valid until  {info.validity.end:%Y-%m-%d}")
     print_line(f"thumbprint   {info.thumbprint}")
-    return typer.confirm("Is this what the client shows of itself? Trust it", err=True)
+    return typer.confirm("Does the client show the same data? Trust it", err=True)
 
 
 def revoke_certificate(
@@ -353,7 +353,7 @@ def revoke_certificate(
     except CertificateError as error:
         raise NotFound(str(error)) from error
     if bridge is not None:
-        message("it still has keys; call InvalidateKeys on the SecurityGroups that it must not use any more")
+        message("the bridge still has keys; call InvalidateKeys on the SecurityGroups that it must not use")
     if as_json:
         print_json(_as_json(info))
     else:
@@ -387,7 +387,7 @@ def forget(
     forgotten = identity.known_servers.forget(endpoint)
     if not forgotten:
         known = ", ".join(sorted({server.endpoint for server in identity.known_servers.load()})) or "none"
-        raise NotFound(f"no server was met at {endpoint}; endpoints that are known: {known}")
+        raise NotFound(f"no certificate is stored for {endpoint}; known endpoints: {known}")
     for server in forgotten:
         if as_json:
             print_json(

@@ -150,8 +150,9 @@ def check(
         else:
             for problem in problems:
                 print_line(str(problem))
-            count = len(problems)
-            message(f"ua-fleet: {count} problem{'s' if count > 1 else ''}; mend and run: ua-fleet config check {file}")
+            many = len(problems) > 1
+            remedy = f"correct {'them' if many else 'it'}, then run: ua-fleet config check {file}"
+            message(f"ua-fleet: {len(problems)} problem{'s' if many else ''}; {remedy}")
         raise typer.Exit(EXIT_USAGE)
     size = _Size.of(config)
     if as_json:
@@ -183,7 +184,7 @@ def assign(file: File = DEFAULT_CONFIG, as_json: Json = False) -> None:
         return
     for key, number in given.items():
         print_line(f"{key}: {number}")
-    message(f"{file}: {len(given)} ids assigned" if given else f"{file}: nothing to do, all ids are there")
+    message(f"{file}: {len(given)} ids assigned" if given else f"{file}: nothing to do, all ids exist")
 
 
 def schema(

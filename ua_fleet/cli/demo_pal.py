@@ -91,7 +91,7 @@ def pal(
             ends.append(result)
             if not once:
                 tell_how_to_connect(site)
-                message("the line stays up for you to look at; end it with Ctrl-C")
+                message("the line stays up until you press Ctrl-C")
 
         with shown_until_ctrl_c(lambda: bool(ends)):
             run(run_pal(setting, say=print_line, started=started, finished=finished, stay=not once))

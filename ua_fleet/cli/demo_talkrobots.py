@@ -121,7 +121,7 @@ def talkrobots(
             ends.append(result)
             if not once:
                 tell_how_to_connect(site)
-                message("the fleet stays up for you to look at; end it with Ctrl-C")
+                message("the fleet stays up until you press Ctrl-C")
 
         ask = partial(_ask, endpoint=site.endpoint, limit_s=limit_s)
         with shown_until_ctrl_c(lambda: bool(ends)):

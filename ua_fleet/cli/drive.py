@@ -69,11 +69,11 @@ def drive(
     early.
     """
     if bool(axis) != (wait is not None):
-        raise UsageError("--axis says how fast and --for how long; give both, or neither to drive with keys")
+        raise UsageError("give both --axis (speed) and --for (duration), or neither to drive with keys")
     given = dict(_speed(text) for text in axis or ())
     for_s = None if wait is None else duration_s(wait)
     if for_s is None and not (sys.stdin.isatty() and sys.stderr.isatty()):
-        raise UsageError("this is no terminal, so there are no keys; drive by --axis and --for")
+        raise UsageError("stdin is no terminal, so keys cannot be read; use --axis and --for")
 
     async def main() -> None:
         async with connected(connection) as client:
@@ -161,7 +161,7 @@ async def _drive_by_keys(lease: DrivingLease, share: float) -> None:
 
     line, shown_at, last = ProgressLine(), 0.0, [0.0] * len(speeds)
     message(f"you drive {lease.info.robot}: {KEY_LINE}")
-    message("this is no safety function: have the robot in sight, and its emergency stop within reach")
+    message("this is no safety function: keep the robot in sight and its emergency stop within reach")
     with _keys_at_once():
         loop.add_reader(stdin, read)
         try:
@@ -183,12 +183,12 @@ async def _drive_by_keys(lease: DrivingLease, share: float) -> None:
             loop.remove_reader(stdin)
             line.end()
     if asked is Asked.AWAY:
-        message("the terminal has lost the focus: the robot is given back")
+        message("the terminal has lost the focus: the robot is released")
 
 
 async def _send(lease: DrivingLease, values: Sequence[float]) -> None:
     if lease.over:
-        raise LeaseRefused(StatusCode.BAD_INVALID_STATE, f"{lease.info.robot} is not driven any more: {lease.over}")
+        raise LeaseRefused(StatusCode.BAD_INVALID_STATE, f"you no longer drive {lease.info.robot}: {lease.over}")
     await lease.drive(values)
 
 

@@ -86,7 +86,7 @@ def create(groups: Groups = None, config: Config = DEFAULT_CONFIG, as_json: Json
             else:
                 print_line(f"{group_id}  {path}")
     if not made:
-        message("nothing to do, all key files are there; new keys: ua-fleet keys rotate")
+        message("nothing to do, all key files exist; new keys: ua-fleet keys rotate")
 
 
 def rotate(

@@ -106,10 +106,10 @@ async def _knock(wanted: Connection) -> None:
 
 def _ask_user() -> str:
     if not sys.stdin.isatty():
-        raise UsageError("as which user? run: ua-fleet login --user NAME")
+        raise UsageError("the user is missing; run: ua-fleet login --user NAME")
     name = str(typer.prompt("User", err=True))
     if not name:
-        raise UsageError("as which user? run: ua-fleet login --user NAME")
+        raise UsageError("the user is missing; run: ua-fleet login --user NAME")
     return name
 
 
@@ -184,9 +184,9 @@ async def _end_by_itself(context: Context) -> str:
 
 
 def _tell_left(context: Context, problem: str) -> None:
-    message(f"the server was not told: {problem}")
+    message(f"the server did not end the key: {problem}")
     message(
-        f"where it still takes the key, it does so until {_local(context.valid_until)}; on the server run: "
+        f"the key is valid until {_local(context.valid_until)}; on the server run: "
         f"ua-fleet user logout {context.user} --key {context.key_id}"
     )
 
@@ -243,7 +243,7 @@ def contexts(
     ]
     print_table([("", "name", "user", "endpoint", "valid until"), *rows])
     if os.environ.get("UA_FLEET_CONTEXT") or os.environ.get("UA_FLEET_ENDPOINT") or os.environ.get("UA_FLEET_USER"):
-        message("UA_FLEET_CONTEXT, UA_FLEET_ENDPOINT or UA_FLEET_USER is set, and goes before the current one")
+        message("UA_FLEET_CONTEXT, UA_FLEET_ENDPOINT or UA_FLEET_USER is set and has priority over the current context")
 
 
 def _as_json(context: Context, *, is_current: bool) -> dict[str, object]:

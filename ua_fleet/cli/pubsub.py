@@ -90,7 +90,7 @@ def listen(
         keyed = None
     elif fleet is not None and lacks_keys(fleet, as_bridge):
         keyed = None
-        message("keys come from the key service: name a bridge whose certificate may ask for them (--as-bridge NAME)")
+        message("keys come from the key service: name a bridge with a trusted certificate (--as-bridge NAME)")
     else:
         keyed = fleet
     envelope = tool_envelope(keyed, counters)
@@ -113,7 +113,8 @@ def listen(
                 raise SendTimeout(f"{count} lines did not come within {timeout} s; try a longer --timeout") from None
             if not transport.stats.received:
                 raise SendTimeout(
-                    f"nothing was heard for {timeout} s; are a server or a bridge running, with this url and interface?"
+                    f"no message arrived within {timeout} s; check that a server or bridge runs with this url "
+                    "and interface"
                 ) from None
         finally:
             figures = {**listener.figures(), "kernel_drops": transport.stats.kernel_drops}

@@ -113,7 +113,11 @@ def validate(
             for problem in problems:
                 print_json(asdict(problem))
         if problems:
-            said = ["it cannot be run; see the problems above"] if as_json else [problem.text for problem in problems]
+            said = (
+                ["the scenario cannot be run; see the problems above"]
+                if as_json
+                else [problem.text for problem in problems]
+            )
             raise _Invalid(said)
 
     with_scenarios(connection, work)
@@ -286,7 +290,7 @@ async def _follow(scenarios: ScenarioClient, run_id: str, *, as_json: bool) -> N
     try:
         last = await _print_changes(scenarios, run_id, as_json=as_json)
     except NotConnected:
-        message(f"the run goes on without us; see: ua-fleet scenario watch {run_id}")
+        message(f"the run goes on without this command; see: ua-fleet scenario watch {run_id}")
         raise
     if last is None or not last.is_over:
         message(f"the connection has ended; see: ua-fleet scenario watch {run_id}")

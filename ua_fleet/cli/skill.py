@@ -175,11 +175,11 @@ async def _interrupted(client: FleetClient, execution: SkillExecution, *, halts:
         async with asyncio.timeout(_HALTED_S):
             await execution.result()
     except TimeoutError:
-        message(f"{execution.robot} was asked to halt, and has not told its end; see: ua-fleet skill list {name}")
+        message(f"{execution.robot} was asked to halt and has not reported the end; see: ua-fleet skill list {name}")
     except UaFleetError as error:
         message(f"halted: {error}" if execution.is_over else f"not halted: {error}")
     else:
-        message("the robot was done before it could be halted")
+        message("the skill was done before it could be halted")
 
 
 @connecting

@@ -133,7 +133,7 @@ def _tell_how_to_log_in(fleet: FleetConfig, folder: Path, option: str, endpoint:
         message(f"in another terminal: ua-fleet browse -e {endpoint}")
     else:
         message(
-            f"nobody can log in yet; in another terminal: ua-fleet user add NAME --role operator{option}, "
+            f"no user exists yet; in another terminal: ua-fleet user add NAME --role operator{option}, "
             f"and then: ua-fleet login {endpoint} --user NAME"
         )
 

@@ -126,7 +126,7 @@ def show(config: Config = DEFAULT_CONFIG, as_json: Json = False) -> None:
     if users:
         print_table([("name", "role"), *((user.name, user.role.value) for user in users)])
     else:
-        message("there are no users, so nobody gets in; add one with: ua-fleet user add NAME --role operator")
+        message("no user exists, so no client can log in; add one with: ua-fleet user add NAME --role operator")
 
 
 def remove(

@@ -112,7 +112,7 @@ robots:
 
 
 class PlcProcess:
-    """A simulated PLC; see `ua_bridges.modbus.simulator.__main__`."""
+    """A simulated PLC; see `ua_demo.simulators.modbus.__main__`."""
 
     def __init__(self, *options: str) -> None:
         self.written: list[tuple[str, int, list[Any]]] = []
@@ -121,13 +121,13 @@ class PlcProcess:
         self._answered = threading.Semaphore(0)
         self._other: list[str] = []
         self._process = subprocess.Popen(
-            [sys.executable, "-m", "ua_bridges.modbus.simulator", *options],
+            [sys.executable, "-m", "ua_demo.simulators.modbus", *options],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
             text=True,
             bufsize=1,
-            env=system.clean_environment(PYTHONPATH=str(system.ROOT / "bridges")),
+            env=system.clean_environment(PYTHONPATH=str(system.ROOT / "demo")),
             cwd=system.ROOT,
         )
         self._reader = threading.Thread(target=self._read, name="plc-reader", daemon=True)

@@ -87,6 +87,25 @@ def test_a_camera_s_newest_picture_is_shown(open_page: Open, picture: Picture) -
     expect(page.get_by_text("It is no picture that a browser shows")).to_be_visible()
 
 
+@pytest.mark.parametrize("expected_complaints", [["503"]])
+def test_a_picture_that_cannot_be_read_anew_is_not_of_now(open_page: Open, picture: Picture) -> None:
+    page = open_page("operator", LEFT)
+    ask(page, "node.write", node="ns=2;i=1307", value=_png(40).hex())
+    page.get_by_role("button", name="Picture of camera").click()
+    shown = page.get_by_role("figure").filter(has=page.get_by_role("img", name="Picture of camera"))
+    expect(shown.get_by_role("img")).to_have_js_property("naturalWidth", 40)
+    expect(shown).not_to_contain_text("Not of now")
+    page.route("**/node.picture", lambda route: route.fulfill(status=503, json={"error": {"message": "not now"}}))
+    ask(page, "node.write", node="ns=2;i=1307", value=_png(50).hex())
+    expect(shown).to_contain_text("Not of now")
+    expect(shown.get_by_role("img")).to_have_js_property("naturalWidth", 40)
+    picture(page, "robot-picture-old")
+    page.unroute("**/node.picture")
+    ask(page, "node.write", node="ns=2;i=1307", value=_png(60).hex())
+    expect(shown.get_by_role("img")).to_have_js_property("naturalWidth", 60)
+    expect(shown).not_to_contain_text("Not of now")
+
+
 def test_a_robot_s_data_stand_in_their_groups(open_page: Open, picture: Picture) -> None:
     page = open_page("operator", LEFT)
     expect(page.get_by_role("heading", level=1, name="left")).to_be_visible()

@@ -18,6 +18,7 @@ import sys
 import time
 from collections.abc import Collection, Generator, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
+from math import inf
 from pathlib import Path
 from typing import Any, Final
 
@@ -235,8 +236,9 @@ class Lane:
         """What all devices of this lane have sent."""
         found, published = self.stack.printed(self, "wish", 6), self._published()
         wishes = [
-            # A device has seen no counter before it was published; what the bridge has printed may not be read yet.
-            Wish(float(sent), published.get(echo, float(seen)), int(lease), float(speed))
+            # A device has seen no counter before it was published. What the bridge has printed may not be read yet, and
+            # counters begin anew with a bridge that was restarted: one of the same number was published later then.
+            Wish(float(sent), min(float(seen), published.get(echo, inf)), int(lease), float(speed))
             for _, sent, seen, lease, speed, echo in found
         ]
         return sorted(wish for wish in wishes if wish.sent >= since)

@@ -94,16 +94,16 @@ def test_a_picture_that_cannot_be_read_anew_is_not_of_now(open_page: Open, pictu
     page.get_by_role("button", name="Picture of camera").click()
     shown = page.get_by_role("figure").filter(has=page.get_by_role("img", name="Picture of camera"))
     expect(shown.get_by_role("img")).to_have_js_property("naturalWidth", 40)
-    expect(shown).not_to_contain_text("Not of now")
+    expect(shown).not_to_contain_text("Not current")
     page.route("**/node.picture", lambda route: route.fulfill(status=503, json={"error": {"message": "not now"}}))
     ask(page, "node.write", node="ns=2;i=1307", value=_png(50).hex())
-    expect(shown).to_contain_text("Not of now")
+    expect(shown).to_contain_text("Not current")
     expect(shown.get_by_role("img")).to_have_js_property("naturalWidth", 40)
     picture(page, "robot-picture-old")
     page.unroute("**/node.picture")
     ask(page, "node.write", node="ns=2;i=1307", value=_png(60).hex())
     expect(shown.get_by_role("img")).to_have_js_property("naturalWidth", 60)
-    expect(shown).not_to_contain_text("Not of now")
+    expect(shown).not_to_contain_text("Not current")
 
 
 def test_a_robot_s_data_stand_in_their_groups(open_page: Open, picture: Picture) -> None:

@@ -302,8 +302,8 @@ _DRIVEN: Final[dict[str, Any]] = {
         "release_id": 1909,
         "data": "cmd_vel",
         "axes": {
-            "linear": {"speed": 1000.0, "acceleration": 1.0, "jerk": 1.0},
-            "angular": {"speed": 1000.0, "acceleration": 1.0, "jerk": 1.0},
+            "linear": {"speed": 1000.0, "acceleration": 1000.0, "jerk": 1000.0},
+            "angular": {"speed": 1000.0, "acceleration": 1000.0, "jerk": 1000.0},
         },
         "robot_timeout_ms": 500,
     },

@@ -11,7 +11,7 @@ from typing import Any, Final
 import pytest
 import structlog
 
-from tests import system
+from tests import command_tree, system
 
 try:
     import hypothesis
@@ -23,6 +23,8 @@ else:
         "untimed", deadline=None, suppress_health_check=[hypothesis.HealthCheck.too_slow]
     )
     hypothesis.settings.load_profile("untimed")
+
+command_tree.keep()
 
 CHILDREN: Final = "Child processes of "
 """A report's section."""

@@ -1,13 +1,15 @@
 """Starts programs of tests as processes that have imported already what they need: `fork_server.py MODULE...`.
 
-The socket on file descriptor 0 brings requests: the program, its arguments and its environment as JSON, and with them
-two file descriptors, for what the process prints and for how it ends. Each is answered with the process id. What runs
-is the program, in a process and a group of its own; only its imports were done before. An ended process is there until
-nobody holds the other end of the second descriptor, so that no other one has its id. Ends when the socket is closed.
+The socket on file descriptor 0 brings requests: what is run, its arguments, environment and folder as JSON, and with
+them four file descriptors: what the process reads, where it prints, where it complains, and where is told how it ends.
+Each is answered with the process id. What runs is the program, in a process and a group of its own; only its imports
+were done before, and the nodes that the standard gives an OPC UA server. An ended process is there until nobody holds
+the other end of the last descriptor, so that no other one has its id. Ends when the socket is closed.
 """
 
 from __future__ import annotations
 
+import atexit
 import contextlib
 import gc
 import importlib
@@ -17,26 +19,33 @@ import runpy
 import select
 import socket
 import sys
+import threading
+import time
 from typing import Any
 
-REQUEST_BYTES = 1 << 16
+REQUEST_BYTES = 1 << 17
 
 
-def become(program: str, arguments: list[str], environment: dict[str, str], output: int) -> None:
+def become(request: dict[str, Any], descriptors: list[int]) -> None:
     """Be a process of its own, as one that was started with this environment and these arguments."""
     os.setpgid(0, 0)
-    nothing = os.open(os.devnull, os.O_RDONLY)
-    for source, target in ((nothing, 0), (output, 1), (output, 2)):
+    kept = [os.dup(descriptor) for descriptor in descriptors]  # above those that they become
+    for source, target in zip(kept, range(3), strict=True):
         os.dup2(source, target)
     os.closerange(3, 256)
+    os.chdir(request["folder"])
     os.environ.clear()
-    os.environ.update(environment)
-    sys.argv = [program, *arguments]
+    os.environ.update(request["environment"])
+    time.tzset()
+    program = request["program"]
+    sys.argv = [program, *request["arguments"]]
+    sys.path[0] = request["folder"] if request["is_module"] else os.path.dirname(os.path.abspath(program))
+    sys.path[1:1] = [place for place in os.environ.get("PYTHONPATH", "").split(os.pathsep) if place]
     gc.enable()
 
 
-def serve(requests: socket.socket) -> str | None:
-    """Start processes until the socket is closed; in such a process, the program that it is to run."""
+def serve(requests: socket.socket) -> dict[str, Any] | None:
+    """Start processes until the socket is closed; in such a process, what was asked for."""
     running: dict[int, tuple[int, int]] = {}
     """Process ids by the descriptors that tell of their ends, each with where to write how it was."""
     ended: dict[int, int] = {}
@@ -58,29 +67,65 @@ def serve(requests: socket.socket) -> str | None:
             os.close(found)
         if requests.fileno() not in readable:
             continue
-        data, descriptors, _, _ = socket.recv_fds(requests, REQUEST_BYTES, 2)
+        data, descriptors, _, _ = socket.recv_fds(requests, REQUEST_BYTES, 4)
         if not data:
             return None
         request: dict[str, Any] = json.loads(data)
-        output, told = descriptors
+        *streams, told = descriptors
         pid = os.fork()
         if pid == 0:
             requests.detach()  # closed with all the others
-            become(request["program"], request["arguments"], request["environment"], output)
-            return str(request["program"])
+            become(request, streams)
+            return request
         with contextlib.suppress(OSError):  # it has done so itself, or is gone
             os.setpgid(pid, pid)
-        os.close(output)
+        for stream in streams:
+            os.close(stream)
         running[os.pidfd_open(pid)] = pid, told
         requests.send(str(pid).encode())
 
 
+def prepare(modules: list[str]) -> None:
+    """Do what all processes would do alike."""
+    for module in modules:
+        with contextlib.suppress(ImportError):
+            importlib.import_module(module)
+    importlib.import_module("tests.command_tree").keep()
+    if (command_line := sys.modules.get("ua_fleet.cli.app")) is not None:
+        importlib.import_module("typer.main").get_command(command_line.app)
+    if "ua_fleet.server.app" in sys.modules:
+        importlib.import_module("tests.standard_space").make_for_one()
+    threads = len(os.listdir("/proc/self/task"))
+    assert threads == 1, f"{threads} threads: a process that is forked off has one alone"
+
+
+def run(request: dict[str, Any]) -> None:
+    """Run the program, and end as Python does: but nothing is taken apart, which would copy all that was forked."""
+    try:
+        if request["is_module"]:
+            runpy.run_module(request["program"], run_name="__main__", alter_sys=True)
+        else:
+            runpy.run_path(request["program"], run_name="__main__")
+        code = 0
+    except SystemExit as end:
+        if not isinstance(end.code, int | None):
+            raise
+        code = end.code or 0
+    internals: Any = threading
+    internals._shutdown()  # waits for its threads
+    internals = atexit
+    internals._run_exitfuncs()
+    sys.stdout.flush()
+    sys.stderr.flush()
+    os._exit(code & 0xFF)
+
+
 if __name__ == "__main__":
     gc.disable()
-    for module in sys.argv[1:]:
-        importlib.import_module(module)
+    prepare(sys.argv[1:])
+    gc.collect()
     gc.freeze()
     with socket.socket(fileno=os.dup(0)) as channel:
         chosen = serve(channel)
     if chosen is not None:
-        runpy.run_path(chosen, run_name="__main__")
+        run(chosen)

@@ -1,6 +1,7 @@
 """Processes of tests that need not import what they need: they are forked off one that has done so.
 
-To import what a bridge needs takes 0.7 s of computing, more than most tests do with it.
+To import what a bridge needs takes 0.7 s of computing, more than most tests do with it; what a server needs, and the
+nodes that the standard gives it, two seconds.
 """
 
 from __future__ import annotations
@@ -18,38 +19,95 @@ import sys
 import threading
 import time
 from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from io import TextIOWrapper
 from pathlib import Path
-from typing import Final
+from typing import Final, NamedTuple
 
-__all__ = ["ForkedProcess"]
+__all__ = ["Command", "ForkedProcess", "command_of"]
 
 _lock: Final = threading.Lock()
 _SERVER: Final = Path(__file__).with_name("fork_server.py")
 _ROOT: Final = Path(__file__).resolve().parent.parent
+_ROS1_PYTHON: Final = _ROOT / ".venv-ros1" / "bin" / "python"
 _IMPORTED: Final = (
+    "rospy",
     "tests.integration.scenarios.machines",
+    "ua_bridges.modbus.driver",
+    "ua_bridges.plugged.driver",
+    "ua_bridges.ros1.driver",
+    "ua_bridges.ros2.driver",
+    "ua_bridges.tcp.driver",
+    "ua_bridges.tcp.simulator",
+    "ua_bridges.ur.driver",
     "ua_fleet.bridge.runner",
+    "ua_fleet.cli.app",
     "ua_fleet.cli.key_source",
     "ua_fleet.client",
     "ua_fleet.config.load",
+    "ua_fleet.console.run",
     "ua_fleet.server.app",
     "ua_fleet.transport.udp",
 )
+"""What an interpreter has not is left out. rclpy is not among them: it starts threads, which no fork has."""
+
+
+class Command(NamedTuple):
+    """A program in Python."""
+
+    python: str
+    program: str
+    """A file's path or a module's name."""
+    is_module: bool
+    arguments: list[str]
 
 
 class ForkedProcess:
     """A process, with what `subprocess.Popen` has for one."""
 
-    def __init__(self, program: str | Path, arguments: Sequence[str], environment: Mapping[str, str]) -> None:
+    def __init__(
+        self,
+        command: Command,
+        environment: Mapping[str, str],
+        *,
+        reads: bool = False,
+        complains: bool = False,
+    ) -> None:
+        """Fork it.
+
+        Args:
+            command: see `command_of`.
+            environment: all of its variables.
+            reads: what is written to `stdin`; else nothing.
+            complains: to `stderr`; else to `stdout`, with all that it says.
+        """
         output, printed = os.pipe()
+        self.stdin: TextIOWrapper | None = None
+        self.stderr: TextIOWrapper | None = None
+        if reads:
+            given, written = os.pipe()
+            self.stdin = TextIOWrapper(open(written, "wb"))  # noqa: SIM115 - who writes closes it
+        else:
+            given = os.open(os.devnull, os.O_RDONLY)
+        if complains:
+            complaints, complained = os.pipe()
+            self.stderr = TextIOWrapper(open(complaints, "rb"), errors="replace")  # noqa: SIM115 - as stdout
+        else:
+            complained = os.dup(printed)
         self._ended, told = socket.socketpair()
-        request = {"program": str(program), "arguments": list(arguments), "environment": dict(environment)}
+        request = {
+            "program": command.program,
+            "is_module": command.is_module,
+            "arguments": command.arguments,
+            "environment": dict(environment),
+            "folder": os.getcwd(),
+        }
         with _lock:
-            server = _server()
-            socket.send_fds(server, [json.dumps(request).encode()], [printed, told.fileno()])
+            server = _server(command.python)
+            socket.send_fds(server, [json.dumps(request).encode()], [given, printed, complained, told.fileno()])
             self.pid: Final = int(server.recv(32))
-        os.close(printed)
+        for descriptor in (given, printed, complained):
+            os.close(descriptor)
         told.close()
         self.returncode: int | None = None
         self.stdout: Final = TextIOWrapper(open(output, "rb"), errors="replace")  # noqa: SIM115 - its reader closes it
@@ -65,6 +123,24 @@ class ForkedProcess:
             if deadline is not None and time.monotonic() >= deadline:
                 raise subprocess.TimeoutExpired([str(self.pid)], timeout or 0.0)
         return code
+
+    def communicate(self, given: str, timeout: float) -> tuple[str, str]:
+        """Write to its stdin and wait for its end: what it said, and what it complained of.
+
+        Raises subprocess.TimeoutExpired, and has killed it then.
+        """
+        assert self.stdin is not None, "it reads nothing"
+        assert self.stderr is not None, "it complains to stdout"
+        with ThreadPoolExecutor(2) as readers, self.stdout, self.stderr:
+            said, complained = (readers.submit(stream.read) for stream in (self.stdout, self.stderr))
+            with contextlib.suppress(BrokenPipeError), self.stdin:
+                self.stdin.write(given)
+            try:
+                self.wait(timeout)
+            except subprocess.TimeoutExpired:
+                self.kill()
+                raise
+            return said.result(), complained.result()
 
     def send_signal(self, number: int) -> None:
         """Send it a signal, unless it has ended."""
@@ -87,9 +163,24 @@ class ForkedProcess:
         return self.returncode
 
 
+def command_of(words: Sequence[str | Path]) -> Command | None:
+    """The file or the module that a command has a Python run, ours or the one with rospy; None for any other command.
+
+    Output is never held back in a forked process: so `-u` is as nothing.
+    """
+    python, *rest = [str(word) for word in words]
+    if python not in (sys.executable, str(_ROS1_PYTHON)):
+        return None
+    if rest[:1] == ["-u"]:
+        del rest[0]
+    if rest[:1] == ["-m"]:
+        return Command(python, rest[1], True, rest[2:])
+    return Command(python, rest[0], False, rest[1:]) if rest[0].endswith(".py") else None
+
+
 @functools.cache
-def _server() -> socket.socket:
-    """The process that has imported everything, one for each process of tests."""
+def _server(python: str) -> socket.socket:
+    """The process that has imported everything, one of each Python for each process of tests."""
     ours, its = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     environment = {
         name: value
@@ -98,7 +189,7 @@ def _server() -> socket.socket:
     }
     path = os.pathsep.join((str(_ROOT), str(_ROOT / "bridges")))
     server = subprocess.Popen(
-        [sys.executable, "-u", _SERVER, *_IMPORTED],
+        [python, "-u", _SERVER, *_IMPORTED],
         stdin=its.fileno(),
         stdout=subprocess.DEVNULL,
         env=environment | {"PYTHONPATH": path},

@@ -81,7 +81,7 @@ class PtyDevice:
                 with contextlib.suppress(BlockingIOError):
                     os.write(self._master, content)
 
-    def wait_for_reader(self, timeout_s: float = 10.0) -> None:
+    def wait_for_reader(self, timeout_s: float = 60.0) -> None:
         """Wait until somebody reads what it says. Empty lines may be thrown away when the port is opened, when it is
         listened to, and as the end of half a line."""
         deadline = time.monotonic() + timeout_s

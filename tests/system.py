@@ -22,7 +22,7 @@ from types import TracebackType
 from typing import ClassVar, Self
 
 from tests import network
-from tests.forking import ForkedProcess
+from tests.forking import ForkedProcess, command_of
 
 ROOT = Path(__file__).resolve().parent.parent
 ROS1_PYTHON = ROOT / ".venv-ros1" / "bin" / "python"
@@ -190,16 +190,16 @@ class Child:
     """A started process whose output is collected line by line."""
 
     def __init__(
-        self, args: Sequence[str | Path], env: Mapping[str, str] | None = None, *, forked: bool = False
+        self, args: Sequence[str | Path], env: Mapping[str, str] | None = None, *, whole: bool = False
     ) -> None:
-        """Start it; `forked` as a program in Python that has imported already what it needs (see `forking`)."""
+        """Start it; `whole` says of a program in Python that it is not forked (see `Processes.start`)."""
         self.args = [str(arg) for arg in args]
         self.lines: list[str] = []
         self._changed = threading.Condition()
         environment = dict(env) if env is not None else clean_environment()
         self.process: subprocess.Popen[str] | ForkedProcess
-        if forked:
-            self.process = ForkedProcess(args[0], self.args[1:], environment)
+        if not whole and (command := command_of(args)) is not None:
+            self.process = ForkedProcess(command, environment)
         else:
             self.process = subprocess.Popen(
                 self.args,
@@ -223,7 +223,7 @@ class Child:
         with self._changed:
             self._changed.notify_all()
 
-    def wait_for(self, text: str, timeout_s: float = 20) -> str:
+    def wait_for(self, text: str, timeout_s: float = 60) -> str:
         """The first line that contains `text`; fails with all output when it does not come."""
         deadline = time.monotonic() + timeout_s
         seen = 0
@@ -247,7 +247,7 @@ class Child:
         """Have it go on after it stood still."""
         os.killpg(self.process.pid, signal.SIGCONT)
 
-    def end(self, signal_number: int = signal.SIGTERM, timeout_s: float = 10) -> int:
+    def end(self, signal_number: int = signal.SIGTERM, timeout_s: float = 30) -> int:
         """End the process and its children; its exit code."""
         if self.process.poll() is None:
             os.killpg(self.process.pid, signal_number)
@@ -261,6 +261,22 @@ class Child:
         if self.process.stdout is not None:
             self.process.stdout.close()
         return self.process.wait()
+
+
+def run(
+    *args: str | Path, env: Mapping[str, str] | None = None, stdin: str = "", timeout_s: float = 60
+) -> subprocess.CompletedProcess[str]:
+    """Run a program in Python to its end, in a process that need not import what it needs (see `forking`)."""
+    command = command_of(args)
+    assert command is not None, f"no program in Python: {args}"
+    process = ForkedProcess(command, dict(env) if env is not None else clean_environment(), reads=True, complains=True)
+    said, complained = process.communicate(stdin, timeout_s)
+    return subprocess.CompletedProcess([str(arg) for arg in args], process.wait(), said, complained)
+
+
+def cli(*arguments: str | Path) -> list[str]:
+    """The command line with these arguments, as a command of this Python."""
+    return [sys.executable, "-m", "ua_fleet.cli", *[str(argument) for argument in arguments]]
 
 
 class Processes:
@@ -285,17 +301,19 @@ class Processes:
         """Those that were started, also those that have ended."""
         return self._children
 
-    def start(self, *args: str | Path, env: Mapping[str, str] | None = None) -> Child:
-        """Start a process of its own group."""
-        child = Child(args, env)
+    def start(self, *args: str | Path, env: Mapping[str, str] | None = None, whole: bool = False) -> Child:
+        """Start a process of its own group.
+
+        A file or a module that a Python runs is forked off a process that has imported what it needs (`forking`); with
+        `whole` it is started as any other command.
+        """
+        child = Child(args, env, whole=whole)
         self._children.append(child)
         return child
 
     def fork(self, program: Path, *args: str | Path, env: Mapping[str, str] | None = None) -> Child:
-        """Start a program in this Python, of its own group, that need not import what bridges do."""
-        child = Child((program, *args), env, forked=True)
-        self._children.append(child)
-        return child
+        """Start a program in this Python, as `start` does."""
+        return self.start(sys.executable, program, *args, env=env)
 
     def __enter__(self) -> Self:
         self.at_work.add(self)

@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable
 
 
-async def until(condition: Callable[[], object], what: str = "what was waited for", timeout_s: float = 20) -> None:
+async def until(condition: Callable[[], object], what: str = "what was waited for", timeout_s: float = 60) -> None:
     """Wait for a condition, and say what did not come."""
     deadline = time.monotonic() + timeout_s
     while not condition():

@@ -15,7 +15,7 @@ from tests.acceptance.every_kind import ROBOTS, EveryKind, Ledger
 from tests.integration.scenarios.conftest import call, run, run_is, value
 from tests.integration.server_model.harness import until
 
-pytestmark = [pytest.mark.needs("ros1", "ros2", "ur"), pytest.mark.timeout(240)]
+pytestmark = [pytest.mark.needs("ros1", "ros2", "ur"), pytest.mark.timeout(300)]
 
 RESTART_S: Final = 0.5
 POISONED: Final = -1
@@ -123,7 +123,7 @@ async def announced(client: Client, robot: str, *capacities: str) -> None:
             return None
         return tuple(await value(client, f"Faults.{robot}.announced.Capacities") or ())
 
-    await until(read, lambda found: found == capacities, timeout_s=30)
+    await until(read, lambda found: found == capacities, timeout_s=60)
 
 
 async def is_done(client: Client, run_id: str, asked: Iterable[str] = ()) -> set[str]:
@@ -155,7 +155,7 @@ async def between(client: Client, run_id: str, seen: Seen, batch: int) -> None:
 
     await until(read, lambda lines: lines == {robot: once(job_of(robot, batch)) for robot in ROBOTS}, timeout_s=60)
     states = client.get_node(f"ns=2;s=Fleet.Scenarios.Runs.{run_id}.States")
-    await until(states.read_value, lambda found: found.count("done") == len(ROBOTS), timeout_s=30)
+    await until(states.read_value, lambda found: found.count("done") == len(ROBOTS), timeout_s=60)
 
 
 async def test_all_bridges_are_killed_within_tasks(plant: EveryKind) -> None:

@@ -31,7 +31,7 @@ async def told(works: Works, *jobs: tuple[str, str]) -> None:
     async def read() -> Any:
         return works.told()
 
-    await until(read, lambda found: found == list(jobs), timeout_s=30)
+    await until(read, lambda found: found == list(jobs), timeout_s=60)
 
 
 async def kill_and_restart(works: Works, bridge: Child, robot: str) -> None:
@@ -146,7 +146,7 @@ async def test_a_bridge_that_is_away_for_longer_than_is_waited_for_tells_when_it
         async def states() -> Any:
             return await state_of(client, run_id)
 
-        await until(states, lambda found: found == [waiting], timeout_s=30)
+        await until(states, lambda found: found == [waiting], timeout_s=60)
         await says(works.start_bridge("left"), "ready")
         assert await run_is(client, run_id, "done", "failed") == "done", await reason_of(client, run_id)
         assert works.told() == [("left", "a")], "it was done, and the robot can tell"

@@ -28,7 +28,7 @@ async def is_offline(client: Client, robot: str, *, offline: bool = True) -> Non
     async def read() -> Any:
         return await client.get_node(f"ns=2;s=Robots.{robot}.State").read_value()
 
-    await until(read, lambda state: (state == 0) is offline, timeout_s=30)
+    await until(read, lambda state: (state == 0) is offline, timeout_s=60)
 
 
 def prepare(works: Works, steps: str) -> None:

@@ -18,9 +18,9 @@ import contextlib
 import importlib
 import json
 import os
+import resource
 import socket
 import struct
-import sys
 import threading
 import time
 from collections.abc import Generator, Mapping
@@ -28,7 +28,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Final, Self
 
-from tests.system import Processes, clean_environment, free_multicast_url, free_tcp_port
+from tests.system import Processes, cli, free_multicast_url, free_tcp_port
 from ua_fleet.server.users import USERS_FILE, Role, ScryptCost, UserStore
 
 # asyncua declares UInt32 where it takes an int; attackers use it without types.
@@ -366,9 +366,10 @@ def attacked(
     users = UserStore(folder / "state" / USERS_FILE, ScryptCost(2**8, 8, 1))
     for name, password in PASSWORDS.items():
         users.add(name, password, _ROLES[name])
-    limit = [] if memory_mb is None else ["prlimit", f"--as={memory_mb * 1024 * 1024}"]
     with Processes() as processes:
-        serve = [*limit, sys.executable, "-m", "ua_fleet.cli", "serve", "-c", str(folder / "fleet.yaml")]
-        process = processes.start(*serve, env=clean_environment(PYTHONUNBUFFERED="1"))
+        process = processes.start(*cli("serve", "-c", folder / "fleet.yaml"))
+        if memory_mb is not None:
+            limit = memory_mb * 1024 * 1024
+            resource.prlimit(process.process.pid, resource.RLIMIT_AS, (limit, limit))
         process.wait_for("ready: ", 60)
         yield AttackedServer(folder, port, process)

@@ -33,7 +33,7 @@ PLACE: Final = "#/hall/drive/carrier"
 DEADMAN_S: Final = 3.0
 """Longer than usual: while a picture is taken or axe looks, a page stands for a while."""
 SLACK_S: Final = 0.5
-WAIT_S: Final = 20.0
+WAIT_S: Final = 60.0
 MILLISECONDS: Final = re.compile(r"^\d+ ms$")
 HALF: Final = SPEED / 2
 """The page begins with half of the limits."""

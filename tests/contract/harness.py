@@ -15,6 +15,7 @@ from typing import Any, Final, Protocol, runtime_checkable
 
 import pytest
 
+from tests.forking import ForkedProcess, command_of
 from ua_fleet.bridge import Driver, DriverEvent, Dropped, SampleRead, SourceFound, SourceLost
 from ua_fleet.config.load import load_content
 from ua_fleet.config.schema import FleetConfig
@@ -47,7 +48,7 @@ __all__ = [
     "message_of",
 ]
 
-WAIT_S: Final = 20.0
+WAIT_S: Final = 60.0
 WORK_ID: Final = 1900
 FAULT_ID: Final = 1903
 """Of the fault topic of a SkilledSpace's robot, where its driver has one."""
@@ -378,21 +379,14 @@ class RobotProcess:
         self._heard: dict[str, list[dict[str, Any]]] = {}
         self._done = threading.Semaphore(0)
         self._other: list[str] = []
-        self._process = subprocess.Popen(
-            [str(part) for part in command],
-            env=dict(env),
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
-            text=True,
-            bufsize=1,
-        )
+        found = command_of(command)
+        assert found is not None, command
+        self._process = ForkedProcess(found, env, reads=True)
         self._reader = threading.Thread(target=self._read, name="robot-reader", daemon=True)
         self._reader.start()
         self._wait("the robot's start")
 
     def _read(self) -> None:
-        assert self._process.stdout is not None
         for line in self._process.stdout:
             if not line.startswith("{"):
                 self._other.append(line)
@@ -447,8 +441,7 @@ class RobotProcess:
             self._process.kill()
             self._process.wait()
         self._reader.join(5)
-        if self._process.stdout is not None:
-            self._process.stdout.close()
+        self._process.stdout.close()
 
 
 class Rubbish:

@@ -16,6 +16,7 @@ from ua_bridges.modbus.driver import create_driver
 
 from tests import system
 from tests.contract.harness import NUMBER, TEXT, TWIST, WAIT_S, Kind, Rubbish
+from tests.forking import Command, ForkedProcess
 from ua_fleet.bridge import Driver
 from ua_fleet.config.load import load_content
 from ua_fleet.config.schema import FleetConfig
@@ -120,22 +121,13 @@ class PlcProcess:
         self._answers: list[dict[str, Any]] = []
         self._answered = threading.Semaphore(0)
         self._other: list[str] = []
-        self._process = subprocess.Popen(
-            [sys.executable, "-m", "ua_bridges.modbus.simulator", *options],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
-            text=True,
-            bufsize=1,
-            env=system.clean_environment(PYTHONPATH=str(system.ROOT / "bridges")),
-            cwd=system.ROOT,
-        )
+        command = Command(sys.executable, "ua_bridges.modbus.simulator", True, list(options))
+        self._process = ForkedProcess(command, system.clean_environment(), reads=True)
         self._reader = threading.Thread(target=self._read, name="plc-reader", daemon=True)
         self._reader.start()
         self._wait("the PLC's start")
 
     def _read(self) -> None:
-        assert self._process.stdout is not None
         for line in self._process.stdout:
             if line.startswith("told: "):
                 self.told.append(line.removeprefix("told: ").rstrip("\n"))
@@ -169,8 +161,7 @@ class PlcProcess:
             self._process.kill()
             self._process.wait()
         self._reader.join(5)
-        if self._process.stdout is not None:
-            self._process.stdout.close()
+        self._process.stdout.close()
 
 
 PLACES: Final[dict[Topic, tuple[str, int, int]]] = {

@@ -36,7 +36,7 @@ from typing import Final, NamedTuple
 from tests import system
 
 PASSWORD: Final = "white-rabbit-4"
-PATIENCE_S: Final = 30.0
+PATIENCE_S: Final = 60.0
 
 _STEP = re.compile(
     r"^<!-- (?P<mark>[^\n]*?) -->\n+(?:```(?P<language>\w*)\n(?P<text>.*?)^```$)?", re.MULTILINE | re.DOTALL

@@ -139,7 +139,7 @@ class Peer:
                 return type(event)
         return None
 
-    async def until(self, condition: Callable[[], Any], timeout_s: float = 15) -> None:
+    async def until(self, condition: Callable[[], Any], timeout_s: float = 60) -> None:
         """Wait until a condition on what was received holds."""
         async with asyncio.timeout(timeout_s):
             while not condition():
@@ -175,7 +175,7 @@ class Peer:
         kept = KeysKept()
         keeping = asyncio.ensure_future(keep_keys(peer._envelope, source, kept, count=2))
         try:
-            async with asyncio.timeout(10):
+            async with asyncio.timeout(60):
                 await kept.wait_for(groups_of(config, space))
             async with peer._working():
                 yield peer

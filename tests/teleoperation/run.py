@@ -15,7 +15,7 @@ from tests.teleoperation.stack import RULES, SPEED, Controlled, Lane
 
 __all__ = ["Outcome", "run_round"]
 
-WAIT_S: Final = 40.0
+WAIT_S: Final = 60.0
 AGAIN: Final = 0.4
 """Share of the first speed that is driven afterwards: an old setpoint would be seen to be one."""
 ENGINEERS_SPEED: Final = -0.3

@@ -5,12 +5,14 @@ from __future__ import annotations
 import os
 import signal
 import subprocess
+import sys
 import time
 from pathlib import Path
 
 import pytest
 
-from tests.system import Processes, clean_environment
+from tests.system import Processes, clean_environment, cli, run
+from ua_fleet import __version__
 
 PROGRAM = """
 import os, sys, time
@@ -19,6 +21,19 @@ print("to stderr", os.getpgid(0) == os.getpid(), file=sys.stderr)
 if sys.argv[1:] == ["waits"]:
     time.sleep(60)
 raise SystemExit(3 if sys.argv[1:] == ["fails"] else None)
+"""
+
+SERVERS = """
+import asyncio
+from asyncua.server.internal_server import InternalServer
+async def main():
+    for which in ("first", "second"):
+        server = InternalServer()
+        await server.load_standard_address_space()
+        nodes = server.aspace._nodes
+        print(which, len(nodes), sum(len(node.references) for node in nodes.values()), "changed" in nodes, flush=True)
+        nodes["changed"] = next(iter(nodes.values()))
+asyncio.run(main())
 """
 
 
@@ -31,11 +46,11 @@ def program(tmp_path: Path) -> Path:
 
 def test_it_runs_the_program_with_its_arguments_and_environment(program: Path, processes: Processes) -> None:
     child = processes.fork(program, "one", "two", env=clean_environment(OF_THE_TEST="yes"))
-    assert child.process.wait(20) == 0
+    assert child.process.wait(60) == 0
     child.end()
     assert child.lines[0].startswith("hello __main__ ['one', 'two'] yes ['0', '1', '2'")
     assert child.lines[1:] == ["to stderr True"]
-    assert processes.fork(program, "fails").process.wait(20) == 3
+    assert processes.fork(program, "fails").process.wait(60) == 3
     assert "None" in processes.fork(program).wait_for("hello")
 
 
@@ -52,3 +67,38 @@ def test_it_is_killed_and_its_id_belongs_to_it_until_that_is_known(program: Path
     assert child.end(signal.SIGKILL) == -signal.SIGKILL
     while Path(f"/proc/{child.process.pid}").exists():
         time.sleep(0.01)
+
+
+def test_a_module_is_run_in_the_folder_of_the_test(
+    program: Path, processes: Processes, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(program.parent)
+    assert (
+        processes.start(sys.executable, "-u", "-m", "program", "one")
+        .wait_for("hello")
+        .startswith("hello __main__ ['one']")
+    )
+    (program.parent / "apart").mkdir()
+    (program.parent / "apart" / "elsewhere.py").write_text("print('it is elsewhere')")
+    environment = clean_environment(PYTHONPATH=str(program.parent / "apart"))
+    processes.start(sys.executable, "-m", "elsewhere", env=environment).wait_for("it is elsewhere")
+
+
+def test_a_command_is_told_what_it_reads_and_complains_apart() -> None:
+    ended = run(*cli("pubsub", "decode", "-", "--json"), stdin="no datagram")
+    assert (ended.returncode, ended.stdout) == (2, "")
+    assert "'no datagram' is no hexadecimal" in ended.stderr
+    said = run(*cli("--version"))
+    assert (said.returncode, said.stdout.split(), said.stderr) == (0, ["ua-fleet", __version__], "")
+
+
+def test_the_first_server_of_each_has_the_nodes_of_the_standard_and_the_second_makes_them(
+    tmp_path: Path, processes: Processes
+) -> None:
+    program = tmp_path / "servers.py"
+    program.write_text(SERVERS)
+    for _ in range(2):
+        child = processes.fork(program)
+        first, second = child.wait_for("first"), child.wait_for("second")
+        assert first.split()[1:] == second.split()[1:]
+        assert int(first.split()[1]) > 5000

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import subprocess
 import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -12,7 +11,7 @@ from typing import Any, Final
 
 import pytest
 
-from tests.system import Child, Processes, clean_environment, free_multicast_url, free_tcp_port
+from tests.system import Child, Processes, clean_environment, free_multicast_url, free_tcp_port, run
 
 PASSWORD: Final = "open sesame"
 
@@ -79,15 +78,7 @@ class Site:
 
     def run(self, *arguments: str, user: str | None = "oscar", password: str = PASSWORD, stdin: str = "") -> Ended:
         """Run a command to its end."""
-        ended = subprocess.run(
-            command(*arguments),
-            input=stdin,
-            capture_output=True,
-            text=True,
-            check=False,
-            timeout=60,
-            env=self.environment(user, password),
-        )
+        ended = run(*command(*arguments), env=self.environment(user, password), stdin=stdin)
         assert "Traceback" not in ended.stderr
         return Ended(ended.returncode, ended.stdout, ended.stderr)
 

@@ -248,7 +248,7 @@ def on_a_terminal(home: Home, *arguments: str) -> tuple[int, str]:
     except OSError:  # the end of the other side is an error where it is a terminal
         pass
     os.close(ours)
-    return process.wait(30), said
+    return process.wait(60), said
 
 
 def test_the_password_is_asked_for_once_all_else_is_right(home: Home) -> None:

@@ -28,7 +28,7 @@ def test_a_port_in_use_ends_the_process_with_one_line(
         url = free_multicast_url()
         path.write_text(f"version: 1\npubsub: {{security: none, url: '{url}'}}\n{section.format(port=port)}\n")
         child = processes.start(*command("serve", "-c", str(path)), env=clean_environment(UA_FLEET_LOG="error"))
-        assert child.process.wait(30) == 1
+        assert child.process.wait(60) == 1
         child.end()
     assert child.lines[-1] == (
         f"ua-fleet: health and metrics cannot be served at 127.0.0.1:{port} (address already in use); "

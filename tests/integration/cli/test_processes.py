@@ -108,7 +108,7 @@ def test_a_bridge_whose_library_is_missing_is_one_line(processes: Processes, tmp
     # The main environment has no rospy: its packages clash with those of ROS 2.
     path = fleet_file(tmp_path, "kind: ros1")
     child = processes.start(*command("bridge", "it", "-c", str(path)), env=clean_environment(UA_FLEET_LOG="error"))
-    code = child.process.wait(30)
+    code = child.process.wait(60)
     child.end()
     if code == 130:
         pytest.skip("this environment has rospy")

@@ -115,11 +115,11 @@ def test_a_bridge_that_ends_is_told_with_its_reason_and_the_others_go_on(fleet: 
     # A second one has no place: its server says so, and it ends as that does.
     second = fleet.start("up")
     second.wait_for("a server of")
-    assert second.process.wait(30) == 1
+    assert second.process.wait(60) == 1
     assert any("runs already" in line for line in second.lines)
     os.kill(named(first, "serve"), signal.SIGKILL)
     first.wait_for("the server was ended by SIGKILL, and the bridges with it")
-    assert first.process.wait(30) != 0
+    assert first.process.wait(60) != 0
 
     alone = fleet.start("bridge", "press")
     alone.wait_for("bridge press")
@@ -145,13 +145,13 @@ def test_children_end_with_one_that_is_killed(fleet: Fleet) -> None:
 
 def test_what_is_not_there_is_told(fleet: Fleet) -> None:
     unknown = fleet.start("up", "attic")
-    assert unknown.process.wait(30) == 3
+    assert unknown.process.wait(60) == 3
     assert "there is no bridge 'attic'; bridges there: press, saw, old" in unknown.lines[-1]
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", fleet.port))
         taken.listen()
         up = fleet.start("up")
-        assert up.process.wait(30) == 1
+        assert up.process.wait(60) == 1
         assert any("cannot listen" in line for line in up.lines)
 
 

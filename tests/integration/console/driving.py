@@ -18,7 +18,7 @@ from tests.integration.console.harness import Browser
 
 __all__ = ["Driving", "drive"]
 
-WAIT_S: Final = 20.0
+WAIT_S: Final = 60.0
 
 
 @dataclass

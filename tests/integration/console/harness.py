@@ -111,7 +111,7 @@ class Live:
             await self.say(seen=message["n"])
         return dict(message)
 
-    async def until(self, expected: Callable[[], Any], timeout_s: float = 20) -> None:
+    async def until(self, expected: Callable[[], Any], timeout_s: float = 60) -> None:
         """Take messages until something is so."""
         try:
             async with asyncio.timeout(timeout_s):

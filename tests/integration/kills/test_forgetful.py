@@ -56,7 +56,7 @@ class Operators:
             nodes = await self._client.get_node("ns=2;s=Fleet.Faults").get_children()
             return [(await node.read_browse_name()).Name for node in nodes]
 
-        await until(faults, lambda found: f"{robot}.not_halted" in found, timeout_s=40)
+        await until(faults, lambda found: f"{robot}.not_halted" in found, timeout_s=60)
         assert (await call(self._client, "Faults", "ClearFault", robot)).status == 0
 
     async def answer(self, task: str, answer: str) -> None:
@@ -72,7 +72,7 @@ class Operators:
         assert (await call(self._client, "Scenarios", "Answer", self._run_id, task, answer)).status == 0
 
 
-@pytest.mark.timeout(240)
+@pytest.mark.timeout(300)
 @pytest.mark.parametrize("works", [SECURED], indirect=True)
 async def test_what_a_forgetful_machine_was_at_is_unknown_and_decided_as_the_task_says(works: Plant) -> None:
     await works.prepare()

@@ -101,7 +101,7 @@ class RosPlant(Plant):
         return self._own_processes.start(*command, env=environment)
 
 
-@pytest.mark.timeout(240)
+@pytest.mark.timeout(300)
 async def test_a_program_is_asked_and_a_topic_leaves_it_unknown(
     tmp_path: Path, udp_url: str, tcp_port: int, processes: Processes, ros_domain: int
 ) -> None:
@@ -122,7 +122,7 @@ async def test_a_program_is_asked_and_a_topic_leaves_it_unknown(
         run_id = await run(client, "rounds")
     for victim in (BRIDGE, SERVER, BRIDGE, SERVER):
         before = await moves()
-        async with plant.client() as client, asyncio.timeout(30):
+        async with plant.client() as client, asyncio.timeout(60):
             while await moves() <= before:
                 await agree(client, run_id)
                 await asyncio.sleep(0.05)

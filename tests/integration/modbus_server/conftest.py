@@ -98,7 +98,7 @@ class Panel:
         assert await self.write(SECONDS_AT, tenths)
         return await self.command(WORK)
 
-    async def ended(self, number: int, timeout_s: float = 20) -> CommandState:
+    async def ended(self, number: int, timeout_s: float = 60) -> CommandState:
         """Wait for the end of a command."""
         state = await self.until(
             lambda words: words[0] == number and CommandState(words[1]).is_over, "answer", 2, timeout_s
@@ -106,7 +106,7 @@ class Panel:
         return CommandState(state[1])
 
     async def until(
-        self, condition: Callable[[list[int]], bool], name: str, count: int = 1, timeout_s: float = 20
+        self, condition: Callable[[list[int]], bool], name: str, count: int = 1, timeout_s: float = 60
     ) -> list[int]:
         """Read status words until they are as wanted."""
         async with asyncio.timeout(timeout_s):
@@ -115,7 +115,7 @@ class Panel:
         return words
 
     async def _run(self, *arguments: str) -> subprocess.CompletedProcess[str]:
-        command = ["mbpoll", "-m", "tcp", "-p", str(self._port), "-a", "1", "-0", "-1", "-q", "-o", "2", *arguments]
+        command = ["mbpoll", "-m", "tcp", "-p", str(self._port), "-a", "1", "-0", "-1", "-q", "-o", "10", *arguments]
         return await asyncio.to_thread(subprocess.run, command, capture_output=True, text=True, check=False)
 
 

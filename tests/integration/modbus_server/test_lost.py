@@ -60,7 +60,7 @@ async def test_value_written_while_the_one_before_is_on_its_way_is_set_too(
         assert await panel.write(60, *struct.unpack(">HH", struct.pack(">i", 5)))
         await is_written.wait()
         assert await panel.write(60, *struct.unpack(">HH", struct.pack(">i", 6)))
-        async with asyncio.timeout(10):
+        async with asyncio.timeout(60):
             while await panel.read("input", 100, 2) != [0, 6]:
                 await asyncio.sleep(0.05)
         assert await panel.read("holding", 60, 2) == [0, 6]
@@ -82,7 +82,7 @@ async def test_value_and_robot_that_the_server_lacks_end_nothing(
         plant.config = FleetConfig.model_validate(newer)
         async with plant.device(running, **more) as panel:
             await panel.until(lambda words: words[0] == 1, "connected")
-            async with asyncio.timeout(10):
+            async with asyncio.timeout(60):
                 while await panel.read("discrete", 0, 2) != [0, 1]:
                     await asyncio.sleep(0.05)
             assert await panel.read("input", 100, 2) == [0, 1]

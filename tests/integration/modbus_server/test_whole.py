@@ -165,7 +165,7 @@ async def test_plc_has_another_plc_work_and_kills_change_nothing(hall: Hall) -> 
         await asyncio.sleep(0.02)
     plc.do("hang up")
     await panel.until(lambda words: words[0] == number, "answer")
-    async with asyncio.timeout(20):
+    async with asyncio.timeout(60):
         while (await panel.read("discrete", 0, 2))[1] != 0:
             await asyncio.sleep(0.05)
     await asyncio.to_thread(bridge.wait_for, "not connected to the space")

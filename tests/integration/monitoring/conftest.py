@@ -158,7 +158,7 @@ class Plant:
         return "\n".join(line for child in children for line in child.lines)
 
 
-async def until(condition: Callable[[], Any], what: str, timeout_s: float = 20) -> None:
+async def until(condition: Callable[[], Any], what: str, timeout_s: float = 60) -> None:
     """Wait until something holds; it may be a coroutine function."""
     last: Any = None
     try:

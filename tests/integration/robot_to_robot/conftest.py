@@ -46,7 +46,7 @@ class Hall:
         }
         (self.folder / "fleet.yaml").write_text(json.dumps(fleet, indent=2))
         keys = self.cli("keys", "create")
-        assert keys.process.wait(30) == 0, "\n".join(keys.lines)
+        assert keys.process.wait(60) == 0, "\n".join(keys.lines)
 
     def cli(self, *arguments: str | Path) -> Child:
         """Start a command."""
@@ -73,7 +73,7 @@ class Hall:
 
 async def done(client: FleetClient, robot: str, skill: str, **arguments: Any) -> dict[str, Any]:
     """Have a skill done, as soon as the server hears the robot; its results."""
-    async with asyncio.timeout(20):
+    async with asyncio.timeout(60):
         while True:
             try:
                 return await client.call_skill(robot, skill, **arguments)

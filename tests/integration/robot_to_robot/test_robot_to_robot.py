@@ -137,13 +137,13 @@ async def test_a_plc_has_a_drone_fly(hall: Hall) -> None:
         return b"".join(word.to_bytes(2, "big") for word in words).rstrip(b"\0").decode()
 
     async def reaches(state: str) -> None:
-        async with asyncio.timeout(10):
+        async with asyncio.timeout(60):
             while await flying_state() != state:
                 await asyncio.sleep(0.05)
 
     await plc.until(lambda words: words[0] == 1, "connected")
     await reaches("landed")
-    async with asyncio.timeout(20):  # refused until the server hears the drone
+    async with asyncio.timeout(60):  # refused until the server hears the drone
         while await plc.ended(await plc.command(TAKE_OFF)) is not CommandState.DONE:
             await asyncio.sleep(0.1)
     await reaches("hovering")

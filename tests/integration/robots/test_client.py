@@ -7,13 +7,14 @@ import json
 import sys
 from collections.abc import AsyncGenerator
 from contextlib import asynccontextmanager
+from functools import partial
 from typing import Any
 
 import pytest
 
 from tests.integration.robots.conftest import MACHINE, Yard
 from tests.integration.server_model.harness import ENGINEER, OPERATOR, Running
-from tests.system import clean_environment
+from tests.system import clean_environment, cli, run
 from ua_fleet.client import (
     ClientIdentity,
     FleetClient,
@@ -42,18 +43,12 @@ async def connected(running: Running, user: tuple[str, str] = ENGINEER) -> Async
 
 
 async def command(
-    yard: Yard, url: str, *arguments: str, user: tuple[str, str] = ENGINEER, stdin: bytes | None = None
+    yard: Yard, url: str, *arguments: str, user: tuple[str, str] = ENGINEER, stdin: str = ""
 ) -> tuple[int, str, str]:
-    process = await asyncio.create_subprocess_exec(
-        *(sys.executable, "-m", "ua_fleet.cli", *arguments, "-u", user[0], "-e", url),
-        stdin=asyncio.subprocess.PIPE,
-        stdout=asyncio.subprocess.PIPE,
-        stderr=asyncio.subprocess.PIPE,
-        env=clean_environment(UA_FLEET_PASSWORD=user[1], XDG_CONFIG_HOME=str(yard.folder / "config")),
-    )
-    output, errors = await process.communicate(stdin)
-    assert process.returncode is not None
-    return process.returncode, output.decode(), errors.decode()
+    env = clean_environment(UA_FLEET_PASSWORD=user[1], XDG_CONFIG_HOME=str(yard.folder / "config"))
+    words = cli(*arguments, "-u", user[0], "-e", url)
+    ended = await asyncio.to_thread(partial(run, *words, env=env, stdin=stdin))
+    return ended.returncode, ended.stdout, ended.stderr
 
 
 async def test_robots_are_registered_listed_and_unregistered(yard: Yard) -> None:
@@ -139,7 +134,7 @@ async def test_the_command_line_offers_by_hand_and_by_a_program(yard: Yard) -> N
     async with yard.server() as running, connected(running, OPERATOR) as caller:
 
         async def called(what: str) -> Any:
-            async with asyncio.timeout(20):
+            async with asyncio.timeout(60):
                 while True:
                     try:
                         return await caller.call_skill("mechanic", "repair", what=what)
@@ -153,7 +148,7 @@ async def test_the_command_line_offers_by_hand_and_by_a_program(yard: Yard) -> N
                 yard,
                 running.url,
                 *("skill", "offer", "mechanic", "repair", "--definition", str(file)),
-                stdin=b"accept\ndone fixed=perhaps cost=3\ndone fixed=true cost=3\n",
+                stdin="accept\ndone fixed=perhaps cost=3\ndone fixed=true cost=3\n",
             )
         )
         assert await called("the belt") == {"fixed": True, "cost": 3.0}

@@ -115,7 +115,7 @@ async def test_an_offer_ends_with_its_context_and_what_nobody_takes_is_counted(
             offered._queue = asyncio.Queue(1)  # pyright: ignore[reportPrivateUsage]
             await client.start_skill("mechanic", "repair", what="the belt")
             await client.start_skill("mechanic", "repair", what="the roof")
-            async with asyncio.timeout(10):
+            async with asyncio.timeout(60):
                 while host.dropped != 1:
                     await asyncio.sleep(0.02)
             assert (await anext(offered)).arguments == {"what": "the roof"}

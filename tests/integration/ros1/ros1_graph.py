@@ -18,7 +18,7 @@ from ua_fleet.topics import Topic
 
 HERE = Path(__file__).parent
 STATUS = Topic(1, 2, 900)
-WAIT_S = 15.0
+WAIT_S = 60.0
 
 
 class Ros1Graph:

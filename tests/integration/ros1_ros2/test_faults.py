@@ -82,7 +82,7 @@ async def test_what_robots_announce_are_alarms_until_they_are_repaired(cells: Ce
     ):
         # The server may have heard of it before this client came: an alarm view asks for what is active.
         told = ua.Variant("motor overheated", ua.VariantType.String)
-        await until(reader(client, f"ns=2;i={ARM}"), lambda read: read.Value == told, timeout_s=20)
+        await until(reader(client, f"ns=2;i={ARM}"), lambda read: read.Value == told, timeout_s=60)
         number = ua.Variant(seen.subscription_id, ua.VariantType.UInt32)
         await client.get_node("i=2782").call_method(ua.NodeId(3875, 0), number)
         event = await seen.wait_for("arm: motor overheated")
@@ -113,5 +113,5 @@ async def test_what_robots_announce_are_alarms_until_they_are_repaired(cells: Ce
         async def is_cleared() -> Any:
             return (await clear()).status == 0
 
-        assert await until(is_cleared, lambda cleared: cleared, timeout_s=20)
+        assert await until(is_cleared, lambda cleared: cleared, timeout_s=60)
         await seen.wait_for("arm: over: motor overheated")

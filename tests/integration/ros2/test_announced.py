@@ -38,7 +38,7 @@ async def test_it_is_commanded_as_its_bridge_announces_it(ros2: Ros2Space, tmp_p
         FleetClient.connect(
             running.url, user=ENGINEER[0], password=ENGINEER[1], identity=ClientIdentity(tmp_path / "identity")
         ) as client,
-        asyncio.timeout(40),
+        asyncio.timeout(60),
     ):
         while True:
             try:

@@ -186,7 +186,7 @@ async def run_is(client: Client, run_id: str, *states: str) -> str:
     async def read() -> Any:
         return await value(client, f"Scenarios.Runs.{run_id}.State")
 
-    state: str = await until(read, lambda found: found in states, timeout_s=30)
+    state: str = await until(read, lambda found: found in states, timeout_s=60)
     return state
 
 
@@ -201,7 +201,7 @@ async def open_decision(client: Client) -> str:
                 return name
         return None
 
-    found: str = await until(read, lambda name: name is not None, timeout_s=30)
+    found: str = await until(read, lambda name: name is not None, timeout_s=60)
     return found
 
 
@@ -211,7 +211,7 @@ async def all_heard(client: Client) -> None:
     async def read() -> Any:
         return [await client.get_node(f"ns=2;s=Robots.{robot}.State").read_value() for robot in ROBOTS]
 
-    await until(read, lambda states: 0 not in states, timeout_s=30)
+    await until(read, lambda states: 0 not in states, timeout_s=60)
 
 
 class Seen:
@@ -227,7 +227,7 @@ class Seen:
 
     async def wait_for(self, text: str) -> Any:
         """The first event whose message has a text in it."""
-        async with asyncio.timeout(20):
+        async with asyncio.timeout(60):
             while True:
                 for event in self.events:
                     if text in event.Message.Text:

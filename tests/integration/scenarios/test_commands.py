@@ -5,13 +5,13 @@ from __future__ import annotations
 import asyncio
 import json
 import signal
-import sys
+from functools import partial
 from typing import Any, NamedTuple
 
 from tests.contract.skilled import ENDLESS_WORK
 from tests.integration.scenarios.conftest import ENGINEER, ROBOTS, Plant, all_heard
 from tests.integration.server_model.harness import OPERATOR, Running, until
-from tests.system import clean_environment
+from tests.system import clean_environment, cli, run
 from ua_fleet.config.schema import ResilienceConfig
 
 
@@ -29,15 +29,8 @@ async def command(running: Running, *arguments: str, user: tuple[str, str] = OPE
         UA_FLEET_PASSWORD=user[1],
         XDG_STATE_HOME=str(running.folder / "xdg"),
     )
-    process = await asyncio.create_subprocess_exec(
-        *(sys.executable, "-m", "ua_fleet.cli", *arguments, "--json"),
-        stdout=asyncio.subprocess.PIPE,
-        stderr=asyncio.subprocess.PIPE,
-        env=environment,
-    )
-    output, errors = await asyncio.wait_for(process.communicate(), 60)
-    assert process.returncode is not None
-    return Ended(process.returncode, [json.loads(line) for line in output.decode().splitlines()], errors.decode())
+    ended = await asyncio.to_thread(partial(run, *cli(*arguments, "--json"), env=environment))
+    return Ended(ended.returncode, [json.loads(line) for line in ended.stdout.splitlines()], ended.stderr)
 
 
 async def test_scenarios(plant: Plant) -> None:
@@ -99,7 +92,7 @@ async def test_faults_and_decisions(plant: Plant) -> None:
         async def found() -> Any:
             return (await command(running, "decision", "list")).objects
 
-        (decision,) = await until(found, bool, timeout_s=30)
+        (decision,) = await until(found, bool, timeout_s=60)
         assert (decision["state"], decision["robots"]) == ("open", ["middle", "right"])
         (fault,) = (await command(running, "fault", "list")).objects
         assert (fault["fault_id"], fault["active"], fault["acknowledged"]) == ("left.silent", True, False)
@@ -158,7 +151,7 @@ async def test_a_run_says_which_fault_it_waits_for_and_goes_on_when_that_is_clea
         async def found() -> Any:
             return (await command(running, "decision", "list")).objects
 
-        (decision,) = await until(found, bool, timeout_s=30)
+        (decision,) = await until(found, bool, timeout_s=60)
         told = "left has a fault: gripper stuck (left.robot, since "
         assert decision["reason"].startswith(told)
         assert decision["reason"].endswith("run: ua-fleet fault clear left.robot")

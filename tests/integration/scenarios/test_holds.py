@@ -31,7 +31,7 @@ async def held(client: Client, robot: str = "left") -> list[Any]:
 
 
 async def heard(client: Client) -> None:
-    await until(client.get_node(f"{LEFT}.State").read_value, lambda state: state != 0, timeout_s=30)
+    await until(client.get_node(f"{LEFT}.State").read_value, lambda state: state != 0, timeout_s=60)
 
 
 async def test_a_run_waits_for_a_held_robot_and_everybody_sees_by_whom(plant: Plant) -> None:

@@ -25,7 +25,7 @@ async def stands(client: Client, name: str, state: int, task: str, run_id: str =
     return await until(
         lambda: robot(client, name),
         lambda one: (one.State, one.Task, one.RunId) == (state, task, run_id),
-        timeout_s=30,
+        timeout_s=60,
     )
 
 
@@ -64,7 +64,7 @@ async def test_a_skill_that_a_person_has_started_is_told_and_a_bridge_that_dies(
         gone = await stands(client, "left", OFFLINE, "work")  # nobody has said that it has stopped
         gone = await until(lambda: robot(client, "left"), lambda one: one.Quality.name == "BadNoCommunication")
         assert gone.Task == "work"
-        silent = await until(lambda: robot(client, "left"), lambda one: one.Faults == 1, timeout_s=30)
+        silent = await until(lambda: robot(client, "left"), lambda one: one.Faults == 1, timeout_s=60)
         assert silent.Fault
         called = await call(client, "Faults", "RaiseFault", ua.Variant("left"), ua.Variant("it smokes"))
         assert called.status == 0

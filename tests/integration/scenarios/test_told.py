@@ -38,7 +38,7 @@ async def test_the_client_is_told_of_runs_steps_faults_and_rankings(plant: Plant
         async with (
             FleetClient.connect(server.url, user=user, password=password, identity=identity) as client,
             client.told() as told,
-            asyncio.timeout(30),
+            asyncio.timeout(60),
         ):
             run_id = await ScenarioClient(client).run("told")
             async for one in told:

@@ -77,7 +77,7 @@ async def publishing(keys: KeyFolder, url: str) -> AsyncGenerator[Callable[[floa
 
 async def publish_until(publish: Callable[[float], Any], child: Child, text: str) -> dict[str, Any]:
     """Publish until the listener prints a line with this text."""
-    async with asyncio.timeout(30):
+    async with asyncio.timeout(60):
         for number in range(10_000):
             await publish(float(number))
             await asyncio.sleep(0.05)
@@ -115,7 +115,7 @@ async def test_with_one_key_and_without(keys: KeyFolder, udp_url: str, processes
         assert shown["security"] == {"mode": "SignAndEncrypt", "token_id": 1, "verified": True}
         shown = await publish_until(publish, blind, '"event"')
         assert (shown["event"], shown["publisher_id"], shown["security"]["verified"]) == ("secured", 2, None)
-        async with asyncio.timeout(20):
+        async with asyncio.timeout(60):
             while blind.process.poll() is None:
                 await publish(0.0)
                 await asyncio.sleep(0.05)
@@ -148,7 +148,7 @@ async def test_with_the_key_service(tmp_path: Path, udp_url: str, processes: Pro
     try:
         child = listening(processes, "-c", str(path), "--as-bridge", "floor", "--count", "2", "--timeout", "30")
         blind = listening(processes, "-c", str(path), "--count", "1", "--timeout", "30")
-        async with asyncio.timeout(40):
+        async with asyncio.timeout(60):
             while child.process.poll() is None or blind.process.poll() is None:
                 await asyncio.sleep(0.05)
         assert (child.end(), blind.end()) == (0, 0), child.lines

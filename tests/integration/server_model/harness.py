@@ -139,7 +139,7 @@ async def serving(
             await asyncio.wait([task])
 
 
-async def until(read: Callable[[], Any], expected: Callable[[Any], bool], timeout_s: float = 15) -> Any:
+async def until(read: Callable[[], Any], expected: Callable[[Any], bool], timeout_s: float = 60) -> Any:
     """Read until what is read is as expected; the last that was read."""
     last = None
     try:

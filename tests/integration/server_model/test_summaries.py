@@ -70,7 +70,7 @@ async def rover(client: Client) -> Any:
     return summary
 
 
-async def rover_is(client: Client, quality: str, state: int, timeout_s: float = 15) -> Any:
+async def rover_is(client: Client, quality: str, state: int, timeout_s: float = 60) -> Any:
     return await until(lambda: rover(client), lambda one: (one.Quality.name, one.State) == (quality, state), timeout_s)
 
 

@@ -119,7 +119,7 @@ async def test_a_subscription_tells_them(hardened: Door) -> None:
         assert await write_finely(client, node_id, 30, 20) == "Good"
         wanted = struct.pack("<qHqH", ticks(SOURCE), 30, ticks(SERVER), 20)
         protocol: Any = client.uaclient.protocol
-        async with asyncio.timeout(10):
+        async with asyncio.timeout(60):
             while wanted not in bytes(await protocol.send_request(ua.PublishRequest())):
                 pass
 

@@ -330,7 +330,7 @@ async def test_a_subscription_that_fails_is_logged_and_its_client_told(
         await send(client, request, response)  # after that the server has the request that waits
         with capture_logs() as logs:
             monkeypatch.setattr(ClientSubscription, "_cycle", broken)
-            async with asyncio.timeout(10):
+            async with asyncio.timeout(60):
                 (change,) = (await waiting).NotificationMessage.NotificationData
         assert change.Status.name == "BadInternalError"
         assert [(log["loop"], log["subscription"]) for log in logs] == [("subscriptions", subscription)]

@@ -238,7 +238,7 @@ action(type="omfile" file="{out}" template="parts")
         log.close()
     finally:
         process.terminate()
-        process.wait(20)
+        process.wait(60)
     lines = (tmp_path / "state" / "audit.log").read_text().splitlines()
     assert out.read_text().splitlines() == [
         f"1|audit|info|ua-fleet|write|{lines[0]}",

@@ -52,7 +52,7 @@ async def test_an_unencodable_value_is_read_as_its_status_alone(hardened: Door, 
             assert results[2].Value.Value == list(range(10))
             subscription = await client.create_subscription(10, handler := Handler())
             await subscription.subscribe_data_change([client.get_node(node) for node in (nodes.plain, nodes.array)])
-            async with asyncio.timeout(5):
+            async with asyncio.timeout(60):
                 told = dict([await handler.told.get() for _ in range(2)])
             assert told[nodes.plain].StatusCode.name == "BadEncodingError"
             assert told[nodes.array].Value.Value == list(range(10))
@@ -70,7 +70,7 @@ async def test_an_unencodable_field_costs_its_event_nothing_else(hardened: Door)
         event.SourceName = "\ud800"
         event.data_types["SourceName"] = ua.VariantType.String
         await generator.trigger(message="a message")
-        async with asyncio.timeout(5):
+        async with asyncio.timeout(60):
             told = await handler.told.get()
         assert told.Message.Text == "a message"
         assert told.SourceName.name == "BadEncodingError"

@@ -9,13 +9,14 @@ import sys
 from collections.abc import AsyncGenerator
 from contextlib import asynccontextmanager
 from datetime import UTC, datetime
+from functools import partial
 
 import pytest
 
 from tests.contract.skilled import ENDLESS_WORK, FAILING_WORK, REFUSED_WORK
 from tests.integration.server_model.harness import OBSERVER, OPERATOR, Running, until
 from tests.integration.skills.conftest import Hall
-from tests.system import clean_environment
+from tests.system import clean_environment, cli, run
 from ua_fleet.cli.status_text import problems_of
 from ua_fleet.client import ClientIdentity, FleetClient, FleetStatus, NodeNotFound, ScenarioClient, fleet_status
 from ua_fleet.client.skills import SkillEvent, SkillExecution
@@ -35,7 +36,7 @@ async def at_work(hall: Hall) -> AsyncGenerator[FleetClient]:
     """A client once the machine's skills can be called."""
     hall.bridge()
     async with hall.server() as running, connected(running) as client:
-        async with asyncio.timeout(20):
+        async with asyncio.timeout(60):
             while True:
                 try:
                     await client.call_skill("machine", "work", work="warm up", seconds=0)
@@ -128,16 +129,10 @@ async def test_the_command_line_calls_skills(hall: Hall) -> None:
     async with at_work(hall) as client:
 
         async def command(*arguments: str) -> tuple[int, str, str]:
-            process = await asyncio.create_subprocess_exec(
-                *(sys.executable, "-m", "ua_fleet.cli", "skill", *arguments),
-                *("-u", OPERATOR[0], "-e", client.endpoint),
-                stdout=asyncio.subprocess.PIPE,
-                stderr=asyncio.subprocess.PIPE,
-                env=clean_environment(UA_FLEET_PASSWORD=OPERATOR[1], XDG_CONFIG_HOME=str(hall.folder / "config")),
-            )
-            output, errors = await process.communicate()
-            assert process.returncode is not None
-            return process.returncode, output.decode(), errors.decode()
+            words = cli("skill", *arguments, "-u", OPERATOR[0], "-e", client.endpoint)
+            env = clean_environment(UA_FLEET_PASSWORD=OPERATOR[1], XDG_CONFIG_HOME=str(hall.folder / "config"))
+            ended = await asyncio.to_thread(partial(run, *words, env=env))
+            return ended.returncode, ended.stdout, ended.stderr
 
         code, output, errors = await command("call", "machine", "work", "work=sing", "seconds=0.1", "--json")
         assert code == 0, errors
@@ -176,7 +171,7 @@ async def test_a_call_that_is_interrupted_says_what_becomes_of_the_skill(hall: H
             )
             assert process.stderr is not None
             said = ""
-            async with asyncio.timeout(30):
+            async with asyncio.timeout(60):
                 while "machine.work  Running  50%  " not in said or "s of at most 20.0 s  working" not in said:
                     line = await process.stderr.readline()
                     assert line, said
@@ -242,7 +237,7 @@ async def test_a_robot_stands_goes_on_and_stops_by_command(hall: Hall) -> None:
         execution = await client.start_skill("machine", "work", work=ENDLESS_WORK, seconds=0)
 
         async def shows(state: str) -> None:
-            async with asyncio.timeout(10):
+            async with asyncio.timeout(60):
                 while next(skill for skill in await client.skills("machine") if skill.name == "work").state != state:
                     await asyncio.sleep(0.05)
 

@@ -65,7 +65,7 @@ class Cell:
 
     async def reachable(self) -> None:
         """Wait until the server can command the robot."""
-        async with asyncio.timeout(20):
+        async with asyncio.timeout(60):
             while True:
                 try:
                     await self.client.call_skill("machine", "move", x=0.0, y=0.0, seconds=0.0)
@@ -89,7 +89,7 @@ async def cell(
     users = UserStore(tmp_path / "state" / USERS_FILE, ScryptCost(2**8, 8, 1))
     users.path.parent.mkdir(mode=0o700)
     users.add(USER, PASSWORD, Role.OPERATOR)
-    assert start_cli(processes, tmp_path, "keys", "create").process.wait(30) == 0
+    assert start_cli(processes, tmp_path, "keys", "create").process.wait(60) == 0
     start_cli(processes, tmp_path, "serve").wait_for("ready")
     start_robot("--listen", f"127.0.0.1:{robot_port}", "--framing", "acknowledged", "--memory", tmp_path / "memory")
     url, identity = f"opc.tcp://127.0.0.1:{tcp_port}/ua_fleet", ClientIdentity(tmp_path / "identity")
@@ -101,7 +101,7 @@ async def test_commands_and_data_secured(cell: Cell) -> None:
     cell.bridge()
     await cell.reachable()
     assert await cell.client.call_skill("machine", "move", x=1.5, y=-2.0, seconds=0.1) == {}
-    async with asyncio.timeout(10):
+    async with asyncio.timeout(60):
         while [reading.value for reading in await cell.client.read(["ns=2;s=10.x", "ns=2;s=10.y"])] != [1.5, -2.0]:
             await asyncio.sleep(0.05)
 

@@ -19,7 +19,7 @@ from ua_fleet.topics import Topic
 from ua_fleet.wire import Codec
 
 SEND_PERIOD_S = 0.02
-WAIT_S = 15.0
+WAIT_S = 60.0
 TIMEOUT_S = 5.0
 
 

@@ -166,7 +166,7 @@ async def value(client: Any, name: str) -> Any:
     return await client.get_node(f"ns=2;s=1003.{name}").read_value()
 
 
-async def until_value(client: Any, name: str, expected: Any, timeout_s: float = 20.0) -> Any:
+async def until_value(client: Any, name: str, expected: Any, timeout_s: float = 60.0) -> Any:
     """Wait for a value."""
     node = client.get_node(f"ns=2;s=1003.{name}")
 

@@ -79,7 +79,7 @@ async def test_who_cannot_follow_the_bridge_gives_the_robot_back(tmp_path: Path,
         aclosing(client.watch(["ns=2;s=1003.State"])) as changes,
     ):
         await anext(changes)
-        async with driving(client, "carrier") as lease, asyncio.timeout(10):
+        async with driving(client, "carrier") as lease, asyncio.timeout(60):
             while not lease.over:
                 await lease.changed.wait()
                 lease.changed.clear()
@@ -99,7 +99,7 @@ async def test_who_is_overruled_learns_by_whom(made: Floor) -> None:
         assert refused.value.ua_status == StatusCode.BAD_RESOURCE_UNAVAILABLE
         async with driving(two, "carrier", take_over=True) as other:
             assert other.taken_from == "oscar"
-            async with asyncio.timeout(10):
+            async with asyncio.timeout(60):
                 while not lease.over:
                     await lease.changed.wait()
                     lease.changed.clear()
@@ -118,7 +118,7 @@ async def test_observers_watch_and_do_not_drive(made: Floor) -> None:
             await teleoperation_info(client, "nobody")
         info = await teleoperation_info(client, "carrier")
         seen = False
-        async with connect(made, OPERATOR) as operator, driving(operator, "carrier"), asyncio.timeout(10):
+        async with connect(made, OPERATOR) as operator, driving(operator, "carrier"), asyncio.timeout(60):
             statuses = watch_teleoperation(client, info)
             async for status in statuses:
                 seen = status.is_good and status.holder == "oscar" and set(status.drops) == {*DROPS}

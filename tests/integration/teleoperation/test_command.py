@@ -13,16 +13,18 @@ import sys
 import time
 from collections.abc import AsyncGenerator, Callable, Generator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 
 import pytest
 
+from tests import system
 from tests.integration.server_model.harness import ENGINEER, OBSERVER, OPERATOR
 from tests.integration.teleoperation.served import Floor, fleet, floor, until_value
 from tests.system import clean_environment
 from ua_fleet.client import ClientIdentity, FleetClient, driving
 
-WAIT_S = 30.0
+WAIT_S = 60.0
 
 
 @pytest.fixture
@@ -46,13 +48,7 @@ def command(*arguments: str) -> list[str]:
 
 
 async def run(made: Floor, *arguments: str, user: tuple[str, str] = OPERATOR) -> subprocess.CompletedProcess[str]:
-    def work() -> subprocess.CompletedProcess[str]:
-        return subprocess.run(
-            command(*arguments), env=environment(made, user), capture_output=True, text=True, check=False, timeout=60,
-            stdin=subprocess.DEVNULL,
-        )  # fmt: skip
-
-    ended = await asyncio.to_thread(work)
+    ended = await asyncio.to_thread(partial(system.run, *command(*arguments), env=environment(made, user)))
     assert "Traceback" not in ended.stderr
     return ended
 

@@ -27,7 +27,7 @@ USER, PASSWORD = "oscar", "operate-1"
 async def until_read(client: FleetClient, node: str, check: Callable[[object], bool]) -> None:
     value: object = None
     try:
-        async with asyncio.timeout(15):
+        async with asyncio.timeout(60):
             while not check(value):
                 value = (await client.read([node]))[0].value
                 await asyncio.sleep(0.02)
@@ -61,14 +61,14 @@ async def test_the_pages_fleet_runs_secured(
     users = UserStore(tmp_path / "state" / USERS_FILE, ScryptCost(2**8, 8, 1))
     users.path.parent.mkdir(mode=0o700)
     users.add(USER, PASSWORD, Role.OPERATOR)
-    assert cli("keys", "create").process.wait(30) == 0
+    assert cli("keys", "create").process.wait(60) == 0
     cli("serve").wait_for("ready")
     bridge = cli("bridge", "robot_cell")
     bridge.wait_for("ready")
     url, identity = f"opc.tcp://127.0.0.1:{tcp_port}/ua_fleet", ClientIdentity(tmp_path / "identity")
     async with FleetClient.connect(url, user=USER, password=PASSWORD, identity=identity) as client:
         await until_read(client, "ns=2;s=1912.safety_mode", lambda value: value == "NORMAL")
-        async with asyncio.timeout(20):
+        async with asyncio.timeout(60):
             while True:
                 try:
                     await client.call_skill("ur5", "grip", close=True)
@@ -94,11 +94,11 @@ async def test_the_pages_fleet_runs_secured(
         children = children_of(bridge.process.pid)
         assert len(children) >= 2  # one reads, one commands, one asks unless it is put off
         execution = await client.start_skill("ur5", "turn", base=2.0)
-        async with asyncio.timeout(10):
+        async with asyncio.timeout(60):
             while controller.state()["q"][0] < 0.1:
                 await asyncio.sleep(0.01)
         os.kill(bridge.process.pid, signal.SIGKILL)  # it alone, and not its group
-        async with asyncio.timeout(20):
+        async with asyncio.timeout(60):
             while any(Path(f"/proc/{child}").exists() for child in children):
                 await asyncio.sleep(0.01)
         cli("bridge", "robot_cell").wait_for("ready")

@@ -157,7 +157,7 @@ def type_at_terminal(fleet: Path, answers: list[str]) -> tuple[int, str]:
             break
         shown += more
     os.close(controller)
-    return process.wait(20), shown.decode()
+    return process.wait(60), shown.decode()
 
 
 def test_on_a_terminal_the_password_is_asked_for_twice_and_never_shown(fleet: Path) -> None:

@@ -34,7 +34,7 @@ async def test_an_operator_whose_choice_is_refused_is_asked_again() -> None:
 
     chooser = Chooser(ask, said.append)
     scenarios: Any = Scenarios()
-    async with asyncio.timeout(5), asyncio.TaskGroup() as tasks:
+    async with asyncio.timeout(60), asyncio.TaskGroup() as tasks:
         chooser.choose("d", [], scenarios, tasks)
         chooser.choose("d", ["pioneer_1", "ur3"], scenarios, tasks)
     assert asked == [["pioneer_1", "ur3"], ["ur3"]]

@@ -46,7 +46,7 @@ def send(listening: MonitoringEndpoint) -> Send:
         try:
             writer.write(data)
             answer = b""
-            async with asyncio.timeout(20):
+            async with asyncio.timeout(60):
                 while part := await reader.read(65536):
                     answer += part
             return answer

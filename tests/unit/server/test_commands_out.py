@@ -73,7 +73,7 @@ class Bench:
 
     async def asked(self, count: int = 1) -> ActionMessage:
         """The last request, once so many were sent."""
-        async with asyncio.timeout(5):
+        async with asyncio.timeout(60):
             while len(self.sent) < count:
                 await asyncio.sleep(0)
         return self.requests()[-1]

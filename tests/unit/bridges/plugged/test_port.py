@@ -11,7 +11,7 @@ from ua_bridges.plugged.config import SerialSettings
 from ua_bridges.plugged.lines import Lines
 from ua_bridges.plugged.port import MOST_UNSENT, Port
 
-WAIT_S = 20.0
+WAIT_S = 60.0
 
 
 class Heard:

@@ -11,7 +11,7 @@ import pytest
 from ua_bridges.robot import Driven
 
 TIMEOUT_S = 0.05
-PATIENCE_S = 5.0
+PATIENCE_S = 60.0
 
 
 @contextmanager

@@ -78,7 +78,7 @@ async def test_node_that_a_mistake_ends_is_over_and_leaves_its_domain(thread: No
     closing: list[str] = []
     with capture_logs() as logs:
         await thread.start(nothing, mistaken, lambda: closing.append("closing"))
-        async with asyncio.timeout(5):
+        async with asyncio.timeout(60):
             while not closing or not Node.closed:
                 await asyncio.sleep(0.001)
     assert [entry["log_level"] for entry in logs] == ["error"]

@@ -10,7 +10,7 @@ from ua_bridges.tcp.link import MOST_UNSENT, Link
 from tests.contract.harness import Recorder
 from ua_fleet.bridge.offenders import Offenders
 
-WAIT_S = 20.0
+WAIT_S = 60.0
 
 
 class Session:

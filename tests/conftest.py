@@ -11,7 +11,7 @@ from typing import Any, Final
 import pytest
 import structlog
 
-from tests import command_tree, system
+from tests import command_tree, known_keys, system
 
 try:
     import hypothesis
@@ -25,6 +25,7 @@ else:
     hypothesis.settings.load_profile("untimed")
 
 command_tree.keep()
+known_keys.keep()
 
 CHILDREN: Final = "Child processes of "
 """A report's section."""

@@ -241,6 +241,12 @@ async def test_program_of_the_documentation(ros2: Ros2Space, processes: Processe
     processes.start(sys.executable, "-c", text, env=environment)
     skills = {"drive": {"id": DRIVE, "arguments": {"to": {"type": "String"}}, "results": {"distance": DOUBLE}}}
     async with skilled_driver(ros2.domain, skills) as skilled:
-        execution_id = skilled.begin(DRIVE, "dock")
-        assert await skilled.end(execution_id) == ExecutionEnded(execution_id, 0, (3.2,))
+        async with asyncio.timeout(60):  # refused until the program is there
+            while True:
+                execution_id = skilled.begin(DRIVE, "dock")
+                ended = await skilled.end(execution_id)
+                if not isinstance(ended, ExecutionEnded) or ended.status != StatusCode.BAD_NO_COMMUNICATION:
+                    break
+                await asyncio.sleep(0.05)
+        assert ended == ExecutionEnded(execution_id, 0, (3.2,))
         assert skilled.facts(execution_id)[2] == ExecutionProgressed(execution_id, 0.1, "on the way to dock")

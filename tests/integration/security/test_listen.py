@@ -146,12 +146,13 @@ async def test_with_the_key_service(tmp_path: Path, udp_url: str, processes: Pro
         starting: set[asyncio.Future[Any]] = {serving, ready}
         await asyncio.wait(starting, timeout=30, return_when=asyncio.FIRST_COMPLETED)
     try:
-        child = listening(processes, "-c", str(path), "--as-bridge", "floor", "--count", "2", "--timeout", "30")
-        blind = listening(processes, "-c", str(path), "--count", "1", "--timeout", "30")
+        child = listening(processes, "-c", str(path), "--as-bridge", "floor")
+        blind = listening(processes, "-c", str(path), "--count", "1", "--timeout", "60")
+        await asyncio.to_thread(child.wait_for, '"event": "data"')
         async with asyncio.timeout(60):
-            while child.process.poll() is None or blind.process.poll() is None:
+            while blind.process.poll() is None:
                 await asyncio.sleep(0.05)
-        assert (child.end(), blind.end()) == (0, 0), child.lines
+        assert (child.end(), blind.end()) == (130, 0), child.lines
     finally:
         serving.cancel()
         await asyncio.wait([serving])

@@ -140,14 +140,18 @@ async def serving(
 
 
 async def until(read: Callable[[], Any], expected: Callable[[Any], bool], timeout_s: float = 60) -> Any:
-    """Read until what is read is as expected; the last that was read."""
+    """Read until what is read is as expected, which Bad never is; the last that was read."""
     last = None
     try:
         async with asyncio.timeout(timeout_s):
             while True:
-                last = await read()
-                if expected(last):
-                    return last
+                try:
+                    last = await read()
+                except ua.UaStatusCodeError as error:
+                    last = error
+                else:
+                    if expected(last):
+                        return last
                 await asyncio.sleep(0.02)
     except TimeoutError:
         raise AssertionError(f"still {last!r}") from None

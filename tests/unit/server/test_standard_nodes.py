@@ -8,6 +8,7 @@ from typing import Any
 from asyncua.server.server import Server
 
 from tests.standard_space import quick_start
+from ua_fleet.server.nodeset import load_types
 from ua_fleet.server.standard_nodes import forget_makers, share_attributes
 
 
@@ -54,11 +55,13 @@ async def test_a_quick_start_gives_a_server_of_tests_the_same_nodes_for_itself()
 
     whole: Any = Server()
     await whole.init()
+    await load_types(whole, "urn:the-fleet", 2)
     servers: list[Any] = []
     for _ in range(3):  # the first of a process is the one that is copied
         with quick_start():
             server: Any = Server()
             await server.init()
+            await load_types(server, "urn:the-fleet", 2)
         servers.append(server)
     expected = seen(whole)
     before = seen(servers[2])

@@ -63,7 +63,7 @@ def test_a_fault_is_seen_acknowledged_and_cleared(open_page: Open, picture: Pict
 
 def test_events_are_told_filtered_and_stopped(open_page: Open, picture: Picture) -> None:
     page = open_page("operator", f"{PLACE}?show=events")
-    expect(page.get_by_text("Nothing was told yet.")).to_be_visible()
+    expect(page.get_by_text("No event has arrived yet.")).to_be_visible()
     ask(page, "fault.raise", robot="right", reason="the wheel is flat")
     rows = page.get_by_role("table", name="Events").locator("tbody tr")
     expect(rows.filter(has_text="right").first).to_be_visible()
@@ -71,19 +71,19 @@ def test_events_are_told_filtered_and_stopped(open_page: Open, picture: Picture)
     page.get_by_role("button", name="Stop").click()
     count = rows.count()
     ask(page, "fault.clear", fault="right")
-    page.get_by_role("button", name="Go on").click()
+    page.get_by_role("button", name="Continue").click()
     expect(rows).not_to_have_count(count)
     picture(page, "events")
     rows.first.click()
     expect(page.get_by_role("dialog")).to_contain_text("the wheel is flat")
     page.keyboard.press("Escape")
     page.get_by_role("searchbox", name="Search alarms and events").fill("no such thing")
-    expect(page.get_by_text("No event is like this.")).to_be_visible()
+    expect(page.get_by_text("No event matches.")).to_be_visible()
 
 
 def test_engineers_are_told_audit_events(open_page: Open) -> None:
     page = open_page("engineer", f"{PLACE}?show=events&audit=only")
-    expect(page.get_by_text("Nothing was told yet.")).to_be_visible()
+    expect(page.get_by_text("No event has arrived yet.")).to_be_visible()
     ask(page, "robots.hold", robot="left", reason="painted")
     ask(page, "robots.release", robot="left")
     rows = page.get_by_role("table", name="Events").locator("tbody tr")

@@ -332,7 +332,7 @@ def test_two_browsers_contend_and_an_engineer_takes_over(fleet: Plant, open_page
         expect(page.get_by_role("button", name="Drive", exact=True)).to_have_attribute("aria-disabled", "true")
     expect(second.get_by_text("oscar drives it.")).to_be_visible()
     expect(second.get_by_text("Engineers may take it over.")).to_be_visible()
-    expect(observer.get_by_text("Your role may not do this; it needs: Operator.")).to_be_visible()
+    expect(observer.get_by_text("Your role does not allow this; required role: Operator.")).to_be_visible()
     picture(observer, "drive-observer")
     first.keyboard.down("w")
     fleet.drives(HALF)

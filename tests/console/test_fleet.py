@@ -40,24 +40,24 @@ def test_a_robot_is_held_with_a_reason_and_released(
 ) -> None:
     expect(card(page, "left")).to_contain_text("Idle")
     chosen(page, "left", "Hold…")
-    dialog = page.get_by_role("dialog", name="Hold left back from tasks")
+    dialog = page.get_by_role("dialog", name="Hold left")
     expect(dialog.get_by_label("Reason")).to_be_focused()
     picture(page, "fleet-hold")
     page.keyboard.type("battery is changed")
     page.keyboard.press("Enter")
     expect(dialog).to_be_hidden()
-    expect(page.get_by_role("status").filter(has_text="left is held back from tasks.")).to_be_visible()
+    expect(page.get_by_role("status").filter(has_text="left is held.")).to_be_visible()
     other = open_page("engineer")
     expect(card(other, "left")).to_contain_text("Held")
     other.get_by_role("button", name="Held 1").click()
     expect(other.get_by_role("article")).to_have_count(1)
     picture(other, "fleet-held")
     chosen(other, "left", "Release…")
-    dialog = other.get_by_role("dialog", name="Release left for tasks")
+    dialog = other.get_by_role("dialog", name="Release left")
     expect(dialog).to_contain_text("Held by oscar")
     dialog.get_by_role("button", name="Release", exact=True).click()
     expect(card(page, "left")).not_to_contain_text("Held")
-    expect(other.get_by_text("No robot is like this.")).to_be_visible()
+    expect(other.get_by_text("No robot matches.")).to_be_visible()
 
 
 def test_an_observer_may_not_hold_and_is_told_why(open_page: Open) -> None:
@@ -65,7 +65,7 @@ def test_an_observer_may_not_hold_and_is_told_why(open_page: Open) -> None:
     card(page, "left").get_by_role("button", name="Actions for left").click()
     hold = page.get_by_role("menuitem", name="Hold…")
     expect(hold).to_have_attribute("aria-disabled", "true")
-    expect(hold).to_have_attribute("title", "Your role may not do this; it needs: Operator.")
+    expect(hold).to_have_attribute("title", "Your role does not allow this; required role: Operator.")
     hold.click(force=True)
     expect(page.get_by_role("dialog")).to_have_count(0)
 

@@ -81,9 +81,7 @@ def test_a_console_that_starts_anew_asks_who_it_is_and_goes_on_there(
     expect(banner(page, "The console cannot be reached")).to_be_visible(timeout=WAIT_MS)
     picture(page, "frame-console-away")
     console.start_again()
-    expect(page.get_by_text("You were logged out. Log in again to go on where you were.")).to_be_visible(
-        timeout=WAIT_MS
-    )
+    expect(page.get_by_text("You were logged out. Log in again to continue.")).to_be_visible(timeout=WAIT_MS)
     picture(page, "frame-logged-out")
     page.get_by_label("User").fill(OPERATOR[0])
     page.get_by_label("Password").fill(OPERATOR[1])

@@ -63,7 +63,7 @@ def test_a_message_is_taken_apart(open_page: Open, picture: Picture) -> None:
     picture(page, "pubsub-message")
     page.get_by_label("Source").fill("no such publisher")
     page.keyboard.press("Tab")
-    page.get_by_role("button", name="Go on").click()
+    page.get_by_role("button", name="Continue").click()
     expect(page.get_by_text("No message has passed yet.")).to_be_visible()
 
 

@@ -79,7 +79,7 @@ def test_a_person_weighs_criteria_and_chooses_who_takes_over(open_page: Open, fl
     ask(page, "scenario.run", scenario="long")
     assert width(page.get_by_label("Robot that fails")) > 120, "the name of a robot is cut"
     page.get_by_label("Robot that fails").select_option("left")
-    page.get_by_role("button", name="Who would take over?").click()
+    page.get_by_role("button", name="Which robot would take over?").click()
     expect(page.get_by_role("region", name="What if a robot fails?").get_by_role("listitem")).to_contain_text("a:")
     ask(page, "fault.raise", robot="left", reason="the welding tip is worn")
     expect(page.get_by_role("heading", name="a, instead of left")).to_be_visible()

@@ -178,7 +178,7 @@ def test_numbers_are_drawn_and_told_as_a_table(open_page: Open, picture: Picture
     expect(chart.get_by_role("table").get_by_role("row")).to_have_count(13)
     picture(page, "robot-chart")
     chart.get_by_role("button", name="Pause").click()
-    expect(chart).to_contain_text("Stopped at ")
+    expect(chart).to_contain_text("Paused at ")
     time = chart.get_by_role("slider", name="Time")
     time.press("Home")
     expect(time).to_have_attribute("aria-valuetext", re.compile("speed_limit —, drive.current —$"))
@@ -236,7 +236,7 @@ def test_an_observer_looks_and_is_told_why_they_may_not_act(open_page: Open) -> 
     page = open_page("observer", LEFT)
     expect(row(page, "speed_limit")).to_contain_text("Good")
     expect(page.get_by_role("button", name="Write speed_limit")).to_have_count(0)
-    why = "Your role may not do this; it needs: Operator."
+    why = "Your role does not allow this; required role: Operator."
     for button in (skill(page).get_by_role("button", name="Start…"), page.get_by_role("button", name="Hold…")):
         expect(button).to_have_attribute("aria-disabled", "true")
         expect(button).to_have_attribute("title", why)

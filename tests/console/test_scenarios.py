@@ -111,7 +111,7 @@ def test_a_run_is_paused_resumed_and_aborted_with_a_reason(fleet: Fleet, open_pa
     expect(lines(page).first).to_contain_text("At it")
     watcher = open_page("observer", page.url.partition("/#")[2].join(["#", ""]))
     expect(watcher.get_by_role("button", name="Abort…")).to_have_attribute(
-        "title", "Your role may not do this; it needs: Operator."
+        "title", "Your role does not allow this; required role: Operator."
     )
     page.get_by_role("button", name="Pause").click()
     expect(page.locator("header").get_by_text("Paused")).to_be_visible()
@@ -171,7 +171,7 @@ def test_who_stores_over_another_sees_what_differs(fleet: Fleet, open_page: Open
     page.keyboard.insert_text("  # mine\n")
     file.write_text(file.read_text().replace("wait: 1", "wait: 2"))
     page.keyboard.press("Control+s")
-    dialog = page.get_by_role("dialog", name="shared is another one now")
+    dialog = page.get_by_role("dialog", name="shared has changed")
     expect(dialog.get_by_role("region", name="What differs")).to_contain_text("wait: 2")
     picture(page, "editor-conflict")
     dialog.get_by_role("button", name="Store mine").click()

@@ -45,7 +45,7 @@ def test_a_node_is_found_by_the_keyboard_and_its_id_copied(
     picture(page, "space")
     page.reload()
     expect(watched.get_by_role("row")).to_have_count(2)
-    watched.get_by_role("button", name="no more").click()
+    watched.get_by_role("button", name="Stop watching").click()
     expect(watched).to_be_hidden()
 
 

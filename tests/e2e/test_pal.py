@@ -165,4 +165,4 @@ def test_ctrl_c_before_the_end_is_no_error_of_make(tmp_path: Path, ros_domain: i
             delay_s=0.5,
         )
     assert (ended.code, "Error" in ended.shown, "Traceback" in ended.shown) == (-signal.SIGINT, False, False)
-    assert "ended before it was over; all that it had started is ended, too" in ended.shown
+    assert "ended too early; all of its processes are ended, too" in ended.shown

@@ -73,7 +73,7 @@ def _decide(page: Page) -> None:
         expect(slider).to_have_attribute("aria-valuetext", said)
     expect(ranked).to_have_text(["pioneer_2", "pioneer_1"])
     page.get_by_role("button", name="Keep for this decision").click()
-    expect(page.get_by_role("status").filter(has_text="This decision is judged so now.")).to_be_visible()
+    expect(page.get_by_role("status").filter(has_text="The comparison holds for this decision.")).to_be_visible()
     expect(ranked).to_have_text(["pioneer_2", "pioneer_1"])
     page.get_by_role("button", name="Choose pioneer_2").click()
     expect(page.get_by_role("link", name="pioneer_2, chosen by operator")).to_be_visible()

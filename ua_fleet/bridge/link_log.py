@@ -46,9 +46,9 @@ class LinkLog:
             if self._there.get(name) is not (not reason) and not (reason and is_first):
                 self._there[name] = not reason
                 if reason:
-                    self._log.warning("device is away", device=name, reason=reason)
+                    self._log.warning("device does not answer", device=name, reason=reason)
                 else:
-                    self._log.info("device is there", device=name)
+                    self._log.info("device answers again", device=name)
 
     def _take_aside(self, aside: Mapping[str, str]) -> None:
         names = frozenset(aside)
@@ -58,6 +58,6 @@ class LinkLog:
         for name in came[:MOST_LINES]:
             self._log.warning("source is put aside", source=name, reason=aside[name])
         for name in went[:MOST_LINES]:
-            self._log.info("source has gone, or behaves again", source=name)
+            self._log.info("source is gone, or sends valid data again", source=name)
         if (others := max(0, len(came) - MOST_LINES)) or len(went) > MOST_LINES:
             self._log.warning("more sources", put_aside=others, gone_or_behave=max(0, len(went) - MOST_LINES))

@@ -386,7 +386,7 @@ async def run_bridge(
         monitor: tells of the bridge.
 
     Raises:
-        ConfigError: there is no source of keys, or what stands in `state_dir` cannot be used.
+        ConfigError: no key source is configured, or what stands in `state_dir` cannot be used.
         BridgeUnavailable: a library that the driver needs is missing.
         DriverFailed: a mistake of the driver has ended it; a bridge that is started anew goes on where it stopped.
         StorageUnavailable: the journal of executions cannot be used, or this bridge runs already.

@@ -24,25 +24,28 @@ EXAMPLES: Final = (
 
 
 def add_topics(
-    bridge: Annotated[str, typer.Argument(help="The bridge of the configuration in whose space to look.")],
+    bridge: Annotated[str, typer.Argument(help="The bridge whose space is searched.")],
     robot: Annotated[
-        str | None, typer.Option(help="Whose data they become; written too if it is not there yet.", show_default=False)
+        str | None,
+        typer.Option(
+            help="The robot that gets the data; it is added to the file if it is missing.", show_default=False
+        ),
     ] = None,
-    topic: Annotated[str, typer.Option(help="Only topics whose names match it, as in a shell.")] = "*",
-    dry_run: Annotated[bool, typer.Option("--dry-run", help="Print what would be written, and write nothing.")] = False,
+    topic: Annotated[str, typer.Option(help="Only topics whose names match this shell pattern.")] = "*",
+    dry_run: Annotated[bool, typer.Option("--dry-run", help="Print the changes without writing them.")] = False,
     max_rate_hz: Annotated[
-        float, typer.Option(help="Of what is read: at most so many messages a second are carried.", min=0.001)
+        float, typer.Option(help="Greatest rate of the data that is read, in messages per second.", min=0.001)
     ] = 10.0,
-    within: Annotated[float, typer.Option(help="ROS 2: how long to look for nodes, in seconds.", min=0.1)] = 3.0,
+    within: Annotated[float, typer.Option(help="ROS 2: duration of the search for nodes, in seconds.", min=0.1)] = 3.0,
     config: Config = DEFAULT_CONFIG,
     as_json: Json = False,
 ) -> None:
     """Look at the running ROS graph of a bridge, and write its topics into the configuration file as data, with ids.
 
-    What a robot publishes becomes data that is read; what a robot only subscribes to becomes data that clients write,
-    and with that a command. What is mapped already is left out, and so is what cannot be mapped, each with the reason.
-    Without --robot a topic goes to the robot whose name it begins with, or to the only one of the bridge. Comments and
-    order of the file stay. The file is checked before it is replaced, as a whole or not at all.
+    Topics that a robot publishes become data that clients read. Topics that a robot only subscribes to become data that
+    clients write, and these are commands. Topics that are mapped already, or cannot be mapped, are left out, each with
+    the reason. Without --robot, a topic goes to the robot whose name it begins with, or to the only robot of the
+    bridge. Comments and order of the file stay. The file is checked before it is replaced, as a whole or not at all.
     """
     from ua_fleet.bridge.registry import topics_of
     from ua_fleet.config.add_data import add_data, write

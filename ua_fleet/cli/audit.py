@@ -40,18 +40,18 @@ def _anchor(text: str) -> Link:
 def verify(
     anchor: Annotated[
         list[str] | None,
-        typer.Option(metavar="NUMBER:HASH", help="A line that has to be there; what an earlier verify printed."),
+        typer.Option(metavar="NUMBER:HASH", help="A line that the log must contain, as an earlier verify printed it."),
     ] = None,
     file: Annotated[
-        Path | None, typer.Option(help="The newest file of a log that was copied away, in place of the server's.")
+        Path | None, typer.Option(help="Check a copy of a log instead of the server's log; give its newest file.")
     ] = None,
     config: Config = DEFAULT_CONFIG,
     as_json: Json = False,
 ) -> None:
     """Check the audit log: that no line was changed, removed or inserted since the server wrote it.
 
-    Prints the last line's number and hash. Note them elsewhere: given as an anchor later, they show also a log that was
-    made anew as a whole. Ends with 1 where something is wrong, and names the line.
+    The command prints the last line's number and hash. Note them elsewhere: given as an anchor later, they also reveal
+    a log that was replaced as a whole. The exit code is 1 if a line is wrong; the message names the line.
     """
     from ua_fleet.server.audit.log import LOG_FILE
     from ua_fleet.server.audit.verification import verify as verify_log

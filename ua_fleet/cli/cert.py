@@ -56,7 +56,7 @@ REVOKE_EXAMPLES = (
 _BridgeName = Annotated[str | None, typer.Option("--bridge", help="Name of a bridge of the configuration file.")]
 _GatewayName = Annotated[
     str | None,
-    typer.Option("--gateway", help="Name that you give a client through which many people come, such as a console."),
+    typer.Option("--gateway", help="Name for a client through which several users log in, such as a console."),
 ]
 
 
@@ -91,24 +91,23 @@ def _as_json(info: CertificateInfo) -> dict[str, Any]:
 
 def create(
     client: Annotated[
-        str | None, typer.Option(help="Make a certificate and key for a client of this name, to be carried to it.")
+        str | None, typer.Option(help="Make a certificate and key for a client of this name; copy both to the client.")
     ] = None,
     bridge: _BridgeName = None,
     and_trust: Annotated[
-        bool, typer.Option("--trust", help="With --bridge, on the server: let both know each other at once.")
+        bool,
+        typer.Option("--trust", help="With --bridge, on the server: server and bridge trust each other from now on."),
     ] = False,
-    renew: Annotated[
-        bool, typer.Option("--renew", help="Make the certificate anew, with the key that there is.")
-    ] = False,
+    renew: Annotated[bool, typer.Option("--renew", help="Make a new certificate with the existing key.")] = False,
     config: Config = DEFAULT_CONFIG,
     as_json: Json = False,
 ) -> None:
-    """Make the certificate and key of the server, a client or a bridge, unless they are there.
+    """Make the certificate and key of the server, a client or a bridge, unless they exist.
 
-    The server makes its own at its first start, and a bridge at its own; this command does it before, for instance to
-    hand the certificate on. With --trust the server knows the bridge from now on, and the bridge this server and no
-    other. With --renew a certificate that has expired, or soon will, is made anew: a running bridge goes on with it,
-    the server has to be restarted, and others have to trust it anew.
+    The server and each bridge make their own at the first start; this command makes them earlier, for instance to hand
+    the certificate on. With --trust the server trusts the bridge from now on, and the bridge trusts this server and no
+    other. --renew replaces a certificate that has expired or soon will: a running bridge goes on with the new one, the
+    server needs a restart, and the other side must trust the new certificate.
     """
     from ua_fleet.server.certificates import (
         ensure_application_certificate,
@@ -133,7 +132,7 @@ def create(
         made = ensure_client_certificate(
             folder, f"urn:ua-fleet:{fleet.fleet.name}:client:{client}", client, renew=renew
         )
-        message(f"its key: {made.private_key}; let it in with: ua-fleet cert trust {made.certificate}")
+        message(f"its key: {made.private_key}; trust it with: ua-fleet cert trust {made.certificate}")
     info = next(info for info in list_certificates(folder) if info.path == made.certificate)
     if as_json:
         print_json({**_as_json(info), "private_key": str(made.private_key)})
@@ -146,12 +145,12 @@ def _renew_server(fleet: FleetConfig, config: Path) -> CertificateFiles:
 
     made, pinned = renew_server(fleet, config.resolve().parent)
     others = [name for name in fleet.bridges if name not in pinned]
-    message("restart the server; clients that have trusted the old certificate are asked to trust the new one")
+    message("restart the server; clients that trusted the old certificate must trust the new one")
     if pinned:
-        message(f"these bridges know the new one: {', '.join(pinned)}")
+        message(f"these bridges trust the new one: {', '.join(pinned)}")
     if others:
         message(
-            f"where another bridge has a server.der ({', '.join(others)}), put {made.certificate} there as that file"
+            f"for bridges with their own server.der ({', '.join(others)}), put {made.certificate} there as that file"
         )
     return made
 
@@ -205,7 +204,7 @@ def show(config: Config = DEFAULT_CONFIG, as_json: Json = False) -> None:
             print_json(_as_json(info))
         return
     if not found:
-        message("there are no certificates yet; the server makes its own at its first start")
+        message("no certificate exists yet; the server makes its own at its first start")
         return
     rows = [
         (
@@ -236,27 +235,27 @@ def _days_text(info: CertificateInfo) -> str:
 
 def trust_certificate(
     what: Annotated[
-        str | None, typer.Argument(help="First characters of a rejected one's thumbprint, or a file.")
+        str | None, typer.Argument(help="First characters of the thumbprint of a rejected certificate, or a file.")
     ] = None,
     bridge: _BridgeName = None,
     gateway: _GatewayName = None,
-    last: Annotated[bool, typer.Option("--last", help="The one that was refused last; needs --show.")] = False,
+    last: Annotated[bool, typer.Option("--last", help="The certificate that was refused last; needs --show.")] = False,
     show_first: Annotated[
-        bool, typer.Option("--show", help="Show subject, address and thumbprint, and ask before it is trusted.")
+        bool, typer.Option("--show", help="Show subject, address and thumbprint, and ask for confirmation.")
     ] = False,
     config: Config = DEFAULT_CONFIG,
     as_json: Json = False,
 ) -> None:
     """Let a client with this certificate connect; with --bridge or --gateway, know that bridge or gateway by it.
 
-    A client that is not trusted yet connects in vain once; then its certificate stands in `ua-fleet cert list` as
-    rejected, and is trusted by the first characters of its thumbprint. Compare these with what the client shows: anyone
-    may write any subject into a certificate. A bridge is known by one certificate, by which it gets its keys of message
-    security; a new one replaces the old one.
+    The first connection of a client fails, since the server does not trust its certificate. `ua-fleet cert list` then
+    shows the certificate as rejected, and this command trusts it by the first characters of its thumbprint. Compare
+    these with what the client shows: anyone may write any subject into a certificate. A bridge has one certificate, by
+    which it gets its keys of message security; a new one replaces the old one.
 
-    A gateway is a client through which many people log in, each as himself, such as the web console. Who guesses
-    passwords there locks out the name that he guesses at, and not everybody who comes through it. It gets no rights by
-    that. Trust its certificate without --gateway, and it is an ordinary client again.
+    A gateway is a client through which several users log in, each under their own name, such as the web console. A
+    wrong password there locks out the user name that was tried, and not all users of the gateway. A gateway has no
+    further rights. To make it an ordinary client again, trust its certificate without --gateway.
     """
     from ua_fleet.server.certificates import CertificateError
 
@@ -265,7 +264,7 @@ def trust_certificate(
     if (what is None) != last:
         raise UsageError("name a certificate, or give --last --show; list them with: ua-fleet cert list")
     if last and not show_first:
-        raise UsageError("another client may have been refused since; give --last --show, which asks")
+        raise UsageError("another client may have been refused since; use --last --show, which asks for confirmation")
     fleet, folder = state_folder(config)
     if bridge is not None:
         _check_bridge(fleet, config, bridge)
@@ -303,7 +302,7 @@ def _last_rejected(folder: Path) -> str:
 
     waiting = [info for info in list_certificates(folder) if info.state is CertificateState.REJECTED]
     if not waiting:
-        raise NotFound("no certificate was refused; connect once with the client that is to be trusted")
+        raise NotFound("no certificate was refused; connect once with the client that you want to trust")
     return max(waiting, key=lambda info: rejection_of(info.path).last_s).thumbprint
 
 
@@ -320,21 +319,23 @@ def _is_meant(folder: Path, what: str) -> bool:
         print_line(f"refused      {utc_text(refused.last_s)}, first {utc_text(refused.first_s)}")
     print_line(f"valid until  {info.validity.end:%Y-%m-%d}")
     print_line(f"thumbprint   {info.thumbprint}")
-    return typer.confirm("Is this what the client shows of itself? Trust it", err=True)
+    return typer.confirm("Does the client show the same data? Trust it", err=True)
 
 
 def revoke_certificate(
-    what: Annotated[str | None, typer.Argument(help="First characters of its thumbprint, or a file.")] = None,
+    what: Annotated[
+        str | None, typer.Argument(help="First characters of the certificate's thumbprint, or a file.")
+    ] = None,
     bridge: _BridgeName = None,
     gateway: _GatewayName = None,
     config: Config = DEFAULT_CONFIG,
     as_json: Json = False,
 ) -> None:
-    """Trust a client's certificate no longer, or with --bridge or --gateway that of a bridge or gateway.
+    """End the trust in the certificate of a client, or with --bridge or --gateway in that of a bridge or gateway.
 
-    It holds at once for new connections; the sessions of a bridge, and all through a gateway, end too. It stands in the
-    list as rejected then. A bridge still has the keys that it has got: an engineer calls InvalidateKeys on its
-    SecurityGroups to end that.
+    This holds at once for new connections; the sessions of the bridge, or all sessions through the gateway, end too.
+    `ua-fleet cert list` shows the certificate as rejected. A bridge still has the keys that it fetched before: to end
+    that, an engineer calls InvalidateKeys on its SecurityGroups.
     """
     from ua_fleet.server.certificates import CertificateError, revoke, revoke_bridge, revoke_gateway
 
@@ -352,7 +353,7 @@ def revoke_certificate(
     except CertificateError as error:
         raise NotFound(str(error)) from error
     if bridge is not None:
-        message("it still has keys; call InvalidateKeys on the SecurityGroups that it must not use any more")
+        message("the bridge still has keys; call InvalidateKeys on the SecurityGroups that it must not use")
     if as_json:
         print_json(_as_json(info))
     else:
@@ -369,8 +370,9 @@ def forget(
 ) -> None:
     """Forget the certificates that servers at an endpoint have shown to this command line, or to a bridge.
 
-    A server that shows another certificate than before is refused, since it may be an impostor, who would be given the
-    password. Where you know why it has another one, forget the old one: the next that is shown there is trusted.
+    A server that shows another certificate than before is refused: it may be an impostor that wants the password. If
+    you know why the certificate has changed, forget the old one. The next certificate that the server shows is then
+    trusted.
     """
     with extra_needed("this command", "client"):
         from ua_fleet.client import ClientIdentity, default_identity_folder
@@ -385,7 +387,7 @@ def forget(
     forgotten = identity.known_servers.forget(endpoint)
     if not forgotten:
         known = ", ".join(sorted({server.endpoint for server in identity.known_servers.load()})) or "none"
-        raise NotFound(f"no server was met at {endpoint}; endpoints that are known: {known}")
+        raise NotFound(f"no certificate is stored for {endpoint}; known endpoints: {known}")
     for server in forgotten:
         if as_json:
             print_json(

@@ -42,7 +42,10 @@ IDS_EXAMPLES = ("ua-fleet config assign-ids", "ua-fleet config assign-ids hall2.
 File = Annotated[Path, typer.Argument(help="The configuration file.", envvar="UA_FLEET_CONFIG")]
 
 Installed = Annotated[
-    bool, typer.Option("--ros", help="Hold mapped topics against the message types that are installed here, too.")
+    bool,
+    typer.Option(
+        "--ros", help="Also check mapped topics against the message types that are installed on this machine."
+    ),
 ]
 
 Scenarios = Annotated[bool, typer.Option(help="Check the scenarios in the fleet's folder as well.")]
@@ -74,8 +77,8 @@ def _as_json(problem: ConfigError) -> dict[str, Any]:
 def init(file: File = DEFAULT_CONFIG, as_json: Json = False) -> None:
     """Write a commented configuration file to start from.
 
-    It shows every key there is, with examples of bridges and robots. One thing is left for you to decide, and the file
-    is not valid before: `pubsub.security`. Beside it comes its JSON Schema, with which editors complete and check it.
+    The file shows every key, with examples of bridges and robots. It is not valid until you decide on one key:
+    `pubsub.security`. Its JSON Schema is written beside it, with which editors complete and check the file.
     """
     from ua_fleet.config.default_file import write_default, write_schema
 
@@ -121,13 +124,13 @@ def check(
 ) -> None:
     """Check a configuration file and print all its problems, each with its line and a suggestion.
 
-    The scenarios in its folder are held against the fleet as well; robots that are registered while the server runs are
-    not known here. The environment counts as it will when the server runs: ${VAR} in the file, and
-    UA_FLEET__SERVER__PORT and the like. Exit code 2 if there are problems.
+    The scenarios in its folder are checked against the fleet as well; robots that are registered while the server runs
+    are not known here. The environment counts as for the server: ${VAR} in the file, and variables like
+    UA_FLEET__SERVER__PORT. The exit code is 2 if there are problems.
 
-    With --ros each mapped topic's message type, and each path of a field in it, is looked up as well, of ROS 1 and
-    ROS 2 alike; nothing of ROS need run. A type whose package is not installed on this machine is told, and is no
-    problem: the bridge may run elsewhere.
+    With --ros, the message type of each mapped topic and each path of a field in it are looked up as well, for ROS 1
+    and ROS 2 alike; ROS does not have to run. A type whose package is not installed on this machine is reported, and is
+    no problem: the bridge may run elsewhere.
     """
     doubts: list[ConfigError] = []
     try:
@@ -147,8 +150,10 @@ def check(
         else:
             for problem in problems:
                 print_line(str(problem))
-            count, again = len(problems), f"ua-fleet config check {'--ros ' if ros else ''}{file}"
-            message(f"ua-fleet: {count} problem{'s' if count > 1 else ''}; mend and run: {again}")
+            many = len(problems) > 1
+            again = f"ua-fleet config check {'--ros ' if ros else ''}{file}"
+            remedy = f"correct {'them' if many else 'it'}, then run: {again}"
+            message(f"ua-fleet: {len(problems)} problem{'s' if many else ''}; {remedy}")
         raise typer.Exit(EXIT_USAGE)
     size = _Size.of(config)
     if as_json:
@@ -167,10 +172,10 @@ def check(
 
 
 def assign(file: File = DEFAULT_CONFIG, as_json: Json = False) -> None:
-    """Give each data source and bridge that has no id the next one, and write it into the file.
+    """Give the next id to each data source and bridge without one, and write the ids into the file.
 
-    Nothing else in the file changes, not even a space. Ids are addresses that clients remember: do not change one, and
-    do not use one again for something else.
+    Nothing else in the file changes, not even a space. Ids are addresses that clients remember: do not change an id,
+    and do not use it again for something else.
     """
     from ua_fleet.config.assign_ids import assign_ids
 
@@ -180,11 +185,13 @@ def assign(file: File = DEFAULT_CONFIG, as_json: Json = False) -> None:
         return
     for key, number in given.items():
         print_line(f"{key}: {number}")
-    message(f"{file}: {len(given)} ids assigned" if given else f"{file}: nothing to do, all ids are there")
+    message(f"{file}: {len(given)} ids assigned" if given else f"{file}: nothing to do, all ids exist")
 
 
 def schema(
-    scenario: Annotated[bool, typer.Option("--scenario", help="Of scenarios' files in place of fleet.yaml.")] = False,
+    scenario: Annotated[
+        bool, typer.Option("--scenario", help="Print the schema of scenario files instead of that of fleet.yaml.")
+    ] = False,
     output: Annotated[Path | None, typer.Option("--output", "-o", help="Write it to this file.")] = None,
 ) -> None:
     """Print the JSON Schema of the configuration file, with the keys of all kinds of bridges that are installed.

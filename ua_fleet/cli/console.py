@@ -27,27 +27,37 @@ EXAMPLES = (
 
 def console(
     config: Annotated[
-        Path | None, typer.Option("--config", "-c", envvar="UA_FLEET_CONSOLE", help="Its settings: console.yaml.")
+        Path | None,
+        typer.Option(
+            "--config", "-c", envvar="UA_FLEET_CONSOLE", help="File with the console's settings: console.yaml."
+        ),
     ] = None,
     fleet: Annotated[
         list[str] | None,
-        typer.Option(help=f"A fleet and its server, NAME=ENDPOINT, as often as there are; else {DEFAULT_ENDPOINT}."),
+        typer.Option(
+            help=f"A fleet and its server, NAME=ENDPOINT; once for each fleet. Without it: {DEFAULT_ENDPOINT}."
+        ),
     ] = None,
     listen: Annotated[
         str | None, typer.Option(help="Address and port to listen on; without it 127.0.0.1:8080. Port 0: any.")
     ] = None,
     allow_host: Annotated[
-        list[str] | None, typer.Option(help="A name by which browsers reach it, where that is not loopback.")
+        list[str] | None,
+        typer.Option(help="A host name by which browsers reach the console; needed if it is not loopback."),
     ] = None,
     plain_http: Annotated[
-        bool, typer.Option("--plain-http", help="Without TLS where it is not loopback, as behind a proxy that does it.")
+        bool,
+        typer.Option(
+            "--plain-http",
+            help="Allow HTTP without TLS on other addresses than loopback, for example behind a TLS proxy.",
+        ),
     ] = False,
     as_json: Json = False,
 ) -> None:
     """Serve the web console of one fleet or several until Ctrl-C.
 
-    It is an OPC UA client: who looks logs in as a user of the server, and may what that user may. It listens on
-    loopback unless asked otherwise.
+    The console is an OPC UA client: people log in as users of the server, and have the rights of that user. It listens
+    on loopback by default.
     """
     given: dict[str, Any] = {}
     if fleet:

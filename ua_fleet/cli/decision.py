@@ -84,10 +84,9 @@ def faults(
     connection: Connection,
     as_json: Json = False,
 ) -> None:
-    """List the faults that are active, or that nobody has acknowledged.
+    """List the faults that are active or not acknowledged.
 
-    `fault clear ID` ends one that a person can end, of the sources skill, robot and not_halted; the others end by
-    themselves.
+    `fault clear ID` ends a fault of the sources skill, robot and not_halted; the others end by themselves.
     """
 
     async def work(scenarios: ScenarioClient) -> None:
@@ -116,10 +115,10 @@ def faults(
 def ack(
     connection: Connection,
     fault: Annotated[str, typer.Argument(help="Id of the fault, e.g. ur3.silent.")],
-    comment: Annotated[str, typer.Option(help="What others should know.")] = "",
+    comment: Annotated[str, typer.Option(help="Text for other users.")] = "",
     as_json: Json = False,
 ) -> None:
-    """Say that a fault was seen. A failed skill is over with that: nobody else can tell."""
+    """Acknowledge a fault. This also ends a fault of the source skill."""
 
     async def work(scenarios: ScenarioClient) -> None:
         await scenarios.acknowledge(fault, comment)
@@ -133,13 +132,14 @@ def ack(
 def raise_fault(
     connection: Connection,
     robot: Annotated[str, typer.Argument(help="The robot that cannot work.")],
-    reason: Annotated[str, typer.Argument(help="What others should know.")],
+    reason: Annotated[str, typer.Argument(help="Text for other users.")],
     capacity: Annotated[
-        list[str] | None, typer.Option(help="A capacity that it has lost; may be given again. Else it has lost all.")
+        list[str] | None,
+        typer.Option(help="A capacity that the robot has lost; may be repeated. Without it: all capacities."),
     ] = None,
     as_json: Json = False,
 ) -> None:
-    """Say that a robot cannot work, or not do what needs a capacity: its tasks are taken over, as the mode has it."""
+    """Raise a fault: a robot cannot work, or lacks a capacity. Other robots take its tasks over, as the mode says."""
 
     async def work(scenarios: ScenarioClient) -> None:
         await scenarios.raise_fault(robot, reason, capacity or ())
@@ -157,7 +157,7 @@ def clear_fault(
     ],
     as_json: Json = False,
 ) -> None:
-    """Say that a robot can work again. Not where the cause of its fault can be seen to be there still."""
+    """Clear a fault: the robot can work again. Refused while the cause of the fault is still present."""
 
     async def work(scenarios: ScenarioClient) -> None:
         await scenarios.clear_fault(robot)
@@ -199,7 +199,7 @@ def confirm(
 ) -> None:
     """Choose who takes over.
 
-    Exit code 1 if somebody has chosen another robot before, 3 if there is no such decision.
+    The exit code is 1 if another user has chosen another robot before, and 3 if the decision does not exist.
     """
 
     async def work(scenarios: ScenarioClient) -> None:
@@ -217,14 +217,14 @@ def set_mode(
     connection: Connection,
     mode: Annotated[ModeName, typer.Argument(help="Who chooses who takes over.")],
     limit_s: Annotated[
-        float | None, typer.Option(help="How long an operator may think, in seconds.", min=0.001)
+        float | None, typer.Option(help="Time limit for the operator's decision, in seconds.", min=0.001)
     ] = None,
-    on_limit: Annotated[LimitName | None, typer.Option(help="What happens then.")] = None,
+    on_limit: Annotated[LimitName | None, typer.Option(help="Action when the time limit is over.")] = None,
     as_json: Json = False,
 ) -> None:
-    """Say who chooses a replacement from now on. What is left out stays as it is.
+    """Set who chooses a replacement from now on. An option that is left out keeps its value.
 
-    Needs the role engineer. It is kept over restarts of the server, until fleet.yaml says something else than now.
+    Needs the role engineer. The setting stays over restarts of the server, until fleet.yaml gets another value.
     """
 
     async def work(scenarios: ScenarioClient) -> None:
@@ -245,7 +245,8 @@ def judge(
 ) -> None:
     """Compare the criteria in pairs, and print the weights that follow.
 
-    Needs the role engineer. Judgements that contradict each other are refused, with the pair that fits least.
+    Needs the role engineer. Judgements that contradict each other are refused; the error names the pair that fits
+    least.
     """
     pairs = dict(_judgement(one) for one in judgements)
 
@@ -276,7 +277,7 @@ def whatif(
     robot: Annotated[str, typer.Argument(help="The robot that would fail.")],
     as_json: Json = False,
 ) -> None:
-    """Print who would take over each task that a robot has ahead. Nothing happens."""
+    """Print which robot would take over each later task of a robot. No robot is asked."""
 
     async def work(scenarios: ScenarioClient) -> None:
         forecasts = await scenarios.what_if(robot)

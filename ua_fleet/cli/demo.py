@@ -67,7 +67,7 @@ def shown_until_ctrl_c(is_over: Callable[[], bool]) -> Generator[None]:
     except KeyboardInterrupt:
         if not is_over():
             message("")  # after the ^C
-            message("ended before it was over; all that it had started is ended, too")
+            message("ended too early; all of its processes are ended, too")
             raise
 
 

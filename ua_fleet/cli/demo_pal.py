@@ -32,13 +32,13 @@ EXAMPLES = ("ua-fleet demo pal", "ua-fleet demo pal --once --speed 10 --secure")
 
 def pal(
     once: Annotated[bool, typer.Option("--once", help="End when all covers have arrived.")] = False,
-    speed: Annotated[float, typer.Option(help="How many times faster than in the paper.", min=0.1, max=20)] = 1.0,
+    speed: Annotated[float, typer.Option(help="Speed relative to the paper.", min=0.1, max=20)] = 1.0,
     json_file: Annotated[Path | None, typer.Option("--json", help="Write the result to this file.")] = None,
     domain: Annotated[int, typer.Option(help="ROS 2 domain of the TurtleBot3.", min=2, max=232)] = 2,
     port: Annotated[int, typer.Option(help="TCP port of the OPC UA server.", min=1, max=65535)] = 4840,
     ros_master_port: Annotated[int, typer.Option(help="TCP port of the ROS master.", min=1, max=65535)] = 11311,
     pubsub_url: Annotated[str | None, typer.Option(help="PubSub address, e.g. opc.udp://239.1.2.3:4840.")] = None,
-    folder: Annotated[Path | None, typer.Option(help="Keep configuration, state and logs here.")] = None,
+    folder: Annotated[Path | None, typer.Option(help="Folder for configuration, state and logs.")] = None,
     without_ros1: Annotated[bool, typer.Option("--without-ros1", help="Run the arm in ROS 2.")] = False,
     secure: Annotated[bool, typer.Option("--secure", help="Sign and encrypt PubSub, with the key service.")] = False,
     arm_domain: Annotated[int, typer.Option(help="ROS 2 domain of the arm without ROS 1.", min=2, max=232)] = 3,
@@ -91,7 +91,7 @@ def pal(
             ends.append(result)
             if not once:
                 tell_how_to_connect(site)
-                message("the line stays up for you to look at; end it with Ctrl-C")
+                message("the line stays up until you press Ctrl-C")
 
         with shown_until_ctrl_c(lambda: bool(ends)):
             run(run_pal(setting, say=print_line, started=started, finished=finished, stay=not once))

@@ -55,7 +55,7 @@ class Resilience(StrEnum):
 
 def talkrobots(
     once: Annotated[bool, typer.Option("--once", help="End when the nine tasks are over.")] = False,
-    speed: Annotated[float, typer.Option(help="How many times faster than in the paper.", min=0.1, max=20)] = 1.0,
+    speed: Annotated[float, typer.Option(help="Speed relative to the paper.", min=0.1, max=20)] = 1.0,
     mode: Annotated[Mode, typer.Option(help="orchestrated: the server hands out the tasks.")] = Mode.ORCHESTRATED,
     resilience: Annotated[
         Resilience, typer.Option(help="Who chooses the robot that takes over: the best one at once, or a person.")
@@ -70,7 +70,7 @@ def talkrobots(
         list[int] | None,
         typer.Option(help="ROS 2 domain of a robot; give three, or the next free ones are taken.", min=2, max=232),
     ] = None,
-    folder: Annotated[Path | None, typer.Option(help="Keep configuration, state and logs here.")] = None,
+    folder: Annotated[Path | None, typer.Option(help="Folder for configuration, state and logs.")] = None,
     without_ros1: Annotated[bool, typer.Option("--without-ros1", help="Run Ridgeback in ROS 2.")] = False,
     no_console: NoConsole = False,
     console_port: ConsolePort = CONSOLE_PORT,
@@ -121,7 +121,7 @@ def talkrobots(
             ends.append(result)
             if not once:
                 tell_how_to_connect(site)
-                message("the fleet stays up for you to look at; end it with Ctrl-C")
+                message("the fleet stays up until you press Ctrl-C")
 
         ask = partial(_ask, endpoint=site.endpoint, limit_s=limit_s)
         with shown_until_ctrl_c(lambda: bool(ends)):

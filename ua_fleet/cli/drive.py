@@ -47,30 +47,33 @@ def drive(
     robot: Annotated[str, typer.Argument(help="Name of the robot.")],
     axis: Annotated[
         list[str] | None,
-        typer.Option(help="Speed of an axis as name=value, in its unit; the others stand. Needs --for."),
+        typer.Option(help="Speed of an axis as name=value, in its unit; other axes have speed 0. Needs --for."),
     ] = None,
-    wait: Annotated[str | None, typer.Option("--for", help="Drive for so long, e.g. 2s or 500ms.")] = None,
+    wait: Annotated[str | None, typer.Option("--for", help="Duration of the drive, e.g. 2s or 500ms.")] = None,
     speed: Annotated[
-        float, typer.Option(help="With keys: part of the limits that a key stands for.", min=0.1, max=1.0)
+        float, typer.Option(help="With keys: the speed of a key press as a share of the limits.", min=0.1, max=1.0)
     ] = 0.5,
-    take_over: Annotated[bool, typer.Option("--take-over", help="Take it from who drives it; for engineers.")] = False,
+    take_over: Annotated[
+        bool, typer.Option("--take-over", help="Take the robot over from its holder; only for engineers.")
+    ] = False,
     as_json: Json = False,
 ) -> None:
-    """Drive a robot by hand, as long as a key is held. This is no safety function.
+    """Drive a robot by hand while a key is held. This is no safety function.
 
     W, S and the arrows up and down drive the first axis, A, D, left and right the second, Q and E a third. A terminal
-    tells no release of a key: a key counts for 0.2 s after each of its repetitions, so a tap is a nudge. Space stops,
-    + and - change the speed, X or Escape ends; so does a terminal that loses the focus, where it says so. Round trip
-    (to the server) and age (of the bridge's last counter) are shown.
+    does not report the release of a key: a key counts for 0.2 s after each repetition, so a tap is a nudge. Space stops
+    the robot, + and - change the speed, X or Escape ends. Driving also ends when the terminal loses the focus, if the
+    terminal reports it. The line shows the round trip to the server and the age of the bridge's last counter.
 
-    With --axis and --for it is driven without keys, for scripts. Exit code 1 if it is not given out, or was taken away.
+    With --axis and --for a script drives without keys. The exit code is 1 if the server refuses the lease or ends it
+    early.
     """
     if bool(axis) != (wait is not None):
-        raise UsageError("--axis says how fast and --for how long; give both, or neither to drive with keys")
+        raise UsageError("give both --axis (speed) and --for (duration), or neither to drive with keys")
     given = dict(_speed(text) for text in axis or ())
     for_s = None if wait is None else duration_s(wait)
     if for_s is None and not (sys.stdin.isatty() and sys.stderr.isatty()):
-        raise UsageError("this is no terminal, so there are no keys; drive by --axis and --for")
+        raise UsageError("stdin is no terminal, so keys cannot be read; use --axis and --for")
 
     async def main() -> None:
         async with connected(connection) as client:
@@ -158,7 +161,7 @@ async def _drive_by_keys(lease: DrivingLease, share: float) -> None:
 
     line, shown_at, last = ProgressLine(), 0.0, [0.0] * len(speeds)
     message(f"you drive {lease.info.robot}: {KEY_LINE}")
-    message("this is no safety function: have the robot in sight, and its emergency stop within reach")
+    message("this is no safety function: keep the robot in sight and its emergency stop within reach")
     with _keys_at_once():
         loop.add_reader(stdin, read)
         try:
@@ -180,12 +183,12 @@ async def _drive_by_keys(lease: DrivingLease, share: float) -> None:
             loop.remove_reader(stdin)
             line.end()
     if asked is Asked.AWAY:
-        message("the terminal has lost the focus: the robot is given back")
+        message("the terminal has lost the focus: the robot is released")
 
 
 async def _send(lease: DrivingLease, values: Sequence[float]) -> None:
     if lease.over:
-        raise LeaseRefused(StatusCode.BAD_INVALID_STATE, f"{lease.info.robot} is not driven any more: {lease.over}")
+        raise LeaseRefused(StatusCode.BAD_INVALID_STATE, f"you no longer drive {lease.info.robot}: {lease.over}")
     await lease.drive(values)
 
 

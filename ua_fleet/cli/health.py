@@ -99,7 +99,7 @@ def _beats(path: str, within_s: float) -> str:
     try:
         age_s = time.time() - os.stat(path).st_mtime
     except OSError as error:
-        raise _Unwell(f"{path}: {_reason(error)}; has the program begun?") from error
+        raise _Unwell(f"{path}: {_reason(error)}; check that the program has started") from error
     if age_s > within_s:
         raise _Unwell(f"{path} was touched {age_s:.1f} s ago, more than {within_s:g} s: the program does not work")
     return f"{path} was touched {max(age_s, 0.0):.1f} s ago"
@@ -119,9 +119,9 @@ def _answers(asked: Asked) -> str:
         text = f"{place} did not answer within {asked.timeout_s:g} s: its event loop is blocked, or the machine is busy"
         raise _Unwell(text) from error
     except OSError as error:
-        raise _Unwell(f"nobody answers at {place}: {_reason(error)}; is the process running?") from error
+        raise _Unwell(f"no answer at {place}: {_reason(error)}; check that the process runs") from error
     if instance and f"\r\nua-fleet-instance: {instance}" not in headers.lower():
-        raise _Unwell(f"another process answers at {place}; the one of this state_dir has ended")
+        raise _Unwell(f"another process answers at {place}; the process of this state_dir has ended")
     if code != 200:
         raise _Unwell(body or f"{place}{path} answered with status {code}")
     return body or "ok"
@@ -135,7 +135,7 @@ def _written(state_dir: str) -> tuple[str, int, str]:
         host = str(found["host"])
         return _HERE.get(host, host), int(found["port"]), str(found["instance"])
     except OSError as error:
-        raise _Unwell(f"{path}: {_reason(error)}; is the process running, with monitoring.enabled?") from error
+        raise _Unwell(f"{path}: {_reason(error)}; check that the process runs, with monitoring.enabled") from error
     except (ValueError, KeyError, TypeError) as error:
         raise _Unwell(f"{path} cannot be read; start the process again") from error
 

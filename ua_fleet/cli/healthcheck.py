@@ -21,25 +21,33 @@ EXAMPLES = (
 
 
 def healthcheck(
-    at: Annotated[str | None, typer.Option(metavar="HOST:PORT", help="Ask the process that answers there.")] = None,
+    at: Annotated[
+        str | None, typer.Option(metavar="HOST:PORT", help="Ask the process that answers at this address.")
+    ] = None,
     state_dir: Annotated[
         str | None,
         typer.Option(
-            metavar="DIR", help=f"Ask the process that keeps its files there.  [default: {DEFAULT_STATE_DIR}]"
+            metavar="DIR", help=f"Ask the process whose files are in this folder.  [default: {DEFAULT_STATE_DIR}]"
         ),
     ] = None,
-    live: Annotated[bool, typer.Option("--live", help="Ask whether it answers at all, ready or not.")] = False,
-    tcp: Annotated[str | None, typer.Option(metavar="HOST:PORT", help="Something has to accept there.")] = None,
-    heartbeat: Annotated[str | None, typer.Option(metavar="FILE", help="A program has to touch this file.")] = None,
-    within: Annotated[float, typer.Option(help="How long ago, in seconds, at most.", min=0.001)] = DEFAULT_WITHIN_S,
-    timeout: Annotated[float, typer.Option(help="Longest wait for an answer, in seconds.", min=0.001)] = (
+    live: Annotated[bool, typer.Option("--live", help="Check only that the process answers, ready or not.")] = False,
+    tcp: Annotated[
+        str | None, typer.Option(metavar="HOST:PORT", help="Check that this TCP port accepts connections.")
+    ] = None,
+    heartbeat: Annotated[
+        str | None, typer.Option(metavar="FILE", help="Check that a program has touched this file.")
+    ] = None,
+    within: Annotated[
+        float, typer.Option(help="Greatest age of the heartbeat, in seconds.", min=0.001)
+    ] = DEFAULT_WITHIN_S,
+    timeout: Annotated[float, typer.Option(help="Time limit for an answer, in seconds.", min=0.001)] = (
         DEFAULT_TIMEOUT_S
     ),
     as_json: Json = False,
 ) -> None:
-    """Tell in one line whether a process is well; the exit code is 0 if it is, and 1 if not.
+    """Check the health of one process and print it in one line; the exit code is 0 if it is well, and 1 if not.
 
-    The server, each bridge and the Modbus gateway are asked whether they are ready. Other programs are well while
-    something accepts connections, or while they touch a file.
+    The server, each bridge and the Modbus gateway answer whether they are ready. Any other program is well while its
+    TCP port accepts connections, or while it touches a file.
     """
     raise typer.Exit(tell(check(Asked(at, state_dir, live, tcp, heartbeat, within, timeout)), as_json=as_json))

@@ -61,8 +61,8 @@ def _is_group(group_id: str) -> bool:
 def create(groups: Groups = None, config: Config = DEFAULT_CONFIG, as_json: Json = False) -> None:
     """Make the key files that are missing.
 
-    Without names: one for each SecurityGroup of the configuration file. Every process reads the same files; carry them
-    over a safe way to the machines of other bridges, each only what it needs.
+    Without names: one for each SecurityGroup of the configuration file. Every process reads the same files. Copy to the
+    machine of each other bridge only the files that it needs, over a secure channel.
     """
     from ua_fleet.config.security import all_groups
     from ua_fleet.storage.key_files import KeyFile, NoKeyFile
@@ -86,7 +86,7 @@ def create(groups: Groups = None, config: Config = DEFAULT_CONFIG, as_json: Json
             else:
                 print_line(f"{group_id}  {path}")
     if not made:
-        message("nothing to do, all key files are there; new keys: ua-fleet keys rotate")
+        message("nothing to do, all key files exist; new keys: ua-fleet keys rotate")
 
 
 def rotate(
@@ -102,8 +102,8 @@ def rotate(
 ) -> None:
     """Give groups a new key; without names, all groups that have a file.
 
-    Running processes notice the changed file within a second and take messages of the old and of the new key, so that
-    nothing is lost. Where files have to be carried to other machines, give time for it with --after.
+    Running processes notice the changed file within 1 s and accept messages of the old and of the new key, so that no
+    message is lost. If you copy the files to other machines, allow time for that with --after.
     """
     from ua_fleet.storage.key_files import NoKeyFile
 

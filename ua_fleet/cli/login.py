@@ -64,18 +64,18 @@ def login(
     context: ContextName = None,
     password_file: PasswordFile = None,
     days: Annotated[
-        float, typer.Option(help="How long the key is wanted to be valid; the server may give less.", min=0.01)
+        float, typer.Option(help="Validity of the key in days; the server may shorten it.", min=0.01)
     ] = DEFAULT_DAYS,
     policy: SecurityPolicy = None,
     insecure: Insecure = False,
     timeout: Timeout = CONNECT_TIMEOUT_S,
     as_json: Json = False,
 ) -> None:
-    """Log in once: the other commands need neither endpoint, user nor password then.
+    """Log in once: afterwards the other commands need neither endpoint, user nor password.
 
-    The server issues a session key, which is kept in place of the password: in the keyring of the desktop where the
-    package keyring is there and works, otherwise in a file that nobody else can read. Said again, it gets a new key,
-    and the server ends the old one. With several servers, or users, each login is a context; the last one is current.
+    The server issues a session key, which is kept instead of the password: in the keyring of the desktop if the package
+    keyring is installed and works, otherwise in a file that other users cannot read. A second login gets a new key, and
+    the server ends the old one. Each server and user is a context of its own; the last one is current.
     """
     file = ContextFile()
     stored = file.load()
@@ -106,10 +106,10 @@ async def _knock(wanted: Connection) -> None:
 
 def _ask_user() -> str:
     if not sys.stdin.isatty():
-        raise UsageError("as which user? run: ua-fleet login --user NAME")
+        raise UsageError("the user is missing; run: ua-fleet login --user NAME")
     name = str(typer.prompt("User", err=True))
     if not name:
-        raise UsageError("as which user? run: ua-fleet login --user NAME")
+        raise UsageError("the user is missing; run: ua-fleet login --user NAME")
     return name
 
 
@@ -184,15 +184,15 @@ async def _end_by_itself(context: Context) -> str:
 
 
 def _tell_left(context: Context, problem: str) -> None:
-    message(f"the server was not told: {problem}")
+    message(f"the server did not end the key: {problem}")
     message(
-        f"where it still takes the key, it does so until {_local(context.valid_until)}; on the server run: "
+        f"the key is valid until {_local(context.valid_until)}; on the server run: "
         f"ua-fleet user logout {context.user} --key {context.key_id}"
     )
 
 
 def logout(context: ContextName = None, as_json: Json = False) -> None:
-    """Log out: the server ends the session key, and it is forgotten here."""
+    """Log out: the server ends the session key, and this machine deletes it."""
     file = ContextFile()
     stored = file.load()
     found = stored.named(context) if context is not None else stored.chosen
@@ -216,7 +216,7 @@ def logout(context: ContextName = None, as_json: Json = False) -> None:
 def contexts(
     use: Annotated[
         str | None,
-        typer.Option(help="Make this one the current one.", autocompletion=complete_context),
+        typer.Option(help="Make this context the current one.", autocompletion=complete_context),
     ] = None,
     as_json: Json = False,
 ) -> None:
@@ -243,7 +243,7 @@ def contexts(
     ]
     print_table([("", "name", "user", "endpoint", "valid until"), *rows])
     if os.environ.get("UA_FLEET_CONTEXT") or os.environ.get("UA_FLEET_ENDPOINT") or os.environ.get("UA_FLEET_USER"):
-        message("UA_FLEET_CONTEXT, UA_FLEET_ENDPOINT or UA_FLEET_USER is set, and goes before the current one")
+        message("UA_FLEET_CONTEXT, UA_FLEET_ENDPOINT or UA_FLEET_USER is set and has priority over the current context")
 
 
 def _as_json(context: Context, *, is_current: bool) -> dict[str, object]:

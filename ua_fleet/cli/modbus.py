@@ -43,10 +43,10 @@ def serve(
     config: Config = DEFAULT_CONFIG,
     as_json: Json = False,
 ) -> None:
-    """Be a Modbus/TCP device that PLCs read, and by which they command the fleet, until Ctrl-C.
+    """Serve the fleet as a Modbus/TCP device that PLCs read and by which they command the fleet, until Ctrl-C.
 
-    The section `modbus` of the configuration says what lies at which address. What PLCs do is done by the user that is
-    given here: give them one of their own, with the role that they need.
+    The section `modbus` of the configuration defines the addresses. All actions of PLCs run under the user that is
+    given here: add a user for them, with the role that they need.
     """
     fleet, modbus = _modbus_of(config)
     set_up_logging(process="modbus")
@@ -93,7 +93,7 @@ def serve(
 
 
 def show_map(config: Config = DEFAULT_CONFIG, as_json: Json = False) -> None:
-    """Print what lies at which address, as a table in Markdown."""
+    """Print the addresses and their contents, as a table in Markdown."""
     from ua_fleet.modbus.table import map_rows, markdown
 
     fleet, _ = _modbus_of(config)

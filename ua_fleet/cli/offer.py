@@ -39,22 +39,26 @@ _HOW = "answer with: accept | done [name=value ..] | fail REASON"
 @connecting
 def offer(
     connection: Connection,
-    robot: Annotated[str, typer.Argument(help="The robot that you stand for; made where there is none.")],
+    robot: Annotated[
+        str, typer.Argument(help="The robot that offers the skill; the server adds the robot if it is missing.")
+    ],
     skill: Annotated[str, typer.Argument(help="Name of the skill.")],
     file: Annotated[
-        Path | None, typer.Option("--definition", help="The skill as below `skills.<skill>` in fleet.yaml.")
+        Path | None, typer.Option("--definition", help="File with the skill, as under `skills.<skill>` in fleet.yaml.")
     ] = None,
     command: Annotated[
         str | None,
-        typer.Option("--run", help="Program that does it: arguments as JSON on stdin, results as JSON on stdout."),
+        typer.Option(
+            "--run", help="Program that does the skill: arguments as JSON on stdin, results as JSON on stdout."
+        ),
     ] = None,
     as_json: Json = False,
 ) -> None:
-    """Do a skill of the fleet as long as this command runs: by hand, or by a program.
+    """Do a skill of the fleet while this command runs: by hand, or by a program.
 
-    By hand: each request is printed; type `accept`, then `done` with the results, or `fail` with the reason. A program
-    has done it if it ends with 0; else the last line of its stderr is the reason. The execution's id is in its
-    environment as UA_FLEET_EXECUTION.
+    By hand: each request is printed; type `accept`, then `done` with the results, or `fail` with the reason. With a
+    program: exit code 0 means that the skill is done; with another code the last line of its stderr is the reason of
+    the failure. The program gets the execution's id in its environment as UA_FLEET_EXECUTION.
     """
     text = ""
     if file is not None:

@@ -169,7 +169,7 @@ def complete_context(incomplete: str) -> list[str]:
     return list(names(incomplete))
 
 
-_CONTEXT_HELP: Final = "Where `ua-fleet login` has logged in; without it the current one (`ua-fleet contexts`)."
+_CONTEXT_HELP: Final = "Context of `ua-fleet login`; without it, the current one (`ua-fleet contexts`)."
 ContextName = Annotated[
     str | None,
     typer.Option("--context", "-c", envvar="UA_FLEET_CONTEXT", help=_CONTEXT_HELP, autocompletion=complete_context),
@@ -183,11 +183,15 @@ SecurityPolicy = Annotated[
     Policy | None,
     typer.Option("--policy", help=f"Security policy of the connection; otherwise {Policy.BASIC256SHA256.value}."),
 ]
-Insecure = Annotated[bool, typer.Option("--insecure", help="Neither sign nor encrypt, where the server allows it.")]
-Timeout = Annotated[float, typer.Option(help="Longest wait for an answer, in seconds.", min=0.1)]
+Insecure = Annotated[
+    bool, typer.Option("--insecure", help="Connect without signing and encryption, if the server allows it.")
+]
+Timeout = Annotated[float, typer.Option(help="Time limit for an answer, in seconds.", min=0.1)]
 WithoutLoopRule = Annotated[
     bool,
-    typer.Option("--without-loop-rule", help="For tests: forward everything, so that messages go round for ever."),
+    typer.Option(
+        "--without-loop-rule", help="For tests: forward every message, so that messages circulate without end."
+    ),
 ]
 
 

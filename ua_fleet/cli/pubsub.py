@@ -46,16 +46,16 @@ def transport_of(fleet: FleetConfig | None, url: str | None, interface: str | No
 
 
 def listen(
-    url: Annotated[str | None, typer.Option(help="Listen here, and not where the configuration file says.")] = None,
+    url: Annotated[str | None, typer.Option(help="Listen at this address instead of the file's.")] = None,
     interface: Annotated[str | None, typer.Option(help="Name, address or subnet of the network interface.")] = None,
-    count: Annotated[int | None, typer.Option(help="End after so many lines.", min=1)] = None,
-    timeout: Annotated[float | None, typer.Option(help="End after so many seconds.", min=0.1)] = None,
+    count: Annotated[int | None, typer.Option(help="End after this number of lines.", min=1)] = None,
+    timeout: Annotated[float | None, typer.Option(help="End after this number of seconds.", min=0.1)] = None,
     key: Annotated[
         str | None,
         typer.Option(
             metavar="KEYDATA_HEX",
             envvar="UA_FLEET_PUBSUB_KEY",
-            help="Open secured messages with this one key, and not with those of the configuration file.",
+            help="Decrypt messages with this key instead of the file's keys.",
         ),
     ] = None,
     as_bridge: Annotated[
@@ -90,7 +90,7 @@ def listen(
         keyed = None
     elif fleet is not None and lacks_keys(fleet, as_bridge):
         keyed = None
-        message("keys come from the key service: name a bridge whose certificate may ask for them (--as-bridge NAME)")
+        message("keys come from the key service: name a bridge with a trusted certificate (--as-bridge NAME)")
     else:
         keyed = fleet
     envelope = tool_envelope(keyed, counters)
@@ -113,7 +113,8 @@ def listen(
                 raise SendTimeout(f"{count} lines did not come within {timeout} s; try a longer --timeout") from None
             if not transport.stats.received:
                 raise SendTimeout(
-                    f"nothing was heard for {timeout} s; are a server or a bridge running, with this url and interface?"
+                    f"no message arrived within {timeout} s; check that a server or bridge runs with this url "
+                    "and interface"
                 ) from None
         finally:
             figures = {**listener.figures(), "kernel_drops": transport.stats.kernel_drops}

@@ -29,12 +29,16 @@ EXAMPLES = (
 def probe(
     publisher_id: Annotated[
         int | None,
-        typer.Argument(help="Whom to ask: a space's number. Without it, everybody who is found.", min=0, max=65_535),
+        typer.Argument(
+            help="The Publisher to ask, by the number of its space. Without it: all Publishers that are found.",
+            min=0,
+            max=65_535,
+        ),
     ] = None,
     kind: Annotated[Kind, typer.Option(help="What to ask for.")] = Kind.APPLICATIONS,
-    url: Annotated[str | None, typer.Option(help="Ask here, and not where the configuration file says.")] = None,
+    url: Annotated[str | None, typer.Option(help="Ask at this address instead of the file's.")] = None,
     interface: Annotated[str | None, typer.Option(help="Name or address of the network interface.")] = None,
-    timeout: Annotated[float, typer.Option(help="Longest wait for answers, in seconds.", min=0.1)] = 3.0,
+    timeout: Annotated[float, typer.Option(help="Time limit for answers, in seconds.", min=0.1)] = 3.0,
     as_bridge: Annotated[
         str | None, typer.Option(metavar="NAME", help="Ask the key service with the certificate of this bridge.")
     ] = None,

@@ -34,7 +34,9 @@ Nodes = Annotated[
 def read(
     connection: Connection,
     nodes: Nodes,
-    empty: Annotated[bool, typer.Option("--empty", help="Show below Objects also what has no value yet.")] = False,
+    empty: Annotated[
+        bool, typer.Option("--empty", help="Also show values below Objects that have not arrived yet.")
+    ] = False,
     full: Full = False,
     utc: Utc = False,
     color: ColorOption = ColorWhen.AUTO,

@@ -30,8 +30,8 @@ __all__ = [
     "zone_of",
 ]
 
-Full = Annotated[bool, typer.Option("--full", help="Show long texts, arrays and bytes whole; else they are cut.")]
-Utc = Annotated[bool, typer.Option("--utc", help="Show times in UTC; else in local time. JSON always has UTC.")]
+Full = Annotated[bool, typer.Option("--full", help="Show long texts, arrays and bytes in full.")]
+Utc = Annotated[bool, typer.Option("--utc", help="Show times in UTC instead of local time. JSON always has UTC.")]
 
 MOST_DETAILS: Final = 2_000
 """Nodes whose units are asked for: more values than that are read by programs."""

@@ -52,7 +52,7 @@ def show(
     connection: Connection,
     as_json: Json = False,
 ) -> None:
-    """List the robots: how each is, who holds it from tasks, and how it came to the fleet."""
+    """List the robots: state, hold, and how each came to the fleet."""
 
     async def work(robots: RobotClient) -> None:
         found = await robots.robots()
@@ -79,16 +79,20 @@ def show(
 @connecting
 def register(
     connection: Connection,
-    file: Annotated[Path, typer.Argument(help="Robots as in fleet.yaml: `robots:`, or the keys of one with --name.")],
-    name: Annotated[str | None, typer.Option(help="The robot; without it all that stand below `robots`.")] = None,
+    file: Annotated[
+        Path,
+        typer.Argument(help="File with robots as in fleet.yaml: `robots:`, or, with --name, the keys of one robot."),
+    ],
+    name: Annotated[str | None, typer.Option(help="Name of the robot; without it, all robots under `robots`.")] = None,
     bridge: Annotated[
-        str, typer.Option(help="Its bridge, or the number of its space, in place of what the file says.")
+        str, typer.Option(help="Name of its bridge, or the number of the bridge's space; replaces the file's value.")
     ] = "",
     as_json: Json = False,
 ) -> None:
-    """Make robots of a file part of a running fleet; they stay until they are unregistered.
+    """Add the robots of a file to a running fleet; they stay until they are unregistered.
 
-    All mistakes are told with their lines, and the robot is not registered then. Said again, it changes nothing.
+    If the file has mistakes, all of them are printed with their lines, and the robot is not registered. A second call
+    with the same file changes nothing.
     """
     text, names = definition(file, name)
 
@@ -151,10 +155,10 @@ def unregister(
 def hold(
     connection: Connection,
     robot: Annotated[str, typer.Argument(help="Name of the robot.")],
-    reason: Annotated[str, typer.Option(help="Why, for whoever waits for it.")] = "",
+    reason: Annotated[str, typer.Option(help="Reason, shown to users who need the robot.")] = "",
     as_json: Json = False,
 ) -> None:
-    """Hold a robot back from tasks: no run gives it one until it is released. What it is at goes on."""
+    """Hold a robot: no run gives it a task until it is released. Its present task goes on."""
 
     async def work(robots: RobotClient) -> None:
         await robots.hold(robot, reason)
@@ -172,7 +176,7 @@ def release(
     robot: Annotated[str, typer.Argument(help="Name of the robot.")],
     as_json: Json = False,
 ) -> None:
-    """Let a robot have tasks again, whoever holds it."""
+    """Release a robot: runs give it tasks again, also if another user holds it."""
 
     async def work(robots: RobotClient) -> None:
         await robots.release(robot)

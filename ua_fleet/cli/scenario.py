@@ -101,9 +101,9 @@ def validate(
     scenario: ScenarioName,
     as_json: Json = False,
 ) -> None:
-    """Hold a scenario against the server's fleet, and print all that is wrong with it.
+    """Check a scenario against the server's fleet, and print all its problems.
 
-    Exit code 2 if there is anything.
+    The exit code is 2 if it has problems.
     """
     text = _given(scenario)
 
@@ -113,7 +113,11 @@ def validate(
             for problem in problems:
                 print_json(asdict(problem))
         if problems:
-            said = ["it cannot be run; see the problems above"] if as_json else [problem.text for problem in problems]
+            said = (
+                ["the scenario cannot be run; see the problems above"]
+                if as_json
+                else [problem.text for problem in problems]
+            )
             raise _Invalid(said)
 
     with_scenarios(connection, work)
@@ -129,7 +133,7 @@ def run(
 ) -> None:
     """Start a run, and print its id.
 
-    With --wait, exit code 1 if the run was not done in the end; it goes on when this command is interrupted.
+    With --wait, the exit code is 1 if the run was not done in the end. Ctrl-C ends this command; the run goes on.
     """
     text, given = _given(scenario), dict(_parameter(one) for one in parameters or ())
 
@@ -155,14 +159,14 @@ def dryrun(
     values: Annotated[
         list[str] | None,
         typer.Option(
-            "--value", help="A robot's value or a task's result as name=value, for conditions; once for each."
+            "--value", help="A robot's value or a task's result as name=value, for conditions; may be repeated."
         ),
     ] = None,
     as_json: Json = False,
 ) -> None:
-    """Print what a run would come to if every robot did at once what it is asked. No robot hears of it.
+    """Print the course of a run in which every robot does each skill at once. No robot is asked.
 
-    Exit code 1 if it would not be done.
+    The exit code is 1 if the run would not be done.
     """
     text = _given(scenario)
     given, known = (dict(_parameter(one) for one in pairs or ()) for pairs in (parameters, values))
@@ -187,7 +191,7 @@ def tell(
     name: Annotated[str, typer.Argument(help="Name of the event, as in `wait: {event: NAME}`.")],
     as_json: Json = False,
 ) -> None:
-    """Say that an event has happened. Steps that wait for it go on."""
+    """Report that an event has happened. Steps that wait for it go on."""
 
     async def work(scenarios: ScenarioClient) -> None:
         await scenarios.tell_event(name)
@@ -217,7 +221,7 @@ def pause(
     run_id: RunId,
     as_json: Json = False,
 ) -> None:
-    """Let a run start no further task; what robots are at goes on."""
+    """Pause a run: it starts no further task; tasks under way go on."""
 
     async def work(scenarios: ScenarioClient) -> None:
         await scenarios.pause(run_id)
@@ -247,10 +251,10 @@ def resume(
 def abort(
     connection: Connection,
     run_id: RunId,
-    reason: Annotated[str, typer.Option(help="Why, for people.")] = "",
+    reason: Annotated[str, typer.Option(help="Reason, shown to users.")] = "",
     as_json: Json = False,
 ) -> None:
-    """End a run; robots that can stop are halted."""
+    """Abort a run; skills that can be halted are halted."""
 
     async def work(scenarios: ScenarioClient) -> None:
         await scenarios.abort(run_id, reason)
@@ -268,7 +272,7 @@ def answer(
     answer: Annotated[str, typer.Argument(help="done, retry, fail, or replace: another robot is looked for.")],
     as_json: Json = False,
 ) -> None:
-    """Say what became of a task of which nobody else can tell."""
+    """Answer what became of a task whose outcome is unknown."""
 
     async def work(scenarios: ScenarioClient) -> None:
         await scenarios.answer(run_id, step, answer)
@@ -286,7 +290,7 @@ async def _follow(scenarios: ScenarioClient, run_id: str, *, as_json: bool) -> N
     try:
         last = await _print_changes(scenarios, run_id, as_json=as_json)
     except NotConnected:
-        message(f"the run goes on without us; see: ua-fleet scenario watch {run_id}")
+        message(f"the run goes on without this command; see: ua-fleet scenario watch {run_id}")
         raise
     if last is None or not last.is_over:
         message(f"the connection has ended; see: ua-fleet scenario watch {run_id}")

@@ -32,7 +32,9 @@ class ColorWhen(StrEnum):
 
 ColorOption = Annotated[
     ColorWhen,
-    typer.Option("--color", help="Colours: auto has them on a terminal, unless NO_COLOR is set (no-color.org)."),
+    typer.Option(
+        "--color", help="Colours: with auto only on a terminal, and only if NO_COLOR is not set (no-color.org)."
+    ),
 ]
 
 

@@ -34,7 +34,7 @@ def serve(
     """Run the OPC UA server of a fleet until Ctrl-C.
 
     Every robot and every data source of the configuration file becomes a node; bridges bring the values. Add a user
-    first, with `ua-fleet user add NAME --role operator`, since nobody gets in without one.
+    first, with `ua-fleet user add NAME --role operator`: clients log in as a user.
     """
     with collection_paused() as settled:
         _serve(config, host, port, as_json, traffic_file, without_loop_rule, settled)

@@ -27,7 +27,7 @@ SHOW_EXAMPLES = (
 
 def show(
     keys: Annotated[list[str] | None, typer.Argument(help="Only these keys, e.g. server.port.")] = None,
-    origin: Annotated[bool, typer.Option("--origin", help="Say where each value comes from.")] = False,
+    origin: Annotated[bool, typer.Option("--origin", help="Show the origin of each value.")] = False,
     config: Config = DEFAULT_CONFIG,
     as_json: Json = False,
 ) -> None:

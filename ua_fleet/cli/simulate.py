@@ -28,10 +28,12 @@ EXAMPLES = (
 
 
 def simulate(
-    robots: Annotated[int, typer.Option(help="Robots of the fleet, each with a bridge of its own.")],
-    tasks: Annotated[int, typer.Option(help="Tasks of three seconds; they go round the robots, one after the other.")],
-    faults: Annotated[int, typer.Option(help="Robots that fail during their first task; others take over.")] = 0,
-    seed: Annotated[int, typer.Option(help="Which robots fail, and all other luck.")] = 0,
+    robots: Annotated[int, typer.Option(help="Number of robots, each with its own bridge.")],
+    tasks: Annotated[int, typer.Option(help="Number of tasks of 3 s each; the robots take them in turn.")],
+    faults: Annotated[
+        int, typer.Option(help="Number of robots that fail during their first task; others take over.")
+    ] = 0,
+    seed: Annotated[int, typer.Option(help="Seed of the random numbers: the same seed gives the same report.")] = 0,
     keep_alive: Annotated[
         float | None,
         typer.Option(
@@ -47,8 +49,8 @@ def simulate(
 ) -> None:
     """Simulate a fleet and count its messages by kind, beside what Eq. 1 to 12 of the TalkRoBots paper expect.
 
-    Requestor, engine, bridges, responders, codec and security are the real ones, on a network in memory and a clock
-    that nobody waits for. Exit code 0 if the scenario was done with each of its tasks once.
+    Requestor, engine, bridges, responders, codec and security are the real ones. The network is in memory, and the
+    clock is virtual. The exit code is 0 if the scenario was done with each of its tasks once.
     """
     from ua_fleet.simulator import Settings, figures, report
     from ua_fleet.simulator import simulate as simulated

@@ -84,25 +84,25 @@ def call(
     robot: _Robot,
     skill: _Skill,
     arguments: Annotated[
-        list[str] | None, typer.Argument(help="Arguments as name=value; what has a default may be left out.")
+        list[str] | None, typer.Argument(help="Arguments as name=value; arguments with a default are optional.")
     ] = None,
     wait_s: Annotated[
         float | None,
-        typer.Option("--for", help="Wait so many seconds; else until the skill ends or is stopped.", min=0.1),
+        typer.Option("--for", help="Wait this number of seconds; without it, until the skill ends.", min=0.1),
     ] = None,
-    start_only: Annotated[bool, typer.Option("--start", help="Print the execution's id, and do not wait.")] = False,
+    start_only: Annotated[bool, typer.Option("--start", help="Print the execution's id and do not wait.")] = False,
     halts: Annotated[
-        bool, typer.Option("--halt-on-interrupt", help="Ctrl-C halts the skill; else the robot goes on.")
+        bool, typer.Option("--halt-on-interrupt", help="Ctrl-C also halts the skill; without it, the robot goes on.")
     ] = False,
     as_json: Json = False,
 ) -> None:
-    """Have a robot do a skill, and print its results when it is done.
+    """Make a robot do a skill, and print its results when it is done.
 
-    Meanwhile stderr tells its state, how far it is and what the robot says: on a terminal in one line that is kept up
-    to date, else in a line for each change.
+    Meanwhile stderr shows state, progress and the robot's message: on a terminal in one line that is kept up to date,
+    otherwise in a line for each change.
 
-    Exit code 1 if it failed or was refused, 3 if there is no such skill, 4 if the robot or the server cannot be
-    reached, 5 if it did not end in time; it goes on then.
+    The exit code is 1 if the skill failed or was refused, 3 if the robot has no such skill, 4 if the robot or the
+    server cannot be reached, and 5 if the skill did not end in time; the skill then goes on.
     """
     given = dict(argument(text) for text in arguments or ())
 
@@ -175,28 +175,28 @@ async def _interrupted(client: FleetClient, execution: SkillExecution, *, halts:
         async with asyncio.timeout(_HALTED_S):
             await execution.result()
     except TimeoutError:
-        message(f"{execution.robot} was asked to halt, and has not told its end; see: ua-fleet skill list {name}")
+        message(f"{execution.robot} was asked to halt and has not reported the end; see: ua-fleet skill list {name}")
     except UaFleetError as error:
         message(f"halted: {error}" if execution.is_over else f"not halted: {error}")
     else:
-        message("the robot was done before it could be halted")
+        message("the skill was done before it could be halted")
 
 
 @connecting
 def halt(connection: Connection, robot: _Robot, skill: _Skill, as_json: Json = False) -> None:
-    """Ask a robot to stop all that it does for a skill. Whether it stops is seen in the skill's state."""
+    """Ask a robot to halt all executions of a skill. The skill's state shows whether it stops."""
     _ask(connection, "halt", robot, skill, as_json=as_json)
 
 
 @connecting
 def suspend(connection: Connection, robot: _Robot, skill: _Skill, as_json: Json = False) -> None:
-    """Ask a robot to stand in the middle of what it does for a skill. Its timeout goes on meanwhile."""
+    """Ask a robot to suspend a skill. The skill's timeout runs on."""
     _ask(connection, "suspend", robot, skill, as_json=as_json)
 
 
 @connecting
 def resume(connection: Connection, robot: _Robot, skill: _Skill, as_json: Json = False) -> None:
-    """Ask a robot to go on with the skill in which it stands."""
+    """Ask a robot to resume a suspended skill."""
     _ask(connection, "resume", robot, skill, as_json=as_json)
 
 

@@ -63,9 +63,9 @@ def _plan(name: Name) -> tuple[Testbed, Options]:
 def prepare(testbed: _Which, folder: _Folder = _DEFAULT_FOLDER) -> None:
     """Write what the processes of a testbed need into their volumes, and end.
 
-    That is fleet.yaml, certificates, by which server and bridges know each other, and the user `operator` with a
-    password. It may be run again at any time: what is there stays, and a file that you have edited does too.
-    UA_FLEET_SPEED and UA_FLEET_RESILIENCE (operator or automatic) say what the demonstration is like.
+    These are fleet.yaml, the certificates by which server and bridges know each other, and the user `operator` with a
+    password. It may be run again at any time: existing files stay, and so does a file that you have edited.
+    UA_FLEET_SPEED and UA_FLEET_RESILIENCE (operator or automatic) set up the demonstration.
     """
     plan, options = _plan(testbed)
     with extra_needed("the testbed", "server"):
@@ -75,9 +75,9 @@ def prepare(testbed: _Which, folder: _Folder = _DEFAULT_FOLDER) -> None:
 
 def robot(
     testbed: _Which,
-    name: Annotated[str, typer.Argument(help="A robot, or what stands for a person.")],
+    name: Annotated[str, typer.Argument(help="Name of a robot, or of the program that simulates a person.")],
 ) -> None:
-    """Become what simulates a robot of a testbed: its program, or the simulator of its controller."""
+    """Run the simulation of a robot of a testbed: its program, or the simulator of its controller."""
     plan, options = _plan(testbed)
     if name not in plan.robots:
         raise NotFound(f"the testbed {testbed} has no {name}; there are: {', '.join(plan.robots)}")
@@ -90,10 +90,11 @@ def run(
     folder: _Folder = _DEFAULT_FOLDER,
     endpoint: Endpoint = DEFAULT_ENDPOINT,
 ) -> None:
-    """Be the conductor of a testbed: run the demonstration once, then follow what others run, until Ctrl-C.
+    """Run the demonstration of a testbed once, then show the runs of other clients, until Ctrl-C.
 
-    It is an OPC UA client as any other, waits until the fleet is complete, and goes on when the server was away. The
-    result stands in operator/result.json below --folder; while that is there, nothing is run by itself.
+    The command is an ordinary OPC UA client. It waits until the fleet is complete, and goes on when the server returns.
+    The result is written to operator/result.json below --folder; while that file exists, no run is started
+    automatically.
     """
     plan, options = _plan(testbed)
     with extra_needed("the testbed", "server"):
@@ -111,7 +112,7 @@ def run(
 
 
 def login(testbed: _Which, folder: _Folder = _DEFAULT_FOLDER, as_json: Json = False) -> None:
-    """Say how a browser, UaExpert, or a command here, logs in to a testbed."""
+    """Print how a browser, UaExpert or a command logs in to a testbed."""
     plan, options = _plan(testbed)
     with extra_needed("the testbed", "server"):
         from ua_fleet.demo.testbed.login import login_of
@@ -125,9 +126,7 @@ def login(testbed: _Which, folder: _Folder = _DEFAULT_FOLDER, as_json: Json = Fa
     print_line(f"user:         {found.user}")
     print_line(f"password:     {found.password}")
     print_line(f"certificate:  {found.server_thumbprint}  (SHA-1 of the server's; compare it)")
-    message(
-        "The web console is let in already, UaExpert once the server knows its certificate: connect once, in vain, and"
-    )
-    message("then run")
+    message("The server trusts the web console already. UaExpert's first connection fails, since the server does not")
+    message("know its certificate yet. Connect once, then trust the certificate:")
     message(f"  {compose} {plan.server} ua-fleet cert trust --last --show")
     message(f"Without UaExpert: {compose} {plan.conductor} ua-fleet browse --password-file {found.password_file}")

@@ -39,15 +39,17 @@ _COLORS: Final = (36, 33, 32, 35, 34, 96, 93, 92, 95, 94)
 
 
 def up(
-    bridges: Annotated[list[str] | None, typer.Argument(help="Only these bridges; without any, all there are.")] = None,
+    bridges: Annotated[
+        list[str] | None, typer.Argument(help="Only these bridges; without names, all bridges of the file.")
+    ] = None,
     config: Config = DEFAULT_CONFIG,
 ) -> None:
     """Run the server and all bridges of a fleet in this terminal until Ctrl-C, for trying.
 
-    Each is a process of its own, as with `ua-fleet serve` and `ua-fleet bridge`, and its lines begin with its name. A
-    bridge that cannot run here, or ends, is told with the reason, and the others go on. Bridges that need a certificate
-    to get their keys, and have none yet, get one, which the server knows. To stay up over restarts, run each as a
-    service.
+    Each is a process of its own, as with `ua-fleet serve` and `ua-fleet bridge`, and its lines begin with its name. If
+    a bridge cannot run here, or ends, a line gives the reason, and the other bridges go on. A bridge that needs a
+    certificate to get its keys, and has none yet, gets one that the server trusts. For permanent operation, run each as
+    a service.
     """
     fleet = load_config(config)
     wanted = tuple(dict.fromkeys(bridges or fleet.bridges))
@@ -131,7 +133,7 @@ def _tell_how_to_log_in(fleet: FleetConfig, folder: Path, option: str, endpoint:
         message(f"in another terminal: ua-fleet browse -e {endpoint}")
     else:
         message(
-            f"nobody can log in yet; in another terminal: ua-fleet user add NAME --role operator{option}, "
+            f"no user exists yet; in another terminal: ua-fleet user add NAME --role operator{option}, "
             f"and then: ua-fleet login {endpoint} --user NAME"
         )
 

@@ -135,7 +135,7 @@ def show(config: Config = DEFAULT_CONFIG, as_json: Json = False) -> None:
     if users:
         print_table([("name", "role"), *((user.name, user.role.value) for user in users)])
     else:
-        message("there are no users, so nobody gets in; add one with: ua-fleet user add NAME --role operator")
+        message("no user exists, so no client can log in; add one with: ua-fleet user add NAME --role operator")
 
 
 def remove(
@@ -143,7 +143,7 @@ def remove(
     config: Config = DEFAULT_CONFIG,
     as_json: Json = False,
 ) -> None:
-    """Remove a user of the server, who cannot log in from now on."""
+    """Remove a user of the server. The user cannot log in from now on."""
     store = _store(config)
     if name not in {user.name for user in store.list()}:
         raise NotFound(f"there is no user {name}; list them with: ua-fleet user list")

@@ -48,11 +48,11 @@ def watch(
     nodes: Nodes,
     table: Annotated[bool, typer.Option("--table", help="Show a table that is kept up to date.")] = False,
     rate: Annotated[
-        bool, typer.Option("--rate", help="Tell each second how many values come, in place of them or in the table.")
+        bool, typer.Option("--rate", help="Show values per second, in place of the values or as a column of the table.")
     ] = False,
-    age: Annotated[bool, typer.Option("--age", help="Tell how old each value is, by this machine's clock.")] = False,
-    count: Annotated[int | None, typer.Option(help="End after so many values.", min=1)] = None,
-    timeout: Annotated[float | None, typer.Option(help="End after so many seconds.", min=0.1)] = None,
+    age: Annotated[bool, typer.Option("--age", help="Show the age of each value by this machine's clock.")] = False,
+    count: Annotated[int | None, typer.Option(help="End after this number of values.", min=1)] = None,
+    timeout: Annotated[float | None, typer.Option(help="End after this number of seconds.", min=0.1)] = None,
     period_ms: Annotated[float, typer.Option(help="Publishing interval in milliseconds.", min=10)] = 100.0,
     full: Full = False,
     utc: Utc = False,
@@ -61,8 +61,8 @@ def watch(
 ) -> None:
     """Print the values of some nodes, and then each change until Ctrl-C.
 
-    Nodes are given as for `read`. The values that there are when it begins are not counted for --rate. With --count,
-    exit code 5 if so many values did not come within --timeout.
+    Nodes are given as for `read`. --rate does not count the values that are printed first. With --count, the exit code
+    is 5 if fewer values come within --timeout.
     """
     if table and as_json:
         raise UsageError("--table is for people and --json for programs; leave one of them out")

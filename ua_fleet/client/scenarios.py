@@ -306,7 +306,7 @@ class ScenarioClient:
             unknown = [name for name in capacities if name not in (reading.value or ())]
             if unknown:
                 known = ", ".join(reading.value or ()) or "none"
-                raise NotDone(_NOT_VALID, f"{robot} has not the capacity {', '.join(unknown)}; it has: {known}")
+                raise NotDone(_NOT_VALID, f"{robot} lacks the capacity {', '.join(unknown)}; it has: {known}")
             reason = f"{', '.join(capacities)}: {reason}"
         await self._call("Faults", "RaiseFault", text(robot), text(reason))
 

@@ -45,12 +45,12 @@ _END_TOLD_S: Final = 10.0
 """What takes too long is told to stop, and its robot has 5 s to say that it stands: its end comes after its timeout."""
 _INTEGERS: Final = range(ua.VariantType.SByte.value, ua.VariantType.UInt64.value + 1)
 _REASONS: Final = {
-    ua.StatusCodes.BadTooManyOperations: "as many executions as it takes are under way",
-    ua.StatusCodes.BadServerTooBusy: "it was asked for a moment ago; try again later",
+    ua.StatusCodes.BadTooManyOperations: "the highest number of executions is under way",
+    ua.StatusCodes.BadServerTooBusy: "it was requested a moment ago; try again later",
     ua.StatusCodes.BadRequestTooLarge: "the arguments are too large",
-    ua.StatusCodes.BadNotExecutable: "it is not for clients of this server",
-    ua.StatusCodes.BadNotSupported: "its robot has no way to do that",
-    ua.StatusCodes.BadInvalidState: "it is not in a state for that; see: ua-fleet skill list",
+    ua.StatusCodes.BadNotExecutable: "clients of this server may not use it",
+    ua.StatusCodes.BadNotSupported: "the robot does not support that",
+    ua.StatusCodes.BadInvalidState: "the skill's state does not allow that; see: ua-fleet skill list",
     ua.StatusCodes.BadResourceUnavailable: "the server cannot record it; see its log",
 }
 
@@ -132,7 +132,7 @@ class SkillExecution:
             if self._is_lost:
                 raise NotConnected(
                     f"the connection to {self._endpoint} was lost; execution {self.id} of {self.robot}.{self.skill} "
-                    "goes on without us"
+                    "goes on without this command"
                 )
             self._changed.clear()
             await self._changed.wait()
@@ -345,7 +345,7 @@ def _check(known: KnownSkill, result: ua.CallMethodResult) -> None:
     if code == StatusCode.BAD_USER_ACCESS_DENIED:
         raise AccessRefused(code, f"{name}: {text}: this user may not command robots; see: ua-fleet user list")
     if code == StatusCode.BAD_NO_COMMUNICATION:
-        raise RobotOffline(f"{name}: the robot is not heard; see whether its bridge runs, or its client")
+        raise RobotOffline(f"{name}: the robot is silent; check that its bridge, or its client, runs")
     wrong = {
         argument.name: f"{argument.name}: {outcome.name} ({argument.description})"
         for argument, outcome in zip(known.info.arguments, result.InputArgumentResults or (), strict=False)

@@ -29,8 +29,8 @@ _REMEDIES: Final = {
     "on the server run: ua-fleet cert trust --last --show",
     ua.StatusCodes.BadCertificateUntrusted: "the server does not trust this client's certificate; "
     "on the server run: ua-fleet cert trust --last --show",
-    ua.StatusCodes.BadServerTooBusy: "too much is asked of the server at once; try again in some seconds",
-    ua.StatusCodes.BadTcpServerTooBusy: "clients from this address have cost the server too much without logging in; "
+    ua.StatusCodes.BadServerTooBusy: "the server has too many requests; try again in some seconds",
+    ua.StatusCodes.BadTcpServerTooBusy: "clients at this address use too much of the server without a login; "
     "try again in some seconds",
     ua.StatusCodes.BadNotWritable: "clients may not write this node",
     ua.StatusCodes.BadTypeMismatch: "the node has another type",

@@ -333,7 +333,7 @@ def _check_skills(parts: Parts) -> None:
                 if capacity not in able:
                     parts.document.problem(
                         (*path, "needs", position),
-                        f"{name} has not the capacity `{capacity}`",
+                        f"{name} lacks the capacity `{capacity}`",
                         closest(capacity, able) or f"add it to robots.{name}.capacities",
                     )
             if skill.via and bridge is not None and bridge.skill_mapping is None:

@@ -141,9 +141,7 @@ def _check_fault(parts: Parts, values: _Values, path: KeyPath, name: str, fault:
             for at, capacity in enumerate(fault.capacities):
                 if capacity not in able:
                     hint = closest(capacity, able) or f"it has: {listed(sorted(able)) or 'none'}"
-                    parts.document.problem(
-                        (*path, "capacities", at), f"{robot} has not the capacity `{capacity}`", hint
-                    )
+                    parts.document.problem((*path, "capacities", at), f"{robot} lacks the capacity `{capacity}`", hint)
     rule = fault.rule(name)
     for key, expression in (("when", rule.when), ("until", rule.until)):
         if expression is not None:

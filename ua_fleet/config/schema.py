@@ -448,7 +448,7 @@ class FleetConfig(Model, frozen=True):
     robots: dict[Name, RobotConfig] = {}
     """Robots by name."""
     resilience: ResilienceConfig = ResilienceConfig()
-    """Who takes over when a robot fails."""
+    """Which robot takes over when another robot fails."""
     scenarios: ScenariosConfig = ScenariosConfig()
     """Scenarios that operators run."""
     monitoring: MonitoringConfig = MonitoringConfig()

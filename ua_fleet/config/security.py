@@ -108,7 +108,7 @@ def keys_needed(config: FleetConfig, keys: KeySource | None) -> KeySource | None
         return None
     if keys is None:
         raise ConfigError(
-            f"messages are to be secured ({config.pubsub.security.value}), and there is no source of keys",
+            f"messages are to be secured ({config.pubsub.security.value}), and no key source is configured",
             key="pubsub.keys",
             suggestion="name one, or accept unsecured messages with `security: none`",
         )

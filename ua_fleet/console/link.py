@@ -169,9 +169,8 @@ class FleetLink:
             raise Refused(401, self._reason, code=int(StatusCode.BAD_SESSION_ID_INVALID))
         client = self._client
         if client is None or self._state != "live":  # what waits in a server that stands would be done later
-            raise Refused(
-                503, f"{self.fleet} is away: {self._reason or 'connecting'}", code=int(StatusCode.BAD_NOT_CONNECTED)
-            )
+            reason = self._reason or "connecting"
+            raise Refused(503, f"{self.fleet} is not reachable: {reason}", code=int(StatusCode.BAD_NOT_CONNECTED))
         try:
             async with asyncio.timeout(timeout_s):
                 return await request(client)
@@ -188,9 +187,8 @@ class FleetLink:
             most: sessions of this kind at once; raises Refused beyond.
         """
         if self._state != "live":
-            raise Refused(
-                503, f"{self.fleet} is away: {self._reason or 'connecting'}", code=int(StatusCode.BAD_NOT_CONNECTED)
-            )
+            reason = self._reason or "connecting"
+            raise Refused(503, f"{self.fleet} is not reachable: {reason}", code=int(StatusCode.BAD_NOT_CONNECTED))
         if self._own_sessions >= most:
             self._counts.drop("too_many_drives")
             raise Refused(429, f"{self.user} drives {self._own_sessions} robots at {self.fleet} already")

@@ -53,7 +53,7 @@ def claim_domain(wanted: int, say: Callable[[str], None]) -> Generator[int]:
         for domain in (*range(wanted, LAST_ROS2_SPACE + 1), *range(2, wanted)):
             if _lock(folder / str(domain), held):
                 if domain != wanted:
-                    say(f"another demonstration has ROS 2 domain {wanted}; this one takes {domain}")
+                    say(f"another demonstration uses ROS 2 domain {wanted}; this one uses {domain}")
                 yield domain
                 return
     raise ConfigError("every ROS 2 domain is in use by a demonstration")

@@ -171,7 +171,7 @@ def _last_words(log: str) -> str:
 
 
 def free_tcp_port(preferred: int) -> int:
-    """`preferred`, if nobody listens there on loopback, else a free port."""
+    """`preferred`, if no process listens there on loopback, else a free port."""
     for port in (preferred, 0):
         with socket.socket() as probe:
             probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)

@@ -76,7 +76,7 @@ class KeysKept:
     def problem(self) -> str:
         """One line for a status; empty where there is nothing to say."""
         if self.source_problem:
-            return f"the source of keys is away: {self.source_problem}"
+            return f"the key source is not reachable: {self.source_problem}"
         return "; ".join(list(self.refused.values())[:3])
 
     def arrived(self, group_id: str) -> None:
@@ -178,13 +178,13 @@ class _Keeper:
         self._source_delay_s = min(longest_s, max(FIRST_DELAY_S, 2 * self._source_delay_s))
         self._source_at = now + self._spread(self._source_delay_s)
         if not self._kept.source_problem:
-            _log.warning("the source of keys is away; going on with the keys there are", reason=reason)
+            _log.warning("the key source is not reachable; known keys stay in use", reason=reason)
         self._kept.source_problem = reason
 
     def _is_back(self) -> None:
         self._source_delay_s = 0.0
         if self._kept.source_problem:
-            _log.info("the source of keys is back")
+            _log.info("the key source is reachable again")
             self._kept.source_problem = ""
 
     def _refused(self, group_id: str, group: _Group, reason: str, now: float) -> None:

@@ -60,7 +60,7 @@ class Gateway:
         self._work = asyncio.Event()
         self._patience = Patience()
         self._told: set[str] = set()
-        self.problem = "it has not reached the OPC UA server yet"
+        self.problem = "no connection to the OPC UA server yet"
         """Why the OPC UA server is not there; empty while it is."""
         self._has_told_away = False
         self._log: Any = structlog.get_logger(part="modbus")
@@ -104,7 +104,7 @@ class Gateway:
                 async with connect() as client:
                     wait_s = RETRY_S[0]
                     self.problem, self._is_started = "", True
-                    self._log.info("the OPC UA server is there", endpoint=client.endpoint)
+                    self._log.info("the OPC UA server is reachable", endpoint=client.endpoint)
                     await self._serve(client)
             except ExceptionGroup as failed:
                 for error in failed.exceptions:
@@ -124,9 +124,9 @@ class Gateway:
 
     def _go_away(self, reason: str) -> None:
         if not self.problem or not self._has_told_away:
-            self._log.warning("the OPC UA server is away", reason=reason)
+            self._log.warning("the OPC UA server is not reachable", reason=reason)
             self._has_told_away = True
-        self.problem = f"the OPC UA server is away: {reason}"
+        self.problem = f"the OPC UA server is not reachable: {reason}"
         self.image.put(self._status("connected"), 0)
         for value in self._values:
             if value.quality is not None:
@@ -151,7 +151,7 @@ class Gateway:
 
     def _refuse(self) -> None:
         while self._desk.take() is not None:  # another one may have waited for the end of the first
-            self._desk.end(CommandState.REFUSED, StatusCode.BAD_NOT_CONNECTED, "the OPC UA server is away")
+            self._desk.end(CommandState.REFUSED, StatusCode.BAD_NOT_CONNECTED, "the OPC UA server is not reachable")
         self._decisions.refuse()
         self._to_set.clear()
 

@@ -115,7 +115,7 @@ KEY_REMAINING = _metric(
     "Time until the last key of a SecurityGroup that is here is over; below 0 it is used for two lifetimes more.",
     "group",
 )  # fmt: skip
-KEY_SOURCE = _metric("key_source_up", _G, _PUBSUB, "1 while the source of keys can be asked; absent without keys.")
+KEY_SOURCE = _metric("key_source_up", _G, _PUBSUB, "1 while the key source is reachable; absent without keys.")
 
 SPACE_CONNECTED = _metric("space_connected", _G, _BRIDGE, "1 while the bridge is connected to its space.")
 DEVICE_UP = _metric(

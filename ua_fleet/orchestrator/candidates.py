@@ -136,7 +136,7 @@ def rank_robots(
         reason = unfit(robot.name, needs)
         if missing:
             why = "; ".join([f" now: {robot.lacks[name]}" for name in missing if name in robot.lacks][:1])
-            excluded.append(Excluded(robot.name, f"has not the capacity {', '.join(missing)}{why}"))
+            excluded.append(Excluded(robot.name, f"lacks the capacity {', '.join(missing)}{why}"))
         elif skill not in robot.skills:
             excluded.append(Excluded(robot.name, f"has no skill {skill}"))
         elif reason is not None:

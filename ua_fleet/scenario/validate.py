@@ -145,7 +145,7 @@ class _Checker:
     def _wait(self, step: Wait) -> None:
         goes_on = step.timeout_s is not None and step.on_timeout is OnTimeout.CONTINUE
         if step.until is not None and self._condition(step.until, step.line) is False and not goes_on:
-            self._problem(step.line, f"waits in vain: {step.until.text!r} is always false")
+            self._problem(step.line, f"never ends: {step.until.text!r} is always false")
         events = self._fleet.events
         if step.event is not None and events is not None and step.event not in events:
             hint = self._closest(step.event, events) or f"known events: {listed(sorted(events))}"

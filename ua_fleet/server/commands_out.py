@@ -351,4 +351,6 @@ def _target_of(action: ActionMetaDataAnnouncement, robot: str) -> int:
 
 
 def _not_announced(topic: Topic) -> RobotOffline:
-    return RobotOffline(f"nobody announces the Action {topic.name}; see whether the bridge of space {topic.space} runs")
+    return RobotOffline(
+        f"no bridge announces the Action {topic.name}; check that the bridge of space {topic.space} runs"
+    )

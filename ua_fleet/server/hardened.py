@@ -202,7 +202,7 @@ def _warn(context: Context) -> None:
             bridges=", ".join(unknown),
         )
     if not context.users.list() and not context.allow_anonymous:
-        _log.warning("nobody can log in yet; add a user with: ua-fleet user add NAME", file=str(context.users.path))
+        _log.warning("no user exists yet; add a user with: ua-fleet user add NAME", file=str(context.users.path))
 
 
 def _audit_log(config: AuditConfig, state_dir: Path, files_dir: Path) -> AuditLog:

@@ -127,7 +127,7 @@ class Hub:
             mistakes: counts what has cost an item; its own without.
 
         Raises:
-            ConfigError: there is no source of keys, or what stands in `state_dir` cannot be used.
+            ConfigError: no key source is configured, or what stands in `state_dir` cannot be used.
         """
         pubsub = config.pubsub
         timing, codec = pubsub.timing(), Codec()

@@ -355,7 +355,7 @@ def _to_bus(member: str, argument: str) -> Message:
 
 def _reason(error: BaseException) -> str:
     if isinstance(error, FileNotFoundError | ConnectionRefusedError):
-        return "nobody listens there; start the bus, or correct `bus`"
+        return "no process listens there; start the bus, or correct `bus`"
     if isinstance(error, InvalidAddressError):
         return f"{error}; is the bridge in a session? give `bus` an address"
     if isinstance(error, AuthError):

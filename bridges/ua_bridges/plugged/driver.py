@@ -316,7 +316,9 @@ class PluggedDriver:
                 inlet.put(Dropped(Drop.CONVERSION, detail=f"{data.label}: {value}"))
                 return False
         if not self._is_on_bus(call.name):
-            inlet.put(Dropped(Drop.NOT_CONNECTED, detail=f"{data.label}: nobody on the D-Bus is {call.name}"))
+            inlet.put(
+                Dropped(Drop.NOT_CONNECTED, detail=f"{data.label}: no program on the D-Bus has the name {call.name}")
+            )
             return False
 
         def done(answer: Any) -> None:
@@ -409,7 +411,9 @@ class PluggedDriver:
         assert call is not None
         assert bus is not None
         if not self._is_on_bus(call.name):
-            raise RobotOffline(f"nobody on the D-Bus is {call.name}; start its program, and see the bridge's status")
+            raise RobotOffline(
+                f"no program on the D-Bus has the name {call.name}; start its program, and see the bridge's status"
+            )
         types = [argument.type for argument in skill.config.arguments.values()]
         results = {name: result.type for name, result in skill.config.results.items()}
         executing.begin(skill, execution, now)

@@ -142,7 +142,7 @@ class Outlets:
             if isinstance(sink.outlet, Dropped):
                 return sink.outlet.detail
             if not sink.outlet.listeners:
-                return f"nobody listens to {sink.outlet.name} in ROS"
+                return f"{sink.outlet.name} has no subscriber in ROS"
         return ""
 
     def write_setpoint(self, topic: Topic, values: _Values) -> None:

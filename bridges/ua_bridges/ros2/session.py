@@ -166,7 +166,7 @@ class Ros2Driver:
         outlets = [sink.outlet for sink in self._sinks.get(topic, ())]
         if not outlets:
             return "its message type is not installed here; see the log of the bridge"
-        return "" if outlets[0].listeners else f"nobody listens to {outlets[0].name} in ROS"
+        return "" if outlets[0].listeners else f"{outlets[0].name} has no subscriber in ROS"
 
     def write_setpoint(self, topic: Topic, values: tuple[float, ...]) -> None:
         """See SetpointDriver."""

@@ -194,8 +194,8 @@ class Link:
         code = made.getsockopt(socket.SOL_SOCKET, socket.SO_ERROR)
         if code:
             self._refused(OSError(code, _reason(OSError(code))))
-        elif made.getsockname() == made.getpeername():  # TCP connects a port to itself when nobody listens there
-            self._refused(ConnectionRefusedError("nobody listens"))
+        elif made.getsockname() == made.getpeername():  # TCP connects a port to itself when no process listens there
+            self._refused(ConnectionRefusedError("no process listens"))
         else:
             self._which -= 1
             self._up()

@@ -58,7 +58,7 @@ async def test_what_the_robot_refuses_is_refused_and_never_begun(cell: Cell) -> 
 
 async def test_a_bridge_that_is_not_there_is_told(cell: Cell) -> None:
     async with cell.requestor() as requestor:
-        with pytest.raises(RobotOffline, match="nobody announces the Action ua_300_2_1900; see whether the bridge of"):
+        with pytest.raises(RobotOffline, match="no bridge announces the Action ua_300_2_1900; check that the bridge"):
             await work(requestor, "weld", 0.0, timeout_s=0.3)
 
 

@@ -291,7 +291,7 @@ def test_a_wrong_password_keeps_nothing(home: Home) -> None:
     assert ended.code == 1
     assert "user or password is wrong" in ended.stderr
     assert not home.contexts_file.exists()
-    assert "as which user?" in home.run("login", home.site.endpoint).stderr
+    assert "the user is missing" in home.run("login", home.site.endpoint).stderr
 
 
 def test_what_the_environment_names_goes_before_the_current_context(home: Home) -> None:

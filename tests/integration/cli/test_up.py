@@ -111,7 +111,7 @@ def test_all_of_a_fleet_comes_up_is_told_of_and_ends_with_ctrl_c(fleet: Fleet) -
 def test_a_bridge_that_ends_is_told_with_its_reason_and_the_others_go_on(fleet: Fleet) -> None:
     first = fleet.start("up", "press")
     first.wait_for("press  | ready: bridge press")
-    first.wait_for("nobody can log in yet; in another terminal: ua-fleet user add NAME --role operator")
+    first.wait_for("no user exists yet; in another terminal: ua-fleet user add NAME --role operator")
     # A second one has no place: its server says so, and it ends as that does.
     second = fleet.start("up")
     second.wait_for("a server of")

@@ -47,7 +47,7 @@ async def test_a_server_that_is_killed_and_started_is_found_again_without_a_logi
         assert live.feeds["all"].keys() == {"left", "middle", "right"}, "what was seen last stays"
         refused = await browser.ask("robots.hold", robot=CARD, reason="tyre")
         assert refused.status_code == 503
-        assert "hall is away" in refused.json()["error"]["message"]
+        assert "hall is not reachable" in refused.json()["error"]["message"]
         plant.server_process()
         await live.until(lambda: state(live) == "live" and live.wholes["all"] == 2, 30)
         assert (await browser.ask("robots.hold", robot=CARD, reason="tyre")).status_code == 200

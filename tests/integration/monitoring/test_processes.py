@@ -158,7 +158,7 @@ async def test_from_start_to_end(plant: Plant) -> None:
     await plant.end("bridge", signal.SIGKILL)
     is_ready, text = await plant.health("bridge")
     assert not is_ready
-    assert text.endswith(": connection refused; is the process running?")
+    assert text.endswith(": connection refused; check that the process runs")
 
     async def bridge_is_away() -> bool:
         return (await plant.samples("server"))["ua_fleet_bridge_up", "cell"] == 0
@@ -185,14 +185,14 @@ async def test_from_start_to_end(plant: Plant) -> None:
     await plant.end("server", signal.SIGKILL)
 
     async def gateway_is_not_ready() -> bool:
-        return (await plant.health("modbus")).text.startswith("not ready: the OPC UA server is away: ")
+        return (await plant.health("modbus")).text.startswith("not ready: the OPC UA server is not reachable: ")
 
     await until(gateway_is_not_ready, "the gateway's word")
     assert (await plant.samples("modbus"))["ua_fleet_server_connected",] == 0
     await plant.start("server")
     await ready(plant, "modbus")
-    assert len(plant.said("modbus", "the OPC UA server is away")) == 1
-    assert len(plant.said("modbus", "the OPC UA server is there")) == 2
+    assert len(plant.said("modbus", "the OPC UA server is not reachable")) == 1
+    assert len(plant.said("modbus", "the OPC UA server is reachable")) == 2
 
     # In all that was logged each line names its process, and none shows a secret.
     for process in ("server", "bridge", "modbus"):

@@ -163,7 +163,7 @@ async def test_methods_are_called_and_their_errors_told(bus: BusDaemon) -> None:
 async def test_a_bus_that_comes_late_and_goes(bus: BusDaemon) -> None:
     bus.end()
     async with started(FLEET.replace("ADDRESS", bus.address)) as bridge:
-        await until(lambda: "nobody listens there" in bridge.driver.status().detail, "the reason")
+        await until(lambda: "no process listens there" in bridge.driver.status().detail, "the reason")
         assert not bridge.driver.status().connected
         bus.start()
         await until(lambda: bridge.driver.status().connected, "the connection")

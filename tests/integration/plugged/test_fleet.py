@@ -268,7 +268,7 @@ async def test_a_run_has_what_it_needs_read_and_says_why_nobody_can_do_it(fleet:
         await has_status(client, StatusCode.BAD_NO_COMMUNICATION)
         assert await scenarios.validate("look") == []
         run_id = await scenarios.run("look")
-        await decided("has not the capacity temperature now: pioneer_pc.temperature is not there")
+        await decided("lacks the capacity temperature now: pioneer_pc.temperature is not there")
         fleet.thermometer.plug()
         async with asyncio.timeout(60):
             while (decision := (await scenarios.decisions())[0]).robots != ("pioneer_pc",):

@@ -78,7 +78,7 @@ async def test_robots_are_registered_listed_and_unregistered(yard: Yard) -> None
         )
         assert code == 2
         assert f"{file}:2:robots.x.skills.drive.id: `id` is missing" in errors
-        assert f"{file}:2:robots.x.skills.drive.needs[0]: x has not the capacity `fly`" in errors
+        assert f"{file}:2:robots.x.skills.drive.needs[0]: x lacks the capacity `fly`" in errors
         code, _, errors = await command(yard, running.url, "robot", "unregister", "cart", user=OPERATOR)
         assert (code, "BadUserAccessDenied" in errors) == (1, True)
         assert (await command(yard, running.url, "robot", "unregister", "cart"))[0] == 0

@@ -60,12 +60,12 @@ async def test_a_bridge_whose_certificate_ends_goes_on_with_its_keys_and_heals_w
     await until(lambda: say(two, "the source of keys is away"))  # else a server that is quickly back was never missed
     async with serving(secured.folder, secured.config):
         # Only after its return the server knows nobody's channel any more.
-        await until(lambda: say(two, "the source of keys is back"))
+        await until(lambda: say(two, "the key source is reachable again"))
         before = len(heard(two, COUNTER_ONE))
         await until(lambda: len(heard(two, COUNTER_ONE)) > before + 100)
-        assert not say(one, "the source of keys is back")
+        assert not say(one, "the key source is reachable again")
         await renew(secured, "one")
-        await until(lambda: say(one, "the source of keys is back"))
+        await until(lambda: say(one, "the key source is reachable again"))
     assert holes(heard(two, COUNTER_ONE)) == []
     assert one.end() == 0
     assert not say(one, "Traceback")
@@ -78,8 +78,8 @@ async def test_a_bridge_whose_certificate_has_ended_says_what_to_run_and_starts_
     identity = short_lived(secured, "one", -60.0)
     async with serving(secured.folder, secured.config):
         one = secured.bridge("one", wait=False)
-        await until(lambda: say(one, "the source of keys is away"))
-        (line,) = say(one, "the source of keys is away")
+        await until(lambda: say(one, "the key source is not reachable"))
+        (line,) = say(one, "the key source is not reachable")
         assert "expired on" in line
         assert "run: ua-fleet cert create --bridge one --renew" in line
         assert f"ua-fleet cert trust --bridge one {identity.certificate}" in line

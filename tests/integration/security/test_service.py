@@ -39,17 +39,17 @@ async def test_a_bridge_waits_for_the_key_service_and_says_nothing_meanwhile(sec
     await trust(secured, "one")
     one = secured.bridge("one", wait=False, python=python)
     async with Peer.at(secured.url, space=TWO) as listener:
-        await until(lambda: say(one, "the source of keys is away"))
+        await until(lambda: say(one, "the key source is not reachable"))
         await asyncio.sleep(1.0)
-        assert len(say(one, "the source of keys is away")) == 1
+        assert len(say(one, "the key source is not reachable")) == 1
         assert not say(one, "ready")
         assert listener.datagrams == []
         async with serving(secured.folder, secured.config) as running, running.client(OBSERVER) as client:
             await until(lambda: say(one, "ready"))
             counter = reader(client, f"ns=2;i={COUNTER_ONE.id}")
             await until_read(counter, lambda data: data.StatusCode.name == "Good")
-            await until(lambda: say(one, "the source of keys is back"))
-        assert len(say(one, "the source of keys is back")) == 1
+            await until(lambda: say(one, "the key source is reachable again"))
+        assert len(say(one, "the key source is reachable again")) == 1
     assert one.end() == 0
     assert not say(one, "Traceback")
 
@@ -63,7 +63,7 @@ async def test_bridges_go_on_without_the_service_as_long_as_keys_last(secured: S
         one, two = secured.bridge("one", wait=False), secured.bridge("two", wait=False)
         await until(lambda: heard(two, COUNTER_ONE))
     async with Peer.at(secured.url, space=TWO) as listener:
-        await until(lambda: say(one, "the source of keys is away") and say(two, "the source of keys is away"))
+        await until(lambda: say(one, "the key source is not reachable") and say(two, "the key source is not reachable"))
 
         def tokens() -> set[int]:
             sent = map(read_security, listener.datagrams)
@@ -71,19 +71,19 @@ async def test_bridges_go_on_without_the_service_as_long_as_keys_last(secured: S
 
         await until(lambda: len(tokens()) >= 3)
         async with serving(secured.folder, secured.config):
-            await until(lambda: say(one, "the source of keys is back"))
+            await until(lambda: say(one, "the key source is reachable again"))
             before = max(tokens())
             await until(lambda: max(tokens()) >= before + 2)
     assert holes(heard(two, COUNTER_ONE)) == []
-    assert len(say(one, "the source of keys is away")) == 1
+    assert len(say(one, "the key source is not reachable")) == 1
 
 
 async def test_a_bridge_that_nobody_trusts_says_what_to_run(secured: Site) -> None:
     secured.write_fleet(keys={"source": "service"})
     async with serving(secured.folder, secured.config):
         one = secured.bridge("one", wait=False)
-        await until(lambda: say(one, "the source of keys is away"))
-        (line,) = say(one, "the source of keys is away")
+        await until(lambda: say(one, "the key source is not reachable"))
+        (line,) = say(one, "the key source is not reachable")
         certificate = secured.folder / secured.config.state_dir_of("one") / "bridge.der"
         assert f"ua-fleet cert trust --bridge one {certificate}" in line
         trust_bridge(secured.folder / secured.config.server.state_dir, "one", Path(certificate))

@@ -254,9 +254,9 @@ async def test_a_robot_that_does_not_listen_is_not_given_out(hall: Hall) -> None
     async with driving(config, hall.folder, "anna") as (anna,):
         refused = await anna.acquire()
         assert refused.kind is OutcomeKind.REFUSED
-        assert "nobody listens to /cmd_vel in ROS" in refused.report.message
+        assert "/cmd_vel has no subscriber in ROS" in refused.report.message
         robot = hall.start_robot()
         await anna.acquired()
         robot.end(signal.SIGTERM)
         status = await anna.until(lambda status: status.lease == 0)
-        assert status.last_end == "anna: nobody listens to /cmd_vel in ROS"
+        assert status.last_end == "anna: /cmd_vel has no subscriber in ROS"

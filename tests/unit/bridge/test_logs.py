@@ -53,12 +53,12 @@ def test_each_of_several_devices_has_lines_of_its_own() -> None:
         ):
             log.take(status)
     assert [(line["device"], line["event"], line.get("reason", "")) for line in lines] == [
-        ("oven", "device is there", ""),
-        ("press", "device is there", ""),
-        ("press", "device is away", "no cable"),
-        ("oven", "device is away", "no power"),
-        ("oven", "device is there", ""),
-        ("press", "device is there", ""),
+        ("oven", "device answers again", ""),
+        ("press", "device answers again", ""),
+        ("press", "device does not answer", "no cable"),
+        ("oven", "device does not answer", "no power"),
+        ("oven", "device answers again", ""),
+        ("press", "device answers again", ""),
     ]
 
 
@@ -69,7 +69,7 @@ def test_a_source_that_is_put_aside_has_a_line_each_way_and_a_crowd_has_one() ->
         for aside in ({}, {"/a": "no type"}, {"/a": "no type"}, {}, crowd, {}):
             log.take(DriverStatus(True, "here", aside=aside))
     said = [(line["event"], line.get("source")) for line in lines if "space" not in line["event"]]
-    assert said[:2] == [("source is put aside", "/a"), ("source has gone, or behaves again", "/a")]
+    assert said[:2] == [("source is put aside", "/a"), ("source is gone, or sends valid data again", "/a")]
     assert len(said) == 2 + 6 + 6
     assert [line["put_aside"] for line in lines if line["event"] == "more sources"] == [95, 0]
 

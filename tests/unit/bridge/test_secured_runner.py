@@ -121,10 +121,10 @@ async def test_without_its_key_a_bridge_does_nothing_and_says_why(tmp_path: Path
     events = [entry["event"] for entry in logs]
     assert events[:2] == [
         "waiting for keys",
-        "the source of keys is away; going on with the keys there are",
+        "the key source is not reachable; known keys stay in use",
     ]
     assert logs[1]["reason"] == "opc.tcp://a:1: connection refused"
-    assert events.index("the source of keys is back") < events.index("connected to the space")
+    assert events.index("the key source is reachable again") < events.index("connected to the space")
 
 
 async def test_a_bridge_that_waits_can_be_ended(tmp_path: Path) -> None:
@@ -147,7 +147,7 @@ async def test_the_status_says_that_the_source_of_keys_is_away(tmp_path: Path) -
         await ready.wait()
         await until(lambda: detail() == "up")
         source.is_away = True
-        await until(lambda: detail() == "up; the source of keys is away: opc.tcp://a:1: connection refused")
+        await until(lambda: detail() == "up; the key source is not reachable: opc.tcp://a:1: connection refused")
         source.is_away = False
         await until(lambda: detail() == "up")
         source.refused.add("t-0")
@@ -156,7 +156,7 @@ async def test_the_status_says_that_the_source_of_keys_is_away(tmp_path: Path) -
 
 async def test_without_a_source_of_keys_nothing_starts(tmp_path: Path) -> None:
     robot, line = Robot(), Line()
-    with pytest.raises(ConfigError, match="and there is no source of keys"):
+    with pytest.raises(ConfigError, match="and no key source is configured"):
         await run_bridge(CONFIG, "robot", robot, line, state_dir=tmp_path)
     assert robot.inlet is None
 

@@ -214,15 +214,15 @@ async def test_what_waited_while_the_machine_slept_is_old_when_it_wakes(
 async def test_a_robot_that_is_away_is_not_given_out_and_taken_back(tmp_path: Path) -> None:
     robot = DrivenRobot()
     async with driven(robot, tmp_path) as server:
-        robot.problem = "nobody listens to /cmd_vel"
+        robot.problem = "/cmd_vel has no subscriber"
         refused = await server.ask(MODEL.acquire, "anna", "s", False)
         assert (refused.kind, refused.report.status) == (OutcomeKind.REFUSED, StatusCode.BAD_INVALID_STATE)
-        assert refused.report.message == "carrier cannot be driven: nobody listens to /cmd_vel"
+        assert refused.report.message == "carrier cannot be driven: /cmd_vel has no subscriber"
         robot.problem = ""
         await server.acquire()
-        robot.problem = "nobody listens to /cmd_vel"
+        robot.problem = "/cmd_vel has no subscriber"
         status = await server.until(lambda status: status.lease == 0 and bool(status.last_end))
-        assert status.last_end == "anna: nobody listens to /cmd_vel"
+        assert status.last_end == "anna: /cmd_vel has no subscriber"
 
 
 async def test_without_a_number_that_is_new_nobody_gets_the_robot(tmp_path: Path) -> None:

@@ -17,7 +17,7 @@ def test_from_nothing_to_a_valid_file(invoke: Invoke, tmp_path: Path) -> None:
     assert ended.code == 2
     line = (tmp_path / "fleet.yaml").read_text(encoding="utf-8").splitlines().index("pubsub:") + 1
     assert f"fleet.yaml:{line}:pubsub.security: `security` is missing; add `security: sign_and_encrypt`" in ended.stdout
-    assert ended.stderr == "ua-fleet: 9 problems; mend and run: ua-fleet config check fleet.yaml\n"
+    assert ended.stderr == "ua-fleet: 9 problems; correct them, then run: ua-fleet config check fleet.yaml\n"
     ended = invoke("config", "assign-ids")
     assert ended.code == 2
     assert "pubsub.security" in ended.stderr
@@ -31,7 +31,7 @@ def test_from_nothing_to_a_valid_file(invoke: Invoke, tmp_path: Path) -> None:
     assert (ended.code, ended.stdout) == (0, "fleet.yaml: valid; bridges: 2, robots: 2, data sources: 4\n")
     ended = invoke("config", "assign-ids")
     assert (ended.code, ended.stdout) == (0, "")
-    assert ended.stderr == "fleet.yaml: nothing to do, all ids are there\n"
+    assert ended.stderr == "fleet.yaml: nothing to do, all ids exist\n"
     ended = invoke("config", "init")
     assert ended.code == 2
     assert ended.stderr == "ua-fleet: fleet.yaml: exists already; choose another name\n"

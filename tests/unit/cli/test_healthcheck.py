@@ -73,4 +73,4 @@ def test_unwell_is_1_by_both(tmp_path: Path, invoke: Invoke, capsys: Any) -> Non
     words = ["--heartbeat", str(tmp_path / "none")]
     assert quick(words) == 1
     assert invoke("healthcheck", *words).code == 1
-    assert "no such file or directory; has the program begun?" in capsys.readouterr().out
+    assert "no such file or directory; check that the program has started" in capsys.readouterr().out

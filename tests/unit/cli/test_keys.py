@@ -49,7 +49,7 @@ def test_create_makes_what_is_missing_and_leaves_the_rest(invoke: Invoke, folder
     assert len(set(secrets_of(folder))) == 5
     ended = invoke("keys", "create")
     assert (ended.code, ended.stdout) == (0, "")
-    assert ended.stderr == "nothing to do, all key files are there; new keys: ua-fleet keys rotate\n"
+    assert ended.stderr == "nothing to do, all key files exist; new keys: ua-fleet keys rotate\n"
 
 
 def test_rotate_gives_all_or_some_a_next_key(invoke: Invoke, folder: KeyFolder) -> None:

@@ -50,7 +50,7 @@ def test_the_names_of_roles_and_policies_are_those_of_the_parts_that_know_them()
 
 
 def test_add_list_remove(invoke: Invoke, fleet: Path) -> None:
-    assert "there are no users" in invoke("user", "list").stderr
+    assert "no user exists" in invoke("user", "list").stderr
     ended = invoke("user", "add", "anna", "--role", "operator", "--password-file", "-", stdin=PASSWORD + "\n")
     assert (ended.code, ended.stdout) == (0, "anna (operator)\n")
     assert PASSWORD not in (fleet.parent / "state" / USERS_FILE).read_text()
@@ -192,7 +192,7 @@ def test_ctrl_c_at_the_password(fleet: Path) -> None:
 
 
 def test_create_list_trust(invoke: Invoke, fleet: Path) -> None:
-    assert "there are no certificates yet" in invoke("cert", "list").stderr
+    assert "no certificate exists yet" in invoke("cert", "list").stderr
     ended = invoke("cert", "create")
     assert ended.code == 0
     made, thumbprint = ended.stdout.split()
@@ -241,7 +241,7 @@ def test_the_last_refused_is_shown_before_it_is_trusted(invoke: Invoke, fleet: P
     assert "no certificate was refused" in invoke("cert", "trust", "--last", "--show").stderr
     later = refused(fleet, "later", "10.0.0.2", 2_000_000_000.0)
     refused(fleet, "earlier", "10.0.0.1", 1_000_000_000.0)
-    assert "give --last --show" in invoke("cert", "trust", "--last").stderr
+    assert "use --last --show" in invoke("cert", "trust", "--last").stderr
     assert invoke("cert", "trust", "--last", "--show", later).code == 2
     shown = invoke("cert", "trust", "--last", "--show", stdin="n\n")
     assert shown.code == 1
@@ -420,7 +420,7 @@ def test_renewing(invoke: Invoke, fleet: Path) -> None:
     keys = [(own / "server-key.pem").read_bytes(), (cell / "bridge-key.pem").read_bytes()]
     server, said = renewed(invoke)
     assert "restart the server" in said
-    assert "these bridges know the new one: cell" in said
+    assert "these bridges trust the new one: cell" in said
     assert (cell / "server.der").read_bytes() == (own / "server.der").read_bytes()
     bridge, _ = renewed(invoke, "--bridge", "cell", "--trust")
     assert [(own / "server-key.pem").read_bytes(), (cell / "bridge-key.pem").read_bytes()] == keys

@@ -98,7 +98,7 @@ def test_all_problems_are_told_with_their_lines() -> None:
     assert "there is no bridge `yrd`; did you mean `yard`?" in said[0]
     assert "rng" in said[1]
     assert "`id` is missing; write the id that its bridge uses for it" in said[2]
-    assert "cart has not the capacity `fly`" in said[3]
+    assert "cart lacks the capacity `fly`" in said[3]
 
 
 @pytest.mark.parametrize(

@@ -118,9 +118,9 @@ def test_criteria_are_for_capacities_and_skills_that_some_robot_has() -> None:
 def test_a_fault_takes_away_what_each_of_its_robots_has() -> None:
     assert not problems("  faults:\n    hot: {robots: [ur3], when: battery < 1, capacities: [mobile]}\n")
     assert problems("  faults:\n    hot: {robots: [ur3, drone], when: battery < 1, capacities: [mobil, mobile]}\n") == [
-        "21:resilience.faults.hot.capacities[0]: ur3 has not the capacity `mobil`; did you mean `mobile`?",
-        "21:resilience.faults.hot.capacities[0]: drone has not the capacity `mobil`; it has: none",
-        "21:resilience.faults.hot.capacities[1]: drone has not the capacity `mobile`; it has: none",
+        "21:resilience.faults.hot.capacities[0]: ur3 lacks the capacity `mobil`; did you mean `mobile`?",
+        "21:resilience.faults.hot.capacities[0]: drone lacks the capacity `mobil`; it has: none",
+        "21:resilience.faults.hot.capacities[1]: drone lacks the capacity `mobile`; it has: none",
     ]
 
 

@@ -73,8 +73,8 @@ def test_secured_messages_need_a_source_of_keys(tmp_path: Path) -> None:
     with pytest.raises(ConfigError) as caught:
         keys_needed(with_pubsub(security="sign"), None)
     assert str(caught.value) == (
-        "pubsub.keys: messages are to be secured (sign), and there is no source of keys; name one, or accept unsecured "
-        "messages with `security: none`"
+        "pubsub.keys: messages are to be secured (sign), and no key source is configured; name one, or accept "
+        "unsecured messages with `security: none`"
     )
 
 

@@ -85,7 +85,7 @@ def test_missing_ids_are_asked_for_and_assigned() -> None:
             "f.yaml:12:robots.ur3.skills.turn.id: 1 is in use already (bridges.floor.status_id, line 4)",
         ),
         ("        id: 3\n", "3 is in use already"),
-        ("        id: 2\n        needs: [fly]\n", "needs[0]: ur3 has not the capacity `fly`; add it to robots.ur3"),
+        ("        id: 2\n        needs: [fly]\n", "needs[0]: ur3 lacks the capacity `fly`; add it to robots.ur3"),
         ("        id: 2\n        needs: [grib]\n", "did you mean `grab`?"),
         ("        id: 2\n        via: {topic: /x}\n", "via.topic: must be keys with values"),
         ("        id: 2\n        timeout_s: 0\n", "timeout_s"),

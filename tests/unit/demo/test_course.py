@@ -19,7 +19,7 @@ RANKING = RankingInfo(
         RankedRobot("near", 0.6, (70.0, 1.0), (0.4, 0.667)),
         RankedRobot("far", 0.4, (90.0, 2.0), (0.6, 0.333)),
     ),
-    excluded=(("arm", "has not the capacity mobile"),),
+    excluded=(("arm", "lacks the capacity mobile"),),
 )
 
 
@@ -136,7 +136,7 @@ def test_a_ranking_explains_itself() -> None:
         "near    70 -> 0.400  1 -> 0.667    0.600",
         "far     90 -> 0.600  2 -> 0.333    0.400",
         "consistency ratio of the judgements: 0.010 (at most 0.1)",
-        "no candidate: arm has not the capacity mobile",
+        "no candidate: arm lacks the capacity mobile",
     ]
 
 

@@ -148,8 +148,8 @@ async def test_a_source_that_is_away_is_asked_ever_more_rarely_and_told_of_twice
     assert len({round(wait % 1, 6) for wait in waits[6:]}) > 1
     told = [(entry["log_level"], entry["event"]) for entry in log if "source" in entry["event"]]
     assert told == [
-        ("warning", "the source of keys is away; going on with the keys there are"),
-        ("info", "the source of keys is back"),
+        ("warning", "the key source is not reachable; known keys stay in use"),
+        ("info", "the key source is reachable again"),
     ]
     assert log[0]["reason"] == "opc.tcp://a:1: connection refused"
     assert {group_id for _, group_id, _ in world.installed} == {"t-0", "t-2"}
@@ -171,7 +171,7 @@ async def test_while_the_source_is_away_the_status_says_so() -> None:
     world = World("t-2")
     world.gives = {"t-2": KeySourceUnavailable("no route")}
     await world.run(5)
-    assert world.kept.problem() == "the source of keys is away: no route"
+    assert world.kept.problem() == "the key source is not reachable: no route"
     assert world.kept.groups == set()
     world.gives.clear()
     await world.run(10)
@@ -276,7 +276,7 @@ async def test_groups_that_somebody_made_up_come_after_those_that_matter() -> No
     assert min(asked.count("t-300"), asked.count("t-0")) > 10
     assert asked[:4] == ["t-300", "t-0", "c-100", "c-101"]
     assert "c-102" not in asked
-    assert len([entry for entry in log if "source of keys" in entry["event"]]) == 1
+    assert len([entry for entry in log if "key source" in entry["event"]]) == 1
     assert {group_id for _, group_id, _ in world.installed} == {"t-300", "t-0"}
 
 

@@ -211,7 +211,7 @@ async def test_after_the_end_there_is_no_file(monitor: Monitor, tmp_path: Path) 
     is_well, text = await ask(Asked(state_dir=str(tmp_path)))
     assert not is_well
     assert text == (
-        f"{tmp_path / ADDRESS_FILE}: no such file or directory; is the process running, with monitoring.enabled?"
+        f"{tmp_path / ADDRESS_FILE}: no such file or directory; check that the process runs, with monitoring.enabled"
     )
 
 
@@ -220,7 +220,7 @@ async def test_another_process_at_the_port_of_one_that_was_killed(
 ) -> None:
     write_address(tmp_path, "127.0.0.1", listening.port, "gone")
     assert (await ask(Asked(state_dir=str(tmp_path), live=True))).text == (
-        f"another process answers at 127.0.0.1:{listening.port}; the one of this state_dir has ended"
+        f"another process answers at 127.0.0.1:{listening.port}; the process of this state_dir has ended"
     )
     remove_address(tmp_path, "another")
     assert (tmp_path / ADDRESS_FILE).exists()
@@ -245,7 +245,7 @@ def test_nobody_there() -> None:
         place = f"127.0.0.1:{probe.getsockname()[1]}"
         assert check(Asked(at=place)) == (
             False,
-            f"nobody answers at {place}: connection refused; is the process running?",
+            f"no answer at {place}: connection refused; check that the process runs",
         )
         assert check(Asked(tcp=place)) == (False, f"nothing accepts connections at {place}: connection refused")
         probe.listen()
@@ -273,7 +273,7 @@ def test_a_heartbeat(tmp_path: Path) -> None:
     beat = tmp_path / "beat"
     assert check(Asked(heartbeat=str(beat))) == (
         False,
-        f"{beat}: no such file or directory; has the program begun?",
+        f"{beat}: no such file or directory; check that the program has started",
     )
     beat.touch()
     is_well, text = check(Asked(heartbeat=str(beat), within_s=5))

@@ -26,8 +26,8 @@ def test_a_robot_whose_sensor_is_pulled_out_is_no_candidate_and_says_so() -> Non
     )
     assert ranking.best == "drone"
     assert {left.robot: left.reason for left in ranking.excluded} == {
-        "rover": "has not the capacity temperature now: rover_pc.temperature is not there",
-        "arm": "has not the capacity temperature",
+        "rover": "lacks the capacity temperature now: rover_pc.temperature is not there",
+        "arm": "lacks the capacity temperature",
     }
     assert [each.name for each in fleet.able("measure", ["temperature"])] == ["drone"]
     assert [each.name for each in fleet.could("measure", ["temperature"])] == ["rover", "drone"]
@@ -94,5 +94,5 @@ def test_a_robot_needs_what_its_own_skill_needs_whatever_the_task_names() -> Non
     )
     assert [place.robot for place in ranking.ranked] == ["rover"]
     assert [left.reason for left in ranking.excluded if left.robot == "ur3"] == [
-        "has not the capacity grab now: ur3.gripper is not there"
+        "lacks the capacity grab now: ur3.gripper is not there"
     ]

@@ -61,7 +61,7 @@ def test_a_fault_in_the_middle_of_a_task_brings_the_best_replacement() -> None:
     assert [place.robot for place in ranking.ranked] == ["pioneer_2", "pioneer_1"]
     assert {left.robot: left.reason for left in ranking.excluded} == {
         "ridgeback": "has a fault: motor is hot",
-        "ur3": "has not the capacity mobile",
+        "ur3": "lacks the capacity mobile",
     }
     assert isinstance(second.event, ReplacementChosen)
     reason = "motor is hot; it was halted: stopped"
@@ -127,7 +127,7 @@ def test_an_operator_confirms_and_of_two_the_first_decides() -> None:
     world.take(world.make.fault_raised("ridgeback", "robot", "stuck", 0.0))
     ((decision_id, decision),) = world.make.decisions.items()
     assert decision.ranking.best == "pioneer_1"
-    with pytest.raises(NoCandidate, match="ur3 cannot take over: has not the capacity mobile"):
+    with pytest.raises(NoCandidate, match="ur3 cannot take over: lacks the capacity mobile"):
         world.make.confirm(decision_id, "ur3", "anna", 1.0)
     confirmation, outputs = world.make.confirm(decision_id, "pioneer_2", "anna", 1.0)
     assert confirmation is Confirmation.TAKEN

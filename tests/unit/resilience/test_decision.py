@@ -27,7 +27,7 @@ BATTERY = Criterion("battery", CriterionKind.BENEFIT, (0, 100))
 
 def ranking(**batteries: float) -> Ranking:
     candidates = [Candidate(robot, {"battery": value}) for robot, value in batteries.items()]
-    left = [Excluded("sawyer", "has not the capacity mobile")]
+    left = [Excluded("sawyer", "lacks the capacity mobile")]
     return rank([BATTERY], weigh(("battery",), {}), candidates, excluded=left)
 
 
@@ -78,7 +78,7 @@ def test_of_two_operators_the_first_decides() -> None:
 def test_only_candidates_can_be_chosen_and_the_reason_is_said() -> None:
     made = decision(Mode.OPERATOR, ranking(pioneer_1=40))
     made.begin()
-    with pytest.raises(NoCandidate, match="sawyer cannot take over: has not the capacity mobile"):
+    with pytest.raises(NoCandidate, match="sawyer cannot take over: lacks the capacity mobile"):
         made.confirm("sawyer", "anna")
     with pytest.raises(NoCandidate, match="no such candidate"):
         made.confirm("hal", "anna")

@@ -163,7 +163,7 @@ UNUSABLE = pytest.mark.parametrize(
 
 @UNUSABLE
 def test_where_a_value_must_be_known_who_lacks_it_gives_way_with_the_reason(candidate: Candidate, reason: str) -> None:
-    before = Excluded("sawyer", "has not the capacity mobile")
+    before = Excluded("sawyer", "lacks the capacity mobile")
     ranking = rank(STRICT, WEIGHTS, [candidate, Candidate("good", {"battery": 1, "distance": 1})], excluded=[before])
     assert [place.robot for place in ranking.ranked] == ["good"]
     assert ranking.excluded == (before, Excluded("r", reason))

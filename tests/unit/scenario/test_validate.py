@@ -127,7 +127,7 @@ def test_defaults_are_those_of_the_robot_that_is_asked() -> None:
             "  - repeat: [{wait: 1}, {end: done}]\n    times: 3\n  - {wait: 1}\n",
             ["F:7: is never reached: the run ends before"],
         ),
-        ("  - {wait: , until: 1 > 2}\n  - {wait: 1}\n", ["F:5: waits in vain: '1 > 2' is always false"]),
+        ("  - {wait: , until: 1 > 2}\n  - {wait: 1}\n", ["F:5: never ends: '1 > 2' is always false"]),
         (
             "  - repeat:\n      - {wait: 1}\n    while: 1 > 2\n",
             ["F:6: is never reached: '1 > 2' is always false"],

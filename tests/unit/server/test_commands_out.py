@@ -117,7 +117,7 @@ async def test_an_action_is_asked_for_once_it_is_announced() -> None:
 
 
 async def test_an_action_that_nobody_announces_is_told() -> None:
-    with pytest.raises(RobotOffline, match=r"nobody announces the Action ua_300_2_1501; see whether the bridge"):
+    with pytest.raises(RobotOffline, match=r"no bridge announces the Action ua_300_2_1501; check that the bridge"):
         await Bench().invoke("bin", timeout_s=0.01)
 
 

@@ -63,7 +63,7 @@ class Options:
     """What a user chooses by the environment of `docker compose`."""
 
     speed: float = 1.0
-    """How many times faster than in the paper."""
+    """Speed relative to the paper."""
     mode: Mode = "operator"
     """Who chooses a replacement."""
     published_host: str = "127.0.0.1"

@@ -315,7 +315,7 @@ class Envelope:
     def _not_sent(self, message: SecuredDatagram, group: Group | None) -> list[bytes]:
         self._counters.drop(Drop.NO_KEY)
         if group is not None:
-            self.problem = f"no key of {group.group_id}, or it expired; see whether the source of keys can be asked"
+            self.problem = f"no key of {group.group_id}, or it expired; check that the key source is reachable"
         else:
             group_id = self._name_of_group(message)
             self.problem = f"this process is not in the SecurityGroup {group_id}"

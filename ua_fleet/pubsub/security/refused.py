@@ -37,7 +37,7 @@ def _detail(drop: Drop, heard: SecuredDatagram, mode: SecurityMode, group_id: st
     if drop is Drop.UNKNOWN_TOKEN and not group_id:
         return f"{sender} is no publisher of fleet.yaml, so nobody is asked for its keys; make it a bridge there"
     if drop is Drop.UNKNOWN_TOKEN:
-        return f"{sender}, {token}: no such key here; it is asked for, see whether the source of keys has it"
+        return f"{sender}, {token}: no such key here; it is requested; check that the key source has it"
     if drop is Drop.REPLAYED:
         return (
             f"{sender}, {token}: nonce used before, too old or missing; give a bridge its state_dir back or new keys, "

@@ -134,8 +134,8 @@ class OutputCarrier:
             self._carry_out_written()
         except StorageUnavailable as error:
             if self._retry_at is None:
-                _log.error("runs cannot be written down, and stand still", reason=str(error))
-            self.problem = f"runs cannot be written down, and stand still: {error}"
+                _log.error("runs cannot be recorded and are suspended", reason=str(error))
+            self.problem = f"runs cannot be recorded and are suspended: {error}"
             self._retry_at = self._clock() + RETRY_S
             if must_be_written:
                 raise
@@ -181,7 +181,7 @@ class OutputCarrier:
             self._journal.write(facts, faults.values(), halts.values(), holds.values())
             if self.problem:
                 self.problem = ""
-                _log.info("runs are written down again, and go on")
+                _log.info("runs are recorded again and go on")
             for written in (facts, faults, halts, holds):
                 written.clear()
         self._written += self._unwritten

@@ -169,7 +169,7 @@ class SkillMethods:
         if size > limits.largest_message_bytes:
             raise Refusal(StatusCodes.BadRequestTooLarge, f"{size} bytes of {limits.largest_message_bytes}")
         if self._tracker.is_silent(offered.key):
-            raise RobotOffline(f"robot {offered.robot.name} is silent; see whether its bridge, or its client, runs")
+            raise RobotOffline(f"robot {offered.robot.name} is silent; check that its bridge, or its client, runs")
         if driven := self._driven_by(offered.robot.name):
             raise RobotBusy(f"robot {offered.robot.name} does no skill now: it is {driven}")
         self._put(self._tracker.expire(offered.key, self._wall_ticks()))

@@ -357,7 +357,7 @@ class TeleoperationService:
         """Ask a bridge and wait for its answer, which is `unwanted` where it comes too late."""
         model = known.model
         if known.is_silent:
-            raise RobotOffline(f"the bridge of {model.robot} is silent; see whether it runs")
+            raise RobotOffline(f"the bridge of {model.robot} is silent; check that it runs")
         answered: asyncio.Future[Outcome] = asyncio.get_running_loop().create_future()
 
         def told(outcome: Outcome) -> None:
@@ -372,7 +372,7 @@ class TeleoperationService:
                 outcome = await answered
         except TimeoutError:
             if answered.cancelled():
-                said = f"the bridge of {model.robot} does not answer; see whether it runs"
+                said = f"the bridge of {model.robot} does not answer; check that it runs"
                 raise LeaseRefused(StatusCode.BAD_TIMEOUT, said) from None
             outcome = answered.result()
         except asyncio.CancelledError:

@@ -47,7 +47,7 @@ class ProgramPort(SkillPort[SkillGraph]):
     def __init__(self, spec: SkillSpec, executing: Executing, put: Callable[[DriverEvent], None]) -> None:
         super().__init__(spec, executing, put)
         self._status_name = f"/{spec.status_topic}"
-        self._no_program = f"nobody offers the skill: no program publishes {self._status_name}; start the robot's"
+        self._no_program = f"no program offers the skill ({self._status_name} has no publisher); start the robot's"
         self._source = self._no_program
         self.cannot_suspend = ""
         self._ask_at: dict[bytes, float] = {}

@@ -34,7 +34,7 @@ class TopicPort(SkillPort[SkillGraph]):
         self._way = way
         self._name = _absolute(way.topic)
         self._source = (
-            "" if way.status is None else f"nobody publishes {_absolute(way.status.topic)}; start the robot's node"
+            "" if way.status is None else f"{_absolute(way.status.topic)} has no publisher; start the robot's node"
         )
         if way.halt is None:
             self.cannot_stop = f"fleet.yaml does not say how {spec.robot}.{spec.name} is stopped; give `via.topic.halt`"

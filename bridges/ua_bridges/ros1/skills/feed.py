@@ -65,7 +65,7 @@ class SkillFeed:
 
     def lost(self) -> None:
         """See Feed."""
-        self._call(partial(self._listened.source, f"nobody publishes {self._listened.name}; start the robot's node"))
+        self._call(partial(self._listened.source, f"{self._listened.name} has no publisher; start the robot's node"))
 
     def _keep(self, size: int, message: Any) -> None:
         lost = 0

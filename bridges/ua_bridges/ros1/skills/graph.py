@@ -50,7 +50,7 @@ class _Spoken:
         links = links_of(self._name)
         if not links:
             self._since = None
-            return f"nobody subscribes to {self._name}; start the robot's node"
+            return f"{self._name} has no subscriber; start the robot's node"
         unanswered = [link for link in links if link.unanswered_s > SILENT_S]
         if unanswered:
             self._withdraw(unanswered)

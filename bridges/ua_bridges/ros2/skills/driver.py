@@ -61,7 +61,7 @@ class _SkillFeed:
 
     def lost(self) -> None:
         """See Feed."""
-        self._listened.source(f"nobody publishes {self._listened.name}; start the robot's node")
+        self._listened.source(f"{self._listened.name} has no publisher; start the robot's node")
 
 
 class SkilledRos2Driver(SkilledDriver, Ros2Driver):

@@ -62,7 +62,7 @@ class _Spoken:
         """See Spoken."""
         if not self._publisher.get_subscription_count():
             self._since = None
-            return f"nobody subscribes to {self._name}; start the robot's node"
+            return f"{self._name} has no subscriber; start the robot's node"
         if self._since is None:
             self._since = now
         return "" if now >= self._since + SETTLE_S else f"{self._name} is not ready yet"

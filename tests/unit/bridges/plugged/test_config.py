@@ -58,7 +58,7 @@ def test_it_is_valid() -> None:
         ("space: 300", "space: 30", "a vendor space of its own, 256 to 65535"),
         ("    bridge: pc\n", "    bridge: pc\n    mounted_on: rover\n", "there is no robot `rover`"),
         ("    bridge: pc\n", "    bridge: pc\n    mounted_on: rover_pc\n", "a robot is not mounted on itself"),
-        ("id: 12,", "id: 12, needs: [temperature],", "rover_pc has not the capacity `temperature`"),
+        ("id: 12,", "id: 12, needs: [temperature],", "rover_pc lacks the capacity `temperature`"),
     ],
 )
 def test_each_mistake_is_told_with_its_place(before: str, after: str, said: str) -> None:

@@ -64,6 +64,7 @@ FROM builder AS package
 COPY README.md LICENSE ./
 COPY nodesets nodesets
 COPY bridges bridges
+COPY demo demo
 COPY ua_fleet ua_fleet
 COPY --from=page /src/ua_fleet/console/page ua_fleet/console/page
 RUN touch /tmp/mark && sleep 1 \

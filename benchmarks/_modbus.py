@@ -9,7 +9,7 @@ from __future__ import annotations
 import asyncio
 import sys
 
-from ua_bridges.modbus.simulator import Memory, make_server
+from ua_demo.simulators.modbus import Memory, make_server
 
 from ua_fleet.registers import Span, Table
 

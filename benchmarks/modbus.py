@@ -53,7 +53,7 @@ def devices() -> Generator[int]:
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         text=True,
-        env=system.clean_environment(PYTHONPATH=".:bridges"),
+        env=system.clean_environment(PYTHONPATH=".:bridges:demo"),
         cwd=system.ROOT,
     )
     try:

@@ -38,8 +38,8 @@ _IMPORTED: Final = (
     "ua_bridges.ros1.driver",
     "ua_bridges.ros2.driver",
     "ua_bridges.tcp.driver",
-    "ua_bridges.tcp.simulator",
     "ua_bridges.ur.driver",
+    "ua_demo.simulators.tcp",
     "ua_fleet.bridge.runner",
     "ua_fleet.cli.app",
     "ua_fleet.cli.key_source",
@@ -187,7 +187,7 @@ def _server(python: str) -> socket.socket:
         for name, value in os.environ.items()
         if name not in ("LD_LIBRARY_PATH", "_ROS_WHEELS_BOOTSTRAP_COMPLETE")
     }
-    path = os.pathsep.join((str(_ROOT), str(_ROOT / "bridges")))
+    path = os.pathsep.join((str(_ROOT), str(_ROOT / "bridges"), str(_ROOT / "demo")))
     server = subprocess.Popen(
         [python, "-u", _SERVER, *_IMPORTED],
         stdin=its.fileno(),

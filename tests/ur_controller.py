@@ -40,8 +40,8 @@ class UrController:
 
     def start(self) -> None:
         """Switch it on, ready to move unless the options say otherwise."""
-        command = (sys.executable, "-m", "ua_bridges.ur.simulator", "--host", self.host, *self._options)
-        environment = system.clean_environment(PYTHONPATH="bridges", PYTHONUNBUFFERED="1")
+        command = (sys.executable, "-m", "ua_demo.simulators.ur", "--host", self.host, *self._options)
+        environment = system.clean_environment(PYTHONPATH="bridges:demo", PYTHONUNBUFFERED="1")
         self._child = self._processes.start(*command, env=environment)
         self._child.wait_for("ready")
 
@@ -61,7 +61,7 @@ class UrController:
         os.kill(self.pid, number)
 
     def do(self, deed: str, **rest: Any) -> dict[str, Any]:
-        """What only a simulator has: see `ua_bridges.ur.simulator.provoking`."""
+        """What only a simulator has: see `ua_demo.simulators.ur.provoking`."""
         with socket.create_connection((self.host, _PROVOKING), 5) as connection, connection.makefile("rw") as lines:
             lines.write(json.dumps({"do": deed, **rest}) + "\n")
             lines.flush()

@@ -9,8 +9,7 @@ from typing import Any, Final
 
 import pytest
 import yaml
-
-from ua_fleet.demo.testbed.plan import TESTBEDS
+from ua_demo.testbed.plan import TESTBEDS
 
 ROOT: Final = Path(__file__).parents[2]
 COMPOSE: Final[Any] = yaml.safe_load((ROOT / "compose.yaml").read_text(encoding="utf-8"))

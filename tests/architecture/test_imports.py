@@ -8,7 +8,7 @@ import pytest
 
 from tests.system import ROOT
 
-ROOTS = {"ua_fleet": ROOT, "ua_bridges": ROOT / "bridges"}
+ROOTS = {"ua_fleet": ROOT, "ua_bridges": ROOT / "bridges", "ua_demo": ROOT / "demo"}
 PATHS = f"import sys; sys.path[:0] = {[str(path) for path in ROOTS.values()]!r}"
 
 
@@ -59,6 +59,9 @@ def test_a_module_that_cannot_be_the_first_of_its_circle_is_found(tmp_path: Path
         ("ua_bridges.modbus.config", "asyncua pymodbus serial rclpy"),
         ("ua_fleet.registers", "pydantic pymodbus asyncio"),
         ("ua_fleet.modbus.gateway", "pymodbus"),
+        ("ua_demo.commands.demo", "asyncua pydantic yaml cryptography rclpy structlog"),
+        ("ua_demo.commands.simulate", "asyncua pydantic yaml cryptography rclpy structlog"),
+        ("ua_demo.commands.testbed", "asyncua pydantic yaml cryptography rclpy structlog"),
         ("ua_fleet.config.schema", "asyncua rclpy rospy structlog"),
         ("ua_fleet.wire", "asyncua pydantic structlog asyncio socket"),
         ("ua_fleet.pubsub", "asyncua pydantic structlog asyncio socket"),

@@ -52,8 +52,8 @@ async def open_skilled_space(folder: Path, processes: system.Processes) -> Async
     """A robot that is up."""
     memory = folder / "memory"
     robot = processes.start(
-        *(sys.executable, "-u", "-m", "ua_bridges.tcp.simulator", "--direct", "127.0.0.1:0", "--memory", memory),
-        env=system.clean_environment(PYTHONPATH="bridges"),
+        *(sys.executable, "-u", "-m", "ua_demo.simulators.tcp", "--direct", "127.0.0.1:0", "--memory", memory),
+        env=system.clean_environment(PYTHONPATH="demo"),
     )
     port = int(robot.wait_for("ready").split()[1])
     yield SkilledDirectSpace(port, memory, robot)

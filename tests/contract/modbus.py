@@ -113,7 +113,7 @@ robots:
 
 
 class PlcProcess:
-    """A simulated PLC; see `ua_bridges.modbus.simulator.__main__`."""
+    """A simulated PLC; see `ua_demo.simulators.modbus.__main__`."""
 
     def __init__(self, *options: str) -> None:
         self.written: list[tuple[str, int, list[Any]]] = []
@@ -121,8 +121,10 @@ class PlcProcess:
         self._answers: list[dict[str, Any]] = []
         self._answered = threading.Semaphore(0)
         self._other: list[str] = []
-        command = Command(sys.executable, "ua_bridges.modbus.simulator", True, list(options))
-        self._process = ForkedProcess(command, system.clean_environment(), reads=True)
+        command = Command(sys.executable, "ua_demo.simulators.modbus", True, list(options))
+        self._process = ForkedProcess(
+            command, system.clean_environment(PYTHONPATH=str(system.ROOT / "demo")), reads=True
+        )
         self._reader = threading.Thread(target=self._read, name="plc-reader", daemon=True)
         self._reader.start()
         self._wait("the PLC's start")

@@ -218,9 +218,9 @@ async def open_skilled_space(folder: Path, processes: system.Processes) -> Async
     """A robot whose program acknowledges each field, and remembers what it was told."""
     memory = folder / "memory"
     robot = processes.start(
-        *(sys.executable, "-u", "-m", "ua_bridges.tcp.simulator", "--listen", "127.0.0.1:0"),
+        *(sys.executable, "-u", "-m", "ua_demo.simulators.tcp", "--listen", "127.0.0.1:0"),
         *("--framing", "acknowledged", "--memory", memory),
-        env=system.clean_environment(PYTHONPATH="bridges"),
+        env=system.clean_environment(PYTHONPATH="demo"),
     )
     port = int(robot.wait_for("ready").split()[1])
     yield SkilledTcpSpace(port, memory, robot)

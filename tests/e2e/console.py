@@ -5,11 +5,12 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Collection, Sequence
 
+from ua_demo.site import USER
+
 from tests.integration.console.driving import drive
 from tests.integration.console.harness import Browser, Console
 from tests.system import Child
 from ua_fleet.console.page import page_missing
-from ua_fleet.demo.site import USER
 
 __all__ = ["check_console", "told_of_console"]
 

@@ -12,12 +12,12 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from ua_demo.pal.conductor import POSE
 
 from tests import terminal
 from tests.e2e.console import check_console, told_of_console
 from tests.system import ROOT, Child, Processes, clean_environment, free_multicast_url, free_tcp_port
 from tests.system import ros_domain as ros_domain_lock
-from ua_fleet.demo.pal.conductor import POSE
 from ua_fleet.server.certificates import CertificateState, list_certificates
 
 RUN_TIMEOUT_S = 90

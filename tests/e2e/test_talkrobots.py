@@ -7,11 +7,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from ua_demo.talkrobots.setting import ACTORS
 
 from tests.e2e.console import check_console
 from tests.e2e.talkrobots import demonstration
 from tests.system import Processes
-from ua_fleet.demo.talkrobots.setting import ACTORS
 
 TASKS = ["fetch", "transport", "grasp", "approach", "take_off", "pick_left", "bring", "land", "load"]
 KINDS = {

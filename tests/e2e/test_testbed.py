@@ -12,11 +12,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from ua_demo.processes import free_loopback_address
+from ua_demo.ros_environment import ros2_environment
+from ua_demo.talkrobots.setting import ACTORS, Actor, Kind
 
 from tests.system import ROS1_PYTHON, Child, Processes, clean_environment, free_multicast_url, free_tcp_port, ros_domain
-from ua_fleet.demo.processes import free_loopback_address
-from ua_fleet.demo.ros_environment import ros2_environment
-from ua_fleet.demo.talkrobots.setting import ACTORS, Actor, Kind
 
 UR_PORTS = (29999, *range(30001, 30006))
 WAIT_S = 60

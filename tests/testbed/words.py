@@ -25,7 +25,7 @@ for path in sorted(pathlib.Path("/var/lib/ua-fleet/events").glob("*.events*")):
 
 
 def read_events(text: str) -> list[Begun]:
-    """From lines of robots' programs; see `ua_fleet/demo/report.py`."""
+    """From lines of robots' programs; see `demo/ua_demo/report.py`."""
     found: list[Begun] = []
     for line in text.splitlines():
         try:

@@ -6,19 +6,20 @@ unreachable, 5 timeout, 130 interrupted.
 
 from __future__ import annotations
 
-import inspect
 import os
 import signal
 import sys
-from collections.abc import Callable
-from typing import Annotated, Any, Final, NoReturn
+from typing import Annotated, Final, NoReturn
 
 import typer
 
 from ua_fleet import __version__
+from ua_fleet.cli.command_group import add_command as _add
+from ua_fleet.cli.command_group import command_group
 from ua_fleet.cli.completion import prepare_completion
 from ua_fleet.cli.endings import UsageProblems, exit_code_of
 from ua_fleet.cli.output import message
+from ua_fleet.cli.plug_ins import ExtensibleGroup
 from ua_fleet.errors import ConfigInvalid, JudgementsInvalid, ScenarioInvalid, UaFleetError
 
 __all__ = ["app", "main"]
@@ -52,30 +53,12 @@ _GROUPS: Final = {
     "skill": "Skills of robots: list, call and offer them.",
     "modbus": "The fleet as a Modbus device, for PLCs.",
     "pubsub": "OPC UA PubSub between the server and the bridges.",
-    "demo": "Demonstrations with real robots' programs.",
-    "testbed": "What the containers of compose.yaml run: the demonstrations, each process in a container.",
 }
 """Groups whose commands stand in one module each."""
 
 
-def _new(help_text: str) -> typer.Typer:
-    return typer.Typer(
-        no_args_is_help=True,
-        add_completion=False,
-        rich_markup_mode=None,
-        pretty_exceptions_enable=False,
-        context_settings={"help_option_names": ["--help", "-h"]},
-        help=help_text,
-    )
-
-
-def _add(group: typer.Typer, name: str, command: Callable[..., Any], examples: tuple[str, ...]) -> None:
-    shown = "\n".join(f"  {example}" for example in examples)
-    group.command(name, help=f"{inspect.getdoc(command)}\n\n\b\nExamples:\n{shown}")(command)
-
-
 def _build() -> typer.Typer:
-    whole = _new(_HELP)
+    whole = command_group(_HELP, cls=ExtensibleGroup)
     from ua_fleet.cli import (
         add_topics,
         audit,
@@ -86,8 +69,6 @@ def _build() -> typer.Typer:
         config,
         console,
         decision,
-        demo_pal,
-        demo_talkrobots,
         drive,
         healthcheck,
         keys,
@@ -102,10 +83,8 @@ def _build() -> typer.Typer:
         scenario,
         serve,
         show_config,
-        simulate,
         skill,
         status,
-        testbed,
         up,
         user,
         watch,
@@ -126,9 +105,8 @@ def _build() -> typer.Typer:
     _add(whole, "watch", watch.watch, watch.EXAMPLES)
     _add(whole, "drive", drive.drive, drive.EXAMPLES)
     _add(whole, "console", console.console, console.EXAMPLES)
-    _add(whole, "simulate", simulate.simulate, simulate.EXAMPLES)
     _add(whole, "healthcheck", healthcheck.healthcheck, healthcheck.EXAMPLES)
-    groups = {name: _new(help_text) for name, help_text in _GROUPS.items()}
+    groups = {name: command_group(help_text) for name, help_text in _GROUPS.items()}
     _add(groups["config"], "init", config.init, config.INIT_EXAMPLES)
     _add(groups["config"], "check", config.check, config.CHECK_EXAMPLES)
     _add(groups["config"], "assign-ids", config.assign, config.IDS_EXAMPLES)
@@ -184,12 +162,6 @@ def _build() -> typer.Typer:
     _add(groups["robot"], "unregister", robot.unregister, robot.UNREGISTER_EXAMPLES)
     _add(groups["robot"], "hold", robot.hold, robot.HOLD_EXAMPLES)
     _add(groups["robot"], "release", robot.release, robot.RELEASE_EXAMPLES)
-    _add(groups["demo"], "pal", demo_pal.pal, demo_pal.EXAMPLES)
-    _add(groups["demo"], "talkrobots", demo_talkrobots.talkrobots, demo_talkrobots.EXAMPLES)
-    _add(groups["testbed"], "prepare", testbed.prepare, testbed.PREPARE_EXAMPLES)
-    _add(groups["testbed"], "robot", testbed.robot, testbed.ROBOT_EXAMPLES)
-    _add(groups["testbed"], "run", testbed.run, testbed.RUN_EXAMPLES)
-    _add(groups["testbed"], "login", testbed.login, testbed.LOGIN_EXAMPLES)
     for name, group in groups.items():
         whole.add_typer(group, name=name)
     whole.callback()(_common)

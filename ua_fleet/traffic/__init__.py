@@ -1,5 +1,5 @@
-"""What a fleet says to do its work: its messages by kind, and how many the published equations expect."""
+"""What a fleet says to do its work: its messages by kind."""
 
-from ua_fleet.traffic.kinds import EQUATION_12_KINDS, Kind, Traffic
+from ua_fleet.traffic.kinds import Kind, Traffic
 
-__all__ = ["EQUATION_12_KINDS", "Kind", "Traffic"]
+__all__ = ["Kind", "Traffic"]

@@ -51,7 +51,7 @@ from ua_fleet.wire.messages import (
     ProbeKind,
 )
 
-__all__ = ["EQUATION_12_KINDS", "Kind", "Traffic"]
+__all__ = ["Kind", "Traffic"]
 
 
 class Kind(StrEnum):
@@ -76,9 +76,6 @@ class Kind(StrEnum):
     SENSOR = "sensor"
     """Data of a sensor that belongs to no robot's own telemetry."""
 
-
-EQUATION_12_KINDS: Final = (Kind.REGISTRATION, Kind.REQUEST, Kind.RESPONSE, Kind.STATUS, Kind.TOKEN, Kind.FAULT)
-"""What Eq. 12 counts, besides the updates of sensors."""
 
 _NO_COMMUNICATION: Final = int(StatusCode.BAD_NO_COMMUNICATION) >> 16
 _FAILED: Final = frozenset({ExecutionState.FAILED.value, ExecutionState.UNKNOWN.value})
@@ -160,16 +157,6 @@ class Traffic:
         self.bytes[kind] += size
         self.messages_at[second, kind] += 1
         self.bytes_at[second, kind] += size
-
-    @property
-    def equation_12_messages(self) -> int:
-        """Messages of the kinds that Eq. 12 counts."""
-        return sum(self.messages[kind] for kind in EQUATION_12_KINDS)
-
-    @property
-    def equation_12_bytes(self) -> int:
-        """Their bytes."""
-        return sum(self.bytes[kind] for kind in EQUATION_12_KINDS)
 
     def _announcement_kind(self, announcement: AnyAnnouncement) -> Kind:
         said: Any = announcement._replace(sequence_number=0)

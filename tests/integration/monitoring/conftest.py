@@ -112,7 +112,7 @@ class Plant:
         place = f"127.0.0.1:{self.robot_port}"
         options = ("--listen", place, "--framing", "acknowledged", "--memory", str(self.folder / "memory"))
         child = self.processes.start(
-            sys.executable, "-m", "ua_bridges.tcp.simulator", *options, env=clean_environment(PYTHONUNBUFFERED="1")
+            sys.executable, "-m", "ua_demo.simulators.tcp", *options, env=clean_environment(PYTHONUNBUFFERED="1")
         )
         self.children["robot"] = child
         await asyncio.to_thread(child.wait_for, "ready", 30)

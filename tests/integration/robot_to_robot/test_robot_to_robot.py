@@ -8,6 +8,7 @@ from collections.abc import Generator
 from typing import Final
 
 import pytest
+from ua_demo.talkrobots.setting import ROBOTS
 
 from tests.contract.modbus import PlcProcess
 from tests.integration.modbus_server.conftest import WORDS, Panel
@@ -16,7 +17,6 @@ from tests.integration.ros2.conftest import Ros2Space, heard
 from tests.system import clean_environment, free_tcp_port
 from tests.ur_controller import UrController
 from tests.waiting import until
-from ua_fleet.demo.talkrobots.setting import ROBOTS
 from ua_fleet.modbus.words import CommandState
 
 REGISTER: Final = "input_double_register_18"

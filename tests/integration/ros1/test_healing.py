@@ -85,7 +85,7 @@ async def test_bridge_that_comes_after_a_restarted_master_finds_a_program_that_k
 
 
 async def test_robot_of_the_demonstrations_waits_for_its_master(graph: Ros1Graph) -> None:
-    program = system.ROOT / "ua_fleet" / "demo" / "talkrobots" / "robots" / "ridgeback.py"
+    program = system.ROOT / "demo" / "ua_demo" / "talkrobots" / "robots" / "ridgeback.py"
     robot = graph.processes.start(system.ROS1_PYTHON, program, env=graph.env)
     robot.wait_for(f"waiting for the ROS master at {graph.uri}", timeout_s=WAIT_S)
     graph.master()

@@ -109,9 +109,9 @@ def start_robot(processes: Processes) -> StartRobot:
             sys.executable,
             "-u",
             "-m",
-            "ua_bridges.tcp.simulator",
+            "ua_demo.simulators.tcp",
             *options,
-            env=clean_environment(PYTHONPATH="bridges"),
+            env=clean_environment(PYTHONPATH="demo"),
         )
         robot.wait_for("ready")
         return robot

@@ -12,15 +12,15 @@ from typing import Any
 import pytest
 import yaml
 from ua_bridges.ros2.environment import PROFILES_VARIABLE, profile_path
+from ua_demo.site import Site
+from ua_demo.talkrobots import robots
+from ua_demo.talkrobots.setting import make_setting
 
 from tests import system
 from tests.integration.teleoperation.conftest import PROGRAM
 from tests.integration.teleoperation.driving import WAIT_S, driving
 from ua_fleet.config.load import load
 from ua_fleet.config.schema import FleetConfig
-from ua_fleet.demo.site import Site
-from ua_fleet.demo.talkrobots import robots
-from ua_fleet.demo.talkrobots.setting import make_setting
 from ua_fleet.topics import Topic
 
 
@@ -49,14 +49,14 @@ async def test_a_pioneer_goes_where_it_is_driven(
     in_ros = system.clean_environment(
         ROS_DOMAIN_ID=str(ros_domain),
         ROS_AUTOMATIC_DISCOVERY_RANGE="LOCALHOST",
-        PYTHONPATH=os.pathsep.join(("bridges", ".")),
+        PYTHONPATH=os.pathsep.join(("bridges", "demo", ".")),
     )
     in_ros[PROFILES_VARIABLE] = str(profile_path("robot"))
     program = Path(robots.__file__).parent / "pioneer.py"
     where = ("--name", "pioneer_1", "--space", str(ros_domain), "--go-id", "1210", "--at", "2", "1")
     processes.start(sys.executable, "-u", program, *where, env=in_ros).wait_for("is ready")
     in_bridge = system.clean_environment(
-        PYTHONPATH=os.pathsep.join(("bridges", ".")), UA_FLEET_RUNTIME_DIR=str(tmp_path), PYTHONUNBUFFERED="1"
+        PYTHONPATH=os.pathsep.join(("bridges", "demo", ".")), UA_FLEET_RUNTIME_DIR=str(tmp_path), PYTHONUNBUFFERED="1"
     )
     bridge = processes.start(sys.executable, PROGRAM, tmp_path / "alone.json", "pioneer_1_bridge", env=in_bridge)
     bridge.wait_for("ready")

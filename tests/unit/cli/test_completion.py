@@ -49,6 +49,8 @@ def environment(tmp_path: Path) -> dict[str, str]:
         ("ua-fleet logout --context hang", ["hangar"]),
         ("ua-fleet contexts --use hal", ["hall"]),
         ("ua-fleet completion z", ["zsh"]),
+        ("ua-fleet simu", ["simulate"]),
+        ("ua-fleet demo tal", ["talkrobots"]),
     ],
 )
 def test_a_shell_completes(environment: dict[str, str], shell: str, words: str, expected: list[str]) -> None:

@@ -207,7 +207,7 @@ def test_message_types_that_are_installed_are_known(
     )
     assert f"not checked: {doubt}\n" in ended.stderr
     # Without --ros the same file is valid.
-    assert ended.stderr.endswith("2 problems; mend and run: ua-fleet config check --ros fleet.yaml\n")
+    assert ended.stderr.endswith("2 problems; correct them, then run: ua-fleet config check --ros fleet.yaml\n")
     right = ROS.replace("pose.z", "pose.x").replace("Odometri}", "Pose}")
     right = right.replace("        type: Double\n", "        type: Double\n        path: x\n", 1)
     (tmp_path / "fleet.yaml").write_text(right)

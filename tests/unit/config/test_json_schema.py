@@ -9,13 +9,13 @@ from typing import Any
 
 import pytest
 from jsonschema import Draft202012Validator
+from ua_demo.pal.setting import fleet_text
 
 from tests.unit.demo.test_talkrobots_setting import made, site
 from tests.unit.docs.pages import ROOT, Block, blocks
 from ua_fleet.config.default_file import default_content
 from ua_fleet.config.json_schema import SCHEMA_FILE, fleet_schema, schema_text
 from ua_fleet.config.load import load_content
-from ua_fleet.demo.pal.setting import fleet_text
 from ua_fleet.document import read_document
 from ua_fleet.errors import ConfigInvalid
 

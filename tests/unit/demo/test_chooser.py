@@ -6,8 +6,9 @@ import asyncio
 from collections.abc import Sequence
 from typing import Any
 
+from ua_demo.talkrobots.chooser import Chooser
+
 from ua_fleet.client import NotDone
-from ua_fleet.demo.talkrobots.chooser import Chooser
 
 
 class Scenarios:

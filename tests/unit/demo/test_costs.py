@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from ua_fleet.demo.talkrobots.costs import PAPER, Costs, cost_lines
+from ua_demo.talkrobots.costs import PAPER, Costs, cost_lines
+
 from ua_fleet.storage.traffic_log import SentMessage
 from ua_fleet.traffic import Kind
 

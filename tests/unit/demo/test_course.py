@@ -5,9 +5,9 @@ from __future__ import annotations
 from datetime import UTC, datetime
 
 import pytest
+from ua_demo.talkrobots.course import TASKS, Course, ranking_lines
 
 from ua_fleet.client import DecisionInfo, DecisionTold, FaultTold, RankedRobot, RankingInfo, RunInfo, RunTold, StepTold
-from ua_fleet.demo.talkrobots.course import TASKS, Course, ranking_lines
 
 START = 1000.0
 SPEED = 10.0

@@ -5,8 +5,7 @@ from __future__ import annotations
 import math
 
 import pytest
-
-from ua_fleet.demo.hand import ROBOT_TIMEOUT_S, Pose
+from ua_demo.hand import ROBOT_TIMEOUT_S, Pose
 
 
 def test_a_straight_way() -> None:
@@ -38,5 +37,5 @@ def test_a_circle_ends_where_it_began() -> None:
 def test_the_watch_is_that_of_the_template(demo: str) -> None:
     from importlib.resources import files
 
-    template = files(f"ua_fleet.demo.{demo}").joinpath("fleet.template.yaml").read_text(encoding="utf-8")
+    template = files(f"ua_demo.{demo}").joinpath("fleet.template.yaml").read_text(encoding="utf-8")
     assert f"robot_timeout_ms: {ROBOT_TIMEOUT_S * 1000:.0f}" in template

@@ -10,8 +10,7 @@ from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
-
-from ua_fleet.demo.processes import DemoFailed, Processes, free_loopback_address, free_tcp_port
+from ua_demo.processes import DemoFailed, Processes, free_loopback_address, free_tcp_port
 
 ENDLESS = "import time; print('ready', flush=True); time.sleep(600)"
 

@@ -9,9 +9,8 @@ import time
 from pathlib import Path
 
 import pytest
-
-from ua_fleet.demo.lines import read_line
-from ua_fleet.demo.report import EVENTS_VARIABLE, report
+from ua_demo.lines import read_line
+from ua_demo.report import EVENTS_VARIABLE, report
 
 EACH = 20
 

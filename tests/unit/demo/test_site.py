@@ -6,9 +6,9 @@ import socket
 from pathlib import Path
 
 import pytest
+from ua_demo.site import Site, choose_site
 
 from ua_fleet.console import page
-from ua_fleet.demo.site import Site, choose_site
 
 PAGE_MISSING = page.page_missing
 

@@ -9,12 +9,12 @@ from ua_bridges.modbus.config import ModbusBridgeConfig
 from ua_bridges.plugged.config import PluggedBridgeConfig
 from ua_bridges.tcp.config import TcpBridgeConfig
 from ua_bridges.ur.config import UrBridgeConfig
+from ua_demo.site import Site
+from ua_demo.talkrobots.robots.mobile import PLACES
+from ua_demo.talkrobots.setting import ACTORS, SCENARIO, Setting, make_setting
 
 from ua_fleet.config.load import load
 from ua_fleet.config.schema import FleetConfig
-from ua_fleet.demo.site import Site
-from ua_fleet.demo.talkrobots.robots.mobile import PLACES
-from ua_fleet.demo.talkrobots.setting import ACTORS, SCENARIO, Setting, make_setting
 from ua_fleet.errors import ConfigError
 
 

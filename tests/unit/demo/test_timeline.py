@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import pytest
-
-from ua_fleet.demo.lines import LineEvent
-from ua_fleet.demo.pal.timeline import Timeline, percentiles
+from ua_demo.lines import LineEvent
+from ua_demo.pal.timeline import Timeline, percentiles
 
 START = 1000.0
 

@@ -51,7 +51,7 @@ def test_examples_of_the_documentation(block: Block) -> None:
 
 def test_the_demonstrations() -> None:
     assert said(BOX) == []
-    tasks = ROOT / "ua_fleet" / "demo" / "talkrobots" / "nine_tasks.yaml"
+    tasks = ROOT / "demo" / "ua_demo" / "talkrobots" / "nine_tasks.yaml"
     assert said(tasks.read_text(encoding="utf-8")) == []
 
 

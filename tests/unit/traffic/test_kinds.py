@@ -11,7 +11,7 @@ from ua_fleet.pubsub.timing import PubSubTiming
 from ua_fleet.skill.executions import ExecutionState
 from ua_fleet.skill.status import SKILL_STATUS_FIELDS, ExecutionStatus, SkillStatus
 from ua_fleet.topics import Topic
-from ua_fleet.traffic import EQUATION_12_KINDS, Kind, Traffic
+from ua_fleet.traffic import Kind, Traffic
 from ua_fleet.values import BuiltinType
 from ua_fleet.wire import ActionMessage, ActionState, Codec, encode_action, encode_announcement, encode_probe
 from ua_fleet.wire.discovered import ActionTarget, PubSubState, StatusAnnouncement
@@ -150,13 +150,3 @@ def test_what_nobody_can_read_is_counted_apart() -> None:
     assert traffic.take(b"\xff\xff\xff", 3, 0.0) == []
     assert traffic.unreadable == 1
     assert not traffic.messages
-
-
-def test_what_equation_12_counts() -> None:
-    traffic = Traffic()
-    for number, kind in enumerate(Kind):
-        traffic.record(kind, 10**number, 0.0)
-    counted = {kind for kind in Kind if kind in EQUATION_12_KINDS}
-    assert counted == set(Kind) - {Kind.METADATA, Kind.KEEP_ALIVE, Kind.REPEAT, Kind.TELEMETRY, Kind.SENSOR}
-    assert traffic.equation_12_messages == 6
-    assert traffic.equation_12_bytes == 1111101

@@ -80,8 +80,12 @@ def _page_of(names: list[str]) -> set[str]:
     return {name.partition("ua_fleet/console/page/")[2] for name in names if "ua_fleet/console/page/" in name}
 
 
-def test_sdist_and_wheel_have_the_page_and_need_no_node(tmp_path: Path) -> None:
+def test_sdist_and_wheel_have_the_page_and_the_demonstrations_and_need_no_node(tmp_path: Path) -> None:
     wanted = {path.relative_to(PAGE).as_posix() for path in PAGE.rglob("*") if path.is_file()}
+    demo = system.ROOT / "demo"
+    demonstrations = {
+        path.relative_to(demo).as_posix() for path in demo.rglob("*.*") if path.suffix in (".py", ".yaml")
+    }
     _build(system.ROOT, "--target", "sdist", "--directory", str(tmp_path))
     (sdist,) = tmp_path.glob("*.tar.gz")
     with tarfile.open(sdist) as archive:
@@ -93,4 +97,9 @@ def test_sdist_and_wheel_have_the_page_and_need_no_node(tmp_path: Path) -> None:
     assert (source / "web" / "package-lock.json").exists()
     _build(source, "--target", "wheel", "--directory", str(tmp_path))
     (wheel,) = tmp_path.glob("*.whl")
-    assert _page_of(zipfile.ZipFile(wheel).namelist()) == wanted
+    built = zipfile.ZipFile(wheel)
+    assert _page_of(built.namelist()) == wanted
+    assert "ua_demo/talkrobots/fleet.template.yaml" in demonstrations
+    assert demonstrations <= set(built.namelist())
+    (joined,) = (name for name in built.namelist() if name.endswith(".dist-info/entry_points.txt"))
+    assert "[ua_fleet.commands]\ndemo = ua_demo.commands.demo:app\n" in built.read(joined).decode()

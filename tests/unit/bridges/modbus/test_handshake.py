@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from ua_bridges.modbus.handshake import Phase, StatusWords, next_number, phase_of
-from ua_bridges.modbus.simulator import HandshakeLayout, HandshakeProgram, Memory, Work
-from ua_bridges.modbus.simulator.program import Task
+from ua_demo.simulators.modbus import HandshakeLayout, HandshakeProgram, Memory, Work
+from ua_demo.simulators.modbus.program import Task
 
 from ua_fleet.registers import Register, RegisterType, Table
 

@@ -7,9 +7,8 @@ import os
 from pathlib import Path
 
 import pytest
-
-from ua_fleet.demo import report as reporting
-from ua_fleet.demo.testbed.growing import GrowingFiles
+from ua_demo import report as reporting
+from ua_demo.testbed.growing import GrowingFiles
 
 
 def test_whole_lines_come_once(tmp_path: Path) -> None:

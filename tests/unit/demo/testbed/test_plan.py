@@ -5,13 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from ua_demo.commands.testbed import Name
+from ua_demo.hand import ROBOT_TIMEOUT_S
+from ua_demo.testbed.plan import CONSOLE_PORT, CONSOLE_SETTINGS, TESTBEDS, Options
 
-from ua_fleet.cli.testbed import Name
 from ua_fleet.config.load import load_content
 from ua_fleet.config.teleoperation import teleoperations
 from ua_fleet.console.load import load_settings
-from ua_fleet.demo.hand import ROBOT_TIMEOUT_S
-from ua_fleet.demo.testbed.plan import CONSOLE_PORT, CONSOLE_SETTINGS, TESTBEDS, Options
 from ua_fleet.errors import ConfigError
 
 

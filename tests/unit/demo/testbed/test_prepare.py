@@ -11,14 +11,14 @@ import sys
 from pathlib import Path
 
 import pytest
+from ua_demo.testbed.login import login_of
+from ua_demo.testbed.plan import TESTBEDS, Options
+from ua_demo.testbed.prepare import prepare
+from ua_demo.testbed.volumes import check_volume, write_unless_edited
 
 from tests.system import clean_environment
 from ua_fleet.config.load import load
 from ua_fleet.config.schema import FleetConfig
-from ua_fleet.demo.testbed.login import login_of
-from ua_fleet.demo.testbed.plan import TESTBEDS, Options
-from ua_fleet.demo.testbed.prepare import prepare
-from ua_fleet.demo.testbed.volumes import check_volume, write_unless_edited
 from ua_fleet.errors import ConfigError
 from ua_fleet.server.certificates import (
     CertificateState,

@@ -1,5 +1,0 @@
-"""A robot on a TCP socket, for tests and for trying things out: a process of its own that knows nothing of ua_fleet.
-
-python -m ua_bridges.tcp.simulator --listen 127.0.0.1:1025 --framing acknowledged
-python -m ua_bridges.tcp.simulator --direct 127.0.0.1:30002
-"""

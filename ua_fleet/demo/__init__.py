@@ -1,1 +1,0 @@
-"""Demonstrations: real robots' programs, bridges and the server, started by one command."""

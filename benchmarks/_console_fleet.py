@@ -22,10 +22,10 @@ from tests.integration.server_model.harness import ENGINEER, OBSERVER, OPERATOR
 from tests.system import Child, Processes
 from ua_fleet.config.schema import FleetConfig
 from ua_fleet.counters import Counters
+from ua_fleet.endpoint.users import USERS_FILE, Role, ScryptCost, UserStore
 from ua_fleet.pubsub.metadata import make_field
 from ua_fleet.pubsub.publisher import Publisher
 from ua_fleet.pubsub.timing import PubSubTiming
-from ua_fleet.server.users import USERS_FILE, Role, ScryptCost, UserStore
 from ua_fleet.topics import Topic
 from ua_fleet.transport.udp import UdpTransport
 from ua_fleet.values import BuiltinType, ticks_from_unix_ns

@@ -34,17 +34,17 @@ async def server(port: int, has_summaries: bool) -> None:
     from ua_fleet.config.nodes import fleet_model
     from ua_fleet.config.schema import FleetConfig
     from ua_fleet.counters import Counters
+    from ua_fleet.endpoint.hardened_server import create_server
     from ua_fleet.fleet import Change, Coalescer, FleetState, ValueChanged
     from ua_fleet.monitoring.mistakes import Mistakes
+    from ua_fleet.nodes.address_space import FleetNodes
+    from ua_fleet.nodes.node_factory import NodeParts
+    from ua_fleet.nodes.nodeset import load_types
+    from ua_fleet.nodes.projection import Projection
+    from ua_fleet.nodes.summary_nodes import SummaryNodes
+    from ua_fleet.operation.runs.activity import RobotActivities
     from ua_fleet.pubsub.events import DataReceived
     from ua_fleet.pubsub.metadata import make_field
-    from ua_fleet.server.address_space import FleetNodes
-    from ua_fleet.server.hardened import create_server
-    from ua_fleet.server.nodeset import load_types
-    from ua_fleet.server.parts import NodeParts
-    from ua_fleet.server.projection import Projection
-    from ua_fleet.server.robots.summary_nodes import SummaryNodes
-    from ua_fleet.server.scenarios.activity import RobotActivities
     from ua_fleet.topics import Topic
     from ua_fleet.values import TICKS_PER_SECOND, BuiltinType, ticks_from_unix_ns
     from ua_fleet.wire.messages import ConfigurationVersion, DataSetMessage, DataSetMetaData

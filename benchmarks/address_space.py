@@ -21,8 +21,8 @@ from asyncua.server.server import Server
 from benchmarks.harness import FEWEST_ROUNDS, Figure, at_most, interleaved
 from ua_fleet.config.nodes import fleet_model
 from ua_fleet.config.schema import FleetConfig
-from ua_fleet.server.address_space import FleetNodes
-from ua_fleet.server.nodeset import load_types
+from ua_fleet.nodes.address_space import FleetNodes
+from ua_fleet.nodes.nodeset import load_types
 
 ROBOTS = 1_000
 NODES = 30

@@ -23,7 +23,7 @@ from benchmarks._ros import NODES, Node, median_and_p99, ros1_environment, runni
 from benchmarks.harness import FEWEST_ROUNDS, Failed, Figure, Unavailable, shown
 from tests import system
 from ua_fleet.config.schema import FleetConfig
-from ua_fleet.server.users import USERS_FILE, Role, UserStore
+from ua_fleet.endpoint.users import USERS_FILE, Role, UserStore
 
 USER, PASSWORD = "operator", "benchmark-1"
 CALLS, PAUSE_S = 25, 0.02

@@ -24,7 +24,7 @@ from benchmarks.harness import FEWEST_ROUNDS, Failed, Figure, Unavailable, at_mo
 from tests import system
 from ua_fleet.config.load import load
 from ua_fleet.config.schema import FleetConfig
-from ua_fleet.server.users import USERS_FILE, Role, UserStore
+from ua_fleet.endpoint.users import USERS_FILE, Role, UserStore
 
 USER, PASSWORD = "operator", "benchmark-1"
 PRESSES = 50

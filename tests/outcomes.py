@@ -7,7 +7,7 @@ import contextlib
 import secrets
 from typing import Any
 
-from ua_fleet.server.commands_out import SkillCommands
+from ua_fleet.operation.skills.commands import SkillCommands
 from ua_fleet.skill.executions import EXECUTION_ID_BYTES, Outcome
 from ua_fleet.topics import Topic
 

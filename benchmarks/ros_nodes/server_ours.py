@@ -16,7 +16,8 @@ import structlog
 
 from benchmarks.ros_nodes.ages import Ages, watch_node
 from ua_fleet.config.load import load
-from ua_fleet.server import app, hardened
+from ua_fleet.endpoint import hardened_server as hardened
+from ua_fleet.server import app
 
 
 async def main(path: Path, node_id: str) -> None:

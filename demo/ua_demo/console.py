@@ -7,7 +7,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Final
 
-from ua_fleet.server.certificates import trust_gateway
+from ua_fleet.endpoint.certificates import trust_gateway
 
 __all__ = ["CONSOLE", "introduce_console", "settings_text", "why_no_console"]
 

@@ -12,8 +12,8 @@ from ua_demo.processes import Processes
 from ua_demo.site import ENGINEER, USER, Site
 from ua_fleet.client import ClientIdentity, FleetClient
 from ua_fleet.config.load import load
-from ua_fleet.server.introduce import introduce_bridge
-from ua_fleet.server.users import Role, UserStore
+from ua_fleet.endpoint.users import Role, UserStore
+from ua_fleet.server.mutual_trust import introduce_bridge
 
 __all__ = ["START_TIMEOUT_S", "Launch"]
 

@@ -26,8 +26,8 @@ from tests.plugged_device import PtyDevice
 from tests.system import Child, Processes, clean_environment, free_multicast_url, free_tcp_port
 from tests.ur_controller import UrController
 from ua_fleet.config.load import load
-from ua_fleet.server.introduce import introduce_bridge
-from ua_fleet.server.users import USERS_FILE, Role, ScryptCost, UserStore
+from ua_fleet.endpoint.users import USERS_FILE, Role, ScryptCost, UserStore
+from ua_fleet.server.mutual_trust import introduce_bridge
 
 __all__ = ["BRIDGES", "ROBOTS", "EveryKind", "Ledger"]
 

@@ -12,7 +12,7 @@ import struct
 from collections.abc import Callable
 from typing import Any, Final
 
-from ua_fleet.server.endpoint.scan import steps_of
+from ua_fleet.endpoint.scan import steps_of
 
 ua: Any = importlib.import_module("asyncua.ua")
 

@@ -13,11 +13,11 @@ from pathlib import Path
 from asyncua.common.utils import Buffer
 
 from tests.attacks.bombs import BombMaker, ua
+from ua_fleet.endpoint import decoding
+from ua_fleet.endpoint.limits import Limits
+from ua_fleet.endpoint.stack import Refusal, name_of
+from ua_fleet.endpoint.turns import Place, Turns
 from ua_fleet.errors import RemoteWireError
-from ua_fleet.server.endpoint import decoding
-from ua_fleet.server.endpoint.limits import Limits
-from ua_fleet.server.endpoint.stack import Refusal, name_of
-from ua_fleet.server.endpoint.turns import Place, Turns
 
 EARLY = ("GetEndpoints", "FindServers", "CreateSession", "ActivateSession")
 LATER = (

@@ -29,7 +29,7 @@ from types import TracebackType
 from typing import Any, Final, Self
 
 from tests.system import Processes, cli, free_multicast_url, free_tcp_port
-from ua_fleet.server.users import USERS_FILE, Role, ScryptCost, UserStore
+from ua_fleet.endpoint.users import USERS_FILE, Role, ScryptCost, UserStore
 
 # asyncua declares UInt32 where it takes an int; attackers use it without types.
 ua: Any = importlib.import_module("asyncua.ua")

@@ -6,7 +6,7 @@ import contextlib
 from pathlib import Path
 
 from tests.attacks.harness import Attacker, attacked, binary, ua
-from ua_fleet.server.audit.verification import verify
+from ua_fleet.endpoint.audit.verification import verify
 
 
 def test_refused_writes_do_not_push_others_lines_out(tmp_path: Path) -> None:

@@ -19,8 +19,8 @@ from tests.attacks.handshakes import client_certificate, encrypted_blocks, open_
 from tests.attacks.harness import PASSWORDS, AttackedServer, attacked, binary, ua
 from tests.integration.server_security.harness import bad, make_certificate, recorded
 from tests.waiting import until
-from ua_fleet.server.certificates import CertificateFiles, trust_gateway
-from ua_fleet.server.users import USERS_FILE, Role, UserStore
+from ua_fleet.endpoint.certificates import CertificateFiles, trust_gateway
+from ua_fleet.endpoint.users import USERS_FILE, Role, UserStore
 
 Client: TypeAlias = Any
 BASIC256SHA256: Any = security_policies.SecurityPolicyBasic256Sha256

@@ -14,7 +14,7 @@ from tests.integration.server_model.harness import ENGINEER
 from tests.integration.teleoperation.conftest import SPEED
 from tests.integration.teleoperation.served import METHODS, OBJECT, Floor, Operator, Refused, call, fleet, floor, ua
 from tests.integration.teleoperation.served import until_value as shown
-from ua_fleet.server.audit.log import LOG_FILE
+from ua_fleet.endpoint.audit.log import LOG_FILE
 
 IN_A_REQUEST: Final = 100
 """As many as a server takes."""

@@ -22,7 +22,7 @@ from tests.console import browsing
 from tests.integration.scenarios.conftest import ENGINEER, ROBOTS, Plant
 from tests.integration.server_model.harness import OBSERVER, OPERATOR
 from tests.system import Child, Processes
-from ua_fleet.server.users import USERS_FILE, Role, ScryptCost, UserStore
+from ua_fleet.endpoint.users import USERS_FILE, Role, ScryptCost, UserStore
 
 USERS: Final = {"observer": OBSERVER, "operator": OPERATOR, "engineer": ENGINEER}
 FLEET: Final = "hall"

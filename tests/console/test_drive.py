@@ -23,7 +23,7 @@ from tests.integration.scenarios.conftest import ENGINEER
 from tests.integration.server_model.harness import OBSERVER, OPERATOR
 from tests.integration.teleoperation.conftest import PERIOD_S, SPEED, STOP_S, Hall, Speed
 from tests.system import ROOT, Processes
-from ua_fleet.server.users import USERS_FILE, Role, ScryptCost, UserStore
+from ua_fleet.endpoint.users import USERS_FILE, Role, ScryptCost, UserStore
 
 pytestmark = pytest.mark.needs("ros2")
 

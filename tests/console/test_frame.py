@@ -10,7 +10,7 @@ from playwright.sync_api import Locator, Page, expect
 
 from tests.console.conftest import FLEET, Console, Fleet, console_of, log_in
 from tests.integration.server_model.harness import OPERATOR
-from ua_fleet.server.users import USERS_FILE, Role, ScryptCost, UserStore
+from ua_fleet.endpoint.users import USERS_FILE, Role, ScryptCost, UserStore
 
 Open = Callable[..., Page]
 Picture = Callable[[Page, str], None]

@@ -15,7 +15,7 @@ from tests.console.conftest import FLEET, Console, console_of
 from tests.integration.server_model.harness import OPERATOR
 from tests.system import Processes
 from ua_fleet.config.schema import FleetConfig
-from ua_fleet.server.users import USERS_FILE, Role, ScryptCost, UserStore
+from ua_fleet.endpoint.users import USERS_FILE, Role, ScryptCost, UserStore
 
 ROBOTS: Final = 1000
 SERVER: Final = Path(system.__file__).parent / "integration" / "scenarios" / "server_process.py"

@@ -14,7 +14,7 @@ from tests import system
 from tests.console.conftest import FLEET, USERS, Console, console_of
 from tests.plugged_device import PtyDevice
 from tests.system import Processes, clean_environment
-from ua_fleet.server.users import USERS_FILE, Role, ScryptCost, UserStore
+from ua_fleet.endpoint.users import USERS_FILE, Role, ScryptCost, UserStore
 
 YAML = r"""
 version: 1

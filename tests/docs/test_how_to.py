@@ -12,7 +12,7 @@ from tests import system
 from tests.docs.walkthrough import PASSWORD, Walk
 from tests.unit.docs.pages import ROOT
 from tests.ur_controller import free_loopback
-from ua_fleet.server.users import USERS_FILE, Role, ScryptCost, UserStore
+from ua_fleet.endpoint.users import USERS_FILE, Role, ScryptCost, UserStore
 
 PAGES = ROOT / "docs" / "how-to"
 MOST_LINES = 125

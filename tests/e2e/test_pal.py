@@ -18,7 +18,7 @@ from tests import terminal
 from tests.e2e.console import check_console, told_of_console
 from tests.system import ROOT, Child, Processes, clean_environment, free_multicast_url, free_tcp_port
 from tests.system import ros_domain as ros_domain_lock
-from ua_fleet.server.certificates import CertificateState, list_certificates
+from ua_fleet.endpoint.certificates import CertificateState, list_certificates
 
 RUN_TIMEOUT_S = 90
 

@@ -12,7 +12,7 @@ from tests.integration.scenarios.conftest import ROBOTS, Plant, all_heard
 from tests.integration.server_model.harness import OPERATOR
 from tests.interop.test_node_opcua import run_client
 from tests.system import Processes
-from ua_fleet.server.nodeset import TypeId
+from ua_fleet.nodes.nodeset import TypeId
 
 CLIENT = Path(__file__).parent / "scenarios.cjs"
 

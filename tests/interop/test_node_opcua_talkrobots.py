@@ -12,7 +12,7 @@ from tests.e2e.talkrobots import demonstration
 from tests.interop.test_node_opcua import run_client
 from tests.system import Processes
 from ua_fleet.fleet.model import RobotState
-from ua_fleet.server.nodeset import TypeId
+from ua_fleet.nodes.nodeset import TypeId
 
 CLIENT = Path(__file__).parent / "talkrobots.cjs"
 OPTIONS = ("--wait", "--speed", "15", "--resilience", "operator", "--without-ros1", "--secure")

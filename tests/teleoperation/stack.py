@@ -32,7 +32,7 @@ from tests.teleoperation.judge import Entry, Grant, Rules, Wish
 from tests.teleoperation.plan import LANES
 from ua_fleet.config.load import load
 from ua_fleet.config.security import all_groups
-from ua_fleet.server.users import USERS_FILE, Role, ScryptCost, UserStore
+from ua_fleet.endpoint.users import USERS_FILE, Role, ScryptCost, UserStore
 from ua_fleet.storage.key_files import KeyFile, KeyFolder
 from ua_fleet.wire.security import SecurityPolicy
 

@@ -14,11 +14,11 @@ import yaml
 from ua_bridges.modbus.memory import HandshakeMemory
 
 from ua_fleet.client.identity import ClientIdentity
+from ua_fleet.endpoint.users import Role, ScryptCost, UserStore
 from ua_fleet.errors import UPGRADE, UaFleetError, newer_version
 from ua_fleet.modbus.memory import CommandMemory
 from ua_fleet.server.key_service.files import load_groups, save_groups
 from ua_fleet.server.key_service.store import GroupState
-from ua_fleet.server.users import Role, ScryptCost, UserStore
 from ua_fleet.storage.journal import SqliteJournal
 from ua_fleet.storage.key_files import KeyFile, KeyFolder
 from ua_fleet.storage.nonces import FileNonces

@@ -13,8 +13,8 @@ from ua_fleet.cli.options import DEFAULT_CONFIG, Config, Json, state_folder
 from ua_fleet.cli.output import message, print_json, print_line
 
 if TYPE_CHECKING:
-    from ua_fleet.server.audit.chain import Link
-    from ua_fleet.server.audit.verification import Report
+    from ua_fleet.endpoint.audit.chain import Link
+    from ua_fleet.endpoint.audit.verification import Report
 
 __all__ = ["VERIFY_EXAMPLES", "verify"]
 
@@ -28,7 +28,7 @@ MIN_DIGITS = 8
 
 
 def _anchor(text: str) -> Link:
-    from ua_fleet.server.audit.chain import Link
+    from ua_fleet.endpoint.audit.chain import Link
 
     number, _, digest = text.partition(":")
     digest = digest.lower()
@@ -53,8 +53,8 @@ def verify(
     The command prints the last line's number and hash. Note them elsewhere: given as an anchor later, they also reveal
     a log that was replaced as a whole. The exit code is 1 if a line is wrong; the message names the line.
     """
-    from ua_fleet.server.audit.log import LOG_FILE
-    from ua_fleet.server.audit.verification import verify as verify_log
+    from ua_fleet.endpoint.audit.log import LOG_FILE
+    from ua_fleet.endpoint.audit.verification import verify as verify_log
 
     anchors = [_anchor(text) for text in anchor or []]
     path = file if file is not None else state_folder(config)[1] / LOG_FILE

@@ -16,8 +16,8 @@ from ua_fleet.printing import utc_text
 
 if TYPE_CHECKING:
     from ua_fleet.config import FleetConfig
-    from ua_fleet.server.certificates import CertificateFiles, CertificateInfo
-    from ua_fleet.server.rejected import Rejection
+    from ua_fleet.endpoint.certificates import CertificateFiles, CertificateInfo
+    from ua_fleet.endpoint.rejected import Rejection
 
 __all__ = [
     "CREATE_EXAMPLES",
@@ -62,8 +62,8 @@ _GatewayName = Annotated[
 
 def _rejection(info: CertificateInfo) -> Rejection | None:
     """Who offered it, and when, where it was refused."""
-    from ua_fleet.server.certificates import CertificateState
-    from ua_fleet.server.rejected import rejection_of
+    from ua_fleet.endpoint.certificates import CertificateState
+    from ua_fleet.endpoint.rejected import rejection_of
 
     return rejection_of(info.path) if info.state is CertificateState.REJECTED else None
 
@@ -109,7 +109,7 @@ def create(
     other. --renew replaces a certificate that has expired or soon will: a running bridge goes on with the new one, the
     server needs a restart, and the other side must trust the new certificate.
     """
-    from ua_fleet.server.certificates import (
+    from ua_fleet.endpoint.certificates import (
         ensure_application_certificate,
         ensure_client_certificate,
         list_certificates,
@@ -141,7 +141,7 @@ def create(
 
 
 def _renew_server(fleet: FleetConfig, config: Path) -> CertificateFiles:
-    from ua_fleet.server.introduce import renew_server
+    from ua_fleet.server.mutual_trust import renew_server
 
     made, pinned = renew_server(fleet, config.resolve().parent)
     others = [name for name in fleet.bridges if name not in pinned]
@@ -166,13 +166,13 @@ def _create_for_bridge(
     _check_bridge(fleet, config, name)
     with extra_needed("a bridge's certificate", "client"):
         from ua_fleet.client import ClientIdentity
-    from ua_fleet.server.certificates import load_certificate, thumbprint
+    from ua_fleet.endpoint.certificates import load_certificate, thumbprint
 
     root = config.resolve().parent
     identity = ClientIdentity.of_bridge(root / fleet.state_dir_of(name), fleet.fleet.name, name)
     if and_trust:
         with extra_needed("the server", "server"):
-            from ua_fleet.server.introduce import introduce_bridge
+            from ua_fleet.server.mutual_trust import introduce_bridge
         run(introduce_bridge(fleet, root, name, renew=renew))
     else:
         run(identity.renew() if renew else identity.ensure())
@@ -195,7 +195,7 @@ def _create_for_bridge(
 
 def show(config: Config = DEFAULT_CONFIG, as_json: Json = False) -> None:
     """List certificates: the server's own, those of trusted clients, bridges and gateways, and refused ones."""
-    from ua_fleet.server.certificates import list_certificates
+    from ua_fleet.endpoint.certificates import list_certificates
 
     _, folder = state_folder(config)
     found = list_certificates(folder)
@@ -257,7 +257,7 @@ def trust_certificate(
     wrong password there locks out the user name that was tried, and not all users of the gateway. A gateway has no
     further rights. To make it an ordinary client again, trust its certificate without --gateway.
     """
-    from ua_fleet.server.certificates import CertificateError
+    from ua_fleet.endpoint.certificates import CertificateError
 
     if bridge is not None and gateway is not None:
         raise UsageError("give --bridge or --gateway; a certificate is that of one of them")
@@ -288,7 +288,7 @@ def trust_certificate(
 
 
 def _trust(folder: Path, what: str, bridge: str | None, gateway: str | None) -> CertificateInfo:
-    from ua_fleet.server.certificates import trust, trust_bridge, trust_gateway
+    from ua_fleet.endpoint.certificates import trust, trust_bridge, trust_gateway
 
     if gateway is not None:
         return trust_gateway(folder, gateway, what)
@@ -297,8 +297,8 @@ def _trust(folder: Path, what: str, bridge: str | None, gateway: str | None) -> 
 
 def _last_rejected(folder: Path) -> str:
     """The thumbprint of the certificate that was refused last."""
-    from ua_fleet.server.certificates import CertificateState, list_certificates
-    from ua_fleet.server.rejected import rejection_of
+    from ua_fleet.endpoint.certificates import CertificateState, list_certificates
+    from ua_fleet.endpoint.rejected import rejection_of
 
     waiting = [info for info in list_certificates(folder) if info.state is CertificateState.REJECTED]
     if not waiting:
@@ -308,8 +308,8 @@ def _last_rejected(folder: Path) -> str:
 
 def _is_meant(folder: Path, what: str) -> bool:
     """Show a certificate, and ask whether it is to be trusted."""
-    from ua_fleet.server.certificates import find_rejected
-    from ua_fleet.server.rejected import rejection_of
+    from ua_fleet.endpoint.certificates import find_rejected
+    from ua_fleet.endpoint.rejected import rejection_of
 
     info = find_rejected(folder, what)
     print_line(f"subject      {info.subject}")
@@ -337,7 +337,7 @@ def revoke_certificate(
     `ua-fleet cert list` shows the certificate as rejected. A bridge still has the keys that it fetched before: to end
     that, an engineer calls InvalidateKeys on its SecurityGroups.
     """
-    from ua_fleet.server.certificates import CertificateError, revoke, revoke_bridge, revoke_gateway
+    from ua_fleet.endpoint.certificates import CertificateError, revoke, revoke_bridge, revoke_gateway
 
     if sum(given is not None for given in (what, bridge, gateway)) != 1:
         raise UsageError(

@@ -94,8 +94,8 @@ def init(file: File = DEFAULT_CONFIG, as_json: Json = False) -> None:
 
 def _problems_of_scenarios(config: FleetConfig, folder: Path) -> Sequence[ConfigError]:
     from ua_fleet.config.nodes import fleet_model
-    from ua_fleet.server.scenarios.library import Library
-    from ua_fleet.server.scenarios.values import FleetValues, fleet_view
+    from ua_fleet.operation.runs.library import Library
+    from ua_fleet.operation.runs.values import FleetValues, fleet_view
 
     model = fleet_model(config)
     view = fleet_view(model.robots, FleetValues(model).meanings)

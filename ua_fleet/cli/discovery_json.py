@@ -6,6 +6,8 @@ from collections.abc import Sequence
 from typing import Any, Final, cast
 
 from ua_fleet.cli.value_json import status_text, time_text, value_as_json
+from ua_fleet.dissect.annotate_payload import INFORMATION_TYPES
+from ua_fleet.dissect.spans import type_name
 from ua_fleet.values import (
     BuiltinType,
     ExtensionObject,
@@ -14,11 +16,9 @@ from ua_fleet.values import (
     QualifiedName,
     Variant,
 )
-from ua_fleet.wire.annotate_payload import INFORMATION_TYPES
 from ua_fleet.wire.announcements import ANNOUNCEMENT_NAMES, APPLICATION, HEAD, TYPES
 from ua_fleet.wire.discovered import AnyAnnouncement
 from ua_fleet.wire.messages import DataSetMetaData, Probe, ProbeKind
-from ua_fleet.wire.spans import type_name
 
 __all__ = ["announcement_as_json", "metadata_as_json", "probe_as_json"]
 

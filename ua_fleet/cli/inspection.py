@@ -6,10 +6,11 @@ from dataclasses import dataclass
 from typing import Final
 
 from ua_fleet.counters import Counters
+from ua_fleet.dissect.annotate import annotate
+from ua_fleet.dissect.spans import Span
 from ua_fleet.errors import RemoteWireError
 from ua_fleet.pubsub.security.reassembly import Reassembly
 from ua_fleet.wire import Codec
-from ua_fleet.wire.annotate import annotate
 from ua_fleet.wire.causes import Cause
 from ua_fleet.wire.chunks import Chunk, read_chunk
 from ua_fleet.wire.generic import Decoded
@@ -21,7 +22,6 @@ from ua_fleet.wire.security import (
     read_security,
     without_security,
 )
-from ua_fleet.wire.spans import Span
 
 __all__ = ["Inspected", "Inspector"]
 

@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING, Any, Final
 
 from ua_fleet.cli.discovery_json import announcement_as_json, probe_as_json
 from ua_fleet.cli.value_json import data_value_as_json, status_text, time_text, value_as_json
+from ua_fleet.dissect.spans import type_name
 from ua_fleet.values import BuiltinType, DataValue, Variant
 from ua_fleet.wire.actions import ActionMessage, ActionState
 from ua_fleet.wire.generic import Decoded
 from ua_fleet.wire.messages import DataSetMessage, FieldEncoding, FrameKind, NetworkMessage, Probe
 from ua_fleet.wire.security import SecurityMode
-from ua_fleet.wire.spans import type_name
 
 if TYPE_CHECKING:
     from ua_fleet.cli.inspection import Inspected

@@ -14,8 +14,8 @@ from ua_fleet.cli.output import message, print_json, print_line
 
 if TYPE_CHECKING:
     from ua_fleet.cli.inspection import Inspected
+    from ua_fleet.dissect.spans import Span
     from ua_fleet.wire.security import MessageKey
-    from ua_fleet.wire.spans import Span
 
 __all__ = ["EXAMPLES", "decode", "key_of", "table"]
 

@@ -103,7 +103,7 @@ async def _introduce(fleet: FleetConfig, folder: Path, wanted: Sequence[str]) ->
         return
     with extra_needed("the server", "server"):
         from ua_fleet.client import ClientIdentity
-        from ua_fleet.server.introduce import introduce_bridge
+        from ua_fleet.server.mutual_trust import introduce_bridge
 
     for name in wanted:
         if not ClientIdentity.of_bridge(folder / fleet.state_dir_of(name), fleet.fleet.name, name).certificate.exists():
@@ -122,7 +122,7 @@ def _python_of(kind: str) -> str | None:
 
 
 def _tell_how_to_log_in(fleet: FleetConfig, folder: Path, option: str, endpoint: str) -> None:
-    from ua_fleet.server.users import USERS_FILE, UserStore
+    from ua_fleet.endpoint.users import USERS_FILE, UserStore
 
     users = UserStore(folder / fleet.server.state_dir / USERS_FILE).list()
     message(f"endpoint: {endpoint}  (UaExpert: Basic256Sha256, Sign & Encrypt)")

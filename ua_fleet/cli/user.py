@@ -16,8 +16,8 @@ from ua_fleet.cli.options import DEFAULT_CONFIG, Config, Json, read_secret, stat
 from ua_fleet.cli.output import message, print_json, print_line, print_table
 
 if TYPE_CHECKING:
-    from ua_fleet.server.session_keys import SessionKeys
-    from ua_fleet.server.users import UserStore
+    from ua_fleet.endpoint.session_keys import SessionKeys
+    from ua_fleet.endpoint.users import UserStore
 
 __all__ = [
     "ADD_EXAMPLES",
@@ -52,15 +52,15 @@ class RoleName(StrEnum):
 
 
 def _store(config: Path) -> UserStore:
-    from ua_fleet.server.users import USERS_FILE, UserStore
+    from ua_fleet.endpoint.users import USERS_FILE, UserStore
 
     _, folder = state_folder(config)
     return UserStore(folder / USERS_FILE)
 
 
 def _session_keys(config: Path) -> SessionKeys:
-    from ua_fleet.server.session_keys import DAY_S, KEYS_FILE, SessionKeys
-    from ua_fleet.server.users import USERS_FILE, UserStore
+    from ua_fleet.endpoint.session_keys import DAY_S, KEYS_FILE, SessionKeys
+    from ua_fleet.endpoint.users import USERS_FILE, UserStore
 
     fleet, folder = state_folder(config)
     return SessionKeys(folder / KEYS_FILE, UserStore(folder / USERS_FILE), fleet.server.max_session_key_days * DAY_S)
@@ -76,7 +76,7 @@ def _new_password(name: str, password_file: Path | None, command: str) -> str:
         )
     from getpass import getpass
 
-    from ua_fleet.server.users import MIN_PASSWORD, check_password
+    from ua_fleet.endpoint.users import MIN_PASSWORD, check_password
 
     password = getpass(f"Password for {name} (at least {MIN_PASSWORD} characters): ")
     check_password(password)
@@ -102,7 +102,7 @@ def add(
 
     A running server knows the user at once.
     """
-    from ua_fleet.server.users import Role
+    from ua_fleet.endpoint.users import Role
 
     store = _store(config)
     if not replace and name in {user.name for user in store.list()}:

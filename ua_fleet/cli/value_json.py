@@ -12,6 +12,7 @@ import math
 from collections.abc import Sequence
 from typing import Any, Final
 
+from ua_fleet.dissect.spans import type_name, value_text
 from ua_fleet.values import (
     ARRAY,
     DIMENSIONS,
@@ -28,7 +29,6 @@ from ua_fleet.values import (
     datetime_from_ticks,
     status_name,
 )
-from ua_fleet.wire.spans import type_name, value_text
 
 __all__ = ["data_value_as_json", "status_text", "time_text", "value_as_json"]
 

@@ -14,40 +14,40 @@ from typing import Final
 from ua_fleet.config.nodes import fleet_model
 from ua_fleet.config.schema import FleetConfig, PubSubConfig, PubSubSecurity
 from ua_fleet.config.security import file_keys_of
+from ua_fleet.endpoint.announced import announced_endpoints
+from ua_fleet.endpoint.expiry import CertificateWatch
+from ua_fleet.endpoint.hardened_server import create_server
+from ua_fleet.endpoint.standard_nodes import forget_makers
 from ua_fleet.keys.source import KeySource
 from ua_fleet.monitoring import Monitor, Process
+from ua_fleet.nodes.address_space import FleetNodes
+from ua_fleet.nodes.change_events import tell_capacities
+from ua_fleet.nodes.client_writes import ClientWrites
+from ua_fleet.nodes.events import ServerEvents
+from ua_fleet.nodes.node_factory import NodeParts
+from ua_fleet.nodes.nodeset import load_types
+from ua_fleet.nodes.projection import Projection
+from ua_fleet.nodes.recent_message_methods import RecentMessageMethods
+from ua_fleet.nodes.session_key_methods import SessionKeyMethods
+from ua_fleet.nodes.skill_events import tell_transition
+from ua_fleet.nodes.skill_methods import SkillMethods
+from ua_fleet.nodes.wanted_data import WantedData
+from ua_fleet.operation.robots.roster import Roster
+from ua_fleet.operation.runs.activity import RobotActivities
+from ua_fleet.operation.runs.log import RunLog
+from ua_fleet.operation.skills.router import SkillRouter
+from ua_fleet.operation.skills.tracker import SkillTransitioned
 from ua_fleet.pubsub.application import bridge_application_uri, server_application_uri
 from ua_fleet.pubsub.subscriber import LoopRule
-from ua_fleet.server.address_space import FleetNodes
-from ua_fleet.server.endpoint.announced import announced_endpoints
-from ua_fleet.server.events import ServerEvents
-from ua_fleet.server.expiry import CertificateWatch
 from ua_fleet.server.figures import ServerFigures
-from ua_fleet.server.hardened import create_server
 from ua_fleet.server.hub import Hub, wall_ticks
 from ua_fleet.server.key_service.local import LocalKeySource
 from ua_fleet.server.key_service.nodes import KeyServiceNodes
 from ua_fleet.server.key_service.service import KeyService
-from ua_fleet.server.nodeset import load_types
-from ua_fleet.server.parts import NodeParts
-from ua_fleet.server.projection import Projection
-from ua_fleet.server.recent_methods import RecentMessageMethods
-from ua_fleet.server.robots.changes import tell_capacities
-from ua_fleet.server.robots.roster import Roster
-from ua_fleet.server.robots.router import SkillRouter
-from ua_fleet.server.robots.setup import add_roster, make_offers
-from ua_fleet.server.scenarios.activity import RobotActivities
-from ua_fleet.server.scenarios.log import RunLog
-from ua_fleet.server.scenarios.setup import add_scenarios
-from ua_fleet.server.session_key_methods import SessionKeyMethods
-from ua_fleet.server.skills.ends import SkillEnds
-from ua_fleet.server.skills.events import tell_transition
-from ua_fleet.server.skills.methods import SkillMethods
-from ua_fleet.server.skills.tracker import SkillTransitioned
-from ua_fleet.server.standard_nodes import forget_makers
+from ua_fleet.server.robot_setup import add_roster, make_offers
+from ua_fleet.server.scenario_setup import add_scenarios
+from ua_fleet.server.skill_ends import SkillEnds
 from ua_fleet.server.teleoperation.setup import add_teleoperation
-from ua_fleet.server.wanted import WantedData
-from ua_fleet.server.writes import ClientWrites
 from ua_fleet.storage.journal import SqliteJournal
 from ua_fleet.storage.registry import Registry
 from ua_fleet.storage.run_journal import RunJournal

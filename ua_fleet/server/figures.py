@@ -10,18 +10,18 @@ from collections.abc import Iterator
 from itertools import islice
 from typing import Any, Final
 
+from ua_fleet.endpoint.hardened_server import HardenedServer
+from ua_fleet.endpoint.subscriptions import ClientSubscription
 from ua_fleet.fleet.model import RobotState
 from ua_fleet.fleet.source import Source
 from ua_fleet.monitoring import Monitor, metrics
 from ua_fleet.monitoring.counted import counted, keys_left, transported
 from ua_fleet.monitoring.metrics import MOST_ROBOTS, Family
+from ua_fleet.operation.runs.log import RunLog
+from ua_fleet.operation.runs.service import ScenarioService
 from ua_fleet.scenario.facts import RunOutcome
-from ua_fleet.server.endpoint.subscriptions import ClientSubscription
-from ua_fleet.server.hardened import HardenedServer
 from ua_fleet.server.hub import Hub
-from ua_fleet.server.scenarios.log import RunLog
-from ua_fleet.server.scenarios.service import ScenarioService
-from ua_fleet.server.skills.ends import SkillEnds
+from ua_fleet.server.skill_ends import SkillEnds
 from ua_fleet.values import Quality, quality_of
 from ua_fleet.wire.security import SecurityMode
 

@@ -31,6 +31,11 @@ from ua_fleet.fleet.state import FleetState
 from ua_fleet.keys.keeper import KeysKept, keep_keys
 from ua_fleet.keys.source import KeySource
 from ua_fleet.monitoring.mistakes import Mistakes
+from ua_fleet.nodes.projection import Projection
+from ua_fleet.nodes.wanted_data import WantedData
+from ua_fleet.operation.runs.service import ScenarioService
+from ua_fleet.operation.skills.commands import SkillCommands
+from ua_fleet.operation.skills.tracker import SkillChange, SkillTracker
 from ua_fleet.pubsub.events import (
     ActionReceived,
     AnnouncementReceived,
@@ -51,13 +56,8 @@ from ua_fleet.pubsub.recent import RecentMessages
 from ua_fleet.pubsub.security.groups import telemetry_group
 from ua_fleet.pubsub.subscriber import LoopRule, Subscriber
 from ua_fleet.server.attached import Announced, Clock, Part, Teleoperation
-from ua_fleet.server.commands_out import SkillCommands
 from ua_fleet.server.message_tap import MessageTap
-from ua_fleet.server.projection import Projection
-from ua_fleet.server.scenarios.service import ScenarioService
-from ua_fleet.server.skills.tracker import SkillChange, SkillTracker
 from ua_fleet.server.timetable import Timetable
-from ua_fleet.server.wanted import WantedData
 from ua_fleet.skill.executions import Outcome
 from ua_fleet.skill.journal import RequestorJournal
 from ua_fleet.skill.status import ROBOT_PROPERTY

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+from ua_fleet.dissect.annotate_payload import INFORMATION_TYPES, KINDS, PROBE_TYPES
 from ua_fleet.errors import RemoteWireError
 from ua_fleet.wire import actions as a
 from ua_fleet.wire import data_set_message as d
-from ua_fleet.wire.annotate_payload import INFORMATION_TYPES, KINDS, PROBE_TYPES
 from ua_fleet.wire.announcements import ANNOUNCEMENT_NAMES
 from ua_fleet.wire.discovery import INFORMATION_PROBE
 from ua_fleet.wire.header import MESSAGE_TYPE_BITS, MessageType

@@ -8,8 +8,8 @@ from pathlib import Path
 from ua_demo.site import USER
 from ua_demo.testbed.plan import IDENTITY, OPERATOR, PASSWORD, Options
 from ua_fleet.client import ClientIdentity
+from ua_fleet.endpoint.certificates import CertificateError, load_certificate, thumbprint
 from ua_fleet.errors import ConfigError
-from ua_fleet.server.certificates import CertificateError, load_certificate, thumbprint
 
 __all__ = ["Login", "login_of"]
 

@@ -22,9 +22,7 @@ from ua_fleet.client import ClientIdentity
 from ua_fleet.config.load import load
 from ua_fleet.config.schema import FleetConfig
 from ua_fleet.console.identity import console_identity
-from ua_fleet.errors import ConfigError
-from ua_fleet.server.app import application_uri
-from ua_fleet.server.certificates import (
+from ua_fleet.endpoint.certificates import (
     CertificateState,
     ensure_application_certificate,
     host_names,
@@ -33,8 +31,10 @@ from ua_fleet.server.certificates import (
     thumbprint,
     trust,
 )
-from ua_fleet.server.introduce import introduce_bridge
-from ua_fleet.server.users import USERS_FILE, Role, UserStore
+from ua_fleet.endpoint.users import USERS_FILE, Role, UserStore
+from ua_fleet.errors import ConfigError
+from ua_fleet.server.app import application_uri
+from ua_fleet.server.mutual_trust import introduce_bridge
 from ua_fleet.storage.files import write_whole
 
 __all__ = ["prepare"]

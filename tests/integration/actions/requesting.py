@@ -15,6 +15,7 @@ from ua_fleet.config.schema import FleetConfig, PubSubSecurity
 from ua_fleet.config.security import envelope_of, file_keys_of
 from ua_fleet.counters import Counters
 from ua_fleet.keys.keeper import KeysKept, keep_keys
+from ua_fleet.operation.skills.commands import SkillCommands
 from ua_fleet.pubsub.events import (
     ActionReceived,
     AnnouncementReceived,
@@ -26,7 +27,6 @@ from ua_fleet.pubsub.events import (
 from ua_fleet.pubsub.security.envelope import Envelope
 from ua_fleet.pubsub.subscriber import Subscriber
 from ua_fleet.pubsub.timing import PubSubTiming
-from ua_fleet.server.commands_out import SkillCommands
 from ua_fleet.skill.executions import Outcome
 from ua_fleet.skill.journal import RequestorJournal
 from ua_fleet.storage.journal import SqliteJournal

@@ -16,7 +16,7 @@ import pytest
 
 from tests.integration.cli.conftest import PASSWORD, command
 from tests.system import Child, Processes, clean_environment, free_multicast_url, free_tcp_port
-from ua_fleet.server.users import USERS_FILE, Role, ScryptCost, UserStore
+from ua_fleet.endpoint.users import USERS_FILE, Role, ScryptCost, UserStore
 
 FLEET = """\
 version: 1

@@ -18,7 +18,7 @@ from websockets.frames import Frame, Opcode
 from tests.integration.console.harness import Browser, Console, console_at
 from tests.integration.server_model.harness import Running
 from ua_fleet.console import run
-from ua_fleet.server.certificates import CertificateFiles, create_certificate
+from ua_fleet.endpoint.certificates import CertificateFiles, create_certificate
 
 Streams = tuple[asyncio.StreamReader, asyncio.StreamWriter]
 

@@ -11,8 +11,8 @@ import pytest
 
 from tests.integration.console.harness import ENGINEER, OBSERVER, OPERATOR, Console, console_at
 from tests.integration.server_model.harness import Running
-from ua_fleet.server.certificates import trust_gateway
-from ua_fleet.server.endpoint.throttle import FREE_FAILURES_OF_ADDRESS
+from ua_fleet.endpoint.certificates import trust_gateway
+from ua_fleet.endpoint.throttle import FREE_FAILURES_OF_ADDRESS
 
 GUESSERS = FREE_FAILURES_OF_ADDRESS + 4
 

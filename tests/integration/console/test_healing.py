@@ -16,7 +16,7 @@ from tests.integration.console.conftest import FLEET
 from tests.integration.console.harness import ENGINEER, OPERATOR, Browser, Console, Live, console_at
 from tests.integration.scenarios.conftest import Plant
 from tests.integration.server_model.harness import Running, fleet_config, serving, ua
-from ua_fleet.server.users import USERS_FILE
+from ua_fleet.endpoint.users import USERS_FILE
 
 CARD = "left"
 

@@ -20,7 +20,7 @@ from tests.integration.console.harness import OPERATOR, Browser, Console, consol
 from tests.integration.server_model.harness import Running
 from tests.waiting import until
 from ua_fleet.console.sessions import BrowserSession, BrowserSessions
-from ua_fleet.server.certificates import CertificateFiles, create_certificate
+from ua_fleet.endpoint.certificates import CertificateFiles, create_certificate
 
 LOGIN = {"fleet": "hall", "user": OPERATOR[0], "password": OPERATOR[1]}
 

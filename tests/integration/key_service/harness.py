@@ -19,13 +19,13 @@ from tests.standard_space import quick_start
 from tests.unit.server.key_service.fleet import fleet
 from ua_fleet.client.identity import ClientIdentity
 from ua_fleet.config.schema import FleetConfig
+from ua_fleet.endpoint.certificates import CertificateFiles, own_files, trust, trust_bridge
+from ua_fleet.endpoint.hardened_server import HardenedServer, create_server
+from ua_fleet.endpoint.limits import Limits
+from ua_fleet.endpoint.users import Role, UserStore
 from ua_fleet.pubsub.application import bridge_application_uri
-from ua_fleet.server.certificates import CertificateFiles, own_files, trust, trust_bridge
-from ua_fleet.server.endpoint.limits import Limits
-from ua_fleet.server.hardened import HardenedServer, create_server
 from ua_fleet.server.key_service.nodes import KeyServiceNodes
 from ua_fleet.server.key_service.service import KeyService
-from ua_fleet.server.users import Role, UserStore
 
 # asyncua declares UInt32 where it takes an int; tests use it without types.
 ua: Any = importlib.import_module("asyncua.ua")

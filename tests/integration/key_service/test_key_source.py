@@ -20,9 +20,9 @@ from tests import system
 from tests.integration.key_service.harness import INVALIDATE, ROTATE, Cards, Desk, call, desk, get_keys, name
 from tests.unit.server.key_service.fleet import fleet
 from ua_fleet.client.key_source import ServiceKeySource
+from ua_fleet.endpoint.certificates import revoke_bridge, trust_bridge
+from ua_fleet.endpoint.throttle import LoginThrottle
 from ua_fleet.errors import KeySourceUnavailable, KeysRefused
-from ua_fleet.server.certificates import revoke_bridge, trust_bridge
-from ua_fleet.server.endpoint.throttle import LoginThrottle
 from ua_fleet.server.key_service.files import GROUPS_FILE, load_groups
 from ua_fleet.wire.security import SecurityPolicy
 

@@ -30,8 +30,8 @@ from tests.integration.key_service.harness import (
 )
 from tests.integration.server_security.harness import bad
 from tests.waiting import until
-from ua_fleet.server.certificates import CertificateFiles, revoke_bridge, trust, trust_bridge
-from ua_fleet.server.endpoint.throttle import FREE_FAILURES, LoginThrottle
+from ua_fleet.endpoint.certificates import CertificateFiles, revoke_bridge, trust, trust_bridge
+from ua_fleet.endpoint.throttle import FREE_FAILURES, LoginThrottle
 from ua_fleet.server.key_service.limit import LEAST_BURST
 
 sign_asymmetric: Any = importlib.import_module("asyncua.crypto.security_policies").sign_asymmetric
@@ -252,7 +252,7 @@ async def test_a_bridge_with_a_new_certificate_is_not_known_by_the_old_one(tmp_p
 async def test_who_asks_without_end_is_slowed_down_and_fills_no_log(
     tmp_path: Path, cards: Cards, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("ua_fleet.server.audit.allowance.SUM_EACH_S", 0.2)
+    monkeypatch.setattr("ua_fleet.endpoint.audit.allowance.SUM_EACH_S", 0.2)
     async with desk(tmp_path, cards) as made:
         async with made.connected(card="arm") as client:
             results = [name(await get_keys(client, "t-0", 0, 1)) for _ in range(4 * LEAST_BURST)]

@@ -18,9 +18,9 @@ from tests.waiting import until
 from ua_fleet.client.fleet_client import FleetClient
 from ua_fleet.client.identity import ClientIdentity
 from ua_fleet.config.security import all_groups
+from ua_fleet.endpoint.users import USERS_FILE, Role, UserStore
 from ua_fleet.server.app import run_server
-from ua_fleet.server.introduce import introduce_bridge
-from ua_fleet.server.users import USERS_FILE, Role, UserStore
+from ua_fleet.server.mutual_trust import introduce_bridge
 from ua_fleet.topics import Topic
 
 __all__ = ["secured"]

@@ -18,9 +18,9 @@ from ua_fleet.client.identity import ClientIdentity
 from ua_fleet.client.key_source import ServiceKeySource
 from ua_fleet.config.schema import FleetConfig
 from ua_fleet.config.security import all_groups
+from ua_fleet.endpoint.certificates import trust_bridge
 from ua_fleet.errors import KeySourceUnavailable, ServerStartError
 from ua_fleet.server.app import run_server
-from ua_fleet.server.certificates import trust_bridge
 from ua_fleet.server.key_service.files import GROUPS_FILE
 from ua_fleet.storage.key_files import KeyFile, KeyFolder
 from ua_fleet.wire.security import SecurityPolicy

@@ -17,8 +17,8 @@ import yaml
 from tests.contract.modbus import PlcProcess
 from tests.integration.modbus_server.conftest import Panel, modbus
 from tests.system import Child, Processes, clean_environment, free_tcp_port
+from ua_fleet.endpoint.users import USERS_FILE, Role, ScryptCost, UserStore
 from ua_fleet.modbus.words import CommandState
-from ua_fleet.server.users import USERS_FILE, Role, ScryptCost, UserStore
 
 pytestmark = pytest.mark.needs("mbpoll")
 

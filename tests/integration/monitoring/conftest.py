@@ -17,8 +17,8 @@ from tests.scraped import Samples, scrape
 from tests.system import Child, Processes, clean_environment, free_multicast_url, free_tcp_port
 from ua_fleet.cli.health import Asked, Verdict, check
 from ua_fleet.client import ClientIdentity, FleetClient
+from ua_fleet.endpoint.users import USERS_FILE, Role, ScryptCost, UserStore
 from ua_fleet.monitoring.address import ADDRESS_FILE
-from ua_fleet.server.users import USERS_FILE, Role, ScryptCost, UserStore
 
 USER, PASSWORD = "oscar", "0pen-sesame-4711"
 

@@ -21,8 +21,8 @@ from tests.system import Child, Processes, clean_environment
 from tests.waiting import until
 from ua_fleet.client import ClientIdentity, FleetClient
 from ua_fleet.client.scenarios import RunInfo, ScenarioClient
+from ua_fleet.endpoint.users import USERS_FILE, Role, ScryptCost, UserStore
 from ua_fleet.errors import SkillRejected
-from ua_fleet.server.users import USERS_FILE, Role, ScryptCost, UserStore
 from ua_fleet.values import StatusCode
 
 USER, PASSWORD = "oscar", "operate-1"

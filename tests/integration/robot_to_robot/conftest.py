@@ -14,8 +14,8 @@ import pytest
 
 from tests.system import Child, Processes, clean_environment, free_tcp_port
 from ua_fleet.client import ClientIdentity, FleetClient
+from ua_fleet.endpoint.users import USERS_FILE, Role, ScryptCost, UserStore
 from ua_fleet.errors import RobotOffline
-from ua_fleet.server.users import USERS_FILE, Role, ScryptCost, UserStore
 
 USER: Final = "oscar"
 PASSWORD: Final = "operate-1"

@@ -13,8 +13,8 @@ from tests.integration.robots.conftest import Yard
 from tests.integration.robots.test_client import SKILL, connected
 from tests.integration.server_model.harness import OPERATOR
 from ua_fleet.client import FleetClient
+from ua_fleet.endpoint.subscriptions import Subscriptions
 from ua_fleet.errors import NotConnected, RobotOffline
-from ua_fleet.server.endpoint.subscriptions import Subscriptions
 
 STATE: Final = "i=2259"
 

@@ -16,7 +16,7 @@ from tests.integration.scenarios.conftest import Called, call, watching
 from tests.integration.server_model.harness import reader, serving, ua, until
 from ua_fleet.config.schema import FleetConfig
 from ua_fleet.fleet.model import RobotState
-from ua_fleet.server.nodeset import TypeId
+from ua_fleet.nodes.nodeset import TypeId
 from ua_fleet.topics import Topic
 
 pytestmark = pytest.mark.needs("ros1", "ros2")

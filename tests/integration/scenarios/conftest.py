@@ -18,8 +18,8 @@ from tests.integration.server_model.harness import OPERATOR, Running, connected,
 from tests.system import Child, Processes
 from ua_fleet.config.schema import FleetConfig
 from ua_fleet.config.security import all_groups
-from ua_fleet.server.introduce import introduce_bridge
-from ua_fleet.server.users import USERS_FILE, Role, ScryptCost, UserStore
+from ua_fleet.endpoint.users import USERS_FILE, Role, ScryptCost, UserStore
+from ua_fleet.server.mutual_trust import introduce_bridge
 from ua_fleet.storage.key_files import KeyFile, KeyFolder
 from ua_fleet.wire.security import SecurityPolicy
 

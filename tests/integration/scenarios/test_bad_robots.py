@@ -23,7 +23,7 @@ from tests.integration.scenarios.conftest import (
     watching,
 )
 from tests.integration.scenarios.machines import ANSWERS_FOR_ANOTHER, ANSWERS_TWICE
-from ua_fleet.server.nodeset import TypeId
+from ua_fleet.nodes.nodeset import TypeId
 
 
 def task(name: str, work: str, robot: str = "left", **keys: Any) -> str:

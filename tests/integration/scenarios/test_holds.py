@@ -12,7 +12,7 @@ from asyncua.client.client import Client
 
 from tests.integration.scenarios.conftest import ENGINEER, SECOND, Plant, run, run_is, value, watching
 from tests.integration.server_model.harness import OBSERVER, OPERATOR, ua, until
-from ua_fleet.server.nodeset import TypeId
+from ua_fleet.nodes.nodeset import TypeId
 
 LEFT = "ns=2;s=Robots.left"
 HOLD, RELEASE = "3:Hold", "3:Release"

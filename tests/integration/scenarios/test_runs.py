@@ -28,7 +28,7 @@ from tests.integration.scenarios.conftest import (
     watching,
 )
 from tests.integration.server_model.harness import OBSERVER, OPERATOR, Running, ua, until
-from ua_fleet.server.nodeset import TypeId
+from ua_fleet.nodes.nodeset import TypeId
 
 STEPS = """
   - {task: first, skill: work, robot: left, arguments: {work: one}}

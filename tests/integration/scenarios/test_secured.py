@@ -19,7 +19,7 @@ from tests.integration.server_model.harness import reader, ua, until
 from tests.system import Processes
 from ua_fleet.counters import Drop
 from ua_fleet.keys.files import FileKeySource
-from ua_fleet.server.nodeset import TypeId
+from ua_fleet.nodes.nodeset import TypeId
 from ua_fleet.skill.executions import ExecutionState
 from ua_fleet.skill.status import SKILL_STATUS_FIELDS, ExecutionStatus, SkillStatus
 from ua_fleet.storage.key_files import KeyFile, KeyFolder

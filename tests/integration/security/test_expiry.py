@@ -17,8 +17,8 @@ from tests.system import free_tcp_port
 from tests.waiting import until
 from ua_fleet.client import FleetClient
 from ua_fleet.client.identity import ClientIdentity
+from ua_fleet.endpoint.certificates import CertificateFiles, create_certificate, trust_bridge
 from ua_fleet.errors import AccessRefused
-from ua_fleet.server.certificates import CertificateFiles, create_certificate, trust_bridge
 
 DAY_S = 86_400
 

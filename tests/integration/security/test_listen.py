@@ -21,7 +21,7 @@ from ua_fleet.counters import Counters
 from ua_fleet.keys.files import FileKeySource
 from ua_fleet.pubsub import Publisher, PubSubTiming, make_field
 from ua_fleet.server.app import run_server
-from ua_fleet.server.introduce import introduce_bridge
+from ua_fleet.server.mutual_trust import introduce_bridge
 from ua_fleet.storage.key_files import KeyFile, KeyFolder
 from ua_fleet.topics import Topic
 from ua_fleet.transport.udp import UdpTransport

@@ -15,7 +15,7 @@ from tests.integration.server_model.harness import until as until_read
 from tests.system import ROS1_PYTHON, Child
 from tests.waiting import until
 from ua_fleet.client.identity import ClientIdentity
-from ua_fleet.server.certificates import trust_bridge
+from ua_fleet.endpoint.certificates import trust_bridge
 from ua_fleet.wire.security import read_security
 
 

@@ -17,10 +17,10 @@ from tests.integration.peer import Peer
 from tests.standard_space import quick_start
 from ua_fleet.config.load import load_content
 from ua_fleet.config.schema import FleetConfig
+from ua_fleet.endpoint.certificates import CertificateFiles, create_certificate
+from ua_fleet.endpoint.users import USERS_FILE, Role, ScryptCost, UserStore
 from ua_fleet.pubsub.subscriber import LoopRule
 from ua_fleet.server.app import run_server
-from ua_fleet.server.certificates import CertificateFiles, create_certificate
-from ua_fleet.server.users import USERS_FILE, Role, ScryptCost, UserStore
 from ua_fleet.topics import Topic, loop_verdict
 
 # asyncua declares UInt32 where it takes an int; tests use it without types.

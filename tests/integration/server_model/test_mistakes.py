@@ -9,17 +9,17 @@ from typing import Any
 import pytest
 
 from tests.integration.server_model.harness import ROBOTS, SPACE, SPEED, fleet_config, reader, serving, until
+from ua_fleet.endpoint.expiry import CertificateWatch
 from ua_fleet.fleet.coalesce import Coalescer
 from ua_fleet.fleet.state import FleetState
+from ua_fleet.nodes.address_space import FleetNodes
+from ua_fleet.operation.robots.offers import Offers
+from ua_fleet.operation.robots.roster import Roster
+from ua_fleet.operation.runs.service import ScenarioService
 from ua_fleet.pubsub.events import DataReceived
 from ua_fleet.pubsub.metadata import make_field
 from ua_fleet.pubsub.subscriber import Subscriber
 from ua_fleet.server import hub
-from ua_fleet.server.address_space import FleetNodes
-from ua_fleet.server.expiry import CertificateWatch
-from ua_fleet.server.robots.offers import Offers
-from ua_fleet.server.robots.roster import Roster
-from ua_fleet.server.scenarios.service import ScenarioService
 from ua_fleet.topics import SERVER_SPACE, Topic
 from ua_fleet.values import BuiltinType
 

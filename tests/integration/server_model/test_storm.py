@@ -17,8 +17,8 @@ from tests.integration.peer import Peer
 from tests.integration.server_model.harness import SPACE, fleet_config, serving, ua, until
 from tests.integration.server_model.test_summaries import robots
 from tests.waiting import until as until_holds
+from ua_fleet.nodes.scenario_nodes import SPARED_FAULTS, ScenarioNodes
 from ua_fleet.pubsub.metadata import make_field
-from ua_fleet.server.scenarios.nodes import SPARED_FAULTS, ScenarioNodes
 from ua_fleet.storage.run_journal import RunJournal
 from ua_fleet.topics import Topic
 from ua_fleet.values import BuiltinType

@@ -13,7 +13,7 @@ from asyncua import ua
 
 from tests.integration.server_model.harness import ENGINEER, OBSERVER, Running, fleet_config, serving, until
 from tests.integration.server_model.test_summaries import driving, robots
-from tests.unit.server.model_server import types_loaded
+from tests.unit.nodes.model_server import types_loaded
 from ua_fleet.client import ClientIdentity, FleetClient, RobotClient, RobotSummary, SummariesChanged
 from ua_fleet.errors import NotConnected
 

@@ -24,11 +24,11 @@ from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
 from tests.standard_space import quick_start
 from ua_fleet.config.schema import ServerConfig
+from ua_fleet.endpoint.certificates import CertificateFiles, create_certificate, own_files, trust
+from ua_fleet.endpoint.hardened_server import HardenedServer, create_server
+from ua_fleet.endpoint.limits import Limits
+from ua_fleet.endpoint.users import Role, ScryptCost, UserStore, current_user
 from ua_fleet.errors import SkillRejected
-from ua_fleet.server.certificates import CertificateFiles, create_certificate, own_files, trust
-from ua_fleet.server.endpoint.limits import Limits
-from ua_fleet.server.hardened import HardenedServer, create_server
-from ua_fleet.server.users import Role, ScryptCost, UserStore, current_user
 
 # asyncua declares UInt32 where it takes an int; tests use it without types.
 ua: Any = importlib.import_module("asyncua.ua")

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from tests.integration.server_security.harness import Client, Door, Stock, bad, send, ua
-from ua_fleet.server.users import User
+from ua_fleet.endpoint.users import User
 
 pytestmark = pytest.mark.asyncio(loop_scope="module")
 

@@ -22,8 +22,8 @@ from tests.integration.server_security.harness import (
     ua,
 )
 from tests.waiting import until
-from ua_fleet.server.audit.allowance import AT_ONCE
-from ua_fleet.server.users import Role
+from ua_fleet.endpoint.audit.allowance import AT_ONCE
+from ua_fleet.endpoint.users import Role
 
 pytestmark = pytest.mark.asyncio(loop_scope="module")
 

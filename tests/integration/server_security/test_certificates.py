@@ -9,7 +9,7 @@ import pytest
 from asyncua.crypto import security_policies
 
 from tests.integration.server_security.harness import CLIENT_URI, Door, Identities, bad, door, load, ua
-from ua_fleet.server.certificates import CertificateState, list_certificates, thumbprint, trust
+from ua_fleet.endpoint.certificates import CertificateState, list_certificates, thumbprint, trust
 
 pytestmark = pytest.mark.asyncio(loop_scope="module")
 

@@ -11,9 +11,9 @@ from asyncua.ua import ua_binary
 
 from tests.integration.server_security.harness import Client, Door, bad, send, ua
 from tests.integration.server_security.test_services import browse, read
-from ua_fleet.server.convert import raw_id
-from ua_fleet.server.endpoint import diagnostics
-from ua_fleet.server.users import Role
+from ua_fleet.endpoint import diagnostics
+from ua_fleet.endpoint.convert import raw_id
+from ua_fleet.endpoint.users import Role
 
 pytestmark = pytest.mark.asyncio(loop_scope="module")
 

@@ -29,15 +29,15 @@ from tests.integration.server_security.harness import (
 from tests.waiting import until
 from ua_fleet.client import ClientIdentity, FleetClient
 from ua_fleet.config.schema import ServerConfig
+from ua_fleet.endpoint.certificates import revoke_gateway, trust, trust_gateway
+from ua_fleet.endpoint.charges import GATEWAY_AT_ONCE_S, REFUSED_LOGIN_S
+from ua_fleet.endpoint.gateway_logins import UNKNOWN_AT_ONCE, Attempt, Outcome
+from ua_fleet.endpoint.hardened_server import create_server
+from ua_fleet.endpoint.key_text import new_key
+from ua_fleet.endpoint.strangers import AT_ONCE_S, StrangersTime
+from ua_fleet.endpoint.throttle import FREE_FAILURES, FREE_FAILURES_OF_ADDRESS
+from ua_fleet.endpoint.users import UserStore
 from ua_fleet.errors import AccessRefused, NotConnected
-from ua_fleet.server.certificates import revoke_gateway, trust, trust_gateway
-from ua_fleet.server.endpoint.charges import GATEWAY_AT_ONCE_S, REFUSED_LOGIN_S
-from ua_fleet.server.endpoint.gateway_logins import UNKNOWN_AT_ONCE, Attempt, Outcome
-from ua_fleet.server.endpoint.strangers import AT_ONCE_S, StrangersTime
-from ua_fleet.server.endpoint.throttle import FREE_FAILURES, FREE_FAILURES_OF_ADDRESS
-from ua_fleet.server.hardened import create_server
-from ua_fleet.server.key_text import new_key
-from ua_fleet.server.users import UserStore
 
 pytestmark = pytest.mark.asyncio(loop_scope="module")
 

@@ -24,10 +24,10 @@ from tests.integration.server_security.harness import (
 )
 from tests.waiting import until
 from ua_fleet.config.schema import ServerConfig
+from ua_fleet.endpoint.hardened_server import create_server
+from ua_fleet.endpoint.throttle import FREE_FAILURES
+from ua_fleet.endpoint.users import User
 from ua_fleet.errors import ServerStartError
-from ua_fleet.server.endpoint.throttle import FREE_FAILURES
-from ua_fleet.server.hardened import create_server
-from ua_fleet.server.users import User
 
 pytestmark = pytest.mark.asyncio(loop_scope="module")
 
@@ -108,8 +108,8 @@ async def test_encrypted_password_is_for_one_session(hardened: Door) -> None:
 
 async def test_plain_password_needs_an_encrypted_channel(hardened: Door) -> None:
     """The check stands in the login itself too, for a channel without security."""
-    from ua_fleet.server.endpoint.logins import identify
-    from ua_fleet.server.endpoint.stack import Refusal
+    from ua_fleet.endpoint.logins import identify
+    from ua_fleet.endpoint.stack import Refusal
 
     token = ua.UserNameIdentityToken()
     token.UserName, token.Password = "oscar", PASSWORDS["oscar"].encode()

@@ -12,7 +12,7 @@ import pytest_asyncio
 from tests.integration.server_security.harness import Client, Door, bad, send, ua
 from tests.integration.server_security.test_limits import create_subscription, monitored
 from tests.integration.server_security.test_subscriptions import create_items, publish
-from ua_fleet.server.endpoint.monitored_items import MonitoredItems
+from ua_fleet.endpoint.monitored_items import MonitoredItems
 
 pytestmark = pytest.mark.asyncio(loop_scope="module")
 

@@ -17,10 +17,10 @@ from tests.integration.server_model.harness import ENGINEER, OBSERVER, OPERATOR,
 from tests.integration.server_security.harness import Client, Identities, bad, door, ua
 from tests.integration.server_security.test_audit_events import listen
 from tests.waiting import until
-from ua_fleet.server.endpoint.throttle import FREE_FAILURES
-from ua_fleet.server.key_text import new_key
-from ua_fleet.server.session_keys import KEYS_FILE, MOST_OF_USER, SessionKeys
-from ua_fleet.server.users import USERS_FILE, Role, ScryptCost, UserStore
+from ua_fleet.endpoint.key_text import new_key
+from ua_fleet.endpoint.session_keys import KEYS_FILE, MOST_OF_USER, SessionKeys
+from ua_fleet.endpoint.throttle import FREE_FAILURES
+from ua_fleet.endpoint.users import USERS_FILE, Role, ScryptCost, UserStore
 from ua_fleet.storage.files import write_whole
 
 pytestmark = pytest.mark.asyncio(loop_scope="module")
@@ -130,7 +130,7 @@ async def test_who_revokes_his_own_key_gets_the_answer(fleet: Running, monkeypat
         write_whole(path, data)
         time.sleep(0.8)
 
-    monkeypatch.setattr("ua_fleet.server.session_keys.write_whole", slow)
+    monkeypatch.setattr("ua_fleet.endpoint.session_keys.write_whole", slow)
     async with fleet.client((OPERATOR[0], key)) as client:
         assert await call(client, "RevokeSessionKey", key_id) == [0, ""]
         await until_ended(client)

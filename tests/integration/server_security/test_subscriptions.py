@@ -14,10 +14,10 @@ from structlog.testing import capture_logs
 from tests.integration.server_security.harness import Client, Door, Stock, bad, send, ua
 from tests.integration.server_security.test_limits import create_subscription, monitored
 from tests.waiting import until
-from ua_fleet.server.endpoint.sessions import PublishRequest
-from ua_fleet.server.endpoint.subscriptions import ClientSubscription
-from ua_fleet.server.endpoint.turns import TURN_S
-from ua_fleet.server.nodes import NodeBuilder
+from ua_fleet.endpoint.node_builder import NodeBuilder
+from ua_fleet.endpoint.sessions import PublishRequest
+from ua_fleet.endpoint.subscriptions import ClientSubscription
+from ua_fleet.endpoint.turns import TURN_S
 
 pytestmark = pytest.mark.asyncio(loop_scope="module")
 

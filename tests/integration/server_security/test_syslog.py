@@ -24,10 +24,10 @@ from cryptography.x509.oid import NameOID
 
 from tests.integration.server_security.harness import Identities, bad, door
 from tests.system import free_tcp_port
+from ua_fleet.endpoint.audit import AuditLog, Caller
+from ua_fleet.endpoint.audit.syslog_message import Destination
+from ua_fleet.endpoint.audit.syslog_sender import SyslogSender, tls_context
 from ua_fleet.errors import ServerStartError
-from ua_fleet.server.audit import AuditLog, Caller
-from ua_fleet.server.audit.syslog_message import Destination
-from ua_fleet.server.audit.syslog_sender import SyslogSender, tls_context
 
 ANNA = Caller("10.0.0.7:5000", "anna", "operator")
 
@@ -195,7 +195,7 @@ def test_datagrams(tmp_path: Path, scheme: str) -> None:
 
 
 def test_what_waits_is_bounded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("ua_fleet.server.audit.syslog_sender.MOST_WAITING", 10)
+    monkeypatch.setattr("ua_fleet.endpoint.audit.syslog_sender.MOST_WAITING", 10)
     sender = SyslogSender(Destination("tcp", "127.0.0.1", free_tcp_port()))
     for number in range(15):
         sender.put(b"{}", str(number), refused=False)

@@ -12,9 +12,9 @@ import pytest
 
 from tests.integration.server_security.harness import Identities, bad, door, lose, ua
 from tests.waiting import until
-from ua_fleet.server.endpoint.connection import Connection
-from ua_fleet.server.endpoint.turns import TURN_S
-from ua_fleet.server.users import Role, UserStore
+from ua_fleet.endpoint.connection import Connection
+from ua_fleet.endpoint.turns import TURN_S
+from ua_fleet.endpoint.users import Role, UserStore
 
 LARGE = 3 << 20
 

@@ -15,8 +15,8 @@ from tests.integration.tcp.conftest import StartRobot
 from tests.system import Child, Processes, clean_environment, free_tcp_port
 from tests.waiting import until
 from ua_fleet.client import ClientIdentity, FleetClient
+from ua_fleet.endpoint.users import USERS_FILE, Role, ScryptCost, UserStore
 from ua_fleet.errors import RobotOffline
-from ua_fleet.server.users import USERS_FILE, Role, ScryptCost, UserStore
 
 USER, PASSWORD = "oscar", "operate-1"
 

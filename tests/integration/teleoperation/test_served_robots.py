@@ -16,8 +16,8 @@ from tests.integration.teleoperation.driving import WAIT_S
 from tests.integration.teleoperation.test_stops import SECURED, SLACK_S, stands, stop_of
 from tests.system import ROOT, Child, Processes
 from ua_fleet.client import ClientIdentity, DrivingLease, FleetClient, driving, teleoperation_info, watch_teleoperation
+from ua_fleet.endpoint.users import USERS_FILE, Role, ScryptCost, UserStore
 from ua_fleet.errors import UaFleetError
-from ua_fleet.server.users import USERS_FILE, Role, ScryptCost, UserStore
 
 SERVER: Final = ROOT / "tests" / "integration" / "run_server.py"
 DEADMAN_S: Final = 1.0

@@ -27,9 +27,9 @@ from tests.integration.teleoperation.served import (
     value,
 )
 from ua_fleet.client import ClientIdentity, FleetClient, issue_session_key, revoke_session_key
-from ua_fleet.server.audit.log import LOG_FILE
+from ua_fleet.endpoint.audit.log import LOG_FILE
+from ua_fleet.endpoint.users import USERS_FILE, Role, ScryptCost, UserStore
 from ua_fleet.server.teleoperation import service
-from ua_fleet.server.users import USERS_FILE, Role, ScryptCost, UserStore
 
 OTHER = ("otto", "operate-2")
 

@@ -15,8 +15,8 @@ from tests.system import Child, Processes, clean_environment
 from tests.unit.docs.pages import ROOT, blocks
 from tests.ur_controller import UrController
 from ua_fleet.client import ClientIdentity, FleetClient
+from ua_fleet.endpoint.users import USERS_FILE, Role, ScryptCost, UserStore
 from ua_fleet.errors import RobotOffline
-from ua_fleet.server.users import USERS_FILE, Role, ScryptCost, UserStore
 
 pytestmark = pytest.mark.needs("ur")
 

@@ -20,12 +20,12 @@ from ua_fleet.config.load import load_content
 from ua_fleet.config.teleoperation import teleoperations
 from ua_fleet.counters import Counters
 from ua_fleet.monitoring import Monitor, Process
+from ua_fleet.operation.skills.commands import SkillCommands
 from ua_fleet.pubsub.events import ActionReceived, AnnouncementReceived, DataReceived, ProbeDue, SourceUnknown
 from ua_fleet.pubsub.metadata import make_field
 from ua_fleet.pubsub.publisher import Publisher
 from ua_fleet.pubsub.subscriber import Subscriber
 from ua_fleet.pubsub.timing import PubSubTiming
-from ua_fleet.server.commands_out import SkillCommands
 from ua_fleet.skill.executions import Outcome, OutcomeKind, named_results
 from ua_fleet.skill.journal import MemoryJournal
 from ua_fleet.teleoperation import Setpoint, State, Status

@@ -4,7 +4,7 @@ import json
 from pathlib import Path
 
 from tests.unit.cli.conftest import Invoke
-from ua_fleet.server.audit import AuditLog, Caller
+from ua_fleet.endpoint.audit import AuditLog, Caller
 
 
 def test_the_command(invoke: Invoke, tmp_path: Path) -> None:

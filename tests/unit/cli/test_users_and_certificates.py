@@ -15,12 +15,12 @@ from tests.unit.cli.conftest import Invoke
 from ua_fleet.cli.decision import LimitName, ModeName
 from ua_fleet.cli.options import Policy
 from ua_fleet.cli.user import RoleName
+from ua_fleet.endpoint import certificates
+from ua_fleet.endpoint.certificates import CertificateFiles, create_certificate
+from ua_fleet.endpoint.rejected import RejectedCertificates
+from ua_fleet.endpoint.session_keys import DAY_S, KEYS_FILE, SessionKeys
+from ua_fleet.endpoint.users import USERS_FILE, Role, ScryptCost, UserStore
 from ua_fleet.resilience import Mode, OnLimit
-from ua_fleet.server import certificates
-from ua_fleet.server.certificates import CertificateFiles, create_certificate
-from ua_fleet.server.rejected import RejectedCertificates
-from ua_fleet.server.session_keys import DAY_S, KEYS_FILE, SessionKeys
-from ua_fleet.server.users import USERS_FILE, Role, ScryptCost, UserStore
 
 PASSWORD = "correct horse"
 ON_OWN_TERMINAL = "import fcntl, termios; fcntl.ioctl(0, termios.TIOCSCTTY, 0); from ua_fleet.cli import main; main()"

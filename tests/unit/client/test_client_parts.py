@@ -25,8 +25,8 @@ from ua_fleet.client.identity import ClientIdentity
 from ua_fleet.client.model_changes import ModelChanges
 from ua_fleet.client.subscriptions import Feed
 from ua_fleet.client.translated import translated
+from ua_fleet.endpoint.certificates import CertificateFiles
 from ua_fleet.errors import AccessRefused, NotConnected
-from ua_fleet.server.certificates import CertificateFiles
 from ua_fleet.values import StatusCode
 
 

@@ -16,7 +16,7 @@ from ua_fleet.client.structures import layout_of
 from ua_fleet.client.summaries import _Known, _summary  # pyright: ignore[reportPrivateUsage]
 from ua_fleet.errors import RemoteWireError
 from ua_fleet.fleet import summaries as server
-from ua_fleet.server.robots.summary_nodes import SUMMARY_SHAPE
+from ua_fleet.nodes.summary_nodes import SUMMARY_SHAPE
 from ua_fleet.values import StatusCode, ticks_from_datetime
 
 ENCODING = ua.NodeId(ua.Int32(5002), ua.Int16(3))

@@ -9,7 +9,7 @@ import pytest
 from tests.unit.docs.pages import ROOT
 from ua_fleet.cli import reference as command_line
 from ua_fleet.config.reference import put_between
-from ua_fleet.server import reference as nodeset
+from ua_fleet.server import nodeset_reference as nodeset
 
 
 @pytest.mark.parametrize(("module", "name"), [(command_line, "command-line.md"), (nodeset, "nodeset.md")])

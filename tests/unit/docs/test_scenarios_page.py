@@ -9,11 +9,11 @@ from pathlib import Path
 from tests.unit.docs.pages import ROOT, blocks
 from ua_fleet.config import load
 from ua_fleet.config.nodes import fleet_model
+from ua_fleet.operation.runs.values import FleetValues, fleet_view
 from ua_fleet.orchestrator.dry_run import dry_run
 from ua_fleet.scenario import read_scenario, validate
 from ua_fleet.scenario.facts import RunOutcome
 from ua_fleet.scenario.read import STEP_KEYS
-from ua_fleet.server.scenarios.values import FleetValues, fleet_view
 
 
 def test_scenarios_fit_their_fleet_and_would_be_done(tmp_path: Path) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 
 from tests.unit.pubsub.security.securing import action, announcement, data, envelope, key_data, one
+from ua_fleet.dissect.annotate import annotate
 from ua_fleet.pubsub.recent import (
     BYTES_IN_ANSWER,
     HOLD_S,
@@ -18,7 +19,6 @@ from ua_fleet.pubsub.recent import (
     TooManyLook,
 )
 from ua_fleet.pubsub.security import telemetry_group
-from ua_fleet.wire.annotate import annotate
 from ua_fleet.wire.security import SecurityMode
 
 

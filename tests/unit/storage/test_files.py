@@ -12,7 +12,7 @@ import pytest
 
 from ua_fleet.client import ClientIdentity
 from ua_fleet.config.assign_ids import assign_ids
-from ua_fleet.server.users import Role, ScryptCost, UserStore
+from ua_fleet.endpoint.users import Role, ScryptCost, UserStore
 from ua_fleet.storage.files import write_whole
 from ua_fleet.storage.key_files import KeyFile, KeyFolder
 from ua_fleet.storage.nonces import FileNonces

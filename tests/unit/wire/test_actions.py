@@ -9,10 +9,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from ua_fleet.dissect.annotate import annotate
 from ua_fleet.errors import LocalWireError, RemoteWireError
 from ua_fleet.values import BuiltinType, StatusCode
 from ua_fleet.wire import ActionMessage, ActionState, Cause, Codec, encode_action
-from ua_fleet.wire.annotate import annotate
 from ua_fleet.wire.messages import PublisherIdType
 from ua_fleet.wire.security import MessageKey, SecurityMode, SecurityPolicy, payload_offset, read_security
 

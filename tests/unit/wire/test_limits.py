@@ -10,9 +10,9 @@ from functools import partial
 import pytest
 
 from tests.unit.wire.everything import chunked_messages, plain_messages, secured_messages
+from ua_fleet.dissect.annotate import annotate
 from ua_fleet.errors import RemoteWireError
 from ua_fleet.wire import Cause, Codec, decode_raw_fields
-from ua_fleet.wire.annotate import annotate
 from ua_fleet.wire.chunks import read_chunk
 from ua_fleet.wire.messages import ConfigurationVersion, DataSetMetaData, FieldMetaData, NetworkMessage
 from ua_fleet.wire.security import MessageKey, SecurityMode, SecurityPolicy, read_security

@@ -23,13 +23,13 @@ from typing import Any, Final
 
 from asyncua import ua
 
-from ua_fleet.server.convert import data_value, raw_id
-from ua_fleet.server.endpoint.stack import AttributeIds, ObjectIds, Refusal, StatusCodes, ns0
-from ua_fleet.server.hardened import HardenedServer
+from ua_fleet.endpoint.convert import data_value, raw_id
+from ua_fleet.endpoint.hardened_server import HardenedServer
+from ua_fleet.endpoint.node_builder import HAS_COMPONENT, HAS_PROPERTY, NodeBuilder
+from ua_fleet.endpoint.stack import AttributeIds, ObjectIds, Refusal, StatusCodes, ns0
+from ua_fleet.endpoint.users import Role, User, current_user
 from ua_fleet.server.key_service.service import KeyService
 from ua_fleet.server.key_service.store import GroupUnknown
-from ua_fleet.server.nodes import HAS_COMPONENT, HAS_PROPERTY, NodeBuilder
-from ua_fleet.server.users import Role, User, current_user
 from ua_fleet.values import BuiltinType, QualifiedName
 
 __all__ = ["KeyServiceNodes"]

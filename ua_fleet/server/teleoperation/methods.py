@@ -21,15 +21,15 @@ from typing import Any, Final
 import structlog
 from asyncua import ua
 
+from ua_fleet.endpoint.convert import to_variant
+from ua_fleet.endpoint.hardened_server import HardenedServer
+from ua_fleet.endpoint.sessions import Session, current_session
+from ua_fleet.endpoint.stack import Refusal, StatusCodes, name_of
+from ua_fleet.endpoint.users import Role
 from ua_fleet.errors import LeaseRefused
-from ua_fleet.server.convert import to_variant
-from ua_fleet.server.endpoint.sessions import Session, current_session
-from ua_fleet.server.endpoint.stack import Refusal, StatusCodes, name_of
-from ua_fleet.server.hardened import HardenedServer
-from ua_fleet.server.plain import caller
-from ua_fleet.server.teleoperation.nodes import ACQUIRE, DRIVE, RELEASE, RENEW
+from ua_fleet.nodes.method_factory import caller
+from ua_fleet.nodes.teleoperation_nodes import ACQUIRE, DRIVE, RELEASE, RENEW
 from ua_fleet.server.teleoperation.service import Driver, TeleoperationService
-from ua_fleet.server.users import Role
 from ua_fleet.teleoperation import TeleoperationModel
 from ua_fleet.values import BuiltinType, StatusCode
 

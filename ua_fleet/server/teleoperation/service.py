@@ -23,6 +23,9 @@ import structlog
 
 from ua_fleet.errors import LeaseRefused, RobotOffline, UaFleetError
 from ua_fleet.fleet.changes import ValueChanged
+from ua_fleet.nodes.teleoperation_nodes import STATUS_VARIABLES, drop_name, key_of
+from ua_fleet.operation.leases import EndedLease, HeldLease, HeldLeases
+from ua_fleet.operation.skills.commands import SkillCommands
 from ua_fleet.pubsub.events import (
     ActionReceived,
     DataReceived,
@@ -32,9 +35,6 @@ from ua_fleet.pubsub.events import (
     SourceStale,
     SubscriberEvent,
 )
-from ua_fleet.server.commands_out import SkillCommands
-from ua_fleet.server.teleoperation.held import EndedLease, HeldLease, HeldLeases
-from ua_fleet.server.teleoperation.nodes import STATUS_VARIABLES, drop_name, key_of
 from ua_fleet.skill.executions import EXECUTION_ID_BYTES, Outcome, OutcomeKind, named_results
 from ua_fleet.skill.journal import MemoryJournal
 from ua_fleet.skill.requestor import RequestPace

@@ -5,12 +5,12 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable
 
+from ua_fleet.endpoint.hardened_server import HardenedServer
 from ua_fleet.fleet.model import FleetModel, RobotModel
-from ua_fleet.server.hardened import HardenedServer
+from ua_fleet.nodes.projection import Projection
+from ua_fleet.operation.leases import EndedLease
+from ua_fleet.operation.skills.executions import SkillKeys
 from ua_fleet.server.hub import Hub, wall_ticks
-from ua_fleet.server.projection import Projection
-from ua_fleet.server.skills.executions import SkillKeys
-from ua_fleet.server.teleoperation.held import EndedLease
 from ua_fleet.server.teleoperation.methods import TeleoperationMethods
 from ua_fleet.server.teleoperation.service import TeleoperationService
 from ua_fleet.wire.security import SecurityMode

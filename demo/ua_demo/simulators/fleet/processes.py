@@ -23,6 +23,8 @@ from ua_fleet.config.schema import FleetConfig
 from ua_fleet.counters import Counters
 from ua_fleet.errors import ScenarioError
 from ua_fleet.fleet.model import FleetModel
+from ua_fleet.operation.runs.requests import TaskRequests
+from ua_fleet.operation.skills.commands import SkillCommands
 from ua_fleet.orchestrator import OperatorAsked, Orchestrator, Output, TaskCancelled, TaskFollowed, TaskStarted
 from ua_fleet.pubsub.application import Application
 from ua_fleet.pubsub.events import (
@@ -40,8 +42,6 @@ from ua_fleet.pubsub.subscriber import Subscriber
 from ua_fleet.pubsub.timing import PubSubTiming
 from ua_fleet.scenario import FleetView, Scenario, Value, ValueUnknown
 from ua_fleet.scenario.facts import Fact, TaskOutcome
-from ua_fleet.server.commands_out import SkillCommands
-from ua_fleet.server.scenarios.requests import TaskRequests
 from ua_fleet.skill.executions import Outcome
 from ua_fleet.skill.journal import MemoryJournal
 from ua_fleet.topics import SERVER_SPACE

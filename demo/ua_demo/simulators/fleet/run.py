@@ -20,6 +20,7 @@ from ua_fleet.config.security import all_groups, groups_of
 from ua_fleet.counters import Counters
 from ua_fleet.errors import ScenarioError
 from ua_fleet.fleet.model import RobotModel
+from ua_fleet.operation.runs.values import fleet_view
 from ua_fleet.orchestrator import DecisionChanged, FaultChanged, Output, RunChanged
 from ua_fleet.orchestrator.faults import FaultChange
 from ua_fleet.pubsub.metadata import make_field
@@ -29,7 +30,6 @@ from ua_fleet.pubsub.security.keyring import GroupKeys
 from ua_fleet.pubsub.security.nonces import MemoryNonces
 from ua_fleet.resilience import ReplacementChosen
 from ua_fleet.scenario.facts import RunEnded, TaskAssigned, TaskOutcome, TaskOver
-from ua_fleet.server.scenarios.values import fleet_view
 from ua_fleet.topics import SERVER_SPACE, Topic
 from ua_fleet.traffic import Traffic
 from ua_fleet.transport import MemoryEndpoint, SealedSender

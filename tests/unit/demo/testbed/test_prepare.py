@@ -19,8 +19,7 @@ from ua_demo.testbed.volumes import check_volume, write_unless_edited
 from tests.system import clean_environment
 from ua_fleet.config.load import load
 from ua_fleet.config.schema import FleetConfig
-from ua_fleet.errors import ConfigError
-from ua_fleet.server.certificates import (
+from ua_fleet.endpoint.certificates import (
     CertificateState,
     host_names,
     list_certificates,
@@ -33,7 +32,8 @@ from ua_fleet.server.certificates import (
     trust_bridge,
     trust_gateway,
 )
-from ua_fleet.server.users import UserStore
+from ua_fleet.endpoint.users import UserStore
+from ua_fleet.errors import ConfigError
 
 
 def prepared(folder: Path, name: str = "pal", options: Options | None = None) -> list[str]:

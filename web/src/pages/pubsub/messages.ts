@@ -23,7 +23,7 @@ export interface Heard {
   kind: string;
 }
 
-/** Some bytes of a message, and what they are (ua_fleet.wire.spans). */
+/** Some bytes of a message, and what they are (ua_fleet.dissect.spans). */
 export interface Span {
   at: number;
   size: number;

@@ -1,0 +1,1 @@
+"""PubSub messages named byte by byte, for people."""

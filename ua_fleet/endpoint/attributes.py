@@ -1,0 +1,288 @@
+"""Read, Write and HistoryRead, by what AccessLevel and the user's role allow (OPC 10000-4 5.11)."""
+
+# pyright: reportUnknownMemberType=false, reportUnknownVariableType=false, reportUnknownArgumentType=false
+# pyright: reportPrivateUsage=false
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from datetime import UTC, datetime
+from functools import partial
+from typing import Any, Final
+
+from asyncua import ua
+from asyncua.server.address_space import AddressSpace
+
+from ua_fleet.endpoint.answers import Answer, rough_bytes
+from ua_fleet.endpoint.audit import summary
+from ua_fleet.endpoint.audit_events import AuditEvents
+from ua_fleet.endpoint.context import Context
+from ua_fleet.endpoint.data_types import DataTypes
+from ua_fleet.endpoint.data_values import MOST_PICOSECONDS
+from ua_fleet.endpoint.indexrange import apply_range, parse_range, replace_range
+from ua_fleet.endpoint.live import check_reader, reader_refused
+from ua_fleet.endpoint.monitoring import with_timestamps
+from ua_fleet.endpoint.request import Request, operations
+from ua_fleet.endpoint.stack import GOOD, AttributeIds, Refusal, StatusCodes, name_of, shown, status, status_of
+from ua_fleet.endpoint.users import Role, User
+
+__all__ = ["AttributeServices", "access_level", "readable_value"]
+
+
+READ: Final = 1 << ua.AccessLevel.CurrentRead.value
+WRITE: Final = 1 << ua.AccessLevel.CurrentWrite.value
+WRITE_ANYTHING: Final = WRITE | 1 << ua.AccessLevel.StatusWrite.value | 1 << ua.AccessLevel.TimestampWrite.value
+HISTORY: Final = 1 << ua.AccessLevel.HistoryRead.value
+
+
+def access_level(aspace: AddressSpace, node_id: ua.NodeId) -> int:
+    """What AccessLevel and UserAccessLevel of a variable allow together."""
+    allowed = 0xFF
+    for attribute in (AttributeIds.AccessLevel, AttributeIds.UserAccessLevel):
+        variant = aspace.read_attribute_value(node_id, attribute).Value
+        allowed &= int(variant.Value) if variant is not None and variant.Value is not None else 0
+    return allowed
+
+
+def readable_value(aspace: AddressSpace, node_id: ua.NodeId, attribute: Any) -> ua.DataValue:
+    """An attribute's value; raises Refusal where clients may not read it."""
+    value = aspace.read_attribute_value(node_id, attribute)
+    if attribute == AttributeIds.Value and not access_level(aspace, node_id) & READ:
+        code = value.StatusCode
+        unknown = code is not None and int(code.value) in (
+            StatusCodes.BadNodeIdUnknown,
+            StatusCodes.BadAttributeIdInvalid,
+        )
+        raise Refusal(int(code.value) if unknown and code is not None else StatusCodes.BadNotReadable)
+    return value
+
+
+class AttributeServices:
+    """OPC 10000-4 5.11."""
+
+    def __init__(self, context: Context, events: AuditEvents) -> None:
+        self._context, self._limits, self._events = context, context.limits, events
+        self._aspace = context.iserver.aspace
+        self._types = DataTypes(self._aspace)
+
+    async def read(self, request: Request, params: ua.ReadParameters) -> Any:
+        """Read."""
+        nodes = operations(params.NodesToRead, self._limits.nodes_per_request)
+        if params.MaxAge < 0:
+            raise Refusal(StatusCodes.BadMaxAgeInvalid)
+        wanted = params.TimestampsToReturn
+        if not isinstance(wanted, ua.TimestampsToReturn) or wanted == ua.TimestampsToReturn.Invalid:
+            raise Refusal(StatusCodes.BadTimestampsToReturnInvalid)
+        user = request.user
+        answer = Answer(ua.ReadResponse(), self._limits.response_bytes)
+        for node in nodes:
+            value = with_timestamps(self._read(node, user, encrypted=request.encrypted), wanted)
+            name = partial(_named, node)
+            answer.add(value, _no_value, self._context.misfit, name, least=rough_bytes(value))
+            await request.turns.end(answer.size)
+        return answer
+
+    def _read(self, wanted: ua.ReadValueId, user: User, *, encrypted: bool) -> ua.DataValue:
+        try:
+            return self._readable(wanted, user, encrypted=encrypted)
+        except Refusal as error:
+            return _no_value(error.ua_status)
+        except Exception as error:  # noqa: BLE001 - a mistake about one node must not cost the client the others
+            self._context.mistakes.caught("reads", error, node=shown(wanted.NodeId))
+            return _no_value(StatusCodes.BadInternalError)
+
+    def _readable(self, wanted: ua.ReadValueId, user: User, *, encrypted: bool) -> ua.DataValue:
+        attribute = wanted.AttributeId
+        check_reader(self._aspace, wanted.NodeId, attribute, user, encrypted=encrypted)
+        value = readable_value(self._aspace, wanted.NodeId, attribute)
+        if wanted.IndexRange:
+            if attribute != AttributeIds.Value:
+                raise Refusal(StatusCodes.BadIndexRangeInvalid)
+            index_range = parse_range(wanted.IndexRange)
+            assert index_range is not None
+            value = apply_range(value, index_range)
+        encoding = wanted.DataEncoding
+        if encoding is not None and encoding.Name:
+            self._check_encoding(encoding, wanted)
+        if attribute == AttributeIds.UserExecutable and not self._callable(user, wanted.NodeId):
+            return _but(value, lambda _: False)
+        if attribute == AttributeIds.UserAccessLevel and not user.role.covers(Role.OPERATOR):
+            value = _but(value, lambda level: level & ~WRITE_ANYTHING)
+        if attribute == AttributeIds.UserAccessLevel and reader_refused(
+            self._aspace, wanted.NodeId, user, encrypted=encrypted
+        ):
+            value = _but(value, lambda level: level & ~READ)
+        return value
+
+    def _callable(self, user: User, method_id: ua.NodeId) -> bool:
+        """Whether a user may call a method, and there is one: those of the standard's types are declarations alone."""
+        node = self._aspace.get(method_id)
+        return node is not None and node.call is not None and self._context.may_call(user, method_id)
+
+    def _check_encoding(self, encoding: ua.QualifiedName, wanted: ua.ReadValueId) -> None:
+        """Only a value that is a Structure can have an encoding (OPC 10000-4 7.39.2)."""
+        variant = self._aspace.read_attribute_value(wanted.NodeId, AttributeIds.DataType).Value
+        is_structure = variant is not None and self._types.is_structure(variant.Value)
+        if wanted.AttributeId != AttributeIds.Value or not is_structure:
+            raise Refusal(StatusCodes.BadDataEncodingInvalid)
+        if encoding.Name != "Default Binary" or encoding.NamespaceIndex:
+            raise Refusal(StatusCodes.BadDataEncodingUnsupported)
+
+    async def write(self, request: Request, params: ua.WriteParameters) -> Any:
+        """Write: each value goes through the gate, and into the audit log."""
+        nodes = operations(params.NodesToWrite, self._limits.nodes_per_request)
+        response = ua.WriteResponse()
+        lines: list[dict[str, Any]] = []
+
+        def record() -> None:
+            self._context.statistics.writes += len(lines)
+            self._context.audit.record_all("write", request.caller, lines)
+            lines.clear()
+
+        try:
+            for node in nodes:
+                told = self._events.wanted
+                before = self._aspace.read_attribute_value(node.NodeId, AttributeIds.Value).Value if told else None
+                code = await self._write(request, node)
+                response.Results.append(status(code))
+                if told:
+                    self._events.written(request.who, node, before if code == 0 else None, code)
+                value = node.Value.Value if node.Value is not None else None
+                line = {"node": shown(node.NodeId), "value": summary(value.Value if value is not None else None)}
+                if node.AttributeId != AttributeIds.Value:
+                    line["attribute"] = str(node.AttributeId)
+                lines.append({**line, "status": name_of(code)})
+                if request.turns.over:
+                    record()  # the lines of ten thousand writes in one piece would be one long turn
+                    await request.turns.end()
+        finally:
+            # Also of a client who goes away in the middle of a request.
+            record()
+        return response
+
+    async def _write(self, request: Request, wanted: ua.WriteValue) -> int:
+        """StatusCode of one write."""
+        node_id = wanted.NodeId
+        try:
+            self._check_write(request.user, wanted)
+            value = self._whole(wanted)
+            gate = self._context.gate
+            if gate is not None and (code := gate.check_write(node_id, value, request.user)):
+                return int(code)
+            now: Any = datetime.now(UTC)
+            # A DataValue is never changed afterwards, so it is a fresh one; without a time it is written now.
+            value = dataclasses.replace(
+                value,
+                StatusCode=value.StatusCode or GOOD,
+                SourceTimestamp=value.SourceTimestamp or now,
+                ServerTimestamp=value.ServerTimestamp or now,
+                SourcePicoseconds=_finer(value.SourceTimestamp, value.SourcePicoseconds),
+                ServerPicoseconds=_finer(value.ServerTimestamp, value.ServerPicoseconds),
+            )
+            result = await self._aspace.write_attribute_value(node_id, AttributeIds.Value, value)
+            if result.is_good() and gate is not None:
+                gate.written(node_id, value, request.user)
+            return int(result.value)
+        except Exception as error:  # noqa: BLE001 - what is no refusal is logged with its traceback
+            if (known := status_of(error)) is not None:
+                return known
+            # Whatever goes wrong behind the gate, the client's connection and its other writes go on.
+            self._context.mistakes.caught("writes", error, node=shown(node_id))
+            return int(StatusCodes.BadInternalError)
+
+    def _check_write(self, user: User, wanted: ua.WriteValue) -> None:
+        node = self._aspace.get(wanted.NodeId)
+        if node is None:
+            raise Refusal(StatusCodes.BadNodeIdUnknown)
+        if wanted.AttributeId not in node.attributes:
+            raise Refusal(StatusCodes.BadAttributeIdInvalid)
+        if wanted.AttributeId != AttributeIds.Value or not access_level(self._aspace, wanted.NodeId) & WRITE:
+            raise Refusal(StatusCodes.BadNotWritable)
+        if not user.role.covers(Role.OPERATOR):
+            raise Refusal(StatusCodes.BadUserAccessDenied)
+        given = wanted.Value
+        if given is None or given.Value is None or given.Value.Value is None:
+            raise Refusal(StatusCodes.BadTypeMismatch)
+        if given.StatusCode is not None and not given.StatusCode.is_good():
+            raise Refusal(StatusCodes.BadWriteNotSupported)
+
+    def _whole(self, wanted: ua.WriteValue) -> ua.DataValue:
+        """What the node shall have after a write: the value given, or its own with a part of it replaced."""
+        given: ua.DataValue = wanted.Value
+        index_range = parse_range(wanted.IndexRange)
+        before = self._aspace.read_attribute_value(wanted.NodeId, AttributeIds.Value).Value
+        variant = _as_bytes(given.Value, before)
+        if index_range is not None:
+            variant = replace_range(before, index_range, variant)
+        return given if variant is given.Value else dataclasses.replace(given, Value=variant)
+
+    async def history_read(self, request: Request, params: ua.HistoryReadParameters) -> Any:
+        """HistoryRead of nodes that have and show a history."""
+        nodes = operations(params.NodesToRead, self._limits.nodes_per_request)
+        _timestamps_known(params.TimestampsToReturn)
+        answer = Answer(ua.HistoryReadResponse(), self._limits.response_bytes)
+        for node in nodes:
+            answer.add(
+                ua.HistoryReadResult() if params.ReleaseContinuationPoints else await self._history(node, params),
+                lambda code: ua.HistoryReadResult(StatusCode=status(code)),
+                self._context.misfit,
+                partial(_named, node),
+            )
+            await request.turns.end(answer.size)
+        return answer
+
+    async def _history(self, node: ua.HistoryReadValueId, params: ua.HistoryReadParameters) -> ua.HistoryReadResult:
+        try:
+            self._check_history(node.NodeId, params.HistoryReadDetails)
+            single = dataclasses.replace(params, NodesToRead=[node])
+            results = await self._context.iserver.history_manager.read_history(single)
+        except Refusal as error:
+            return ua.HistoryReadResult(StatusCode=status(error.ua_status))
+        return results[0]
+
+    def _check_history(self, node_id: ua.NodeId, details: Any) -> None:
+        node = self._aspace.get(node_id)
+        if node is None:
+            raise Refusal(StatusCodes.BadNodeIdUnknown)
+        if isinstance(details, ua.ReadEventDetails):
+            notifier = self._aspace.read_attribute_value(node_id, AttributeIds.EventNotifier).Value
+            allowed = int(notifier.Value) & 4 if notifier is not None and notifier.Value is not None else 0
+        else:
+            allowed = access_level(self._aspace, node_id) & HISTORY
+        if not allowed:
+            raise Refusal(StatusCodes.BadHistoryOperationUnsupported)
+
+
+def _as_bytes(given: Any, before: ua.Variant | None) -> Any:
+    """A ByteString for an array of Byte is such an array (OPC 10000-4 5.11.4.2)."""
+    is_bytes = given.VariantType == ua.VariantType.ByteString and isinstance(given.Value, bytes)
+    if is_bytes and before is not None and before.VariantType == ua.VariantType.Byte and isinstance(before.Value, list):
+        return ua.Variant(list(given.Value), ua.VariantType.Byte, is_array=True)
+    return given
+
+
+def _finer(time: Any, picoseconds: Any) -> Any:
+    """The picoseconds of a time that a client gives; without a time they say nothing."""
+    return None if time is None or picoseconds is None else min(picoseconds, MOST_PICOSECONDS)
+
+
+def _no_value(code: int) -> ua.DataValue:
+    return ua.DataValue(StatusCode=status(code))
+
+
+def _named(wanted: ua.ReadValueId | ua.HistoryReadValueId) -> str:
+    return f"{shown(wanted.NodeId)} attribute {getattr(wanted, 'AttributeId', 'history')}"
+
+
+def _timestamps_known(wanted: Any) -> None:
+    if not isinstance(wanted, ua.TimestampsToReturn) or wanted == ua.TimestampsToReturn.Invalid:
+        raise Refusal(StatusCodes.BadTimestampsToReturnInvalid)
+
+
+def _but(value: ua.DataValue, change: Callable[[Any], Any]) -> ua.DataValue:
+    """What an attribute that says what a user may do says to this one."""
+    variant = value.Value
+    if variant is None or variant.Value is None:
+        return value
+    return dataclasses.replace(value, Value=ua.Variant(change(variant.Value), variant.VariantType))

@@ -1,0 +1,164 @@
+"""How many lines of one kind somebody may put into the audit log; what is beyond is counted and summed up.
+
+Refusals, logins and logouts cost their maker nothing, and what operators change can be repeated for ever. Each user, or
+each address without a user, has an allowance of them: so many at once, and so many a minute in the long run. All
+strangers together have one more, since one may have many addresses. What is beyond makes one line a minute that says
+how many of what there were, so nothing is lost in silence and nobody pushes older lines out of the files. Time is an
+argument.
+"""
+
+from __future__ import annotations
+
+from collections import Counter, OrderedDict
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import Final
+
+from ua_fleet.endpoint.audit.caller import Caller
+
+__all__ = ["AT_ONCE", "A_MINUTE", "Allowances", "Omitted"]
+
+AT_ONCE: Final = 120
+A_MINUTE: Final = 12
+SUM_EACH_S: Final = 60.0
+MAX_NAMES: Final = 1_000
+MAX_KINDS: Final = 30
+"""Kinds that are told apart in one sum."""
+SUM_AT_LOGOUT_S: Final = 5.0
+"""Age from which a sum is told when its user logs out, also where there is no room for the line of the logout."""
+
+
+@dataclass(frozen=True, slots=True)
+class Share:
+    """How many lines one has: so many at once, and so many a minute in the long run."""
+
+    at_once: int
+    a_minute: int
+
+
+FREE: Final = Share(AT_ONCE, A_MINUTE)
+"""Of what costs its maker nothing."""
+CHANGES: Final = Share(3_000, 120)
+"""Of what operators and engineers change: 40 MB a day, where a loop of writes filled all files in half a minute."""
+STRANGERS: Final = Share(600, 60)
+"""Of all who have no user, together."""
+
+
+class _Bucket:
+    """Lines that may still be written: `at_once`, and `a_minute` more in each minute."""
+
+    __slots__ = ("_a_minute", "_at", "_at_once", "left")
+
+    def __init__(self, share: Share, now: float) -> None:
+        self._at_once, self._a_minute, self._at = share.at_once, share.a_minute, now
+        self.left = float(share.at_once)
+
+    def fill(self, now: float) -> None:
+        """Time has gone on."""
+        self.left = min(self._at_once, self.left + (now - self._at) * self._a_minute / 60)
+        self._at = now
+
+
+@dataclass(slots=True)
+class Omitted:
+    """What was left out, for one who had too much of it."""
+
+    caller: Caller
+    """Who, as far as all of it has that in common."""
+    since: float
+    kinds: Counter[str] = field(default_factory=Counter[str])
+    last: dict[str, str] = field(default_factory=dict[str, str])
+    """The last value of each kind, where it has one."""
+
+
+@dataclass(slots=True)
+class _Account:
+    bucket: _Bucket
+    omitted: Omitted | None = None
+
+
+class Allowances:
+    """The allowances of all, for lines of one sort."""
+
+    def __init__(self, share: Share = FREE) -> None:
+        self._share = share
+        self._accounts: dict[str, _Account] = {}
+        self._addresses: OrderedDict[str, None] = OrderedDict()
+        """Those of the accounts that are addresses. New ones push out the oldest of these, and never a user: there are
+        as many as there are users, and one whose account is forgotten would have a new allowance. An address gains
+        nothing by that, since all addresses have one more together."""
+        self._strangers: _Bucket | None = None
+        self._pushed_out: list[Omitted] = []
+
+    def take(self, caller: Caller, kind: str, now: float, value: str = "") -> bool:
+        """Whether a line of this kind may be written; otherwise it is counted for the next sum, with its last value."""
+        name = caller.counts_as
+        account = self._accounts.get(name)
+        if account is None:
+            account = self._accounts[name] = _Account(_Bucket(self._share, now))
+            if caller.is_stranger:
+                self._addresses[name] = None
+                self._push_out()
+        if caller.is_stranger:
+            self._addresses.move_to_end(name)
+        buckets = [account.bucket]
+        if caller.is_stranger:
+            self._strangers = self._strangers or _Bucket(STRANGERS, now)
+            buckets.append(self._strangers)
+        for bucket in buckets:
+            bucket.fill(now)
+        if all(bucket.left >= 1 for bucket in buckets):
+            for bucket in buckets:
+                bucket.left -= 1
+            return True
+        if account.omitted is None:
+            shown = Caller(caller.client, caller.user, caller.role) if not caller.is_stranger else Caller(name)
+            account.omitted = Omitted(shown, now)
+        omitted = account.omitted
+        kind = kind if kind in omitted.kinds or len(omitted.kinds) < MAX_KINDS else "other"
+        omitted.kinds[kind] += 1
+        if value:
+            omitted.last[kind] = value
+        return False
+
+    def _push_out(self) -> None:
+        while len(self._addresses) > MAX_NAMES:
+            name, _ = self._addresses.popitem(last=False)
+            omitted = self._accounts.pop(name).omitted
+            if omitted is not None:
+                self._pushed_out.append(omitted)
+
+    def sums(self, now: float, *, of: Caller | None = None, least_s: float = 0.0) -> Iterator[Omitted]:
+        """The sums that are due; with `of` that user's or address's, as soon as it is `least_s` old."""
+        pushed_out, self._pushed_out = self._pushed_out, []
+        yield from _merged(pushed_out)
+        strangers: list[Omitted] = []
+        for name, account in self._accounts.items():
+            omitted = account.omitted
+            wanted = name == of.counts_as if of is not None else True
+            if omitted is None or not wanted or now - omitted.since < (SUM_EACH_S if of is None else least_s):
+                continue
+            account.omitted = None
+            if omitted.caller.user:
+                yield omitted
+            else:
+                strangers.append(omitted)
+        yield from _merged(strangers)
+
+    def all_sums(self) -> Iterator[Omitted]:
+        """All sums, due or not."""
+        return self.sums(float("inf"))
+
+
+def _merged(sums: list[Omitted]) -> Iterator[Omitted]:
+    """Sums of a few strangers each by itself; those of many addresses as one, or their number would be the flood."""
+    if len(sums) <= MAX_SINGLE:
+        yield from sums
+        return
+    total = Counter[str]()
+    for each in sums:
+        total.update(each.kinds)
+    yield Omitted(Caller(f"{len(sums)} addresses"), min(each.since for each in sums), total)
+
+
+MAX_SINGLE: Final = 10

@@ -1,0 +1,235 @@
+"""From the bytes of a request to its parameters: scanned, then decoded by asyncua, operation by operation."""
+
+# pyright: reportUnknownMemberType=false, reportUnknownVariableType=false, reportUnknownArgumentType=false
+
+from __future__ import annotations
+
+import contextlib
+import struct
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import Any, Final
+
+from asyncua.common.utils import Buffer
+from asyncua.ua.ua_binary import from_binary
+
+from ua_fleet.endpoint.data_values import in_asyncuas_order
+from ua_fleet.endpoint.scan import Scan, steps_of
+from ua_fleet.endpoint.stack import DECODE_ERRORS, Refusal, StatusCodes, opaque_id
+from ua_fleet.endpoint.turns import Turns
+from ua_fleet.wire.builtin import decode_byte_string, decode_node_id, decode_string
+from ua_fleet.wire.cursor import Cursor
+
+__all__ = [
+    "BYTES_BEFORE_SESSION",
+    "OPERATIONS_BEFORE_SESSION",
+    "Hello",
+    "OpenRequest",
+    "RequestHead",
+    "check_open_header",
+    "decode_hello",
+    "decode_open",
+    "decode_parameters",
+    "decode_request_head",
+]
+
+BYTES_BEFORE_SESSION: Final = 1024 * 1024
+"""Memory that the parameters of a request may take before a session is active."""
+OPERATIONS_BEFORE_SESSION: Final = 100
+"""Elements of an array of such a request, e.g. LocaleIds."""
+_SHARE: Final = 4
+"""Part of the memory for a request that structures and texts of one operation may take: 16 MB are built in 0.1 s."""
+_MOST_URI: Final = 255
+"""Longest SecurityPolicyUri (OPC 10000-6 6.7.2.3)."""
+_MOST_THUMBPRINT: Final = 20
+MOST_ENTRY: Final = 200
+"""Of an AuditEntryId no more is kept."""
+_HELLO: Final = struct.Struct("<5I")
+_TIME_HANDLE_DIAGNOSTICS: Final = struct.Struct("<qII")
+_OPEN_SECURE_CHANNEL: Final = 446
+"""Id of OpenSecureChannelRequest's encoding."""
+
+
+@dataclass(frozen=True, slots=True)
+class Hello:
+    """What is used of a Hello (OPC 10000-6 7.1.2.3)."""
+
+    receive_buffer: int
+    send_buffer: int
+    max_message: int
+    max_chunks: int
+
+
+@dataclass(frozen=True, slots=True)
+class RequestHead:
+    """Type and RequestHeader of a request (OPC 10000-4 7.33)."""
+
+    kind: int
+    """Identifier of the request's encoding in the base namespace, -1 for another one."""
+    token: Any
+    """AuthenticationToken as a NodeId of bytes; None for one that no session of this server can have."""
+    handle: int
+    timeout_hint_ms: int
+    audit_entry: str = ""
+    """AuditEntryId, with which the client finds the request in its own log; shortened."""
+    diagnostics: int = 0
+    """ReturnDiagnostics: which DiagnosticInfos the client asks for."""
+
+
+@dataclass(frozen=True, slots=True)
+class OpenRequest:
+    """An OpenSecureChannel request (OPC 10000-4 5.6.2)."""
+
+    head: RequestHead
+    renewal: bool
+    mode: int
+    nonce: bytes
+    lifetime_ms: int
+
+
+def decode_hello(data: bytes) -> Hello:
+    """The body of a Hello; raises RemoteWireError."""
+    cursor = Cursor(data)
+    _, receive_buffer, send_buffer, max_message, max_chunks = cursor.unpack(_HELLO)
+    decode_string(cursor)
+    return Hello(receive_buffer, send_buffer, max_message, max_chunks)
+
+
+def check_open_header(data: bytes) -> tuple[str, int]:
+    """SecurityPolicyUri of an asymmetric security header (OPC 10000-6 6.7.2.3), and how many bytes follow it.
+
+    Raises RemoteWireError or Refusal for what is no such header.
+    """
+    cursor = Cursor(data)
+    uri = decode_string(cursor)
+    decode_byte_string(cursor)
+    thumbprint = decode_byte_string(cursor)
+    if len(uri or "") > _MOST_URI or len(thumbprint or b"") > _MOST_THUMBPRINT:
+        raise Refusal(StatusCodes.BadDecodingError, "a security header that is too long")
+    return uri or "", len(data) - cursor.position
+
+
+def decode_open(data: bytes) -> OpenRequest:
+    """The body of an OpenSecureChannel message; raises RemoteWireError or Refusal."""
+    cursor = Cursor(data)
+    head = _decode_head(cursor)
+    if head.kind != _OPEN_SECURE_CHANNEL:
+        raise Refusal(StatusCodes.BadDecodingError, f"request {head.kind} in an OpenSecureChannel message")
+    cursor.uint32()  # ClientProtocolVersion
+    renewal, mode = cursor.uint32(), cursor.uint32()
+    nonce = decode_byte_string(cursor) or b""
+    if renewal > 1:
+        raise Refusal(StatusCodes.BadRequestTypeInvalid, f"request type {renewal}")
+    if not 1 <= mode <= 3:
+        raise Refusal(StatusCodes.BadSecurityModeRejected, f"security mode {mode}")
+    return OpenRequest(head, renewal == 1, mode, nonce, cursor.uint32())
+
+
+def decode_request_head(body: Buffer) -> RequestHead:
+    """Type and header of a request; the buffer goes on to the parameters. Raises RemoteWireError or Refusal.
+
+    AdditionalHeader is passed by its length and never decoded: this server knows no such header.
+    """
+    data = bytes(body)
+    cursor = Cursor(data)
+    head = _decode_head(cursor)
+    body.skip(cursor.position)
+    return head
+
+
+def _decode_head(cursor: Cursor) -> RequestHead:
+    namespace, identifier = decode_node_id(cursor)
+    _, token = decode_node_id(cursor)
+    _, handle, diagnostics = cursor.unpack(_TIME_HANDLE_DIAGNOSTICS)
+    audit_entry = (decode_string(cursor) or "")[:MOST_ENTRY]
+    timeout_hint = cursor.uint32()
+    decode_node_id(cursor)
+    encoding = cursor.byte()
+    if encoding > 2:
+        raise Refusal(StatusCodes.BadDecodingError, f"an AdditionalHeader with encoding {encoding}")
+    if encoding:
+        cursor.take(cursor.length(1) or 0)
+    kind = identifier if namespace == 0 and isinstance(identifier, int) else -1
+    token_id = opaque_id(token) if isinstance(token, bytes) else None
+    return RequestHead(kind, token_id, handle, timeout_hint, audit_entry, diagnostics)
+
+
+async def decode_parameters(
+    structure: Any, body: Buffer, *, most_operations: int, most_memory: int, turns: Turns | None = None
+) -> Any:
+    """The parameters of a request as asyncua's dataclass.
+
+    Args:
+        structure: the class of the parameters.
+        body: what follows the RequestHeader.
+        most_operations: elements that an array of the parameters may have, i.e. operations.
+        most_memory: bytes of memory that the decoded parameters may take.
+        turns: of the request; without them it is decoded at once.
+
+    Raises:
+        Refusal: no valid encoding, too many operations, or more than the limits allow.
+    """
+    data = bytes(body)
+    scan = Scan(data, 0, len(data), most_memory)
+    share = most_memory // _SHARE if turns is not None else most_memory
+    rest = Buffer(data)
+    values: dict[str, Any] = {}
+    for part in steps_of(structure):
+        scan.share = share
+        if not part.is_array:
+            scan.charge_built(part.step.memory)
+            values[part.name] = _decode(part.kind, part.step.walk, scan, rest)
+            continue
+        step = part.element
+        assert step is not None
+        count = scan.count(step.least)
+        if count > most_operations:
+            raise Refusal(StatusCodes.BadTooManyOperations, f"{count} operations, the limit is {most_operations}")
+        rest.skip(4)
+        elements: list[Any] = []
+        for _ in range(count):
+            scan.share = share
+            scan.charge_built(step.memory)
+            elements.append(_decode(part.kind, step.walk, scan, rest))
+            if turns is not None and turns.over:
+                await turns.end()
+        # A null array is an empty one here, so that no service has to tell them apart.
+        values[part.name] = elements
+    try:
+        return structure(**values)
+    except DECODE_ERRORS as error:
+        raise Refusal(StatusCodes.BadDecodingError, f"{structure.__name__}: {type(error).__name__}") from error
+
+
+def _decode(kind: Any, walk: Any, scan: Scan, rest: Buffer) -> Any:
+    start = rest.cur_pos
+    walk(scan)
+    if scan.misplaced:
+        # Of this operation alone: a request may have ten thousand.
+        given = scan.data[start : scan.position]
+        source = Buffer(in_asyncuas_order(given, [at - start for at in scan.misplaced]))
+        scan.misplaced.clear()
+        value = _built(kind, source)
+        rest.skip(source.cur_pos)
+    else:
+        value = _built(kind, rest)
+    if rest.cur_pos != scan.position:
+        # The scan vouches only for what it has read in the same way.
+        raise Refusal(StatusCodes.BadDecodingError, f"{kind.__name__}: ambiguous encoding")
+    return value
+
+
+def _built(kind: Any, source: Buffer) -> Any:
+    """What asyncua makes of bytes that have been scanned."""
+    try:
+        # An enumeration is checked by its service, which has a StatusCode for a number that is none of it.
+        is_enumeration = isinstance(kind, type) and issubclass(kind, IntEnum)
+        return _enumerated(kind, from_binary("Int32", source)) if is_enumeration else from_binary(kind, source)
+    except DECODE_ERRORS as error:
+        raise Refusal(StatusCodes.BadDecodingError, f"{kind.__name__}: {type(error).__name__}") from error
+
+
+def _enumerated(kind: type[IntEnum], number: int) -> int:
+    with contextlib.suppress(ValueError):
+        return kind(number)
+    return number

@@ -1,0 +1,51 @@
+"""Notifications as bytes (OPC 10000-4 7.25): encoded one by one, so that none can cost a client the others."""
+
+# pyright: reportUnknownMemberType=false, reportUnknownVariableType=false, reportUnknownArgumentType=false
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final
+
+from asyncua import ua
+from asyncua.ua.ua_binary import variant_to_binary
+
+from ua_fleet.endpoint.answers import Misfit, encode_value
+from ua_fleet.endpoint.stack import DECODE_ERRORS, ObjectIds, StatusCodes, ns0, status
+
+__all__ = ["change_bytes", "changes_of", "event_bytes", "events_of"]
+
+_CHANGES: Final = ns0(ObjectIds.DataChangeNotification_Encoding_DefaultBinary)
+_EVENTS: Final = ns0(ObjectIds.EventNotificationList_Encoding_DefaultBinary)
+
+
+def change_bytes(client_handle: int, value: ua.DataValue, room: int, misfit: Misfit, what: str) -> bytes:
+    """A MonitoredItemNotification; a value that cannot be encoded, or is longer than `room`, as its StatusCode."""
+    return int(client_handle).to_bytes(4, "little") + encode_value(value, room, misfit, lambda: what)
+
+
+def event_bytes(notification: ua.EventFieldList, misfit: Misfit, what: str) -> bytes:
+    """An EventFieldList; a field that cannot be encoded is Bad_EncodingError."""
+    fields = notification.EventFields
+    parts = [int(notification.ClientHandle).to_bytes(4, "little"), len(fields).to_bytes(4, "little")]
+    for number, field in enumerate(fields):
+        try:
+            parts.append(variant_to_binary(field))
+        except DECODE_ERRORS as error:
+            misfit(f"{what}, field {number} of an event", error)
+            parts.append(variant_to_binary(ua.Variant(status(StatusCodes.BadEncodingError), ua.VariantType.StatusCode)))
+    return b"".join(parts)
+
+
+def changes_of(parts: Sequence[bytes]) -> ua.ExtensionObject:
+    """A DataChangeNotification of encoded notifications."""
+    return _body(_CHANGES, b"".join((len(parts).to_bytes(4, "little"), *parts, bytes(4))))
+
+
+def events_of(parts: Sequence[bytes]) -> ua.ExtensionObject:
+    """An EventNotificationList of encoded notifications."""
+    return _body(_EVENTS, b"".join((len(parts).to_bytes(4, "little"), *parts)))
+
+
+def _body(type_id: ua.NodeId, data: bytes) -> ua.ExtensionObject:
+    return ua.ExtensionObject(type_id, ua.ByteString(data))

@@ -1,0 +1,84 @@
+"""Which services there are for a session, and what they share."""
+
+# pyright: reportUnknownMemberType=false, reportUnknownVariableType=false, reportUnknownArgumentType=false
+
+from __future__ import annotations
+
+from collections.abc import Awaitable, Callable
+from dataclasses import dataclass
+from typing import Any
+
+from asyncua import ua
+
+from ua_fleet.endpoint.attributes import AttributeServices
+from ua_fleet.endpoint.audit_events import AuditEvents
+from ua_fleet.endpoint.context import Context
+from ua_fleet.endpoint.methods import MethodServices
+from ua_fleet.endpoint.request import Request
+from ua_fleet.endpoint.session_services import SessionServices
+from ua_fleet.endpoint.sessions import Sessions
+from ua_fleet.endpoint.stack import ObjectIds
+from ua_fleet.endpoint.subscription_services import SubscriptionServices
+from ua_fleet.endpoint.subscriptions import Subscriptions
+from ua_fleet.endpoint.views import ViewServices
+
+__all__ = ["Services", "encoding"]
+
+
+@dataclass(frozen=True, slots=True)
+class Service:
+    """One service."""
+
+    parameters: Any
+    """asyncua's class of the request's parameters."""
+    handle: Callable[[Request, Any], Awaitable[Any]]
+    """Serves a request."""
+
+
+def encoding(name: str) -> int:
+    """Identifier of the encoding of a service's request."""
+    return int(getattr(ObjectIds, f"{name}Request_Encoding_DefaultBinary"))
+
+
+class Services:
+    """The services of one server, by the identifier of their request's encoding."""
+
+    def __init__(self, context: Context, subscriptions: Subscriptions) -> None:
+        self.context = context
+        self.sessions = Sessions()
+        self.events = events = AuditEvents(subscriptions, lambda: context.server_id)
+        self.session = SessionServices(context, self.sessions, subscriptions, events)
+        attributes = AttributeServices(context, events)
+        self.methods = methods = MethodServices(context, events)
+        views = ViewServices(context)
+        subs = SubscriptionServices(context, subscriptions)
+        self.table: dict[int, Service] = {
+            encoding(name): Service(parameters, handle)
+            for name, parameters, handle in (
+                ("Read", ua.ReadParameters, attributes.read),
+                ("Write", ua.WriteParameters, attributes.write),
+                ("HistoryRead", ua.HistoryReadParameters, attributes.history_read),
+                ("Browse", ua.BrowseParameters, views.browse),
+                ("BrowseNext", ua.BrowseNextParameters, views.browse_next),
+                (
+                    "TranslateBrowsePathsToNodeIds",
+                    ua.TranslateBrowsePathsToNodeIdsParameters,
+                    views.translate_browse_paths,
+                ),
+                ("RegisterNodes", ua.RegisterNodesParameters, views.register_nodes),
+                ("UnregisterNodes", ua.UnregisterNodesParameters, views.unregister_nodes),
+                ("Call", ua.CallParameters, methods.call),
+                ("CreateSubscription", ua.CreateSubscriptionParameters, subs.create_subscription),
+                ("ModifySubscription", ua.ModifySubscriptionParameters, subs.modify_subscription),
+                ("DeleteSubscriptions", ua.DeleteSubscriptionsParameters, subs.delete_subscriptions),
+                ("SetPublishingMode", ua.SetPublishingModeParameters, subs.set_publishing_mode),
+                ("TransferSubscriptions", ua.TransferSubscriptionsParameters, subs.transfer_subscriptions),
+                ("Publish", ua.PublishParameters, subs.publish),
+                ("Republish", ua.RepublishParameters, subs.republish),
+                ("CreateMonitoredItems", ua.CreateMonitoredItemsParameters, subs.create_monitored_items),
+                ("ModifyMonitoredItems", ua.ModifyMonitoredItemsParameters, subs.modify_monitored_items),
+                ("SetMonitoringMode", ua.SetMonitoringModeParameters, subs.set_monitoring_mode),
+                ("SetTriggering", ua.SetTriggeringParameters, subs.set_triggering),
+                ("DeleteMonitoredItems", ua.DeleteMonitoredItemsParameters, subs.delete_monitored_items),
+            )
+        }

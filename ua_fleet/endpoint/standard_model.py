@@ -1,0 +1,262 @@
+"""What of the standard's nodes this server has, and what they say.
+
+asyncua makes every node of the standard's NodeSet, of all optional parts as well. A node that is there without anything
+behind it misleads: a Variable is Null and Good, a Method is Executable and answers Bad_NotImplemented. So
+
+* optional Objects, Variables and Methods that nothing stands behind leave the address space;
+* mandatory ones get the value that holds for this server (`diagnostics` has those that change);
+* Variables that are InstanceDeclarations, whose access level and value OPC 10000-5 5.3 leaves to the server, cannot be
+  read where the standard gives no value;
+* a VariableType without a default value has no attribute Value (OPC 10000-3 5.6.5).
+
+Methods of ObjectTypes stay as the standard has them. Instances share them, or have their own.
+"""
+
+# pyright: reportUnknownMemberType=false, reportUnknownVariableType=false, reportUnknownArgumentType=false
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from datetime import UTC, datetime
+from typing import Any, Final
+
+from asyncua import ua
+from asyncua.server.address_space import AddressSpace
+
+from ua_fleet.endpoint.compact_nodes import Held
+from ua_fleet.endpoint.limits import Limits
+from ua_fleet.endpoint.stack import AttributeIds, ObjectIds, ns0
+
+__all__ = ["close_declarations", "fill_key_service", "fill_standard_nodes", "remove_unsupported", "set_value"]
+
+_BELOW: Final = frozenset(
+    ns0(reference)
+    for reference in (
+        ObjectIds.Organizes,
+        ObjectIds.HasComponent,
+        ObjectIds.HasOrderedComponent,
+        ObjectIds.HasProperty,
+        ObjectIds.HasAddIn,
+    )
+)
+_READ: Final = 1 << ua.AccessLevel.CurrentRead.value
+
+_UNSUPPORTED: Final = (
+    # OPC 10000-17: no aliases. OPC 10000-22: the network's state is the computer's. OPC 10000-26: logs are files.
+    "Aliases",
+    "Resources",
+    "ServerLog",
+    # OPC 10000-12: certificates, trust and users are managed at the server's own command line.
+    "ServerConfiguration",
+    # OPC 10000-18: roles are this server's own; `ua-fleet user` gives them.
+    "Server_ServerCapabilities_RoleSet",
+    "OPCUANamespaceMetadata_DefaultRolePermissions",
+    "OPCUANamespaceMetadata_DefaultUserRolePermissions",
+    "OPCUANamespaceMetadata_DefaultAccessRestrictions",
+    # OPC 10000-11: no history.
+    "DefaultHAConfiguration",
+    "DefaultHEConfiguration",
+    "HAConfiguration",
+    # OPC 10000-20: no files.
+    "FileSystem",
+    # OPC 10000-4 6.8: no subscription outlasts the server. OPC 10000-5 9.4: nobody stops it from a client.
+    "Server_SetSubscriptionDurable",
+    "Server_RequestServerStateChange",
+    # OPC 10000-5: optional, and not kept.
+    "Server_UrisVersion",
+    "Server_EstimatedReturnTime",
+    "Server_LocalTime",
+    "Server_ServerCapabilities_ConformanceUnits",
+    "Server_ServerCapabilities_MaxArrayLength",
+    "Server_ServerCapabilities_MaxStringLength",
+    "Server_ServerCapabilities_MaxByteStringLength",
+    "Server_ServerCapabilities_MaxMonitoredItems",
+    "Server_ServerDiagnostics_SamplingIntervalDiagnosticsArray",
+    "Server_ServerRedundancy_RedundantServerArray",
+    "Server_ServerRedundancy_CurrentServerId",
+    "Server_ServerRedundancy_ServerUriArray",
+    "Server_ServerRedundancy_ServerNetworkGroups",
+)
+"""Nodes that leave, with all that is below them."""
+
+_PUBSUB: Final = "PublishSubscribe"
+_NOT_CONFIGURED: Final = (
+    "SetSecurityKeys",
+    "AddConnection",
+    "RemoveConnection",
+    "KeyPushTargets",
+    "PubSubConfiguration",
+    "Diagnostics",
+    "DefaultDatagramPublisherId",
+    "ConfigurationVersion",
+    "DefaultSecurityKeyServices",
+    "ConfigurationProperties",
+    *(
+        f"PubSubCapablities_{name}"
+        for name in (
+            "MaxDataSetWritersPerGroup",
+            "MaxSecurityGroups",
+            "MaxPushTargets",
+            "MaxPublishedDataSets",
+            "MaxStandaloneSubscribedDataSets",
+            "MaxNetworkMessageSizeDatagram",
+            "MaxNetworkMessageSizeBroker",
+            "SupportSecurityKeyPull",
+            "SupportSecurityKeyPush",
+        )
+    ),
+)
+"""Of PublishSubscribe, where a key service stands behind the rest: PubSub is configured in `fleet.yaml`."""
+_NOT_EXECUTABLE: Final = ("SecurityGroups_AddSecurityGroup", "SecurityGroups_RemoveSecurityGroup")
+"""Mandatory Methods of a SecurityGroupFolder: here the groups follow from `fleet.yaml`."""
+
+_PROFILES: Final = (
+    "http://opcfoundation.org/UA-Profile/Transport/uatcp-uasc-uabinary",
+    "http://opcfoundation.org/UA-Profile/Server/Methods",
+    "http://opcfoundation.org/UA-Profile/Server/EmbeddedDataChangeSubscription",
+)
+_LOCALES: Final = ("en",)
+_NO_HISTORY: Final = (
+    *(
+        (name, False, ua.VariantType.Boolean)
+        for name in (
+            "AccessHistoryDataCapability",
+            "AccessHistoryEventsCapability",
+            "InsertDataCapability",
+            "ReplaceDataCapability",
+            "UpdateDataCapability",
+            "DeleteRawCapability",
+            "DeleteAtTimeCapability",
+            "InsertAnnotationCapability",
+            "InsertEventCapability",
+            "ReplaceEventCapability",
+            "UpdateEventCapability",
+            "DeleteEventCapability",
+            "ServerTimestampSupported",
+        )
+    ),
+    ("MaxReturnDataValues", 0, ua.VariantType.UInt32),
+    ("MaxReturnEventValues", 0, ua.VariantType.UInt32),
+)
+
+
+def remove_unsupported(space: AddressSpace, *, key_service: bool) -> None:
+    """Take the nodes of the standard's optional parts away; `key_service` leaves those that keys are asked for at."""
+    names = [*_UNSUPPORTED]
+    names += [f"{_PUBSUB}_{name}" for name in _NOT_CONFIGURED] if key_service else [_PUBSUB]
+    gone: dict[ua.NodeId, None] = {}
+    for name in names:
+        gone |= dict.fromkeys(_tree(space, ns0(getattr(ObjectIds, name))))
+    around: set[ua.NodeId] = set()
+    for node_id in gone:
+        around.update(reference.NodeId for reference in space[node_id].references)
+    for node_id in around - gone.keys():
+        if (node := space.get(node_id)) is not None:
+            node.references[:] = [reference for reference in node.references if reference.NodeId not in gone]
+    for node_id in gone:
+        del space[node_id]
+
+
+def _tree(space: AddressSpace, top: ua.NodeId) -> Iterator[ua.NodeId]:
+    """A node and what is below it, as far as it belongs to that one."""
+    waiting = [top]
+    while waiting:
+        node_id = waiting.pop()
+        yield node_id
+        waiting += [
+            reference.NodeId
+            for reference in space[node_id].references
+            if reference.IsForward and reference.ReferenceTypeId in _BELOW and reference.NodeId in space
+        ]
+
+
+def close_declarations(space: AddressSpace) -> None:
+    """Variables and VariableTypes that are none of an instance, and have no value, do not say that it is Null."""
+    instances = set(_reachable(space, ns0(ObjectIds.ObjectsFolder)))
+    closed = Held(ua.DataValue(ua.Variant(0, ua.VariantType.Byte)))
+    for node_id in space.keys():  # noqa: SIM118 - an AddressSpace is no mapping
+        attributes: Any = space[node_id].attributes
+        held = attributes.get(AttributeIds.Value)
+        if held is None or node_id in instances or held.value_callback is not None:
+            continue
+        if held.value is not None and held.value.Value is not None and held.value.Value.Value is not None:
+            continue
+        if attributes[AttributeIds.NodeClass].value.Value.Value == ua.NodeClass.VariableType:
+            del attributes[AttributeIds.Value]
+        else:
+            attributes[AttributeIds.AccessLevel] = attributes[AttributeIds.UserAccessLevel] = closed
+
+
+def _reachable(space: AddressSpace, top: ua.NodeId) -> Iterator[ua.NodeId]:
+    seen = {top}
+    waiting = [top]
+    while waiting:
+        node_id = waiting.pop()
+        yield node_id
+        for reference in space[node_id].references:
+            target = reference.NodeId
+            if reference.IsForward and reference.ReferenceTypeId in _BELOW and target in space and target not in seen:
+                seen.add(target)
+                waiting.append(target)
+
+
+def fill_standard_nodes(space: AddressSpace, limits: Limits, policies: Iterable[str]) -> None:
+    """Give the mandatory nodes their values, as far as these never change.
+
+    Args:
+        space: the server's nodes.
+        limits: what is enforced.
+        policies: URIs of the SecurityPolicies of its endpoints, which are profiles of a server, too.
+    """
+    capabilities = "Server_ServerCapabilities_"
+    profiles = [*_PROFILES, *dict.fromkeys(policies)]
+    elements = limits.filter_elements
+    for name, value, variant_type in (
+        (f"{capabilities}ServerProfileArray", profiles, ua.VariantType.String),
+        (f"{capabilities}LocaleIdArray", list(_LOCALES), ua.VariantType.String),
+        (f"{capabilities}SoftwareCertificates", list[Any](), ua.VariantType.ExtensionObject),
+        # These services are not supported; 0 would be no limit if they were (OPC 10000-5 6.3.2).
+        (f"{capabilities}MaxQueryContinuationPoints", 0, ua.VariantType.UInt16),
+        (f"{capabilities}MaxHistoryContinuationPoints", 0, ua.VariantType.UInt16),
+        (f"{capabilities}MaxSelectClauseParameters", elements, ua.VariantType.UInt32),
+        (f"{capabilities}MaxWhereClauseParameters", elements, ua.VariantType.UInt32),
+        ("Server_ServerRedundancy_RedundancySupport", ua.RedundancySupport(0), ua.VariantType.Int32),
+        ("Server_ServerStatus_SecondsTillShutdown", 0, ua.VariantType.UInt32),
+        ("Server_ServerStatus_ShutdownReason", ua.LocalizedText(""), ua.VariantType.LocalizedText),
+        ("Server_Auditing", True, ua.VariantType.Boolean),
+        ("OPCUANamespaceMetadata_StaticStringNodeIdPattern", "", ua.VariantType.String),
+        *((f"HistoryServerCapabilities_{name}", value, variant_type) for name, value, variant_type in _NO_HISTORY),
+    ):
+        set_value(space, ns0(getattr(ObjectIds, name)), value, variant_type)
+
+
+def fill_key_service(space: AddressSpace) -> None:
+    """Give what is left of PublishSubscribe its values: nothing of PubSub is configured by clients."""
+    for name in ("PubSubConnections", "WriterGroups", "ReaderGroups", "DataSetWriters", "DataSetReaders"):
+        node_id = ns0(getattr(ObjectIds, f"{_PUBSUB}_PubSubCapablities_Max{name}"))
+        set_value(space, node_id, 0, ua.VariantType.UInt32)
+    capabilities = f"{_PUBSUB}_PubSubCapablities_"
+    for name, value, variant_type in (
+        (f"{capabilities}MaxFieldsPerDataSet", 0, ua.VariantType.UInt32),
+        (f"{capabilities}SupportSecurityKeyServer", True, ua.VariantType.Boolean),
+        (f"{_PUBSUB}_Status_State", ua.PubSubState.Operational, ua.VariantType.Int32),
+        (
+            f"{_PUBSUB}_SupportedTransportProfiles",
+            ["http://opcfoundation.org/UA-Profile/Transport/pubsub-udp-uadp"],
+            ua.VariantType.String,
+        ),
+    ):
+        set_value(space, ns0(getattr(ObjectIds, name)), value, variant_type)
+    refused = Held(ua.DataValue(ua.Variant(False, ua.VariantType.Boolean)))
+    for name in _NOT_EXECUTABLE:
+        attributes: Any = space[ns0(getattr(ObjectIds, f"{_PUBSUB}_{name}"))].attributes
+        attributes[AttributeIds.Executable] = attributes[AttributeIds.UserExecutable] = refused
+
+
+def set_value(space: AddressSpace, node_id: ua.NodeId, value: Any, variant_type: ua.VariantType) -> None:
+    """Give a Variable a value that is good now."""
+    now: Any = datetime.now(UTC)
+    variant = ua.Variant(value, variant_type, is_array=isinstance(value, list))
+    space[node_id].attributes[AttributeIds.Value].value = ua.DataValue(
+        variant, ua.StatusCode(ua.UInt32(0)), SourceTimestamp=now, ServerTimestamp=now
+    )

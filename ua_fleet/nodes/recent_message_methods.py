@@ -1,0 +1,104 @@
+"""RecentMessages of the fleet's Object: engineers look at the last PubSub messages, opened (ADR 58)."""
+
+# pyright: reportUnknownMemberType=false, reportUnknownVariableType=false, reportUnknownArgumentType=false
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Sequence
+from typing import Any, Final
+
+from ua_fleet.endpoint.hardened_server import HardenedServer
+from ua_fleet.endpoint.sessions import current_session
+from ua_fleet.endpoint.users import Role
+from ua_fleet.errors import UaFleetError
+from ua_fleet.nodes.method_factory import NOT_POSSIBLE, Argument, Noted, NotValid, PlainMethods, caller
+from ua_fleet.nodes.node_factory import NodeParts
+from ua_fleet.pubsub.recent import LONGEST_SOURCE, RecentMessage
+from ua_fleet.server.hub import Hub
+from ua_fleet.values import ARRAY, BuiltinType
+from ua_fleet.wire.security import SecurityMode
+
+__all__ = ["RecentMessageMethods"]
+
+_TEXT: Final = int(BuiltinType.STRING)
+_COUNT: Final = int(BuiltinType.UINT64)
+_COUNTS: Final = int(BuiltinType.UINT64 | ARRAY)
+_TIMES: Final = int(BuiltinType.DATETIME | ARRAY)
+_FLAGS: Final = int(BuiltinType.BOOLEAN | ARRAY)
+_TEXTS: Final = int(BuiltinType.STRING | ARRAY)
+_BYTES: Final = int(BuiltinType.BYTE_STRING | ARRAY)
+_SIZES: Final = int(BuiltinType.UINT32 | ARRAY)
+_MODES: Final = {
+    SecurityMode.NONE: "None",
+    SecurityMode.SIGN: "Sign",
+    SecurityMode.SIGN_AND_ENCRYPT: "SignAndEncrypt",
+}
+
+
+class RecentMessageMethods:
+    """Answers the Method."""
+
+    def __init__(self, server: HardenedServer, parts: NodeParts, hub: Hub) -> None:
+        """Prepare to answer; `build` makes the Method."""
+        self._server, self._hub = server, hub
+        self._methods = PlainMethods(server, parts, lambda _: NOT_POSSIBLE)
+
+    def build(self) -> None:
+        """Make the Method and let it be called."""
+        node = self._methods.add("Fleet", "RecentMessages", Role.ENGINEER, self._recent, (
+            Argument("Source", _TEXT, "whose: a PublisherId, or a UA topic such as ua_2_2_1001; empty: all"),
+            Argument("After", _COUNT, "the number of the last message that you have; 0: all that are kept"),
+        ), (
+            Argument("Numbers", _COUNTS, "of each message; they rise"),
+            Argument("Times", _TIMES, "when each was sent or received"),
+            Argument("Sent", _FLAGS, "whether the server sent it; else it received it"),
+            Argument("Addresses", _TEXTS, "where each came from, or went to alone"),
+            Argument("Messages", _BYTES, "the first 4096 bytes of each, with what was encrypted in plain"),
+            Argument("Sizes", _SIZES, "bytes of each as a whole"),
+            Argument("Opened", _FLAGS, "whether it was let in; else it is as it came"),
+            Argument("Security", _TEXTS, "None, Sign or SignAndEncrypt"),
+            Argument("Tokens", _SIZES, "SecurityTokenId of each; 0: none"),
+            Argument("Chunks", _FLAGS, "whether it went as several datagrams; it is shown put together"),
+            Argument("Dropped", _TEXTS, "causes for which it or a part of it was dropped; empty: none"),
+            Argument("Lost", _COUNT, "messages that had no place since the last call"),
+            Argument("More", int(BuiltinType.BOOLEAN), "whether there are newer ones than fit: call again"),
+        ), "The last PubSub messages of the server, opened. They are kept from the first call on, while you call at "
+           "least each 15 s.")  # fmt: skip
+        context = self._server.context
+        context.frequent_methods.add(node)
+        if self._hub.envelope.mode is SecurityMode.SIGN_AND_ENCRYPT:
+            context.encrypted_methods.add(node)
+
+    async def _recent(self, source: str, after: int) -> Sequence[Any] | Noted:
+        if len(source) > LONGEST_SOURCE:
+            raise NotValid(f"Source is longer than {LONGEST_SOURCE} characters")
+        answer = self._hub.recent.ask(caller().name, source, after, asyncio.get_running_loop().time())
+        if answer.begins:
+            self._record(source)
+        columns = [_row(message) for message in answer.messages]
+        outputs = [list(column) for column in zip(*columns, strict=True)] if columns else [[] for _ in range(11)]
+        return (*outputs, answer.lost, answer.has_more)
+
+    def _record(self, source: str) -> None:
+        """One line for each beginning: one for each call would push all others out of the log."""
+        session = current_session.get()
+        if session is None:
+            raise UaFleetError("no session")
+        self._server.context.audit.record("recent_messages", session.caller, "Good", source=source)
+
+
+def _row(message: RecentMessage) -> tuple[Any, ...]:
+    return (
+        message.number,
+        message.ticks,
+        message.is_sent,
+        message.address,
+        message.data,
+        message.size,
+        message.is_open,
+        _MODES[message.mode],
+        message.token_id,
+        message.in_chunks,
+        message.dropped,
+    )

@@ -1,0 +1,1 @@
+"""What a server decides, without any I/O: runs, requests for skills, robots that come and go, leases."""

@@ -1,0 +1,1 @@
+"""Robots that are registered or announced, and skills that clients offer."""

@@ -1,0 +1,1 @@
+"""Runs of scenarios, their records, and what they wait for."""

@@ -1,0 +1,1 @@
+"""Executions of skills, and the requests for them."""

@@ -1,0 +1,80 @@
+"""The parts of the server that have to know of a robot, put together for the roster."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+
+from ua_fleet.fleet.model import RobotModel
+from ua_fleet.nodes.change_events import Verb, tell_model_change
+from ua_fleet.nodes.events import ServerEvents
+from ua_fleet.nodes.projection import Projection
+from ua_fleet.nodes.skill_methods import SkillMethods
+from ua_fleet.operation.robots.offers import Offers
+from ua_fleet.operation.skills.executions import SkillKeys
+from ua_fleet.server.hub import Hub
+from ua_fleet.topics import Topic
+
+__all__ = ["ServerParts"]
+
+
+class ServerParts:
+    """Takes robots in and lets them go; see `roster.Taking`."""
+
+    def __init__(
+        self,
+        hub: Hub,
+        skills: SkillMethods,
+        projection: Projection,
+        events: ServerEvents,
+        offers: Offers,
+        runs_of: Callable[[str], list[str]],
+        wall_ticks: Callable[[], int],
+    ) -> None:
+        """Connect the parts.
+
+        Args:
+            hub: carries data, and knows of executions.
+            skills: answers the Methods of skills.
+            projection: makes the nodes, in order with all values.
+            events: tells clients.
+            offers: skills that clients do.
+            runs_of: the runs that need a robot.
+            wall_ticks: the wall clock.
+        """
+        self._hub, self._skills, self._projection, self._events = hub, skills, projection, events
+        self._offers, self._runs_of, self._wall_ticks = offers, runs_of, wall_ticks
+
+    def take_in(self, robot: RobotModel) -> None:
+        """A robot has come; its nodes follow in order with all else."""
+        self._hub.add_robot(robot)
+        self._offers.follow(robot)
+        self._projection.then(partial(self._shown, robot))
+
+    def let_go(self, robot: RobotModel) -> None:
+        """A robot that does nothing is gone."""
+        self._skills.remove(robot)
+        self._offers.unfollow(robot)
+        self._hub.remove_robot(robot)
+        self._projection.then(partial(tell_model_change, self._events, robot, Verb.NODE_DELETED, self._wall_ticks()))
+
+    def users_of(self, robot: RobotModel) -> list[str]:
+        """What needs a robot now: executions and runs."""
+        busy = [
+            f"skill {skill.name} is under way"
+            for skill in robot.skills
+            if self._hub.tracker.under_way(SkillKeys(robot.ns, skill.id).object)
+        ]
+        return [*busy, *[f"run {run_id}" for run_id in self._runs_of(robot.name)]]
+
+    def is_heard(self, robot: RobotModel) -> bool:
+        """Whether its SkillStatus is alive."""
+        return robot.skill_status is not None and self._hub.is_alive(robot.skill_status)
+
+    def stranger(self, ns: int, identifier: int) -> Topic | None:
+        """The source that has an id and belongs to no robot or bridge."""
+        return self._hub.stranger(ns, identifier)
+
+    async def _shown(self, robot: RobotModel) -> None:
+        self._skills.add(robot)
+        await tell_model_change(self._events, robot, Verb.NODE_ADDED, self._wall_ticks())

@@ -1,0 +1,77 @@
+"""The parts of this package put together for one server."""
+
+from __future__ import annotations
+
+import asyncio
+
+from ua_fleet.endpoint.hardened_server import HardenedServer
+from ua_fleet.nodes.address_space import FleetNodes
+from ua_fleet.nodes.events import ServerEvents
+from ua_fleet.nodes.node_factory import NodeParts
+from ua_fleet.nodes.offer_nodes import OfferNodes
+from ua_fleet.nodes.projection import Projection
+from ua_fleet.nodes.registry_methods import RosterMethods
+from ua_fleet.nodes.skill_methods import SkillMethods
+from ua_fleet.nodes.summary_nodes import SummaryNodes
+from ua_fleet.operation.robots.offers import Offers
+from ua_fleet.operation.robots.roster import Roster
+from ua_fleet.operation.runs.activity import RobotActivities
+from ua_fleet.operation.runs.service import ScenarioService
+from ua_fleet.server.hub import Hub, wall_ticks
+from ua_fleet.server.robot_admission import ServerParts
+from ua_fleet.skill.executions import Outcome
+from ua_fleet.skill.journal import ResponderJournal
+
+__all__ = ["add_roster", "make_offers"]
+
+
+def make_offers(hub: Hub, journal: ResponderJournal) -> Offers:
+    """What clients do; requests for it go through `SkillRouter`. Raises StorageUnavailable."""
+    loop = asyncio.get_running_loop()
+
+    def told(execution_id: bytes, outcome: Outcome) -> None:
+        loop.call_soon(hub.concluded, execution_id, outcome)
+
+    return Offers(journal, show=hub.hear, told=told, wall_ticks=wall_ticks)
+
+
+def add_roster(
+    roster: Roster,
+    offers: Offers,
+    server: HardenedServer,
+    hub: Hub,
+    nodes: FleetNodes,
+    projection: Projection,
+    skills: SkillMethods,
+    scenarios: ScenarioService,
+    activities: RobotActivities,
+) -> None:
+    """Let robots come and go; the server is not started yet.
+
+    Args:
+        roster: of the robots that are there.
+        offers: skills that clients do.
+        server: gets the Methods.
+        hub: carries data.
+        nodes: that are there.
+        projection: makes the others.
+        skills: answers the Methods of skills.
+        scenarios: runs that may need a robot.
+        activities: what robots are at.
+    """
+    parts = NodeParts(server.iserver.aspace, nodes.ns)
+    parts.values = nodes.values
+    events = ServerEvents(server.iserver)
+    roster.connect(ServerParts(hub, skills, projection, events, offers, scenarios.users_of, wall_ticks))
+    RosterMethods(server, parts, roster, projection.settled).build()
+    offer_nodes = OfferNodes(server, parts, projection, roster, offers, wall_ticks)
+    offer_nodes.build()
+    offers.changed = offer_nodes.show
+    server.context.departed.append(offers.departed)
+    for robot in roster:
+        offers.follow(robot)
+    hub.add_roster(roster)
+    hub.add_clock(offers)
+    summaries = SummaryNodes(parts, hub.state, activities, projection.put, wall_ticks, hub.mistakes)
+    summaries.build()
+    hub.add_part("summaries", summaries)

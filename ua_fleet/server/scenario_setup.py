@@ -1,0 +1,101 @@
+"""The parts of this package put together for one server."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from pathlib import Path
+
+from ua_fleet.config.schema import FleetConfig
+from ua_fleet.endpoint.hardened_server import HardenedServer
+from ua_fleet.fleet.model import FleetModel
+from ua_fleet.nodes.address_space import FleetNodes
+from ua_fleet.nodes.events import ServerEvents
+from ua_fleet.nodes.node_factory import NodeParts
+from ua_fleet.nodes.place_nodes import add_places, places_of
+from ua_fleet.nodes.projection import Projection
+from ua_fleet.nodes.robot_methods import RobotMethods
+from ua_fleet.nodes.scenario_methods import ScenarioMethods
+from ua_fleet.nodes.scenario_nodes import ScenarioNodes
+from ua_fleet.nodes.scenario_view import ScenarioView
+from ua_fleet.operation.runs.activity import RobotActivities
+from ua_fleet.operation.runs.clock import steady
+from ua_fleet.operation.runs.log import RunLog
+from ua_fleet.operation.runs.requests import Requests
+from ua_fleet.operation.runs.service import ScenarioService
+from ua_fleet.orchestrator import Output, RunChanged
+from ua_fleet.server.hub import Hub, wall_ticks
+from ua_fleet.storage.run_journal import RunJournal
+
+__all__ = ["add_scenarios"]
+
+
+def add_scenarios(
+    config: FleetConfig,
+    model: FleetModel,
+    server: HardenedServer,
+    hub: Hub,
+    fleet: FleetNodes,
+    journal: RunJournal,
+    projection: Projection,
+    folder: Path,
+    requests: Requests,
+    log: RunLog,
+    activities: RobotActivities,
+) -> ScenarioService:
+    """Let a server run scenarios; it is not started yet.
+
+    Args:
+        config: the fleet's.
+        model: of its nodes.
+        server: gets the nodes and Methods.
+        hub: carries data, and runs what has to run.
+        fleet: the nodes that are there.
+        journal: of runs and faults.
+        projection: writes values to nodes.
+        folder: of the scenarios' files.
+        requests: asks robots.
+        log: is told of everything that happens.
+        activities: are, too.
+
+    Raises:
+        StorageUnavailable: the journal cannot be read.
+    """
+    parts = NodeParts(server.iserver.aspace, model.ns)
+    parts.values = fleet.values
+    nodes = ScenarioNodes(parts, projection.put, wall_ticks)
+    nodes.build()
+    add_places(parts, places_of(config))
+    view = ScenarioView(nodes, ServerEvents(server.iserver), projection, wall_ticks)
+
+    def show(output: Output) -> None:
+        view.show(output)
+        run = view.runs.get(output.run_id) if isinstance(output, RunChanged) else None
+        activities.take(output, None if run is None else run.state)
+        log.take(output)
+
+    clock = asyncio.get_running_loop().time
+    service = ScenarioService(
+        config,
+        model,
+        journal,
+        requests,
+        folder=folder,
+        show=show,
+        forgotten=view.forget_run,
+        requested=lambda key, execution_id: hub.show_skills(hub.tracker.requested(key, execution_id, wall_ticks())),
+        sooner=hub.check_deadline,
+        clock=clock,
+        wall_s=steady(clock, time.time),
+        capacities=hub.capacities,
+        mistakes=hub.mistakes,
+        faulted=hub.set_faulted,
+    )
+    records = service.restore()
+    view.restored(records, service.holds)
+    activities.restored(records, service.holds)
+    view.show_settings(service.settings)
+    ScenarioMethods(server, parts, nodes, view, service).build()
+    RobotMethods(server, parts, service.holds)
+    hub.add_scenarios(service)
+    return service

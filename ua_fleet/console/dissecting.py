@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 from ua_fleet.dissect.annotate import annotate
+from ua_fleet.dissect.kind_text import kind_text
 from ua_fleet.errors import RemoteWireError
 from ua_fleet.wire import Codec
-from ua_fleet.wire.kind_text import kind_text
 from ua_fleet.wire.outline import is_chunk
 from ua_fleet.wire.security import SecuredDatagram, SecurityMode, read_security, without_security
 

@@ -20,7 +20,7 @@ from ua_fleet.endpoint.convert import fleet_variant, raw_id, to_variant
 from ua_fleet.endpoint.hardened_server import HardenedServer
 from ua_fleet.endpoint.stack import Refusal
 from ua_fleet.endpoint.users import Role, User, current_user
-from ua_fleet.errors import StorageUnavailable, UaFleetError
+from ua_fleet.errors import AccessRefused, StorageUnavailable, UaFleetError
 from ua_fleet.nodes.node_factory import NodeParts
 from ua_fleet.values import ARRAY, BuiltinType, NodeId, StatusCode
 
@@ -160,7 +160,7 @@ class PlainMethods:
         self._server.require_role(node, role)
 
     def _status_of(self, error: UaFleetError) -> int:
-        if isinstance(error, Refusal):
+        if isinstance(error, Refusal | AccessRefused):
             raise error
         if isinstance(error, NotValid):
             return NOT_VALID

@@ -14,8 +14,7 @@ from ua_fleet.endpoint.users import Role
 from ua_fleet.errors import UaFleetError
 from ua_fleet.nodes.method_factory import NOT_POSSIBLE, Argument, Noted, NotValid, PlainMethods, caller
 from ua_fleet.nodes.node_factory import NodeParts
-from ua_fleet.pubsub.recent import LONGEST_SOURCE, RecentMessage
-from ua_fleet.server.hub import Hub
+from ua_fleet.pubsub.recent import LONGEST_SOURCE, RecentMessage, RecentMessages
 from ua_fleet.values import ARRAY, BuiltinType
 from ua_fleet.wire.security import SecurityMode
 
@@ -39,9 +38,16 @@ _MODES: Final = {
 class RecentMessageMethods:
     """Answers the Method."""
 
-    def __init__(self, server: HardenedServer, parts: NodeParts, hub: Hub) -> None:
-        """Prepare to answer; `build` makes the Method."""
-        self._server, self._hub = server, hub
+    def __init__(self, server: HardenedServer, parts: NodeParts, recent: RecentMessages, *, is_encrypted: bool) -> None:
+        """Prepare to answer; `build` makes the Method.
+
+        Args:
+            server: gets the Method.
+            parts: of the fleet.
+            recent: the messages that are kept.
+            is_encrypted: messages are encrypted on the wire, so the answer with their content is encrypted too.
+        """
+        self._server, self._recent_messages, self._is_encrypted = server, recent, is_encrypted
         self._methods = PlainMethods(server, parts, lambda _: NOT_POSSIBLE)
 
     def build(self) -> None:
@@ -67,13 +73,13 @@ class RecentMessageMethods:
            "least each 15 s.")  # fmt: skip
         context = self._server.context
         context.frequent_methods.add(node)
-        if self._hub.envelope.mode is SecurityMode.SIGN_AND_ENCRYPT:
+        if self._is_encrypted:
             context.encrypted_methods.add(node)
 
     async def _recent(self, source: str, after: int) -> Sequence[Any] | Noted:
         if len(source) > LONGEST_SOURCE:
             raise NotValid(f"Source is longer than {LONGEST_SOURCE} characters")
-        answer = self._hub.recent.ask(caller().name, source, after, asyncio.get_running_loop().time())
+        answer = self._recent_messages.ask(caller().name, source, after, asyncio.get_running_loop().time())
         if answer.begins:
             self._record(source)
         columns = [_row(message) for message in answer.messages]

@@ -13,6 +13,7 @@ from collections.abc import Sequence
 from typing import Any, Final
 
 from ua_fleet.endpoint.audit import Caller
+from ua_fleet.endpoint.call_limit import CallLimit
 from ua_fleet.endpoint.hardened_server import HardenedServer
 from ua_fleet.endpoint.session_keys import KeyUnknown, SessionKey, SessionKeys
 from ua_fleet.endpoint.sessions import current_session
@@ -21,7 +22,6 @@ from ua_fleet.endpoint.users import Role, User
 from ua_fleet.errors import UaFleetError
 from ua_fleet.nodes.method_factory import NOT_FOUND, NOT_POSSIBLE, Argument, Noted, NotValid, PlainMethods, caller
 from ua_fleet.nodes.node_factory import NodeParts
-from ua_fleet.server.key_service.limit import CallLimit
 from ua_fleet.values import ARRAY, BuiltinType, ticks_from_unix_ns
 
 __all__ = ["SessionKeyMethods"]

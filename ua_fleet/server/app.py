@@ -11,6 +11,8 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Final
 
+import structlog
+
 from ua_fleet.config.nodes import fleet_model
 from ua_fleet.config.schema import FleetConfig, PubSubConfig, PubSubSecurity
 from ua_fleet.config.security import file_keys_of
@@ -34,7 +36,6 @@ from ua_fleet.nodes.skill_methods import SkillMethods
 from ua_fleet.nodes.wanted_data import WantedData
 from ua_fleet.operation.robots.roster import Roster
 from ua_fleet.operation.runs.activity import RobotActivities
-from ua_fleet.operation.runs.log import RunLog
 from ua_fleet.operation.skills.router import SkillRouter
 from ua_fleet.operation.skills.tracker import SkillTransitioned
 from ua_fleet.pubsub.application import bridge_application_uri, server_application_uri
@@ -45,6 +46,7 @@ from ua_fleet.server.key_service.local import LocalKeySource
 from ua_fleet.server.key_service.nodes import KeyServiceNodes
 from ua_fleet.server.key_service.service import KeyService
 from ua_fleet.server.robot_setup import add_roster, make_offers
+from ua_fleet.server.run_log import RunLog
 from ua_fleet.server.scenario_setup import add_scenarios
 from ua_fleet.server.skill_ends import SkillEnds
 from ua_fleet.server.teleoperation.setup import add_teleoperation
@@ -54,6 +56,7 @@ from ua_fleet.storage.run_journal import RunJournal
 from ua_fleet.topics import SERVER_SPACE, loop_verdict
 from ua_fleet.transport.base import Transport
 from ua_fleet.transport.udp import UdpTransport
+from ua_fleet.wire.security import SecurityMode
 
 __all__ = ["application_uri", "run_server"]
 
@@ -122,7 +125,8 @@ async def run_server(
     handler_before = loop.get_exception_handler()
     loop.set_exception_handler(mistakes.in_loop)
     try:
-        roster = Roster(config, configured, stack.enter_context(Registry(state_dir / REGISTRY)), time.time)
+        registry = stack.enter_context(Registry(state_dir / REGISTRY))
+        roster = Roster(config, configured, registry, time.time, structlog.get_logger("ua_fleet.server"))
         model = roster.restore()
         await load_types(server, config.fleet.namespace_uri, config.fleet.namespace_index, config.fleet.namespaces)
         nodes = FleetNodes(server.iserver.aspace, model)
@@ -161,7 +165,12 @@ async def run_server(
             sent=sent,
             mistakes=mistakes,
         )
-        RecentMessageMethods(server, NodeParts(server.iserver.aspace, nodes.ns), hub).build()
+        RecentMessageMethods(
+            server,
+            NodeParts(server.iserver.aspace, nodes.ns),
+            hub.recent,
+            is_encrypted=hub.envelope.mode is SecurityMode.SIGN_AND_ENCRYPT,
+        ).build()
         offers = make_offers(hub, stack.enter_context(SqliteJournal(state_dir / OFFERS_JOURNAL)))
         requests = SkillRouter(hub.skills, offers)
 

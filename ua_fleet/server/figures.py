@@ -17,10 +17,10 @@ from ua_fleet.fleet.source import Source
 from ua_fleet.monitoring import Monitor, metrics
 from ua_fleet.monitoring.counted import counted, keys_left, transported
 from ua_fleet.monitoring.metrics import MOST_ROBOTS, Family
-from ua_fleet.operation.runs.log import RunLog
 from ua_fleet.operation.runs.service import ScenarioService
 from ua_fleet.scenario.facts import RunOutcome
 from ua_fleet.server.hub import Hub
+from ua_fleet.server.run_log import RunLog
 from ua_fleet.server.skill_ends import SkillEnds
 from ua_fleet.values import Quality, quality_of
 from ua_fleet.wire.security import SecurityMode

@@ -182,6 +182,8 @@ class Hub:
             wall_ticks=wall_ticks,
             must_be_verified=self.envelope.mode is not SecurityMode.NONE,
             told=self.concluded,
+            clock=lambda: asyncio.get_running_loop().time(),
+            log=_log,
         )
         self.tracker = SkillTracker(model)
         """What is known of executions."""

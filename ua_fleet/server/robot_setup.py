@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import asyncio
 
+import structlog
+
 from ua_fleet.endpoint.hardened_server import HardenedServer
 from ua_fleet.nodes.address_space import FleetNodes
 from ua_fleet.nodes.events import ServerEvents
@@ -32,7 +34,7 @@ def make_offers(hub: Hub, journal: ResponderJournal) -> Offers:
     def told(execution_id: bytes, outcome: Outcome) -> None:
         loop.call_soon(hub.concluded, execution_id, outcome)
 
-    return Offers(journal, show=hub.hear, told=told, wall_ticks=wall_ticks)
+    return Offers(journal, show=hub.hear, told=told, wall_ticks=wall_ticks, log=structlog.get_logger("ua_fleet.server"))
 
 
 def add_roster(

@@ -6,6 +6,8 @@ import asyncio
 import time
 from pathlib import Path
 
+import structlog
+
 from ua_fleet.config.schema import FleetConfig
 from ua_fleet.endpoint.hardened_server import HardenedServer
 from ua_fleet.fleet.model import FleetModel
@@ -20,11 +22,11 @@ from ua_fleet.nodes.scenario_nodes import ScenarioNodes
 from ua_fleet.nodes.scenario_view import ScenarioView
 from ua_fleet.operation.runs.activity import RobotActivities
 from ua_fleet.operation.runs.clock import steady
-from ua_fleet.operation.runs.log import RunLog
 from ua_fleet.operation.runs.requests import Requests
 from ua_fleet.operation.runs.service import ScenarioService
 from ua_fleet.orchestrator import Output, RunChanged
 from ua_fleet.server.hub import Hub, wall_ticks
+from ua_fleet.server.run_log import RunLog
 from ua_fleet.storage.run_journal import RunJournal
 
 __all__ = ["add_scenarios"]
@@ -89,6 +91,7 @@ def add_scenarios(
         wall_s=steady(clock, time.time),
         capacities=hub.capacities,
         mistakes=hub.mistakes,
+        log=structlog.get_logger("ua_fleet.scenarios"),
         faulted=hub.set_faulted,
     )
     records = service.restore()

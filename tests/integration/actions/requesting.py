@@ -10,6 +10,8 @@ from pathlib import Path
 from random import Random
 from typing import Any
 
+import structlog
+
 from tests.outcomes import Outcomes
 from ua_fleet.config.schema import FleetConfig, PubSubSecurity
 from ua_fleet.config.security import envelope_of, file_keys_of
@@ -97,6 +99,8 @@ class Requesting:
             must_be_verified=self.envelope.mode is not SecurityMode.NONE,
             space=space,
             told=self._outcomes.tell,
+            clock=lambda: asyncio.get_running_loop().time(),
+            log=structlog.get_logger(),
         )
 
     async def invoke(

@@ -30,9 +30,9 @@ from tests.integration.key_service.harness import (
 )
 from tests.integration.server_security.harness import bad
 from tests.waiting import until
+from ua_fleet.endpoint.call_limit import LEAST_BURST
 from ua_fleet.endpoint.certificates import CertificateFiles, revoke_bridge, trust, trust_bridge
 from ua_fleet.endpoint.throttle import FREE_FAILURES, LoginThrottle
-from ua_fleet.server.key_service.limit import LEAST_BURST
 
 sign_asymmetric: Any = importlib.import_module("asyncua.crypto.security_policies").sign_asymmetric
 

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import structlog
 from structlog.testing import capture_logs
 
 from tests.outcomes import Outcomes
@@ -80,6 +81,8 @@ class Server:
             wall_ticks=lambda: ticks_from_unix_ns(time.time_ns()),
             must_be_verified=False,
             told=self._outcomes.tell,
+            clock=lambda: asyncio.get_running_loop().time(),
+            log=structlog.get_logger(),
         )
 
     def send(self, datagram: bytes) -> None:

@@ -18,12 +18,11 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Final
 
-import structlog
-
 from ua_fleet.document import resolve_scalar
 from ua_fleet.errors import LocalWireError, RobotOffline, SkillError, SkillRejected, StorageUnavailable
 from ua_fleet.fleet.model import RobotModel
 from ua_fleet.fleet.skills import ArgumentModel, SkillModel, argument_problem
+from ua_fleet.operation.log import Log
 from ua_fleet.pubsub.events import DataReceived, SourceReturned, SourceSilent, SubscriberEvent
 from ua_fleet.skill.executions import OPEN, ExecutionState, Outcome, OutcomeKind, Report, Target, pack, unpack
 from ua_fleet.skill.journal import Execution, ResponderJournal
@@ -39,7 +38,6 @@ MOST_REMEMBERED: Final = 1000
 _TARGET_ID: Final = 1
 _REQUESTOR: Final = "0.server"
 _S: Final = ExecutionState
-_log: Any = structlog.get_logger("ua_fleet.server")
 _KINDS: Final = {
     _S.REFUSED: OutcomeKind.REFUSED,
     _S.TIMED_OUT: OutcomeKind.TIMED_OUT,
@@ -109,6 +107,7 @@ class Offers:
         show: Callable[[SubscriberEvent], None],
         told: Callable[[bytes, Outcome], None],
         wall_ticks: Callable[[], int],
+        log: Log,
     ) -> None:
         """Go on where the journal ends: what was asked or taken then is over.
 
@@ -117,11 +116,12 @@ class Offers:
             show: takes what a robot's SkillStatus would tell on PubSub.
             told: takes the outcome of a request, after `request` has returned.
             wall_ticks: the wall clock.
+            log: is told when ends cannot be recorded.
 
         Raises:
             StorageUnavailable: the journal cannot be used.
         """
-        self._journal, self._show, self._told, self._wall_ticks = journal, show, told, wall_ticks
+        self._journal, self._show, self._told, self._wall_ticks, self._log = journal, show, told, wall_ticks, log
         self.changed: Callable[[Asked], None] = lambda _asked: None
         """Told of every change of an execution."""
         self._unwritten: dict[bytes, Report] = {}
@@ -393,7 +393,7 @@ class Offers:
             self._end(asked, report)
         except StorageUnavailable as error:
             if not self._unwritten:
-                _log.error("ends of executions by clients are not recorded", reason=str(error))
+                self._log.error("ends of executions by clients are not recorded", reason=str(error))
             self._unwritten[asked.execution_id] = report
             self._retry_at = self._wall_ticks() + TICKS_PER_SECOND
 

@@ -11,23 +11,19 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Iterator
 from dataclasses import replace
-from typing import Any, Protocol
-
-import structlog
+from typing import Protocol
 
 from ua_fleet.config.registration import CLIENTS, MOST_BYTES, Definition, RobotText, read_robot
 from ua_fleet.config.schema import FleetConfig
 from ua_fleet.document import as_mapping
-from ua_fleet.endpoint.stack import Refusal
-from ua_fleet.errors import ConfigInvalid, StorageUnavailable, UaFleetError
+from ua_fleet.errors import AccessRefused, ConfigInvalid, StorageUnavailable, UaFleetError
 from ua_fleet.fleet.model import FleetModel, RobotModel, RobotOrigin, UnknownSources
+from ua_fleet.operation.log import Log
 from ua_fleet.storage.registry import Registry, StoredRobot
 from ua_fleet.topics import SERVER_SPACE, Topic
 from ua_fleet.values import StatusCode
 
 __all__ = ["RobotFixed", "RobotInUse", "RobotUnknown", "Roster", "Taking"]
-
-_log: Any = structlog.get_logger("ua_fleet.server")
 
 
 class RobotUnknown(UaFleetError):
@@ -78,7 +74,9 @@ class Taking(Protocol):
 class Roster:
     """The robots of one server. `restore` before all else, `connect` before robots come and go."""
 
-    def __init__(self, config: FleetConfig, model: FleetModel, registry: Registry, wall_s: Callable[[], float]) -> None:
+    def __init__(
+        self, config: FleetConfig, model: FleetModel, registry: Registry, wall_s: Callable[[], float], log: Log
+    ) -> None:
         """Begin with the robots of a configuration.
 
         Args:
@@ -86,8 +84,9 @@ class Roster:
             model: of it.
             registry: keeps the others.
             wall_s: the wall clock in seconds.
+            log: is told of robots that come and go.
         """
-        self._config, self._registry, self._wall_s = config, registry, wall_s
+        self._config, self._registry, self._wall_s, self._log = config, registry, wall_s, log
         self._model = model
         self._robots: dict[str, RobotModel] = {robot.name: robot for robot in self._model.robots}
         self._definitions: dict[str, Definition] = {}
@@ -125,7 +124,7 @@ class Roster:
         """
         for stored in self._registry.robots():
             if stored.name in self._robots:
-                _log.info("robot is in fleet.yaml now, which goes before", robot=stored.name, was=stored.origin)
+                self._log.info("robot is in fleet.yaml now, which goes before", robot=stored.name, was=stored.origin)
                 self._registry.remove(stored.name)
                 continue
             is_announced = stored.origin == RobotOrigin.ANNOUNCED
@@ -135,7 +134,9 @@ class Roster:
             try:
                 definition = read_robot(said, self._config, self._owner_of)
             except ConfigInvalid as error:
-                _log.error("robot does not fit fleet.yaml any more", robot=stored.name, reason=str(error.problems[0]))
+                self._log.error(
+                    "robot does not fit fleet.yaml any more", robot=stored.name, reason=str(error.problems[0])
+                )
                 continue
             self._definitions[stored.name] = definition
             self._keep(replace(definition.model, origin=RobotOrigin(stored.origin)))
@@ -172,7 +173,7 @@ class Roster:
         if known is not None:
             self._check_idle(known)
         self._put(definition, model, by)
-        _log.info("robot registered", robot=said.name, by=by, bridge=definition.bridge or "clients")
+        self._log.info("robot registered", robot=said.name, by=by, bridge=definition.bridge or "clients")
         return model
 
     def offer(self, name: str, skill: str, text: str, by: str, may_change: bool) -> RobotModel:
@@ -190,7 +191,7 @@ class Roster:
             RobotUnknown: without a text there is no such skill.
             RobotFixed: it is no robot of clients.
             RobotInUse: the skill would change, and the robot is at work.
-            Refusal: the fleet would change, and the user may not change it.
+            AccessRefused: the fleet would change, and the user may not change it.
             StorageUnavailable: it cannot be written down.
         """
         if not text.strip():
@@ -206,11 +207,11 @@ class Roster:
             return model
         if not may_change:
             reason = f"{name}.{skill} is not what it was registered as, and only an engineer may change it"
-            raise Refusal(int(StatusCode.BAD_USER_ACCESS_DENIED), reason)
+            raise AccessRefused(StatusCode.BAD_USER_ACCESS_DENIED, reason)
         if known is not None:
             self._check_idle(known)
         self._put(definition, model, by)
-        _log.info("skill of clients registered", robot=name, skill=skill, by=by)
+        self._log.info("skill of clients registered", robot=name, skill=skill, by=by)
         return model
 
     def of_clients(self, name: str, skill: str) -> RobotModel:
@@ -241,7 +242,7 @@ class Roster:
         self._check_idle(robot)
         self._registry.remove(name)
         self._drop(robot)
-        _log.info("robot unregistered", robot=name, by=by)
+        self._log.info("robot unregistered", robot=name, by=by)
 
     # Announced by bridges.
 
@@ -254,7 +255,7 @@ class Roster:
             return  # the server has its own word on it
         if len(self._announced) >= self._config.server.max_discovered_sources and topic not in self._announced:
             if not self._is_full:
-                _log.warning("more robots are announced than may be; raise server.max_discovered_sources")
+                self._log.warning("more robots are announced than may be; raise server.max_discovered_sources")
             self._is_full = True
             return
         self._announced[topic] = text
@@ -265,7 +266,7 @@ class Roster:
             self._waiting[topic] = text
         except (UaFleetError, StorageUnavailable) as error:
             reason = str(error.problems[0]) if isinstance(error, ConfigInvalid) else str(error)
-            _log.warning("a robot that is announced gets no nodes", topic=topic.name, reason=reason)
+            self._log.warning("a robot that is announced gets no nodes", topic=topic.name, reason=reason)
 
     def tick(self) -> None:
         """Look again at what had to wait; to be called each second."""
@@ -293,7 +294,7 @@ class Roster:
                 self._drop(known)
         self._put(definition, model, topic.name)
         self._announced[topic] = text
-        _log.info("robot announced, and not in fleet.yaml: it gets nodes", robot=name, topic=topic.name)
+        self._log.info("robot announced, and not in fleet.yaml: it gets nodes", robot=name, topic=topic.name)
 
     # Within.
 

@@ -12,12 +12,10 @@ from __future__ import annotations
 
 from collections import Counter, deque
 from collections.abc import Callable, Collection, Iterable
-from typing import Any, Final
-
-import structlog
+from typing import Final
 
 from ua_fleet.errors import StorageUnavailable
-from ua_fleet.monitoring.mistakes import Mistakes
+from ua_fleet.operation.log import Log, MistakeLog
 from ua_fleet.orchestrator import Fault, FaultChanged, HaltChanged, HoldChanged, Output, TaskCancelled, TaskStarted
 from ua_fleet.scenario.facts import Fact
 from ua_fleet.storage.run_journal import RunJournal
@@ -29,8 +27,6 @@ RETRY_S: Final = 1.0
 TURN_S: Final = 0.03
 """So long outputs are carried out before others get their turn in the event loop."""
 
-_log: Any = structlog.get_logger("ua_fleet.scenarios")
-
 
 class OutputCarrier:
     """The outputs of the orchestrator that wait, and the facts that are not written."""
@@ -41,7 +37,8 @@ class OutputCarrier:
         carry_out: Callable[[Output, Collection[str]], None],
         failed: Callable[[str, Exception], None],
         *,
-        mistakes: Mistakes,
+        mistakes: MistakeLog,
+        log: Log,
         clock: Callable[[], float],
         sooner: Callable[[], None],
     ) -> None:
@@ -52,11 +49,12 @@ class OutputCarrier:
             carry_out: carries one output out; told of the executions that an output behind it takes back.
             failed: told of an execution whose robot could not be asked, for a mistake of ours.
             mistakes: counts what has cost an output.
+            log: is told when nothing can be written.
             clock: monotonic seconds.
             sooner: called when something was done, so that deadlines may have come nearer.
         """
         self._journal, self._carry_out, self._failed = journal, carry_out, failed
-        self._mistakes, self._clock, self._sooner = mistakes, clock, sooner
+        self._mistakes, self._log, self._clock, self._sooner = mistakes, log, clock, sooner
         self._unwritten_facts: list[tuple[str, Fact]] = []
         self._written: deque[Output] = deque()
         """Outputs that may be carried out: their facts are written."""
@@ -134,7 +132,7 @@ class OutputCarrier:
             self._carry_out_written()
         except StorageUnavailable as error:
             if self._retry_at is None:
-                _log.error("runs cannot be recorded and are suspended", reason=str(error))
+                self._log.error("runs cannot be recorded and are suspended", reason=str(error))
             self.problem = f"runs cannot be recorded and are suspended: {error}"
             self._retry_at = self._clock() + RETRY_S
             if must_be_written:
@@ -181,7 +179,7 @@ class OutputCarrier:
             self._journal.write(facts, faults.values(), halts.values(), holds.values())
             if self.problem:
                 self.problem = ""
-                _log.info("runs are recorded again and go on")
+                self._log.info("runs are recorded again and go on")
             for written in (facts, faults, halts, holds):
                 written.clear()
         self._written += self._unwritten

@@ -5,11 +5,10 @@ from __future__ import annotations
 import json
 from collections.abc import Collection
 from dataclasses import replace
-from typing import Any, Final
-
-import structlog
+from typing import Final
 
 from ua_fleet.errors import UaFleetError
+from ua_fleet.operation.log import Log
 from ua_fleet.orchestrator import DecisionChanged, ResilienceSettings
 from ua_fleet.resilience import Judgements, RankingChanged
 from ua_fleet.storage.run_journal import RunJournal, StoredSetting
@@ -19,14 +18,12 @@ __all__ = ["DECISION_PREFIX", "DecisionJudgements"]
 DECISION_PREFIX: Final = "decision "
 """Before the id of a decision, in the names of settings."""
 
-_log: Any = structlog.get_logger("ua_fleet.scenarios")
-
 
 class DecisionJudgements:
     """What the journal keeps of them. Every method raises StorageUnavailable where it cannot do its part."""
 
-    def __init__(self, journal: RunJournal) -> None:
-        self._journal = journal
+    def __init__(self, journal: RunJournal, log: Log) -> None:
+        self._journal, self._log = journal, log
         self._kept: set[str] = set()
 
     def restored(self, settings: ResilienceSettings, run_ids: Collection[str]) -> dict[str, Judgements]:
@@ -52,7 +49,7 @@ class DecisionJudgements:
                 judgements = {(one, other): float(value) for one, other, value in json.loads(stored.value)}
                 replace(settings, judgements=judgements)
             except (UaFleetError, ValueError, TypeError) as error:
-                _log.warning(
+                self._log.warning(
                     "judgements of a decision do not count any more", decision_id=decision_id, reason=str(error)
                 )
                 self.forget(decision_id)

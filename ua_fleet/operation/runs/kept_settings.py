@@ -11,17 +11,14 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any, Final, NamedTuple
 
-import structlog
-
 from ua_fleet.errors import UaFleetError
+from ua_fleet.operation.log import Log
 from ua_fleet.operation.runs.decision_judgements import DECISION_PREFIX
 from ua_fleet.orchestrator import ResilienceSettings
 from ua_fleet.resilience import Mode, OnLimit
 from ua_fleet.storage.run_journal import RunJournal, StoredSetting
 
 __all__ = ["KeptSettings"]
-
-_log: Any = structlog.get_logger("ua_fleet.scenarios")
 
 
 class _Part(NamedTuple):
@@ -59,17 +56,18 @@ _PARTS: Final = {"mode": _Part(_mode_text, _put_mode), "judgements": _Part(_judg
 class KeptSettings:
     """What counts now, and what of it is kept in the journal."""
 
-    def __init__(self, configured: ResilienceSettings, journal: RunJournal) -> None:
+    def __init__(self, configured: ResilienceSettings, journal: RunJournal, log: Log) -> None:
         """Take what the journal has kept.
 
         Args:
             configured: what `fleet.yaml` says.
             journal: keeps the rest.
+            log: is told what counts of it.
 
         Raises:
             StorageUnavailable: the journal cannot be read.
         """
-        self._configured, self._journal = configured, journal
+        self._configured, self._journal, self._log = configured, journal, log
         self.current = configured
         for name, stored in journal.settings().items():
             if not name.startswith(DECISION_PREFIX):
@@ -85,11 +83,11 @@ class KeptSettings:
             except (UaFleetError, ValueError, KeyError, TypeError) as error:
                 reason = f"it cannot be read: {error}"
             else:
-                _log.info(
+                self._log.info(
                     "set by a user, in place of what fleet.yaml says", what=name, by=stored.by, value=stored.value
                 )
                 return
-        _log.warning("what a user has set does not count any more", what=name, by=stored.by, reason=reason)
+        self._log.warning("what a user has set does not count any more", what=name, by=stored.by, reason=reason)
         self._journal.forget_setting(name)
 
     def keep(self, settings: ResilienceSettings, by: str, at: float) -> None:

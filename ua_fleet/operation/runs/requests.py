@@ -18,12 +18,10 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Final, Protocol
 
-import structlog
-
 from ua_fleet.errors import RobotOffline, SkillError, StorageUnavailable
 from ua_fleet.fleet.model import RobotModel
 from ua_fleet.fleet.skills import SkillModel, call_problems
-from ua_fleet.monitoring.mistakes import Mistakes
+from ua_fleet.operation.log import Log, MistakeLog
 from ua_fleet.operation.runs.outcomes import is_no_answer, outcome_of, refusal, shown_in, usable, with_status
 from ua_fleet.orchestrator import OperatorAsked, TaskCancelled, TaskFollowed, TaskStarted
 from ua_fleet.pubsub.events import DataReceived
@@ -56,8 +54,6 @@ another one made as long as the robot has not stopped."""
 MOST_EXECUTIONS: Final = 10_000
 
 _FLOATS: Final = (BuiltinType.FLOAT, BuiltinType.DOUBLE)
-
-_log: Any = structlog.get_logger("ua_fleet.scenarios")
 
 
 class Requests(Protocol):
@@ -113,7 +109,8 @@ class TaskRequests:
         is_silent: Callable[[str], bool],
         accepted: Callable[[str], None],
         ended: Callable[[str, TaskOutcome, str, Mapping[str, Value]], None],
-        mistakes: Mistakes | None = None,
+        mistakes: MistakeLog,
+        log: Log,
     ) -> None:
         """Connect the parts.
 
@@ -125,11 +122,12 @@ class TaskRequests:
             is_silent: whether nothing is heard of a robot.
             accepted: told of executions that robots have taken.
             ended: told of their ends, with message and results.
-            mistakes: counts what has cost a task; its own without.
+            mistakes: counts what has cost a task.
+            log: is told of robots that cannot be halted.
         """
         self._robots, self._requests, self._requested, self._clock = robots, requests, requested, clock
         self._accepted, self._tell_end, self._is_silent = accepted, ended, is_silent
-        self._mistakes = mistakes or Mistakes()
+        self._mistakes, self._log = mistakes, log
         self._robot_of_status = {robot.skill_status: robot.name for robot in robots.values() if robot.skill_status}
         self._skills: OrderedDict[str, SkillModel] = OrderedDict()
         """The skill of each execution that was begun here."""
@@ -312,7 +310,7 @@ class TaskRequests:
         if execution_id not in self._unstopped:
             self._unstopped.add(execution_id)
             skill = self._skills[execution_id].name
-            _log.warning("a robot is not halted", robot=robot, skill=skill, reason=str(error))
+            self._log.warning("a robot is not halted", robot=robot, skill=skill, reason=str(error))
 
     def robot_of(self, topic: Topic) -> str | None:
         """The robot whose SkillStatus this is; None where it is any other data."""

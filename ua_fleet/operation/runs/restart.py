@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Container, Iterable, Sequence
-from typing import Any, Final
 
-import structlog
-
+from ua_fleet.operation.log import Log
 from ua_fleet.operation.runs.finding import FaultFinder
 from ua_fleet.operation.runs.library import Checked
 from ua_fleet.operation.runs.records import RunRecord
@@ -17,11 +15,15 @@ from ua_fleet.storage.run_journal import RunJournal
 
 __all__ = ["restore_faults", "scenario_to_go_on"]
 
-_log: Final[Any] = structlog.get_logger("ua_fleet.scenarios")
-
 
 def scenario_to_go_on(
-    record: RunRecord, facts: Sequence[Fact], check: Callable[[str], Checked], journal: RunJournal, now: float
+    record: RunRecord,
+    facts: Sequence[Fact],
+    check: Callable[[str], Checked],
+    journal: RunJournal,
+    *,
+    log: Log,
+    now: float,
 ) -> Scenario | None:
     """The scenario of a run that goes on; None after ending a run that no longer fits the fleet.
 
@@ -30,6 +32,7 @@ def scenario_to_go_on(
         facts: of the run.
         check: a scenario's text against the fleet as it is now.
         journal: its end is written there.
+        log: is told of its end.
         now: wall time in seconds.
 
     Raises:
@@ -41,7 +44,7 @@ def scenario_to_go_on(
         return checked.scenario
     reason = f"it does not fit the fleet any more: {checked.problems[0]}"
     ended = RunEnded(now, RunOutcome.FAILED, reason)
-    _log.error("run cannot go on after the restart", run_id=record.run_id, reason=reason)
+    log.error("run cannot go on after the restart", run_id=record.run_id, reason=reason)
     journal.write([(record.run_id, ended)])
     record.apply(ended)
     return None

@@ -14,16 +14,14 @@ from dataclasses import replace
 from datetime import UTC, datetime
 from math import inf
 from pathlib import Path
-from typing import Any, Final
-
-import structlog
+from typing import Final
 
 from ua_fleet.config.schema import FleetConfig
 from ua_fleet.errors import ScenarioError, StorageUnavailable
 from ua_fleet.fleet.capacities import Capacities
 from ua_fleet.fleet.changes import ValueChanged
 from ua_fleet.fleet.model import FleetModel, RobotModel
-from ua_fleet.monitoring.mistakes import Mistakes
+from ua_fleet.operation.log import Log, MistakeLog
 from ua_fleet.operation.runs.away import BridgesSeen
 from ua_fleet.operation.runs.carrying import OutputCarrier
 from ua_fleet.operation.runs.decision_judgements import DecisionJudgements
@@ -71,8 +69,6 @@ NEWS_PAUSE_S: Final = 0.01
 MOST_NAME: Final = 200
 """Characters of a reason or a name that people give."""
 
-_log: Any = structlog.get_logger("ua_fleet.scenarios")
-
 
 class TooManyRuns(ScenarioError):
     """As many runs are under way as may be."""
@@ -96,7 +92,8 @@ class ScenarioService:
         clock: Callable[[], float],
         wall_s: Callable[[], float],
         capacities: Capacities | None = None,
-        mistakes: Mistakes | None = None,
+        mistakes: MistakeLog,
+        log: Log,
         faulted: Callable[[str, bool], None] = lambda robot, can_do_nothing: None,
     ) -> None:
         """Make a service; `restore` before all else.
@@ -114,14 +111,15 @@ class ScenarioService:
             clock: monotonic seconds.
             wall_s: seconds since 1970, which nobody sets.
             capacities: of robots, where data gives them some.
-            mistakes: counts what has cost an output; its own without.
+            mistakes: counts what has cost an output.
+            log: gets the lines.
             faulted: told of robots with faults, and whether these take away all that they can do.
         """
         self._faulted = faulted
         self._config, self._journal = config, journal
         self._show, self._forgotten, self._sooner = show, forgotten, sooner
         self._clock, self._wall_s, self._capacities = clock, wall_s, capacities
-        self._mistakes = mistakes or Mistakes()
+        self._mistakes, self._log = mistakes, log
         self._robots = {robot.name: robot for robot in model.robots}
         self._bridges = BridgesSeen(model, self._robots, wall_s)
         self._own = own_fields(model.robots)
@@ -129,10 +127,10 @@ class ScenarioService:
         self.fleet = fleet_view(model.robots, self._values.meanings, capacities)
         self.library = Library(folder)
         self._finder = FaultFinder(model, config.resilience.rules(), self._named_first)
-        self._settings = KeptSettings(config.resilience.settings(), journal)
-        self._judgements = DecisionJudgements(journal)
+        self._settings = KeptSettings(config.resilience.settings(), journal, log)
+        self._judgements = DecisionJudgements(journal, log)
         self._carrier = OutputCarrier(
-            journal, self._carry_out, self._not_asked, mistakes=self._mistakes, clock=clock, sooner=sooner
+            journal, self._carry_out, self._not_asked, mistakes=mistakes, log=log, clock=clock, sooner=sooner
         )
         self._do = self._carrier.do
         self._orchestrator = Orchestrator(
@@ -152,7 +150,8 @@ class ScenarioService:
             is_silent=self._orchestrator.is_silent,
             accepted=self._accepted,
             ended=self._ended,
-            mistakes=self._mistakes,
+            mistakes=mistakes,
+            log=log,
         )
         self._news: list[FaultFound] = []
         """What became known of robots, and nothing has followed from yet."""
@@ -223,7 +222,7 @@ class ScenarioService:
             facts = self._journal.facts(run_id)
             record = RunRecord.of(run_id, facts)
             if not ended:
-                scenario = scenario_to_go_on(record, facts, self.check, self._journal, now)
+                scenario = scenario_to_go_on(record, facts, self.check, self._journal, log=self._log, now=now)
                 if scenario is not None:
                     stored.append((run_id, scenario, facts))
             records.append(record)
@@ -235,7 +234,7 @@ class ScenarioService:
         halts = [halt for halt in self._journal.halts() if halt.robot in self._robots]
         outputs += self._orchestrator.restore_all(stored, now, halts)
         if stored:
-            _log.info("runs go on", runs=len(stored))
+            self._log.info("runs go on", runs=len(stored))
         self._carrier.hold(outputs)
         return records
 
@@ -289,7 +288,7 @@ class ScenarioService:
             if self._carrier.first_unwritten(run_id) is created:
                 self._take_back(run_id, now)
                 raise
-        _log.info("run started", run_id=run_id, scenario=scenario.name, by=by)
+        self._log.info("run started", run_id=run_id, scenario=scenario.name, by=by)
         return run_id
 
     def _take_back(self, run_id: str, now: float) -> None:

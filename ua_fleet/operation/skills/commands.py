@@ -8,16 +8,14 @@ What the robot does after it has accepted is not waited for: it is data (SkillSt
 
 from __future__ import annotations
 
-import asyncio
 import secrets
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import replace
 from typing import Any, Final
 
-import structlog
-
 from ua_fleet.errors import LocalWireError, RobotOffline, SkillRejected, StorageUnavailable
+from ua_fleet.operation.log import Log
 from ua_fleet.pubsub.action_catalog import ActionCatalog
 from ua_fleet.pubsub.events import ActionReceived
 from ua_fleet.pubsub.metadata import field_property, type_codes
@@ -59,14 +57,12 @@ REFUSAL_WAIT_S: Final = 0.1
 RETRY_S: Final = 1.0
 """After a journal that could not be written, it is tried again after so long."""
 
-_log: Any = structlog.get_logger("ua_fleet.server")
-
 Told = Callable[[bytes, Outcome], None]
 """Called with each outcome, and again where one that was Unknown is known after all."""
 
 
 class SkillCommands:
-    """The requestor of one process, in its event loop. The owner calls `resume`, `receive` and, in time, `poll`."""
+    """The requestor of one process. The owner calls `resume`, `receive` and, in time, `poll`."""
 
     def __init__(
         self,
@@ -77,11 +73,12 @@ class SkillCommands:
         sooner: Callable[[], None],
         wall_ticks: Callable[[], int],
         must_be_verified: bool,
+        clock: Callable[[], float],
+        log: Log,
         space: int = SERVER_SPACE,
         instance: str = REQUESTOR_INSTANCE,
         pace: RequestPace | None = None,
         told: Told | None = None,
-        clock: Callable[[], float] | None = None,
         most_remembered: int = MOST_REQUESTS,
     ) -> None:
         """Make a requestor that goes on where its journal ends.
@@ -93,11 +90,12 @@ class SkillCommands:
             sooner: called when `next_deadline` may have come nearer.
             wall_ticks: the time of the wall clock.
             must_be_verified: only signed responses are taken.
+            clock: monotonic seconds.
+            log: is told of robots that do not do what they are asked.
             space: of this process.
             instance: of this process; with the space its RequestorId.
             pace: of repetition.
             told: learns of every outcome.
-            clock: monotonic seconds; the event loop's without.
             most_remembered: requests that are kept, as of Requestor.
         """
         self.outcomes: Counter[str] = Counter()
@@ -111,7 +109,7 @@ class SkillCommands:
         )
         self._catalog = ActionCatalog()
         self._send, self._want, self._sooner, self._wall_ticks, self._told = send, want, sooner, wall_ticks, told
-        self._clock = clock or _loop_time
+        self._clock, self._log = clock, log
         self._controls: dict[bytes, tuple[str, str]] = {}
         """Who is asked to stop, stand or go on, and which of these, by the id of the request."""
         self._halts: dict[bytes, int] = {}
@@ -256,7 +254,7 @@ class SkillCommands:
             self.outcomes["problems"] += 1
             self._retry_at = now + RETRY_S
             if not self._is_failing:
-                _log.error("outcomes of commands are not recorded", reason=str(error))
+                self._log.error("outcomes of commands are not recorded", reason=str(error))
             self._is_failing = True
         else:
             self._is_failing = False
@@ -268,7 +266,7 @@ class SkillCommands:
                 self._send(encode_action(effect.message))
             elif isinstance(effect, Contradicted):
                 self.outcomes["contradicted"] += 1
-                _log.error(
+                self._log.error(
                     "a request was refused and accepted: two processes say that they are one bridge; end one of them",
                     space=effect.target.publisher_id,
                     execution=effect.execution_id.hex(),
@@ -284,7 +282,9 @@ class SkillCommands:
         what, asked = self._controls.pop(execution_id, ("", ""))
         if asked and outcome.kind is not OutcomeKind.ACCEPTED:
             reason = outcome.report.message
-            _log.warning("a robot did not do it", what=what, asked=asked, outcome=outcome.kind.value, reason=reason)
+            self._log.warning(
+                "a robot did not do it", what=what, asked=asked, outcome=outcome.kind.value, reason=reason
+            )
         if outcome.report.status == StatusCode.BAD_CONFIGURATION_ERROR:  # the bridge has announced something else since
             target = self._requestor.target(execution_id)
             self._want(target.publisher_id, target.data_set_writer_id, self._clock())
@@ -335,10 +335,6 @@ def _check_names(action: ActionMetaDataAnnouncement, topic: Topic, robot: str, s
 
 def _is_robot(target: ActionTarget) -> bool:
     return not target.action_target_id & CONTROL_BITS
-
-
-def _loop_time() -> float:
-    return asyncio.get_running_loop().time()
 
 
 def _target_of(action: ActionMetaDataAnnouncement, robot: str) -> int:

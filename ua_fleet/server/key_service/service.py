@@ -13,11 +13,11 @@ from typing import Final
 import structlog
 
 from ua_fleet.config.schema import FleetConfig
+from ua_fleet.endpoint.call_limit import CallLimit
 from ua_fleet.errors import UaFleetError
 from ua_fleet.pubsub.security.keyring import GroupKeys
 from ua_fleet.server.key_service.access import KeyAccess
 from ua_fleet.server.key_service.files import GROUPS_FILE, KeysNotKept, load_groups, save_groups
-from ua_fleet.server.key_service.limit import CallLimit
 from ua_fleet.server.key_service.store import GroupSettings, KeyStore
 from ua_fleet.values import StatusCode
 from ua_fleet.wire.security import SecurityPolicy

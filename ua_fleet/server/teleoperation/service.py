@@ -164,6 +164,7 @@ class TeleoperationService:
             pace=RequestPace(),
             told=self._told,
             clock=clock,
+            log=_log,
             most_remembered=MOST_REQUESTS,
         )
 

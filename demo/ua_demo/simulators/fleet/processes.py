@@ -12,6 +12,8 @@ from dataclasses import dataclass
 from random import Random
 from typing import Final
 
+import structlog
+
 from ua_demo.simulators.fleet.robot import VirtualRobot
 from ua_fleet.bridge.actions import Actions
 from ua_fleet.bridge.core import BridgeCore
@@ -23,6 +25,7 @@ from ua_fleet.config.schema import FleetConfig
 from ua_fleet.counters import Counters
 from ua_fleet.errors import ScenarioError
 from ua_fleet.fleet.model import FleetModel
+from ua_fleet.monitoring.mistakes import Mistakes
 from ua_fleet.operation.runs.requests import TaskRequests
 from ua_fleet.operation.skills.commands import SkillCommands
 from ua_fleet.orchestrator import OperatorAsked, Orchestrator, Output, TaskCancelled, TaskFollowed, TaskStarted
@@ -59,6 +62,9 @@ RUN_ID: Final = "20260101-000001-000000"
 CHECK_S: Final = 1.0
 """How often it is looked whether all robots are there, so that the run can begin."""
 OPERATOR: Final = "operator"
+
+
+_log: Final = structlog.get_logger("ua_fleet.simulator")
 
 
 def wall_ticks(now: float) -> int:
@@ -212,6 +218,7 @@ class VirtualServer:
             must_be_verified=True,
             told=self._concluded,
             clock=place.clock,
+            log=_log,
         )
         self._facts: list[tuple[str, Fact]] = []
         self._orchestrator = Orchestrator(
@@ -228,6 +235,8 @@ class VirtualServer:
             is_silent=self._orchestrator.is_silent,
             accepted=self._accepted,
             ended=self._ended,
+            mistakes=Mistakes(),
+            log=_log,
         )
         self._missing: set[tuple[int | str | None, int]] = {
             (robot.skill_status.space, skill.id)

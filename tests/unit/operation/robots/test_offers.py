@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
+import structlog
 
 from tests.unit.fleet.fleet_of import fleet_config
 from ua_fleet.config.registration import CLIENTS, RobotText, read_robot
@@ -62,6 +63,7 @@ class Hall:
             show=self.events.append,
             told=lambda execution_id, outcome: self.outcomes.append((execution_id, outcome)),
             wall_ticks=lambda: self.now,
+            log=structlog.get_logger(),
         )
         self.offers.changed = self.changes.append
         self.offers.follow(ROBOT)

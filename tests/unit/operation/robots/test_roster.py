@@ -8,13 +8,13 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import structlog
 
 from tests.unit.fleet.fleet_of import fleet_config
 from ua_fleet.config.nodes import fleet_model
 from ua_fleet.config.registration import RobotText, announced_robots, definition_text
 from ua_fleet.config.schema import FleetConfig
-from ua_fleet.endpoint.stack import Refusal
-from ua_fleet.errors import ConfigInvalid
+from ua_fleet.errors import AccessRefused, ConfigInvalid
 from ua_fleet.fleet.model import RobotModel, RobotOrigin
 from ua_fleet.operation.robots.roster import RobotFixed, RobotInUse, RobotUnknown, Roster
 from ua_fleet.storage.registry import Registry
@@ -65,7 +65,7 @@ class Server:
         self.config = FleetConfig.model_validate(raw)
         self.registry = Registry(folder / "robots.db")
         self.parts = Parts()
-        self.roster = Roster(self.config, fleet_model(self.config), self.registry, lambda: 5.0)
+        self.roster = Roster(self.config, fleet_model(self.config), self.registry, lambda: 5.0, structlog.get_logger())
         self.restored = [robot.name for robot in self.roster.restore().robots]
         self.roster.connect(self.parts)
 
@@ -236,7 +236,7 @@ def test_what_a_bridge_says_is_what_the_server_takes(server: Server) -> None:
 
 
 def test_a_skill_of_clients_is_added_kept_and_changed_by_engineers_alone(server: Server, tmp_path: Path) -> None:
-    with pytest.raises(Refusal, match="only an engineer may change it"):
+    with pytest.raises(AccessRefused, match="only an engineer may change it"):
         server.roster.offer("mechanic", "fix", "needs: [repair]", "oscar", may_change=False)
     first = server.roster.offer("mechanic", "fix", "needs: [repair]", "eva", may_change=True)
     assert first.capacities == ("repair",)

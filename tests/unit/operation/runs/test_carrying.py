@@ -6,6 +6,7 @@ from collections.abc import Collection
 from pathlib import Path
 
 import pytest
+import structlog
 
 from tests.unit.operation.runs.world import FailingJournal
 from ua_fleet.errors import StorageUnavailable
@@ -33,6 +34,7 @@ class Carrying:
             self._carry_out,
             lambda execution_id, error: None,
             mistakes=Mistakes(),
+            log=structlog.get_logger(),
             clock=lambda: self.now,
             sooner=lambda: None,
         )

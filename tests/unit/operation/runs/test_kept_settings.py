@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import structlog
 
 from ua_fleet.config.resilience_schema import ResilienceConfig
 from ua_fleet.errors import StorageUnavailable
@@ -30,12 +31,12 @@ def configured(**changed: Any) -> ResilienceSettings:
 
 def after_restart(folder: Path, settings: ResilienceSettings) -> ResilienceSettings:
     with RunJournal(folder / "runs.db") as journal:
-        return KeptSettings(settings, journal).current
+        return KeptSettings(settings, journal, structlog.get_logger()).current
 
 
 def set_by_anna(folder: Path, settings: ResilienceSettings, **changed: Any) -> None:
     with RunJournal(folder / "runs.db") as journal:
-        kept = KeptSettings(settings, journal)
+        kept = KeptSettings(settings, journal, structlog.get_logger())
         kept.keep(replace(kept.current, **changed), "anna", 5.0)
 
 
@@ -97,7 +98,7 @@ def test_what_cannot_be_read_does_not_count(tmp_path: Path) -> None:
 
 def test_what_cannot_be_kept_has_not_changed(tmp_path: Path) -> None:
     journal = RunJournal(tmp_path / "runs.db")
-    kept = KeptSettings(configured(), journal)
+    kept = KeptSettings(configured(), journal, structlog.get_logger())
     journal.close()
     with pytest.raises(StorageUnavailable):
         kept.keep(replace(kept.current, mode=Mode.ABORT), "anna", 1.0)

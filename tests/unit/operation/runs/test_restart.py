@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
+import structlog
 
 from ua_fleet.errors import ConfigError
 from ua_fleet.operation.runs.library import Checked
@@ -34,7 +35,7 @@ def test_a_run_goes_on_or_ends_with_the_reason(tmp_path: Path, problems: Sequenc
     with RunJournal(tmp_path / "runs") as journal:
         journal.write([("r1", CREATED)])
         record = RunRecord.of("r1", [CREATED])
-        scenario = scenario_to_go_on(record, journal.facts("r1"), check, journal, 200.0)
+        scenario = scenario_to_go_on(record, journal.facts("r1"), check, journal, log=structlog.get_logger(), now=200.0)
         written: list[Fact] = journal.facts("r1")[1:]
     assert asked == [f"{TEXT}\n"]
     if not problems:

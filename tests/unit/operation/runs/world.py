@@ -6,6 +6,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import structlog
+
 from ua_fleet.config.nodes import fleet_model
 from ua_fleet.config.schema import FleetConfig
 from ua_fleet.errors import SkillRejected, StorageUnavailable
@@ -135,6 +137,7 @@ class World:
             wall_s=lambda: self.now,
             capacities=self.capacities,
             mistakes=self.mistakes,
+            log=structlog.get_logger(),
             faulted=self.faulted.__setitem__,
         )
         self.records = self.service.restore()

@@ -4,6 +4,7 @@ import asyncio
 from typing import Any
 
 import pytest
+import structlog
 
 from tests.outcomes import Outcomes
 from ua_fleet.errors import RobotOffline, SkillRejected, StorageUnavailable
@@ -60,6 +61,8 @@ class Bench:
             wall_ticks=lambda: WALL,
             must_be_verified=must_be_verified,
             told=self._tell,
+            clock=lambda: asyncio.get_running_loop().time(),
+            log=structlog.get_logger(),
         )
 
     def _want(self, space: int, data_set_writer_id: int, now: float) -> bool:

@@ -3,8 +3,8 @@ from __future__ import annotations
 import pytest
 
 from tests.unit.server.key_service.fleet import fleet
+from ua_fleet.endpoint.call_limit import LEAST_BURST, CallLimit
 from ua_fleet.server.key_service.access import KeyAccess
-from ua_fleet.server.key_service.limit import LEAST_BURST, CallLimit
 
 ACCESS = KeyAccess(fleet())
 

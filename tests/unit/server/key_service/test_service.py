@@ -7,9 +7,9 @@ from pathlib import Path
 import pytest
 
 from tests.unit.server.key_service.fleet import fleet
+from ua_fleet.endpoint.call_limit import LEAST_BURST
 from ua_fleet.errors import KeySourceUnavailable, KeysRefused
 from ua_fleet.server.key_service.files import GROUPS_FILE, KeysNotKept
-from ua_fleet.server.key_service.limit import LEAST_BURST
 from ua_fleet.server.key_service.local import LocalKeySource
 from ua_fleet.server.key_service.service import KeysDenied, KeyService, TooManyKeyCalls
 from ua_fleet.server.key_service.store import GroupUnknown

@@ -9,10 +9,10 @@ import pytest
 from tests.unit.wire.corpus import valid_messages
 from tests.unit.wire.discovery_samples import ANNOUNCEMENTS
 from tests.unit.wire.everything import chunked_messages, is_plain, plain_messages, secured_messages
+from ua_fleet.dissect.kind_text import kind_text
 from ua_fleet.wire import Codec
 from ua_fleet.wire.actions import ActionMessage
 from ua_fleet.wire.announcements import encode_announcement
-from ua_fleet.wire.kind_text import kind_text
 from ua_fleet.wire.messages import FrameKind, NetworkMessage, Probe
 
 KINDS = {

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from structlog.testing import capture_logs
 
-from ua_fleet.operation.runs.log import RunLog
 from ua_fleet.orchestrator import DecisionChanged, Fault, FaultChange, FaultChanged, OperatorAsked, Output, RunChanged
 from ua_fleet.resilience import Aborted, Ranking, RankingChanged, ReplacementChosen, Synthesis, Weights
 from ua_fleet.scenario.facts import Fact, RunEnded, RunOutcome, TaskAssigned, TaskOutcome, TaskOver, Then
+from ua_fleet.server.run_log import RunLog
 
 RUN = "20261121-101500-3fa2b1"
 ASSIGNED = TaskAssigned(1.0, "0", "weld", 1, "arm", "e1", "work")

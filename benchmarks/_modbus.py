@@ -11,13 +11,13 @@ import sys
 
 from ua_demo.simulators.modbus import Memory, make_server
 
-from ua_fleet.registers import Span, Table
+from ua_fleet.registers import AddressSpan, Table
 
 
 async def serve(port: int) -> None:
     memory = Memory(10_000)
 
-    def change(span: Span) -> None:
+    def change(span: AddressSpan) -> None:
         if span.table is Table.HOLDING:
             memory.put_cells(span, [(int(cell) + 1) & 0xFFFF for cell in memory.cells(span)])
 

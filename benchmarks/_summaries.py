@@ -38,7 +38,7 @@ async def server(port: int, has_summaries: bool) -> None:
     from ua_fleet.fleet import Change, Coalescer, FleetState, ValueChanged
     from ua_fleet.monitoring.mistakes import Mistakes
     from ua_fleet.nodes.address_space import FleetNodes
-    from ua_fleet.nodes.node_factory import NodeParts
+    from ua_fleet.nodes.node_factory import NodeFactory
     from ua_fleet.nodes.nodeset import load_types
     from ua_fleet.nodes.projection import Projection
     from ua_fleet.nodes.summary_nodes import SummaryNodes
@@ -76,7 +76,7 @@ async def server(port: int, has_summaries: bool) -> None:
         state, coalescer = FleetState(model, Counters()), Coalescer(config.server.analog_rate_hz)
         projection = Projection(nodes)
         wall = ticks_from_unix_ns(time.time_ns())
-        parts = NodeParts(made.iserver.aspace, nodes.ns)
+        parts = NodeFactory(made.iserver.aspace, nodes.ns)
         parts.values = nodes.values
         summaries = SummaryNodes(parts, state, RobotActivities(), projection.put, lambda: wall, Mistakes())
         if has_summaries:

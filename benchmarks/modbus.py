@@ -32,7 +32,7 @@ from tests import system
 from ua_fleet.bridge.driver import DriverEvent, Dropped, SampleRead
 from ua_fleet.bridge.offenders import Offenders
 from ua_fleet.config.load import load_content
-from ua_fleet.registers import Span, Table
+from ua_fleet.registers import AddressSpan, Table
 
 WORDS = 125
 """Of a full request."""
@@ -121,7 +121,7 @@ async def our_round_trip(port: int) -> list[float]:
     times: list[float] = []
     for _ in range(ROUND_TRIPS):
         began = time.perf_counter()
-        await line.read(1, Span(Table.HOLDING, 0, WORDS))
+        await line.read(1, AddressSpan(Table.HOLDING, 0, WORDS))
         times.append(time.perf_counter() - began)
     line.close()
     return times

@@ -8,7 +8,7 @@ import secrets
 from typing import Any
 
 from ua_fleet.operation.skills.commands import SkillCommands
-from ua_fleet.skill.executions import EXECUTION_ID_BYTES, Outcome
+from ua_fleet.skill.executions import EXECUTION_ID_BYTES, RequestOutcome
 from ua_fleet.topics import Topic
 
 
@@ -16,9 +16,9 @@ class Outcomes:
     """The outcomes of one SkillCommands, for which `tell` is its `told`."""
 
     def __init__(self) -> None:
-        self._waiting: dict[bytes, list[asyncio.Future[Outcome]]] = {}
+        self._waiting: dict[bytes, list[asyncio.Future[RequestOutcome]]] = {}
 
-    def tell(self, execution_id: bytes, outcome: Outcome) -> None:
+    def tell(self, execution_id: bytes, outcome: RequestOutcome) -> None:
         for waiting in self._waiting.pop(execution_id, ()):
             if not waiting.done():
                 waiting.set_result(outcome)
@@ -32,7 +32,7 @@ class Outcomes:
         *,
         robot: str | None = None,
         execution_id: bytes | None = None,
-    ) -> Outcome:
+    ) -> RequestOutcome:
         """Request a skill once it is announced, and wait until it is known whether the robot was told.
 
         Without `robot` it is the Action's first target. The execution id is a random one without.
@@ -52,12 +52,12 @@ class Outcomes:
         commands.request(topic, robot, skill, dict(zip(names, values, strict=False)), timeout_s, execution_id)
         return await waiting
 
-    async def of(self, commands: SkillCommands, execution_id: bytes) -> Outcome:
+    async def of(self, commands: SkillCommands, execution_id: bytes) -> RequestOutcome:
         """The outcome of a request that this run or one before has made; KeyError where there is none."""
         known = commands.known_outcome(execution_id)
         return known if known is not None else await self._wait(execution_id)
 
-    def _wait(self, execution_id: bytes) -> asyncio.Future[Outcome]:
-        waiting: asyncio.Future[Outcome] = asyncio.get_running_loop().create_future()
+    def _wait(self, execution_id: bytes) -> asyncio.Future[RequestOutcome]:
+        waiting: asyncio.Future[RequestOutcome] = asyncio.get_running_loop().create_future()
         self._waiting.setdefault(execution_id, []).append(waiting)
         return waiting

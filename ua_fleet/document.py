@@ -21,7 +21,7 @@ __all__ = [
     "Document",
     "KeyPath",
     "MappingMark",
-    "Place",
+    "SourcePlace",
     "as_mapping",
     "key_text",
     "read_document",
@@ -48,7 +48,7 @@ _WORDS: Final[dict[str, bool | None]] = {
 
 
 @dataclass(frozen=True, slots=True)
-class Place:
+class SourcePlace:
     """Where a value was written: a file's line, or the name of an environment variable or option."""
 
     file: str
@@ -72,14 +72,14 @@ class Document:
     """A file that could be read as YAML, with the problems that were found on the way."""
 
     data: dict[str, Any]
-    places: dict[KeyPath, Place]
+    places: dict[KeyPath, SourcePlace]
     """For a key the place of the key, for a list's item that of the item."""
     mappings: dict[KeyPath, MappingMark]
     problems: list[ConfigError]
     variables: dict[KeyPath, str] = field(default_factory=dict[KeyPath, str])
     """For a value with `${VAR}` in it what the file says in its place: the variable may be a secret."""
 
-    def place_of(self, path: KeyPath) -> Place:
+    def place_of(self, path: KeyPath) -> SourcePlace:
         """The place of a value, or of the nearest one around it that is written down."""
         while path and path not in self.places:
             path = path[:-1]
@@ -183,7 +183,7 @@ class _Reader:
             if isinstance(event, yaml.SequenceEndEvent):
                 break
             item_path = (*path, len(items))
-            self._document.places[item_path] = Place(self._file, event.start_mark.line + 1)
+            self._document.places[item_path] = SourcePlace(self._file, event.start_mark.line + 1)
             items.append(self.value(event, events, item_path))
         return items
 
@@ -213,7 +213,7 @@ class _Reader:
                     )
                 )
                 key_path = (*path, key, "second")
-            document.places.setdefault(key_path, Place(self._file, line))
+            document.places.setdefault(key_path, SourcePlace(self._file, line))
             mark.keys.append((key, at.index, at.column))
             value = self.value(next(events), events, key_path)
             if not twice:
@@ -232,7 +232,7 @@ def read_document(content: bytes, file: str, environment: Mapping[str, str] | No
     Returns:
         The document; when it cannot be read at all it is empty, and its problems say why.
     """
-    document = Document({}, {(): Place(file)}, {}, [])
+    document = Document({}, {(): SourcePlace(file)}, {}, [])
     try:
         document.data = _read(content, document, file, environment)
     except _Refused as refused:

@@ -19,9 +19,9 @@ __all__ = [
     "ROS1_SPACE",
     "SERVER_SPACE",
     "TYPES_URI",
+    "LoopVerdict",
     "Side",
     "Topic",
-    "Verdict",
     "check_ros2_space",
     "check_space",
     "loop_verdict",
@@ -92,7 +92,7 @@ class Side(Enum):
     SPACE = "space"
 
 
-class Verdict(Enum):
+class LoopVerdict(Enum):
     """What a bridge does with a message."""
 
     TO_SPACE = "to_space"
@@ -105,7 +105,7 @@ class Verdict(Enum):
     """We published it ourselves; needed where the origin does not stand in the name."""
 
 
-def loop_verdict(side: Side, origin: int, own_space: int, own_publication: bool) -> Verdict:
+def loop_verdict(side: Side, origin: int, own_space: int, own_publication: bool) -> LoopVerdict:
     """The loop rule, the only place that decides what a bridge forwards.
 
     Args:
@@ -115,7 +115,7 @@ def loop_verdict(side: Side, origin: int, own_space: int, own_publication: bool)
         own_publication: whether the bridge itself published the message into its space.
     """
     if side is Side.PUBSUB:
-        return Verdict.DROP_LOOP if origin == own_space else Verdict.TO_SPACE
+        return LoopVerdict.DROP_LOOP if origin == own_space else LoopVerdict.TO_SPACE
     if origin != own_space:
-        return Verdict.DROP_FOREIGN
-    return Verdict.DROP_OWN if own_publication else Verdict.TO_PUBSUB
+        return LoopVerdict.DROP_FOREIGN
+    return LoopVerdict.DROP_OWN if own_publication else LoopVerdict.TO_PUBSUB

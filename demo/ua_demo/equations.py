@@ -14,7 +14,7 @@ from itertools import groupby
 from typing import Final
 
 from ua_fleet.errors import ScenarioError
-from ua_fleet.traffic import Kind
+from ua_fleet.traffic import MessageKind
 
 __all__ = [
     "EQUATION_12_KINDS",
@@ -35,11 +35,18 @@ __all__ = [
     "total",
 ]
 
-EQUATION_12_KINDS: Final = (Kind.REGISTRATION, Kind.REQUEST, Kind.RESPONSE, Kind.STATUS, Kind.TOKEN, Kind.FAULT)
+EQUATION_12_KINDS: Final = (
+    MessageKind.REGISTRATION,
+    MessageKind.REQUEST,
+    MessageKind.RESPONSE,
+    MessageKind.STATUS,
+    MessageKind.TOKEN,
+    MessageKind.FAULT,
+)
 """The kinds of messages that Eq. 12 counts, besides the updates of sensors."""
 
 
-def equation_12_sum(by_kind: Mapping[Kind, int]) -> int:
+def equation_12_sum(by_kind: Mapping[MessageKind, int]) -> int:
     """The sum over the kinds that Eq. 12 counts, of messages or of bytes."""
     return sum(by_kind.get(kind, 0) for kind in EQUATION_12_KINDS)
 

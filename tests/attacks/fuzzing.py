@@ -14,9 +14,9 @@ from asyncua.common.utils import Buffer
 
 from tests.attacks.bombs import BombMaker, ua
 from ua_fleet.endpoint import decoding
-from ua_fleet.endpoint.limits import Limits
+from ua_fleet.endpoint.limits import EndpointLimits
 from ua_fleet.endpoint.stack import Refusal, name_of
-from ua_fleet.endpoint.turns import Place, Turns
+from ua_fleet.endpoint.turns import TurnPlace, Turns
 from ua_fleet.errors import RemoteWireError
 
 EARLY = ("GetEndpoints", "FindServers", "CreateSession", "ActivateSession")
@@ -29,7 +29,7 @@ ROOM_BYTES = 400 * 1024 * 1024
 
 async def main(count: int, seed: int) -> None:
     """Every fourth bomb is for a client who is logged in; every eighth begins at the RequestHeader."""
-    limits = Limits()
+    limits = EndpointLimits()
     outcomes: collections.Counter[str] = collections.Counter()
     slowest_s = 0.0
     makers = BombMaker(seed, 20_000), BombMaker(seed + 1, 60_000)
@@ -53,7 +53,7 @@ async def main(count: int, seed: int) -> None:
                 buffer,
                 most_operations=limits.nodes_per_request if later else decoding.OPERATIONS_BEFORE_SESSION,
                 most_memory=limits.request_memory_bytes if later else decoding.BYTES_BEFORE_SESSION,
-                turns=Turns(Place()) if later else None,
+                turns=Turns(TurnPlace()) if later else None,
             )
             outcomes["decoded"] += 1
         except Refusal as error:

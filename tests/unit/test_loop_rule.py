@@ -18,7 +18,7 @@ from ua_fleet.pubsub.metadata import make_field
 from ua_fleet.pubsub.publisher import Publisher
 from ua_fleet.pubsub.subscriber import Subscriber
 from ua_fleet.pubsub.timing import PubSubTiming
-from ua_fleet.topics import SERVER_SPACE, Side, Topic, Verdict, loop_verdict
+from ua_fleet.topics import SERVER_SPACE, LoopVerdict, Side, Topic, loop_verdict
 from ua_fleet.transport.memory import MemoryNetwork
 from ua_fleet.values import BuiltinType, ticks_from_unix_ns
 from ua_fleet.wire import Codec
@@ -265,20 +265,22 @@ def test_with_one_active_bridge_in_each_space_nothing_is_delivered_twice(plan: P
     assert set(world.delivered.values()) <= {1}
 
 
-def forward_always(side: Side, _origin: int, _own_space: int, _own_publication: bool) -> Verdict:
-    return Verdict.TO_SPACE if side is Side.PUBSUB else Verdict.TO_PUBSUB
+def forward_always(side: Side, _origin: int, _own_space: int, _own_publication: bool) -> LoopVerdict:
+    return LoopVerdict.TO_SPACE if side is Side.PUBSUB else LoopVerdict.TO_PUBSUB
 
 
-def forward_instead_of(wrong: Verdict, side: Side, origin: int, own_space: int, own_publication: bool) -> Verdict:
+def forward_instead_of(
+    wrong: LoopVerdict, side: Side, origin: int, own_space: int, own_publication: bool
+) -> LoopVerdict:
     verdict = loop_verdict(side, origin, own_space, own_publication)
     return forward_always(side, origin, own_space, own_publication) if verdict is wrong else verdict
 
 
 BROKEN: dict[str, Rule] = {
     "always": forward_always,
-    "loop": functools.partial(forward_instead_of, Verdict.DROP_LOOP),
-    "foreign": functools.partial(forward_instead_of, Verdict.DROP_FOREIGN),
-    "own publication": functools.partial(forward_instead_of, Verdict.DROP_OWN),
+    "loop": functools.partial(forward_instead_of, LoopVerdict.DROP_LOOP),
+    "foreign": functools.partial(forward_instead_of, LoopVerdict.DROP_FOREIGN),
+    "own publication": functools.partial(forward_instead_of, LoopVerdict.DROP_OWN),
 }
 TWO_SPACES = Plan({1: 1, 2: 1}, seed=1, loss=0.0, duplicate=0.0, max_delay_s=0.001, says=((1, 0.0), (0, 0.1), (2, 0.1)))
 

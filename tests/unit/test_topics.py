@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ua_fleet.errors import TopicInvalid
-from ua_fleet.topics import Side, Topic, Verdict, check_ros2_space, check_space, loop_verdict
+from ua_fleet.topics import LoopVerdict, Side, Topic, check_ros2_space, check_space, loop_verdict
 
 SPACES = st.one_of(st.integers(0, 232), st.integers(256, 65_535))
 NUMBERS = st.integers(1, 65_535)
@@ -82,24 +82,24 @@ def test_numbers_that_no_ros_library_may_see(domain: int) -> None:
 @pytest.mark.parametrize(
     ("side", "origin", "own_publication", "verdict"),
     [
-        (Side.PUBSUB, 1, False, Verdict.DROP_LOOP),
-        (Side.PUBSUB, 1, True, Verdict.DROP_LOOP),
-        (Side.PUBSUB, 0, False, Verdict.TO_SPACE),
-        (Side.PUBSUB, 2, False, Verdict.TO_SPACE),
-        (Side.PUBSUB, 2, True, Verdict.TO_SPACE),
-        (Side.SPACE, 1, False, Verdict.TO_PUBSUB),
-        (Side.SPACE, 1, True, Verdict.DROP_OWN),
-        (Side.SPACE, 0, False, Verdict.DROP_FOREIGN),
-        (Side.SPACE, 2, False, Verdict.DROP_FOREIGN),
-        (Side.SPACE, 2, True, Verdict.DROP_FOREIGN),
+        (Side.PUBSUB, 1, False, LoopVerdict.DROP_LOOP),
+        (Side.PUBSUB, 1, True, LoopVerdict.DROP_LOOP),
+        (Side.PUBSUB, 0, False, LoopVerdict.TO_SPACE),
+        (Side.PUBSUB, 2, False, LoopVerdict.TO_SPACE),
+        (Side.PUBSUB, 2, True, LoopVerdict.TO_SPACE),
+        (Side.SPACE, 1, False, LoopVerdict.TO_PUBSUB),
+        (Side.SPACE, 1, True, LoopVerdict.DROP_OWN),
+        (Side.SPACE, 0, False, LoopVerdict.DROP_FOREIGN),
+        (Side.SPACE, 2, False, LoopVerdict.DROP_FOREIGN),
+        (Side.SPACE, 2, True, LoopVerdict.DROP_FOREIGN),
     ],
 )
-def test_loop_rule_of_a_bridge_in_space_1(side: Side, origin: int, own_publication: bool, verdict: Verdict) -> None:
+def test_loop_rule_of_a_bridge_in_space_1(side: Side, origin: int, own_publication: bool, verdict: LoopVerdict) -> None:
     assert loop_verdict(side, origin, 1, own_publication) is verdict
 
 
 @given(SPACES, SPACES, st.booleans())
 def test_whatever_passes_one_side_is_dropped_on_the_other(origin: int, own: int, own_publication: bool) -> None:
-    to_space = loop_verdict(Side.PUBSUB, origin, own, own_publication) is Verdict.TO_SPACE
-    to_pubsub = loop_verdict(Side.SPACE, origin, own, own_publication) is Verdict.TO_PUBSUB
+    to_space = loop_verdict(Side.PUBSUB, origin, own, own_publication) is LoopVerdict.TO_SPACE
+    to_pubsub = loop_verdict(Side.SPACE, origin, own, own_publication) is LoopVerdict.TO_PUBSUB
     assert not (to_space and to_pubsub)

@@ -45,8 +45,8 @@ from ua_fleet.skill.executions import (
     OPEN,
     RESUME_TARGETS,
     SUSPEND_TARGETS,
+    ExecutionReport,
     ExecutionState,
-    Report,
     RequestorName,
     Target,
     is_halted_by,
@@ -55,13 +55,13 @@ from ua_fleet.skill.executions import (
 )
 from ua_fleet.skill.offers import Offer
 from ua_fleet.skill.responder import (
+    ActionResponder,
     Execute,
     Query,
     Respond,
-    Responder,
     ResponderEffect,
 )
-from ua_fleet.topics import Side, Topic, Verdict, loop_verdict
+from ua_fleet.topics import LoopVerdict, Side, Topic, loop_verdict
 from ua_fleet.transport.addresses import answer_address
 from ua_fleet.values import BuiltinType, Quality, StatusCode, quality_of
 from ua_fleet.wire.actions import encode_action
@@ -100,7 +100,7 @@ class Actions:
         send_to: SendTo,
         wall_ticks: Callable[[], int],
         failed: Callable[[str, BaseException | None], None],
-        followed: Callable[[skill_journal.Execution, str, str], None] | None = None,
+        followed: Callable[[skill_journal.RecordedExecution, str, str], None] | None = None,
         rule: Rule = loop_verdict,
         definitions: Mapping[Topic, str] = MappingProxyType({}),
         skills_period_s: float = SKILLS_PERIOD_S,
@@ -134,13 +134,13 @@ class Actions:
             rule,
         )
         self._followed = followed
-        self._responder = Responder(
+        self._responder = ActionResponder(
             space, journal, counters, allowed_spaces=requestors, must_be_verified=must_be_verified
         )
         self._halting = None if driver is None else halts_of(driver)
         self._suspending = None if driver is None else suspends_of(driver)
         self._board = StatusBoard(core, definitions)
-        self._changed: list[skill_journal.Execution] = []
+        self._changed: list[skill_journal.RecordedExecution] = []
         """What SkillStatus has not said yet: a requestor that waits is answered first."""
         self._skills: dict[Topic, Skill] = {}
         self._skills_at, self._skills_period_s = 0.0, skills_period_s
@@ -167,7 +167,7 @@ class Actions:
         """Take a request. Its origin, for the loop rule, is the space of its requestor."""
         message = event.message
         name = RequestorName.parse(message.requestor_id)
-        if name is not None and self._rule(Side.PUBSUB, name.space, self._space, False) is not Verdict.TO_SPACE:
+        if name is not None and self._rule(Side.PUBSUB, name.space, self._space, False) is not LoopVerdict.TO_SPACE:
             self._counters.drop(Drop.LOOP, 1 + len(message.others))
             return
         reply_to = answer_address(message.response_address, event.sender) if event.sender is not None else None
@@ -258,15 +258,15 @@ class Actions:
         if isinstance(fact, ExecutionNotBegun):
             return responder.not_begun(execution_id, now, self._wall_ticks())
         if isinstance(fact, ExecutionForgotten):
-            unknown = Report(ExecutionState.UNKNOWN, StatusCode.UNCERTAIN, fact.message)
+            unknown = ExecutionReport(ExecutionState.UNKNOWN, StatusCode.UNCERTAIN, fact.message)
             return responder.ended(execution_id, unknown, now)
         return responder.ended(execution_id, self._report_of(fact), now)
 
-    def _report_of(self, ended: ExecutionEnded) -> Report:
+    def _report_of(self, ended: ExecutionEnded) -> ExecutionReport:
         if quality_of(ended.status) is Quality.BAD:
-            return Report(ExecutionState.FAILED, ended.status, ended.message)
+            return ExecutionReport(ExecutionState.FAILED, ended.status, ended.message)
         if quality_of(ended.status) is Quality.UNCERTAIN and not ended.values:  # the driver says why there are none
-            return Report(ExecutionState.DONE, ended.status, ended.message)
+            return ExecutionReport(ExecutionState.DONE, ended.status, ended.message)
         execution = self._responder.execution(ended.execution_id)
         skill = None if execution is None else self._skills.get(_topic_of(execution.target))
         types = () if skill is None else type_codes(skill.response)
@@ -275,8 +275,8 @@ class Actions:
         except (LocalWireError, ValueError):
             self._counters.drop(Drop.CONVERSION)
             said = "it is done; the results do not fit what was announced"
-            return Report(ExecutionState.DONE, StatusCode.UNCERTAIN, said)
-        return Report(ExecutionState.DONE, ended.status, ended.message, result)
+            return ExecutionReport(ExecutionState.DONE, StatusCode.UNCERTAIN, said)
+        return ExecutionReport(ExecutionState.DONE, ended.status, ended.message, result)
 
     def _recorded(self, step: Callable[[], Sequence[ResponderEffect]], now: float) -> Sequence[ResponderEffect] | None:
         """The effects of a step; None where the journal could not record it, and so nothing has happened."""
@@ -326,7 +326,7 @@ class Actions:
             return
         self._send_to(datagram, to)
 
-    def _execute(self, execution: skill_journal.Execution, now: float) -> None:
+    def _execute(self, execution: skill_journal.RecordedExecution, now: float) -> None:
         execution_id = execution.execution_id
         assert self._driver is not None, "a responder without offers accepts nothing"
         if execution.target.action_target_id & CONTROL_BITS:
@@ -350,10 +350,10 @@ class Actions:
         else:
             self._do(self._responder.begun(execution_id, now), now)
 
-    def _control(self, request: skill_journal.Execution, now: float) -> None:
+    def _control(self, request: skill_journal.RecordedExecution, now: float) -> None:
         """Have a robot halt, stand or go on; what becomes of its execution is told by the driver as ever."""
         request_id, purpose = request.execution_id, request.target.action_target_id & CONTROL_BITS
-        report = Report(ExecutionState.DONE)
+        report = ExecutionReport(ExecutionState.DONE)
         try:
             self._tell_driver(purpose, self._controlled(request))
         except SkillError as error:
@@ -363,10 +363,12 @@ class Actions:
         except Exception as error:  # noqa: BLE001 - whatever it was, the robot may have been told
             did = _DID[purpose]
             self._failed(f"the driver failed while it {did} an execution", error)
-            report = Report(ExecutionState.UNKNOWN, StatusCode.UNCERTAIN, f"the driver failed while it {did} this")
+            report = ExecutionReport(
+                ExecutionState.UNKNOWN, StatusCode.UNCERTAIN, f"the driver failed while it {did} this"
+            )
         self._record(request_id, Said.END, partial(self._responder.ended, request_id, report), now)
 
-    def _controlled(self, request: skill_journal.Execution) -> skill_journal.Execution:
+    def _controlled(self, request: skill_journal.RecordedExecution) -> skill_journal.RecordedExecution:
         """The execution that a request to halt, suspend or resume is about; SkillRejected where it is not under way."""
         if request.target.action_target_id & CONTROL_BITS == HALT_TARGETS:
             known = self._responder.executions()
@@ -380,7 +382,7 @@ class Actions:
             raise SkillRejected("that execution is not under way")
         return execution
 
-    def _tell_driver(self, purpose: int, execution: skill_journal.Execution) -> None:
+    def _tell_driver(self, purpose: int, execution: skill_journal.RecordedExecution) -> None:
         """Tell the driver, where the execution is in a state for that; raises SkillError."""
         is_suspended = execution.report.state is ExecutionState.SUSPENDED
         if purpose == HALT_TARGETS and self._halting is not None:
@@ -395,7 +397,7 @@ class Actions:
         else:
             raise SkillRejected("the robot has no way to do that")
 
-    def _query(self, execution: skill_journal.Execution, now: float) -> None:
+    def _query(self, execution: skill_journal.RecordedExecution, now: float) -> None:
         if self._driver is None:
             return  # the journal knows a time when there were skills; they may come back
         if purpose := execution.target.action_target_id & CONTROL_BITS:
@@ -492,7 +494,7 @@ def _topic_of(target: Target) -> Topic:
     return Topic(target.publisher_id, target.writer_group_id, target.data_set_writer_id)
 
 
-def _of_driver(execution: skill_journal.Execution) -> Execution:
+def _of_driver(execution: skill_journal.RecordedExecution) -> Execution:
     """An execution as the driver is told of it."""
     return Execution(
         execution.execution_id,

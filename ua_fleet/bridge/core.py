@@ -44,14 +44,14 @@ from ua_fleet.pubsub.events import (
 from ua_fleet.pubsub.metadata import first_property, type_codes, with_max_age
 from ua_fleet.pubsub.publisher import Publisher
 from ua_fleet.pubsub.subscriber import Subscriber
-from ua_fleet.topics import Side, Topic, Verdict, loop_verdict
+from ua_fleet.topics import LoopVerdict, Side, Topic, loop_verdict
 from ua_fleet.values import BuiltinType, StatusCode, Variant, ticks_from_unix_ns
 from ua_fleet.wire.actions import ActionMessage
 from ua_fleet.wire.messages import DataSetMessage, DataSetMetaData
 
 __all__ = ["NODE_ONLY", "ActionSide", "BridgeCore", "PublishIntoSpace", "Rule", "SendDatagram", "TeleoperationSide"]
 
-Rule = Callable[[Side, int, int, bool], Verdict]
+Rule = Callable[[Side, int, int, bool], LoopVerdict]
 """`loop_verdict`, or what a test puts in its place."""
 SendDatagram = Callable[[bytes], None]
 PublishIntoSpace = Callable[[Topic, DataSetMetaData, DataSetMessage], bool]
@@ -60,9 +60,9 @@ NODE_ONLY: Final = "NodeOnly"
 """Property of a DataSet's first field: the data is for the server's nodes and has no form in a robot's space."""
 
 _DROPS: Final = {
-    Verdict.DROP_LOOP: Drop.LOOP,
-    Verdict.DROP_FOREIGN: Drop.FOREIGN,
-    Verdict.DROP_OWN: Drop.OWN_PUBLICATION,
+    LoopVerdict.DROP_LOOP: Drop.LOOP,
+    LoopVerdict.DROP_FOREIGN: Drop.FOREIGN,
+    LoopVerdict.DROP_OWN: Drop.OWN_PUBLICATION,
 }
 _REMEMBERED: Final = 16
 """Deliveries of each source that are remembered. Their Timestamps increase but where a source's clock is set back."""
@@ -175,7 +175,7 @@ class BridgeCore:
         topic, values, source_time_ns, status, own_publication, _ = sample
         self.counters.from_space += 1
         verdict = self._rule(Side.SPACE, topic.space, self.space, own_publication)
-        if verdict is not Verdict.TO_PUBSUB:
+        if verdict is not LoopVerdict.TO_PUBSUB:
             self.counters.drop(_DROPS[verdict])
             return None
         self.tell(topic, values, ticks_from_unix_ns(source_time_ns), status, now=now)
@@ -264,7 +264,7 @@ class BridgeCore:
         return due
 
     def _found(self, source: SourceFound, now: float, wall_ticks: int) -> None:
-        if self._rule(Side.SPACE, source.topic.space, self.space, False) is not Verdict.TO_PUBSUB:
+        if self._rule(Side.SPACE, source.topic.space, self.space, False) is not LoopVerdict.TO_PUBSUB:
             return
         fields = with_max_age(source.fields, self.freshness.found(source))
         try:

@@ -6,7 +6,7 @@ from collections import OrderedDict
 from typing import Any, Final
 
 from ua_fleet.skill.executions import OPEN, ExecutionState
-from ua_fleet.skill.journal import Execution
+from ua_fleet.skill.journal import RecordedExecution
 from ua_fleet.values import status_name
 
 __all__ = ["ExecutionLog"]
@@ -22,7 +22,7 @@ class ExecutionLog:
         self._log = log
         self._states: OrderedDict[bytes, ExecutionState] = OrderedDict()
 
-    def take(self, execution: Execution, robot: str, skill: str) -> None:
+    def take(self, execution: RecordedExecution, robot: str, skill: str) -> None:
         """An execution is new or has a new state."""
         report = execution.report
         before = self._states.get(execution.execution_id)

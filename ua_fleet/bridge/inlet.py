@@ -30,7 +30,7 @@ from ua_fleet.bridge.driver import (
     SampleRead,
 )
 from ua_fleet.bridge.lag import LagMeter
-from ua_fleet.bridge.lane import Lane
+from ua_fleet.bridge.lane import ExecutionLane
 from ua_fleet.bridge.source_facts import SourceFacts
 from ua_fleet.counters import Drop
 from ua_fleet.topics import Topic
@@ -108,7 +108,7 @@ class BoundedInlet:
         self._shortest_s = min(self._max_ages.values(), default=max_wait_s)
         self._lag = lag or LagMeter()
         self._lock = threading.Lock()
-        self._lane = Lane()
+        self._lane = ExecutionLane()
         self._samples: deque[_Waiting | None] = deque()
         """None where one was taken out of its turn."""
         self._taken_in = 0

@@ -12,10 +12,10 @@ from collections import OrderedDict
 
 from ua_fleet.bridge.driver import ExecutionFact, ExecutionProgressed, ExecutionResumed, ExecutionSuspended
 
-__all__ = ["Lane"]
+__all__ = ["ExecutionLane"]
 
 
-class Lane:
+class ExecutionLane:
     """A queue whose length is bounded by the executions that are under way."""
 
     def __init__(self) -> None:

@@ -41,7 +41,7 @@ from ua_fleet.bridge.lag import LagMeter
 from ua_fleet.bridge.link_log import LinkLog
 from ua_fleet.bridge.rival import Rival
 from ua_fleet.bridge.status import STATUS_FIELDS, STATUS_INTERVAL_S, aside_text, status_topic, status_values
-from ua_fleet.bridge.teleoperation import Teleoperation
+from ua_fleet.bridge.teleoperation import BridgeTeleoperation
 from ua_fleet.bridge.told import ToldReasons
 from ua_fleet.bridge.wanted import Wants
 from ua_fleet.config.applications import bridge_application
@@ -211,12 +211,12 @@ class _Shell:
         for weakness in weaknesses(config):
             self._log.warning(weakness)
 
-    def _driven(self, config: FleetConfig, state_dir: Path, publisher: Publisher) -> Teleoperation | None:
+    def _driven(self, config: FleetConfig, state_dir: Path, publisher: Publisher) -> BridgeTeleoperation | None:
         """The robots that are driven by hand; None where there are none."""
         models, driver = teleoperations(config, self._name), self._driver
         if not models or not isinstance(driver, SetpointDriver):
             return None
-        self._core.teleoperation = driven = Teleoperation(
+        self._core.teleoperation = driven = BridgeTeleoperation(
             self._bridge.space,
             models,
             publisher,

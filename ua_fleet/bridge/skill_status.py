@@ -9,7 +9,7 @@ from ua_fleet.bridge.core import NODE_ONLY, BridgeCore
 from ua_fleet.bridge.driver import ExecutionProgressed, Skill, SourceFound, SourceLost
 from ua_fleet.pubsub.metadata import PropertyValue, make_field
 from ua_fleet.skill.executions import ExecutionState, Target, unpack
-from ua_fleet.skill.journal import Execution
+from ua_fleet.skill.journal import RecordedExecution
 from ua_fleet.skill.status import ROBOT_PROPERTY, SKILL_STATUS_FIELDS, ExecutionStatus, SkillStatus, result_text
 from ua_fleet.topics import Topic
 from ua_fleet.wire.messages import FieldMetaData
@@ -67,7 +67,7 @@ class StatusBoard:
         found = self._targets.get(target)
         return None if found is None else (self._robots[found[1]][0], found[0].name)
 
-    def show(self, execution: Execution, now: float, wall_ticks: int) -> None:
+    def show(self, execution: RecordedExecution, now: float, wall_ticks: int) -> None:
         """An execution is new or has a new state."""
         found = self._targets.get(execution.target)
         if found is None:

@@ -28,9 +28,9 @@ from ua_fleet.errors import LeaseRefused, StorageUnavailable
 from ua_fleet.pubsub.events import ActionReceived, SetpointReceived
 from ua_fleet.pubsub.metadata import fields_version, type_codes
 from ua_fleet.pubsub.publisher import Publisher
-from ua_fleet.skill.executions import ExecutionState, Report, Target, pack, unpack
-from ua_fleet.skill.journal import Execution, MemoryJournal
-from ua_fleet.skill.responder import Execute, Offer, Respond, Responder, ResponderEffect
+from ua_fleet.skill.executions import ExecutionReport, ExecutionState, Target, pack, unpack
+from ua_fleet.skill.journal import MemoryJournal, RecordedExecution
+from ua_fleet.skill.responder import ActionResponder, Execute, Offer, Respond, ResponderEffect
 from ua_fleet.teleoperation import Control, TeleoperationModel
 from ua_fleet.teleoperation.messages import (
     ACQUIRE,
@@ -51,7 +51,7 @@ from ua_fleet.wire.actions import ActionMessage, encode_action
 from ua_fleet.wire.discovered import ActionTarget
 from ua_fleet.wire.messages import FieldMetaData
 
-__all__ = ["Teleoperation"]
+__all__ = ["BridgeTeleoperation"]
 
 _REQUESTS_AT_ONCE: Final = 16
 _PAUSE_S: Final = 0.02
@@ -61,7 +61,7 @@ _STOP_PATIENCE_S: Final = 0.5
 _Fields = tuple[FieldMetaData, ...]
 
 
-class Teleoperation:
+class BridgeTeleoperation:
     """All robots of one bridge that can be driven by hand."""
 
     def __init__(
@@ -110,7 +110,7 @@ class Teleoperation:
         self._controls = {model.robot: Control(model, next_number) for model in models}
         self._by_writer = {model.setpoints.data_set_writer_id: self._controls[model.robot] for model in models}
         self._by_action = {topic.id: self._controls[model.robot] for model in models for topic in model.actions}
-        self._responder = Responder(
+        self._responder = ActionResponder(
             space, MemoryJournal(), counters, allowed_spaces=requestors, must_be_verified=must_be_verified
         )
         self._ends: dict[str, int] = {}
@@ -201,7 +201,7 @@ class Teleoperation:
                 to: Any = effect.to
                 self._send_to(encode_action(effect.message), to)
 
-    def _answered(self, execution: Execution, now: float) -> list[ResponderEffect]:
+    def _answered(self, execution: RecordedExecution, now: float) -> list[ResponderEffect]:
         """Do what was asked for; what there is to say of it."""
         responder, execution_id = self._responder, execution.execution_id
         values = [variant.value for variant in unpack(execution.content)]
@@ -214,7 +214,7 @@ class Teleoperation:
             self._caught("teleoperation", error)
             said = "the bridge failed while it did this"
             return responder.refused(execution_id, StatusCode.BAD_INTERNAL_ERROR, said, now)
-        return responder.ended(execution_id, Report(ExecutionState.DONE, result=result), now)
+        return responder.ended(execution_id, ExecutionReport(ExecutionState.DONE, result=result), now)
 
     def _asked(self, writer_id: int, values: list[Any], now: float) -> bytes:
         control = self._by_action[writer_id]

@@ -13,8 +13,8 @@ from ua_fleet.cli.options import DEFAULT_CONFIG, Config, Json, state_folder
 from ua_fleet.cli.output import message, print_json, print_line
 
 if TYPE_CHECKING:
-    from ua_fleet.endpoint.audit.chain import Link
-    from ua_fleet.endpoint.audit.verification import Report
+    from ua_fleet.endpoint.audit.chain import ChainLink
+    from ua_fleet.endpoint.audit.verification import ChainReport
 
 __all__ = ["VERIFY_EXAMPLES", "verify"]
 
@@ -27,14 +27,14 @@ MIN_DIGITS = 8
 """Of an anchor's hash."""
 
 
-def _anchor(text: str) -> Link:
-    from ua_fleet.endpoint.audit.chain import Link
+def _anchor(text: str) -> ChainLink:
+    from ua_fleet.endpoint.audit.chain import ChainLink
 
     number, _, digest = text.partition(":")
     digest = digest.lower()
     if not number.isdecimal() or len(digest) < MIN_DIGITS or set(digest) - set("0123456789abcdef"):
         raise UsageError(f"{text!r} is no anchor; write NUMBER:HASH, as `ua-fleet audit verify` printed it")
-    return Link(int(number), digest)
+    return ChainLink(int(number), digest)
 
 
 def verify(
@@ -67,7 +67,7 @@ def verify(
         raise typer.Exit(EXIT_FAILED)
 
 
-def _print(path: Path, report: Report) -> None:
+def _print(path: Path, report: ChainReport) -> None:
     for problem in report.problems:
         place = "".join((problem.file, f":{problem.line}" if problem.line else ""))
         print_line(f"{path.parent / place if place else path}: {problem.text}")

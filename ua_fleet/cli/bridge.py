@@ -42,7 +42,7 @@ def bridge(
     from ua_fleet.bridge.registry import load_driver
     from ua_fleet.bridge.runner import run_bridge
     from ua_fleet.config.teleoperation import setpoint_heads
-    from ua_fleet.monitoring import Process
+    from ua_fleet.monitoring import ProcessKind
     from ua_fleet.transport.udp import UdpTransport
 
     pubsub = fleet.pubsub
@@ -68,7 +68,7 @@ def bridge(
         own = fleet.bridges[name].monitoring_port
         watched = monitored(
             fleet.monitoring,
-            Process.BRIDGE,
+            ProcessKind.BRIDGE,
             name,
             state_dir,
             port=own,

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ua_fleet.cli.connect import connected
-from ua_fleet.cli.options import Connection, Json, connecting
+from ua_fleet.cli.options import ConnectionOptions, Json, connecting
 from ua_fleet.cli.output import message, print_json, write_line
 from ua_fleet.cli.process import run
 from ua_fleet.cli.readings import Full, Utc, status_cell, styles_of, zone_of
@@ -31,7 +31,7 @@ EXAMPLES = (
 
 @connecting
 def browse(
-    connection: Connection,
+    connection: ConnectionOptions,
     node: Annotated[
         str, typer.Argument(help="NodeId, UA topic, path such as Fleet/Robots, or name such as ned or ned.pose.")
     ] = "Objects",

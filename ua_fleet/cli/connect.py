@@ -7,7 +7,7 @@ from contextlib import AsyncExitStack, asynccontextmanager, contextmanager
 from typing import TYPE_CHECKING
 
 from ua_fleet.cli.endings import extra_needed
-from ua_fleet.cli.options import Connection
+from ua_fleet.cli.options import ConnectionOptions
 from ua_fleet.cli.output import message
 from ua_fleet.errors import AccessRefused
 from ua_fleet.values import StatusCode
@@ -19,7 +19,7 @@ __all__ = ["connected"]
 
 
 @asynccontextmanager
-async def connected(options: Connection) -> AsyncGenerator[FleetClient]:
+async def connected(options: ConnectionOptions) -> AsyncGenerator[FleetClient]:
     """The client that the options ask for."""
     with extra_needed("this command", "client"):
         from ua_fleet.client import FleetClient
@@ -45,7 +45,7 @@ async def connected(options: Connection) -> AsyncGenerator[FleetClient]:
 
 
 @contextmanager
-def _told_of(options: Connection) -> Generator[None]:
+def _told_of(options: ConnectionOptions) -> Generator[None]:
     """Say what a refusal means for a context, and what to do."""
     from ua_fleet.client import AnotherServer
 

@@ -23,7 +23,7 @@ from ua_fleet.storage.files import write_whole
 from ua_fleet.storage.private_file import exclusive, not_private
 from ua_fleet.storage.user_folder import default_identity_folder
 
-__all__ = ["Context", "ContextFile", "Contexts", "check_name", "names"]
+__all__ = ["ContextFile", "Contexts", "LoginContext", "check_name", "names"]
 
 VERSION: Final = 1
 _NAME: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.@-]{0,63}")
@@ -32,7 +32,7 @@ _FLEET: Final = re.compile(r"urn:ua-fleet:(.+):server")
 
 
 @dataclass(frozen=True, slots=True)
-class Context:
+class LoginContext:
     """A server, a user, and a key in place of the password."""
 
     name: str
@@ -80,7 +80,7 @@ class Context:
         }
 
     @classmethod
-    def parse(cls, data: dict[str, Any]) -> Context:
+    def parse(cls, data: dict[str, Any]) -> LoginContext:
         """A context of the file; raises KeyError, TypeError or ValueError."""
         Policy(data["policy"])
         names = ("name", "endpoint", "user", "server_uri", "policy", "key_id")
@@ -97,13 +97,13 @@ class Contexts:
     """All contexts, and which of them is used where none is named."""
 
     current: str = ""
-    all: tuple[Context, ...] = ()
+    all: tuple[LoginContext, ...] = ()
 
-    def find(self, name: str) -> Context | None:
+    def find(self, name: str) -> LoginContext | None:
         """The context of this name; None where there is none."""
         return next((context for context in self.all if context.name == name), None)
 
-    def named(self, name: str) -> Context:
+    def named(self, name: str) -> LoginContext:
         """The context of this name; raises NotFound."""
         found = self.find(name)
         if found is None:
@@ -112,11 +112,11 @@ class Contexts:
         return found
 
     @property
-    def chosen(self) -> Context | None:
+    def chosen(self) -> LoginContext | None:
         """The current one."""
         return self.find(self.current)
 
-    def of(self, endpoint: str, user: str | None) -> Context | None:
+    def of(self, endpoint: str, user: str | None) -> LoginContext | None:
         """The context of a server, and of a user there where one is given; the current one first."""
         ordered = sorted(self.all, key=lambda context: context.name != self.current)
         return next((one for one in ordered if one.endpoint == endpoint and user in (None, one.user)), None)
@@ -131,7 +131,7 @@ class Contexts:
         wanted += [f"{wanted[1]}-{number}" for number in range(2, len(self.all) + 3)]
         return next(name for name in wanted if self.find(name) is None)
 
-    def with_context(self, context: Context) -> Contexts:
+    def with_context(self, context: LoginContext) -> Contexts:
         """With this one, in place of another of its name, as the current one."""
         others = tuple(one for one in self.all if one.name != context.name)
         return Contexts(context.name, tuple(sorted((*others, context), key=lambda one: one.name)))
@@ -163,7 +163,9 @@ class ContextFile:
             document = json.loads(self.path.read_text(encoding="utf-8"))
             newer = newer_version(document["version"], VERSION)
             if not newer:
-                return Contexts(str(document["current"]), tuple(Context.parse(one) for one in document["contexts"]))
+                return Contexts(
+                    str(document["current"]), tuple(LoginContext.parse(one) for one in document["contexts"])
+                )
         except FileNotFoundError:
             return Contexts()
         except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
@@ -172,7 +174,7 @@ class ContextFile:
             ) from error
         raise UsageError(f"{self.path} {newer}; {UPGRADE}")
 
-    def put(self, context: Context, key: str) -> tuple[Context, Context | None]:
+    def put(self, context: LoginContext, key: str) -> tuple[LoginContext, LoginContext | None]:
         """Keep a context and its key, as the current one; as it is kept, and the one whose place it took.
 
         Without a name it gets one that no other has at that moment, or that of the one which it renews.
@@ -181,7 +183,7 @@ class ContextFile:
             UsageError: the file cannot be read or written.
         """
         kept = replace(context, key=None if keyring_store.write(context.key_id, key) else key)
-        before: Context | None = None
+        before: LoginContext | None = None
 
         def add(contexts: Contexts) -> Contexts:
             nonlocal kept, before
@@ -192,12 +194,12 @@ class ContextFile:
         self._change(add)
         return kept, before
 
-    def remove(self, context: Context) -> None:
+    def remove(self, context: LoginContext) -> None:
         """Forget a context and its key; raises UsageError."""
         self.forget_key(context)
         self._change(lambda contexts: contexts.without(context.name))
 
-    def forget_key(self, context: Context) -> None:
+    def forget_key(self, context: LoginContext) -> None:
         """Take the key of a context out of the keyring, where it is there."""
         if context.key is None:
             keyring_store.remove(context.key_id)

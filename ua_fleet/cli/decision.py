@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Final
 import typer
 
 from ua_fleet.cli.endings import UsageError
-from ua_fleet.cli.options import Connection, Json, connecting
+from ua_fleet.cli.options import ConnectionOptions, Json, connecting
 from ua_fleet.cli.output import print_json, print_line, print_table
 from ua_fleet.cli.scenario import with_scenarios
 
@@ -58,7 +58,7 @@ JUDGE_EXAMPLES = ("ua-fleet decision judge battery/distance=2 battery/availabili
 WHATIF_EXAMPLES = ("ua-fleet decision whatif ur3 -u anna",)
 
 
-class ModeName(StrEnum):
+class DecisionModeName(StrEnum):
     """The modes of `resilience`; a test compares them. Importing those would slow down `--help`."""
 
     OPERATOR = "operator"
@@ -81,7 +81,7 @@ def taken_away(fault: FaultInfo) -> str:
 
 @connecting
 def faults(
-    connection: Connection,
+    connection: ConnectionOptions,
     as_json: Json = False,
 ) -> None:
     """List the faults that are active or not acknowledged.
@@ -113,7 +113,7 @@ def faults(
 
 @connecting
 def ack(
-    connection: Connection,
+    connection: ConnectionOptions,
     fault: Annotated[str, typer.Argument(help="Id of the fault, e.g. ur3.silent.")],
     comment: Annotated[str, typer.Option(help="Text for other users.")] = "",
     as_json: Json = False,
@@ -130,7 +130,7 @@ def ack(
 
 @connecting
 def raise_fault(
-    connection: Connection,
+    connection: ConnectionOptions,
     robot: Annotated[str, typer.Argument(help="The robot that cannot work.")],
     reason: Annotated[str, typer.Argument(help="Text for other users.")],
     capacity: Annotated[
@@ -151,7 +151,7 @@ def raise_fault(
 
 @connecting
 def clear_fault(
-    connection: Connection,
+    connection: ConnectionOptions,
     robot: Annotated[
         str, typer.Argument(help="The robot that can work again, or the id of one of its faults: ur3.robot.")
     ],
@@ -169,7 +169,7 @@ def clear_fault(
 
 @connecting
 def show(
-    connection: Connection,
+    connection: ConnectionOptions,
     as_json: Json = False,
 ) -> None:
     """List the decisions that are open, and the last that were made, with their rankings."""
@@ -192,7 +192,7 @@ def show(
 
 @connecting
 def confirm(
-    connection: Connection,
+    connection: ConnectionOptions,
     decision: Annotated[str, typer.Argument(help="Id of the decision.")],
     robot: Annotated[str, typer.Argument(help="Who takes over.")],
     as_json: Json = False,
@@ -214,8 +214,8 @@ def confirm(
 
 @connecting
 def set_mode(
-    connection: Connection,
-    mode: Annotated[ModeName, typer.Argument(help="Who chooses who takes over.")],
+    connection: ConnectionOptions,
+    mode: Annotated[DecisionModeName, typer.Argument(help="Who chooses who takes over.")],
     limit_s: Annotated[
         float | None, typer.Option(help="Time limit for the operator's decision, in seconds.", min=0.001)
     ] = None,
@@ -237,7 +237,7 @@ def set_mode(
 
 @connecting
 def judge(
-    connection: Connection,
+    connection: ConnectionOptions,
     judgements: Annotated[
         list[str], typer.Argument(help="battery/distance=2: battery is twice as important. Each pair once.")
     ],
@@ -273,7 +273,7 @@ def _judgement(text: str) -> tuple[str, float]:
 
 @connecting
 def whatif(
-    connection: Connection,
+    connection: ConnectionOptions,
     robot: Annotated[str, typer.Argument(help="The robot that would fail.")],
     as_json: Json = False,
 ) -> None:

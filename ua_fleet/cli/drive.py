@@ -15,9 +15,9 @@ from typing import TYPE_CHECKING, Annotated, Final
 import typer
 
 from ua_fleet.cli.connect import connected
-from ua_fleet.cli.drive_keys import KEY_LINE, Asked, Controls, TerminalKeys
+from ua_fleet.cli.drive_keys import KEY_LINE, Controls, KeyRequest, TerminalKeys
 from ua_fleet.cli.endings import UsageError
-from ua_fleet.cli.options import Connection, Json, connecting
+from ua_fleet.cli.options import ConnectionOptions, Json, connecting
 from ua_fleet.cli.output import message, print_json, print_line
 from ua_fleet.cli.process import run
 from ua_fleet.cli.skill_progress import ProgressLine
@@ -43,7 +43,7 @@ _STANDSTILL_S: Final = 1.0
 
 @connecting
 def drive(
-    connection: Connection,
+    connection: ConnectionOptions,
     robot: Annotated[str, typer.Argument(help="Name of the robot.")],
     axis: Annotated[
         list[str] | None,
@@ -149,14 +149,14 @@ async def _drive_by_keys(lease: DrivingLease, share: float) -> None:
     keys, controls = TerminalKeys(share), Controls([axis.name for axis in lease.info.axes])
     speeds = [axis.speed for axis in lease.info.axes]
     typed = asyncio.Event()
-    asked = Asked.NOTHING
+    asked = KeyRequest.NOTHING
     loop, stdin = asyncio.get_running_loop(), sys.stdin.fileno()
 
     def read() -> None:
         nonlocal asked
         text = os.read(stdin, 1024).decode(errors="replace")
-        answer = keys.type(text, time.monotonic()) if text else Asked.END  # the terminal is gone
-        asked = answer if asked is Asked.NOTHING else asked
+        answer = keys.type(text, time.monotonic()) if text else KeyRequest.END  # the terminal is gone
+        asked = answer if asked is KeyRequest.NOTHING else asked
         typed.set()
 
     line, shown_at, last = ProgressLine(), 0.0, [0.0] * len(speeds)
@@ -165,7 +165,7 @@ async def _drive_by_keys(lease: DrivingLease, share: float) -> None:
     with _keys_at_once():
         loop.add_reader(stdin, read)
         try:
-            while asked is Asked.NOTHING:
+            while asked is KeyRequest.NOTHING:
                 now = time.monotonic()
                 control, sign = keys.held(now)
                 last = controls.values(control, sign, speeds, keys.share)
@@ -182,7 +182,7 @@ async def _drive_by_keys(lease: DrivingLease, share: float) -> None:
         finally:
             loop.remove_reader(stdin)
             line.end()
-    if asked is Asked.AWAY:
+    if asked is KeyRequest.AWAY:
         message("the terminal has lost the focus: the robot is released")
 
 

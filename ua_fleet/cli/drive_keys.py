@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from enum import Enum
 from typing import Final
 
-__all__ = ["KEY_LINE", "KEY_S", "Asked", "Controls", "TerminalKeys"]
+__all__ = ["KEY_LINE", "KEY_S", "Controls", "KeyRequest", "TerminalKeys"]
 
 KEY_S: Final = 0.2
 KEY_LINE: Final = "hold W A S D or the arrows (Q E: third axis); space stops; + and - change the speed; X ends"
@@ -31,7 +31,7 @@ _AHEAD: Final = re.compile(r"(linear|linear_x|x|forward|ahead|vx|speed|translati
 _TURN: Final = re.compile(r"(angular|angular_z|yaw|turn|rotation|steering|wz|rz)$", re.IGNORECASE)
 
 
-class Asked(Enum):
+class KeyRequest(Enum):
     """What a person asks for beside driving."""
 
     NOTHING = 0
@@ -80,16 +80,16 @@ class TerminalKeys:
         self._held: tuple[str, int] = "", 0
         self._until = 0.0
 
-    def type(self, text: str, now: float) -> Asked:
+    def type(self, text: str, now: float) -> KeyRequest:
         """Take what was typed."""
         for token in _TOKEN.findall(text):
             key = token.lower() if len(token) == 1 else token
             if key in ("x", "\x1b", "\x04"):
                 self._held = "", 0
-                return Asked.END
+                return KeyRequest.END
             if token == _FOCUS_LOST:
                 self._held = "", 0
-                return Asked.AWAY
+                return KeyRequest.AWAY
             if key in "+=" or key == "-":
                 step = -_STEP if key == "-" else _STEP
                 self.share = min(1.0, max(_STEP, round(self.share + step, 1)))
@@ -97,7 +97,7 @@ class TerminalKeys:
                 self._held, self._until = _KEYS[key], now + KEY_S
             elif not key.startswith("\x1b["):
                 self._held = "", 0  # the space bar, and whatever was hit in a hurry
-        return Asked.NOTHING
+        return KeyRequest.NOTHING
 
     def held(self, now: float) -> tuple[str, int]:
         """The control that is held, and to which side; empty: none."""

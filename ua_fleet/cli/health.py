@@ -12,7 +12,16 @@ from typing import Any, Final, NamedTuple
 
 from ua_fleet.printing import harmless
 
-__all__ = ["DEFAULT_STATE_DIR", "DEFAULT_TIMEOUT_S", "DEFAULT_WITHIN_S", "Asked", "Verdict", "check", "quick", "tell"]
+__all__ = [
+    "DEFAULT_STATE_DIR",
+    "DEFAULT_TIMEOUT_S",
+    "DEFAULT_WITHIN_S",
+    "HealthQuestion",
+    "HealthVerdict",
+    "check",
+    "quick",
+    "tell",
+]
 
 DEFAULT_STATE_DIR: Final = "state"
 """The server's, beside `fleet.yaml`."""
@@ -25,7 +34,7 @@ _HERE: Final = {"": "127.0.0.1", "0.0.0.0": "127.0.0.1", "::": "::1"}
 """Where a process is reached that listens on all addresses."""
 
 
-class Asked(NamedTuple):
+class HealthQuestion(NamedTuple):
     """What is to be found out; all of it has to be well."""
 
     at: str | None = None
@@ -44,7 +53,7 @@ class Asked(NamedTuple):
     """Longest wait for an answer."""
 
 
-class Verdict(NamedTuple):
+class HealthVerdict(NamedTuple):
     """The answer."""
 
     is_well: bool
@@ -56,7 +65,7 @@ class _Unwell(Exception):
     """What is wrong."""
 
 
-def check(asked: Asked) -> Verdict:
+def check(asked: HealthQuestion) -> HealthVerdict:
     """Find out what is asked for; what was not named is the server of the folder `state`."""
     well: list[str] = []
     try:
@@ -67,11 +76,11 @@ def check(asked: Asked) -> Verdict:
         if asked.at is not None or asked.state_dir is not None or not well:
             well.append(_answers(asked))
     except _Unwell as unwell:
-        return Verdict(False, str(unwell))
-    return Verdict(True, "; ".join(well))
+        return HealthVerdict(False, str(unwell))
+    return HealthVerdict(True, "; ".join(well))
 
 
-def tell(verdict: Verdict, *, as_json: bool = False) -> int:
+def tell(verdict: HealthVerdict, *, as_json: bool = False) -> int:
     """Print a verdict; returns the exit code."""
     shown = json.dumps({"well": verdict.is_well, "text": verdict.text}) if as_json else harmless(verdict.text)
     sys.stdout.write(f"{shown}\n")
@@ -105,7 +114,7 @@ def _beats(path: str, within_s: float) -> str:
     return f"{path} was touched {max(age_s, 0.0):.1f} s ago"
 
 
-def _answers(asked: Asked) -> str:
+def _answers(asked: HealthQuestion) -> str:
     instance = ""
     if asked.at is not None:
         host, port = _split(asked.at)
@@ -197,4 +206,4 @@ def quick(arguments: Sequence[str]) -> int | None:
             given[_SECONDS[name]] = seconds
         else:
             return None
-    return tell(check(Asked(**given)), as_json=as_json)
+    return tell(check(HealthQuestion(**given)), as_json=as_json)

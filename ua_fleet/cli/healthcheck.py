@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from ua_fleet.cli.health import DEFAULT_STATE_DIR, DEFAULT_TIMEOUT_S, DEFAULT_WITHIN_S, Asked, check, tell
+from ua_fleet.cli.health import DEFAULT_STATE_DIR, DEFAULT_TIMEOUT_S, DEFAULT_WITHIN_S, HealthQuestion, check, tell
 from ua_fleet.cli.options import Json
 
 __all__ = ["EXAMPLES", "healthcheck"]
@@ -50,4 +50,4 @@ def healthcheck(
     The server, each bridge and the Modbus gateway answer whether they are ready. Any other program is well while its
     TCP port accepts connections, or while it touches a file.
     """
-    raise typer.Exit(tell(check(Asked(at, state_dir, live, tcp, heartbeat, within, timeout)), as_json=as_json))
+    raise typer.Exit(tell(check(HealthQuestion(at, state_dir, live, tcp, heartbeat, within, timeout)), as_json=as_json))

@@ -7,7 +7,7 @@ from typing import Final
 
 from ua_fleet.counters import Counters
 from ua_fleet.dissect.annotate import annotate
-from ua_fleet.dissect.spans import Span
+from ua_fleet.dissect.spans import ByteSpan
 from ua_fleet.errors import RemoteWireError
 from ua_fleet.pubsub.security.reassembly import Reassembly
 from ua_fleet.wire import Codec
@@ -35,7 +35,7 @@ class Inspected:
     """What is known about one message."""
 
     datagram: bytes
-    spans: tuple[Span, ...]
+    spans: tuple[ByteSpan, ...]
     """Each of its bytes; where it could be decrypted, in plain."""
     security: SecuredDatagram | None = None
     """None where not even its header can be read."""

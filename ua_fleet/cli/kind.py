@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from enum import StrEnum
 
-__all__ = ["Kind"]
+__all__ = ["HealthKind"]
 
 
-class Kind(StrEnum):
+class HealthKind(StrEnum):
     """What can be asked for."""
 
     METADATA = "metadata"

@@ -11,7 +11,7 @@ from typing import Any, Final, cast
 
 from ua_fleet.cli.discovery_json import announcement_as_json
 from ua_fleet.cli.message_json import KINDS, MODES, action_as_json
-from ua_fleet.cli.opening import REFRESH_S, Opened, Opener, ToolKeys
+from ua_fleet.cli.opening import REFRESH_S, OpenedDatagram, Opener, ToolKeys
 from ua_fleet.cli.output import print_json, print_line
 from ua_fleet.counters import Drop
 from ua_fleet.errors import RemoteWireError
@@ -27,21 +27,21 @@ from ua_fleet.pubsub.events import (
 from ua_fleet.pubsub.subscriber import Subscriber
 from ua_fleet.pubsub.timing import PubSubTiming
 from ua_fleet.teleoperation.messages import read_setpoint
-from ua_fleet.topics import Side, Verdict
+from ua_fleet.topics import LoopVerdict, Side
 from ua_fleet.transport.base import Address, Transport
 from ua_fleet.values import BuiltinType, Variant, datetime_from_ticks, status_name
 from ua_fleet.wire import ActionMessage, Codec
 from ua_fleet.wire.messages import DataSetMessage, FieldMetaData, FrameKind, MetaDataAnnouncement, NetworkMessage, Probe
 from ua_fleet.wire.security import NONCE_BYTES, SecurityMode
 
-__all__ = ["Listener", "figures_text"]
+__all__ = ["MessagePrinter", "figures_text"]
 
 _NOBODY: Final = -1
 """A listener stands in no space, so that nothing is its own."""
 
 
-def _hear_all(_side: Side, _origin: int, _own_space: int, _own_publication: bool) -> Verdict:
-    return Verdict.TO_SPACE
+def _hear_all(_side: Side, _origin: int, _own_space: int, _own_publication: bool) -> LoopVerdict:
+    return LoopVerdict.TO_SPACE
 
 
 def _plain(value: Any, field: FieldMetaData) -> Any:
@@ -61,7 +61,7 @@ def _plain(value: Any, field: FieldMetaData) -> Any:
     return str(value)
 
 
-class Listener:
+class MessagePrinter:
     """Prints what is heard, until it has printed as many lines as are wanted."""
 
     def __init__(
@@ -149,7 +149,7 @@ class Listener:
             }
         return None
 
-    def _show(self, events: list[SubscriberEvent], opened: Opened | None) -> None:
+    def _show(self, events: list[SubscriberEvent], opened: OpenedDatagram | None) -> None:
         for event in events:
             if isinstance(event, SourceUnknown):
                 if event.datagram is not None and self._transport is not None:
@@ -188,7 +188,7 @@ def _setpoint(space: int, message: DataSetMessage) -> dict[str, Any] | None:
     return {"event": "setpoint", "space": space, "data_set_writer_ids": [message.data_set_writer_id], "fields": fields}
 
 
-def security_as_json(opened: Opened) -> dict[str, Any]:
+def security_as_json(opened: OpenedDatagram) -> dict[str, Any]:
     """The security of a message, as in `pubsub decode --json`."""
     heard = opened.heard
     is_secured = heard is not None and heard.mode is not SecurityMode.NONE
@@ -201,7 +201,7 @@ def security_as_json(opened: Opened) -> dict[str, Any]:
     }
 
 
-def refused_as_json(opened: Opened, size: int) -> dict[str, Any]:
+def refused_as_json(opened: OpenedDatagram, size: int) -> dict[str, Any]:
     """The headers of a message that was not opened; nothing of them is proved."""
     heard = opened.heard
     shown: dict[str, Any] = {"event": "secured" if opened.drop is Drop.SECURED else "refused"}

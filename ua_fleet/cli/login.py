@@ -12,12 +12,12 @@ from typing import TYPE_CHECKING, Annotated, Final
 import typer
 
 from ua_fleet.cli.connect import connected
-from ua_fleet.cli.context_file import Context, ContextFile, check_name
+from ua_fleet.cli.context_file import ContextFile, LoginContext, check_name
 from ua_fleet.cli.endings import NotFound, UsageError, extra_needed
 from ua_fleet.cli.options import (
     CONNECT_TIMEOUT_S,
     DEFAULT_ENDPOINT,
-    Connection,
+    ConnectionOptions,
     ContextName,
     Insecure,
     Json,
@@ -88,12 +88,12 @@ def login(
         policy, insecure = policy or Policy(known.policy), insecure or known.insecure
     policy = policy or Policy.BASIC256SHA256
     if password_file is None and "UA_FLEET_PASSWORD" not in os.environ and sys.stdin.isatty():
-        run(_knock(Connection(endpoint, None, None, policy, insecure, timeout)))
-    wanted = Connection(endpoint, user, password_for(user, password_file), policy, insecure, timeout)
+        run(_knock(ConnectionOptions(endpoint, None, None, policy, insecure, timeout)))
+    wanted = ConnectionOptions(endpoint, user, password_for(user, password_file), policy, insecure, timeout)
     run(_login(file, wanted, user, context, days, as_json))
 
 
-async def _knock(wanted: Connection) -> None:
+async def _knock(wanted: ConnectionOptions) -> None:
     """Raise what stands in the way before a password is typed: nobody answers, or does not trust our certificate."""
     try:
         async with connected(wanted):
@@ -114,7 +114,7 @@ def _ask_user() -> str:
 
 
 async def _login(
-    file: ContextFile, wanted: Connection, user: str, name: str | None, days: float, as_json: bool
+    file: ContextFile, wanted: ConnectionOptions, user: str, name: str | None, days: float, as_json: bool
 ) -> None:
     with extra_needed("this command", "client"):
         from ua_fleet.client import issue_session_key
@@ -138,8 +138,8 @@ async def _login(
         message(f"its key is kept {where}; end it with: ua-fleet logout")
 
 
-def _context(name: str, wanted: Connection, user: str, client: FleetClient, issued: IssuedKey) -> Context:
-    return Context(
+def _context(name: str, wanted: ConnectionOptions, user: str, client: FleetClient, issued: IssuedKey) -> LoginContext:
+    return LoginContext(
         name=name,
         endpoint=wanted.endpoint,
         user=user,
@@ -152,7 +152,7 @@ def _context(name: str, wanted: Connection, user: str, client: FleetClient, issu
     )
 
 
-async def _end(client: FleetClient, context: Context) -> None:
+async def _end(client: FleetClient, context: LoginContext) -> None:
     """End the key of a context, which may have ended already."""
     from ua_fleet.client import NotDone, revoke_session_key
 
@@ -160,13 +160,13 @@ async def _end(client: FleetClient, context: Context) -> None:
         await revoke_session_key(client, context.key_id)
 
 
-async def _end_by_itself(context: Context) -> str:
+async def _end_by_itself(context: LoginContext) -> str:
     """End the key of a context by that key itself; why not, or empty."""
     if context.has_ended(datetime.now(UTC)):
         return ""
     try:
         key, policy = context.secret(), Policy(context.policy)
-        wanted = Connection(
+        wanted = ConnectionOptions(
             context.endpoint,
             context.user,
             key,
@@ -183,7 +183,7 @@ async def _end_by_itself(context: Context) -> str:
     return ""
 
 
-def _tell_left(context: Context, problem: str) -> None:
+def _tell_left(context: LoginContext, problem: str) -> None:
     message(f"the server did not end the key: {problem}")
     message(
         f"the key is valid until {_local(context.valid_until)}; on the server run: "
@@ -246,7 +246,7 @@ def contexts(
         message("UA_FLEET_CONTEXT, UA_FLEET_ENDPOINT or UA_FLEET_USER is set and has priority over the current context")
 
 
-def _as_json(context: Context, *, is_current: bool) -> dict[str, object]:
+def _as_json(context: LoginContext, *, is_current: bool) -> dict[str, object]:
     shown = {key: value for key, value in context.dump().items() if key != "key"}
     return {**shown, "current": is_current, "in_keyring": context.key is None}
 

@@ -9,7 +9,7 @@ from ua_fleet.cli.connect import connected
 from ua_fleet.cli.endings import NotFound, extra_needed
 from ua_fleet.cli.logs import set_up_logging
 from ua_fleet.cli.monitored import monitored
-from ua_fleet.cli.options import DEFAULT_CONFIG, Config, Connection, Json, connecting, load_config
+from ua_fleet.cli.options import DEFAULT_CONFIG, Config, ConnectionOptions, Json, connecting, load_config
 from ua_fleet.cli.output import message, print_json, print_line
 from ua_fleet.cli.process import run
 
@@ -39,7 +39,7 @@ def _modbus_of(path: Path) -> tuple[FleetConfig, ModbusServerConfig]:
 
 @connecting
 def serve(
-    connection: Connection,
+    connection: ConnectionOptions,
     config: Config = DEFAULT_CONFIG,
     as_json: Json = False,
 ) -> None:
@@ -52,10 +52,10 @@ def serve(
     set_up_logging(process="modbus")
     with extra_needed("this command", "modbus"):
         from ua_fleet.modbus.figures import GatewayFigures
-        from ua_fleet.modbus.listener import Listener
+        from ua_fleet.modbus.listener import ModbusListener
     from ua_fleet.modbus.gateway import Gateway
     from ua_fleet.modbus.memory import CommandMemory
-    from ua_fleet.monitoring import Process
+    from ua_fleet.monitoring import ProcessKind
 
     folder = config.resolve().parent / modbus.state_dir
 
@@ -64,7 +64,7 @@ def serve(
 
     watched = monitored(
         fleet.monitoring,
-        Process.MODBUS,
+        ProcessKind.MODBUS,
         "",
         folder,
         port=modbus.monitoring_port,
@@ -75,7 +75,7 @@ def serve(
         memory = CommandMemory(folder / MEMORY)
         try:
             gateway = Gateway(fleet, memory)
-            async with watched as monitor, Listener(gateway.image, modbus, gateway.written) as listener:
+            async with watched as monitor, ModbusListener(gateway.image, modbus, gateway.written) as listener:
                 monitor.mistakes = gateway.mistakes
                 place = f"{modbus.host}:{modbus.port}"
                 if as_json:

@@ -9,14 +9,14 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from ua_fleet.config.schema import MonitoringConfig
-    from ua_fleet.monitoring import Monitor, Process
+    from ua_fleet.monitoring import Monitor, ProcessKind
 
 __all__ = ["monitored"]
 
 
 @asynccontextmanager
 async def monitored(
-    config: MonitoringConfig, process: Process, name: str, state_dir: Path, *, port: int | None, port_key: str
+    config: MonitoringConfig, process: ProcessKind, name: str, state_dir: Path, *, port: int | None, port_key: str
 ) -> AsyncGenerator[Monitor]:
     """A monitor that answers over HTTP while the context lasts, unless `fleet.yaml` says that nobody may ask.
 

@@ -15,7 +15,7 @@ import typer
 
 from ua_fleet.cli.connect import connected
 from ua_fleet.cli.endings import UsageError, UsageProblems
-from ua_fleet.cli.options import Connection, Json, connecting
+from ua_fleet.cli.options import ConnectionOptions, Json, connecting
 from ua_fleet.cli.output import message, print_json, print_line
 from ua_fleet.cli.process import run
 from ua_fleet.cli.skill import argument
@@ -38,7 +38,7 @@ _HOW = "answer with: accept | done [name=value ..] | fail REASON"
 
 @connecting
 def offer(
-    connection: Connection,
+    connection: ConnectionOptions,
     robot: Annotated[
         str, typer.Argument(help="The robot that offers the skill; the server adds the robot if it is missing.")
     ],

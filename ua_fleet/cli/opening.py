@@ -21,10 +21,19 @@ from ua_fleet.keys.source import CURRENT_TOKEN, KeySource
 from ua_fleet.pubsub.security.envelope import Envelope
 from ua_fleet.pubsub.security.groups import telemetry_group
 from ua_fleet.pubsub.security.nonces import MemoryNonces
-from ua_fleet.pubsub.security.refused import Refused
+from ua_fleet.pubsub.security.refused import DatagramRefused
 from ua_fleet.wire.security import MessageKey, SecuredDatagram, SecurityMode, SecurityPolicy, read_security
 
-__all__ = ["REFRESH_S", "TOOL_SPACE", "Opened", "Opener", "ToolKeys", "lacks_keys", "tool_envelope", "tool_keys"]
+__all__ = [
+    "REFRESH_S",
+    "TOOL_SPACE",
+    "OpenedDatagram",
+    "Opener",
+    "ToolKeys",
+    "lacks_keys",
+    "tool_envelope",
+    "tool_keys",
+]
 
 REFRESH_S: Final = 0.5
 """How often `ToolKeys.refresh` is to be called."""
@@ -38,7 +47,7 @@ TOOL_SPACE: Final = 255
 """PublisherId of a tool: reserved (docs/topics.md), so that nothing that is heard is its own."""
 
 
-class Opened(NamedTuple):
+class OpenedDatagram(NamedTuple):
     """What became of one datagram."""
 
     plain: bytes | None
@@ -66,13 +75,13 @@ class Opener:
         self.counters = counters
         self._envelope, self._key = envelope, key
 
-    def open(self, datagram: bytes, now: float) -> Opened:
+    def open(self, datagram: bytes, now: float) -> OpenedDatagram:
         """Take one datagram."""
         try:
             heard = read_security(datagram)
         except RemoteWireError as error:
             self.counters.drop_malformed(error.cause)
-            return Opened(None, None, drop=Drop.MALFORMED, reason=str(error))
+            return OpenedDatagram(None, None, drop=Drop.MALFORMED, reason=str(error))
         is_secured = heard.mode is not SecurityMode.NONE
         try:
             if is_secured and self._envelope.mode is SecurityMode.NONE:
@@ -80,22 +89,22 @@ class Opener:
                     return self._dropped(heard, Drop.SECURED, None, "")
                 datagram = self._key.unprotect(heard)
             plain = self._envelope.open(datagram, now)
-        except Refused as refused:
+        except DatagramRefused as refused:
             return self._dropped(heard, refused.drop, _verdict(refused.drop), refused.detail)
         except RemoteWireError as error:
             if is_secured and error.cause == "signature":
                 return self._dropped(heard, Drop.BAD_SIGNATURE, False, error.detail)
             self.counters.drop_malformed(error.cause)
-            return Opened(None, heard, True if is_secured else None, Drop.MALFORMED, str(error))
+            return OpenedDatagram(None, heard, True if is_secured else None, Drop.MALFORMED, str(error))
         if plain is None and heard.is_action and is_secured:
             return self._dropped(heard, Drop.SECURED, None, "an Action of a group whose keys we do not have")
         if plain is None and is_secured and self._envelope.is_setpoint(heard):
             return self._dropped(heard, Drop.SECURED, None, "a setpoint of a group whose keys we do not have")
-        return Opened(plain, heard, True if is_secured else None)
+        return OpenedDatagram(plain, heard, True if is_secured else None)
 
-    def _dropped(self, heard: SecuredDatagram, drop: Drop, verified: bool | None, reason: str) -> Opened:
+    def _dropped(self, heard: SecuredDatagram, drop: Drop, verified: bool | None, reason: str) -> OpenedDatagram:
         self.counters.drop(drop)
-        return Opened(None, heard, verified, drop, reason)
+        return OpenedDatagram(None, heard, verified, drop, reason)
 
 
 def _verdict(drop: Drop) -> bool | None:

@@ -19,14 +19,14 @@ import typer
 from ua_fleet.cli.endings import UsageError
 
 if TYPE_CHECKING:
-    from ua_fleet.cli.context_file import Context
+    from ua_fleet.cli.context_file import LoginContext
     from ua_fleet.config import FleetConfig
 
 __all__ = [
     "DEFAULT_CONFIG",
     "DEFAULT_ENDPOINT",
     "Config",
-    "Connection",
+    "ConnectionOptions",
     "ContextName",
     "Endpoint",
     "Insecure",
@@ -88,7 +88,7 @@ class Policy(StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class Connection:
+class ConnectionOptions:
     """What the options say about the server and the user."""
 
     endpoint: str
@@ -113,7 +113,7 @@ class Connection:
         policy: Policy | None,
         insecure: bool,
         timeout: float,
-    ) -> Connection:
+    ) -> ConnectionOptions:
         """Say where and as whom, by the options and the contexts in which this user of the machine is logged in.
 
         A context that is named says both. Without one, what is not given is that of the current one; where a server or
@@ -124,7 +124,7 @@ class Connection:
 
         contexts = ContextFile().load()
         if context is not None:
-            found: Context | None = contexts.named(context)
+            found: LoginContext | None = contexts.named(context)
             assert found is not None
             _check_not_both(found, endpoint, user)
         elif endpoint is None and user is None:
@@ -155,7 +155,7 @@ class Connection:
         return cls(found.endpoint, found.user, found.secret(), chosen, insecure, timeout, found.name, found.server_uri)
 
 
-def _check_not_both(context: Context, endpoint: str | None, user: str | None) -> None:
+def _check_not_both(context: LoginContext, endpoint: str | None, user: str | None) -> None:
     """Refuse a context together with another server or user; what stands in the environment gives way."""
     for name, given, own in (("endpoint", endpoint, context.endpoint), ("user", user, context.user)):
         if given not in (None, own, os.environ.get(f"UA_FLEET_{name.upper()}")):
@@ -226,7 +226,7 @@ def connecting(command: Callable[..., None]) -> Callable[..., None]:
     def connected(**given: Any) -> None:
         said: dict[str, Any] = {"timeout": min(given.get("timeout") or CONNECT_TIMEOUT_S, CONNECT_TIMEOUT_S)}
         said |= {name: given.pop(name) for name in options}
-        command(**given, connection=Connection.of(**said))
+        command(**given, connection=ConnectionOptions.of(**said))
 
     parameters = [*needed, *others, *options.values()]
     connected.__dict__["__signature__"] = wanted.replace(parameters=parameters)

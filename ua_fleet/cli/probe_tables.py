@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 
-from ua_fleet.cli.kind import Kind
+from ua_fleet.cli.kind import HealthKind
 from ua_fleet.cli.value_json import time_text
 from ua_fleet.printing import harmless
 from ua_fleet.values import BuiltinType, status_name
@@ -25,21 +25,21 @@ from ua_fleet.wire.messages import DataSetMetaData, MetaDataAnnouncement
 __all__ = ["table"]
 
 HEADINGS = {
-    Kind.METADATA: ("publisher", "writer", "DataSet", "version", "fields"),
-    Kind.WRITERS: ("publisher", "group", "writer", "DataSet", "security", "security group", "keep-alive"),
-    Kind.GROUPS: ("publisher", "group", "name", "security", "security group", "keep-alive"),
-    Kind.CONNECTIONS: ("publisher", "connection", "transport", "address", "groups", "writers"),
-    Kind.ENDPOINTS: ("publisher", "endpoint", "security", "policy"),
-    Kind.APPLICATIONS: ("publisher", "application", "type", "state", "next report", "uri"),
-    Kind.ACTIONS: ("publisher", "writer", "Action", "version", "targets", "request", "response"),
+    HealthKind.METADATA: ("publisher", "writer", "DataSet", "version", "fields"),
+    HealthKind.WRITERS: ("publisher", "group", "writer", "DataSet", "security", "security group", "keep-alive"),
+    HealthKind.GROUPS: ("publisher", "group", "name", "security", "security group", "keep-alive"),
+    HealthKind.CONNECTIONS: ("publisher", "connection", "transport", "address", "groups", "writers"),
+    HealthKind.ENDPOINTS: ("publisher", "endpoint", "security", "policy"),
+    HealthKind.APPLICATIONS: ("publisher", "application", "type", "state", "next report", "uri"),
+    HealthKind.ACTIONS: ("publisher", "writer", "Action", "version", "targets", "request", "response"),
 }
 SECURITY = {1: "none", 2: "sign", 3: "sign and encrypt"}
 
 
-def table(kind: Kind, announcements: Iterable[AnyAnnouncement]) -> list[list[str]]:
+def table(kind: HealthKind, announcements: Iterable[AnyAnnouncement]) -> list[list[str]]:
     """Rows, the heading first, sorted by publisher and what comes next."""
     heard = list(announcements)
-    if kind is Kind.APPLICATIONS:
+    if kind is HealthKind.APPLICATIONS:
         rows = _applications(heard)
     else:
         rows = [row for announcement in heard for row in _rows(kind, announcement)]
@@ -51,7 +51,7 @@ def _natural(row: tuple[str, ...]) -> tuple[tuple[int, str], ...]:
     return tuple((int(cell) if cell.isdecimal() and len(cell) < 18 else -1, cell) for cell in row)
 
 
-def _rows(kind: Kind, heard: AnyAnnouncement) -> Iterator[tuple[object, ...]]:
+def _rows(kind: HealthKind, heard: AnyAnnouncement) -> Iterator[tuple[object, ...]]:
     publisher = heard.publisher_id
     if isinstance(heard, MetaDataAnnouncement):
         shown = _fields(heard.metadata) if heard.status == 0 else status_name(heard.status)
@@ -79,10 +79,10 @@ def _rows(kind: Kind, heard: AnyAnnouncement) -> Iterator[tuple[object, ...]]:
         yield publisher, heard.data_set_writer_id, request.name, version, targets, _fields(request), _fields(response)
 
 
-def _groups(kind: Kind, heard: WriterConfigurationAnnouncement) -> Iterator[tuple[object, ...]]:
+def _groups(kind: HealthKind, heard: WriterConfigurationAnnouncement) -> Iterator[tuple[object, ...]]:
     group = heard.writer_group
     security = SECURITY.get(group.security_mode, "?"), group.security_group_id or "", f"{group.keep_alive_time_ms:g} ms"
-    if kind is Kind.GROUPS:
+    if kind is HealthKind.GROUPS:
         yield heard.publisher_id, group.writer_group_id, group.name or "", *security
         return
     for writer in group.data_set_writers:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 from typing import Final
 
-from ua_fleet.cli.kind import Kind
+from ua_fleet.cli.kind import HealthKind
 from ua_fleet.cli.opening import REFRESH_S, Opener, ToolKeys
 from ua_fleet.errors import RemoteWireError
 from ua_fleet.transport.base import Address, Transport
@@ -33,18 +33,18 @@ UINT16: Final = PublisherIdType.UINT16.value
 FIND_APPLICATIONS: Final = Probe(None, PublisherIdType.STRING, ProbeKind.FIND_APPLICATIONS)
 
 
-ANSWERS: Final[dict[Kind, tuple[type, ...]]] = {
-    Kind.METADATA: (MetaDataAnnouncement,),
-    Kind.WRITERS: (WriterConfigurationAnnouncement,),
-    Kind.GROUPS: (WriterConfigurationAnnouncement,),
-    Kind.CONNECTIONS: (ConnectionsAnnouncement,),
-    Kind.ENDPOINTS: (EndpointsAnnouncement,),
-    Kind.APPLICATIONS: (ApplicationAnnouncement, StatusAnnouncement),
-    Kind.ACTIONS: (ActionMetaDataAnnouncement, ActionResponderAnnouncement),
+ANSWERS: Final[dict[HealthKind, tuple[type, ...]]] = {
+    HealthKind.METADATA: (MetaDataAnnouncement,),
+    HealthKind.WRITERS: (WriterConfigurationAnnouncement,),
+    HealthKind.GROUPS: (WriterConfigurationAnnouncement,),
+    HealthKind.CONNECTIONS: (ConnectionsAnnouncement,),
+    HealthKind.ENDPOINTS: (EndpointsAnnouncement,),
+    HealthKind.APPLICATIONS: (ApplicationAnnouncement, StatusAnnouncement),
+    HealthKind.ACTIONS: (ActionMetaDataAnnouncement, ActionResponderAnnouncement),
 }
 
 
-def probes_for(kind: Kind, publisher_id: int) -> list[Probe]:
+def probes_for(kind: HealthKind, publisher_id: int) -> list[Probe]:
     """The probes that ask one Publisher. Actions have no InformationType: they come with metadata and connections."""
     metadata = Probe(publisher_id, UINT16, ProbeKind.DATA_SET_META_DATA)
     connections = Probe(
@@ -55,20 +55,20 @@ def probes_for(kind: Kind, publisher_id: int) -> list[Probe]:
         include_data_set_writers=True,
     )
     return {
-        Kind.METADATA: [metadata],
-        Kind.WRITERS: [Probe(publisher_id, UINT16, ProbeKind.DATA_SET_WRITER_CONFIGURATION)],
-        Kind.GROUPS: [Probe(publisher_id, UINT16, ProbeKind.WRITER_GROUP_CONFIGURATION)],
-        Kind.CONNECTIONS: [connections],
-        Kind.ENDPOINTS: [Probe(publisher_id, UINT16, ProbeKind.ENDPOINTS)],
-        Kind.APPLICATIONS: [FIND_APPLICATIONS],
-        Kind.ACTIONS: [metadata, connections],
+        HealthKind.METADATA: [metadata],
+        HealthKind.WRITERS: [Probe(publisher_id, UINT16, ProbeKind.DATA_SET_WRITER_CONFIGURATION)],
+        HealthKind.GROUPS: [Probe(publisher_id, UINT16, ProbeKind.WRITER_GROUP_CONFIGURATION)],
+        HealthKind.CONNECTIONS: [connections],
+        HealthKind.ENDPOINTS: [Probe(publisher_id, UINT16, ProbeKind.ENDPOINTS)],
+        HealthKind.APPLICATIONS: [FIND_APPLICATIONS],
+        HealthKind.ACTIONS: [metadata, connections],
     }[kind]
 
 
 class Prober:
     """Asks one Publisher, or finds all and asks each of them, and keeps what they announce."""
 
-    def __init__(self, kind: Kind, publisher_id: int | None, opener: Opener) -> None:
+    def __init__(self, kind: HealthKind, publisher_id: int | None, opener: Opener) -> None:
         self._answers: dict[AnyAnnouncement, AnyAnnouncement] = {}
         """Each by itself without its SequenceNumber."""
         self.answered: set[int | str | None] = set()
@@ -125,7 +125,7 @@ class Prober:
                 self._probe(self._publisher_id)
             return
         self._send(FIND_APPLICATIONS)
-        if self._kind is not Kind.APPLICATIONS:
+        if self._kind is not HealthKind.APPLICATIONS:
             for publisher_id in self.found - self.answered:
                 self._probe(publisher_id)
 
@@ -158,7 +158,7 @@ class Prober:
         """Know of a Publisher, and ask it where all are to be asked."""
         if publisher_id not in self.found and len(self.found) < MOST_ANNOUNCEMENTS:
             self.found.add(publisher_id)
-            if self._publisher_id is None and self._kind is not Kind.APPLICATIONS:
+            if self._publisher_id is None and self._kind is not HealthKind.APPLICATIONS:
                 self._probe(publisher_id)
 
     def _hear(self, announcement: AnyAnnouncement, now: float) -> None:

@@ -74,7 +74,7 @@ def listen(
     --timeout.
     """
     set_up_logging("warning")
-    from ua_fleet.cli.listener import Listener, figures_text
+    from ua_fleet.cli.listener import MessagePrinter, figures_text
     from ua_fleet.cli.opening import Opener, lacks_keys, tool_envelope, tool_keys
     from ua_fleet.cli.pubsub_decode import key_of
     from ua_fleet.config.teleoperation import setpoint_groups
@@ -95,7 +95,7 @@ def listen(
         keyed = fleet
     envelope = tool_envelope(keyed, counters)
     timing = PubSubTiming() if fleet is None else fleet.pubsub.timing()
-    listener = Listener(
+    listener = MessagePrinter(
         timing,
         Opener(counters, envelope, one_key),
         count=count,

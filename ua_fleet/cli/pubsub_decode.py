@@ -14,7 +14,7 @@ from ua_fleet.cli.output import message, print_json, print_line
 
 if TYPE_CHECKING:
     from ua_fleet.cli.inspection import Inspected
-    from ua_fleet.dissect.spans import Span
+    from ua_fleet.dissect.spans import ByteSpan
     from ua_fleet.wire.security import MessageKey
 
 __all__ = ["EXAMPLES", "decode", "key_of", "table"]
@@ -140,7 +140,7 @@ def _lines_of_stdin() -> list[str]:
     return lines
 
 
-def table(spans: Sequence[Span]) -> Iterator[str]:
+def table(spans: Sequence[ByteSpan]) -> Iterator[str]:
     """The lines that show the bytes of a message: offset, length, bytes, name and meaning, under the part's name."""
     if not spans:
         return

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from ua_fleet.cli.kind import Kind
+from ua_fleet.cli.kind import HealthKind
 from ua_fleet.cli.logs import set_up_logging
 from ua_fleet.cli.options import DEFAULT_CONFIG, Config, Json, load_config
 from ua_fleet.cli.output import message, print_json, print_table
@@ -35,7 +35,7 @@ def probe(
             max=65_535,
         ),
     ] = None,
-    kind: Annotated[Kind, typer.Option(help="What to ask for.")] = Kind.APPLICATIONS,
+    kind: Annotated[HealthKind, typer.Option(help="What to ask for.")] = HealthKind.APPLICATIONS,
     url: Annotated[str | None, typer.Option(help="Ask at this address instead of the file's.")] = None,
     interface: Annotated[str | None, typer.Option(help="Name or address of the network interface.")] = None,
     timeout: Annotated[float, typer.Option(help="Time limit for answers, in seconds.", min=0.1)] = 3.0,
@@ -84,7 +84,9 @@ def probe(
         message(f"heard, but no answer within {timeout:g} s: {', '.join(sorted(map(str, silent)))}")
 
 
-def nothing_heard(kind: Kind, publisher_id: int | None, timeout: float, drops: Mapping[str, int], heard: bool) -> str:
+def nothing_heard(
+    kind: HealthKind, publisher_id: int | None, timeout: float, drops: Mapping[str, int], heard: bool
+) -> str:
     """Why there may be no answer, and what to try."""
     asked = "nobody answered" if publisher_id is None else f"publisher {publisher_id} did not answer"
     refused = ", ".join(f"{count} dropped as {cause}" for cause, count in sorted(drops.items()) if count)

@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from ua_fleet.cli.connect import connected
-from ua_fleet.cli.options import Connection, Json, connecting
+from ua_fleet.cli.options import ConnectionOptions, Json, connecting
 from ua_fleet.cli.output import message
 from ua_fleet.cli.process import run
 from ua_fleet.cli.readings import Full, ReadingLines, Utc, has_never_come, waiting_text
@@ -32,7 +32,7 @@ Nodes = Annotated[
 
 @connecting
 def read(
-    connection: Connection,
+    connection: ConnectionOptions,
     nodes: Nodes,
     empty: Annotated[
         bool, typer.Option("--empty", help="Also show values below Objects that have not arrived yet.")

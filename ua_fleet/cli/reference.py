@@ -15,7 +15,7 @@ from typer.core import TyperGroup
 from typer.main import get_command
 
 from ua_fleet.cli.app import app
-from ua_fleet.cli.options import Connection, connecting
+from ua_fleet.cli.options import ConnectionOptions, connecting
 from ua_fleet.config.reference import show_or_put
 
 __all__ = ["BEGIN", "END", "reference"]
@@ -28,7 +28,7 @@ _CONNECTION: Final = "Options of a connection"
 
 
 @connecting
-def _nothing(connection: Connection) -> None:
+def _nothing(connection: ConnectionOptions) -> None:
     """Only for its options."""
 
 

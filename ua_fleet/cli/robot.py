@@ -11,7 +11,7 @@ import typer
 
 from ua_fleet.cli.connect import connected
 from ua_fleet.cli.endings import UsageError, UsageProblems
-from ua_fleet.cli.options import Connection, Json, connecting
+from ua_fleet.cli.options import ConnectionOptions, Json, connecting
 from ua_fleet.cli.output import message, print_json, print_line, print_table
 from ua_fleet.cli.process import run
 from ua_fleet.errors import ConfigInvalid
@@ -49,7 +49,7 @@ RELEASE_EXAMPLES = ("ua-fleet robot release rover -u anna",)
 
 @connecting
 def show(
-    connection: Connection,
+    connection: ConnectionOptions,
     as_json: Json = False,
 ) -> None:
     """List the robots: state, hold, and how each came to the fleet."""
@@ -78,7 +78,7 @@ def show(
 
 @connecting
 def register(
-    connection: Connection,
+    connection: ConnectionOptions,
     file: Annotated[
         Path,
         typer.Argument(help="File with robots as in fleet.yaml: `robots:`, or, with --name, the keys of one robot."),
@@ -135,7 +135,7 @@ def definition(file: Path, name: str | None) -> tuple[str, list[str]]:
 
 @connecting
 def unregister(
-    connection: Connection,
+    connection: ConnectionOptions,
     robot: Annotated[str, typer.Argument(help="Name of the robot.")],
     as_json: Json = False,
 ) -> None:
@@ -153,7 +153,7 @@ def unregister(
 
 @connecting
 def hold(
-    connection: Connection,
+    connection: ConnectionOptions,
     robot: Annotated[str, typer.Argument(help="Name of the robot.")],
     reason: Annotated[str, typer.Option(help="Reason, shown to users who need the robot.")] = "",
     as_json: Json = False,
@@ -172,7 +172,7 @@ def hold(
 
 @connecting
 def release(
-    connection: Connection,
+    connection: ConnectionOptions,
     robot: Annotated[str, typer.Argument(help="Name of the robot.")],
     as_json: Json = False,
 ) -> None:
@@ -188,7 +188,7 @@ def release(
     _with_robots(connection, work)
 
 
-def _with_robots(connection: Connection, work: Callable[[RobotClient], Awaitable[None]]) -> None:
+def _with_robots(connection: ConnectionOptions, work: Callable[[RobotClient], Awaitable[None]]) -> None:
     async def main() -> None:
         async with connected(connection) as client:
             from ua_fleet.client import RobotClient

@@ -5,16 +5,16 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from ua_fleet.cli.output import message
-from ua_fleet.topics import Side, Verdict, loop_verdict
+from ua_fleet.topics import LoopVerdict, Side, loop_verdict
 
 __all__ = ["rule_for"]
 
 
-def _forward_all(side: Side, _origin: int, _own_space: int, _own_publication: bool) -> Verdict:
-    return Verdict.TO_SPACE if side is Side.PUBSUB else Verdict.TO_PUBSUB
+def _forward_all(side: Side, _origin: int, _own_space: int, _own_publication: bool) -> LoopVerdict:
+    return LoopVerdict.TO_SPACE if side is Side.PUBSUB else LoopVerdict.TO_PUBSUB
 
 
-def rule_for(without_loop_rule: bool) -> Callable[[Side, int, int, bool], Verdict]:
+def rule_for(without_loop_rule: bool) -> Callable[[Side, int, int, bool], LoopVerdict]:
     """`loop_verdict`, or for a test a rule that forwards everything, which is said."""
     if not without_loop_rule:
         return loop_verdict

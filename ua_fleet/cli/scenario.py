@@ -12,7 +12,7 @@ import typer
 
 from ua_fleet.cli.connect import connected
 from ua_fleet.cli.endings import UsageError
-from ua_fleet.cli.options import Connection, Json, connecting
+from ua_fleet.cli.options import ConnectionOptions, Json, connecting
 from ua_fleet.cli.output import message, print_json, print_line, print_table
 from ua_fleet.cli.process import run as run_until_done
 from ua_fleet.errors import NotConnected, ScenarioError, ScenarioInvalid
@@ -63,7 +63,7 @@ RunId = Annotated[str, typer.Argument(help="Id of the run.")]
 ScenarioName = Annotated[str, typer.Argument(help="Name of a scenario of the server, or a file: ./new.yaml.")]
 
 
-def with_scenarios(connection: Connection, work: Callable[[ScenarioClient], Awaitable[None]]) -> None:
+def with_scenarios(connection: ConnectionOptions, work: Callable[[ScenarioClient], Awaitable[None]]) -> None:
     """Connect, and do something with scenarios."""
 
     async def main() -> None:
@@ -77,7 +77,7 @@ def with_scenarios(connection: Connection, work: Callable[[ScenarioClient], Awai
 
 @connecting
 def show(
-    connection: Connection,
+    connection: ConnectionOptions,
     as_json: Json = False,
 ) -> None:
     """List the scenarios that the server has."""
@@ -97,7 +97,7 @@ def show(
 
 @connecting
 def validate(
-    connection: Connection,
+    connection: ConnectionOptions,
     scenario: ScenarioName,
     as_json: Json = False,
 ) -> None:
@@ -125,7 +125,7 @@ def validate(
 
 @connecting
 def run(
-    connection: Connection,
+    connection: ConnectionOptions,
     scenario: ScenarioName,
     parameters: Annotated[list[str] | None, typer.Argument(help="Parameters as name=value.")] = None,
     wait: Annotated[bool, typer.Option("--wait", help="Print what happens until the run has ended.")] = False,
@@ -153,7 +153,7 @@ def run(
 
 @connecting
 def dryrun(
-    connection: Connection,
+    connection: ConnectionOptions,
     scenario: ScenarioName,
     parameters: Annotated[list[str] | None, typer.Argument(help="Parameters as name=value.")] = None,
     values: Annotated[
@@ -187,7 +187,7 @@ def dryrun(
 
 @connecting
 def tell(
-    connection: Connection,
+    connection: ConnectionOptions,
     name: Annotated[str, typer.Argument(help="Name of the event, as in `wait: {event: NAME}`.")],
     as_json: Json = False,
 ) -> None:
@@ -203,7 +203,7 @@ def tell(
 
 @connecting
 def watch(
-    connection: Connection,
+    connection: ConnectionOptions,
     run_id: RunId,
     as_json: Json = False,
 ) -> None:
@@ -217,7 +217,7 @@ def watch(
 
 @connecting
 def pause(
-    connection: Connection,
+    connection: ConnectionOptions,
     run_id: RunId,
     as_json: Json = False,
 ) -> None:
@@ -233,7 +233,7 @@ def pause(
 
 @connecting
 def resume(
-    connection: Connection,
+    connection: ConnectionOptions,
     run_id: RunId,
     as_json: Json = False,
 ) -> None:
@@ -249,7 +249,7 @@ def resume(
 
 @connecting
 def abort(
-    connection: Connection,
+    connection: ConnectionOptions,
     run_id: RunId,
     reason: Annotated[str, typer.Option(help="Reason, shown to users.")] = "",
     as_json: Json = False,
@@ -266,7 +266,7 @@ def abort(
 
 @connecting
 def answer(
-    connection: Connection,
+    connection: ConnectionOptions,
     run_id: RunId,
     step: Annotated[str, typer.Argument(help="Key of the step, or name of its task.")],
     answer: Annotated[str, typer.Argument(help="done, retry, fail, or replace: another robot is looked for.")],

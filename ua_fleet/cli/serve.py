@@ -54,7 +54,7 @@ def _serve(
     set_up_logging(process="server")
     with extra_needed("the server", "server"):
         from ua_fleet.server.app import run_server
-    from ua_fleet.monitoring import Process
+    from ua_fleet.monitoring import ProcessKind
 
     def ready(endpoint: str) -> None:
         settled()
@@ -66,7 +66,7 @@ def _serve(
     folder = config.resolve().parent
     watched = monitored(
         fleet.monitoring,
-        Process.SERVER,
+        ProcessKind.SERVER,
         fleet.fleet.name,
         folder / fleet.server.state_dir,
         port=fleet.server.monitoring_port,

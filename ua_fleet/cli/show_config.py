@@ -14,7 +14,7 @@ from ua_fleet.cli.options import DEFAULT_CONFIG, Config, Json
 from ua_fleet.cli.output import print_json, print_table
 
 if TYPE_CHECKING:
-    from ua_fleet.config.show import Setting
+    from ua_fleet.config.show import ShownSetting
 
 __all__ = ["SHOW_EXAMPLES", "show"]
 
@@ -53,7 +53,7 @@ def show(
         sys.stdout.write(as_yaml(found, list(document.variables.values())))
 
 
-def _wanted(found: list[Setting], keys: list[str], config: Path) -> list[Setting]:
+def _wanted(found: list[ShownSetting], keys: list[str], config: Path) -> list[ShownSetting]:
     from ua_fleet.config.show import nearest_key
 
     for key in keys:
@@ -63,7 +63,7 @@ def _wanted(found: list[Setting], keys: list[str], config: Path) -> list[Setting
     return [setting for setting in found if not keys or any(setting.is_below(key) for key in keys)]
 
 
-def _origin_as_json(setting: Setting) -> dict[str, Any]:
+def _origin_as_json(setting: ShownSetting) -> dict[str, Any]:
     place = setting.place
     if place is None:
         return {"default": True}

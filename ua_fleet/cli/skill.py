@@ -14,7 +14,7 @@ import typer
 
 from ua_fleet.cli.connect import connected
 from ua_fleet.cli.endings import UsageError
-from ua_fleet.cli.options import Connection, Json, connecting
+from ua_fleet.cli.options import ConnectionOptions, Json, connecting
 from ua_fleet.cli.output import message, print_json, print_line
 from ua_fleet.cli.process import run
 from ua_fleet.cli.skill_progress import ProgressLine, SkillProgress, progress_text
@@ -58,7 +58,7 @@ _Skill = Annotated[str, typer.Argument(help="Name of the skill.")]
 
 @connecting
 def show(
-    connection: Connection,
+    connection: ConnectionOptions,
     robot: Annotated[str | None, typer.Argument(help="Name of the robot; without it, all robots.")] = None,
     as_json: Json = False,
 ) -> None:
@@ -80,7 +80,7 @@ def show(
 
 @connecting
 def call(
-    connection: Connection,
+    connection: ConnectionOptions,
     robot: _Robot,
     skill: _Skill,
     arguments: Annotated[
@@ -183,25 +183,25 @@ async def _interrupted(client: FleetClient, execution: SkillExecution, *, halts:
 
 
 @connecting
-def halt(connection: Connection, robot: _Robot, skill: _Skill, as_json: Json = False) -> None:
+def halt(connection: ConnectionOptions, robot: _Robot, skill: _Skill, as_json: Json = False) -> None:
     """Ask a robot to halt all executions of a skill. The skill's state shows whether it stops."""
     _ask(connection, "halt", robot, skill, as_json=as_json)
 
 
 @connecting
-def suspend(connection: Connection, robot: _Robot, skill: _Skill, as_json: Json = False) -> None:
+def suspend(connection: ConnectionOptions, robot: _Robot, skill: _Skill, as_json: Json = False) -> None:
     """Ask a robot to suspend a skill. The skill's timeout runs on."""
     _ask(connection, "suspend", robot, skill, as_json=as_json)
 
 
 @connecting
-def resume(connection: Connection, robot: _Robot, skill: _Skill, as_json: Json = False) -> None:
+def resume(connection: ConnectionOptions, robot: _Robot, skill: _Skill, as_json: Json = False) -> None:
     """Ask a robot to resume a suspended skill."""
     _ask(connection, "resume", robot, skill, as_json=as_json)
 
 
 def _ask(
-    connection: Connection, what: Literal["halt", "suspend", "resume"], robot: str, skill: str, *, as_json: bool
+    connection: ConnectionOptions, what: Literal["halt", "suspend", "resume"], robot: str, skill: str, *, as_json: bool
 ) -> None:
     async def main() -> None:
         async with connected(connection) as client:

@@ -11,7 +11,7 @@ import typer
 
 from ua_fleet.cli.connect import connected
 from ua_fleet.cli.endings import EXIT_FAILED
-from ua_fleet.cli.options import Connection, Json, connecting
+from ua_fleet.cli.options import ConnectionOptions, Json, connecting
 from ua_fleet.cli.output import print_json, write_line
 from ua_fleet.cli.process import run
 from ua_fleet.cli.readings import Utc, zone_of
@@ -28,7 +28,7 @@ EXAMPLES = (
 
 @connecting
 def status(
-    connection: Connection,
+    connection: ConnectionOptions,
     watch: Annotated[bool, typer.Option("--watch", help="Show it again and again, until Ctrl-C.")] = False,
     every: Annotated[float, typer.Option(help="Seconds between two looks with --watch.", min=0.2)] = 2.0,
     whole: Annotated[

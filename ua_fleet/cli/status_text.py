@@ -16,7 +16,7 @@ from ua_fleet.drop_meanings import drop_meanings, is_loss
 if TYPE_CHECKING:
     from ua_fleet.client.status import FaultStatus, FleetStatus, RobotStatus
 
-__all__ = ["Problem", "problems_of", "status_json", "status_lines"]
+__all__ = ["StatusProblem", "problems_of", "status_json", "status_lines"]
 
 MOST_ROBOTS: Final = 40
 """Robots that are listed when all is well with them; of a larger fleet only the others are."""
@@ -27,7 +27,7 @@ _INDENT: Final = "  "
 
 
 @dataclass(frozen=True, slots=True)
-class Problem:
+class StatusProblem:
     """Something that is wrong."""
 
     text: str
@@ -35,34 +35,36 @@ class Problem:
     """The command to try next; empty where none helps."""
 
 
-def problems_of(status: FleetStatus, now: datetime) -> list[Problem]:
+def problems_of(status: FleetStatus, now: datetime) -> list[StatusProblem]:
     """All that is wrong now: what `status` ends with 1 for."""
-    found: list[Problem] = []
+    found: list[StatusProblem] = []
     server = status.server
     if server.state != "Running":
-        found.append(Problem(f"the server is {server.state}", ""))
+        found.append(StatusProblem(f"the server is {server.state}", ""))
     if server.certificate_until is not None and server.certificate_until - now < EXPIRES_SOON:
         has = "has expired" if server.certificate_until <= now else "expires"
         found.append(
-            Problem(
+            StatusProblem(
                 f"the server's certificate {has} on {server.certificate_until:%Y-%m-%d}", "ua-fleet cert create --help"
             )
         )
     for bridge in status.bridges:
         if not bridge.online:
-            found.append(Problem(f"bridge {bridge.name} is not heard", f"ua-fleet bridge {bridge.name}"))
+            found.append(StatusProblem(f"bridge {bridge.name} is not heard", f"ua-fleet bridge {bridge.name}"))
         elif bridge.connected is False:
-            found.append(Problem(f"bridge {bridge.name} is not connected: {bridge.detail}", ""))
+            found.append(StatusProblem(f"bridge {bridge.name} is not connected: {bridge.detail}", ""))
     active = [fault for fault in status.faults if fault.active]
-    found += [Problem(f"{fault.fault_id}: {fault.reason}", _remedy(fault)) for fault in active]
+    found += [StatusProblem(f"{fault.fault_id}: {fault.reason}", _remedy(fault)) for fault in active]
     told = {fault.robot for fault in active}
     found += [
-        Problem(f"{robot.name} is {robot.state}", f"ua-fleet read {robot.name}")
+        StatusProblem(f"{robot.name} is {robot.state}", f"ua-fleet read {robot.name}")
         for robot in status.robots
         if robot.state not in _WELL and robot.name not in told
     ]
     found += [
-        Problem(f"{one.task} waits for a robot: {one.reason}", f"ua-fleet decision confirm {one.decision_id} ROBOT")
+        StatusProblem(
+            f"{one.task} waits for a robot: {one.reason}", f"ua-fleet decision confirm {one.decision_id} ROBOT"
+        )
         for one in status.decisions
     ]
     return found
@@ -77,7 +79,7 @@ def _remedy(fault: FaultStatus) -> str:
     return ""
 
 
-def status_json(status: FleetStatus, problems: Sequence[Problem]) -> dict[str, Any]:
+def status_json(status: FleetStatus, problems: Sequence[StatusProblem]) -> dict[str, Any]:
     """The same as JSON can hold it: times in UTC, and what is no finite number as text, as `read` has it."""
 
     def plain(value: Any) -> Any:
@@ -278,7 +280,7 @@ def _faults(faults: Sequence[FaultStatus]) -> str:
     return f"{active} active" + (f", {over} over and not acknowledged" if over else "")
 
 
-def _verdict(problems: Sequence[Problem], *, width: int | None, colours: bool) -> list[str]:
+def _verdict(problems: Sequence[StatusProblem], *, width: int | None, colours: bool) -> list[str]:
     if not problems:
         return [painted("nothing is wrong", Colour.GOOD, colours=colours)]
     lines = [painted(f"{len(problems)} wrong", Colour.BAD, colours=colours)]

@@ -15,7 +15,7 @@ import typer
 
 from ua_fleet.cli.connect import connected
 from ua_fleet.cli.endings import UsageError
-from ua_fleet.cli.options import Connection, Json, connecting
+from ua_fleet.cli.options import ConnectionOptions, Json, connecting
 from ua_fleet.cli.output import message, print_json, print_line
 from ua_fleet.cli.process import run
 from ua_fleet.cli.read import Nodes
@@ -44,7 +44,7 @@ RATES_S: Final = 1.0
 
 @connecting
 def watch(
-    connection: Connection,
+    connection: ConnectionOptions,
     nodes: Nodes,
     table: Annotated[bool, typer.Option("--table", help="Show a table that is kept up to date.")] = False,
     rate: Annotated[

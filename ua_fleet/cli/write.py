@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from ua_fleet.cli.connect import connected
-from ua_fleet.cli.options import Connection, Json, connecting
+from ua_fleet.cli.options import ConnectionOptions, Json, connecting
 from ua_fleet.cli.process import run
 from ua_fleet.cli.readings import ReadingLines
 
@@ -18,7 +18,7 @@ EXAMPLES = ("ua-fleet write ua_0_2_1006 0.25 -u anna", "ua-fleet write -u anna -
 
 @connecting
 def write(
-    connection: Connection,
+    connection: ConnectionOptions,
     node: Annotated[str, typer.Argument(help="NodeId, UA topic, or path.")],
     value: Annotated[str, typer.Argument(help="Value in the node's own type; an array as JSON, e.g. '[1, 2]'.")],
     as_json: Json = False,

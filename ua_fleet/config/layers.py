@@ -8,7 +8,7 @@ from typing import Any, Final
 from ua_fleet.config.kinds import known_kinds, model_of_kind
 from ua_fleet.config.schema import FleetConfig
 from ua_fleet.config.wording import fields_at
-from ua_fleet.document import Document, KeyPath, Place, as_mapping, key_text, resolve_scalar
+from ua_fleet.document import Document, KeyPath, SourcePlace, as_mapping, key_text, resolve_scalar
 from ua_fleet.errors import ConfigError
 from ua_fleet.names import closest, listed
 
@@ -49,7 +49,7 @@ def _path_of(variable: str, data: Mapping[str, Any]) -> KeyPath:
     return path
 
 
-def _set(document: Document, path: KeyPath, value: object, place: Place) -> None:
+def _set(document: Document, path: KeyPath, value: object, place: SourcePlace) -> None:
     section = document.data
     for step in path[:-1]:
         inner = as_mapping(section.setdefault(str(step), {}))
@@ -74,7 +74,7 @@ def apply_environment(document: Document, environment: Mapping[str, str]) -> Non
         text = environment[variable]
         value = resolve_scalar(text) if text else text
         try:
-            _set(document, _path_of(name, document.data), value, Place("environment", key=variable))
+            _set(document, _path_of(name, document.data), value, SourcePlace("environment", key=variable))
         except ConfigError as error:
             document.problems.append(error)
 
@@ -83,6 +83,6 @@ def apply_options(document: Document, options: Mapping[str, object]) -> None:
     """Put values from the command line into the document, by key paths like `server.port`."""
     for key, value in options.items():
         try:
-            _set(document, tuple(key.split(".")), value, Place("option", key=key))
+            _set(document, tuple(key.split(".")), value, SourcePlace("option", key=key))
         except ConfigError as error:
             document.problems.append(error)

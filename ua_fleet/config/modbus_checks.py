@@ -11,7 +11,7 @@ from ua_fleet.config.register_schema import RegisterConfig
 from ua_fleet.config.schema import DataSetConfig, RobotConfig
 from ua_fleet.document import KeyPath, key_text
 from ua_fleet.names import closest, listed
-from ua_fleet.registers import LAST_ADDRESS, Register, RegisterType, Span, Table, fit_problem
+from ua_fleet.registers import LAST_ADDRESS, AddressSpan, Register, RegisterType, Table, fit_problem
 
 __all__ = ["CONTROL_WORDS", "STATUS_WORDS", "modbus_problems"]
 
@@ -25,7 +25,7 @@ Data = Mapping[tuple[str, str], DataSetConfig]
 
 class _Use(NamedTuple):
     path: KeyPath
-    span: Span
+    span: AddressSpan
     bit: int | None
     what: str
     command: str | None = None
@@ -36,11 +36,16 @@ def modbus_problems(config: ModbusServerConfig, robots: Mapping[str, RobotConfig
     """All problems, by the paths of their keys."""
     found: list[Problem] = []
     uses = [
-        _Use(("modbus", "control"), Span(Table.HOLDING, config.control, CONTROL_WORDS), None, "the words of commands"),
-        _Use(("modbus", "status"), Span(Table.INPUT, config.status, STATUS_WORDS), None, "the words of answers"),
+        _Use(
+            ("modbus", "control"),
+            AddressSpan(Table.HOLDING, config.control, CONTROL_WORDS),
+            None,
+            "the words of commands",
+        ),
+        _Use(("modbus", "status"), AddressSpan(Table.INPUT, config.status, STATUS_WORDS), None, "the words of answers"),
     ]
     if config.values:
-        span = Span(Table.DISCRETE, config.quality, len(config.values))
+        span = AddressSpan(Table.DISCRETE, config.quality, len(config.values))
         uses.append(_Use(("modbus", "quality"), span, None, "the qualities"))
     for position, robot in enumerate(config.robots):
         if robot not in robots:

@@ -10,7 +10,7 @@ from pydantic import AfterValidator, Field, model_validator
 from ua_fleet.config.base import Model, Name, Port
 from ua_fleet.config.register_schema import Address, RegisterConfig
 from ua_fleet.config.shapes import all_of, exactly_one, given, implies, none_of
-from ua_fleet.registers import Order
+from ua_fleet.registers import ByteOrder
 
 __all__ = ["MOST_ROBOTS", "CommandConfig", "ModbusServerConfig"]
 
@@ -73,7 +73,7 @@ class ModbusServerConfig(Model, frozen=True):
     """TCP port."""
     unit: int = Field(default=1, ge=0, le=255)
     """Unit identifier; others are not answered. 255 is asked for by some PLCs."""
-    order: Order = Order.ABCD
+    order: ByteOrder = ByteOrder.ABCD
     """How the bytes of the value 0xAABBCCDD lie in two words."""
     writers: tuple[Network, ...] = ()
     """Addresses, or networks, of the PLCs that may write; all others may read. Empty: nobody."""

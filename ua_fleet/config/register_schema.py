@@ -8,7 +8,7 @@ from pydantic import Field, model_validator
 
 from ua_fleet.config.base import Model, ScalarType
 from ua_fleet.config.shapes import all_of, given, implies, limited_to, none_of
-from ua_fleet.registers import LAST_ADDRESS, Order, Register, RegisterType, Table
+from ua_fleet.registers import LAST_ADDRESS, ByteOrder, Register, RegisterType, Table
 
 __all__ = ["Address", "RegisterConfig"]
 
@@ -58,7 +58,7 @@ class RegisterConfig(
     """Of a `bool` in a word: 0 is the least significant bit."""
     length: int | None = Field(default=None, ge=1, le=125)
     """Of a `string`: words, each of two characters."""
-    order: Order | None = None
+    order: ByteOrder | None = None
     """How the bytes of 0xAABBCCDD lie in its words; left out: as the device has it."""
     scale: float = 1.0
     """The value is what lies in the register, times `scale`, plus `offset`."""
@@ -102,7 +102,7 @@ class RegisterConfig(
         """Whether the value is another number than what lies in the register."""
         return self.scale != 1.0 or self.offset != 0.0
 
-    def register(self, order: Order, field: ScalarType) -> Register:
+    def register(self, order: ByteOrder, field: ScalarType) -> Register:
         """The register; raises ValueError where what is left out does not follow from the field's type.
 
         Args:

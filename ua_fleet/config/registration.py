@@ -19,7 +19,7 @@ from ua_fleet.config.checks import Parts, check_robots, no_namespace
 from ua_fleet.config.load import Loading
 from ua_fleet.config.nodes import robot_model
 from ua_fleet.config.schema import BridgeConfig, FleetConfig, RobotConfig
-from ua_fleet.document import Document, KeyPath, Place, as_mapping, read_document
+from ua_fleet.document import Document, KeyPath, SourcePlace, as_mapping, read_document
 from ua_fleet.errors import ConfigInvalid, TopicInvalid
 from ua_fleet.fleet.model import RobotModel
 from ua_fleet.names import closest, listed
@@ -141,7 +141,7 @@ def _document(said: RobotText) -> Document:
     """The text as a file with `robots`, in which every place is where it was written."""
     text = said.text if said.text.strip() else "{}"
     if len(text.encode()) > MOST_BYTES:
-        document = Document({}, {(): Place(said.file)}, {}, [])
+        document = Document({}, {(): SourcePlace(said.file)}, {}, [])
         document.problem((), f"the text is longer than {MOST_BYTES // 1024} KiB", "say less of one robot")
         return document
     document = read_document(text.encode(), said.file)

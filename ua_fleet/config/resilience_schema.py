@@ -10,7 +10,7 @@ from pydantic import Field, model_validator
 from ua_fleet.config.base import FieldPath, Model, Name
 from ua_fleet.config.shapes import exactly_one
 from ua_fleet.orchestrator import CriterionSource, DistanceFrom, FaultRule, ResilienceSettings, TasksAhead, ValueOf
-from ua_fleet.resilience import Criterion, CriterionKind, Missing, Mode, OnLimit, Synthesis
+from ua_fleet.resilience import Criterion, CriterionKind, DecisionMode, Missing, OnLimit, Synthesis
 from ua_fleet.scenario import parse_expression
 from ua_fleet.scenario.expression import ExpressionInvalid
 
@@ -161,7 +161,7 @@ class ResilienceConfig(Model, frozen=True):
             criteria,
             judgements,
             synthesis=Synthesis(self.synthesis),
-            mode=Mode(self.mode.value),
+            mode=DecisionMode(self.mode.value),
             limit_s=self.limit_s,
             on_limit=OnLimit(self.on_limit),
             silence_s=self.silence_s,

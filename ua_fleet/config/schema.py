@@ -33,10 +33,10 @@ __all__ = [
     "DataMapping",
     "DataSetConfig",
     "FieldConfig",
-    "Finding",
     "FleetConfig",
     "FleetInfo",
     "KeysConfig",
+    "MachineFinding",
     "MonitoringConfig",
     "PubSubConfig",
     "PubSubSecurity",
@@ -247,7 +247,7 @@ class RobotConfig(Model, frozen=True):
     """How people drive it by hand; left out: nobody does."""
 
 
-class Finding(NamedTuple):
+class MachineFinding(NamedTuple):
     """What a look at this machine shows of a key of the file."""
 
     text: str
@@ -314,7 +314,7 @@ class BridgeConfig(Model, frozen=True):
         """
         return ()
 
-    def findings_here(self, name: str, robots: Mapping[str, RobotConfig]) -> Iterable[tuple[KeyPath, Finding]]:
+    def findings_here(self, name: str, robots: Mapping[str, RobotConfig]) -> Iterable[tuple[KeyPath, MachineFinding]]:
         """What a valid file has wrong by what is installed on this machine, such as message types; arguments as in
         `fleet_problems`.
         """

@@ -14,10 +14,10 @@ import yaml
 from pydantic import BaseModel
 
 from ua_fleet.config.schema import FleetConfig
-from ua_fleet.document import Document, KeyPath, Place, as_mapping, key_text, resolve_scalar
+from ua_fleet.document import Document, KeyPath, SourcePlace, as_mapping, key_text, resolve_scalar
 from ua_fleet.names import closest
 
-__all__ = ["HIDDEN", "Setting", "as_tree", "as_yaml", "nearest_key", "settings"]
+__all__ = ["HIDDEN", "ShownSetting", "as_tree", "as_yaml", "nearest_key", "settings"]
 
 HIDDEN: Final = "***"
 _SECRET_KEY: Final = re.compile("password|passphrase|secret|token", re.IGNORECASE)
@@ -25,13 +25,13 @@ _USER_OF_URL: Final = re.compile(r"(?<=://)[^/@\s]+(?=@)")
 
 
 @dataclass(frozen=True, slots=True)
-class Setting:
+class ShownSetting:
     """One value in force. Lists are one value."""
 
     path: KeyPath
     value: Any
     """As JSON has it; secrets are hidden."""
-    place: Place | None
+    place: SourcePlace | None
     """Where it was written; None for a default."""
 
     @property
@@ -51,7 +51,7 @@ class Setting:
         return any(key_text(self.path[:length]) == key for length in range(1, len(self.path) + 1))
 
 
-def settings(config: FleetConfig, document: Document) -> list[Setting]:
+def settings(config: FleetConfig, document: Document) -> list[ShownSetting]:
     """All values, in the order of the schema; the document is the one that the configuration was loaded from."""
     tree = config.model_dump(mode="json", exclude_none=True)
     for robot_name, robot in config.robots.items():
@@ -76,8 +76,8 @@ def _leaves(tree: dict[str, Any], path: KeyPath) -> Iterator[tuple[KeyPath, Any]
             yield (*path, key), value
 
 
-def _setting(path: KeyPath, value: Any, document: Document) -> Setting:
-    return Setting(path, _shown(path, value, document), document.places.get(path))
+def _setting(path: KeyPath, value: Any, document: Document) -> ShownSetting:
+    return ShownSetting(path, _shown(path, value, document), document.places.get(path))
 
 
 def _shown(path: KeyPath, value: Any, document: Document) -> Any:
@@ -92,13 +92,13 @@ def _shown(path: KeyPath, value: Any, document: Document) -> Any:
     return _USER_OF_URL.sub(HIDDEN, value) if isinstance(value, str) else value
 
 
-def nearest_key(key: str, found: Sequence[Setting]) -> str:
+def nearest_key(key: str, found: Sequence[ShownSetting]) -> str:
     """A suggestion for a key that there is not."""
     known = {key_text(setting.path[:length]) for setting in found for length in range(1, len(setting.path) + 1)}
     return closest(key, sorted(known))
 
 
-def as_tree(found: Sequence[Setting]) -> dict[str, Any]:
+def as_tree(found: Sequence[ShownSetting]) -> dict[str, Any]:
     """The values as nested mappings."""
     tree: dict[str, Any] = {}
     for setting in found:
@@ -132,7 +132,7 @@ _Dumper.add_representer(str, _text)
 _Dumper.add_representer(float, _number)
 
 
-def as_yaml(found: Sequence[Setting], variables: Sequence[str] = ()) -> str:
+def as_yaml(found: Sequence[ShownSetting], variables: Sequence[str] = ()) -> str:
     """The values as a file has them: `load` reads it as the same configuration, but for what is hidden.
 
     Args:

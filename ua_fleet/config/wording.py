@@ -15,7 +15,7 @@ from pydantic_core import ErrorDetails
 from ua_fleet.document import KeyPath
 from ua_fleet.names import closest, listed
 
-__all__ = ["Finding", "choices", "explain", "fields_at"]
+__all__ = ["ModelFinding", "choices", "explain", "fields_at"]
 
 _NAME_RULE: Final = "a name begins with a letter; then letters, digits, _ and -, 64 at most"
 
@@ -35,7 +35,7 @@ _WANTED: Final[dict[str, str]] = {
 }
 
 
-class Finding(NamedTuple):
+class ModelFinding(NamedTuple):
     """One problem of a model, with its path from where the model stands."""
 
     path: KeyPath
@@ -138,14 +138,14 @@ def _missing(field: FieldInfo | None, key: str) -> str:
     return f"allowed: {listed(allowed)}" if allowed else f"add `{key}: {example}`"
 
 
-def _unknown(model: type[BaseModel], path: KeyPath) -> Finding:
+def _unknown(model: type[BaseModel], path: KeyPath) -> ModelFinding:
     key = str(path[-1])
     known = fields_at(model, path[:-1])
     near = closest(key, known)
     if not near:
         sections = [name for name in known if key in fields_at(model, (*path[:-1], name))]
         near = f"it belongs under `{sections[0]}`" if sections else ""
-    return Finding(path, f"unknown key `{key}`", near or f"known keys: {listed(known)}")
+    return ModelFinding(path, f"unknown key `{key}`", near or f"known keys: {listed(known)}")
 
 
 def _shown(value: Any) -> str:
@@ -167,42 +167,42 @@ def _limit(kind: str, context: Mapping[str, Any]) -> str | None:
     return f"must be {words[1]} {context[words[0]]:g}" if words else None
 
 
-def _not_wanted(kind: str, value: Any) -> Finding | None:
+def _not_wanted(kind: str, value: Any) -> ModelFinding | None:
     wanted = _WANTED.get(kind)
     if wanted is None:
         return None
     if kind == "string_type" and not isinstance(value, dict | list) and value is not None:
-        return Finding((), f"must be a text, not {_shown(value)}", f'put it in quotes: "{_shown(value)}"')
+        return ModelFinding((), f"must be a text, not {_shown(value)}", f'put it in quotes: "{_shown(value)}"')
     if value is None:
-        return Finding((), f"has no value; it must be {wanted}", "write a value, or remove the key")
+        return ModelFinding((), f"has no value; it must be {wanted}", "write a value, or remove the key")
     if isinstance(value, dict | list):
-        return Finding((), f"must be {wanted}, not {'a list' if isinstance(value, list) else 'keys with values'}")
+        return ModelFinding((), f"must be {wanted}, not {'a list' if isinstance(value, list) else 'keys with values'}")
     hint = "remove the quotes" if isinstance(value, str) and value.isdecimal() and "number" in wanted else ""
-    return Finding((), f"must be {wanted}, not `{_shown(value)}`", hint)
+    return ModelFinding((), f"must be {wanted}, not `{_shown(value)}`", hint)
 
 
-def _value_finding(model: type[BaseModel], path: KeyPath, error: ErrorDetails) -> Finding:
+def _value_finding(model: type[BaseModel], path: KeyPath, error: ErrorDetails) -> ModelFinding:
     kind, value, context = error["type"], error["input"], error.get("ctx", {})
     field = _field_of(model, path)
     if (finding := _not_wanted(kind, value)) is not None:
         return finding
     if (limit := _limit(kind, context)) is not None:
-        return Finding((), f"{limit}, not {_shown(value)}")
+        return ModelFinding((), f"{limit}, not {_shown(value)}")
     if kind in ("literal_error", "enum"):
         allowed = choices(field.annotation) if field is not None else []
         near = "remove the quotes;" if value in allowed and isinstance(value, str) else closest(str(value), allowed)
-        return Finding((), f"`{_shown(value)}` is not allowed", f"{near} allowed: {listed(allowed)}".strip())
+        return ModelFinding((), f"`{_shown(value)}` is not allowed", f"{near} allowed: {listed(allowed)}".strip())
     if kind == "string_pattern_mismatch":
         hint = _example(field) or f"it must match {context['pattern']}"
-        return Finding((), f"`{_shown(value)}` is not in the right form", hint)
+        return ModelFinding((), f"`{_shown(value)}` is not in the right form", hint)
     if kind in ("too_short", "too_long") and isinstance(value, list):
         count = context.get("min_length", context.get("max_length"))
-        return Finding((), f"must have {count} values, not {context['actual_length']}")
+        return ModelFinding((), f"must have {count} values, not {context['actual_length']}")
     if kind == "string_too_short":
-        return Finding((), f"is too short; it needs {context['min_length']} characters")
+        return ModelFinding((), f"is too short; it needs {context['min_length']} characters")
     if kind == "value_error":
-        return Finding((), str(context["error"]))
-    return Finding((), error["msg"][:1].lower() + error["msg"][1:])
+        return ModelFinding((), str(context["error"]))
+    return ModelFinding((), error["msg"][:1].lower() + error["msg"][1:])
 
 
 def _existing(data: Any, path: KeyPath) -> KeyPath:
@@ -215,24 +215,24 @@ def _existing(data: Any, path: KeyPath) -> KeyPath:
     return path
 
 
-def explain(model: type[BaseModel], data: Mapping[str, Any], errors: Iterable[ErrorDetails]) -> list[Finding]:
+def explain(model: type[BaseModel], data: Mapping[str, Any], errors: Iterable[ErrorDetails]) -> list[ModelFinding]:
     """The findings for pydantic's errors about `data`, one for each value."""
-    findings: dict[KeyPath, Finding] = {}
+    findings: dict[KeyPath, ModelFinding] = {}
     for error in errors:
         loc: KeyPath = error["loc"]
         if error["type"] == "missing":
             suggestion = _missing(_field_of(model, loc), str(loc[-1]))
-            finding = Finding(loc, f"`{loc[-1]}` is missing", suggestion)
+            finding = ModelFinding(loc, f"`{loc[-1]}` is missing", suggestion)
         elif error["type"] == "extra_forbidden":
             finding = _unknown(model, loc)
         elif loc and loc[-1] == "[key]":
-            finding = Finding(loc[:-1], f"`{_shown(loc[-2])}` is not allowed as a name", _NAME_RULE)
+            finding = ModelFinding(loc[:-1], f"`{_shown(loc[-2])}` is not allowed as a name", _NAME_RULE)
         else:
             path = _existing(data, loc)
             if path in findings or path != loc:  # a union: each of its branches complains
                 field = _field_of(model, path)
-                union = Finding(path, "must be a single value: true or false, a number or a text")
-                finding = findings.get(path, union if field is not None else Finding(path, error["msg"]))
+                union = ModelFinding(path, "must be a single value: true or false, a number or a text")
+                finding = findings.get(path, union if field is not None else ModelFinding(path, error["msg"]))
             else:
                 finding = _value_finding(model, path, error)._replace(path=path)
         findings.setdefault(finding.path, finding)

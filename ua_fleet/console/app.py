@@ -24,7 +24,7 @@ from ua_fleet.console.board import encoded
 from ua_fleet.console.connections import Connections
 from ua_fleet.console.counts import ConsoleCounts
 from ua_fleet.console.drive import DriveSocket
-from ua_fleet.console.failures import Refused, invalid_parameters, refused_by
+from ua_fleet.console.failures import OperationRefused, invalid_parameters, refused_by
 from ua_fleet.console.link import FleetLink
 from ua_fleet.console.live import PageSocket
 from ua_fleet.console.operations import OPERATIONS
@@ -120,16 +120,16 @@ class ConsoleApp:
         session = self._session(request.scope, request.cookies)
         if session is None:
             self._counts.drop("not_logged_in")
-            raise Refused(401, "log in: there is no session, or it has ended")
+            raise OperationRefused(401, "log in: there is no session, or it has ended")
         if not session.is_csrf(request.headers.get("x-csrf", "")):
             self._counts.drop("wrong_csrf")
-            raise Refused(403, "the header X-CSRF is missing or wrong; load the page again")
+            raise OperationRefused(403, "the header X-CSRF is missing or wrong; load the page again")
         return session
 
     async def _body(self, request: Request, most: int) -> bytes:
         content_type = request.headers.get("content-type", "").split(";")[0].strip().lower()
         if content_type != "application/json":
-            raise Refused(400, "the content type is not application/json")
+            raise OperationRefused(400, "the content type is not application/json")
         parts = bytearray()
         try:
             async with asyncio.timeout(_BODY_S):
@@ -137,10 +137,10 @@ class ConsoleApp:
                     parts += part
                     if len(parts) > most:
                         self._counts.drop("too_large")
-                        raise Refused(413, f"the request is larger than {most} bytes")
+                        raise OperationRefused(413, f"the request is larger than {most} bytes")
         except TimeoutError:
             self._counts.drop("too_slow")
-            raise Refused(408, f"the request was not whole within {_BODY_S:g} s") from None
+            raise OperationRefused(408, f"the request was not whole within {_BODY_S:g} s") from None
         return bytes(parts)
 
     # ------------------------------------------------------------------ routes
@@ -158,7 +158,7 @@ class ConsoleApp:
     async def _me(self, request: Request) -> Response:
         session = self._session(request.scope, request.cookies)
         if session is None:
-            raise Refused(401, "log in: there is no session, or it has ended")
+            raise OperationRefused(401, "log in: there is no session, or it has ended")
         return _json(self._shown(session))
 
     def _shown(self, session: BrowserSession) -> dict[str, Any]:
@@ -195,11 +195,11 @@ class ConsoleApp:
         session = self._checked(request)
         kind = OPERATIONS.get(request.path_params["operation"])
         if kind is None:
-            raise Refused(404, f"there is no operation {request.path_params['operation']!r}")
+            raise OperationRefused(404, f"there is no operation {request.path_params['operation']!r}")
         fleet = request.path_params["fleet"]
         link: FleetLink | None = session.logins.get(fleet)
         if link is None:
-            raise Refused(401, f"you are not logged in at {fleet}")
+            raise OperationRefused(401, f"you are not logged in at {fleet}")
         body = await self._body(request, self._settings.limits.request_bytes)
         try:
             asked = kind.parameters.model_validate_json(body or b"{}")
@@ -209,7 +209,9 @@ class ConsoleApp:
         who = f"{fleet}/{link.user}"
         if self._at_once[who] >= self._settings.limits.requests_at_once:
             self._counts.drop("too_many_requests")
-            raise Refused(429, f"{self._at_once[who]} requests of {link.user} wait for an answer", retry_after_s=1.0)
+            raise OperationRefused(
+                429, f"{self._at_once[who]} requests of {link.user} wait for an answer", retry_after_s=1.0
+            )
         self._at_once[who] += 1
         try:
             result = await link.ask(lambda client: kind.run(client, asked), kind.timeout_s)
@@ -327,14 +329,14 @@ class _Guarded:
         else:
             await _json({"error": refused.body}, refused.http_status)(scope, receive, guarded)
 
-    def _refused(self, scope: Scope, seen: RequestOrigin, headers: Mapping[str, str]) -> Refused | None:
+    def _refused(self, scope: Scope, seen: RequestOrigin, headers: Mapping[str, str]) -> OperationRefused | None:
         if not is_allowed_host(seen.host, self._settings.allowed_hosts, is_loopback=self._settings.is_loopback):
             self._counts.drop("wrong_host")
-            return Refused(
+            return OperationRefused(
                 400, f"the console is not reached by the name {json.dumps(seen.host[:100])}; see allowed_hosts"
             )
         changes = scope["type"] == "http" and scope["method"] not in ("GET", "HEAD")
         if changes and not is_own_origin(headers.get("origin", ""), seen):
             self._counts.drop("wrong_origin")
-            return Refused(403, "the request does not come from the console's own page (Origin)")
+            return OperationRefused(403, "the request does not come from the console's own page (Origin)")
         return None

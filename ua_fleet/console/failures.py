@@ -12,7 +12,7 @@ from ua_fleet.errors import NotConnected, RobotOffline, SendTimeout, SkillReject
 from ua_fleet.printing import harmless
 from ua_fleet.values import StatusCode, status_name
 
-__all__ = ["Refused", "invalid_parameters", "refused_by", "shown_error"]
+__all__ = ["OperationRefused", "invalid_parameters", "refused_by", "shown_error"]
 
 _HTTP: Final[Mapping[int, int]] = {
     StatusCode.BAD_USER_ACCESS_DENIED: 403,
@@ -34,7 +34,7 @@ _RETURNED: Final = {1: 404, 2: 400, 3: 409, 4: 409}
 """Of the ReturnStatus of the server's Methods."""
 
 
-class Refused(UaFleetError):
+class OperationRefused(UaFleetError):
     """What the console answers in place of a result."""
 
     remedy = "Load the page again and log in."
@@ -67,14 +67,14 @@ class Refused(UaFleetError):
         return shown
 
 
-def refused_by(error: UaFleetError, *, method: str = "") -> Refused:
+def refused_by(error: UaFleetError, *, method: str = "") -> OperationRefused:
     """What the page is told of an error.
 
     Args:
         error: of the client, or ours.
         method: what the server was asked for, which is named where rights are missing.
     """
-    if isinstance(error, Refused):
+    if isinstance(error, OperationRefused):
         return error
     code = int(error.ua_status)
     status = _HTTP.get(code, 409)
@@ -102,15 +102,15 @@ def refused_by(error: UaFleetError, *, method: str = "") -> Refused:
         shown = [
             {"line": getattr(one, "line", 0), "message": harmless(str(getattr(one, "text", one)))} for one in problems
         ]
-    return Refused(status, message, code=code, field=getattr(error, "argument", ""), problems=shown)
+    return OperationRefused(status, message, code=code, field=getattr(error, "argument", ""), problems=shown)
 
 
-def invalid_parameters(error: ValidationError, what: str) -> Refused:
+def invalid_parameters(error: ValidationError, what: str) -> OperationRefused:
     """What the page is told of parameters that are none."""
     first = error.errors(include_url=False, include_context=False, include_input=False)[0]
     field = ".".join(str(part) for part in first["loc"])
     said = f"{what}: {field + ': ' if field else ''}{first['msg']}"
-    return Refused(400, said, code=int(StatusCode.BAD_INVALID_ARGUMENT), field=field)
+    return OperationRefused(400, said, code=int(StatusCode.BAD_INVALID_ARGUMENT), field=field)
 
 
 def shown_error(error: UaFleetError) -> dict[str, Any]:

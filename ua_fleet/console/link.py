@@ -23,7 +23,7 @@ import structlog
 from ua_fleet.client import ClientIdentity, FleetClient
 from ua_fleet.console.board import Board
 from ua_fleet.console.counts import ConsoleCounts
-from ua_fleet.console.failures import Refused, shown_error
+from ua_fleet.console.failures import OperationRefused, shown_error
 from ua_fleet.console.feeds import FEEDS
 from ua_fleet.console.feeds.kinds import FeedKind, FeedParameters
 from ua_fleet.console.rights import Rights, rights_of
@@ -166,11 +166,13 @@ class FleetLink:
     async def ask(self, request: Callable[[FleetClient], Awaitable[Answer]], timeout_s: float) -> Answer:
         """Ask the server; raises Refused where it is away, and what the request raises."""
         if self._state == "ended":
-            raise Refused(401, self._reason, code=int(StatusCode.BAD_SESSION_ID_INVALID))
+            raise OperationRefused(401, self._reason, code=int(StatusCode.BAD_SESSION_ID_INVALID))
         client = self._client
         if client is None or self._state != "live":  # what waits in a server that stands would be done later
             reason = self._reason or "connecting"
-            raise Refused(503, f"{self.fleet} is not reachable: {reason}", code=int(StatusCode.BAD_NOT_CONNECTED))
+            raise OperationRefused(
+                503, f"{self.fleet} is not reachable: {reason}", code=int(StatusCode.BAD_NOT_CONNECTED)
+            )
         try:
             async with asyncio.timeout(timeout_s):
                 return await request(client)
@@ -188,10 +190,12 @@ class FleetLink:
         """
         if self._state != "live":
             reason = self._reason or "connecting"
-            raise Refused(503, f"{self.fleet} is not reachable: {reason}", code=int(StatusCode.BAD_NOT_CONNECTED))
+            raise OperationRefused(
+                503, f"{self.fleet} is not reachable: {reason}", code=int(StatusCode.BAD_NOT_CONNECTED)
+            )
         if self._own_sessions >= most:
             self._counts.drop("too_many_drives")
-            raise Refused(429, f"{self.user} drives {self._own_sessions} robots at {self.fleet} already")
+            raise OperationRefused(429, f"{self.user} drives {self._own_sessions} robots at {self.fleet} already")
         self._own_sessions += 1
         self._is_alone.clear()
         try:
@@ -228,7 +232,7 @@ class FleetLink:
             self._clear_unwanted(all_of_them=len(self._feeds) >= self._most_feeds)
             if len(self._feeds) >= self._most_feeds:
                 self._counts.drop("too_many_feeds")
-                raise Refused(
+                raise OperationRefused(
                     429, f"{self._most_feeds} feeds of {self.user} at {self.fleet} are open; close some pages"
                 )
             feed = self._feeds[key] = RunningFeed(FEEDS[name], parameters, key)

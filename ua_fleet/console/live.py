@@ -12,7 +12,7 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from ua_fleet.console.attempts import Attempts
 from ua_fleet.console.counts import ConsoleCounts
-from ua_fleet.console.failures import Refused, invalid_parameters
+from ua_fleet.console.failures import OperationRefused, invalid_parameters
 from ua_fleet.console.feeds import FEEDS
 from ua_fleet.console.link import FleetLink, RunningFeed
 from ua_fleet.console.outbox import PageOutbox
@@ -115,7 +115,7 @@ class PageSocket:
         before = self._open.pop(name, None)
         try:
             link, feed = self._opened(name, want)
-        except Refused as refused:
+        except OperationRefused as refused:
             self._outbox.refuse(name, refused.body)
         else:
             self._open[name] = link, feed
@@ -127,13 +127,13 @@ class PageSocket:
         if len(self._open) >= self._limits.feeds_per_socket or len(name) > 100:
             self._counts.drop("too_many_feeds")
             self._wanted.pop(name, None)
-            raise Refused(429, f"a page may have {self._limits.feeds_per_socket} feeds")
+            raise OperationRefused(429, f"a page may have {self._limits.feeds_per_socket} feeds")
         kind = FEEDS.get(want.feed)
         if kind is None:
-            raise Refused(404, f"there is no feed {want.feed!r}")
+            raise OperationRefused(404, f"there is no feed {want.feed!r}")
         link: FleetLink | None = self._session.logins.get(want.fleet)
         if link is None:
-            raise Refused(401, f"you are not logged in at {want.fleet}")
+            raise OperationRefused(401, f"you are not logged in at {want.fleet}")
         try:
             parameters = kind.parameters.model_validate(want.parameters)
         except ValidationError as error:

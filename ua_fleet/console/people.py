@@ -16,7 +16,7 @@ import structlog
 from ua_fleet.client import ClientIdentity, FleetClient, issue_session_key, revoke_session_key
 from ua_fleet.console.attempts import Attempts
 from ua_fleet.console.counts import ConsoleCounts
-from ua_fleet.console.failures import Refused, refused_by
+from ua_fleet.console.failures import OperationRefused, refused_by
 from ua_fleet.console.link import FleetLink, SessionSecret
 from ua_fleet.console.origins import source_of
 from ua_fleet.console.sessions import BrowserSession, BrowserSessions
@@ -90,14 +90,14 @@ class People:
         """Log a browser in; its session, and the token of a new cookie where it had none. Raises Refused."""
         where = self._settings.fleets.get(fleet)
         if where is None:
-            raise Refused(404, f"there is no fleet {fleet!r}", field="fleet")
+            raise OperationRefused(404, f"there is no fleet {fleet!r}", field="fleet")
         source, who = source_of(address), f"{fleet}/{user}"
         names = ((self._pairs, f"{who}@{source}"), (self._addresses, source), (self._users, who))
         now = time.monotonic()
         wait_s = max(attempts.wait_s(name, now) for attempts, name in names)
         if wait_s > 0:
             self._counts.drop("login_limited")
-            raise Refused(
+            raise OperationRefused(
                 429, f"too many failed logins; try again in {wait_s:.0f} s", retry_after_s=wait_s, field="password"
             )
         with self._one_more_login(fleet, source, who):
@@ -118,7 +118,9 @@ class People:
         places = {f"fleet {fleet}": most, f"from {source}": max(1, most // 2), f"user {who}": _AT_ONCE_OF_USER}
         if any(self._logging_in[place] >= at_once for place, at_once in places.items()):
             self._counts.drop("login_limited")
-            raise Refused(429, "too many people log in at this moment; try again in a second", retry_after_s=1.0)
+            raise OperationRefused(
+                429, "too many people log in at this moment; try again in a second", retry_after_s=1.0
+            )
         self._logging_in.update(places.keys())
         try:
             yield
@@ -145,7 +147,7 @@ class People:
                     )
                     return SessionSecret(issued.key, issued.id, issued.valid_until, client.server_uri)
         except TimeoutError:
-            raise Refused(
+            raise OperationRefused(
                 504, f"{fleet} has not answered within {_CONNECT_S:g} s", code=int(StatusCode.BAD_TIMEOUT)
             ) from None
         except AccessRefused as error:
@@ -158,10 +160,10 @@ class People:
         if code != StatusCode.BAD_USER_ACCESS_DENIED:
             # Not the password: the server does not trust us, or is not the one that we know.
             refused = refused_by(error)
-            raise Refused(502, str(refused), code=code) from error
+            raise OperationRefused(502, str(refused), code=code) from error
         self._counts.drop("login_failed")
         _log.warning("login failed", fleet=fleet, user=harmless(user)[:100], address=address)
-        raise Refused(401, f"{fleet} refuses this user or password", code=code, field="password") from error
+        raise OperationRefused(401, f"{fleet} refuses this user or password", code=code, field="password") from error
 
     async def _admit(
         self, session: BrowserSession | None, fleet: str, user: str, secret: SessionSecret
@@ -171,7 +173,7 @@ class People:
             begun = self.sessions.begin(time.monotonic())
             if begun is None:
                 self._counts.drop("too_many_sessions")
-                raise Refused(429, "too many people are logged in; try again later", retry_after_s=60.0)
+                raise OperationRefused(429, "too many people are logged in; try again later", retry_after_s=60.0)
             session, token = begun
         held = self._held(fleet, user, secret)
         if session.logins.get(fleet) is not held.link:

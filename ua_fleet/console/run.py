@@ -26,7 +26,7 @@ from ua_fleet.console.people import People
 from ua_fleet.console.sessions import cookie_name
 from ua_fleet.console.settings import ConsoleSettings, TlsFiles, default_state_dir, split_listen
 from ua_fleet.errors import ServerStartError
-from ua_fleet.monitoring import Monitor, Process
+from ua_fleet.monitoring import Monitor, ProcessKind
 from ua_fleet.monitoring.endpoint import MonitoringEndpoint
 
 __all__ = ["run_console"]
@@ -64,7 +64,7 @@ async def run_console(
     """
     host, port = split_listen(settings.listen)
     context = _tls(settings.tls) if settings.tls is not None else None
-    monitor = Monitor(Process.CONSOLE)
+    monitor = Monitor(ProcessKind.CONSOLE)
     counts = ConsoleCounts(monitor.mistakes)
     proxies = TrustedProxies(settings.trusted_proxies)
     there = Connections(proxies, settings.limits.connections_per_address, counts)

@@ -16,7 +16,7 @@ import contextlib
 from typing import Final
 
 from ua_fleet.dissect.annotate_payload import walk_action_header, walk_announcement, walk_data_set_messages, walk_probe
-from ua_fleet.dissect.spans import Flag, Span, Walk
+from ua_fleet.dissect.spans import ByteSpan, Flag, MessageWalk
 from ua_fleet.errors import RemoteWireError
 from ua_fleet.values import BuiltinType
 from ua_fleet.wire import header as h
@@ -84,7 +84,7 @@ def annotate(
     is_open: bool = False,
     closed: bool = False,
     error: RemoteWireError | None = None,
-) -> tuple[Span, ...]:
+) -> tuple[ByteSpan, ...]:
     """Name every byte of a NetworkMessage.
 
     Args:
@@ -105,7 +105,7 @@ class _Message:
 
     def __init__(self, datagram: bytes, payload: bytes | None, is_open: bool, closed: bool) -> None:
         self._datagram, self._payload, self._is_open, self._closed = datagram, payload, is_open, closed
-        self._walk = Walk(datagram)
+        self._walk = MessageWalk(datagram)
         self._extended1 = self._extended2 = 0
         self._writers = 1
         self._footer_size = 0
@@ -218,7 +218,7 @@ class _Message:
         data = self._datagram
         if self._payload is not None:
             data = data[:start] + self._payload + data[end:]
-        inner = Walk(data, start, end)
+        inner = MessageWalk(data, start, end)
         inner.spans = self._walk.spans
         self._walk = inner
         inner.section = "Payload"
@@ -229,7 +229,7 @@ class _Message:
         else:
             self._walk_content(inner)
 
-    def _walk_content(self, inner: Walk) -> None:
+    def _walk_content(self, inner: MessageWalk) -> None:
         if self._extended2 & h.HAS_ACTION_HEADER:
             walk_action_header(inner)
         if self._extended2 & h.IS_CHUNK:
@@ -241,7 +241,7 @@ class _Message:
         else:
             walk_data_set_messages(inner, self._writers)
 
-    def covered(self, stop: int) -> tuple[Span, ...]:
+    def covered(self, stop: int) -> tuple[ByteSpan, ...]:
         """The spans that begin before `stop`, and one for whatever was not read, so that no byte is left out."""
         spans = [span for span in self._walk.spans if span.offset < stop]
         read = spans[-1].offset + len(spans[-1].data) if spans else 0
@@ -249,7 +249,7 @@ class _Message:
         if read < end:
             data = self._walk.cursor.data[read:end]
             section = spans[-1].section if spans else "NetworkMessage header"
-            spans.append(Span(read, data, section, "NotRead", None, f"{len(data)} bytes"))
+            spans.append(ByteSpan(read, data, section, "NotRead", None, f"{len(data)} bytes"))
         signature = end + self._footer_size
         for start, until, name in (
             (end, signature, "SecurityFooter"),
@@ -258,7 +258,7 @@ class _Message:
             if start < min(until, len(self._datagram)):
                 data = self._datagram[start:until]
                 said = "HMAC-SHA256 over all bytes before it" if name == "Signature" else f"{len(data)} bytes"
-                spans.append(Span(start, data, name, name, None, said))
+                spans.append(ByteSpan(start, data, name, name, None, said))
         return tuple(spans)
 
 
@@ -267,7 +267,7 @@ def _message_type_text(extended2: int) -> str:
     return NETWORK_MESSAGE_TYPES[kind] if kind < len(NETWORK_MESSAGE_TYPES) else f"reserved type {kind}"
 
 
-def _walk_chunk(walk: Walk) -> None:
+def _walk_chunk(walk: MessageWalk) -> None:
     """A part of a payload (7.2.4.4.4)."""
     walk.section = "ChunkedNetworkMessage"
     walk.number("MessageSequenceNumber", BuiltinType.UINT16)

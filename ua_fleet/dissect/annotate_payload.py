@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from typing import Final
 
 from ua_fleet.dissect.layouts import walk_fields, walk_shape
-from ua_fleet.dissect.spans import Flag, Walk
+from ua_fleet.dissect.spans import Flag, MessageWalk
 from ua_fleet.values import BuiltinType, status_name
 from ua_fleet.wire import actions as a
 from ua_fleet.wire import data_set_message as d
@@ -78,7 +78,7 @@ PROBE_FIELDS: Final[dict[int, tuple[tuple[str, ...], tuple[Shape, ...]]]] = {
 """What follows the InformationType (tables 179 to 182)."""
 
 
-def walk_data_set_messages(walk: Walk, count: int) -> None:
+def walk_data_set_messages(walk: MessageWalk, count: int) -> None:
     """The payload of a data message: sizes where there are several, then the DataSetMessages (7.2.4.5.3)."""
     if count == 1:
         walk.section = "DataSetMessage"
@@ -91,7 +91,7 @@ def walk_data_set_messages(walk: Walk, count: int) -> None:
     walk.padding()
 
 
-def _walk_data_set_message(walk: Walk) -> None:
+def _walk_data_set_message(walk: MessageWalk) -> None:
     flags1 = walk.flags("DataSetFlags1", FLAGS_1, _flags_1_text)
     if not flags1 & d.IS_VALID:
         walk.rest("NotRead", "of a DataSetMessage that is not valid")
@@ -126,7 +126,7 @@ def _action_flags_text(flags: int) -> str:
     return "request" if flags & a.IS_REQUEST else "response"
 
 
-def _walk_fields(walk: Walk, encoding: int, kind: int) -> None:
+def _walk_fields(walk: MessageWalk, encoding: int, kind: int) -> None:
     if kind in (d.FIRST_ACTION_KIND, d.LAST_ACTION_KIND):
         walk.number("ActionTargetId", BuiltinType.UINT16)
         walk.number("RequestId", BuiltinType.UINT16)
@@ -151,7 +151,7 @@ def _walk_fields(walk: Walk, encoding: int, kind: int) -> None:
     walk.padding()
 
 
-def walk_action_header(walk: Walk) -> None:
+def walk_action_header(walk: MessageWalk) -> None:
     """The header of an Action (see `actions.py`)."""
     walk.section = "ActionHeader"
     flags = walk.flags("ActionFlags", ACTION_FLAGS, _action_flags_text)
@@ -165,7 +165,7 @@ def walk_action_header(walk: Walk) -> None:
         walk.number("TimeoutHint", BuiltinType.DOUBLE, " ms")
 
 
-def walk_probe(walk: Walk) -> None:
+def walk_probe(walk: MessageWalk) -> None:
     """A discovery probe (7.2.4.6.12)."""
     walk.section = "Discovery probe"
     if walk.read("ProbeType", Cursor.byte, _named(PROBE_TYPES)) != INFORMATION_PROBE:
@@ -180,7 +180,7 @@ def walk_probe(walk: Walk) -> None:
     walk.padding()
 
 
-def walk_announcement(walk: Walk) -> None:
+def walk_announcement(walk: MessageWalk) -> None:
     """A discovery announcement (7.2.4.6.2)."""
     walk.section = "Discovery announcement"
     kind = walk.read("AnnouncementType", Cursor.byte, _named(ANNOUNCEMENT_NAMES))
@@ -194,7 +194,7 @@ def walk_announcement(walk: Walk) -> None:
         walk.padding()
 
 
-def _walk_application(walk: Walk) -> None:
+def _walk_application(walk: MessageWalk) -> None:
     kind = walk.read("ApplicationInformationType", Cursor.uint16, _named(APPLICATION_TYPES))
     if kind == DESCRIPTION:
         walk_shape(walk, "ApplicationDescription", APPLICATION_DESCRIPTION)

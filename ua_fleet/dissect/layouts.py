@@ -8,10 +8,10 @@ from __future__ import annotations
 
 from typing import Final, NamedTuple
 
-from ua_fleet.dissect.spans import Walk
+from ua_fleet.dissect.spans import MessageWalk
 from ua_fleet.values import BuiltinType, NodeId
 from ua_fleet.wire.cursor import Cursor
-from ua_fleet.wire.structure import Choice, Elements, Record, Shape
+from ua_fleet.wire.structure import Elements, Record, Shape, StructureChoice
 from ua_fleet.wire.variant import SMALLEST
 
 __all__ = ["walk_fields", "walk_shape"]
@@ -112,14 +112,14 @@ NAMES: Final = {
 EXTENSION_ENCODINGS: Final = {0: "no body", 1: "a ByteString", 2: "an XmlElement"}
 
 
-def walk_fields(walk: Walk, names: tuple[str, ...], shapes: tuple[Shape, ...], before: str = "") -> None:
+def walk_fields(walk: MessageWalk, names: tuple[str, ...], shapes: tuple[Shape, ...], before: str = "") -> None:
     """Note the fields of a structure, by our names for them."""
     for name, shape in zip(names, shapes, strict=True):
         called = NAMES.get(name) or "".join(word.capitalize() for word in name.split("_"))
         walk_shape(walk, f"{before}{called}", shape)
 
 
-def walk_shape(walk: Walk, name: str, shape: Shape) -> None:
+def walk_shape(walk: MessageWalk, name: str, shape: Shape) -> None:
     """Note every part of what a shape decodes."""
     form = shape.form
     if isinstance(form, Record):
@@ -127,7 +127,7 @@ def walk_shape(walk: Walk, name: str, shape: Shape) -> None:
     elif isinstance(form, Elements):
         for index in range(walk.length(f"{name}.ArrayLength", form.of.smallest, "elements") or 0):
             walk_shape(walk, f"{name}[{index}]", form.of)
-    elif isinstance(form, Choice):
+    elif isinstance(form, StructureChoice):
         _walk_extension_object(walk, name, form)
     elif form is None:  # the one that has no shape
         _walk_part(walk, name, DATA_SET_META_DATA)
@@ -135,7 +135,7 @@ def walk_shape(walk: Walk, name: str, shape: Shape) -> None:
         walk.value(name, form)
 
 
-def _walk_extension_object(walk: Walk, name: str, choice: Choice) -> None:
+def _walk_extension_object(walk: MessageWalk, name: str, choice: StructureChoice) -> None:
     type_id: NodeId = walk.value(f"{name}.TypeId", BuiltinType.NODE_ID)
     encoding = walk.read(f"{name}.Encoding", Cursor.byte, lambda kind: EXTENSION_ENCODINGS.get(kind, "reserved"))
     known = (
@@ -147,7 +147,7 @@ def _walk_extension_object(walk: Walk, name: str, choice: Choice) -> None:
         walk.value(f"{name}.Body", BuiltinType.BYTE_STRING if encoding == 1 else BuiltinType.XML_ELEMENT)
 
 
-def _walk_part(walk: Walk, name: str, kind: Kind) -> None:
+def _walk_part(walk: MessageWalk, name: str, kind: Kind) -> None:
     if isinstance(kind, Array):
         for index in range(walk.length(f"{name}.ArrayLength", smallest(kind.of), "elements") or 0):
             _walk_part(walk, f"{name}[{index}]", kind.of)

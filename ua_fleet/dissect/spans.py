@@ -38,7 +38,7 @@ from ua_fleet.wire.variant import (
     TYPE_BITS,
 )
 
-__all__ = ["Flag", "Span", "Walk", "flags_text", "type_name", "value_text"]
+__all__ = ["ByteSpan", "Flag", "MessageWalk", "flags_text", "type_name", "value_text"]
 
 Flag = tuple[int, str]
 """A bit and what it says when it is set."""
@@ -122,7 +122,7 @@ def value_text(kind: int, value: Any) -> str:
     return harmless(str(value))
 
 
-class Span(NamedTuple):
+class ByteSpan(NamedTuple):
     """Some bytes of a message and what they are."""
 
     offset: int
@@ -136,12 +136,12 @@ class Span(NamedTuple):
     meaning: str
 
 
-class Walk:
+class MessageWalk:
     """Goes through a message with a Cursor and notes a span for everything that it reads."""
 
     def __init__(self, data: bytes, position: int = 0, end: int | None = None) -> None:
         self.cursor = Cursor(data, position, end)
-        self.spans: list[Span] = []
+        self.spans: list[ByteSpan] = []
         self.section = ""
 
     def note(self, name: str, start: int, value: Any, meaning: str) -> None:
@@ -149,7 +149,7 @@ class Walk:
         cursor = self.cursor
         if cursor.position > start:
             data = cursor.data[start : cursor.position]
-            self.spans.append(Span(start, data, self.section, name, value, meaning))
+            self.spans.append(ByteSpan(start, data, self.section, name, value, meaning))
 
     def read(self, name: str, decode: Callable[[Cursor], Any], meaning: Callable[[Any], str] = str) -> Any:
         """Decode something and note it."""
@@ -186,11 +186,11 @@ class Walk:
         """What may stand behind a message: zeros up to its configured size."""
         self.rest("Padding", "zeros")
 
-    def part(self, size: int) -> Walk:
+    def part(self, size: int) -> MessageWalk:
         """A walk through the next `size` bytes, which this one passes over; its spans come here."""
         start = self.cursor.position
         self.cursor.take(size)
-        inner = Walk(self.cursor.data, start, start + size)
+        inner = MessageWalk(self.cursor.data, start, start + size)
         inner.spans, inner.section = self.spans, self.section
         return inner
 

@@ -17,7 +17,7 @@ from asyncua.ua.ua_binary import struct_to_binary
 from ua_fleet.endpoint.data_values import encode_data_value
 from ua_fleet.endpoint.stack import DECODE_ERRORS, StatusCodes, status
 
-__all__ = ["Answer", "Misfit", "encode_value", "rough_bytes"]
+__all__ = ["ArrayResponse", "Misfit", "encode_value", "rough_bytes"]
 
 _NO_DIAGNOSTICS: Final = bytes(4)
 _ADDITIONAL_INFO: Final = b"\x10"
@@ -30,7 +30,7 @@ Misfit = Callable[[str, Exception], None]
 """Told what of this server could not be encoded, and why: a mistake of ours."""
 
 
-class Answer:
+class ArrayResponse:
     """A response that ends in an array of results and one of DiagnosticInfos, as most do.
 
     Args:

@@ -14,16 +14,16 @@ from typing import Any, Final
 from asyncua import ua
 from asyncua.server.address_space import AddressSpace
 
-from ua_fleet.endpoint.answers import Answer, rough_bytes
+from ua_fleet.endpoint.answers import ArrayResponse, rough_bytes
 from ua_fleet.endpoint.audit import summary
 from ua_fleet.endpoint.audit_events import AuditEvents
-from ua_fleet.endpoint.context import Context
+from ua_fleet.endpoint.context import EndpointContext
 from ua_fleet.endpoint.data_types import DataTypes
 from ua_fleet.endpoint.data_values import MOST_PICOSECONDS
 from ua_fleet.endpoint.indexrange import apply_range, parse_range, replace_range
 from ua_fleet.endpoint.live import check_reader, reader_refused
 from ua_fleet.endpoint.monitoring import with_timestamps
-from ua_fleet.endpoint.request import Request, operations
+from ua_fleet.endpoint.request import ServiceRequest, operations
 from ua_fleet.endpoint.stack import GOOD, AttributeIds, Refusal, StatusCodes, name_of, shown, status, status_of
 from ua_fleet.endpoint.users import Role, User
 
@@ -61,12 +61,12 @@ def readable_value(aspace: AddressSpace, node_id: ua.NodeId, attribute: Any) -> 
 class AttributeServices:
     """OPC 10000-4 5.11."""
 
-    def __init__(self, context: Context, events: AuditEvents) -> None:
+    def __init__(self, context: EndpointContext, events: AuditEvents) -> None:
         self._context, self._limits, self._events = context, context.limits, events
         self._aspace = context.iserver.aspace
         self._types = DataTypes(self._aspace)
 
-    async def read(self, request: Request, params: ua.ReadParameters) -> Any:
+    async def read(self, request: ServiceRequest, params: ua.ReadParameters) -> Any:
         """Read."""
         nodes = operations(params.NodesToRead, self._limits.nodes_per_request)
         if params.MaxAge < 0:
@@ -75,7 +75,7 @@ class AttributeServices:
         if not isinstance(wanted, ua.TimestampsToReturn) or wanted == ua.TimestampsToReturn.Invalid:
             raise Refusal(StatusCodes.BadTimestampsToReturnInvalid)
         user = request.user
-        answer = Answer(ua.ReadResponse(), self._limits.response_bytes)
+        answer = ArrayResponse(ua.ReadResponse(), self._limits.response_bytes)
         for node in nodes:
             value = with_timestamps(self._read(node, user, encrypted=request.encrypted), wanted)
             name = partial(_named, node)
@@ -129,7 +129,7 @@ class AttributeServices:
         if encoding.Name != "Default Binary" or encoding.NamespaceIndex:
             raise Refusal(StatusCodes.BadDataEncodingUnsupported)
 
-    async def write(self, request: Request, params: ua.WriteParameters) -> Any:
+    async def write(self, request: ServiceRequest, params: ua.WriteParameters) -> Any:
         """Write: each value goes through the gate, and into the audit log."""
         nodes = operations(params.NodesToWrite, self._limits.nodes_per_request)
         response = ua.WriteResponse()
@@ -161,7 +161,7 @@ class AttributeServices:
             record()
         return response
 
-    async def _write(self, request: Request, wanted: ua.WriteValue) -> int:
+    async def _write(self, request: ServiceRequest, wanted: ua.WriteValue) -> int:
         """StatusCode of one write."""
         node_id = wanted.NodeId
         try:
@@ -217,11 +217,11 @@ class AttributeServices:
             variant = replace_range(before, index_range, variant)
         return given if variant is given.Value else dataclasses.replace(given, Value=variant)
 
-    async def history_read(self, request: Request, params: ua.HistoryReadParameters) -> Any:
+    async def history_read(self, request: ServiceRequest, params: ua.HistoryReadParameters) -> Any:
         """HistoryRead of nodes that have and show a history."""
         nodes = operations(params.NodesToRead, self._limits.nodes_per_request)
         _timestamps_known(params.TimestampsToReturn)
-        answer = Answer(ua.HistoryReadResponse(), self._limits.response_bytes)
+        answer = ArrayResponse(ua.HistoryReadResponse(), self._limits.response_bytes)
         for node in nodes:
             answer.add(
                 ua.HistoryReadResult() if params.ReleaseContinuationPoints else await self._history(node, params),

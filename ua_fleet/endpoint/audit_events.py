@@ -24,7 +24,7 @@ from ua_fleet.endpoint.audit import Caller
 from ua_fleet.endpoint.audit.allowance import Allowances
 from ua_fleet.endpoint.sessions import Session
 from ua_fleet.endpoint.stack import ObjectIds, StatusCodes, name_of, ns0, shown
-from ua_fleet.endpoint.subscriptions import Subscriptions
+from ua_fleet.endpoint.subscriptions import SubscriptionRegistry
 from ua_fleet.endpoint.users import Role, User
 
 __all__ = ["AuditEvents", "ChannelOpened", "Who"]
@@ -79,7 +79,10 @@ class AuditEvents:
     """Tells engineers who have subscribed to the Server object's events."""
 
     def __init__(
-        self, subscriptions: Subscriptions, server_id: Callable[[], str], clock: Callable[[], float] = time.monotonic
+        self,
+        subscriptions: SubscriptionRegistry,
+        server_id: Callable[[], str],
+        clock: Callable[[], float] = time.monotonic,
     ) -> None:
         """Make it.
 

@@ -22,11 +22,11 @@ from asyncua.ua.ua_binary import header_from_binary, struct_to_binary, uatcp_to_
 from cryptography import x509
 from cryptography.exceptions import InvalidSignature
 
-from ua_fleet.endpoint.answers import Answer
+from ua_fleet.endpoint.answers import ArrayResponse
 from ua_fleet.endpoint.audit_events import ChannelOpened
 from ua_fleet.endpoint.connection import FrameError
 from ua_fleet.endpoint.decoding import Hello, OpenRequest, check_open_header, decode_hello, decode_open
-from ua_fleet.endpoint.limits import CHUNK_BYTES, MIN_CHUNK_BYTES, Limits
+from ua_fleet.endpoint.limits import CHUNK_BYTES, MIN_CHUNK_BYTES, EndpointLimits
 from ua_fleet.endpoint.secure_connection import NONE_URI, CheckedConnection, der
 from ua_fleet.endpoint.stack import DECODE_ERRORS, Refusal, StatusCodes, name_of, status
 from ua_fleet.endpoint.trust import (
@@ -67,7 +67,7 @@ class Channel:
     def __init__(
         self,
         iserver: InternalServer,
-        limits: Limits,
+        limits: EndpointLimits,
         policies: Sequence[SecurityPolicyFactory],
         trust: TrustList,
         check_shown: Callable[[Sequence[x509.Certificate]], None] = lambda _chain: None,
@@ -282,7 +282,7 @@ class Channel:
 
     def encode(self, response: Any, handle: int) -> bytes:
         """The bytes of a response; raises OverflowError when it is longer than the client takes."""
-        if isinstance(response, Answer):
+        if isinstance(response, ArrayResponse):
             response.response.ResponseHeader.RequestHandle = handle
             data = response.encode()
         else:

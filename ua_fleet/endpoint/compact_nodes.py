@@ -14,10 +14,10 @@ from typing import Any
 from asyncua import ua
 from asyncua.ua.attribute_ids import AttributeIds
 
-__all__ = ["BuiltNode", "Held", "Kind", "Shared"]
+__all__ = ["BuiltNode", "HeldValue", "NodeKind", "Shared"]
 
 
-class Held:
+class HeldValue:
     """The value of an attribute and who watches it; asyncua's AttributeValue."""
 
     __slots__ = ("_watchers", "value", "value_callback", "value_setter")
@@ -41,19 +41,19 @@ class Held:
         return bool(self._watchers)
 
 
-class Shared(Held):
+class Shared(HeldValue):
     """The value of an attribute that several nodes have, for as long as one of them is there."""
 
     __slots__ = ("__weakref__",)
 
 
-class Kind(dict[AttributeIds, Held]):
+class NodeKind(dict[AttributeIds, HeldValue]):
     """The attributes that the nodes of a kind have in common, for as long as one of them is there."""
 
     __slots__ = ("__weakref__",)
 
 
-class BuiltNode(Mapping[AttributeIds, Held]):
+class BuiltNode(Mapping[AttributeIds, HeldValue]):
     """A node; asyncua's NodeData. It is the mapping of its attributes itself, so that none has to be kept."""
 
     __slots__ = (
@@ -72,11 +72,11 @@ class BuiltNode(Mapping[AttributeIds, Held]):
     def __init__(
         self,
         nodeid: ua.NodeId,
-        browse_name: Held,
-        display_name: Held,
-        description: Held,
-        shared: Mapping[AttributeIds, Held],
-        value: Held | None,
+        browse_name: HeldValue,
+        display_name: HeldValue,
+        description: HeldValue,
+        shared: Mapping[AttributeIds, HeldValue],
+        value: HeldValue | None,
         references: list[ua.ReferenceDescription],
     ) -> None:
         """Make a node.
@@ -95,7 +95,7 @@ class BuiltNode(Mapping[AttributeIds, Held]):
         self._browse_name, self._display_name, self._description = browse_name, display_name, description
         self._shared = shared
         self._value = value
-        self._id: Held | None = None
+        self._id: HeldValue | None = None
         self._references = references
         self._more: Callable[[ua.NodeId], None] | None = None
 
@@ -142,12 +142,12 @@ class BuiltNode(Mapping[AttributeIds, Held]):
             return self._description
         if key == AttributeIds.NodeId:
             if self._id is None:
-                self._id = Held(ua.DataValue(ua.Variant(self.nodeid, ua.VariantType.NodeId)))
+                self._id = HeldValue(ua.DataValue(ua.Variant(self.nodeid, ua.VariantType.NodeId)))
             return self._id
         return default
 
-    def __getitem__(self, key: AttributeIds) -> Held:
-        found: Held | None = self.get(key)
+    def __getitem__(self, key: AttributeIds) -> HeldValue:
+        found: HeldValue | None = self.get(key)
         if found is None:
             raise KeyError(key)
         return found

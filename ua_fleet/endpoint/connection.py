@@ -13,7 +13,7 @@ from typing import Final, Protocol
 
 from ua_fleet.endpoint.limits import CHUNK_BYTES
 
-__all__ = ["Connection", "FrameError", "Handler"]
+__all__ = ["FrameError", "Handler", "TcpConnection"]
 
 _HEADER: Final = 8
 """Message type, chunk type and size (OPC 10000-6 7.1.2.2)."""
@@ -57,14 +57,14 @@ class Handler(Protocol):
         ...
 
 
-class Connection(asyncio.BufferedProtocol):
+class TcpConnection(asyncio.BufferedProtocol):
     """One TCP connection."""
 
     def __init__(
         self,
-        accept: Callable[[Connection], bool],
-        make_handler: Callable[[Connection], Handler],
-        started: Callable[[Connection, asyncio.Task[None]], None],
+        accept: Callable[[TcpConnection], bool],
+        make_handler: Callable[[TcpConnection], Handler],
+        started: Callable[[TcpConnection, asyncio.Task[None]], None],
     ) -> None:
         self._buffer = memoryview(bytearray(CHUNK_BYTES))
         self._start = self._end = 0

@@ -16,7 +16,7 @@ from ua_fleet.endpoint.audit import AuditLog
 from ua_fleet.endpoint.bridge_trust import BridgeTrust
 from ua_fleet.endpoint.charges import Charges
 from ua_fleet.endpoint.gateway_logins import GatewayLogins
-from ua_fleet.endpoint.limits import Limits
+from ua_fleet.endpoint.limits import EndpointLimits
 from ua_fleet.endpoint.session_keys import SessionKeys
 from ua_fleet.endpoint.throttle import LoginThrottle
 from ua_fleet.endpoint.trust import TrustList
@@ -24,7 +24,7 @@ from ua_fleet.endpoint.turns import Places
 from ua_fleet.endpoint.users import Role, User, UserStore
 from ua_fleet.monitoring.mistakes import Mistakes
 
-__all__ = ["Context", "NodeGate", "Statistics"]
+__all__ = ["EndpointContext", "NodeGate", "Statistics"]
 
 
 class NodeGate(Protocol):
@@ -75,11 +75,11 @@ class Statistics:
 
 
 @dataclass
-class Context:
+class EndpointContext:
     """What all connections of one server share."""
 
     iserver: InternalServer
-    limits: Limits
+    limits: EndpointLimits
     trust: TrustList
     users: UserStore
     session_keys: SessionKeys

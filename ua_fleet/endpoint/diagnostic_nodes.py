@@ -10,7 +10,7 @@ from typing import Any, Final
 from asyncua import ua
 from asyncua.server.address_space import AddressSpace
 
-from ua_fleet.endpoint.compact_nodes import Held
+from ua_fleet.endpoint.compact_nodes import HeldValue
 from ua_fleet.endpoint.convert import raw_id
 from ua_fleet.endpoint.data_types import DataTypes
 from ua_fleet.endpoint.live import Guard, LiveValue
@@ -119,7 +119,7 @@ class DiagnosticNodes:
         """A Variable of a DataType and ValueRank."""
         node_id = raw_id(f"{key}.{path}", SERVER_NAMESPACE)
         data_type, rank = value_type
-        held: Held = live
+        held: HeldValue = live
         self.builder.add_variable(node_id, name, parent, ns0(type_id), data_type=data_type, value=held, value_rank=rank)
         self.hold(key, live)
         return node_id

@@ -26,14 +26,14 @@ from asyncua import ua
 from asyncua.server.address_space import AddressSpace
 from asyncua.ua import ua_binary
 
-from ua_fleet.endpoint.context import Context
+from ua_fleet.endpoint.context import EndpointContext
 from ua_fleet.endpoint.convert import raw_id
 from ua_fleet.endpoint.diagnostic_nodes import SERVER_NAMESPACE, DiagnosticNodes
 from ua_fleet.endpoint.live import Guard, LiveValue
 from ua_fleet.endpoint.node_builder import HAS_COMPONENT
 from ua_fleet.endpoint.sessions import Session, Sessions
 from ua_fleet.endpoint.stack import AttributeIds, ObjectIds, StatusCodes, ns0
-from ua_fleet.endpoint.subscriptions import ClientSubscription, Subscriptions
+from ua_fleet.endpoint.subscriptions import ClientSubscription, SubscriptionRegistry
 from ua_fleet.endpoint.users import Role, User
 from ua_fleet.values import QualifiedName
 
@@ -85,7 +85,9 @@ class _Kept:
 class Diagnostics:
     """The nodes below ServerDiagnostics, with what they tell."""
 
-    def __init__(self, space: AddressSpace, context: Context, sessions: Sessions, subscriptions: Subscriptions) -> None:
+    def __init__(
+        self, space: AddressSpace, context: EndpointContext, sessions: Sessions, subscriptions: SubscriptionRegistry
+    ) -> None:
         self._space, self._context = space, context
         self._sessions, self._subscriptions = sessions, subscriptions
         self._nodes = DiagnosticNodes(space)

@@ -13,7 +13,7 @@ from asyncua.server.address_space import AddressSpace
 from ua_fleet.endpoint.indexrange import IndexRange, apply_range, parse_range
 from ua_fleet.endpoint.stack import GOOD, AttributeIds, ObjectIds, Refusal, StatusCodes, ns0, status
 
-__all__ = ["EventFields", "Field", "field_of"]
+__all__ = ["EventField", "EventFields", "field_of"]
 
 _BASE: Final = ns0(ObjectIds.BaseEventType)
 _HAS_SUBTYPE: Final = ns0(ObjectIds.HasSubtype)
@@ -26,7 +26,7 @@ _DEEPEST: Final = 10
 _NO_FIELD: Final = ua.Variant()
 
 
-class Field:
+class EventField:
     """A selected field, ready to be looked up in each event."""
 
     __slots__ = ("index_range", "name")
@@ -48,18 +48,18 @@ class Field:
         return variant
 
 
-def field_of(clause: ua.SimpleAttributeOperand) -> Field:
+def field_of(clause: ua.SimpleAttributeOperand) -> EventField:
     """The field of a select clause; one of a clause that is wrong is null in every event."""
     try:
         index_range = parse_range(clause.IndexRange)
     except Refusal:
-        return Field("", None)
+        return EventField("", None)
     if not clause.BrowsePath:
         # Without a path it is an attribute of the event's ConditionId (OPC 10000-9 5.5.2.13).
-        return Field("NodeId" if clause.AttributeId == AttributeIds.NodeId else "", index_range)
+        return EventField("NodeId" if clause.AttributeId == AttributeIds.NodeId else "", index_range)
     if clause.AttributeId != AttributeIds.Value:
-        return Field("", None)
-    return Field("/".join([part.Name or "" for part in clause.BrowsePath]), index_range)
+        return EventField("", None)
+    return EventField("/".join([part.Name or "" for part in clause.BrowsePath]), index_range)
 
 
 class EventFields:

@@ -13,9 +13,9 @@ from enum import StrEnum
 from typing import Final
 
 from ua_fleet.endpoint.throttle import LoginThrottle
-from ua_fleet.endpoint.users import Lane
+from ua_fleet.endpoint.users import PasswordLane
 
-__all__ = ["UNKNOWN_AT_ONCE", "UNKNOWN_PER_S", "Attempt", "GatewayLogins", "Outcome"]
+__all__ = ["UNKNOWN_AT_ONCE", "UNKNOWN_PER_S", "Attempt", "GatewayLogins", "LoginOutcome"]
 
 UNKNOWN_AT_ONCE: Final = 10
 """Names that no user has which are checked at once for one gateway, as if somebody had them."""
@@ -27,7 +27,7 @@ WAITING_OF_NAME: Final = 2
 """Of these, those for one user name."""
 
 
-class Outcome(StrEnum):
+class LoginOutcome(StrEnum):
     """What became of a login."""
 
     ACCEPTED = "accepted"
@@ -47,10 +47,10 @@ class Attempt:
     """Whether there is such a user."""
 
     @property
-    def lane(self) -> Lane:
+    def lane(self) -> PasswordLane:
         """Where its password check waits: names that no user has keep no place from those that one has."""
         lane, places = ("users", WAITING) if self.is_known else ("unknown", UNKNOWN_AT_ONCE)
-        return Lane(f"{lane} of gateway {self.gateway}", self.name, places, WAITING_OF_NAME)
+        return PasswordLane(f"{lane} of gateway {self.gateway}", self.name, places, WAITING_OF_NAME)
 
 
 @dataclass(slots=True)
@@ -66,10 +66,10 @@ class GatewayLogins:
         # Apart: however many names are made up, no failure of a user is forgotten for them.
         self._users, self._unknown = (LoginThrottle(as_a_whole=False) for _ in range(2))
         self._budgets: dict[str, _Budget] = {}
-        self.outcomes: Counter[tuple[str, Outcome]] = Counter()
+        self.outcomes: Counter[tuple[str, LoginOutcome]] = Counter()
         """How many logins of each gateway ended how."""
 
-    def count(self, gateway: str, outcome: Outcome) -> None:
+    def count(self, gateway: str, outcome: LoginOutcome) -> None:
         """A login of a gateway has ended so."""
         self.outcomes[gateway, outcome] += 1
 
@@ -77,7 +77,7 @@ class GatewayLogins:
         """Seconds until this name may be tried again through this gateway; 0 when it may now."""
         wait = self._throttle(attempt).locked_for(attempt.gateway, attempt.name, now)
         if wait:
-            self.count(attempt.gateway, Outcome.LOCKED_OUT)
+            self.count(attempt.gateway, LoginOutcome.LOCKED_OUT)
         return wait
 
     def is_flooded(self, gateway: str, now: float) -> bool:
@@ -100,7 +100,7 @@ class GatewayLogins:
     def success(self, attempt: Attempt) -> None:
         """The password was right: the failures of this name are forgotten."""
         self._throttle(attempt).success(attempt.gateway, attempt.name)
-        self.count(attempt.gateway, Outcome.ACCEPTED)
+        self.count(attempt.gateway, LoginOutcome.ACCEPTED)
 
     def _throttle(self, attempt: Attempt) -> LoginThrottle:
         return self._users if attempt.is_known else self._unknown

@@ -25,10 +25,10 @@ from ua_fleet.endpoint.audit.syslog_message import parse_destination
 from ua_fleet.endpoint.audit.syslog_sender import SyslogSender, tls_context
 from ua_fleet.endpoint.bridge_trust import BridgeTrust
 from ua_fleet.endpoint.certificates import ensure_application_certificate
-from ua_fleet.endpoint.context import Context, NodeGate, Statistics
+from ua_fleet.endpoint.context import EndpointContext, NodeGate, Statistics
 from ua_fleet.endpoint.diagnostics import Diagnostics
-from ua_fleet.endpoint.limits import CHUNK_BYTES, Limits
-from ua_fleet.endpoint.listener import Listener
+from ua_fleet.endpoint.limits import CHUNK_BYTES, EndpointLimits
+from ua_fleet.endpoint.listener import EndpointListener
 from ua_fleet.endpoint.node_builder import paused_collection, release_collection
 from ua_fleet.endpoint.queues import Queues
 from ua_fleet.endpoint.server_methods import ServerMethods
@@ -42,7 +42,7 @@ from ua_fleet.endpoint.standard_model import (
     remove_unsupported,
 )
 from ua_fleet.endpoint.standard_nodes import share_attributes
-from ua_fleet.endpoint.subscriptions import Subscriptions
+from ua_fleet.endpoint.subscriptions import SubscriptionRegistry
 from ua_fleet.endpoint.trust import TrustList
 from ua_fleet.endpoint.users import USERS_FILE, Role, User, UserStore
 from ua_fleet.errors import ServerStartError
@@ -70,12 +70,12 @@ class HardenedServer(Server):
 
     def __init__(self) -> None:
         super().__init__()
-        self._context: Context | None = None
-        self._listener: Listener | None = None
+        self._context: EndpointContext | None = None
+        self._listener: EndpointListener | None = None
         self._services: Services | None = None
 
     @property
-    def context(self) -> Context:
+    def context(self) -> EndpointContext:
         """What all connections share."""
         assert self._context is not None
         return self._context
@@ -120,10 +120,10 @@ class HardenedServer(Server):
         queues: Queues = registry.queues
         return queues
 
-    async def prepare(self, context: Context, host: str, port: int) -> None:
+    async def prepare(self, context: EndpointContext, host: str, port: int) -> None:
         """Put our services over asyncua's; `init` has been called."""
         self._context = context
-        subscriptions = Subscriptions(self.iserver.aspace, self.iserver, context.misfit, context.limits)
+        subscriptions = SubscriptionRegistry(self.iserver.aspace, self.iserver, context.misfit, context.limits)
         self.iserver.subscription_service = subscriptions
         # asyncua's own session was made before, with the registry that we replace.
         self.iserver.isession.subscription_service = subscriptions
@@ -133,7 +133,7 @@ class HardenedServer(Server):
         )
         self._services = Services(context, subscriptions)
         ServerMethods(subscriptions).link(self.iserver.aspace, context)
-        self._listener = Listener(self._services, host, port)
+        self._listener = EndpointListener(self._services, host, port)
         sessions = self._services.session
         diagnostics = Diagnostics(self.iserver.aspace, context, self._services.sessions, subscriptions)
         diagnostics.build()
@@ -186,7 +186,7 @@ def _close_standard_nodes(server: Server) -> None:
                 held.value = ua.DataValue(ua.Variant(variant.Value & ~WRITE, ua.VariantType.Byte))
 
 
-def _warn(context: Context) -> None:
+def _warn(context: EndpointContext) -> None:
     if context.allow_none_security:
         _log.warning(
             "endpoint without security is open: all traffic can be read and changed", setting="allow_none_security"
@@ -233,7 +233,7 @@ async def create_server(
     state_dir: Path,
     *,
     application_uri: str,
-    limits: Limits | None = None,
+    limits: EndpointLimits | None = None,
     users: UserStore | None = None,
     bridges: Mapping[str, str] | None = None,
     files_dir: Path | None = None,
@@ -283,9 +283,9 @@ async def create_server(
     certificate = [ua.X509IdentityToken] if names else []
     server.set_identity_tokens([ua.UserNameIdentityToken, *certificate, *anonymous])
     server.limits.max_recv_buffer = server.limits.max_send_buffer = CHUNK_BYTES
-    context = Context(
+    context = EndpointContext(
         iserver=server.iserver,
-        limits=limits or Limits.from_config(config),
+        limits=limits or EndpointLimits.from_config(config),
         trust=trust,
         users=store,
         session_keys=session_keys,

@@ -13,7 +13,7 @@ from asyncua.ua.object_ids import ObjectIds
 
 from ua_fleet.config.schema import ServerConfig
 
-__all__ = ["CHUNK_BYTES", "Limits"]
+__all__ = ["CHUNK_BYTES", "EndpointLimits"]
 
 CHUNK_BYTES: Final = 65_536
 """Largest chunk that we take or send, and all that a connection may send before authentication."""
@@ -22,7 +22,7 @@ MIN_CHUNK_BYTES: Final = 8_192
 
 
 @dataclass(frozen=True, slots=True)
-class Limits:
+class EndpointLimits:
     """What one client, and all of them together, may take."""
 
     connections: int = 100
@@ -109,7 +109,7 @@ class Limits:
         return 16 * self.message_bytes
 
     @classmethod
-    def from_config(cls, config: ServerConfig) -> Limits:
+    def from_config(cls, config: ServerConfig) -> EndpointLimits:
         """The limits that `fleet.yaml` sets."""
         return cls(
             connections=config.max_connections,

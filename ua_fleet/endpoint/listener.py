@@ -14,14 +14,14 @@ import structlog
 
 from ua_fleet.endpoint.admission import Admission, Waiting
 from ua_fleet.endpoint.audit import Caller
-from ua_fleet.endpoint.connection import Connection
+from ua_fleet.endpoint.connection import TcpConnection
 from ua_fleet.endpoint.processor import Processor, Stage, refuse_stranger
 from ua_fleet.endpoint.services import Services
 from ua_fleet.endpoint.session_keys import KeyFileError
 from ua_fleet.endpoint.users import UserFileError
 from ua_fleet.errors import ServerStartError
 
-__all__ = ["Listener"]
+__all__ = ["EndpointListener"]
 
 _log = structlog.get_logger("ua_fleet.server")
 
@@ -31,7 +31,7 @@ _BACKLOG: Final = 1024
 """Connections that the kernel keeps for us: one that it drops is tried again by its client after a second."""
 
 
-class Listener:
+class EndpointListener:
     """Accepts connections, and looks after them once in each tick."""
 
     def __init__(self, services: Services, host: str, port: int) -> None:
@@ -39,7 +39,7 @@ class Listener:
         self._host, self._wanted_port = host, port
         self._server: asyncio.Server | None = None
         self._admission = Admission(self._context.limits.connections)
-        self._connections: dict[Connection, Processor] = {}
+        self._connections: dict[TcpConnection, Processor] = {}
         self._tasks: set[asyncio.Task[None]] = set()
         self._housekeeping: asyncio.Task[None] | None = None
         self._generation = self._context.users.generation
@@ -54,7 +54,7 @@ class Listener:
         loop = asyncio.get_running_loop()
         try:
             self._server = await loop.create_server(
-                lambda: Connection(self._accept, self._open, self._started),
+                lambda: TcpConnection(self._accept, self._open, self._started),
                 self._host,
                 self._wanted_port,
                 backlog=_ACCEPTED_AT_ONCE,
@@ -98,7 +98,7 @@ class Listener:
         if self._server is not None:
             await self._server.wait_closed()
 
-    def _accept(self, connection: Connection) -> bool:
+    def _accept(self, connection: TcpConnection) -> bool:
         """Whether a new connection may stay; one that has no user makes room for it."""
         statistics = self._context.statistics
         statistics.connections += 1
@@ -122,15 +122,15 @@ class Listener:
             self._context.audit.refuse(Caller(connection.peer), "connection", "BadTcpServerTooBusy", reason=reason)
         return may_stay
 
-    def _open(self, connection: Connection) -> Processor:
+    def _open(self, connection: TcpConnection) -> Processor:
         processor = self._connections[connection] = Processor(connection, self._services)
         return processor
 
-    def _started(self, connection: Connection, task: asyncio.Task[None]) -> None:
+    def _started(self, connection: TcpConnection, task: asyncio.Task[None]) -> None:
         self._tasks.add(task)
         task.add_done_callback(lambda done: self._forget(connection, done))
 
-    def _forget(self, connection: Connection, task: asyncio.Task[None]) -> None:
+    def _forget(self, connection: TcpConnection, task: asyncio.Task[None]) -> None:
         self._connections.pop(connection, None)
         self._tasks.discard(task)
         if not task.cancelled() and (error := task.exception()) is not None:

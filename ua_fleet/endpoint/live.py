@@ -11,7 +11,7 @@ from typing import Any
 from asyncua import ua
 from asyncua.server.address_space import AddressSpace
 
-from ua_fleet.endpoint.compact_nodes import Held
+from ua_fleet.endpoint.compact_nodes import HeldValue
 from ua_fleet.endpoint.stack import GOOD, AttributeIds, Refusal
 from ua_fleet.endpoint.users import User
 
@@ -21,7 +21,7 @@ Guard = Callable[[User, bool], int]
 """StatusCode with which a user, on an encrypted channel or not, is refused a value; 0 for who may read it."""
 
 
-class LiveValue(Held):
+class LiveValue(HeldValue):
     """A value that is computed when it is read. Who watches it is told of changes when `tell` is called."""
 
     __slots__ = ("_compute", "_told", "_variant_type", "guard")

@@ -15,8 +15,8 @@ from asyncua.crypto import uacrypto
 
 from ua_fleet.endpoint.certificates import thumbprint
 from ua_fleet.endpoint.channel import Channel
-from ua_fleet.endpoint.context import Context
-from ua_fleet.endpoint.gateway_logins import Attempt, Outcome
+from ua_fleet.endpoint.context import EndpointContext
+from ua_fleet.endpoint.gateway_logins import Attempt, LoginOutcome
 from ua_fleet.endpoint.key_text import KeyText, parse_key
 from ua_fleet.endpoint.session_keys import KeyFileError
 from ua_fleet.endpoint.signatures import check_signature
@@ -40,7 +40,7 @@ CERTIFICATE_POLICY: Final = "certificate"
 
 
 async def identify(
-    context: Context,
+    context: EndpointContext,
     channel: Channel,
     params: ua.ActivateSessionParameters,
     *,
@@ -76,7 +76,13 @@ async def identify(
 
 
 def _bridge(
-    context: Context, channel: Channel, token: ua.X509IdentityToken, signature: Any, *, nonce: bytes, address: str
+    context: EndpointContext,
+    channel: Channel,
+    token: ua.X509IdentityToken,
+    signature: Any,
+    *,
+    nonce: bytes,
+    address: str,
 ) -> User:
     """The bridge that shows its certificate, and proves that it has the key to it (OPC 10000-4 7.40.5).
 
@@ -115,7 +121,7 @@ def _bridge(
 
 
 async def _person(
-    context: Context, token: ua.UserNameIdentityToken, *, nonce: bytes, encrypted: bool, address: str
+    context: EndpointContext, token: ua.UserNameIdentityToken, *, nonce: bytes, encrypted: bool, address: str
 ) -> User:
     """The user whose password, or session key, this is."""
     source = _name_of(token)[:_MAX_NAME]
@@ -145,7 +151,9 @@ async def _person(
     return user
 
 
-async def _person_behind(context: Context, gateway: str, token: ua.UserNameIdentityToken, *, nonce: bytes) -> User:
+async def _person_behind(
+    context: EndpointContext, gateway: str, token: ua.UserNameIdentityToken, *, nonce: bytes
+) -> User:
     """As `_person`, of those who come through a gateway: who guesses slows down the name alone (ADR 55)."""
     name, logins, users = _name_of(token), context.gateway_logins, context.users
     attempt = Attempt(gateway, name[:_MAX_NAME], is_known=users.get(name) is not None)
@@ -153,7 +161,7 @@ async def _person_behind(context: Context, gateway: str, token: ua.UserNameIdent
     try:
         password = _password(context, token, nonce=nonce, encrypted=True)
     except Refusal:
-        logins.count(gateway, Outcome.WRONG_PASSWORD)
+        logins.count(gateway, LoginOutcome.WRONG_PASSWORD)
         logins.failure(attempt, time.monotonic())
         raise
     if (key := parse_key(password)) is not None:
@@ -170,7 +178,7 @@ async def _person_behind(context: Context, gateway: str, token: ua.UserNameIdent
             # Who made the name up learns nothing by the time that the answer takes.
             await asyncio.sleep(users.last_check_s)
     except UserFileError as error:
-        logins.count(gateway, Outcome.TOO_BUSY)
+        logins.count(gateway, LoginOutcome.TOO_BUSY)
         raise Refusal(StatusCodes.BadServerTooBusy, f"{login}: {error}") from error
     if user is not None:
         logins.success(attempt)
@@ -178,20 +186,20 @@ async def _person_behind(context: Context, gateway: str, token: ua.UserNameIdent
     logins.failure(attempt, time.monotonic())
     if is_flooded:
         # The same for a user's name as for one that was made up, or the answer would tell them apart.
-        logins.count(gateway, Outcome.TOO_BUSY)
+        logins.count(gateway, LoginOutcome.TOO_BUSY)
         raise Refusal(StatusCodes.BadServerTooBusy, f"{login}: wrong, while too many names are tried that no user has")
-    logins.count(gateway, Outcome.WRONG_PASSWORD)
+    logins.count(gateway, LoginOutcome.WRONG_PASSWORD)
     raise Refusal(StatusCodes.BadUserAccessDenied, f"{login}: wrong user or password")
 
 
-def _by_key(context: Context, gateway: str, name: str, key: KeyText, login: str) -> User:
+def _by_key(context: EndpointContext, gateway: str, name: str, key: KeyText, login: str) -> User:
     """The user whose session key this is, whoever guesses at the password; a wrong one locks nothing."""
     try:
         user = context.session_keys.verify(name, key, time.time())
     except (UserFileError, KeyFileError) as error:
-        context.gateway_logins.count(gateway, Outcome.TOO_BUSY)
+        context.gateway_logins.count(gateway, LoginOutcome.TOO_BUSY)
         raise Refusal(StatusCodes.BadServerTooBusy, f"{login}: {error}") from error
-    context.gateway_logins.count(gateway, Outcome.ACCEPTED if user is not None else Outcome.WRONG_KEY)
+    context.gateway_logins.count(gateway, LoginOutcome.ACCEPTED if user is not None else LoginOutcome.WRONG_KEY)
     if user is None:
         raise Refusal(StatusCodes.BadUserAccessDenied, f"{login}: session key {key.id} is not valid")
     return user
@@ -204,7 +212,7 @@ def _name_of(token: ua.UserNameIdentityToken) -> str:
     return name
 
 
-def _password(context: Context, token: ua.UserNameIdentityToken, *, nonce: bytes, encrypted: bool) -> str:
+def _password(context: EndpointContext, token: ua.UserNameIdentityToken, *, nonce: bytes, encrypted: bool) -> str:
     secret = token.Password or b""
     if isinstance(secret, str):
         secret = secret.encode()

@@ -20,12 +20,12 @@ import structlog
 from asyncua import ua
 from asyncua.server.address_space import NodeData
 
-from ua_fleet.endpoint.answers import Answer
+from ua_fleet.endpoint.answers import ArrayResponse
 from ua_fleet.endpoint.audit import summary
 from ua_fleet.endpoint.audit_events import AuditEvents
-from ua_fleet.endpoint.context import Context
+from ua_fleet.endpoint.context import EndpointContext
 from ua_fleet.endpoint.data_types import DataTypes
-from ua_fleet.endpoint.request import Request, operations
+from ua_fleet.endpoint.request import ServiceRequest, operations
 from ua_fleet.endpoint.sessions import current_session
 from ua_fleet.endpoint.stack import (
     GOOD,
@@ -66,26 +66,26 @@ class _WrongArguments(Refusal):
 class MethodServices:
     """OPC 10000-4 5.12."""
 
-    def __init__(self, context: Context, events: AuditEvents) -> None:
+    def __init__(self, context: EndpointContext, events: AuditEvents) -> None:
         self._context, self._limits, self._events = context, context.limits, events
         self._aspace = context.iserver.aspace
         self._types = DataTypes(self._aspace)
         self._aside: set[asyncio.Task[None]] = set()
 
-    async def call(self, request: Request, params: ua.CallParameters) -> Any:
+    async def call(self, request: ServiceRequest, params: ua.CallParameters) -> Any:
         """Call: one method after the other, each with a line in the audit log; None where it is answered later."""
         most = min(self._limits.calls_per_request, self._limits.nodes_per_request)
         calls = operations(params.MethodsToCall, most)
         if len(calls) == 1 and calls[0].MethodId in self._context.waiting_methods:
             self._put_aside(request, calls[0])
             return None
-        answer = Answer(ua.CallResponse(), self._limits.response_bytes)
+        answer = ArrayResponse(ua.CallResponse(), self._limits.response_bytes)
         for wanted in calls:
             await self._add(request, wanted, answer)
             await request.turns.end(answer.size)
         return answer
 
-    async def _add(self, request: Request, wanted: ua.CallMethodRequest, answer: Answer) -> None:
+    async def _add(self, request: ServiceRequest, wanted: ua.CallMethodRequest, answer: ArrayResponse) -> None:
         """Call a method, and tell of it."""
         result, reason = await self._call(request, wanted)
         answer.add(
@@ -104,7 +104,7 @@ class MethodServices:
         outputs = result.OutputArguments or []
         self._events.called(request.who, wanted, [] if outputs and self._is_secret(wanted) else outputs, code)
 
-    def _put_aside(self, request: Request, wanted: ua.CallMethodRequest) -> None:
+    def _put_aside(self, request: ServiceRequest, wanted: ua.CallMethodRequest) -> None:
         session = request.session
         if session.calls_aside >= _MOST_ASIDE:
             raise Refusal(StatusCodes.BadTooManyOperations, f"{session.calls_aside} calls wait for their answers")
@@ -113,11 +113,11 @@ class MethodServices:
         self._aside.add(task)
         task.add_done_callback(self._aside.discard)
 
-    async def _answer_later(self, request: Request, wanted: ua.CallMethodRequest) -> None:
+    async def _answer_later(self, request: ServiceRequest, wanted: ua.CallMethodRequest) -> None:
         session, link = request.session, request.session.link
         try:
             with self._context.mistakes.guard("services", service="Call"):
-                answer = Answer(ua.CallResponse(), self._limits.response_bytes)
+                answer = ArrayResponse(ua.CallResponse(), self._limits.response_bytes)
                 await self._add(request, wanted, answer)
                 if link is not None and session.link is link:
                     link.respond(answer, request.handle, request.request_id)
@@ -137,7 +137,7 @@ class MethodServices:
         except Refusal:
             return True  # it has gone since
 
-    def _record(self, request: Request, wanted: ua.CallMethodRequest, code: int) -> None:
+    def _record(self, request: ServiceRequest, wanted: ua.CallMethodRequest, code: int) -> None:
         audit = self._context.audit
         arguments = [argument.Value for argument in wanted.InputArguments or []]
         what = {"object": shown(wanted.ObjectId), "method": shown(wanted.MethodId), "value": summary(arguments)}
@@ -147,7 +147,7 @@ class MethodServices:
         else:
             audit.record("call", request.caller, name_of(code), **what)
 
-    async def _call(self, request: Request, wanted: ua.CallMethodRequest) -> tuple[ua.CallMethodResult, str]:
+    async def _call(self, request: ServiceRequest, wanted: ua.CallMethodRequest) -> tuple[ua.CallMethodResult, str]:
         """The result of a call, and why a Method that may be called has refused it; empty where it has not."""
         result, checked, reason = ua.CallMethodResult(), False, ""
         try:
@@ -210,7 +210,7 @@ class MethodServices:
                 yield node
             reference, forward = _HAS_SUBTYPE, False
 
-    def _check(self, request: Request, method_id: ua.NodeId) -> Callable[..., Any]:
+    def _check(self, request: ServiceRequest, method_id: ua.NodeId) -> Callable[..., Any]:
         """The implementation of a method; raises Refusal where this user may not call it there."""
         method = self._aspace[method_id]
         if not self._flag(method_id, AttributeIds.Executable):
@@ -268,7 +268,9 @@ class MethodServices:
             return rank >= 0 or bool(types & {12, 15, 22})
         return shape and value.VariantType.value in types
 
-    async def _run(self, request: Request, implementation: Callable[..., Any], wanted: ua.CallMethodRequest) -> Any:
+    async def _run(
+        self, request: ServiceRequest, implementation: Callable[..., Any], wanted: ua.CallMethodRequest
+    ) -> Any:
         arguments = [wanted.ObjectId, *(wanted.InputArguments or [])]
         token, session = current_user.set(request.user), current_session.set(request.session)
         try:

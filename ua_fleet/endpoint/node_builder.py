@@ -22,7 +22,7 @@ from asyncua.server.address_space import AddressSpace, NodeData
 from asyncua.ua.attribute_ids import AttributeIds
 from asyncua.ua.object_ids import ObjectIds
 
-from ua_fleet.endpoint.compact_nodes import BuiltNode, Held, Kind, Shared
+from ua_fleet.endpoint.compact_nodes import BuiltNode, HeldValue, NodeKind, Shared
 from ua_fleet.endpoint.convert import raw_id, to_status
 from ua_fleet.errors import ServerStartError
 from ua_fleet.fleet.model import MAX_AGE_PREFIX
@@ -124,7 +124,7 @@ class NodeBuilder:
             space._nodes = _Nodes(space._nodes)  # noqa: SLF001
         # Names, and lengths of arrays, are a publisher's: they go with the last node that has them.
         self._shared: WeakValueDictionary[tuple[str, Any], Shared] = WeakValueDictionary()
-        self._kinds: WeakValueDictionary[Any, Kind] = WeakValueDictionary()
+        self._kinds: WeakValueDictionary[Any, NodeKind] = WeakValueDictionary()
         """What the nodes of a kind have in common, by all that makes it differ."""
         self._type_references: dict[ua.NodeId, ua.ReferenceDescription] = {}
         self._parent_references: dict[ua.NodeId, dict[ua.NodeId, ua.ReferenceDescription]] = {}
@@ -157,13 +157,13 @@ class NodeBuilder:
         type_definition: ua.NodeId,
         *,
         data_type: ua.NodeId,
-        value: ua.DataValue | Held,
+        value: ua.DataValue | HeldValue,
         value_rank: int = -1,
         array_length: int = 0,
         writable: bool = False,
         reference: ua.NodeId = HAS_COMPONENT,
         description: str = "",
-    ) -> Held:
+    ) -> HeldValue:
         """Add a Variable; returns what holds its value."""
         kind = (ua.NodeClass.Variable, data_type, value_rank, array_length, writable)
         attributes = self._kinds.get(kind)
@@ -181,7 +181,7 @@ class NodeBuilder:
                 attributes[AttributeIds.ArrayDimensions] = self._share(
                     "ArrayDimensions", tuple(dimensions), ua.VariantType.UInt32, dimensions
                 )
-        held = value if isinstance(value, Held) else Held(value)
+        held = value if isinstance(value, HeldValue) else HeldValue(value)
         names = (name, description, None)
         self._add(node_id, names, parent, type_definition, reference, ua.NodeClass.Variable, attributes, held)
         return held
@@ -299,8 +299,8 @@ class NodeBuilder:
         type_definition: ua.NodeId | None,
         reference: ua.NodeId,
         node_class: ua.NodeClass,
-        attributes: Kind,
-        value: Held | None,
+        attributes: NodeKind,
+        value: HeldValue | None,
     ) -> None:
         """Add a node; `names` are its BrowseName, its description, and what it is shown as where that differs."""
         if node_id in self._space:
@@ -323,9 +323,9 @@ class NodeBuilder:
         data: Any = BuiltNode(node_id, named, shown, told, attributes, value, references)
         self._space[node_id] = data
 
-    def _common(self, node_class: ua.NodeClass) -> Kind:
+    def _common(self, node_class: ua.NodeClass) -> NodeKind:
         no_mask = self._share("UInt32", 0, ua.VariantType.UInt32)
-        return Kind(
+        return NodeKind(
             {
                 AttributeIds.NodeClass: self._share("NodeClass", node_class, ua.VariantType.Int32),
                 AttributeIds.WriteMask: no_mask,

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 from enum import IntEnum
 from typing import Final, Generic, TypeVar
 
-from ua_fleet.endpoint.limits import Limits
+from ua_fleet.endpoint.limits import EndpointLimits
 from ua_fleet.endpoint.origin import origin
 from ua_fleet.endpoint.users import Role, User
 
@@ -75,7 +75,7 @@ def standing_of(user: User) -> Standing:
 class SessionPlaces:
     """Decides about the place of one more active session."""
 
-    def __init__(self, limits: Limits) -> None:
+    def __init__(self, limits: EndpointLimits) -> None:
         self._most, self._most_of_one = limits.sessions, limits.sessions_per_user
         reserved = min(limits.reserved_sessions, limits.sessions // 2)
         self._open = limits.sessions - reserved

@@ -28,8 +28,8 @@ from ua_fleet.endpoint.audit import Caller
 from ua_fleet.endpoint.audit_events import Who
 from ua_fleet.endpoint.channel import Channel
 from ua_fleet.endpoint.charges import REFUSED_LOGIN_S, Charge
-from ua_fleet.endpoint.connection import Connection, FrameError
-from ua_fleet.endpoint.context import Context
+from ua_fleet.endpoint.connection import FrameError, TcpConnection
+from ua_fleet.endpoint.context import EndpointContext
 from ua_fleet.endpoint.decoding import (
     BYTES_BEFORE_SESSION,
     OPERATIONS_BEFORE_SESSION,
@@ -37,7 +37,7 @@ from ua_fleet.endpoint.decoding import (
     decode_parameters,
     decode_request_head,
 )
-from ua_fleet.endpoint.request import Request
+from ua_fleet.endpoint.request import ServiceRequest
 from ua_fleet.endpoint.services import Services, encoding
 from ua_fleet.endpoint.sessions import Session
 from ua_fleet.endpoint.stack import DECODE_ERRORS, ObjectIds, Refusal, StatusCodes, name_of, status, status_of
@@ -91,7 +91,7 @@ _MOST_NAME = 64
 """Of a user name no more is kept."""
 
 
-def refuse_stranger(context: Context, peer: str) -> None:
+def refuse_stranger(context: EndpointContext, peer: str) -> None:
     """Count and record that a client is refused because its address has cost too much."""
     context.statistics.strangers_refused += 1
     context.audit.refuse(Caller(peer), "connection", "BadTcpServerTooBusy", reason=_TOO_MUCH)
@@ -100,7 +100,7 @@ def refuse_stranger(context: Context, peer: str) -> None:
 class Processor:
     """What stands behind one connection; also the link that its sessions answer through."""
 
-    def __init__(self, connection: Connection, services: Services) -> None:
+    def __init__(self, connection: TcpConnection, services: Services) -> None:
         self._connection = connection
         self._services = services
         self._context = services.context
@@ -460,7 +460,7 @@ class Processor:
             most_memory=limits.request_memory_bytes,
             turns=turns,
         )
-        request = Request(
+        request = ServiceRequest(
             session,
             user,
             session.caller,

@@ -15,11 +15,11 @@ from ua_fleet.endpoint.stack import Refusal, StatusCodes
 from ua_fleet.endpoint.turns import Turns
 from ua_fleet.endpoint.users import User
 
-__all__ = ["Request", "operations"]
+__all__ = ["ServiceRequest", "operations"]
 
 
 @dataclass(frozen=True, slots=True)
-class Request:
+class ServiceRequest:
     """A request on an active session."""
 
     session: Session

@@ -33,7 +33,7 @@ from asyncua.ua.uatypes import (
 from ua_fleet.endpoint.data_values import misplaced
 from ua_fleet.endpoint.stack import Refusal, StatusCodes
 
-__all__ = ["DEEPEST_NESTING", "Scan", "Step", "step_of", "steps_of"]
+__all__ = ["DEEPEST_NESTING", "Scan", "TypeStep", "step_of", "steps_of"]
 
 DEEPEST_NESTING: Final = 100
 """Levels of nested values; OPC 10000-6 5.1.5 wants decoders to take as many."""
@@ -112,7 +112,7 @@ class Scan:
 
 
 @dataclass(frozen=True, slots=True)
-class Step:
+class TypeStep:
     """How one type is walked."""
 
     walk: Callable[[Scan], None]
@@ -126,13 +126,13 @@ class Step:
     """Whether arrays of it are decoded in one go."""
 
 
-def _fixed(size: int, memory: int = 48, *, number: bool = False) -> Step:
+def _fixed(size: int, memory: int = 48, *, number: bool = False) -> TypeStep:
     def walk(scan: Scan) -> None:
         scan.position += size
         if scan.position > scan.end:
             raise scan.refuse("the message ends")
 
-    return Step(walk, size, memory, size, number)
+    return TypeStep(walk, size, memory, size, number)
 
 
 def _walk_text(scan: Scan) -> None:
@@ -230,7 +230,7 @@ def _walk_dimensions(scan: Scan, count: int, *, null: bool) -> None:
     scan.charge_built(lists * 64 + count * 8 * dimensions)
 
 
-def _walk_array(scan: Scan, step: Step) -> int:
+def _walk_array(scan: Scan, step: TypeStep) -> int:
     """Walk an array; the number of its elements."""
     count = scan.count(step.least)
     if step.number:
@@ -277,7 +277,7 @@ def _walk_extension_object(scan: Scan) -> None:
     scan.position, scan.end = scan.end, end
 
 
-def _known(type_id: bytes) -> Step | None:
+def _known(type_id: bytes) -> TypeStep | None:
     """How the body of an ExtensionObject is walked, None for one that asyncua leaves as bytes."""
     step = _FOUND.get(type_id)
     if step is None:
@@ -289,13 +289,13 @@ def _known(type_id: bytes) -> Step | None:
     return step
 
 
-_FOUND: Final[dict[bytes, Step]] = {}
+_FOUND: Final[dict[bytes, TypeStep]] = {}
 """What was found, never what was not: a nodeset may bring it later."""
 _MOST_FOUND: Final = 1_000
 
 
 @functools.cache
-def _data_value() -> Step:
+def _data_value() -> TypeStep:
     step = _structure(ua.DataValue)
 
     def walk(scan: Scan) -> None:
@@ -323,13 +323,13 @@ def _walk_undecodable(scan: Scan) -> None:
     raise scan.refuse("a structure that this server does not know")
 
 
-_UNDECODABLE: Final = Step(_walk_undecodable, 1, _OBJECT)
+_UNDECODABLE: Final = TypeStep(_walk_undecodable, 1, _OBJECT)
 """For types of which asyncua cannot resolve a field: it fails on them, too."""
-_TEXT_STEP: Final = Step(_walk_text, 4, _TEXT)
-_STRING_STEP: Final = Step(_walk_string, 4, _TEXT)
-_NODE_ID_STEP: Final = Step(_walk_node_id, 2, 256)
+_TEXT_STEP: Final = TypeStep(_walk_text, 4, _TEXT)
+_STRING_STEP: Final = TypeStep(_walk_string, 4, _TEXT)
+_NODE_ID_STEP: Final = TypeStep(_walk_node_id, 2, 256)
 _SBYTE: Final = _fixed(1, number=True)
-_PRIMITIVES: Final[dict[str, Step]] = {
+_PRIMITIVES: Final[dict[str, TypeStep]] = {
     "SByte": _SBYTE,
     "Byte": _fixed(1, 8, number=True),
     "Char": _fixed(1, 8, number=True),
@@ -350,15 +350,15 @@ _PRIMITIVES: Final[dict[str, Step]] = {
     "DateTime": _fixed(8, 96),
     "Guid": _fixed(16, 192),
 }
-_SPECIAL: Final[dict[str, Step]] = {
+_SPECIAL: Final[dict[str, TypeStep]] = {
     "NodeId": _NODE_ID_STEP,
     "ExpandedNodeId": _NODE_ID_STEP,
-    "Variant": Step(_walk_variant, 1, _OBJECT),
-    "ExtensionObject": Step(_walk_extension_object, 3, _OBJECT + 256),
+    "Variant": TypeStep(_walk_variant, 1, _OBJECT),
+    "ExtensionObject": TypeStep(_walk_extension_object, 3, _OBJECT + 256),
 }
 
 
-def step_of(kind: Any) -> Step:
+def step_of(kind: Any) -> TypeStep:
     """How a type of asyncua's is walked."""
     name = getattr(kind, "__name__", "")
     if kind is ua.DataValue:
@@ -368,7 +368,7 @@ def step_of(kind: Any) -> Step:
 
 
 @functools.cache
-def _structure(kind: Any) -> Step:
+def _structure(kind: Any) -> TypeStep:
     """A dataclass or an enumeration; as asyncua's `_create_dataclass_deserializer` reads it."""
     if not isinstance(kind, type) or not (is_dataclass(kind) or issubclass(kind, Enum)):
         return _UNDECODABLE
@@ -406,18 +406,18 @@ def _structure(kind: Any) -> Step:
                 step(scan)
 
     memory = _OBJECT + sum(part.step.memory for part in parts)
-    return Step(walk, sum(0 if part.switch > 0 else part.step.least for part in parts), memory)
+    return TypeStep(walk, sum(0 if part.switch > 0 else part.step.least for part in parts), memory)
 
 
 @dataclass(frozen=True, slots=True)
-class Part:
+class FieldPart:
     """One field of a structure."""
 
     name: str
     kind: Any
     """Its type, or that of its elements."""
-    step: Step
-    element: Step | None
+    step: TypeStep
+    element: TypeStep | None
     """How an element is walked, for an array."""
     switch: int
     """The bit of the structure's encoding mask that says whether it is there; 0 for always, -1 for the mask itself."""
@@ -429,10 +429,10 @@ class Part:
 
 
 @functools.cache
-def steps_of(structure: Any) -> tuple[Part, ...]:
+def steps_of(structure: Any) -> tuple[FieldPart, ...]:
     """The fields of a structure in their order."""
     hints = get_safe_type_hints(structure, {"ua": ua})
-    parts: list[Part] = []
+    parts: list[FieldPart] = []
     bits = 0
     for field in fields(structure):
         kind, switch = hints[field.name], 0
@@ -443,12 +443,12 @@ def steps_of(structure: Any) -> tuple[Part, ...]:
         if field.name == "Encoding":
             switch = -1
         if type_allow_subclass(kind):
-            parts.append(Part(field.name, ua.ExtensionObject, _SPECIAL["ExtensionObject"], None, switch))
+            parts.append(FieldPart(field.name, ua.ExtensionObject, _SPECIAL["ExtensionObject"], None, switch))
             continue
         is_array, kind = _element(kind)
-        inner = Step(_walk_deferred(kind), 1, 0) if kind is structure else step_of(kind)
+        inner = TypeStep(_walk_deferred(kind), 1, 0) if kind is structure else step_of(kind)
         step, element = (_array(inner), inner) if is_array else (inner, None)
-        parts.append(Part(field.name, kind, step, element, switch))
+        parts.append(FieldPart(field.name, kind, step, element, switch))
     return tuple(parts)
 
 
@@ -464,14 +464,14 @@ def _element(kind: Any) -> tuple[bool, Any]:
     return False, kind
 
 
-def _array(step: Step) -> Step:
+def _array(step: TypeStep) -> TypeStep:
     def walk(scan: Scan) -> None:
         _walk_array(scan, step)
 
-    return Step(walk, 4, 64)
+    return TypeStep(walk, 4, 64)
 
 
-def _runs(parts: tuple[Part, ...]) -> list[tuple[int, int, Callable[[Scan], None] | None]]:
+def _runs(parts: tuple[FieldPart, ...]) -> list[tuple[int, int, Callable[[Scan], None] | None]]:
     """The fields as (switch, size, walk), with neighbours of fixed size as one."""
     runs: list[tuple[int, int, Callable[[Scan], None] | None]] = []
     for part in parts:
@@ -484,8 +484,8 @@ def _runs(parts: tuple[Part, ...]) -> list[tuple[int, int, Callable[[Scan], None
     return runs
 
 
-def _union(kind: Any) -> Step:
-    alternatives: list[Step] = []
+def _union(kind: Any) -> TypeStep:
+    alternatives: list[TypeStep] = []
     for alternative in kind._union_types:  # noqa: SLF001 - asyncua's decoder reads it too
         is_array, inner = _element(alternative)
         step = step_of(inner)
@@ -497,9 +497,9 @@ def _union(kind: Any) -> Step:
             scan.charge_built(alternatives[chosen - 1].memory)
             alternatives[chosen - 1].walk(scan)
 
-    return Step(walk, 4, _OBJECT)
+    return TypeStep(walk, 4, _OBJECT)
 
 
-_BUILTIN: Final[tuple[Callable[[], Step], ...]] = tuple(
+_BUILTIN: Final[tuple[Callable[[], TypeStep], ...]] = tuple(
     functools.partial(step_of, getattr(ua, member.name, type(member.name, (), {}))) for member in ua.VariantType
 )

@@ -15,10 +15,10 @@ from typing import Any, Final
 from asyncua import ua
 from asyncua.server.address_space import AddressSpace
 
-from ua_fleet.endpoint.context import Context
+from ua_fleet.endpoint.context import EndpointContext
 from ua_fleet.endpoint.sessions import current_session
 from ua_fleet.endpoint.stack import ObjectIds, Refusal, StatusCodes, ns0
-from ua_fleet.endpoint.subscriptions import ClientSubscription, Subscriptions
+from ua_fleet.endpoint.subscriptions import ClientSubscription, SubscriptionRegistry
 from ua_fleet.endpoint.turns import TURN_S
 
 __all__ = ["ServerMethods"]
@@ -30,10 +30,10 @@ _RESEND_DATA: Final = ns0(ObjectIds.Server_ResendData)
 class ServerMethods:
     """The implementations; the caller is the session whose request is worked on."""
 
-    def __init__(self, subscriptions: Subscriptions) -> None:
+    def __init__(self, subscriptions: SubscriptionRegistry) -> None:
         self._subscriptions = subscriptions
 
-    def link(self, space: AddressSpace, context: Context) -> None:
+    def link(self, space: AddressSpace, context: EndpointContext) -> None:
         """Put them behind their nodes, for every user."""
         for node_id, implementation in (
             (_GET_MONITORED_ITEMS, self.get_monitored_items),

@@ -12,14 +12,14 @@ from asyncua import ua
 
 from ua_fleet.endpoint.attributes import AttributeServices
 from ua_fleet.endpoint.audit_events import AuditEvents
-from ua_fleet.endpoint.context import Context
+from ua_fleet.endpoint.context import EndpointContext
 from ua_fleet.endpoint.methods import MethodServices
-from ua_fleet.endpoint.request import Request
+from ua_fleet.endpoint.request import ServiceRequest
 from ua_fleet.endpoint.session_services import SessionServices
 from ua_fleet.endpoint.sessions import Sessions
 from ua_fleet.endpoint.stack import ObjectIds
 from ua_fleet.endpoint.subscription_services import SubscriptionServices
-from ua_fleet.endpoint.subscriptions import Subscriptions
+from ua_fleet.endpoint.subscriptions import SubscriptionRegistry
 from ua_fleet.endpoint.views import ViewServices
 
 __all__ = ["Services", "encoding"]
@@ -31,7 +31,7 @@ class Service:
 
     parameters: Any
     """asyncua's class of the request's parameters."""
-    handle: Callable[[Request, Any], Awaitable[Any]]
+    handle: Callable[[ServiceRequest, Any], Awaitable[Any]]
     """Serves a request."""
 
 
@@ -43,7 +43,7 @@ def encoding(name: str) -> int:
 class Services:
     """The services of one server, by the identifier of their request's encoding."""
 
-    def __init__(self, context: Context, subscriptions: Subscriptions) -> None:
+    def __init__(self, context: EndpointContext, subscriptions: SubscriptionRegistry) -> None:
         self.context = context
         self.sessions = Sessions()
         self.events = events = AuditEvents(subscriptions, lambda: context.server_id)

@@ -15,14 +15,14 @@ from cryptography import x509
 from ua_fleet.endpoint.audit import Caller
 from ua_fleet.endpoint.audit_events import AuditEvents, Who
 from ua_fleet.endpoint.channel import Channel
-from ua_fleet.endpoint.context import Context
+from ua_fleet.endpoint.context import EndpointContext
 from ua_fleet.endpoint.logins import identify
 from ua_fleet.endpoint.origin import origin
 from ua_fleet.endpoint.places import NoPlace, SessionPlaces, holder_of, standing_of
-from ua_fleet.endpoint.sessions import NONCE_BYTES, Link, Session, Sessions
+from ua_fleet.endpoint.sessions import NONCE_BYTES, Session, SessionConnection, Sessions
 from ua_fleet.endpoint.signatures import check_signature
 from ua_fleet.endpoint.stack import Refusal, StatusCodes
-from ua_fleet.endpoint.subscriptions import Subscriptions
+from ua_fleet.endpoint.subscriptions import SubscriptionRegistry
 from ua_fleet.endpoint.trust import CertificateRefused
 from ua_fleet.endpoint.usage import SessionUsage, shortened
 from ua_fleet.endpoint.users import User
@@ -33,7 +33,9 @@ __all__ = ["SessionServices"]
 class SessionServices:
     """What is done before and around a session; also ends sessions."""
 
-    def __init__(self, context: Context, sessions: Sessions, subscriptions: Subscriptions, events: AuditEvents) -> None:
+    def __init__(
+        self, context: EndpointContext, sessions: Sessions, subscriptions: SubscriptionRegistry, events: AuditEvents
+    ) -> None:
         self._events = events
         self._context, self._limits = context, context.limits
         self._sessions, self._subscriptions = sessions, subscriptions
@@ -62,7 +64,11 @@ class SessionServices:
         return response
 
     async def create(
-        self, link: Link, channel: Channel, params: ua.CreateSessionParameters, server: tuple[str, int] | None
+        self,
+        link: SessionConnection,
+        channel: Channel,
+        params: ua.CreateSessionParameters,
+        server: tuple[str, int] | None,
     ) -> tuple[Session, Any]:
         """CreateSession: a session that nobody may use yet."""
         if not channel.sessions_allowed:
@@ -137,7 +143,7 @@ class SessionServices:
             raise Refusal(StatusCodes.BadSecurityChecksFailed, str(error)) from error
 
     async def activate(
-        self, link: Link, channel: Channel, token: ua.NodeId, params: ua.ActivateSessionParameters
+        self, link: SessionConnection, channel: Channel, token: ua.NodeId, params: ua.ActivateSessionParameters
     ) -> tuple[Session, Any]:
         """ActivateSession: everything is checked first, then the session is bound; a refusal changes nothing."""
         session = self._sessions.find(token)
@@ -233,7 +239,7 @@ class SessionServices:
             with self._context.mistakes.guard("diagnostics"):
                 await self.ended(session)
 
-    async def lost(self, link: Link) -> None:
+    async def lost(self, link: SessionConnection) -> None:
         """A connection is gone: active sessions wait for their client until their timeout, the others end."""
         for session in self._sessions.on(link):
             if session.active:

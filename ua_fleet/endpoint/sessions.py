@@ -32,7 +32,7 @@ from ua_fleet.endpoint.users import User
 if TYPE_CHECKING:
     from ua_fleet.endpoint.subscriptions import ClientSubscription
 
-__all__ = ["Link", "PublishRequest", "Session", "Sessions", "current_session"]
+__all__ = ["PublishRequest", "Session", "SessionConnection", "Sessions", "current_session"]
 
 current_session: ContextVar[Session | None] = ContextVar("current_session", default=None)
 """The caller's session, while the implementation of a method runs."""
@@ -49,7 +49,7 @@ _AROUND_BYTES: Final = 2_048
 _MOST_FAREWELLS: Final = 50
 
 
-class Link(Protocol):
+class SessionConnection(Protocol):
     """The connection that a session is bound to."""
 
     peer: str
@@ -84,7 +84,7 @@ class PublishRequest:
 class Session:
     """One client's session."""
 
-    link: Link | None
+    link: SessionConnection | None
     client_certificate: bytes
     application: str
     timeout_s: float
@@ -151,7 +151,7 @@ class Session:
         """Address of the client, the last one while there is none."""
         return self.link.address if self.link is not None else self.last_address
 
-    def refusal(self, link: Link, user: User) -> Refusal | None:
+    def refusal(self, link: SessionConnection, user: User) -> Refusal | None:
         """Why a request of this user on that connection is not to go on; None while it is."""
         if self.closed:
             return Refusal(StatusCodes.BadSessionClosed, "the session has ended")
@@ -171,7 +171,7 @@ class Session:
         """Bytes of `wish` that one notification may have for this client."""
         return _within(wish, (self.link.response_bytes if self.link is not None else 0,))
 
-    def bind(self, link: Link) -> None:
+    def bind(self, link: SessionConnection) -> None:
         """The client has come, or come back, on this connection."""
         self.link = link
         self.detached_at = None
@@ -277,7 +277,7 @@ class Sessions:
         identifier = token.Identifier if token is not None else None
         return self._by_token.get(identifier) if isinstance(identifier, bytes) else None
 
-    def on(self, link: Link) -> list[Session]:
+    def on(self, link: SessionConnection) -> list[Session]:
         """The sessions that are bound to a connection."""
         return [session for session in self._by_token.values() if session.link is link]
 

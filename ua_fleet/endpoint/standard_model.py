@@ -23,8 +23,8 @@ from typing import Any, Final
 from asyncua import ua
 from asyncua.server.address_space import AddressSpace
 
-from ua_fleet.endpoint.compact_nodes import Held
-from ua_fleet.endpoint.limits import Limits
+from ua_fleet.endpoint.compact_nodes import HeldValue
+from ua_fleet.endpoint.limits import EndpointLimits
 from ua_fleet.endpoint.stack import AttributeIds, ObjectIds, ns0
 
 __all__ = ["close_declarations", "fill_key_service", "fill_standard_nodes", "remove_unsupported", "set_value"]
@@ -173,7 +173,7 @@ def _tree(space: AddressSpace, top: ua.NodeId) -> Iterator[ua.NodeId]:
 def close_declarations(space: AddressSpace) -> None:
     """Variables and VariableTypes that are none of an instance, and have no value, do not say that it is Null."""
     instances = set(_reachable(space, ns0(ObjectIds.ObjectsFolder)))
-    closed = Held(ua.DataValue(ua.Variant(0, ua.VariantType.Byte)))
+    closed = HeldValue(ua.DataValue(ua.Variant(0, ua.VariantType.Byte)))
     for node_id in space.keys():  # noqa: SIM118 - an AddressSpace is no mapping
         attributes: Any = space[node_id].attributes
         held = attributes.get(AttributeIds.Value)
@@ -200,7 +200,7 @@ def _reachable(space: AddressSpace, top: ua.NodeId) -> Iterator[ua.NodeId]:
                 waiting.append(target)
 
 
-def fill_standard_nodes(space: AddressSpace, limits: Limits, policies: Iterable[str]) -> None:
+def fill_standard_nodes(space: AddressSpace, limits: EndpointLimits, policies: Iterable[str]) -> None:
     """Give the mandatory nodes their values, as far as these never change.
 
     Args:
@@ -247,7 +247,7 @@ def fill_key_service(space: AddressSpace) -> None:
         ),
     ):
         set_value(space, ns0(getattr(ObjectIds, name)), value, variant_type)
-    refused = Held(ua.DataValue(ua.Variant(False, ua.VariantType.Boolean)))
+    refused = HeldValue(ua.DataValue(ua.Variant(False, ua.VariantType.Boolean)))
     for name in _NOT_EXECUTABLE:
         attributes: Any = space[ns0(getattr(ObjectIds, f"{_PUBSUB}_{name}"))].attributes
         attributes[AttributeIds.Executable] = attributes[AttributeIds.UserExecutable] = refused

@@ -11,7 +11,7 @@ from asyncua import ua
 from asyncua.server.address_space import AddressSpace
 from asyncua.ua.attribute_ids import AttributeIds
 
-from ua_fleet.endpoint.compact_nodes import Held
+from ua_fleet.endpoint.compact_nodes import HeldValue
 
 __all__ = ["forget_makers", "share_attributes"]
 
@@ -23,7 +23,7 @@ def share_attributes(space: AddressSpace) -> None:
 
     Nobody writes any other attribute from now on: clients may not, and this server does not.
     """
-    shared: dict[tuple[Any, ...], Held] = {}
+    shared: dict[tuple[Any, ...], HeldValue] = {}
     for node_id in space.keys():  # noqa: SIM118 - an AddressSpace is no mapping
         attributes: dict[AttributeIds, Any] = space[node_id].attributes
         for attribute, held in attributes.items():
@@ -36,7 +36,7 @@ def share_attributes(space: AddressSpace) -> None:
             key = (variant.VariantType, type(variant.Value), content)
             known = shared.get(key)
             if known is None:
-                known = shared[key] = Held(held.value)
+                known = shared[key] = HeldValue(held.value)
             attributes[attribute] = known
 
 

@@ -11,7 +11,7 @@ from typing import Any, Final
 from asyncua import ua
 
 from ua_fleet.endpoint.attributes import readable_value
-from ua_fleet.endpoint.context import Context
+from ua_fleet.endpoint.context import EndpointContext
 from ua_fleet.endpoint.event_fields import EventFields
 from ua_fleet.endpoint.filters import (
     EventFilter,
@@ -23,10 +23,10 @@ from ua_fleet.endpoint.filters import (
 from ua_fleet.endpoint.indexrange import parse_range
 from ua_fleet.endpoint.live import check_reader
 from ua_fleet.endpoint.monitoring import DataItem, EventItem
-from ua_fleet.endpoint.request import Request, operations
+from ua_fleet.endpoint.request import ServiceRequest, operations
 from ua_fleet.endpoint.sessions import PublishRequest
 from ua_fleet.endpoint.stack import GOOD, AttributeIds, Refusal, StatusCodes, status
-from ua_fleet.endpoint.subscriptions import ClientSubscription, Subscriptions
+from ua_fleet.endpoint.subscriptions import ClientSubscription, SubscriptionRegistry
 
 __all__ = ["SubscriptionServices"]
 
@@ -40,19 +40,19 @@ _LONGEST_WAIT_S: Final = 3_600.0
 class SubscriptionServices:
     """OPC 10000-4 5.13 and 5.14."""
 
-    def __init__(self, context: Context, subscriptions: Subscriptions) -> None:
+    def __init__(self, context: EndpointContext, subscriptions: SubscriptionRegistry) -> None:
         self._context, self._limits, self._subscriptions = context, context.limits, subscriptions
         self._aspace = context.iserver.aspace
         self._declared = EventFields(self._aspace)
 
-    def _own(self, request: Request, subscription_id: int) -> ClientSubscription:
+    def _own(self, request: ServiceRequest, subscription_id: int) -> ClientSubscription:
         subscription = request.session.subscriptions.get(subscription_id)
         if subscription is None:
             raise Refusal(StatusCodes.BadSubscriptionIdInvalid, f"subscription {subscription_id}")
         subscription.touch()
         return subscription
 
-    async def _end_turn(self, request: Request, subscription: ClientSubscription | None = None) -> bool:
+    async def _end_turn(self, request: ServiceRequest, subscription: ClientSubscription | None = None) -> bool:
         """Let others have their turn, if this one is over; raises Refusal when the subscription is gone after that."""
         is_over = request.turns.over
         if is_over:
@@ -63,7 +63,7 @@ class SubscriptionServices:
                 )
         return is_over
 
-    async def create_subscription(self, request: Request, params: ua.CreateSubscriptionParameters) -> Any:
+    async def create_subscription(self, request: ServiceRequest, params: ua.CreateSubscriptionParameters) -> Any:
         """CreateSubscription."""
         if len(request.session.subscriptions) >= self._limits.subscriptions_per_session:
             raise Refusal(StatusCodes.BadTooManySubscriptions)
@@ -74,7 +74,7 @@ class SubscriptionServices:
         response.Parameters = ua.CreateSubscriptionResult(subscription.id, *_revised(subscription))  # pyright: ignore[reportArgumentType]
         return response
 
-    async def modify_subscription(self, request: Request, params: ua.ModifySubscriptionParameters) -> Any:
+    async def modify_subscription(self, request: ServiceRequest, params: ua.ModifySubscriptionParameters) -> Any:
         """ModifySubscription."""
         subscription = self._own(request, params.SubscriptionId)
         subscription.revise(
@@ -90,7 +90,7 @@ class SubscriptionServices:
         response.Parameters = ua.ModifySubscriptionResult(*_revised(subscription))  # pyright: ignore[reportArgumentType]
         return response
 
-    async def delete_subscriptions(self, request: Request, params: ua.DeleteSubscriptionsParameters) -> Any:
+    async def delete_subscriptions(self, request: ServiceRequest, params: ua.DeleteSubscriptionsParameters) -> Any:
         """DeleteSubscriptions."""
         response = ua.DeleteSubscriptionsResponse()
         for subscription_id in operations(params.SubscriptionIds, self._limits.nodes_per_request):
@@ -104,12 +104,12 @@ class SubscriptionServices:
             await self._end_turn(request)
         return response
 
-    def _foreign(self, request: Request, service: str, subscription_id: int) -> None:
+    def _foreign(self, request: ServiceRequest, service: str, subscription_id: int) -> None:
         self._context.audit.refuse(
             request.caller, service, "BadSubscriptionIdInvalid", reason=f"subscription {subscription_id} is not its own"
         )
 
-    async def set_publishing_mode(self, request: Request, params: ua.SetPublishingModeParameters) -> Any:
+    async def set_publishing_mode(self, request: ServiceRequest, params: ua.SetPublishingModeParameters) -> Any:
         """SetPublishingMode."""
         response = ua.SetPublishingModeResponse()
         for subscription_id in operations(params.SubscriptionIds, self._limits.nodes_per_request):
@@ -128,7 +128,7 @@ class SubscriptionServices:
             await self._end_turn(request)
         return response
 
-    async def publish(self, request: Request, params: ua.PublishParameters) -> None:
+    async def publish(self, request: ServiceRequest, params: ua.PublishParameters) -> None:
         """Publish: answered at once if a subscription is late, otherwise when there is something to tell."""
         session = request.session
         if not session.subscriptions and not session.farewells:
@@ -160,7 +160,7 @@ class SubscriptionServices:
             session.refuse_request(session.requests.popleft(), StatusCodes.BadTooManyPublishRequests)
         session.requests.append(waiting)
 
-    async def republish(self, request: Request, params: ua.RepublishParameters) -> Any:
+    async def republish(self, request: ServiceRequest, params: ua.RepublishParameters) -> Any:
         """Republish."""
         subscription = self._own(request, params.SubscriptionId)
         subscription.usage.republish_requests += 1
@@ -172,7 +172,7 @@ class SubscriptionServices:
         response.NotificationMessage = message
         return response
 
-    async def transfer_subscriptions(self, request: Request, params: ua.TransferSubscriptionsParameters) -> Any:
+    async def transfer_subscriptions(self, request: ServiceRequest, params: ua.TransferSubscriptionsParameters) -> Any:
         """TransferSubscriptions: only those of the same user, with the same client certificate."""
         response = ua.TransferSubscriptionsResponse()
         # An id that is named ten thousand times is transferred, and its values told, once.
@@ -186,7 +186,7 @@ class SubscriptionServices:
             await self._end_turn(request)
         return response
 
-    async def _transferred(self, request: Request, subscription_id: int, *, tell: bool) -> ua.TransferResult:
+    async def _transferred(self, request: ServiceRequest, subscription_id: int, *, tell: bool) -> ua.TransferResult:
         result = ua.TransferResult()
         try:
             subscription = self._transfer(request, subscription_id)
@@ -201,7 +201,7 @@ class SubscriptionServices:
             )
         return result
 
-    def _transfer(self, request: Request, subscription_id: int) -> ClientSubscription:
+    def _transfer(self, request: ServiceRequest, subscription_id: int) -> ClientSubscription:
         subscription = self._subscriptions.find(subscription_id)
         if subscription is None:
             raise Refusal(StatusCodes.BadSubscriptionIdInvalid)
@@ -221,7 +221,7 @@ class SubscriptionServices:
         subscription.move(session)
         return subscription
 
-    async def create_monitored_items(self, request: Request, params: ua.CreateMonitoredItemsParameters) -> Any:
+    async def create_monitored_items(self, request: ServiceRequest, params: ua.CreateMonitoredItemsParameters) -> Any:
         """CreateMonitoredItems."""
         subscription = self._own(request, params.SubscriptionId)
         timestamps = _timestamps(params.TimestampsToReturn)
@@ -247,7 +247,7 @@ class SubscriptionServices:
 
     def _create_item(
         self,
-        request: Request,
+        request: ServiceRequest,
         subscription: ClientSubscription,
         wanted: ua.MonitoredItemCreateRequest,
         timestamps: ua.TimestampsToReturn,
@@ -306,7 +306,7 @@ class SubscriptionServices:
         result.RevisedQueueSize = size
         return result
 
-    def _event_filter(self, request: Request, wanted: Any, taken_off: int = 0) -> EventFilter:
+    def _event_filter(self, request: ServiceRequest, wanted: Any, taken_off: int = 0) -> EventFilter:
         """A filter that all those of the session leave room for; `taken_off` are the steps of the one that goes."""
         made = check_event_filter(self._aspace, wanted, self._limits.filter_elements, self._declared)
         steps = sum(own.items.filter_steps for own in request.session.subscriptions.values()) - taken_off
@@ -338,7 +338,7 @@ class SubscriptionServices:
         most = self._limits.event_queue_size
         return min(int(requested) or most, most)
 
-    async def modify_monitored_items(self, request: Request, params: ua.ModifyMonitoredItemsParameters) -> Any:
+    async def modify_monitored_items(self, request: ServiceRequest, params: ua.ModifyMonitoredItemsParameters) -> Any:
         """ModifyMonitoredItems."""
         subscription = self._own(request, params.SubscriptionId)
         timestamps = _timestamps(params.TimestampsToReturn)
@@ -355,7 +355,7 @@ class SubscriptionServices:
 
     def _modify_item(
         self,
-        request: Request,
+        request: ServiceRequest,
         subscription: ClientSubscription,
         wanted: ua.MonitoredItemModifyRequest,
         timestamps: ua.TimestampsToReturn,
@@ -387,7 +387,7 @@ class SubscriptionServices:
         result.RevisedQueueSize = item.queue_size
         return result
 
-    async def set_monitoring_mode(self, request: Request, params: ua.SetMonitoringModeParameters) -> Any:
+    async def set_monitoring_mode(self, request: ServiceRequest, params: ua.SetMonitoringModeParameters) -> Any:
         """SetMonitoringMode."""
         subscription = self._own(request, params.SubscriptionId)
         mode = _monitoring_mode(params.MonitoringMode)
@@ -402,7 +402,7 @@ class SubscriptionServices:
             response.Parameters.Results.append(GOOD)
         return response
 
-    async def set_triggering(self, request: Request, params: ua.SetTriggeringParameters) -> Any:
+    async def set_triggering(self, request: ServiceRequest, params: ua.SetTriggeringParameters) -> Any:
         """SetTriggering: links are removed first, then added."""
         subscription = self._own(request, params.SubscriptionId)
         operations([*params.LinksToRemove, *params.LinksToAdd], self._limits.nodes_per_request)
@@ -420,7 +420,7 @@ class SubscriptionServices:
             await self._end_turn(request, subscription)
         return response
 
-    async def delete_monitored_items(self, request: Request, params: ua.DeleteMonitoredItemsParameters) -> Any:
+    async def delete_monitored_items(self, request: ServiceRequest, params: ua.DeleteMonitoredItemsParameters) -> Any:
         """DeleteMonitoredItems."""
         subscription = self._own(request, params.SubscriptionId)
         response = ua.DeleteMonitoredItemsResponse()

@@ -19,7 +19,7 @@ from asyncua.server.internal_server import InternalServer
 from asyncua.server.subscription_service import SubscriptionService
 
 from ua_fleet.endpoint.answers import Misfit
-from ua_fleet.endpoint.limits import Limits
+from ua_fleet.endpoint.limits import EndpointLimits
 from ua_fleet.endpoint.monitored_items import MonitoredItems
 from ua_fleet.endpoint.monitoring import DataItem, Item
 from ua_fleet.endpoint.notifications import changes_of, events_of
@@ -30,7 +30,7 @@ from ua_fleet.endpoint.turns import TURN_S, Places
 from ua_fleet.endpoint.usage import SubscriptionUsage
 from ua_fleet.endpoint.users import User
 
-__all__ = ["ClientSubscription", "Subscriptions"]
+__all__ = ["ClientSubscription", "SubscriptionRegistry"]
 
 _FIRST_SEQUENCE: Final = 1
 
@@ -43,9 +43,9 @@ class ClientSubscription:
         session: Session,
         user: User,
         subscription_id: int,
-        limits: Limits,
+        limits: EndpointLimits,
         aspace: AddressSpace,
-        registry: Subscriptions,
+        registry: SubscriptionRegistry,
     ) -> None:
         self.id = subscription_id
         self.session: Session | None = session
@@ -368,13 +368,13 @@ def _size(message: ua.NotificationMessage) -> int:
     return sum(len(getattr(data, "Body", None) or b"") for data in message.NotificationData)
 
 
-class Subscriptions(SubscriptionService):
+class SubscriptionRegistry(SubscriptionService):
     """asyncua's registry, which it hands events to, with the clients' subscriptions in it."""
 
     failed: Callable[[Exception, int], None]
     """Told of mistakes of ours, and of the subscription that they cost something."""
 
-    def __init__(self, aspace: AddressSpace, iserver: InternalServer, misfit: Misfit, limits: Limits) -> None:
+    def __init__(self, aspace: AddressSpace, iserver: InternalServer, misfit: Misfit, limits: EndpointLimits) -> None:
         super().__init__(aspace, iserver)
         self.misfit = misfit
         self.created: Callable[[ClientSubscription], None] | None = None
@@ -386,7 +386,7 @@ class Subscriptions(SubscriptionService):
         """Of the subscriptions of each user, one has the turn to answer."""
 
     def create(
-        self, session: Session, user: User, limits: Limits, params: ua.CreateSubscriptionParameters
+        self, session: Session, user: User, limits: EndpointLimits, params: ua.CreateSubscriptionParameters
     ) -> ClientSubscription:
         """A new subscription of a session, not started."""
         self._sub_id_counter += 1

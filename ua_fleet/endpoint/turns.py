@@ -14,7 +14,7 @@ from weakref import WeakValueDictionary
 
 from ua_fleet.endpoint.stack import Refusal
 
-__all__ = ["LARGE_BYTES", "TURN_S", "Place", "Places", "Turns"]
+__all__ = ["LARGE_BYTES", "TURN_S", "Places", "TurnPlace", "Turns"]
 
 TURN_S: Final = 0.002
 """Longest time that one request is worked on before the event loop goes round; an operation is never cut in two."""
@@ -22,7 +22,7 @@ LARGE_BYTES: Final = 256 * 1024
 """A request, or an answer, of more than that is large."""
 
 
-class Place(asyncio.Lock):
+class TurnPlace(asyncio.Lock):
     """The place of one user."""
 
     waiting = 0
@@ -41,13 +41,13 @@ class Places:
     """One place for each user, who is a name, or an address where clients have none."""
 
     def __init__(self) -> None:
-        self._places: WeakValueDictionary[str, Place] = WeakValueDictionary()
+        self._places: WeakValueDictionary[str, TurnPlace] = WeakValueDictionary()
 
-    def of(self, user: str) -> Place:
+    def of(self, user: str) -> TurnPlace:
         """The place of a user."""
         place = self._places.get(user)
         if place is None:
-            place = self._places[user] = Place()
+            place = self._places[user] = TurnPlace()
         return place
 
 
@@ -61,7 +61,7 @@ class Turns:
 
     __slots__ = ("_began", "_place", "_refusal", "is_large")
 
-    def __init__(self, place: Place, refusal: Callable[[], Refusal | None] = lambda: None) -> None:
+    def __init__(self, place: TurnPlace, refusal: Callable[[], Refusal | None] = lambda: None) -> None:
         self._place, self._refusal = place, refusal
         self._began = time.monotonic()
         self.is_large = False

@@ -37,7 +37,7 @@ from ua_fleet.values import StatusCode
 __all__ = [
     "ANONYMOUS",
     "DEFAULT_COST",
-    "Lane",
+    "PasswordLane",
     "Role",
     "ScryptCost",
     "User",
@@ -174,7 +174,7 @@ class _Entry:
         return {"role": self.user.role.value, "n": self.cost.n, "r": self.cost.r, "p": self.cost.p, **encoded}
 
 
-class Lane(NamedTuple):
+class PasswordLane(NamedTuple):
     """Where a password check waits; what waits in one lane takes no place in another."""
 
     name: str
@@ -314,7 +314,7 @@ class UserStore:
         return max((entry.cost for entry in self._entries.values()), key=lambda c: c.n * c.r * c.p, default=self._cost)
 
     async def authenticate(
-        self, name: str, password: str, *, origin: str = "", lane: Lane | None = None
+        self, name: str, password: str, *, origin: str = "", lane: PasswordLane | None = None
     ) -> User | None:
         """`verify` in a thread, two at a time; raises UserFileError when too many wait.
 
@@ -326,7 +326,7 @@ class UserStore:
         """
         if self._slots is None:
             self._slots = asyncio.Semaphore(_AT_A_TIME)
-        lane = lane or Lane("addresses", origin, MAX_WAITING, MAX_WAITING_OF_ORIGIN)
+        lane = lane or PasswordLane("addresses", origin, MAX_WAITING, MAX_WAITING_OF_ORIGIN)
         waiting = self._waiting.setdefault(lane.name, Counter())
         if waiting.total() >= lane.places or waiting[lane.source] >= lane.places_of_source:
             raise UserFileError("too many logins at once")

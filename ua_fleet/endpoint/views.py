@@ -14,9 +14,9 @@ from asyncua import ua
 from asyncua.server.address_space import NodeData
 from asyncua.ua.ua_binary import struct_to_binary
 
-from ua_fleet.endpoint.answers import Answer
-from ua_fleet.endpoint.context import Context
-from ua_fleet.endpoint.request import Request, operations
+from ua_fleet.endpoint.answers import ArrayResponse
+from ua_fleet.endpoint.context import EndpointContext
+from ua_fleet.endpoint.request import ServiceRequest, operations
 from ua_fleet.endpoint.sessions import Session
 from ua_fleet.endpoint.stack import (
     DECODE_ERRORS,
@@ -59,8 +59,8 @@ def _masked(ref: ua.ReferenceDescription, mask: int) -> ua.ReferenceDescription:
 class _Portions:
     """The BrowseResults of one response: what does not fit into it waits at a continuation point."""
 
-    def __init__(self, session: Session, response: Any, context: Context) -> None:
-        self.answer = Answer(response, context.limits.response_bytes)
+    def __init__(self, session: Session, response: Any, context: EndpointContext) -> None:
+        self.answer = ArrayResponse(response, context.limits.response_bytes)
         self._session, self._misfit = session, context.misfit
         self._points = context.limits.continuation_points
         self._made: set[bytes] = set()
@@ -133,11 +133,11 @@ class _Portions:
 class ViewServices:
     """OPC 10000-4 5.9, with references handed out in bounded portions."""
 
-    def __init__(self, context: Context) -> None:
+    def __init__(self, context: EndpointContext) -> None:
         self._context, self._limits = context, context.limits
         self._aspace = context.iserver.aspace
 
-    async def browse(self, request: Request, params: ua.BrowseParameters) -> Any:
+    async def browse(self, request: ServiceRequest, params: ua.BrowseParameters) -> Any:
         """Browse."""
         nodes = operations(params.NodesToBrowse, self._limits.nodes_per_request)
         view = params.View.ViewId
@@ -206,7 +206,7 @@ class ViewServices:
         variant = self._aspace.read_attribute_value(node_id, AttributeIds.NodeClass).Value
         return variant is not None and variant.Value == ua.NodeClass.ReferenceType
 
-    async def browse_next(self, request: Request, params: ua.BrowseNextParameters) -> Any:
+    async def browse_next(self, request: ServiceRequest, params: ua.BrowseNextParameters) -> Any:
         """BrowseNext."""
         portions = _Portions(request.session, ua.BrowseNextResponse(), self._context)
         for point in operations(params.ContinuationPoints, self._limits.nodes_per_request):
@@ -220,10 +220,12 @@ class ViewServices:
             await request.turns.end(portions.answer.size)
         return portions.answer
 
-    async def translate_browse_paths(self, request: Request, params: ua.TranslateBrowsePathsToNodeIdsParameters) -> Any:
+    async def translate_browse_paths(
+        self, request: ServiceRequest, params: ua.TranslateBrowsePathsToNodeIdsParameters
+    ) -> Any:
         """TranslateBrowsePathsToNodeIds."""
         types: dict[ua.NodeId, frozenset[ua.NodeId]] = {}
-        answer = Answer(ua.TranslateBrowsePathsToNodeIdsResponse(), self._limits.response_bytes)
+        answer = ArrayResponse(ua.TranslateBrowsePathsToNodeIdsResponse(), self._limits.response_bytes)
         for path in operations(params.BrowsePaths, self._limits.nodes_per_request):
             result = ua.BrowsePathResult()
             try:
@@ -277,13 +279,13 @@ class ViewServices:
         node: NodeData | None = self._aspace.get(node_id)
         return node.references if node is not None else []
 
-    async def register_nodes(self, request: Request, params: ua.RegisterNodesParameters) -> Any:
+    async def register_nodes(self, request: ServiceRequest, params: ua.RegisterNodesParameters) -> Any:
         """RegisterNodes: our NodeIds are as fast as any handle."""
         response = ua.RegisterNodesResponse()
         response.Parameters.RegisteredNodeIds = list(operations(params.NodesToRegister, self._limits.nodes_per_request))
         return response
 
-    async def unregister_nodes(self, request: Request, params: ua.UnregisterNodesParameters) -> Any:
+    async def unregister_nodes(self, request: ServiceRequest, params: ua.UnregisterNodesParameters) -> Any:
         """UnregisterNodes."""
         operations(params.NodesToUnregister, self._limits.nodes_per_request)
         return ua.UnregisterNodesResponse()

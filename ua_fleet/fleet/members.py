@@ -12,7 +12,7 @@ from ua_fleet.fleet.moved import MovedRobots
 from ua_fleet.topics import SERVER_SPACE
 from ua_fleet.values import BuiltinType, NodeId, StatusCode
 
-__all__ = ["BridgeStatus", "RobotStatus", "Traffic"]
+__all__ = ["BridgeLiveness", "RobotLiveness", "ServerCounters"]
 
 _BOOLEAN: Final = int(BuiltinType.BOOLEAN)
 _INT32: Final = int(BuiltinType.INT32)
@@ -28,7 +28,7 @@ def _said(key: NodeId, kind: int, value: Any, wall_ticks: int | None) -> ValueCh
     return ValueChanged(key, kind, value, 0, wall_ticks, False)
 
 
-class BridgeStatus:
+class BridgeLiveness:
     """Whether the server hears a bridge."""
 
     __slots__ = ("last_seen", "model", "online", "told_last_seen")
@@ -62,7 +62,7 @@ class BridgeStatus:
         return changes
 
 
-class RobotStatus:
+class RobotLiveness:
     """Whether a robot can be reached: while any of its own sources is alive.
 
     Its fault node is one of them: its bridge has it from the robot, and says when the robot is not reached. SkillStatus
@@ -90,7 +90,7 @@ class RobotStatus:
         "told_update",
     )
 
-    def __init__(self, model: RobotModel, bridge: BridgeStatus | None, moved: MovedRobots) -> None:
+    def __init__(self, model: RobotModel, bridge: BridgeLiveness | None, moved: MovedRobots) -> None:
         """Know a robot.
 
         Args:
@@ -192,7 +192,7 @@ class RobotStatus:
         return Noticed(True, f"robot {name} is silent in part: {', '.join(sorted(self.silent))}", robot=name)
 
 
-class Traffic:
+class ServerCounters:
     """The server's own counters as nodes."""
 
     def __init__(self, model: FleetModel) -> None:

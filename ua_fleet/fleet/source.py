@@ -14,7 +14,7 @@ from ua_fleet.pubsub.metadata import max_age_s
 from ua_fleet.values import TICKS_PER_SECOND, BuiltinType, StatusCode, status_name
 from ua_fleet.wire.messages import DataSetMessage, DataSetMetaData
 
-__all__ = ["Field", "Source"]
+__all__ = ["Source", "SourceField"]
 
 _WAITING: Final = int(StatusCode.BAD_WAITING_FOR_INITIAL_DATA)
 _NO_COMMUNICATION: Final = int(StatusCode.BAD_NO_COMMUNICATION)
@@ -27,7 +27,7 @@ _RECENT: Final = 64
 """Timestamps that a source remembers, to see a message that is delivered twice."""
 
 
-class Field:
+class SourceField:
     """One node and the last that was heard of it."""
 
     __slots__ = (
@@ -88,11 +88,11 @@ class Source:
 
     def __init__(self, model: DataSetModel) -> None:
         self.model = model
-        self.fields = tuple(Field(field) for field in model.fields)
+        self.fields = tuple(SourceField(field) for field in model.fields)
         self.metadata: DataSetMetaData | None = None
         self.max_age_s = model.max_age_s
         """What its node says: what its publisher announces, or what is configured."""
-        self.plan: tuple[tuple[int, Field], ...] = ()
+        self.plan: tuple[tuple[int, SourceField], ...] = ()
         """Where in a message each field stands."""
         self.alive = False
         self.lost = False
@@ -107,7 +107,7 @@ class Source:
     def bind(self, metadata: DataSetMetaData, counters: Counters, wall_ticks: int) -> list[Change]:
         """Find the node's fields in the layout of the messages."""
         self.metadata = metadata
-        found: list[tuple[int, Field]] = []
+        found: list[tuple[int, SourceField]] = []
         changes: list[Change] = []
         announced_s = max_age_s(metadata.fields)
         age_s = self.model.max_age_s if announced_s is None else announced_s
@@ -193,7 +193,7 @@ class Source:
 
     def _take_checked(
         self,
-        field: Field,
+        field: SourceField,
         type_code: int,
         value: Any,
         status: int,
@@ -222,12 +222,12 @@ class Source:
         counters.drop(Drop.CONVERSION)
         return self._refuse(field, problem, timestamp, wall_ticks)
 
-    def _refuse(self, field: Field, problem: Misfit, timestamp: int | None, wall_ticks: int) -> list[Change]:
+    def _refuse(self, field: SourceField, problem: Misfit, timestamp: int | None, wall_ticks: int) -> list[Change]:
         changes = self._notice(field, problem, wall_ticks)
         changes.append(self._set(field, 0, None, problem.status, timestamp))
         return changes
 
-    def _notice(self, field: Field, problem: Misfit, wall_ticks: int) -> list[Change]:
+    def _notice(self, field: SourceField, problem: Misfit, wall_ticks: int) -> list[Change]:
         if field.problem == problem.reason:
             return []
         field.problem = problem.reason
@@ -238,10 +238,10 @@ class Source:
         text = f"{self._name(field)} does not fit its node ({status_name(problem.status)}): {problem.reason}"
         return [Noticed(True, text, self.model.topic)]
 
-    def _name(self, field: Field) -> str:
+    def _name(self, field: SourceField) -> str:
         return f"{self.model.topic.name} {field.model.name} ({type_name(field.model.type)})"
 
-    def _set(self, field: Field, type_code: int, value: Any, status: int, timestamp: int | None) -> ValueChanged:
+    def _set(self, field: SourceField, type_code: int, value: Any, status: int, timestamp: int | None) -> ValueChanged:
         field.type, field.value, field.status, field.timestamp = type_code, value, status, timestamp
         can_wait = field.analog and field.shown == status and status >> 31 == 0
         if field.shown != status:
@@ -265,7 +265,7 @@ class Source:
         """The source is there, and its last values may be of an earlier life of it, or too old."""
         return self._show([(field, field.status if field.status >> 31 else _LAST_USABLE) for field in self.fields])
 
-    def _show(self, statuses: Iterable[tuple[Field, int]]) -> list[Change]:
+    def _show(self, statuses: Iterable[tuple[SourceField, int]]) -> list[Change]:
         """The last values with other statuses."""
         changes: list[Change] = [field.show(status) for field, status in statuses if field.shown != status]
         self.has_moved = self.has_moved or bool(changes)

@@ -28,7 +28,7 @@ from ua_fleet.fleet.changes import (
     SourceRemoved,
 )
 from ua_fleet.fleet.discovery import Discovery
-from ua_fleet.fleet.members import BridgeStatus, RobotStatus, Traffic
+from ua_fleet.fleet.members import BridgeLiveness, RobotLiveness, ServerCounters
 from ua_fleet.fleet.model import DataSetModel, FleetModel, RobotModel, RobotState, UnknownSources
 from ua_fleet.fleet.moved import MovedRobots
 from ua_fleet.fleet.source import Source
@@ -90,19 +90,19 @@ class FleetState:
         self._silences, self._returns = LinePerMinute(), LinePerMinute()
         self.caught: Callable[[str, Exception], None] | None = None
         """Told of a mistake that cost one robot or bridge its second; without it, the mistake is raised."""
-        self._bridges = [BridgeStatus(bridge) for bridge in model.bridges]
+        self._bridges = [BridgeLiveness(bridge) for bridge in model.bridges]
         self._bridge_named = {bridge.model.name: bridge for bridge in self._bridges}
-        self._robots: dict[str, RobotStatus] = {}
-        self._robot_of: dict[Topic, RobotStatus] = {}
+        self._robots: dict[str, RobotLiveness] = {}
+        self._robot_of: dict[Topic, RobotLiveness] = {}
         """By the sources that a robot can be reached by."""
-        self._robot_of_skills: dict[Topic, RobotStatus] = {}
+        self._robot_of_skills: dict[Topic, RobotLiveness] = {}
         self._bridge_of = {
             bridge.model.status.topic: bridge for bridge in self._bridges if bridge.model.status is not None
         }
-        self._bridges_in: dict[int, list[BridgeStatus]] = {}
+        self._bridges_in: dict[int, list[BridgeLiveness]] = {}
         for bridge in self._bridges:
             self._bridges_in.setdefault(bridge.model.space, []).append(bridge)
-        self._traffic = Traffic(model)
+        self._traffic = ServerCounters(model)
         self.capacities = Capacities(model.robots)
         """What each robot can do now."""
         for bridge_model in model.bridges:
@@ -136,11 +136,11 @@ class FleetState:
         """All robots that are there."""
         return [status.model for status in self._robots.values()]
 
-    def robot_status(self, name: str) -> RobotStatus | None:
+    def robot_status(self, name: str) -> RobotLiveness | None:
         """What is known of a robot; None where there is no such robot."""
         return self._robots.get(name)
 
-    def quality(self, robot: RobotStatus) -> int:
+    def quality(self, robot: RobotLiveness) -> int:
         """The worst status of a robot's values."""
         statuses = (status for topic in robot.sources for status in self._sources[topic].shown())
         return robot.quality_of_values(statuses)
@@ -248,7 +248,7 @@ class FleetState:
             source.remember(timestamp)
 
     def _add(self, robot: RobotModel) -> None:
-        status = self._robots[robot.name] = RobotStatus(robot, self._bridge_named.get(robot.bridge), self.moved)
+        status = self._robots[robot.name] = RobotLiveness(robot, self._bridge_named.get(robot.bridge), self.moved)
         for data_set in robot.all_data_sets():
             self._claim(data_set)
         for topic in status.sources:

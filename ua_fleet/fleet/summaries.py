@@ -14,13 +14,13 @@ from typing import Final, NamedTuple
 
 from ua_fleet.fleet.model import GROUP_SIZE
 
-__all__ = ["PERIOD_S", "RobotSummary", "Summaries"]
+__all__ = ["PERIOD_S", "Summaries", "SummaryRecord"]
 
 PERIOD_S: Final = 1.0
 """Each group is written so often at most."""
 
 
-class RobotSummary(NamedTuple):
+class SummaryRecord(NamedTuple):
     """RobotSummaryDataType of the UaFleet nodeset, its fields in their order. Times are ticks of the wall clock."""
 
     name: str
@@ -54,7 +54,7 @@ class Summaries:
 
     def __init__(self, period_s: float = PERIOD_S, group_size: int = GROUP_SIZE) -> None:
         self._period_s, self._group_size = period_s, group_size
-        self._groups: list[dict[str, RobotSummary]] = [{}]
+        self._groups: list[dict[str, SummaryRecord]] = [{}]
         self._free_at: list[float] = [-inf]
         self._group_of: dict[str, int] = {}
         self._changed: dict[int, None] = {}
@@ -64,7 +64,7 @@ class Summaries:
         """How many groups there are, the empty one at the end with them."""
         return len(self._groups)
 
-    def put(self, summary: RobotSummary) -> None:
+    def put(self, summary: SummaryRecord) -> None:
         """A robot is there, and stands so."""
         number = self._group_of.get(summary.name)
         if number is None:
@@ -85,7 +85,7 @@ class Summaries:
             del self._groups[number][name]
             self._mark(number)
 
-    def group(self, number: int) -> tuple[RobotSummary, ...]:
+    def group(self, number: int) -> tuple[SummaryRecord, ...]:
         """The robots of a group."""
         return tuple(self._groups[number].values())
 

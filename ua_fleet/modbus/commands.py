@@ -19,12 +19,12 @@ from ua_fleet.config.base import ScalarType
 from ua_fleet.errors import StorageUnavailable
 from ua_fleet.modbus.image import Image
 from ua_fleet.modbus.memory import CommandMemory, LastCommand
-from ua_fleet.modbus.table import Argument, Command
+from ua_fleet.modbus.table import ArgumentRegisters, Command
 from ua_fleet.modbus.words import CommandState, control, status
-from ua_fleet.registers import RegisterUnfit, Span, cast
+from ua_fleet.registers import AddressSpan, RegisterUnfit, cast
 from ua_fleet.values import StatusCode
 
-__all__ = ["Asked", "CommandDesk"]
+__all__ = ["CommandDesk", "PendingCommand"]
 
 _MOST_BYTES = 40
 """Of the message that a PLC can read."""
@@ -36,7 +36,7 @@ def _readable(text: str) -> str:
     return printable.encode()[:_MOST_BYTES].decode(errors="ignore")
 
 
-class Asked(NamedTuple):
+class PendingCommand(NamedTuple):
     """A command that is to be begun."""
 
     command: Command
@@ -54,13 +54,13 @@ class CommandDesk:
         self._command, self._code = control("command", control_base), control("code", control_base)
         self._status_base = status_base
         self.last = memory.last() or LastCommand(0, 0, CommandState.NONE)
-        self._asked: Asked | None = None
+        self._asked: PendingCommand | None = None
         if self.last.state is CommandState.ASKING:
             self.end(CommandState.UNKNOWN, StatusCode.UNCERTAIN, "restarted while it was asked for; look at the robot")
         image.put(self._command, self.last.number)
         self._show()
 
-    def written(self, span: Span) -> None:
+    def written(self, span: AddressSpan) -> None:
         """A PLC has written; perhaps a command."""
         if span.overlaps(self._command.span):
             self.look()
@@ -81,7 +81,7 @@ class CommandDesk:
         self._take(code)
         self._show()
 
-    def take(self) -> Asked | None:
+    def take(self) -> PendingCommand | None:
         """The command that is to be begun; once."""
         asked, self._asked = self._asked, None
         return asked
@@ -111,9 +111,9 @@ class CommandDesk:
         except RegisterUnfit as unfit:
             self.end(CommandState.REFUSED, unfit.status, unfit.reason)
             return
-        self._asked = Asked(command, arguments)
+        self._asked = PendingCommand(command, arguments)
 
-    def _value(self, argument: Argument) -> Any:
+    def _value(self, argument: ArgumentRegisters) -> Any:
         return cast(self._image.get(argument.register), argument.type.builtin)
 
     def _record(self, command: LastCommand) -> None:
@@ -150,7 +150,7 @@ class CommandDesk:
             if value is not None:
                 self._put_result(result, value)
 
-    def _put_result(self, result: Argument, value: Any) -> None:
+    def _put_result(self, result: ArgumentRegisters, value: Any) -> None:
         try:
             self._image.put(result.register, bool(value) if result.type is ScalarType.BOOLEAN else value)
         except RegisterUnfit as unfit:

@@ -9,15 +9,15 @@ from ua_fleet.client import DecisionInfo, FaultInfo
 from ua_fleet.config.modbus_schema import ModbusServerConfig
 from ua_fleet.modbus.image import Image
 from ua_fleet.modbus.memory import CommandMemory
-from ua_fleet.modbus.words import MOST_CANDIDATES, Outcome, control, status
-from ua_fleet.registers import Register, Span
+from ua_fleet.modbus.words import MOST_CANDIDATES, DecisionOutcome, control, status
+from ua_fleet.registers import AddressSpan, Register
 
-__all__ = ["Choice", "DecisionDesk"]
+__all__ = ["DecisionDesk", "PlcAnswer"]
 
 _OPEN = "open"
 
 
-class Choice(NamedTuple):
+class PlcAnswer(NamedTuple):
     """A PLC's answer to a decision."""
 
     number: int
@@ -33,12 +33,12 @@ class DecisionDesk:
         self._image, self._memory, self._config = image, memory, config
         self._numbers = {robot: number for number, robot in enumerate(config.robots, start=1)}
         self._open: dict[int, DecisionInfo] = {}
-        self._choice: Choice | None = None
+        self._choice: PlcAnswer | None = None
         self._decided = 0
         self._is_over = False
         """Whether what was decided last is open no more: when it is again, another choice is wanted."""
 
-    def written(self, span: Span) -> None:
+    def written(self, span: AddressSpan) -> None:
         """A PLC has written; perhaps a choice. Each number is answered once, unless the answer was refused."""
         word = self._control("decision")
         if not span.overlaps(word.span):
@@ -49,11 +49,11 @@ class DecisionDesk:
         if number in (0, self._decided):
             return
         if decision is None or robot is None:
-            self._say(number, Outcome.REFUSED)
+            self._say(number, DecisionOutcome.REFUSED)
         else:
-            self._choice = Choice(number, decision.decision_id, robot)
+            self._choice = PlcAnswer(number, decision.decision_id, robot)
 
-    def take(self) -> Choice | None:
+    def take(self) -> PlcAnswer | None:
         """The choice that is to be told; once."""
         choice, self._choice = self._choice, None
         return choice
@@ -61,11 +61,11 @@ class DecisionDesk:
     def refuse(self) -> None:
         """Nobody can be told."""
         if (choice := self.take()) is not None:
-            self._say(choice.number, Outcome.REFUSED)
+            self._say(choice.number, DecisionOutcome.REFUSED)
 
-    def answered(self, choice: Choice, *, is_taken: bool) -> None:
+    def answered(self, choice: PlcAnswer, *, is_taken: bool) -> None:
         """What became of a choice."""
-        self._say(choice.number, Outcome.TAKEN if is_taken else Outcome.REFUSED)
+        self._say(choice.number, DecisionOutcome.TAKEN if is_taken else DecisionOutcome.REFUSED)
 
     def show(self, decisions: Sequence[DecisionInfo], faults: Sequence[FaultInfo]) -> None:
         """Show the oldest decision that is open, and whose faults are active."""
@@ -75,7 +75,7 @@ class DecisionDesk:
         if self._decided not in self._open:
             self._is_over = True
         elif self._is_over:
-            self._say(0, Outcome.NONE)
+            self._say(0, DecisionOutcome.NONE)
         number = min(self._open, default=0)
         decision = self._open.get(number)
         ranked = [] if decision is None else list(zip(decision.robots, decision.scores, strict=False))
@@ -93,8 +93,8 @@ class DecisionDesk:
         put(self._status("faults_1"), bits & 0xFFFF)
         put(self._status("faults_17"), bits >> 16)
 
-    def _say(self, number: int, outcome: Outcome) -> None:
-        self._decided, self._is_over = (number if outcome is Outcome.TAKEN else 0), False
+    def _say(self, number: int, outcome: DecisionOutcome) -> None:
+        self._decided, self._is_over = (number if outcome is DecisionOutcome.TAKEN else 0), False
         self._image.put(self._status("outcome"), outcome)
         self._image.put(self._status("decided"), number)
 

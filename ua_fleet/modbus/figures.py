@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from ua_fleet.modbus.gateway import Gateway
-from ua_fleet.modbus.listener import Listener
+from ua_fleet.modbus.listener import ModbusListener
 from ua_fleet.monitoring import Monitor, metrics
 from ua_fleet.monitoring.metrics import Family
 
@@ -17,7 +17,7 @@ _CAUSES = ("writer", "address", "unit", "frame", "connections")
 class GatewayFigures:
     """Looks at the parts of a running gateway when it is asked."""
 
-    def __init__(self, gateway: Gateway, listener: Listener, place: str) -> None:
+    def __init__(self, gateway: Gateway, listener: ModbusListener, place: str) -> None:
         self._gateway, self._listener, self._place = gateway, listener, place
 
     def tell(self, monitor: Monitor) -> None:

@@ -16,7 +16,7 @@ import structlog
 from ua_fleet.client import DecisionInfo, FaultInfo, FleetClient, NodeNotFound, NotDone, ScenarioClient
 from ua_fleet.config.schema import FleetConfig
 from ua_fleet.errors import AccessRefused, NotConnected, SendTimeout, SkillError, UaFleetError
-from ua_fleet.modbus.commands import Asked, CommandDesk
+from ua_fleet.modbus.commands import CommandDesk, PendingCommand
 from ua_fleet.modbus.decisions import DecisionDesk
 from ua_fleet.modbus.following import Followed, Patience, follow_run, follow_skill
 from ua_fleet.modbus.image import Image
@@ -24,7 +24,7 @@ from ua_fleet.modbus.memory import CommandMemory
 from ua_fleet.modbus.table import MappedValue, map_rows, modbus_commands, modbus_values
 from ua_fleet.modbus.words import CommandState, status
 from ua_fleet.monitoring import Mistakes
-from ua_fleet.registers import RegisterUnfit, Span, cast
+from ua_fleet.registers import AddressSpan, RegisterUnfit, cast
 from ua_fleet.values import Quality, StatusCode, quality_of
 
 __all__ = ["Gateway"]
@@ -65,7 +65,7 @@ class Gateway:
         self._has_told_away = False
         self._log: Any = structlog.get_logger(part="modbus")
 
-    def written(self, span: Span) -> None:
+    def written(self, span: AddressSpan) -> None:
         """A PLC has written something."""
         with self.mistakes.guard("writes of PLCs"):
             self._desk.written(span)
@@ -224,7 +224,7 @@ class Gateway:
                 pass
             self._work.clear()
 
-    async def _begin(self, client: FleetClient, scenarios: ScenarioClient, asked: Asked) -> None:
+    async def _begin(self, client: FleetClient, scenarios: ScenarioClient, asked: PendingCommand) -> None:
         config = asked.command.config
         try:
             if config.scenario is not None:

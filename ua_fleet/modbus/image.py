@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from ua_fleet.registers import Register, Span, Table, Tables
+from ua_fleet.registers import AddressSpan, Register, Table, Tables
 
 __all__ = ["Image"]
 
@@ -26,6 +26,6 @@ class Image(Tables):
             (span.table, address) for span in {r.span for r in written} for address in range(span.address, span.end)
         }
 
-    def can_write(self, span: Span) -> bool:
+    def can_write(self, span: AddressSpan) -> bool:
         """Whether a PLC may write them."""
         return all((span.table, address) in self._writable for address in range(span.address, span.end))

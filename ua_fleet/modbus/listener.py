@@ -23,9 +23,9 @@ from pymodbus.simulator import DataType, SimData, SimDevice
 from ua_fleet.config.modbus_schema import ModbusServerConfig
 from ua_fleet.errors import ServerStartError
 from ua_fleet.modbus.image import Image
-from ua_fleet.registers import TABLE_OF_FUNCTION, Cell, Span
+from ua_fleet.registers import TABLE_OF_FUNCTION, AddressSpan, Cell
 
-__all__ = ["Listener"]
+__all__ = ["ModbusListener"]
 
 # What a PLC does wrong is counted here; it would be said once for each request.
 logging.getLogger("pymodbus").setLevel(logging.CRITICAL)
@@ -49,7 +49,7 @@ _KEEP_ALIVE: Final = (
 class _Tables:
     """What pymodbus asks for data, and what it is refused."""
 
-    def __init__(self, image: Image, config: ModbusServerConfig, written: Callable[[Span], None]) -> None:
+    def __init__(self, image: Image, config: ModbusServerConfig, written: Callable[[AddressSpan], None]) -> None:
         self._image, self._unit, self._written = image, config.unit, written
         self._networks = [ipaddress.ip_network(network) for network in config.writers]
         self.refused: Counter[str] = Counter()
@@ -85,11 +85,11 @@ class _Tables:
         self._written(span)
         return None
 
-    def _span(self, unit: int, function: int, address: int, count: int) -> Span:
+    def _span(self, unit: int, function: int, address: int, count: int) -> AddressSpan:
         if unit != self._unit or function not in TABLE_OF_FUNCTION:
             self.refused["unit"] += 1
             raise NoSuchIdException
-        return Span(TABLE_OF_FUNCTION[function], address, count)
+        return AddressSpan(TABLE_OF_FUNCTION[function], address, count)
 
     def may_write(self, peer: str) -> bool:
         """Whether a client at this address may write."""
@@ -240,10 +240,10 @@ class _Server(ModbusTcpServer):
         return len(self._there)
 
 
-class Listener:
+class ModbusListener:
     """The server while the context lasts."""
 
-    def __init__(self, image: Image, config: ModbusServerConfig, written: Callable[[Span], None]) -> None:
+    def __init__(self, image: Image, config: ModbusServerConfig, written: Callable[[AddressSpan], None]) -> None:
         """`written` is told each span that a client has written."""
         self._config, self._tables = config, _Tables(image, config, written)
         self._server: _Server | None = None

@@ -15,7 +15,16 @@ from ua_fleet.config.schema import DataSetConfig, FieldConfig, FleetConfig
 from ua_fleet.modbus.words import CONTROL, STATUS
 from ua_fleet.registers import Register, RegisterType, Table
 
-__all__ = ["Argument", "Command", "MapRow", "MappedValue", "map_rows", "markdown", "modbus_commands", "modbus_values"]
+__all__ = [
+    "ArgumentRegisters",
+    "Command",
+    "MapRow",
+    "MappedValue",
+    "map_rows",
+    "markdown",
+    "modbus_commands",
+    "modbus_values",
+]
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,7 +43,7 @@ class MappedValue:
 
 
 @dataclass(frozen=True, slots=True)
-class Argument:
+class ArgumentRegisters:
     """An argument or a result in a register."""
 
     name: str
@@ -49,8 +58,8 @@ class Command:
 
     name: str
     config: CommandConfig
-    arguments: tuple[Argument, ...]
-    results: tuple[Argument, ...]
+    arguments: tuple[ArgumentRegisters, ...]
+    results: tuple[ArgumentRegisters, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,18 +109,18 @@ def modbus_commands(config: FleetConfig) -> dict[int, Command]:
     found: dict[int, Command] = {}
     for name, command in modbus.commands.items():
         skill = config.robots[command.robot].skills[command.skill] if command.robot and command.skill else None
-        arguments: list[Argument] = []
-        results: list[Argument] = []
+        arguments: list[ArgumentRegisters] = []
+        results: list[ArgumentRegisters] = []
         for argument, register in command.arguments.items():
             known = skill.arguments[argument] if skill is not None else None
             kind = known.type if known is not None else _parameter_type(register)
             unit = known.unit if known is not None else None
-            arguments.append(Argument(argument, register.register(modbus.order, kind), kind, unit))
+            arguments.append(ArgumentRegisters(argument, register.register(modbus.order, kind), kind, unit))
         if skill is not None:
             for result, register in command.results.items():
                 declared = skill.results[result]
                 made = register.register(modbus.order, declared.type)
-                results.append(Argument(result, made, declared.type, declared.unit))
+                results.append(ArgumentRegisters(result, made, declared.type, declared.unit))
         found[command.code] = Command(name, command, tuple(arguments), tuple(results))
     return found
 

@@ -10,7 +10,7 @@ from typing import Final, NamedTuple
 
 from ua_fleet.registers import Register, RegisterType, Table
 
-__all__ = ["CONTROL", "STATUS", "CommandState", "Outcome", "Word", "control", "status"]
+__all__ = ["CONTROL", "STATUS", "CommandState", "DecisionOutcome", "Word", "control", "status"]
 
 MOST_CANDIDATES: Final = 8
 TEXT_WORDS: Final = 20
@@ -38,7 +38,7 @@ class CommandState(IntEnum):
         return self >= CommandState.DONE
 
 
-class Outcome(IntEnum):
+class DecisionOutcome(IntEnum):
     """What became of a choice."""
 
     NONE = 0
@@ -69,7 +69,7 @@ CONTROL: Final = (
     Word("chosen", 3, _U16, "Number of the robot that takes over"),
 )
 _STATES: Final = ", ".join(f"{state.value} {state.name.lower()}" for state in CommandState)
-_OUTCOMES: Final = ", ".join(f"{outcome.value} {outcome.name.lower()}" for outcome in Outcome)
+_OUTCOMES: Final = ", ".join(f"{outcome.value} {outcome.name.lower()}" for outcome in DecisionOutcome)
 STATUS: Final = (
     Word("heartbeat", 0, _U16, "Counts up each half second while this device works"),
     Word("connected", 1, _U16, "1 while the OPC UA server answers; otherwise nothing here is of now"),

@@ -5,8 +5,8 @@
 Nothing is counted here that is counted elsewhere: a Monitor asks when it is asked, so that a message costs nothing.
 """
 
-from ua_fleet.monitoring.metrics import METRICS, Kind, Metric, Process
+from ua_fleet.monitoring.metrics import METRICS, Metric, MetricKind, ProcessKind
 from ua_fleet.monitoring.mistakes import Mistakes
 from ua_fleet.monitoring.monitor import Monitor
 
-__all__ = ["METRICS", "Kind", "Metric", "Mistakes", "Monitor", "Process"]
+__all__ = ["METRICS", "Metric", "MetricKind", "Mistakes", "Monitor", "ProcessKind"]

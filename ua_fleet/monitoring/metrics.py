@@ -15,7 +15,7 @@ from typing import Final
 from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily
 from prometheus_client.metrics_core import Metric as Family
 
-__all__ = ["METRICS", "MOST_ROBOTS", "MOST_SKILLS", "Family", "Kind", "Metric", "Process"]
+__all__ = ["METRICS", "MOST_ROBOTS", "MOST_SKILLS", "Family", "Metric", "MetricKind", "ProcessKind"]
 
 MOST_ROBOTS: Final = 2000
 """Robots that have a label of their own."""
@@ -23,7 +23,7 @@ MOST_SKILLS: Final = 200
 """Names of skills that have a label of their own; the others are `(other)`."""
 
 
-class Kind(StrEnum):
+class MetricKind(StrEnum):
     """What can be done with a figure."""
 
     COUNTER = "counter"
@@ -31,7 +31,7 @@ class Kind(StrEnum):
     HISTOGRAM = "histogram"
 
 
-class Process(StrEnum):
+class ProcessKind(StrEnum):
     """Who has a metric."""
 
     SERVER = "server"
@@ -40,12 +40,12 @@ class Process(StrEnum):
     CONSOLE = "console"
 
 
-_ALL: Final = (Process.SERVER, Process.BRIDGE, Process.MODBUS, Process.CONSOLE)
-_PUBSUB: Final = (Process.SERVER, Process.BRIDGE)
-_SERVER: Final = (Process.SERVER,)
-_BRIDGE: Final = (Process.BRIDGE,)
-_MODBUS: Final = (Process.MODBUS,)
-_CONSOLE: Final = (Process.CONSOLE,)
+_ALL: Final = (ProcessKind.SERVER, ProcessKind.BRIDGE, ProcessKind.MODBUS, ProcessKind.CONSOLE)
+_PUBSUB: Final = (ProcessKind.SERVER, ProcessKind.BRIDGE)
+_SERVER: Final = (ProcessKind.SERVER,)
+_BRIDGE: Final = (ProcessKind.BRIDGE,)
+_MODBUS: Final = (ProcessKind.MODBUS,)
+_CONSOLE: Final = (ProcessKind.CONSOLE,)
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,9 +53,9 @@ class Metric:
     """One metric. `name` is as it is shown, with `_total`."""
 
     name: str
-    kind: Kind
+    kind: MetricKind
     labels: tuple[str, ...]
-    processes: tuple[Process, ...]
+    processes: tuple[ProcessKind, ...]
     help: str
 
     def one(self, value: float) -> Family:
@@ -64,7 +64,7 @@ class Metric:
 
     def many(self, values: Iterable[tuple[tuple[str, ...], float]]) -> Family:
         """It, by the values of its labels; not for histograms."""
-        family = (CounterMetricFamily if self.kind is Kind.COUNTER else GaugeMetricFamily)(
+        family = (CounterMetricFamily if self.kind is MetricKind.COUNTER else GaugeMetricFamily)(
             self.name, self.help, labels=self.labels
         )
         for labels, value in values:
@@ -76,13 +76,13 @@ METRICS: Final[list[Metric]] = []
 """All of them, in the order of the table."""
 
 
-def _metric(name: str, kind: Kind, processes: tuple[Process, ...], text: str, *labels: str) -> Metric:
+def _metric(name: str, kind: MetricKind, processes: tuple[ProcessKind, ...], text: str, *labels: str) -> Metric:
     metric = Metric(f"ua_fleet_{name}", kind, labels, processes, text)
     METRICS.append(metric)
     return metric
 
 
-_C, _G, _H = Kind.COUNTER, Kind.GAUGE, Kind.HISTOGRAM
+_C, _G, _H = MetricKind.COUNTER, MetricKind.GAUGE, MetricKind.HISTOGRAM
 
 BUILD = _metric(
     "build_info", _G, _ALL, "1; what runs: the process, its name in fleet.yaml, version and Python.",

@@ -11,7 +11,7 @@ from prometheus_client.exposition import choose_encoder
 from prometheus_client.registry import Collector
 
 from ua_fleet import __version__
-from ua_fleet.monitoring.metrics import BUILD, LOOP_LAG, MISTAKES, READY, Family, Process
+from ua_fleet.monitoring.metrics import BUILD, LOOP_LAG, MISTAKES, READY, Family, ProcessKind
 from ua_fleet.monitoring.mistakes import Mistakes
 
 __all__ = ["Collect", "Monitor"]
@@ -26,7 +26,7 @@ _STARTING: Final = "it is starting"
 class Monitor(Collector):
     """What one process tells of itself. Without an endpoint nobody asks, and it costs nothing."""
 
-    def __init__(self, process: Process, name: str = "") -> None:
+    def __init__(self, process: ProcessKind, name: str = "") -> None:
         """Make a monitor of a process that is not ready yet.
 
         Args:

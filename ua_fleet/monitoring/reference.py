@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 
-from ua_fleet.monitoring.metrics import METRICS, Process
+from ua_fleet.monitoring.metrics import METRICS, ProcessKind
 
 __all__ = ["table"]
 
@@ -14,7 +14,7 @@ def table() -> str:
     rows = ["| metric | kind | labels | who has it | |", "|---|---|---|---|---|"]
     for metric in METRICS:
         labels = ", ".join(f"`{label}`" for label in metric.labels)
-        who = "all" if set(metric.processes) == set(Process) else ", ".join(metric.processes)
+        who = "all" if set(metric.processes) == set(ProcessKind) else ", ".join(metric.processes)
         rows.append(f"| `{metric.name}` | {metric.kind} | {labels} | {who} | {metric.help} |")
     return "\n".join(rows)
 

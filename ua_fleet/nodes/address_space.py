@@ -22,7 +22,7 @@ from asyncua.server.address_space import AddressSpace
 from asyncua.ua.object_ids import ObjectIds
 
 from ua_fleet.counters import Drop
-from ua_fleet.endpoint.compact_nodes import Held
+from ua_fleet.endpoint.compact_nodes import HeldValue
 from ua_fleet.endpoint.convert import data_value, node_id, raw_id
 from ua_fleet.endpoint.node_builder import ORGANIZES, paused_collection
 from ua_fleet.errors import ServerStartError
@@ -42,9 +42,9 @@ from ua_fleet.fleet.model import (
 from ua_fleet.monitoring.mistakes import Mistakes
 from ua_fleet.nodes.hold_nodes import HoldNodes
 from ua_fleet.nodes.mistake_nodes import MistakeNodes
-from ua_fleet.nodes.node_factory import STANDARD, NodeParts
+from ua_fleet.nodes.node_factory import STANDARD, NodeFactory
 from ua_fleet.nodes.nodeset import TypeId
-from ua_fleet.nodes.skill_nodes import SkillNodes
+from ua_fleet.nodes.skill_nodes import SkillNodeFactory
 from ua_fleet.nodes.teleoperation_nodes import TeleoperationNodes
 from ua_fleet.topics import Topic
 from ua_fleet.values import ARRAY, BuiltinType, NodeId, QualifiedName
@@ -65,7 +65,7 @@ class FleetNodes:
         """Prepare to build a model's nodes; the types have to be loaded."""
         self._model = model
         self.ns = model.ns
-        self._parts = NodeParts(space, model.ns)
+        self._parts = NodeFactory(space, model.ns)
         self.values = self._parts.values
         """What holds the value of a node; see `value`."""
         self._parents: dict[NodeId, ua.NodeId] = {}
@@ -76,7 +76,7 @@ class FleetNodes:
         self._max_ages: dict[NodeId, float] = {}
         """In ms, of the data sources that have one configured."""
         self._make_later = self._make_max_age  # one bound method for all nodes
-        self._skills = SkillNodes(self._parts)
+        self._skills = SkillNodeFactory(self._parts)
         self._holds = HoldNodes(self._parts)
         self._driven = TeleoperationNodes(self._parts)
 
@@ -104,7 +104,7 @@ class FleetNodes:
             for robot in self._model.robots:
                 self._add_robot(robot)
 
-    def value(self, key: NodeId) -> Held | None:
+    def value(self, key: NodeId) -> HeldValue | None:
         """What holds the value of a node, which is made now if it was not wanted before; None without such a node."""
         held = self.values.get(key)
         if held is None and self._parts.has(node_id(key)):

@@ -11,7 +11,7 @@ from asyncua import ua
 from ua_fleet.endpoint.convert import data_value, raw_id
 from ua_fleet.endpoint.node_builder import HAS_COMPONENT
 from ua_fleet.fleet.model import RobotModel
-from ua_fleet.nodes.node_factory import STANDARD, NodeParts
+from ua_fleet.nodes.node_factory import STANDARD, NodeFactory
 from ua_fleet.nodes.nodeset import TYPES_INDEX
 from ua_fleet.values import BuiltinType, Variant
 
@@ -33,7 +33,7 @@ NOT_HELD: Final = {
 class HoldNodes:
     """Makes these nodes. The first values are the same objects for all robots, since nobody writes to them."""
 
-    def __init__(self, parts: NodeParts) -> None:
+    def __init__(self, parts: NodeFactory) -> None:
         self._parts = parts
         self._values = {
             name: data_value(one.type, one.value, 0, parts.now, parts.now) for name, one in NOT_HELD.items()

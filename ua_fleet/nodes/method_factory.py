@@ -21,7 +21,7 @@ from ua_fleet.endpoint.hardened_server import HardenedServer
 from ua_fleet.endpoint.stack import Refusal
 from ua_fleet.endpoint.users import Role, User, current_user
 from ua_fleet.errors import AccessRefused, StorageUnavailable, UaFleetError
-from ua_fleet.nodes.node_factory import NodeParts
+from ua_fleet.nodes.node_factory import NodeFactory
 from ua_fleet.values import ARRAY, BuiltinType, NodeId, StatusCode
 
 __all__ = [
@@ -30,10 +30,10 @@ __all__ = [
     "NOT_POSSIBLE",
     "NOT_RECORDED",
     "NOT_VALID",
-    "Argument",
+    "MethodArgument",
+    "MethodFactory",
     "NotValid",
     "Noted",
-    "PlainMethods",
     "caller",
 ]
 
@@ -68,7 +68,7 @@ Work = Callable[..., Awaitable[Sequence[Any] | Noted]]
 """Takes the arguments as plain values; gives the outputs before ReturnStatus."""
 
 
-class Argument(NamedTuple):
+class MethodArgument(NamedTuple):
     """An argument of a Method."""
 
     name: str
@@ -89,17 +89,17 @@ class NotValid(UaFleetError):
 
 
 _RETURNED: Final = (
-    Argument(
+    MethodArgument(
         "ReturnStatus", int(BuiltinType.UINT64), "0 done, 1 not found, 2 not valid, 3 not possible, 4 not recorded"
     ),
-    Argument("Message", _TEXT, "why it was not done"),
+    MethodArgument("Message", _TEXT, "why it was not done"),
 )
 
 
-class PlainMethods:
+class MethodFactory:
     """Makes such Methods of Objects that are there."""
 
-    def __init__(self, server: HardenedServer, parts: NodeParts, code_of: Callable[[UaFleetError], int]) -> None:
+    def __init__(self, server: HardenedServer, parts: NodeFactory, code_of: Callable[[UaFleetError], int]) -> None:
         """Prepare to make Methods.
 
         Args:
@@ -115,8 +115,8 @@ class PlainMethods:
         name: str,
         role: Role,
         work: Work,
-        inputs: Sequence[Argument],
-        outputs: Sequence[Argument],
+        inputs: Sequence[MethodArgument],
+        outputs: Sequence[MethodArgument],
         description: str = "",
     ) -> ua.NodeId:
         """A Method that users of a role may call."""
@@ -134,11 +134,13 @@ class PlainMethods:
         self._link(node, name, role, owned, outputs)
         return node
 
-    def share(self, method: ua.NodeId, name: str, role: Role, work: Work, outputs: Sequence[Argument] = ()) -> None:
+    def share(
+        self, method: ua.NodeId, name: str, role: Role, work: Work, outputs: Sequence[MethodArgument] = ()
+    ) -> None:
         """A Method of a type, which has its arguments in the nodeset; `work` gets the NodeId of the Object first."""
         self._link(method, name, role, work, outputs)
 
-    def _link(self, node: ua.NodeId, name: str, role: Role, work: Work, outputs: Sequence[Argument]) -> None:
+    def _link(self, node: ua.NodeId, name: str, role: Role, work: Work, outputs: Sequence[MethodArgument]) -> None:
         async def call(parent: ua.NodeId, *arguments: ua.Variant) -> list[ua.Variant]:
             code, message = DONE, ""
             values: Sequence[Any] = [_nothing(output.type) for output in outputs]
@@ -174,7 +176,7 @@ def caller() -> User:
     return user
 
 
-def _declared(argument: Argument) -> ua.Argument:
+def _declared(argument: MethodArgument) -> ua.Argument:
     is_array = bool(argument.type & ARRAY)
     return ua.Argument(
         Name=ua.String(argument.name),

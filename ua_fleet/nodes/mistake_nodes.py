@@ -15,7 +15,7 @@ from asyncua.ua.object_ids import ObjectIds
 from ua_fleet.endpoint.convert import data_value, raw_id
 from ua_fleet.fleet.changes import ValueChanged
 from ua_fleet.monitoring.mistakes import Mistakes
-from ua_fleet.nodes.node_factory import NodeParts
+from ua_fleet.nodes.node_factory import NodeFactory
 from ua_fleet.values import BuiltinType, NodeId
 
 __all__ = ["MistakeNodes"]
@@ -30,7 +30,7 @@ class MistakeNodes:
 
     def __init__(
         self,
-        parts: NodeParts,
+        parts: NodeFactory,
         mistakes: Mistakes,
         put: Callable[[ValueChanged], None],
         *,

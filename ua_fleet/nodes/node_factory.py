@@ -12,7 +12,7 @@ from asyncua import ua
 from asyncua.server.address_space import AddressSpace
 from asyncua.ua.object_ids import ObjectIds
 
-from ua_fleet.endpoint.compact_nodes import Held
+from ua_fleet.endpoint.compact_nodes import HeldValue
 from ua_fleet.endpoint.convert import data_value, node_id, raw_id, to_status
 from ua_fleet.endpoint.node_builder import HAS_COMPONENT, HAS_PROPERTY, ORGANIZES, NodeBuilder
 from ua_fleet.fleet.model import GROUP_SIZE, FieldModel
@@ -20,7 +20,7 @@ from ua_fleet.nodes.nodeset import TYPES_INDEX, TypeId
 from ua_fleet.nodes.units import UNECE_NAMESPACE, unit_id
 from ua_fleet.values import ARRAY, DIMENSIONS, NodeId, QualifiedName, StatusCode
 
-__all__ = ["STANDARD", "NodeParts"]
+__all__ = ["STANDARD", "NodeFactory"]
 
 STANDARD: Final = {
     name: raw_id(getattr(ObjectIds, name))
@@ -43,16 +43,16 @@ STANDARD: Final = {
 """Types of the base namespace."""
 
 
-class NodeParts:
+class NodeFactory:
     """Makes nodes of one fleet, and keeps what holds the value of each Variable."""
 
     def __init__(self, space: AddressSpace, ns: int) -> None:
         """Prepare to make nodes in a namespace; the types have to be loaded."""
         self.ns = self.names_ns = ns
         """Of the ids, and of the BrowseNames: these are in the fleet's, whatever namespace the ids are of."""
-        self._within: dict[int, NodeParts] = {}
+        self._within: dict[int, NodeFactory] = {}
         self.builder = NodeBuilder(space)
-        self.values: dict[NodeId, Held] = {}
+        self.values: dict[NodeId, HeldValue] = {}
         """What holds the value of a node."""
         self.waiting = ua.DataValue(StatusCode=to_status(StatusCode.BAD_WAITING_FOR_INITIAL_DATA))
         """The value of a node before its first one."""
@@ -61,7 +61,7 @@ class NodeParts:
         """Time of the values that stay."""
         self._groups: dict[str, list[int]] = {}
 
-    def within(self, ns: int) -> NodeParts:
+    def within(self, ns: int) -> NodeFactory:
         """The same for ids of another namespace; the nodes have their BrowseNames in the fleet's all the same."""
         if ns == self.ns:
             return self
@@ -244,7 +244,7 @@ class NodeParts:
         *,
         namespace: int = TYPES_INDEX,
         data_type: ua.NodeId | None = None,
-    ) -> Held:
+    ) -> HeldValue:
         """A Property, and what holds its value."""
         return self.builder.add_variable(
             self.id(path),

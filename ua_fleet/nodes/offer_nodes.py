@@ -16,12 +16,12 @@ from ua_fleet.endpoint.users import Role
 from ua_fleet.errors import ConfigInvalid, UaFleetError
 from ua_fleet.fleet.changes import ValueChanged
 from ua_fleet.nodes.events import ServerEvents
-from ua_fleet.nodes.method_factory import NOT_FOUND, NOT_POSSIBLE, Argument, NotValid, PlainMethods, caller
-from ua_fleet.nodes.node_factory import STANDARD, NodeParts
+from ua_fleet.nodes.method_factory import NOT_FOUND, NOT_POSSIBLE, MethodArgument, MethodFactory, NotValid, caller
+from ua_fleet.nodes.node_factory import STANDARD, NodeFactory
 from ua_fleet.nodes.nodeset import TYPES_INDEX, TypeId
 from ua_fleet.nodes.projection import Projection
-from ua_fleet.operation.robots.offers import Asked, Offers, read_results
-from ua_fleet.operation.robots.roster import RobotUnknown, Roster
+from ua_fleet.operation.robots.offers import ClientOffers, OfferedExecution, read_results
+from ua_fleet.operation.robots.roster import RobotRegistry, RobotUnknown
 from ua_fleet.skill.executions import EXECUTION_ID_BYTES
 from ua_fleet.topics import SERVER_SPACE, Topic
 from ua_fleet.values import ARRAY, BuiltinType, NodeId, Variant
@@ -50,10 +50,10 @@ class OfferNodes:
     def __init__(
         self,
         server: HardenedServer,
-        parts: NodeParts,
+        parts: NodeFactory,
         projection: Projection,
-        roster: Roster,
-        offers: Offers,
+        roster: RobotRegistry,
+        offers: ClientOffers,
         wall_ticks: Callable[[], int],
     ) -> None:
         """Prepare; `build` makes the nodes.
@@ -69,7 +69,7 @@ class OfferNodes:
         self._parts, self._projection, self._roster, self._offers = parts, projection, roster, offers
         self._wall_ticks = wall_ticks
         self._events = ServerEvents(server.iserver)
-        self._methods = PlainMethods(server, parts, _code_of)
+        self._methods = MethodFactory(server, parts, _code_of)
 
     def build(self) -> None:
         """Make the nodes, and let the Methods be called."""
@@ -79,18 +79,25 @@ class OfferNodes:
             data_type = STANDARD["UtcTime"] if kind & 0x3F == _TIME else raw_id(kind & 0x3F)
             parts.variable(self._key(name), name, node, data_type, parts.waiting, is_array=True)
         self._show_lists()
-        robot, skill = Argument("Robot", _TEXT, "name of the robot"), Argument("Skill", _TEXT, "name of the skill")
-        execution = Argument("ExecutionId", _TEXT, "the execution, 32 hexadecimal digits")
-        message = Argument("Message", _TEXT, "one line for people")
+        robot, skill = (
+            MethodArgument("Robot", _TEXT, "name of the robot"),
+            MethodArgument("Skill", _TEXT, "name of the skill"),
+        )
+        execution = MethodArgument("ExecutionId", _TEXT, "the execution, 32 hexadecimal digits")
+        message = MethodArgument("Message", _TEXT, "one line for people")
         for name, work, inputs, outputs, text in (
             (
                 "OfferSkill",
                 self._offer,
-                (robot, skill, Argument("Definition", _TEXT, "the skill as in fleet.yaml; empty: as it is known")),
                 (
-                    Argument("SkillNode", int(BuiltinType.NODE_ID), "the skill's Object"),
-                    Argument("Problems", _TEXTS, "all that is wrong with the definition"),
-                    Argument("Lines", _COUNTS, "the line of each problem; 0 where it has none"),
+                    robot,
+                    skill,
+                    MethodArgument("Definition", _TEXT, "the skill as in fleet.yaml; empty: as it is known"),
+                ),
+                (
+                    MethodArgument("SkillNode", int(BuiltinType.NODE_ID), "the skill's Object"),
+                    MethodArgument("Problems", _TEXTS, "all that is wrong with the definition"),
+                    MethodArgument("Lines", _COUNTS, "the line of each problem; 0 where it has none"),
                 ),
                 "This client does a skill from now on, as long as it is connected. A new definition needs an engineer.",
             ),
@@ -99,7 +106,7 @@ class OfferNodes:
             (
                 "Report",
                 self._report,
-                (execution, Argument("Progress", int(BuiltinType.DOUBLE), "0 to 1"), message),
+                (execution, MethodArgument("Progress", int(BuiltinType.DOUBLE), "0 to 1"), message),
                 (),
                 "Say how far it is.",
             ),
@@ -108,8 +115,8 @@ class OfferNodes:
                 self._complete,
                 (
                     execution,
-                    Argument("ResultNames", _TEXTS, "the results"),
-                    Argument("ResultValues", _TEXTS, "their values, e.g. 20, true, left"),
+                    MethodArgument("ResultNames", _TEXTS, "the results"),
+                    MethodArgument("ResultValues", _TEXTS, "their values, e.g. 20, true, left"),
                     message,
                 ),
                 (),
@@ -119,7 +126,7 @@ class OfferNodes:
         ):
             self._methods.add(OFFERS, name, Role.OPERATOR, work, inputs, outputs, text)
 
-    def show(self, asked: Asked) -> None:
+    def show(self, asked: OfferedExecution) -> None:
         """A request is new or has changed."""
         self._show_lists()
         self._projection.then(partial(self._tell, asked, self._wall_ticks()))
@@ -172,7 +179,7 @@ class OfferNodes:
         for (name, kind), values in zip(_LISTS, columns, strict=True):
             self._projection.put(ValueChanged(self._key(name), kind, tuple(values), 0, self._wall_ticks(), False))
 
-    async def _tell(self, asked: Asked, ticks: int) -> None:
+    async def _tell(self, asked: OfferedExecution, ticks: int) -> None:
         name = f"{asked.robot}.{asked.skill.name}"
         said = f"{name} is {asked.state}"
         kinds = {argument.name: argument.type for argument in asked.skill.arguments}
@@ -199,7 +206,7 @@ class OfferNodes:
         )
 
 
-def _row(asked: Asked) -> tuple[Any, ...]:
+def _row(asked: OfferedExecution) -> tuple[Any, ...]:
     arguments = json.dumps(dict(asked.arguments), ensure_ascii=False)
     return asked.execution_id.hex(), asked.robot, asked.skill.name, arguments, asked.taken_by, asked.until
 

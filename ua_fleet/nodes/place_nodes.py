@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 from ua_fleet.config.schema import FleetConfig
 from ua_fleet.endpoint.convert import data_value, raw_id
-from ua_fleet.nodes.node_factory import NodeParts
+from ua_fleet.nodes.node_factory import NodeFactory
 from ua_fleet.values import ARRAY, BuiltinType, NodeId
 
 __all__ = ["add_places", "places_of"]
@@ -25,7 +25,7 @@ def places_of(config: FleetConfig) -> dict[str, tuple[float, float]]:
     return found
 
 
-def add_places(parts: NodeParts, places: Mapping[str, tuple[float, float]]) -> None:
+def add_places(parts: NodeFactory, places: Mapping[str, tuple[float, float]]) -> None:
     """Make the folder and its Variables; the fleet's Object is there."""
     folder = parts.folder(_PLACES, "Places", parts.id("Fleet"))
     for name, (x_m, y_m) in places.items():

@@ -22,7 +22,7 @@ from typing import Final, NamedTuple
 
 from asyncua import ua
 
-from ua_fleet.endpoint.compact_nodes import Held
+from ua_fleet.endpoint.compact_nodes import HeldValue
 from ua_fleet.endpoint.convert import data_value
 from ua_fleet.fleet.changes import (
     CapacitiesChanged,
@@ -274,7 +274,7 @@ class Projection:
             if held.is_watched:
                 count -= await self._tell_watchers(held, value) // WATCHERS
 
-    async def _tell_watchers(self, held: Held, value: ua.DataValue) -> int:
+    async def _tell_watchers(self, held: HeldValue, value: ua.DataValue) -> int:
         """Tell the monitored items of a node; how many there are."""
         watchers = tuple(held.datachange_callbacks.items())
         for handle, tell in watchers:

@@ -12,8 +12,8 @@ from ua_fleet.endpoint.hardened_server import HardenedServer
 from ua_fleet.endpoint.sessions import current_session
 from ua_fleet.endpoint.users import Role
 from ua_fleet.errors import UaFleetError
-from ua_fleet.nodes.method_factory import NOT_POSSIBLE, Argument, Noted, NotValid, PlainMethods, caller
-from ua_fleet.nodes.node_factory import NodeParts
+from ua_fleet.nodes.method_factory import NOT_POSSIBLE, MethodArgument, MethodFactory, Noted, NotValid, caller
+from ua_fleet.nodes.node_factory import NodeFactory
 from ua_fleet.pubsub.recent import LONGEST_SOURCE, RecentMessage, RecentMessages
 from ua_fleet.values import ARRAY, BuiltinType
 from ua_fleet.wire.security import SecurityMode
@@ -38,7 +38,9 @@ _MODES: Final = {
 class RecentMessageMethods:
     """Answers the Method."""
 
-    def __init__(self, server: HardenedServer, parts: NodeParts, recent: RecentMessages, *, is_encrypted: bool) -> None:
+    def __init__(
+        self, server: HardenedServer, parts: NodeFactory, recent: RecentMessages, *, is_encrypted: bool
+    ) -> None:
         """Prepare to answer; `build` makes the Method.
 
         Args:
@@ -48,27 +50,27 @@ class RecentMessageMethods:
             is_encrypted: messages are encrypted on the wire, so the answer with their content is encrypted too.
         """
         self._server, self._recent_messages, self._is_encrypted = server, recent, is_encrypted
-        self._methods = PlainMethods(server, parts, lambda _: NOT_POSSIBLE)
+        self._methods = MethodFactory(server, parts, lambda _: NOT_POSSIBLE)
 
     def build(self) -> None:
         """Make the Method and let it be called."""
         node = self._methods.add("Fleet", "RecentMessages", Role.ENGINEER, self._recent, (
-            Argument("Source", _TEXT, "whose: a PublisherId, or a UA topic such as ua_2_2_1001; empty: all"),
-            Argument("After", _COUNT, "the number of the last message that you have; 0: all that are kept"),
+            MethodArgument("Source", _TEXT, "whose: a PublisherId, or a UA topic such as ua_2_2_1001; empty: all"),
+            MethodArgument("After", _COUNT, "the number of the last message that you have; 0: all that are kept"),
         ), (
-            Argument("Numbers", _COUNTS, "of each message; they rise"),
-            Argument("Times", _TIMES, "when each was sent or received"),
-            Argument("Sent", _FLAGS, "whether the server sent it; else it received it"),
-            Argument("Addresses", _TEXTS, "where each came from, or went to alone"),
-            Argument("Messages", _BYTES, "the first 4096 bytes of each, with what was encrypted in plain"),
-            Argument("Sizes", _SIZES, "bytes of each as a whole"),
-            Argument("Opened", _FLAGS, "whether it was let in; else it is as it came"),
-            Argument("Security", _TEXTS, "None, Sign or SignAndEncrypt"),
-            Argument("Tokens", _SIZES, "SecurityTokenId of each; 0: none"),
-            Argument("Chunks", _FLAGS, "whether it went as several datagrams; it is shown put together"),
-            Argument("Dropped", _TEXTS, "causes for which it or a part of it was dropped; empty: none"),
-            Argument("Lost", _COUNT, "messages that had no place since the last call"),
-            Argument("More", int(BuiltinType.BOOLEAN), "whether there are newer ones than fit: call again"),
+            MethodArgument("Numbers", _COUNTS, "of each message; they rise"),
+            MethodArgument("Times", _TIMES, "when each was sent or received"),
+            MethodArgument("Sent", _FLAGS, "whether the server sent it; else it received it"),
+            MethodArgument("Addresses", _TEXTS, "where each came from, or went to alone"),
+            MethodArgument("Messages", _BYTES, "the first 4096 bytes of each, with what was encrypted in plain"),
+            MethodArgument("Sizes", _SIZES, "bytes of each as a whole"),
+            MethodArgument("Opened", _FLAGS, "whether it was let in; else it is as it came"),
+            MethodArgument("Security", _TEXTS, "None, Sign or SignAndEncrypt"),
+            MethodArgument("Tokens", _SIZES, "SecurityTokenId of each; 0: none"),
+            MethodArgument("Chunks", _FLAGS, "whether it went as several datagrams; it is shown put together"),
+            MethodArgument("Dropped", _TEXTS, "causes for which it or a part of it was dropped; empty: none"),
+            MethodArgument("Lost", _COUNT, "messages that had no place since the last call"),
+            MethodArgument("More", int(BuiltinType.BOOLEAN), "whether there are newer ones than fit: call again"),
         ), "The last PubSub messages of the server, opened. They are kept from the first call on, while you call at "
            "least each 15 s.")  # fmt: skip
         context = self._server.context

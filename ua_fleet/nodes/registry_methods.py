@@ -11,12 +11,12 @@ from ua_fleet.config.registration import RobotText
 from ua_fleet.endpoint.hardened_server import HardenedServer
 from ua_fleet.endpoint.users import Role
 from ua_fleet.errors import ConfigInvalid, UaFleetError
-from ua_fleet.nodes.method_factory import NOT_FOUND, NOT_POSSIBLE, Argument, NotValid, PlainMethods, caller
-from ua_fleet.nodes.node_factory import NodeParts
-from ua_fleet.operation.robots.roster import RobotUnknown, Roster
+from ua_fleet.nodes.method_factory import NOT_FOUND, NOT_POSSIBLE, MethodArgument, MethodFactory, NotValid, caller
+from ua_fleet.nodes.node_factory import NodeFactory
+from ua_fleet.operation.robots.roster import RobotRegistry, RobotUnknown
 from ua_fleet.values import ARRAY, BuiltinType, NodeId
 
-__all__ = ["RosterMethods"]
+__all__ = ["RobotRegistryMethods"]
 
 _TEXT: Final = int(BuiltinType.STRING)
 _TEXTS: Final = int(BuiltinType.STRING | ARRAY)
@@ -24,11 +24,11 @@ _COUNTS: Final = int(BuiltinType.INT32 | ARRAY)
 _NOWHERE: Final = NodeId(0, 0)
 
 
-class RosterMethods:
+class RobotRegistryMethods:
     """Answers the Methods."""
 
     def __init__(
-        self, server: HardenedServer, parts: NodeParts, roster: Roster, settled: Callable[[], Awaitable[None]]
+        self, server: HardenedServer, parts: NodeFactory, roster: RobotRegistry, settled: Callable[[], Awaitable[None]]
     ) -> None:
         """Prepare to answer; `build` makes the Methods.
 
@@ -39,21 +39,21 @@ class RosterMethods:
             settled: returns when clients can see what has been changed.
         """
         self._roster, self._settled = roster, settled
-        self._methods = PlainMethods(server, parts, _code_of)
+        self._methods = MethodFactory(server, parts, _code_of)
 
     def build(self) -> None:
         """Make the Methods and let them be called."""
-        name = Argument("Name", _TEXT, "name of the robot")
+        name = MethodArgument("Name", _TEXT, "name of the robot")
         self._methods.add("Fleet", "RegisterRobot", Role.ENGINEER, self._register, (
             name,
-            Argument("Bridge", _TEXT, "name of its bridge, or number of its space; empty: clients do its skills"),
-            Argument("Capacities", _TEXTS, "what it can do in kind; empty: as the definition says"),
-            Argument("Description", _TEXT, "for people; empty: as the definition says"),
-            Argument("Definition", _TEXT, "skills and data as in fleet.yaml below robots.<robot>, YAML or JSON"),
+            MethodArgument("Bridge", _TEXT, "name of its bridge, or number of its space; empty: clients do its skills"),
+            MethodArgument("Capacities", _TEXTS, "what it can do in kind; empty: as the definition says"),
+            MethodArgument("Description", _TEXT, "for people; empty: as the definition says"),
+            MethodArgument("Definition", _TEXT, "skills and data as in fleet.yaml below robots.<robot>, YAML or JSON"),
         ), (
-            Argument("Robot", int(BuiltinType.NODE_ID), "the robot's Object"),
-            Argument("Problems", _TEXTS, "all that is wrong with the definition"),
-            Argument("Lines", _COUNTS, "the line of each problem; 0 where it has none"),
+            MethodArgument("Robot", int(BuiltinType.NODE_ID), "the robot's Object"),
+            MethodArgument("Problems", _TEXTS, "all that is wrong with the definition"),
+            MethodArgument("Lines", _COUNTS, "the line of each problem; 0 where it has none"),
         ), "Make a robot one of the fleet. Said again, it changes nothing.")  # fmt: skip
         self._methods.add(
             "Fleet", "UnregisterRobot", Role.ENGINEER, self._unregister, (name,), (), "Take a robot out of the fleet."

@@ -14,8 +14,8 @@ from ua_fleet.endpoint.stack import Refusal, StatusCodes
 from ua_fleet.endpoint.users import Role
 from ua_fleet.errors import UaFleetError
 from ua_fleet.nodes.hold_nodes import HOLD, RELEASE
-from ua_fleet.nodes.method_factory import NOT_FOUND, NOT_POSSIBLE, PlainMethods, caller
-from ua_fleet.nodes.node_factory import NodeParts
+from ua_fleet.nodes.method_factory import NOT_FOUND, NOT_POSSIBLE, MethodFactory, caller
+from ua_fleet.nodes.node_factory import NodeFactory
 from ua_fleet.operation.runs.holding import RobotHolds
 from ua_fleet.operation.runs.library import ScenarioUnknown
 
@@ -27,7 +27,7 @@ _ROBOTS: Final = "Robots."
 class RobotMethods:
     """Answers the Methods."""
 
-    def __init__(self, server: HardenedServer, parts: NodeParts, holds: RobotHolds) -> None:
+    def __init__(self, server: HardenedServer, parts: NodeFactory, holds: RobotHolds) -> None:
         """Let them be called by operators; the types are loaded.
 
         Args:
@@ -36,7 +36,7 @@ class RobotMethods:
             holds: does what is asked for.
         """
         self._ns, self._holds = parts.ns, holds
-        methods = PlainMethods(server, parts, _code_of)
+        methods = MethodFactory(server, parts, _code_of)
         methods.share(HOLD, "Hold", Role.OPERATOR, self._hold)
         methods.share(RELEASE, "Release", Role.OPERATOR, self._release)
 

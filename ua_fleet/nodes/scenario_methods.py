@@ -27,19 +27,19 @@ from ua_fleet.nodes.method_factory import (
     NOT_FOUND,
     NOT_POSSIBLE,
     NOT_VALID,
-    Argument,
+    MethodArgument,
+    MethodFactory,
     Noted,
     NotValid,
-    PlainMethods,
     caller,
 )
-from ua_fleet.nodes.node_factory import NodeParts
+from ua_fleet.nodes.node_factory import NodeFactory
 from ua_fleet.nodes.scenario_nodes import FAULTS, RESILIENCE, SCENARIOS, ScenarioNodes, ranking_values
 from ua_fleet.nodes.scenario_view import ScenarioView
 from ua_fleet.operation.runs.library import MOST_BYTES, ScenarioUnknown, version_of
 from ua_fleet.operation.runs.service import ScenarioService
-from ua_fleet.orchestrator import Forecast
-from ua_fleet.resilience import Mode, OnLimit, Ranking
+from ua_fleet.orchestrator import FaultForecast
+from ua_fleet.resilience import DecisionMode, OnLimit, Ranking
 from ua_fleet.values import ARRAY, BuiltinType, NodeId
 
 __all__ = ["ScenarioMethods"]
@@ -63,30 +63,30 @@ _NUMBERS: Final = int(BuiltinType.DOUBLE | ARRAY)
 _COUNTS: Final = int(BuiltinType.INT32 | ARRAY)
 _FLAG: Final = int(BuiltinType.BOOLEAN)
 _REFRESH: Final = ns0(ObjectIds.ConditionType_ConditionRefresh)
-_SCENARIO: Final = Argument("Scenario", _TEXT, "name of a scenario of the folder, or the text of one")
-_RUN_ID: Final = Argument("RunId", _TEXT, "the run")
-_ROBOT: Final = Argument("Robot", _TEXT, "name of a robot")
-_ROBOT_OR_FAULT: Final = Argument("Robot", _TEXT, "name of a robot: all its faults; or id of one, e.g. ur3.robot")
+_SCENARIO: Final = MethodArgument("Scenario", _TEXT, "name of a scenario of the folder, or the text of one")
+_RUN_ID: Final = MethodArgument("RunId", _TEXT, "the run")
+_ROBOT: Final = MethodArgument("Robot", _TEXT, "name of a robot")
+_ROBOT_OR_FAULT: Final = MethodArgument("Robot", _TEXT, "name of a robot: all its faults; or id of one, e.g. ur3.robot")
 _PARAMETERS: Final = (
-    Argument("ParameterNames", _TEXTS, "parameters of the scenario; the others have their defaults"),
-    Argument("ParameterValues", _TEXTS, "their values, e.g. 20, true, left"),
+    MethodArgument("ParameterNames", _TEXTS, "parameters of the scenario; the others have their defaults"),
+    MethodArgument("ParameterValues", _TEXTS, "their values, e.g. 20, true, left"),
 )
 _WEIGHTS: Final = (
-    Argument("ConsistencyRatio", _NUMBER, "of the judgements (Saaty)"),
-    Argument("Criteria", _TEXTS, "the criteria"),
-    Argument("Weights", _NUMBERS, "their weights; together 1"),
+    MethodArgument("ConsistencyRatio", _NUMBER, "of the judgements (Saaty)"),
+    MethodArgument("Criteria", _TEXTS, "the criteria"),
+    MethodArgument("Weights", _NUMBERS, "their weights; together 1"),
 )
 _RANKING: Final = (
-    Argument("Robots", _TEXTS, "the candidates, the best first"),
-    Argument("Scores", _NUMBERS, "of each; together 1"),
-    Argument("Criteria", _TEXTS, "the criteria that count for this task"),
-    Argument("Weights", _NUMBERS, "their weights; together 1"),
-    Argument("RawValues", _NUMBERS, "values of the best candidate first, by criterion, then of the next"),
-    Argument("CriterionScores", _NUMBERS, "what each of them is worth"),
-    Argument("Missing", _TEXTS, "for each of them: empty, or why it is not known"),
-    Argument("Excluded", _TEXTS, "robots that are no candidates"),
-    Argument("Reasons", _TEXTS, "why"),
-    Argument("ConsistencyRatio", _NUMBER, "of the judgements (Saaty); above 0.1 they are refused"),
+    MethodArgument("Robots", _TEXTS, "the candidates, the best first"),
+    MethodArgument("Scores", _NUMBERS, "of each; together 1"),
+    MethodArgument("Criteria", _TEXTS, "the criteria that count for this task"),
+    MethodArgument("Weights", _NUMBERS, "their weights; together 1"),
+    MethodArgument("RawValues", _NUMBERS, "values of the best candidate first, by criterion, then of the next"),
+    MethodArgument("CriterionScores", _NUMBERS, "what each of them is worth"),
+    MethodArgument("Missing", _TEXTS, "for each of them: empty, or why it is not known"),
+    MethodArgument("Excluded", _TEXTS, "robots that are no candidates"),
+    MethodArgument("Reasons", _TEXTS, "why"),
+    MethodArgument("ConsistencyRatio", _NUMBER, "of the judgements (Saaty); above 0.1 they are refused"),
 )
 
 
@@ -96,7 +96,7 @@ class ScenarioMethods:
     def __init__(
         self,
         server: HardenedServer,
-        parts: NodeParts,
+        parts: NodeFactory,
         nodes: ScenarioNodes,
         view: ScenarioView,
         service: ScenarioService,
@@ -111,7 +111,7 @@ class ScenarioMethods:
             service: does what is asked for.
         """
         self._server, self._nodes, self._view, self._service = server, nodes, view, service
-        self._methods = PlainMethods(server, parts, _code_of)
+        self._methods = MethodFactory(server, parts, _code_of)
         self._background = Places()
         """Of what computes for long, one for each user."""
 
@@ -120,74 +120,81 @@ class ScenarioMethods:
         observer, operator, engineer = Role.OBSERVER, Role.OPERATOR, Role.ENGINEER
         add = self._methods.add
         add(SCENARIOS, "List", observer, self._list, (), (
-            Argument("Names", _TEXTS, "the scenarios of the folder"),
-            Argument("Descriptions", _TEXTS, "what they are for"),
-            Argument("Problems", _COUNTS, "how many mistakes each file has by itself"),
+            MethodArgument("Names", _TEXTS, "the scenarios of the folder"),
+            MethodArgument("Descriptions", _TEXTS, "what they are for"),
+            MethodArgument("Problems", _COUNTS, "how many mistakes each file has by itself"),
         ))  # fmt: skip
-        stored = Argument("Name", _TEXT, "name of the scenario: letters, digits, _ and -")
-        version = Argument("Version", _TEXT, "the version that was read; empty for a scenario that is new")
+        stored = MethodArgument("Name", _TEXT, "name of the scenario: letters, digits, _ and -")
+        version = MethodArgument("Version", _TEXT, "the version that was read; empty for a scenario that is new")
         add(SCENARIOS, "Text", observer, self._text, (stored,), (
-            Argument("Text", _TEXT, "as it stands in the file"),
-            Argument("Version", _TEXT, "differs when the text differs"),
+            MethodArgument("Text", _TEXT, "as it stands in the file"),
+            MethodArgument("Version", _TEXT, "differs when the text differs"),
         ))  # fmt: skip
         add(SCENARIOS, "Store", engineer, self._store, (
-            stored, Argument("Text", _TEXT, "written as it stands, comments too"), version
+            stored, MethodArgument("Text", _TEXT, "written as it stands, comments too"), version
         ), (
-            Argument("NewVersion", _TEXT, "of the text that was stored"),
-            Argument("Problems", _TEXTS, "all that is wrong with it; then nothing was stored"),
-            Argument("Lines", _COUNTS, "the line of each problem; 0 where it has none"),
+            MethodArgument("NewVersion", _TEXT, "of the text that was stored"),
+            MethodArgument("Problems", _TEXTS, "all that is wrong with it; then nothing was stored"),
+            MethodArgument("Lines", _COUNTS, "the line of each problem; 0 where it has none"),
         ))  # fmt: skip
         add(SCENARIOS, "Delete", engineer, self._delete, (stored, version), ())
         add(SCENARIOS, "Validate", operator, self._validate, (_SCENARIO,), (
-            Argument("Valid", _FLAG, "whether it can be run"),
-            Argument("Problems", _TEXTS, "all that is wrong with it"),
-            Argument("Lines", _COUNTS, "the line of each problem; 0 where it has none"),
+            MethodArgument("Valid", _FLAG, "whether it can be run"),
+            MethodArgument("Problems", _TEXTS, "all that is wrong with it"),
+            MethodArgument("Lines", _COUNTS, "the line of each problem; 0 where it has none"),
         ))  # fmt: skip
         add(SCENARIOS, "Run", operator, self._run, (_SCENARIO, *_PARAMETERS), (_RUN_ID,))
         add(SCENARIOS, "Pause", operator, self._pause, (_RUN_ID,), ())
         add(SCENARIOS, "Resume", operator, self._resume, (_RUN_ID,), ())
-        add(SCENARIOS, "Abort", operator, self._abort, (_RUN_ID, Argument("Reason", _TEXT, "for people")), ())
+        add(SCENARIOS, "Abort", operator, self._abort, (_RUN_ID, MethodArgument("Reason", _TEXT, "for people")), ())
         add(SCENARIOS, "Answer", operator, self._answer, (
             _RUN_ID,
-            Argument("Step", _TEXT, "key of the step, or name of its task"),
-            Argument("Answer", _TEXT, "done, retry, fail, or replace: another robot is looked for"),
+            MethodArgument("Step", _TEXT, "key of the step, or name of its task"),
+            MethodArgument("Answer", _TEXT, "done, retry, fail, or replace: another robot is looked for"),
         ), ())  # fmt: skip
         add(SCENARIOS, "DryRun", operator, self._dry_run, (
             _SCENARIO,
             *_PARAMETERS,
-            Argument("ValueNames", _TEXTS, "in place of those of now, and results: ur3.battery, fetch.weight"),
-            Argument("Values", _TEXTS, "these values"),
+            MethodArgument("ValueNames", _TEXTS, "in place of those of now, and results: ur3.battery, fetch.weight"),
+            MethodArgument("Values", _TEXTS, "these values"),
         ), (
-            Argument("Outcome", _TEXT, "done, failed, aborted; empty where it would not end"),
-            Argument("Reason", _TEXT, "why"),
-            Argument("Times", _NUMBERS, "seconds since the start"),
-            Argument("Steps", _TEXTS, "keys of the steps"),
-            Argument("Texts", _TEXTS, "what would happen then"),
+            MethodArgument("Outcome", _TEXT, "done, failed, aborted; empty where it would not end"),
+            MethodArgument("Reason", _TEXT, "why"),
+            MethodArgument("Times", _NUMBERS, "seconds since the start"),
+            MethodArgument("Steps", _TEXTS, "keys of the steps"),
+            MethodArgument("Texts", _TEXTS, "what would happen then"),
         ))  # fmt: skip
-        add(SCENARIOS, "TellEvent", operator, self._tell_event, (Argument("Name", _TEXT, "name of the event"),), ())
-        decision = Argument("DecisionId", _TEXT, "the decision")
+        add(
+            SCENARIOS,
+            "TellEvent",
+            operator,
+            self._tell_event,
+            (MethodArgument("Name", _TEXT, "name of the event"),),
+            (),
+        )
+        decision = MethodArgument("DecisionId", _TEXT, "the decision")
         add(RESILIENCE, "Confirm", operator, self._confirm, (decision, _ROBOT), (
-            Argument("Outcome", _TEXT, "taken, or repeated where this robot was chosen before"),
+            MethodArgument("Outcome", _TEXT, "taken, or repeated where this robot was chosen before"),
         ))  # fmt: skip
         add(RESILIENCE, "WhatIf", observer, self._what_if, (_ROBOT,), (
-            Argument("Runs", _TEXTS, "run of each task that the robot has ahead"),
-            Argument("Tasks", _TEXTS, "name of each task"),
-            Argument("Best", _TEXTS, "who would take it over; empty for nobody"),
-            Argument("Explanations", _TEXTS, "the ranking, and who is no candidate, and why"),
+            MethodArgument("Runs", _TEXTS, "run of each task that the robot has ahead"),
+            MethodArgument("Tasks", _TEXTS, "name of each task"),
+            MethodArgument("Best", _TEXTS, "who would take it over; empty for nobody"),
+            MethodArgument("Explanations", _TEXTS, "the ranking, and who is no candidate, and why"),
         ))  # fmt: skip
         judgements = (
-            Argument("Pairs", _TEXTS, "pairs of criteria, e.g. battery/distance; each pair once"),
-            Argument("Values", _NUMBERS, "how many times more important the first is, 1/9 to 9"),
+            MethodArgument("Pairs", _TEXTS, "pairs of criteria, e.g. battery/distance; each pair once"),
+            MethodArgument("Values", _NUMBERS, "how many times more important the first is, 1/9 to 9"),
         )
         add(RESILIENCE, "SetJudgements", engineer, self._set_judgements, judgements, _WEIGHTS)
         add(RESILIENCE, "Preview", observer, self._preview, (decision, *judgements), _RANKING)
         add(RESILIENCE, "JudgeDecision", operator, self._judge_decision, (decision, *judgements), _RANKING)
         add(RESILIENCE, "SetMode", engineer, self._set_mode, (
-            Argument("Mode", _TEXT, "operator, automatic or abort"),
-            Argument("LimitSeconds", _NUMBER, "how long an operator may think; 0 leaves it"),
-            Argument("OnLimit", _TEXT, "what happens then: best_if_known, best or abort; empty leaves it"),
+            MethodArgument("Mode", _TEXT, "operator, automatic or abort"),
+            MethodArgument("LimitSeconds", _NUMBER, "how long an operator may think; 0 leaves it"),
+            MethodArgument("OnLimit", _TEXT, "what happens then: best_if_known, best or abort; empty leaves it"),
         ), ())  # fmt: skip
-        reason = Argument("Reason", _TEXT, "what is wrong; mobile: the drive is hot takes mobile alone away")
+        reason = MethodArgument("Reason", _TEXT, "what is wrong; mobile: the drive is hot takes mobile alone away")
         for name, work, inputs in (
             ("RaiseFault", self._raise_fault, (_ROBOT, reason)),
             ("ClearFault", self._clear_fault, (_ROBOT_OR_FAULT,)),
@@ -300,7 +307,7 @@ class ScenarioMethods:
         return (self._service.confirm(decision_id, robot, caller().name).value,)
 
     async def _what_if(self, robot: str) -> Sequence[Any] | Noted:
-        forecasts: list[Forecast] = []
+        forecasts: list[FaultForecast] = []
         async with self._background.of(_whom()):
             turn = time.monotonic()
             until = turn + MOST_FORECAST_S
@@ -347,13 +354,13 @@ class ScenarioMethods:
 
     async def _set_mode(self, mode: str, limit_s: float, on_limit: str) -> Sequence[Any]:
         settings = self._service.settings
-        if mode not in tuple(Mode) or on_limit not in ("", *OnLimit) or not 0 <= limit_s < 1e9:
+        if mode not in tuple(DecisionMode) or on_limit not in ("", *OnLimit) or not 0 <= limit_s < 1e9:
             raise ScenarioInvalid(
-                [f"modes are {', '.join(Mode)}; at the limit: {', '.join(OnLimit)}; a limit is not negative"]
+                [f"modes are {', '.join(DecisionMode)}; at the limit: {', '.join(OnLimit)}; a limit is not negative"]
             )
         settings = replace(
             settings,
-            mode=Mode(mode),
+            mode=DecisionMode(mode),
             limit_s=limit_s or settings.limit_s,
             on_limit=OnLimit(on_limit) if on_limit else settings.on_limit,
         )
@@ -469,7 +476,7 @@ def _as_outputs() -> Generator[None]:
         raise NotValid(str(error), _ranking_outputs(None, error.consistency_ratio or 0.0)) from error
 
 
-def _explained(forecast: Forecast) -> str:
+def _explained(forecast: FaultForecast) -> str:
     ranking = forecast.ranking
     ranked = [
         f"{place.robot} {place.score:.3f}" + "".join(f" ({text})" for text in place.missing if text)

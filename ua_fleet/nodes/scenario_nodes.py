@@ -23,9 +23,9 @@ from ua_fleet.endpoint.stack import ns0
 from ua_fleet.fleet.changes import ValueChanged
 from ua_fleet.nodes.alarms import SHARED_METHODS
 from ua_fleet.nodes.hold_nodes import NOT_HELD
-from ua_fleet.nodes.node_factory import STANDARD, NodeParts
+from ua_fleet.nodes.node_factory import STANDARD, NodeFactory
 from ua_fleet.nodes.nodeset import TYPES_INDEX, TypeId
-from ua_fleet.operation.runs.records import DecisionRecord, RunRecord, TaskRow
+from ua_fleet.operation.runs.records import DecisionRecord, RunRecord, TaskRecord
 from ua_fleet.orchestrator import Hold, ResilienceSettings
 from ua_fleet.resilience import Ranking
 from ua_fleet.values import ARRAY, BuiltinType, NodeId, QualifiedName, Variant, ticks_from_unix_ns
@@ -85,7 +85,7 @@ def ranking_values(ranking: Ranking | None) -> dict[str, Variant]:
 class ScenarioNodes:
     """Makes and changes these nodes. Nodes are there at once; their values follow in order with all others."""
 
-    def __init__(self, parts: NodeParts, put: Callable[[ValueChanged], None], wall_ticks: Callable[[], int]) -> None:
+    def __init__(self, parts: NodeFactory, put: Callable[[ValueChanged], None], wall_ticks: Callable[[], int]) -> None:
         """Prepare to make nodes.
 
         Args:
@@ -115,7 +115,7 @@ class ScenarioNodes:
     def show_run(self, record: RunRecord) -> None:
         """A run, as it is now."""
         rows = record.rows()
-        columns = list(zip(*rows, strict=True)) or [()] * len(TaskRow._fields)
+        columns = list(zip(*rows, strict=True)) or [()] * len(TaskRecord._fields)
         ended = record.ended
         values: dict[str, Variant] = {
             "State": Variant(_TEXT, record.shown_state),

@@ -20,8 +20,16 @@ from ua_fleet.endpoint.sessions import current_session
 from ua_fleet.endpoint.stack import Refusal, StatusCodes
 from ua_fleet.endpoint.users import Role, User
 from ua_fleet.errors import UaFleetError
-from ua_fleet.nodes.method_factory import NOT_FOUND, NOT_POSSIBLE, Argument, Noted, NotValid, PlainMethods, caller
-from ua_fleet.nodes.node_factory import NodeParts
+from ua_fleet.nodes.method_factory import (
+    NOT_FOUND,
+    NOT_POSSIBLE,
+    MethodArgument,
+    MethodFactory,
+    Noted,
+    NotValid,
+    caller,
+)
+from ua_fleet.nodes.node_factory import NodeFactory
 from ua_fleet.values import ARRAY, BuiltinType, ticks_from_unix_ns
 
 __all__ = ["SessionKeyMethods"]
@@ -36,24 +44,24 @@ _TIMES: Final = int(BuiltinType.DATETIME | ARRAY)
 class SessionKeyMethods:
     """Answers the Methods."""
 
-    def __init__(self, server: HardenedServer, parts: NodeParts) -> None:
+    def __init__(self, server: HardenedServer, parts: NodeFactory) -> None:
         """Prepare to answer; `build` makes the Methods."""
         self._server = server
         self._keys: SessionKeys = server.context.session_keys
-        self._methods = PlainMethods(server, parts, _code_of)
+        self._methods = MethodFactory(server, parts, _code_of)
         # Each one is a write to the disk.
         self._limit = CallLimit(0, 1.0)
 
     def build(self) -> None:
         """Make the Methods and let them be called."""
-        key_id = Argument("KeyId", _TEXT, "names the key in lists and in the audit log; no secret")
+        key_id = MethodArgument("KeyId", _TEXT, "names the key in lists and in the audit log; no secret")
         issue = self._methods.add("Fleet", "IssueSessionKey", Role.OBSERVER, self._issue, (
-            Argument("Name", _TEXT, "what you call it, such as the machine that keeps it; at most 64 characters"),
-            Argument("Lifetime", _SECONDS, "seconds; 0: as long as the server lets a key live"),
+            MethodArgument("Name", _TEXT, "what you call it, such as the machine that keeps it; at most 64 characters"),
+            MethodArgument("Lifetime", _SECONDS, "seconds; 0: as long as the server lets a key live"),
         ), (
-            Argument("Key", _TEXT, "to be given as the password of this user; shown this once"),
+            MethodArgument("Key", _TEXT, "to be given as the password of this user; shown this once"),
             key_id,
-            Argument("ValidUntil", _TIME, "when it ends, if nothing ends it before"),
+            MethodArgument("ValidUntil", _TIME, "when it ends, if nothing ends it before"),
         ), "Issue a session key to the user who calls. A session that was opened with one gets none.")  # fmt: skip
         revoke = self._methods.add(
             "Fleet",
@@ -65,10 +73,10 @@ class SessionKeyMethods:
             "End a session key of the user who calls, and the sessions that were opened with it.",
         )
         listed = self._methods.add("Fleet", "ListSessionKeys", Role.OBSERVER, self._list, (), (
-            Argument("KeyIds", _TEXTS, "of each"),
-            Argument("Names", _TEXTS, "of each"),
-            Argument("Issued", _TIMES, "when each was issued"),
-            Argument("ValidUntil", _TIMES, "when each ends"),
+            MethodArgument("KeyIds", _TEXTS, "of each"),
+            MethodArgument("Names", _TEXTS, "of each"),
+            MethodArgument("Issued", _TIMES, "when each was issued"),
+            MethodArgument("ValidUntil", _TIMES, "when each ends"),
         ), "The session keys of the user who calls.")  # fmt: skip
         context = self._server.context
         context.secret_methods.add(issue)

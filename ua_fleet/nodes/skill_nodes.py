@@ -22,13 +22,13 @@ from ua_fleet.endpoint.convert import data_value, node_id, raw_id, to_status
 from ua_fleet.endpoint.node_builder import HAS_COMPONENT, HAS_PROPERTY
 from ua_fleet.fleet.model import GROUP_SIZE, FieldModel, RobotModel
 from ua_fleet.fleet.skills import ArgumentModel, SkillModel
-from ua_fleet.nodes.node_factory import STANDARD, NodeParts
+from ua_fleet.nodes.node_factory import STANDARD, NodeFactory
 from ua_fleet.nodes.nodeset import TYPES_INDEX, TypeId
 from ua_fleet.operation.skills.tracker import SkillKeys
 from ua_fleet.topics import SERVER_SPACE
 from ua_fleet.values import ARRAY, BuiltinType, NodeId, QualifiedName
 
-__all__ = ["SHARED_METHODS", "SkillNodes"]
+__all__ = ["SHARED_METHODS", "SkillNodeFactory"]
 
 SHARED_METHODS: Final = {
     name: raw_id(identifier, TYPES_INDEX)
@@ -49,10 +49,10 @@ _UINT32: Final = int(BuiltinType.UINT32)
 _DOUBLE: Final = int(BuiltinType.DOUBLE)
 
 
-class SkillNodes:
+class SkillNodeFactory:
     """Makes the nodes of skills."""
 
-    def __init__(self, parts: NodeParts) -> None:
+    def __init__(self, parts: NodeFactory) -> None:
         self._parts = parts
 
     def add(self, robot: RobotModel, folder: str) -> None:
@@ -60,7 +60,7 @@ class SkillNodes:
         is_grouped = len(robot.skills) > GROUP_SIZE
         for skill in robot.skills:
             parent = self._parts.group(folder) if is_grouped else self._parts.id(folder)
-            SkillNodes(self._parts.within(robot.ns)).add_skill(skill, SkillKeys(robot.ns, skill.id), parent)
+            SkillNodeFactory(self._parts.within(robot.ns)).add_skill(skill, SkillKeys(robot.ns, skill.id), parent)
 
     def add_skill(self, skill: SkillModel, keys: SkillKeys, parent: ua.NodeId) -> None:
         """Make the nodes of one skill below a node."""

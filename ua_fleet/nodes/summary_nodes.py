@@ -9,12 +9,12 @@ from typing import Final
 
 from ua_fleet.endpoint.convert import data_value
 from ua_fleet.fleet.changes import ValueChanged
-from ua_fleet.fleet.members import RobotStatus
+from ua_fleet.fleet.members import RobotLiveness
 from ua_fleet.fleet.model import RobotState
 from ua_fleet.fleet.state import FleetState
-from ua_fleet.fleet.summaries import RobotSummary, Summaries
+from ua_fleet.fleet.summaries import Summaries, SummaryRecord
 from ua_fleet.monitoring.mistakes import Mistakes
-from ua_fleet.nodes.node_factory import NodeParts
+from ua_fleet.nodes.node_factory import NodeFactory
 from ua_fleet.nodes.nodeset import TYPES_INDEX, TypeId
 from ua_fleet.nodes.scenario_nodes import ticks_of
 from ua_fleet.operation.runs.activity import RobotActivities
@@ -25,7 +25,7 @@ __all__ = ["SUMMARIES", "SUMMARY_SHAPE", "SummaryNodes"]
 
 SUMMARIES: Final = "Fleet.Summaries"
 SUMMARY_SHAPE: Final = structure(
-    RobotSummary,
+    SummaryRecord,
     *(STRING, ENUMERATION, TIME, STATUS_CODE, TIME, STRING, STRING),
     *(BOOLEAN, STRING, TIME, STRING),
     *(UINT32, STRING, STRING, array(STRING)),
@@ -47,7 +47,7 @@ class SummaryNodes:
 
     def __init__(
         self,
-        parts: NodeParts,
+        parts: NodeFactory,
         state: FleetState,
         activities: RobotActivities,
         put: Callable[[ValueChanged], None],
@@ -67,7 +67,7 @@ class SummaryNodes:
         self._parts, self._state, self._activities = parts, state, activities
         self._put, self._wall_ticks, self._mistakes = put, wall_ticks, mistakes
         self._summaries = Summaries()
-        self._encoded: dict[str, tuple[RobotSummary, ExtensionObject]] = {}
+        self._encoded: dict[str, tuple[SummaryRecord, ExtensionObject]] = {}
         self._made = 0
 
     def build(self) -> None:
@@ -118,11 +118,11 @@ class SummaryNodes:
         self._summaries.remove(name)
         self._encoded.pop(name, None)
 
-    def _summary(self, robot: RobotStatus) -> RobotSummary:
+    def _summary(self, robot: RobotLiveness) -> SummaryRecord:
         model = robot.model
         activity = self._activities.of(model.name)
         hold = activity.hold
-        return RobotSummary(
+        return SummaryRecord(
             model.name,
             RobotState.OFFLINE if robot.shown is None else robot.shown,
             robot.shown_since or 0,

@@ -10,7 +10,7 @@ from asyncua import ua
 
 from ua_fleet.endpoint.convert import data_value, node_id, raw_id
 from ua_fleet.endpoint.node_builder import HAS_COMPONENT
-from ua_fleet.nodes.node_factory import STANDARD, NodeParts
+from ua_fleet.nodes.node_factory import STANDARD, NodeFactory
 from ua_fleet.nodes.nodeset import TYPES_INDEX, TypeId
 from ua_fleet.teleoperation.messages import SETPOINT_DROPS
 from ua_fleet.teleoperation.model import LEASE_S, TeleoperationModel
@@ -55,7 +55,7 @@ def drop_name(cause: str) -> str:
 class TeleoperationNodes:
     """Makes these nodes."""
 
-    def __init__(self, parts: NodeParts) -> None:
+    def __init__(self, parts: NodeFactory) -> None:
         self._parts = parts
 
     def add(self, model: TeleoperationModel, robot: ua.NodeId) -> None:

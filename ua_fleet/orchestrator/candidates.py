@@ -9,9 +9,9 @@ from dataclasses import dataclass, field
 from ua_fleet.resilience import (
     Candidate,
     Criterion,
+    DecisionMode,
     Excluded,
     Judgements,
-    Mode,
     OnLimit,
     Ranking,
     Synthesis,
@@ -60,7 +60,7 @@ class ResilienceSettings:
     criteria: tuple[tuple[Criterion, CriterionSource], ...]
     judgements: Judgements
     synthesis: Synthesis = Synthesis.DISTRIBUTIVE
-    mode: Mode = Mode.OPERATOR
+    mode: DecisionMode = DecisionMode.OPERATOR
     limit_s: float = 60.0
     """How long an operator may think."""
     on_limit: OnLimit = OnLimit.BEST_IF_KNOWN

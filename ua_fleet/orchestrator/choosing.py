@@ -7,10 +7,10 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 
 from ua_fleet.orchestrator.candidates import ResilienceSettings, TaskToDo, rank_robots
 from ua_fleet.orchestrator.knowledge import Knowledge
-from ua_fleet.orchestrator.outputs import Forecast
+from ua_fleet.orchestrator.outputs import FaultForecast
 from ua_fleet.resilience import Ranking
 from ua_fleet.scenario import Lookup, Run, Value
-from ua_fleet.scenario.effects import OpenDecision, WantRobot
+from ua_fleet.scenario.effects import DecisionNeeded, WantRobot
 from ua_fleet.scenario.expression import Expression
 from ua_fleet.scenario.model import Task
 from ua_fleet.scenario.parameters import known_arguments
@@ -39,7 +39,7 @@ class Choosing:
         excluded = run.state.tasks[wanted.step].excluded
         return TaskToDo(run.task(wanted.step), wanted.capacities, self._arguments(run_id, wanted.step), "", excluded)
 
-    def asked(self, run_id: str, asked: OpenDecision, *, is_unknown: bool) -> TaskToDo:
+    def asked(self, run_id: str, asked: DecisionNeeded, *, is_unknown: bool) -> TaskToDo:
         """A task that somebody has to take over; `is_unknown`: nobody knows what its robot is at."""
         run = self._runs[run_id]
         task, excluded = run.task(asked.step), run.state.tasks[asked.step].excluded
@@ -53,7 +53,7 @@ class Choosing:
         """Ids of the runs in which a robot has tasks ahead."""
         return [run_id for run_id, run in self._runs.items() if any(wanted == robot for wanted, _ in run.ahead())]
 
-    def forecasts(self, robot: str) -> tuple[int, Iterator[Forecast]]:
+    def forecasts(self, robot: str) -> tuple[int, Iterator[FaultForecast]]:
         """How many tasks a robot has ahead, and who would take over each of them, found one by one.
 
         What changes meanwhile is seen in those that follow; the tasks are those that there were.
@@ -66,11 +66,11 @@ class Choosing:
                 if wanted == robot:
                     ahead.append((run, task))
 
-        def found() -> Iterator[Forecast]:
+        def found() -> Iterator[FaultForecast]:
             for run, task in ahead:
                 arguments = known_arguments(task, run.look_up)
                 todo = TaskToDo(task, self._needs(task.skill, robot, task.capacities), arguments, robot)
-                yield Forecast(run.state.run_id, task.name, self._ranked(todo, counts))
+                yield FaultForecast(run.state.run_id, task.name, self._ranked(todo, counts))
 
         return len(ahead), found()
 

@@ -14,18 +14,18 @@ from ua_fleet.orchestrator.under_way import RunsUnderWay
 from ua_fleet.resilience import Aborted, Confirmation, Decision, DecisionEvent, Judgements, Ranking, ReplacementChosen
 from ua_fleet.scenario import Run
 from ua_fleet.scenario.consequences import LEAST_SILENCE_S
-from ua_fleet.scenario.effects import OpenDecision
+from ua_fleet.scenario.effects import DecisionNeeded
 from ua_fleet.scenario.facts import TaskAnswered, TaskFound, TaskHalting, TaskOver
 
-__all__ = ["Decisions", "Opened"]
+__all__ = ["Decisions", "OpenedDecision"]
 
 
 @dataclass(slots=True)
-class Opened:
+class OpenedDecision:
     """A decision with what it is about."""
 
     run_id: str
-    asked: OpenDecision
+    asked: DecisionNeeded
     decision: Decision
     is_unknown: bool
     """Whether it is about what nobody knows, and not about a robot that cannot."""
@@ -45,11 +45,11 @@ class Decisions:
             outputs: where it is told.
         """
         self._known, self._choosing, self._runs, self._outputs = known, choosing, runs, outputs
-        self._open: dict[str, Opened] = {}
+        self._open: dict[str, OpenedDecision] = {}
         self._judgements: dict[str, Judgements] = {}
         """Of decisions for which others count than for all."""
 
-    def __iter__(self) -> Iterator[Opened]:
+    def __iter__(self) -> Iterator[OpenedDecision]:
         return iter(list(self._open.values()))
 
     def next_deadline(self) -> float | None:
@@ -57,7 +57,7 @@ class Decisions:
         deadlines = [opened.decision.next_deadline() for opened in self._open.values()]
         return min((deadline for deadline in deadlines if deadline is not None), default=None)
 
-    def open(self, run_id: str, asked: OpenDecision, now: float, *, is_unknown: bool) -> None:
+    def open(self, run_id: str, asked: DecisionNeeded, now: float, *, is_unknown: bool) -> None:
         """Somebody has to decide."""
         decision_id = f"{run_id}.{asked.step}"
         todo = self._choosing.asked(run_id, asked, is_unknown=is_unknown)
@@ -73,7 +73,7 @@ class Decisions:
             hope_until=self._known.hope_until(todo, now, now),
             not_before=now + LEAST_SILENCE_S if asked.may_be_done else None,
         )
-        opened = self._open[decision_id] = Opened(run_id, asked, decision, is_unknown, now)
+        opened = self._open[decision_id] = OpenedDecision(run_id, asked, decision, is_unknown, now)
         self._decided(opened, decision.begin(), now)
 
     def confirm(self, decision_id: str, robot: str, by: str, now: float) -> Confirmation:
@@ -111,7 +111,7 @@ class Decisions:
         """Judgements of single decisions that were set before a restart; before these are open again."""
         self._judgements.update(judgements)
 
-    def _find(self, decision_id: str) -> Opened:
+    def _find(self, decision_id: str) -> OpenedDecision:
         opened = self._open.get(decision_id)
         if opened is None:
             raise ScenarioError(f"there is no decision {decision_id!r}")
@@ -121,14 +121,14 @@ class Decisions:
         own = self._judgements.get(decision_id)
         return self._known.settings if own is None else replace(self._known.settings, judgements=own)
 
-    def look_again(self, opened: Opened, now: float) -> None:
+    def look_again(self, opened: OpenedDecision, now: float) -> None:
         """Time has passed, or more is known of robots."""
         self._rank_again(opened, now)
         if self._is_back(opened):
             self._decided(opened, opened.decision.take_back(opened.asked.robot), now)
         self._decided(opened, opened.decision.poll(now), now)
 
-    def _is_back(self, opened: Opened) -> bool:
+    def _is_back(self, opened: OpenedDecision) -> bool:
         """Whether the robot that could not even begin can do it now: it has its task back, and nobody need choose."""
         run, asked = self._runs.runs.get(opened.run_id), opened.asked
         if run is None or opened.is_unknown or not asked.robot or opened.decision.outcome is not None:
@@ -157,17 +157,17 @@ class Decisions:
         for opened in self.forget(run_id):
             self._runs.guard(run_id, now, self._give_up, opened)
 
-    def forget(self, run_id: str) -> list[Opened]:
+    def forget(self, run_id: str) -> list[OpenedDecision]:
         """Say nothing more of a run's decisions; those that were open."""
         gone = [opened for opened in self._open.values() if opened.run_id == run_id]
         for opened in gone:
             del self._open[opened.decision.id]
         return gone
 
-    def _give_up(self, opened: Opened) -> None:
+    def _give_up(self, opened: OpenedDecision) -> None:
         self._say(opened, opened.decision.give_up("the run has ended"))
 
-    def _rank_again(self, opened: Opened, now: float) -> None:
+    def _rank_again(self, opened: OpenedDecision, now: float) -> None:
         todo = self._choosing.asked(opened.run_id, opened.asked, is_unknown=opened.is_unknown)
         events = opened.decision.rank_again(
             self._choosing.ranked(todo, self._settings(opened.decision.id)),
@@ -175,7 +175,7 @@ class Decisions:
         )
         self._decided(opened, events, now)
 
-    def _decided(self, opened: Opened, events: list[DecisionEvent], now: float) -> None:
+    def _decided(self, opened: OpenedDecision, events: list[DecisionEvent], now: float) -> None:
         self._say(opened, events)
         step = opened.asked.step
         for event in events:
@@ -186,7 +186,7 @@ class Decisions:
                 self._open.pop(event.decision_id, None)
                 self._runs.tell(opened.run_id, now, Run.not_replaced, step, event.reason, now)
 
-    def _say(self, opened: Opened, events: list[DecisionEvent]) -> None:
+    def _say(self, opened: OpenedDecision, events: list[DecisionEvent]) -> None:
         asked = opened.asked
         if opened.decision.outcome is not None:
             self._judgements.pop(opened.decision.id, None)

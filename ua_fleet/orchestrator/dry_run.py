@@ -18,7 +18,7 @@ from typing import Final
 from ua_fleet.orchestrator.candidates import ResilienceSettings
 from ua_fleet.orchestrator.orchestrator import Orchestrator
 from ua_fleet.orchestrator.outputs import Output, RunChanged, TaskStarted
-from ua_fleet.resilience import Mode
+from ua_fleet.resilience import DecisionMode
 from ua_fleet.scenario import FleetView, Lookup, Scenario, Value, ValueUnknown
 from ua_fleet.scenario.facts import (
     BranchTaken,
@@ -35,7 +35,7 @@ from ua_fleet.scenario.facts import (
 )
 from ua_fleet.values import BuiltinType
 
-__all__ = ["MOST_MOMENTS", "DryRun", "Moment", "dry_run"]
+__all__ = ["MOST_MOMENTS", "DryRun", "DryRunMoment", "dry_run"]
 
 MOST_MOMENTS: Final = 10_000
 """A run that comes to more is cut off: it may never end."""
@@ -44,7 +44,7 @@ _RUN: Final = "dry-run"
 
 
 @dataclass(frozen=True, slots=True)
-class Moment:
+class DryRunMoment:
     """Something that would happen."""
 
     at: float
@@ -60,7 +60,7 @@ class DryRun:
     outcome: RunOutcome | None
     """None where it would not end: something is waited for that nobody gave, or it is too long."""
     reason: str
-    timeline: tuple[Moment, ...]
+    timeline: tuple[DryRunMoment, ...]
 
 
 def dry_run(
@@ -93,13 +93,13 @@ class _Rehearsal:
         self, fleet: FleetView, settings: ResilienceSettings, values: Mapping[str, Value], lookup: Lookup | None
     ) -> None:
         self._fleet, self._values, self._now_known = fleet, values, lookup
-        self._timeline: list[Moment] = []
+        self._timeline: list[DryRunMoment] = []
         self._outcome: RunOutcome | None = None
         self._reason = ""
         self._now = 0.0
         self._facts = 0
         self._begun: deque[TaskStarted] = deque()
-        nobody_is_asked = replace(settings, mode=Mode.AUTOMATIC)
+        nobody_is_asked = replace(settings, mode=DecisionMode.AUTOMATIC)
         self._orchestrator = Orchestrator(nobody_is_asked, fleet, self._lookup, self._count)
 
     def of(self, scenario: Scenario, parameters: Mapping[str, Value]) -> DryRun:
@@ -158,7 +158,7 @@ class _Rehearsal:
     def _tell(self, fact: Fact) -> None:
         text = _said(fact)
         if text:
-            self._timeline.append(Moment(fact.at, getattr(fact, "step", ""), text))
+            self._timeline.append(DryRunMoment(fact.at, getattr(fact, "step", ""), text))
         if isinstance(fact, RunEnded):
             self._outcome, self._reason = fact.outcome, fact.reason
 

@@ -18,7 +18,7 @@ from ua_fleet.orchestrator.holds import Hold, Holds
 from ua_fleet.orchestrator.knowledge import Knowledge
 from ua_fleet.orchestrator.outputs import (
     FaultChanged,
-    Forecast,
+    FaultForecast,
     Halt,
     HaltChanged,
     HoldChanged,
@@ -38,10 +38,10 @@ from ua_fleet.scenario.consequences import NOT_HALTED, SKILL
 from ua_fleet.scenario.effects import (
     AskOperator,
     CancelTask,
+    DecisionNeeded,
     Effect,
     FollowTask,
     Happened,
-    OpenDecision,
     ReleaseRobot,
     StartTask,
     TaskWaits,
@@ -379,7 +379,7 @@ class Orchestrator:
         self._known.settings = settings
         return self.poll(now)
 
-    def what_if(self, robot: str) -> tuple[int, Iterator[Forecast]]:
+    def what_if(self, robot: str) -> tuple[int, Iterator[FaultForecast]]:
         """How many tasks a robot has ahead, and who would take over each of them, one by one and without effect."""
         return self._choosing.forecasts(robot)
 
@@ -475,7 +475,7 @@ class Orchestrator:
             case CancelTask():
                 why = self._why_halted(run_id, effect.execution_id)
                 self._halting.order(Halt(effect.execution_id, effect.robot, effect.skill, now, why))
-            case OpenDecision():
+            case DecisionNeeded():
                 self._decisions.open(run_id, effect, now, is_unknown=False)
             case AskOperator():
                 self._know(effect.execution_id, run_id)  # its robot may tell later
@@ -490,7 +490,7 @@ class Orchestrator:
                         effect.execution_id,
                     )
                 )
-                asked = OpenDecision(
+                asked = DecisionNeeded(
                     effect.step, effect.task, effect.skill, effect.capacities, effect.robot, effect.question
                 )
                 self._decisions.open(run_id, asked, now, is_unknown=True)

@@ -15,7 +15,7 @@ from ua_fleet.scenario.facts import Fact
 __all__ = [
     "DecisionChanged",
     "FaultChanged",
-    "Forecast",
+    "FaultForecast",
     "Halt",
     "HaltChanged",
     "HoldChanged",
@@ -154,7 +154,7 @@ class FaultChanged:
 
 
 @dataclass(frozen=True, slots=True)
-class Forecast:
+class FaultForecast:
     """What would happen to one task if a robot failed now; an answer, and no output."""
 
     run_id: str

@@ -13,7 +13,7 @@ from typing import Final, NamedTuple
 
 from ua_fleet.errors import LocalWireError
 from ua_fleet.pubsub.application import UDP_UADP, Application
-from ua_fleet.pubsub.configuring import Groups, connection, writer_group
+from ua_fleet.pubsub.configuring import WriterGroups, connection, writer_group
 from ua_fleet.pubsub.due import DueTimes
 from ua_fleet.pubsub.pacing import Pace
 from ua_fleet.pubsub.timing import PubSubTiming
@@ -91,7 +91,7 @@ class Announcer:
         """
         self._id, self._timing, self.application = publisher_id, timing, application
         self._number, self._pace = number, pace
-        self._groups = Groups()
+        self._groups = WriterGroups()
         self._actions: dict[int, tuple[int, ActionMetaDataAnnouncement]] = {}
         """With the WriterGroupId. A retired one stays, without targets, so that who missed it still learns it."""
         self._due = DueTimes[_Key]()

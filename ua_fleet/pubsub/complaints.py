@@ -10,7 +10,7 @@ from typing import Final
 
 from ua_fleet.counters import Drop
 from ua_fleet.errors import RemoteWireError
-from ua_fleet.pubsub.security.refused import Refused
+from ua_fleet.pubsub.security.refused import DatagramRefused
 from ua_fleet.wire.messages import NetworkMessage, PublisherIdType
 
 __all__ = ["Complaint", "Complaints"]
@@ -47,7 +47,7 @@ class Complaints:
     def add(self, error: RemoteWireError) -> None:
         """Note a datagram that could not be decoded or was refused."""
         cause = error.cause
-        is_refused = isinstance(error, Refused)
+        is_refused = isinstance(error, DatagramRefused)
         before = self._open.get(cause)
         count = 1 if before is None else before.count + 1
         self._open[cause] = Complaint(cause, count, str(error), is_refused, _REFUSED if is_refused else _MALFORMED)

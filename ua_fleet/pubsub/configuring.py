@@ -19,7 +19,7 @@ from ua_fleet.wire.discovered import (
     WriterGroup,
 )
 
-__all__ = ["Groups", "connection", "writer_group"]
+__all__ = ["WriterGroups", "connection", "writer_group"]
 
 NETWORK_MESSAGE_CONTENT: Final = 0x47
 """UadpNetworkMessageContentMask: PublisherId, GroupHeader, WriterGroupId, PayloadHeader (6.3.1.1.4)."""
@@ -27,7 +27,7 @@ DATA_SET_MESSAGE_CONTENT: Final = 0x3D
 """UadpDataSetMessageContentMask: Timestamp, Status, major and minor version, SequenceNumber (6.3.1.3.2)."""
 
 
-class Groups:
+class WriterGroups:
     """The DataSetWriters of a Publisher by WriterGroup, with their names."""
 
     def __init__(self) -> None:

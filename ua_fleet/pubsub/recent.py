@@ -22,7 +22,7 @@ from ua_fleet.values import StatusCode
 from ua_fleet.wire.outline import is_chunk
 from ua_fleet.wire.security import SecuredDatagram, SecurityMode, opened_form, read_security
 
-__all__ = ["Answer", "RecentMessage", "RecentMessages", "TooManyLook"]
+__all__ = ["RecentAnswer", "RecentMessage", "RecentMessages", "TooManyLook"]
 
 HOLD_S: Final = 15.0
 """So long a ring is kept after it was asked for."""
@@ -70,7 +70,7 @@ class RecentMessage(NamedTuple):
     """Causes for which it, or a part of it, was dropped, with spaces between them; empty: none."""
 
 
-class Answer(NamedTuple):
+class RecentAnswer(NamedTuple):
     """What somebody is told."""
 
     messages: Sequence[RecentMessage]
@@ -125,7 +125,7 @@ class RecentMessages:
         """Whether anybody looks."""
         return bool(self._rings)
 
-    def ask(self, who: str, source: str, after: int, now: float) -> Answer:
+    def ask(self, who: str, source: str, after: int, now: float) -> RecentAnswer:
         """What was kept for somebody since the message with the number `after`; it is kept from now on.
 
         Args:
@@ -142,7 +142,7 @@ class RecentMessages:
         if ring is None:
             self._make_room(who)
             self._rings[who, source] = _Ring(who, source, _topic(source), now + HOLD_S)
-            return Answer((), 0, True, False)
+            return RecentAnswer((), 0, True, False)
         ring.until = now + HOLD_S
         if after > self._number:  # of another process that had this place before
             after = 0
@@ -159,7 +159,7 @@ class RecentMessages:
         if ring.lost > after:
             lost, ring.lost_count = ring.lost_count, 0
         newest = ring.kept[-1].number if ring.kept else 0
-        return Answer(told, lost, False, bool(told) and told[-1].number < newest)
+        return RecentAnswer(told, lost, False, bool(told) and told[-1].number < newest)
 
     def _make_room(self, who: str) -> None:
         own = [key for key, ring in self._rings.items() if ring.who == who]

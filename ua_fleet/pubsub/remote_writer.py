@@ -27,7 +27,7 @@ from ua_fleet.topics import Topic
 from ua_fleet.values import StatusCode
 from ua_fleet.wire.messages import DataSetMessage, DataSetMetaData
 
-__all__ = ["NO_COMMUNICATION", "UNBOUND", "RemoteWriter", "Step"]
+__all__ = ["NO_COMMUNICATION", "UNBOUND", "RemoteWriter", "SequenceStep"]
 
 UNBOUND: Final = -1
 """In place of a major version: the metadata has to be looked up."""
@@ -36,7 +36,7 @@ NO_COMMUNICATION: Final = int(StatusCode.BAD_NO_COMMUNICATION) >> 16
 _NEVER: Final = -(1 << 63) - 1
 
 
-class Step(Enum):
+class SequenceStep(Enum):
     """What a sequence number says of a message."""
 
     TAKEN = "taken"
@@ -147,22 +147,22 @@ class RemoteWriter:
         self._back_timestamp = _NEVER
         self._counters = counters
 
-    def follow(self, message: DataSetMessage, now: float, receive_timeout_s: float) -> Step:
+    def follow(self, message: DataSetMessage, now: float, receive_timeout_s: float) -> SequenceStep:
         """Follow the sequence with a key, delta or event frame."""
         number = message.sequence_number
         if number is None:
-            return Step.TAKEN
+            return SequenceStep.TAKEN
         expected = self.expected
         if expected is None:
             self._start(number, message)
-            return Step.TAKEN
+            return SequenceStep.TAKEN
         missing = (number - expected) & MASK
         later_version = self._is_later_version(message)
         if missing < NEWEST_STEP and not (missing and later_version):
             self._skip(expected, missing)
             self.expected = (number + 1) & MASK
             self._hear(message)
-            return Step.TAKEN
+            return SequenceStep.TAKEN
         timestamp = message.timestamp
         if timestamp == self.handed_on:
             self._back_since = None  # as in is_new
@@ -170,15 +170,15 @@ class RemoteWriter:
         if not later_version and self._missing is not None and self._missing.arrived(number, expected):
             self.late += 1
             if not is_latest:
-                return Step.LATE
+                return SequenceStep.LATE
             self._hear(message)  # only a keep-alive was faster
-            return Step.TAKEN
+            return SequenceStep.TAKEN
         if later_version or is_latest or now - self.last_heard > receive_timeout_s:
             self.restarts += 1
             self._start(number, message)
-            return Step.TAKEN
+            return SequenceStep.TAKEN
         self.duplicates += 1
-        return Step.DUPLICATE
+        return SequenceStep.DUPLICATE
 
     def follow_keep_alive(self, message: DataSetMessage, now: float, receive_timeout_s: float) -> bool:
         """Follow the sequence with a keep-alive, whose number is the next expected one; False if it is an old one."""

@@ -36,13 +36,13 @@ from ua_fleet.pubsub.liveness import Liveness
 from ua_fleet.pubsub.mapped import MappedSources, PublisherKey, publisher_key
 from ua_fleet.pubsub.metadata import max_age_s, type_codes, with_max_age
 from ua_fleet.pubsub.probing import ProbeSchedule
-from ua_fleet.pubsub.remote_writer import RemoteWriter, Step
+from ua_fleet.pubsub.remote_writer import RemoteWriter, SequenceStep
 from ua_fleet.pubsub.security.envelope import Envelope
-from ua_fleet.pubsub.security.refused import Refused
+from ua_fleet.pubsub.security.refused import DatagramRefused
 from ua_fleet.pubsub.sequence import MASK
 from ua_fleet.pubsub.timing import PubSubTiming
 from ua_fleet.pubsub.wishes import IDS_IN_PROBE, Wishes
-from ua_fleet.topics import SERVER_SPACE, Side, Topic, Verdict, loop_verdict
+from ua_fleet.topics import SERVER_SPACE, LoopVerdict, Side, Topic, loop_verdict
 from ua_fleet.values import Quality, quality_of
 from ua_fleet.wire import Codec, SecuredMessage, decode_raw_fields, encode_probe
 from ua_fleet.wire.actions import ActionMessage
@@ -62,7 +62,7 @@ from ua_fleet.wire.security import SecurityMode
 
 __all__ = ["LoopRule", "Subscriber"]
 
-LoopRule = Callable[[Side, int, int, bool], Verdict]
+LoopRule = Callable[[Side, int, int, bool], LoopVerdict]
 """`topics.loop_verdict`, or what a test puts in its place."""
 
 _MOST_REFUSED: Final = 1024
@@ -173,7 +173,7 @@ class Subscriber:
             if self.opened is not None:
                 self.opened(datagram)
             message = self._codec.decode(datagram)
-        except Refused as refused:
+        except DatagramRefused as refused:
             return self._refuse(refused)
         except SecuredMessage:
             self._counters.drop(Drop.SECURED)
@@ -361,8 +361,8 @@ class Subscriber:
             writer.expected = (number + 1) & MASK
             if timestamp is not None and timestamp > writer.heard_timestamp:
                 writer.heard_timestamp = timestamp
-        elif (step := writer.follow(frame, now, self._timeout)) is not Step.TAKEN:
-            self._counters.drop(Drop.LATE if step is Step.LATE else Drop.DUPLICATE)
+        elif (step := writer.follow(frame, now, self._timeout)) is not SequenceStep.TAKEN:
+            self._counters.drop(Drop.LATE if step is SequenceStep.LATE else Drop.DUPLICATE)
             return
         writer.last_heard = now
         is_new = timestamp is None or timestamp > writer.handed_on or writer.is_new(timestamp, now, self._timeout)
@@ -507,7 +507,7 @@ class Subscriber:
         verified = self._envelope is not None and self._envelope.mode is not SecurityMode.NONE
         return [ActionReceived(message, sender, verified)]
 
-    def _refuse(self, refused: Refused) -> list[SubscriberEvent]:
+    def _refuse(self, refused: DatagramRefused) -> list[SubscriberEvent]:
         """Count a message that was refused. Only a source that is not heard is told of: nothing in it is proved."""
         drop, writer_ids = refused.drop, refused.writer_ids
         if drop is Drop.LOOP:
@@ -540,7 +540,7 @@ class Subscriber:
         known = self._verdicts.get(publisher_id)
         if known is None:
             verdict = self._rule(Side.PUBSUB, publisher_id, self._own_space, False)
-            known = self._verdicts[publisher_id] = verdict is Verdict.TO_SPACE
+            known = self._verdicts[publisher_id] = verdict is LoopVerdict.TO_SPACE
         return known
 
     def _meet(self, publisher_id: int, group_id: int | None, writer_id: int, now: float) -> RemoteWriter | None:

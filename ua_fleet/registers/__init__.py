@@ -15,20 +15,20 @@ from ua_fleet.registers.convert import (
     make_decoder,
     make_encoder,
 )
-from ua_fleet.registers.model import LAST_ADDRESS, Order, Register, RegisterType, Span, Table
-from ua_fleet.registers.plan import Limits, fits_device, plan_reads
+from ua_fleet.registers.model import LAST_ADDRESS, AddressSpan, ByteOrder, Register, RegisterType, Table
+from ua_fleet.registers.plan import DeviceLimits, fits_device, plan_reads
 from ua_fleet.registers.tables import TABLE_OF_FUNCTION, Tables
 
 __all__ = [
     "LAST_ADDRESS",
     "TABLE_OF_FUNCTION",
+    "AddressSpan",
+    "ByteOrder",
     "Cell",
-    "Limits",
-    "Order",
+    "DeviceLimits",
     "Register",
     "RegisterType",
     "RegisterUnfit",
-    "Span",
     "Table",
     "Tables",
     "cast",

@@ -13,7 +13,7 @@ from collections.abc import Callable, Sequence
 from decimal import Decimal
 from typing import Final
 
-from ua_fleet.registers.model import Order, Register, RegisterType
+from ua_fleet.registers.model import ByteOrder, Register, RegisterType
 from ua_fleet.values import BuiltinType, StatusCode
 
 __all__ = [
@@ -68,13 +68,13 @@ class RegisterUnfit(ValueError):
         super().__init__(reason)
 
 
-def _bytes_of(words: Sequence[Cell], order: Order, *, turn_words: bool = True) -> bytes:
+def _bytes_of(words: Sequence[Cell], order: ByteOrder, *, turn_words: bool = True) -> bytes:
     if order.swaps_words and turn_words:
         words = words[::-1]
     return struct.pack(f"{'<' if order.swaps_bytes else '>'}{len(words)}H", *words)
 
 
-def _words_of(content: bytes, order: Order, *, turn_words: bool = True) -> tuple[int, ...]:
+def _words_of(content: bytes, order: ByteOrder, *, turn_words: bool = True) -> tuple[int, ...]:
     words = struct.unpack(f"{'<' if order.swaps_bytes else '>'}{len(content) // 2}H", content)
     return words[::-1] if order.swaps_words and turn_words else words
 

@@ -2,7 +2,7 @@
 
 Addresses are those on the wire, from 0 (MODBUS Application Protocol 1.1b3, 4.4): what a manual calls holding register
 40001 has the address 0. The words of a value stand side by side; in which order, and the bytes within each word, the
-device decides (`Order`).
+device decides (`ByteOrder`).
 """
 
 from __future__ import annotations
@@ -13,10 +13,10 @@ from typing import Final
 
 __all__ = [
     "LAST_ADDRESS",
-    "Order",
+    "AddressSpan",
+    "ByteOrder",
     "Register",
     "RegisterType",
-    "Span",
     "Table",
 ]
 
@@ -91,7 +91,7 @@ _WORDS: Final = {
 }
 
 
-class Order(StrEnum):
+class ByteOrder(StrEnum):
     """How the bytes of a value lie in its words, written for the value 0xAABBCCDD.
 
     Words of four-word values follow in the same sense. A string's words are never turned, only the bytes in each.
@@ -109,16 +109,16 @@ class Order(StrEnum):
     @property
     def swaps_words(self) -> bool:
         """Whether the least significant word comes first."""
-        return self in (Order.CDAB, Order.DCBA)
+        return self in (ByteOrder.CDAB, ByteOrder.DCBA)
 
     @property
     def swaps_bytes(self) -> bool:
         """Whether the least significant byte of each word comes first."""
-        return self in (Order.BADC, Order.DCBA)
+        return self in (ByteOrder.BADC, ByteOrder.DCBA)
 
 
 @dataclass(frozen=True, slots=True, order=True)
-class Span:
+class AddressSpan:
     """Addresses side by side in one table."""
 
     table: Table
@@ -130,7 +130,7 @@ class Span:
         """The first address after it."""
         return self.address + self.count
 
-    def overlaps(self, other: Span) -> bool:
+    def overlaps(self, other: AddressSpan) -> bool:
         """Whether an address is in both."""
         return self.table is other.table and self.address < other.end and other.address < self.end
 
@@ -151,7 +151,7 @@ class Register:
     """Of a bool in a word: 0 is the least significant bit."""
     length: int = 0
     """Words of a string."""
-    order: Order = Order.ABCD
+    order: ByteOrder = ByteOrder.ABCD
     scale: float = 1.0
     """The value is what lies in the register, times `scale`, plus `offset`."""
     offset: float = 0.0
@@ -164,6 +164,6 @@ class Register:
         return self.scale != 1.0 or self.offset != 0.0
 
     @property
-    def span(self) -> Span:
+    def span(self) -> AddressSpan:
         """The addresses that it takes."""
-        return Span(self.table, self.address, 1 if self.table.is_bits else self.type.words or self.length)
+        return AddressSpan(self.table, self.address, 1 if self.table.is_bits else self.type.words or self.length)

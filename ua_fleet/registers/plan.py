@@ -11,13 +11,13 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
-from ua_fleet.registers.model import LAST_ADDRESS, Span, Table
+from ua_fleet.registers.model import LAST_ADDRESS, AddressSpan, Table
 
-__all__ = ["Limits", "fits_device", "plan_reads"]
+__all__ = ["DeviceLimits", "fits_device", "plan_reads"]
 
 
 @dataclass(frozen=True, slots=True)
-class Limits:
+class DeviceLimits:
     """What a device takes in one request, and which addresses it has."""
 
     read_words: int = 125
@@ -38,23 +38,23 @@ class Limits:
         return self.write_bits if table.is_bits else self.write_words
 
 
-def _known(limits: Limits, span: Span) -> bool:
+def _known(limits: DeviceLimits, span: AddressSpan) -> bool:
     """Whether the device says that it has all of these addresses."""
     return any(first <= span.address and span.end - 1 <= last for first, last in limits.ranges.get(span.table, ()))
 
 
-def fits_device(limits: Limits, span: Span) -> bool:
+def fits_device(limits: DeviceLimits, span: AddressSpan) -> bool:
     """Whether a device has these addresses, as far as it says."""
     return span.end - 1 <= LAST_ADDRESS and (span.table not in limits.ranges or _known(limits, span))
 
 
-def plan_reads(spans: Iterable[Span], limits: Limits) -> tuple[Span, ...]:
+def plan_reads(spans: Iterable[AddressSpan], limits: DeviceLimits) -> tuple[AddressSpan, ...]:
     """The requests that read all of these, by table and address. Each of `spans` lies within one of them."""
-    requests: list[Span] = []
+    requests: list[AddressSpan] = []
     for span in sorted(set(spans), key=lambda span: (span.table.value, span.address, span.count)):
         last = requests[-1] if requests else None
         if last is not None and last.table is span.table:
-            joined = Span(last.table, last.address, max(last.end, span.end) - last.address)
+            joined = AddressSpan(last.table, last.address, max(last.end, span.end) - last.address)
             gap = span.address - last.end
             is_near = gap <= 0 or (gap <= limits.most_gap and _known(limits, joined))
             if is_near and joined.count <= limits.most_read(span.table):

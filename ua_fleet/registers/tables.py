@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Final
 
 from ua_fleet.registers.convert import Cell, decode, encode
-from ua_fleet.registers.model import Register, RegisterType, Span, Table
+from ua_fleet.registers.model import AddressSpan, Register, RegisterType, Table
 
 __all__ = ["TABLE_OF_FUNCTION", "Tables"]
 
@@ -34,15 +34,15 @@ class Tables:
             table: [False] * size if table.is_bits else [0] * size for table, size in sizes.items()
         }
 
-    def has(self, span: Span) -> bool:
+    def has(self, span: AddressSpan) -> bool:
         """Whether all the addresses exist."""
         return span.count > 0 and span.end <= len(self._cells[span.table])
 
-    def cells(self, span: Span) -> list[Cell]:
+    def cells(self, span: AddressSpan) -> list[Cell]:
         """What lies there."""
         return self._cells[span.table][span.address : span.end]
 
-    def put_cells(self, span: Span, cells: Sequence[Cell]) -> None:
+    def put_cells(self, span: AddressSpan, cells: Sequence[Cell]) -> None:
         """Lay something there."""
         self._cells[span.table][span.address : span.end] = cells
 

@@ -24,14 +24,14 @@ __all__ = [
     "Confirmation",
     "Decision",
     "DecisionEvent",
-    "Mode",
+    "DecisionMode",
     "OnLimit",
     "RankingChanged",
     "ReplacementChosen",
 ]
 
 
-class Mode(StrEnum):
+class DecisionMode(StrEnum):
     """Who chooses."""
 
     OPERATOR = "operator"
@@ -94,7 +94,7 @@ class Decision:
     def __init__(
         self,
         decision_id: str,
-        mode: Mode,
+        mode: DecisionMode,
         ranking: Ranking,
         *,
         limit_s: float,
@@ -128,11 +128,11 @@ class Decision:
         events: list[DecisionEvent] = [RankingChanged(self.id, self.ranking)]
         if self._is_unknown:
             return events
-        if self.mode is Mode.ABORT:
+        if self.mode is DecisionMode.ABORT:
             events.append(self._abort("the mode is Abort"))
         elif self._now < self._not_before:
             pass
-        elif self.mode is Mode.AUTOMATIC and (self.ranking.best is not None or self._hope_until == -math.inf):
+        elif self.mode is DecisionMode.AUTOMATIC and (self.ranking.best is not None or self._hope_until == -math.inf):
             events.append(self._best("automatic"))
         return events
 
@@ -195,7 +195,7 @@ class Decision:
 
     @property
     def _is_by_itself(self) -> bool:
-        return self.mode is Mode.AUTOMATIC and not self._is_unknown
+        return self.mode is DecisionMode.AUTOMATIC and not self._is_unknown
 
     def _best(self, by: str) -> DecisionEvent:
         robot = self.ranking.best

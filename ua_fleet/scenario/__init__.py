@@ -12,7 +12,7 @@ Time is wall clock in seconds, since a run outlives a process. A journal has wri
 
 from ua_fleet.scenario.expression import Expression, Lookup, Value, ValueUnknown, parse_expression, split_index
 from ua_fleet.scenario.model import Scenario, Task
-from ua_fleet.scenario.read import Reading, read_scenario, scenario_of
+from ua_fleet.scenario.read import ScenarioReading, read_scenario, scenario_of
 from ua_fleet.scenario.reservations import Grant, Reservations
 from ua_fleet.scenario.run import ANSWERS, Journal, Run
 from ua_fleet.scenario.validate import FleetView, RobotView, Validation, validate
@@ -24,11 +24,11 @@ __all__ = [
     "Grant",
     "Journal",
     "Lookup",
-    "Reading",
     "Reservations",
     "RobotView",
     "Run",
     "Scenario",
+    "ScenarioReading",
     "Task",
     "Validation",
     "Value",

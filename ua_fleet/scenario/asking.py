@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ua_fleet.scenario.effects import AskOperator, CancelTask, FollowTask, OpenDecision, StartTask, WantRobot
+from ua_fleet.scenario.effects import AskOperator, CancelTask, DecisionNeeded, FollowTask, StartTask, WantRobot
 from ua_fleet.scenario.model import Task
 from ua_fleet.scenario.state import TaskPhase, TaskRun
 
@@ -11,7 +11,7 @@ __all__ = ["asked_for", "cancel", "follow"]
 
 def asked_for(
     step: str, task: Task, task_run: TaskRun, robot: str | None
-) -> WantRobot | StartTask | FollowTask | OpenDecision | AskOperator | None:
+) -> WantRobot | StartTask | FollowTask | DecisionNeeded | AskOperator | None:
     """What a task waits for, to be asked for now or once more; None where it is over.
 
     Args:
@@ -34,7 +34,7 @@ def asked_for(
                 task.timeout_s,
             )
         case TaskPhase.REPLACING:
-            return OpenDecision(step, task.name, task.skill, task.capacities, task_run.robot, task_run.reason)
+            return DecisionNeeded(step, task.name, task.skill, task.capacities, task_run.robot, task_run.reason)
         case TaskPhase.HALTING | TaskPhase.LOST:
             return follow(step, task_run)
         case TaskPhase.ASKED:

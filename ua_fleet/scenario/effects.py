@@ -11,10 +11,10 @@ from ua_fleet.scenario.facts import Fact
 __all__ = [
     "AskOperator",
     "CancelTask",
+    "DecisionNeeded",
     "Effect",
     "FollowTask",
     "Happened",
-    "OpenDecision",
     "ReleaseRobot",
     "StartTask",
     "TaskWaits",
@@ -95,7 +95,7 @@ class TaskWaits:
 
 
 @dataclass(frozen=True, slots=True)
-class OpenDecision:
+class DecisionNeeded:
     """Somebody has to take a task over. Answer: `replaced` or `not_replaced`."""
 
     step: str
@@ -125,5 +125,5 @@ class AskOperator:
 
 
 Effect = (
-    Happened | WantRobot | ReleaseRobot | StartTask | FollowTask | CancelTask | TaskWaits | OpenDecision | AskOperator
+    Happened | WantRobot | ReleaseRobot | StartTask | FollowTask | CancelTask | TaskWaits | DecisionNeeded | AskOperator
 )

@@ -8,7 +8,7 @@ from __future__ import annotations
 from enum import StrEnum
 from typing import Any, Final
 
-from ua_fleet.scenario.model import OnTimeout, OnUnknown, Outcome
+from ua_fleet.scenario.model import EndOutcome, OnTimeout, OnUnknown
 from ua_fleet.scenario.read import MOST_REPEATS, MOST_RETRIES, MOST_SECONDS, VERSION
 
 __all__ = ["scenario_schema"]
@@ -143,7 +143,7 @@ _STEP_SHAPES: Final[dict[str, Schema]] = {
     ),
     "end": _step(
         "The run ends here.",
-        {"end": _choice("How it ends.", Outcome, Outcome.DONE), "reason": _text("Text for people: why.")},
+        {"end": _choice("How it ends.", EndOutcome, EndOutcome.DONE), "reason": _text("Text for people: why.")},
         "end",
     ),
 }

@@ -18,9 +18,9 @@ __all__ = [
     "Argument",
     "Condition",
     "End",
+    "EndOutcome",
     "OnTimeout",
     "OnUnknown",
-    "Outcome",
     "Parallel",
     "Parameter",
     "Repeat",
@@ -59,7 +59,7 @@ class OnTimeout(StrEnum):
     CONTINUE = "continue"
 
 
-class Outcome(StrEnum):
+class EndOutcome(StrEnum):
     """How a run may be ended by a step."""
 
     DONE = "done"
@@ -165,7 +165,7 @@ class End:
 
     key: str
     line: int
-    outcome: Outcome
+    outcome: EndOutcome
     reason: str = ""
 
 

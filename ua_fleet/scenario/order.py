@@ -8,10 +8,10 @@ from itertools import takewhile
 from ua_fleet.scenario.model import Condition, End, Parallel, Repeat, Sequence, Step, Task, Wait
 from ua_fleet.scenario.state import RunState
 
-__all__ = ["Order", "ahead"]
+__all__ = ["TaskOrder", "ahead"]
 
 
-class Order:
+class TaskOrder:
     """Which tasks a task comes after. What repeats both has them come after each other each time."""
 
     def __init__(self, tasks: Iterable[Task]) -> None:

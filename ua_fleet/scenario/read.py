@@ -20,9 +20,9 @@ from ua_fleet.scenario.model import (
     Argument,
     Condition,
     End,
+    EndOutcome,
     OnTimeout,
     OnUnknown,
-    Outcome,
     Parallel,
     Parameter,
     Repeat,
@@ -42,7 +42,7 @@ __all__ = [
     "MOST_STEPS",
     "STEP_KEYS",
     "VERSION",
-    "Reading",
+    "ScenarioReading",
     "read_scenario",
     "scenario_of",
 ]
@@ -78,7 +78,7 @@ STEP_KEYS: Final[dict[str, tuple[str, ...]]] = {
 _E = TypeVar("_E", bound=StrEnum)
 
 
-class Reading(NamedTuple):
+class ScenarioReading(NamedTuple):
     """What a file holds, as far as it could be read. Run only what has no problems."""
 
     scenario: Scenario
@@ -97,14 +97,14 @@ def scenario_of(text: str, file: str = "") -> Scenario:
     return reading.scenario
 
 
-def read_scenario(content: bytes, file: str = "") -> Reading:
+def read_scenario(content: bytes, file: str = "") -> ScenarioReading:
     """Read a file's bytes; `file` is its name in problems. JSON is read as the YAML that it is."""
     document = read_document(content, file)
     if document.is_newer_than(VERSION) or (document.problems and not document.data):
-        return Reading(Scenario("", Sequence("", 0, ())), tuple(document.problems))
+        return ScenarioReading(Scenario("", Sequence("", 0, ())), tuple(document.problems))
     scenario = _Reader(document).scenario(content.decode("utf-8", "replace"))
     problems = sorted(document.problems, key=lambda problem: problem.line)
-    return Reading(scenario, tuple(problems))
+    return ScenarioReading(scenario, tuple(problems))
 
 
 class _Reader:
@@ -264,7 +264,7 @@ class _Reader:
         return Wait(key, self._line(path), until, event, for_s, timeout_s, on_timeout)
 
     def _end(self, data: dict[str, Any], path: KeyPath, key: str) -> End:
-        outcome = self._choice(path, data, "end", Outcome, Outcome.DONE)
+        outcome = self._choice(path, data, "end", EndOutcome, EndOutcome.DONE)
         return End(key, self._line(path), outcome, self._text(path, data, "reason"))
 
     # Values.

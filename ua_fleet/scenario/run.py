@@ -18,8 +18,8 @@ a task's execution id follows from the run, the step and the attempt.
            asked, lost        --ended: the robot can tell after all--> as above
                               --accepted: it is still at it--> accepted, unless somebody is asked since it did not halt
 
-What is known of robots (`World`) is asked for at each step and never kept: whatever order it became known in, a robot
-that must not be asked for a task is not.
+What is known of robots (`RobotsView`) is asked for at each step and never kept: whatever order it became known in, a
+robot that must not be asked for a task is not.
 
 A paused run starts no task; what robots are at goes on. A run that is aborted cancels it, and ends when all is over.
 """
@@ -35,7 +35,7 @@ from ua_fleet.errors import ScenarioError
 from ua_fleet.fleet.skills import SkillModel
 from ua_fleet.scenario.asking import asked_for, cancel, follow
 from ua_fleet.scenario.consequences import after_end
-from ua_fleet.scenario.effects import Effect, Happened, OpenDecision, ReleaseRobot
+from ua_fleet.scenario.effects import DecisionNeeded, Effect, Happened, ReleaseRobot
 from ua_fleet.scenario.expression import Lookup, Value, ValueUnknown
 from ua_fleet.scenario.facts import (
     EventSeen,
@@ -60,12 +60,12 @@ from ua_fleet.scenario.facts import (
     Then,
 )
 from ua_fleet.scenario.model import Scenario, Task
-from ua_fleet.scenario.order import Order, ahead
+from ua_fleet.scenario.order import TaskOrder, ahead
 from ua_fleet.scenario.parameters import arguments_for, checked_parameters
 from ua_fleet.scenario.state import RunState, TaskPhase, TaskRun
 from ua_fleet.scenario.tending import Tending
-from ua_fleet.scenario.walk import Moment, Walk
-from ua_fleet.scenario.world import AllWell, Trouble, World
+from ua_fleet.scenario.walk import StepWalk, WalkState
+from ua_fleet.scenario.world import AllWell, RobotsView, Trouble
 
 __all__ = ["ANSWERS", "HELD_PHASES", "Journal", "Run"]
 
@@ -95,14 +95,14 @@ HELD_PHASES: Final = (*_ACTIVE, *_UNCERTAIN)
 class Run:
     """A run. Every method that takes something in returns the effects to carry out, in order."""
 
-    def __init__(self, scenario: Scenario, state: RunState, journal: Journal, world: World) -> None:
+    def __init__(self, scenario: Scenario, state: RunState, journal: Journal, world: RobotsView) -> None:
         """Use `create` for a new run and `restore` for one of the journal."""
         self._scenario, self._journal, self.state, self._world = scenario, journal, state, world
         self._tasks = {task.key: task for task in scenario.tasks()}
-        self._order = Order(self._tasks.values())
+        self._order = TaskOrder(self._tasks.values())
         self._lookup: Lookup = _nothing_known
         self._deadline: float | None = None
-        self._walk = Walk(state, self.note, self._close, self._take_task)
+        self._walk = StepWalk(state, self.note, self._close, self._take_task)
         self._tending = Tending(world, self)
 
     @classmethod
@@ -115,7 +115,7 @@ class Run:
         *,
         by: str,
         now: float,
-        world: World = _ALL_WELL,
+        world: RobotsView = _ALL_WELL,
     ) -> Run:
         """A new run; `poll` begins it.
 
@@ -127,7 +127,7 @@ class Run:
         return cls.restore(scenario, [fact], journal, world)
 
     @classmethod
-    def restore(cls, scenario: Scenario, facts: list[Fact], journal: Journal, world: World = _ALL_WELL) -> Run:
+    def restore(cls, scenario: Scenario, facts: list[Fact], journal: Journal, world: RobotsView = _ALL_WELL) -> Run:
         """A run as its journal has it; `again` says what is to be asked for once more."""
         state = RunState()
         for fact in facts:
@@ -153,7 +153,7 @@ class Run:
     def again(self, lookup: Lookup, now: float) -> list[Effect]:
         """After a restart: everything that was asked for and has no answer yet. Call it once, before anything else."""
         self._lookup = lookup
-        moment = Moment(now, self.look_up)
+        moment = WalkState(now, self.look_up)
         if self.state.outcome is not None:
             return []
         for step, task_run in self.state.tasks.items():
@@ -174,7 +174,7 @@ class Run:
         Its declaration of the skill says in which units it is asked, and brings its defaults.
         """
 
-        def take(moment: Moment) -> None:
+        def take(moment: WalkState) -> None:
             task_run = self.state.tasks.get(step)
             wanted = task_run is not None and task_run.phase is TaskPhase.WANTED
             if task_run is None or not wanted or self.state.paused or self.state.closing is not None:
@@ -197,7 +197,7 @@ class Run:
     def nobody(self, step: str, reason: str, now: float) -> list[Effect]:
         """No robot can do a task that waits."""
 
-        def take(moment: Moment) -> None:
+        def take(moment: WalkState) -> None:
             if self.state.phase(step) is TaskPhase.WANTED:
                 self.replace(step, "", reason, moment)
 
@@ -206,7 +206,7 @@ class Run:
     def waits(self, step: str, reason: str, now: float) -> list[Effect]:
         """No robot can do a task now that waits for any; one may be able to soon."""
 
-        def take(moment: Moment) -> None:
+        def take(moment: WalkState) -> None:
             if self.state.phase(step) is TaskPhase.WANTED:
                 self._tending.tell(step, self.task(step), "", reason, moment)
 
@@ -215,7 +215,7 @@ class Run:
     def accepted(self, execution_id: str, now: float) -> list[Effect]:
         """A robot has taken a task, or is found to be still at it."""
 
-        def take(moment: Moment) -> None:
+        def take(moment: WalkState) -> None:
             step, task_run = self._known(execution_id)
             if task_run is None:
                 return
@@ -239,7 +239,7 @@ class Run:
     ) -> list[Effect]:
         """A robot's execution has ended; an open question about it is answered. Too late, or twice: it is ignored."""
 
-        def take(moment: Moment) -> None:
+        def take(moment: WalkState) -> None:
             step, task_run = self._known(execution_id, is_done=outcome is TaskOutcome.DONE)
             if task_run is None or (outcome is TaskOutcome.UNKNOWN and self._is_unknown(task_run)):
                 return
@@ -265,7 +265,7 @@ class Run:
     def replaced(self, step: str, robot: str, by: str, now: float) -> list[Effect]:
         """A decision was made: this robot takes the task over."""
 
-        def take(moment: Moment) -> None:
+        def take(moment: WalkState) -> None:
             task_run = self.state.tasks.get(step)
             if task_run is None or task_run.phase not in _DECIDABLE:
                 return
@@ -284,7 +284,7 @@ class Run:
     def not_replaced(self, step: str, reason: str, now: float) -> list[Effect]:
         """Nobody takes the task over."""
 
-        def take(moment: Moment) -> None:
+        def take(moment: WalkState) -> None:
             task_run = self.state.tasks.get(step)
             if task_run is None or task_run.phase not in _DECIDABLE:
                 return
@@ -309,7 +309,7 @@ class Run:
         if answer not in ANSWERS:
             raise ScenarioError(f"{answer!r} is no answer; known answers: {', '.join(ANSWERS)}")
 
-        def take(moment: Moment) -> None:
+        def take(moment: WalkState) -> None:
             task_run, then = self.state.tasks[step], ANSWERS[answer]
             if then is Then.RETRY and self._tending.silent_since(task_run) is not None:
                 then = Then.AWAIT
@@ -323,7 +323,7 @@ class Run:
     def event(self, name: str, now: float) -> list[Effect]:
         """An event has happened. Steps that wait for it go on; it is not kept for later ones."""
 
-        def take(moment: Moment) -> None:
+        def take(moment: WalkState) -> None:
             for step, wanted in list(self.state.waiting_for_events.items()):
                 if wanted == name:
                     self.note(EventSeen(now, step, name), moment)
@@ -333,7 +333,7 @@ class Run:
     def pause(self, by: str, now: float) -> list[Effect]:
         """Start no further task."""
 
-        def take(moment: Moment) -> None:
+        def take(moment: WalkState) -> None:
             if not self.state.paused:
                 self.note(RunPaused(now, by), moment)
                 moment.effects += [ReleaseRobot(step) for step in self.state.in_phase(TaskPhase.WANTED)]
@@ -343,7 +343,7 @@ class Run:
     def resume(self, by: str, now: float) -> list[Effect]:
         """Go on after `pause`."""
 
-        def take(moment: Moment) -> None:
+        def take(moment: WalkState) -> None:
             if self.state.paused:
                 self.note(RunResumed(now, by), moment)
                 for step in self.state.in_phase(TaskPhase.WANTED):
@@ -354,7 +354,7 @@ class Run:
     def abort(self, reason: str, by: str, now: float) -> list[Effect]:
         """End the run; what robots are at is cancelled."""
 
-        def take(moment: Moment) -> None:
+        def take(moment: WalkState) -> None:
             if self.state.closing is None:
                 self._close(RunClosing(now, RunOutcome.ABORTED, reason, by), moment)
 
@@ -362,7 +362,7 @@ class Run:
 
     def broken(self, reason: str, now: float) -> list[Effect]:
         """End the run at once, which cannot go on; what robots are at is cancelled."""
-        moment = Moment(now, self.look_up)
+        moment = WalkState(now, self.look_up)
         if self.state.outcome is None:
             for step in self.state.in_phase(*HELD_PHASES):
                 moment.effects.append(cancel(self.state.tasks[step]))
@@ -371,9 +371,9 @@ class Run:
 
     # Going on.
 
-    def _after(self, now: float, take: Callable[[Moment], None]) -> list[Effect]:
+    def _after(self, now: float, take: Callable[[WalkState], None]) -> list[Effect]:
         """Take something in and go on from there."""
-        moment = Moment(now, self.look_up)
+        moment = WalkState(now, self.look_up)
         if self.state.outcome is None:
             take(moment)
             if self.state.closing is None:
@@ -382,7 +382,7 @@ class Run:
         self._deadline = min(moment.deadlines, default=None)
         return moment.effects
 
-    def _take_back(self, moment: Moment) -> None:
+    def _take_back(self, moment: WalkState) -> None:
         """Robots that are back take their later tasks back, also those that still wait for who stands in."""
         waiting = [(step, self.task(step), self.state.tasks[step]) for step in self.state.in_phase(TaskPhase.WANTED)]
         failed = [(robot, capacity) for robot, named in self.state.stand_ins.items() for capacity in named]
@@ -396,7 +396,7 @@ class Run:
                     moment.effects.append(ReleaseRobot(step))
                     self.ask(step, moment)
 
-    def _advance(self, moment: Moment) -> None:
+    def _advance(self, moment: WalkState) -> None:
         before = -1
         while before != len(moment.effects) and self.state.closing is None:
             before = len(moment.effects)  # once more where a task that ended lets another branch go on (`after`)
@@ -409,7 +409,7 @@ class Run:
         if self.state.closing is not None:
             self._finish(self.state.closing, moment)
 
-    def _close(self, fact: RunClosing, moment: Moment) -> None:
+    def _close(self, fact: RunClosing, moment: WalkState) -> None:
         self.note(fact, moment)
         for step, task_run in self.state.tasks.items():
             if task_run.phase in HELD_PHASES:
@@ -417,7 +417,7 @@ class Run:
             if task_run.phase not in (*_ACTIVE, TaskPhase.OVER):
                 moment.effects.append(ReleaseRobot(step))
 
-    def _finish(self, closing: RunClosing, moment: Moment) -> None:
+    def _finish(self, closing: RunClosing, moment: WalkState) -> None:
         """End a run that is closing when its tasks are over, or do not end in time."""
         left = [(step, task_run) for step, task_run in self.state.tasks.items() if task_run.phase in _ACTIVE]
         give_up_at = closing.at + CLOSING_GRACE_S
@@ -433,7 +433,7 @@ class Run:
 
     # Tasks.
 
-    def _take_task(self, task: Task, step: str, moment: Moment) -> StepState | None:
+    def _take_task(self, task: Task, step: str, moment: WalkState) -> StepState | None:
         task_run = self.state.tasks.get(step)
         if task_run is None and (lost := self._order.lost(step, self.state)) is not None:
             why = f"task {task.name} comes after {lost}, which was not done"
@@ -462,7 +462,7 @@ class Run:
     def _trouble(self, robot: str, step: str) -> Trouble | None:
         return self._world.trouble(robot, self._world.needs(robot, self.task(step)))
 
-    def missing(self, task: Task, moment: Moment) -> ValueUnknown | None:
+    def missing(self, task: Task, moment: WalkState) -> ValueUnknown | None:
         """The first argument that has no value now."""
         try:
             arguments_for(task, None, moment.lookup)
@@ -470,12 +470,12 @@ class Run:
             return error
         return None
 
-    def fail(self, step: str, reason: str, moment: Moment) -> None:
+    def fail(self, step: str, reason: str, moment: WalkState) -> None:
         """A task that waits for a robot, or has one that was not asked yet, cannot be done."""
         moment.effects.append(ReleaseRobot(step))
         self.note(StepEnded(moment.now, step, StepState.FAILED, reason), moment)
 
-    def _assign(self, step: str, task_run: TaskRun, robot: str, skill: SkillModel | None, moment: Moment) -> None:
+    def _assign(self, step: str, task_run: TaskRun, robot: str, skill: SkillModel | None, moment: WalkState) -> None:
         task = self.task(step)
         arguments = arguments_for(task, skill, moment.lookup)
         attempt = task_run.attempt + 1
@@ -492,7 +492,7 @@ class Run:
         outcome: TaskOutcome,
         message: str,
         results: Mapping[str, Value],
-        moment: Moment,
+        moment: WalkState,
         *,
         is_told: bool = False,
     ) -> None:
@@ -522,21 +522,21 @@ class Run:
             moment.effects.append(ReleaseRobot(step))
         self.ask(step, moment)
 
-    def _let_go(self, step: str, task_run: TaskRun, moment: Moment) -> None:
+    def _let_go(self, step: str, task_run: TaskRun, moment: WalkState) -> None:
         """Nobody waits any more for what a robot is at: it is to stop, or not to begin, when it is heard again."""
         if task_run.phase is TaskPhase.ASKED:
             moment.effects += [cancel(task_run), ReleaseRobot(step)]
 
-    def ask(self, step: str, moment: Moment, *, is_again: bool = False) -> None:
+    def ask(self, step: str, moment: WalkState, *, is_again: bool = False) -> None:
         """Ask for what a task waits for, also once more: `is_again` after a restart."""
         task, task_run = self.task(step), self.state.tasks[step]
         asked = asked_for(step, task, task_run, self.robot_for(task, task_run))
-        if is_again and isinstance(asked, OpenDecision) and task_run.execution_id:
+        if is_again and isinstance(asked, DecisionNeeded) and task_run.execution_id:
             asked = replace(asked, may_be_done=True)
         if asked is not None and not (self.state.paused and task_run.phase is TaskPhase.WANTED):
             moment.effects.append(asked)
 
-    def replace(self, step: str, robot: str, reason: str, moment: Moment) -> None:
+    def replace(self, step: str, robot: str, reason: str, moment: WalkState) -> None:
         """Look for another robot for a task that waits."""
         moment.effects.append(ReleaseRobot(step))
         task = self.task(step)
@@ -586,7 +586,7 @@ class Run:
             return results[result]
         return self._lookup(name)
 
-    def note(self, fact: Fact, moment: Moment) -> None:
+    def note(self, fact: Fact, moment: WalkState) -> None:
         """Journal a fact, then apply it, then tell it."""
         self._journal(fact)
         self.state.apply(fact)

@@ -16,8 +16,8 @@ from ua_fleet.scenario.expression import Value, ValueUnknown
 from ua_fleet.scenario.facts import Fact, TaskHalting, TaskOutcome
 from ua_fleet.scenario.model import Task
 from ua_fleet.scenario.state import RunState, TaskPhase, TaskRun
-from ua_fleet.scenario.walk import Moment
-from ua_fleet.scenario.world import World
+from ua_fleet.scenario.walk import WalkState
+from ua_fleet.scenario.world import RobotsView
 
 __all__ = ["Tended", "Tending"]
 
@@ -41,28 +41,28 @@ class Tended(Protocol):
         outcome: TaskOutcome,
         message: str,
         results: Mapping[str, Value],
-        moment: Moment,
+        moment: WalkState,
     ) -> None:
         """An attempt has ended."""
         ...
 
-    def replace(self, step: str, robot: str, reason: str, moment: Moment) -> None:
+    def replace(self, step: str, robot: str, reason: str, moment: WalkState) -> None:
         """Look for another robot for a task that waits."""
         ...
 
-    def ask(self, step: str, moment: Moment) -> None:
+    def ask(self, step: str, moment: WalkState) -> None:
         """Ask for what a task waits for, also once more."""
         ...
 
-    def missing(self, task: Task, moment: Moment) -> ValueUnknown | None:
+    def missing(self, task: Task, moment: WalkState) -> ValueUnknown | None:
         """The first argument that has no value now."""
         ...
 
-    def fail(self, step: str, reason: str, moment: Moment) -> None:
+    def fail(self, step: str, reason: str, moment: WalkState) -> None:
         """A task that was not begun cannot be done."""
         ...
 
-    def note(self, fact: Fact, moment: Moment) -> None:
+    def note(self, fact: Fact, moment: WalkState) -> None:
         """Journal and apply a fact."""
         ...
 
@@ -70,13 +70,13 @@ class Tended(Protocol):
 class Tending:
     """Holds the tasks of a run against the world."""
 
-    def __init__(self, world: World, run: Tended) -> None:
+    def __init__(self, world: RobotsView, run: Tended) -> None:
         """Look after the tasks of a run."""
         self._world, self._run = world, run
         self._held: set[str] = set()
         """Tasks that have their robot, and wait until it is heard, or free."""
         self._occupied_since: dict[str, float] = {}
-        """Since when the robots that tasks have are not free (`World.occupied`); begins anew after a restart."""
+        """Since when the robots that tasks have are not free (`RobotsView.occupied`); begins anew after a restart."""
         self._lacking: dict[str, float | None] = {}
         """Tasks that have their robot and lack the value of an argument, and since when; None: whose value it is, is
         silent. Begins anew after a restart.
@@ -110,7 +110,7 @@ class Tending:
         until = self._world.followed_until(task_run.robot, task_run.execution_id)
         return None if until == inf else max(since, until)
 
-    def is_tended(self, step: str, task: Task, task_run: TaskRun, moment: Moment) -> bool:
+    def is_tended(self, step: str, task: Task, task_run: TaskRun, moment: WalkState) -> bool:
         """Do what follows from what is known; whether that was something, so that the task need not be asked for."""
         if task_run.phase is TaskPhase.WANTED:
             if self._run.state.paused:
@@ -122,7 +122,7 @@ class Tending:
             self._tend_begun(step, task, task_run, moment)
         return True
 
-    def _is_wanted_tended(self, step: str, task: Task, task_run: TaskRun, moment: Moment) -> bool:
+    def _is_wanted_tended(self, step: str, task: Task, task_run: TaskRun, moment: WalkState) -> bool:
         robot = self._run.robot_for(task, task_run)
         if robot is None:
             return self._is_value_tended(step, task, "", moment)  # whoever has the robots finds one
@@ -154,7 +154,7 @@ class Tending:
         self._give_up(step, robot, gives_up, moment)
         return True
 
-    def _is_value_tended(self, step: str, task: Task, robot: str, moment: Moment) -> bool:
+    def _is_value_tended(self, step: str, task: Task, robot: str, moment: WalkState) -> bool:
         """See to a task that may lack the value of an argument, and would begin now if it were known."""
         if step not in self._lacking:
             return False
@@ -179,13 +179,13 @@ class Tending:
         self._run.fail(step, f"task {task.name}: {missing}", moment)
         return True
 
-    def tell(self, step: str, task: Task, robot: str, reason: str, moment: Moment) -> None:
+    def tell(self, step: str, task: Task, robot: str, reason: str, moment: WalkState) -> None:
         """Say why a task waits, where that is new."""
         if self._told.get(step, "") != reason:
             self._told[step] = reason
             moment.effects.append(TaskWaits(step, task.name, task.skill, robot, reason))
 
-    def _give_up(self, step: str, robot: str, reason: str, moment: Moment) -> None:
+    def _give_up(self, step: str, robot: str, reason: str, moment: WalkState) -> None:
         self._forget(step)
         self._run.replace(step, robot, reason, moment)
 
@@ -196,7 +196,7 @@ class Tending:
         self._lacking.pop(step, None)
         self._told.pop(step, None)
 
-    def _tend_begun(self, step: str, task: Task, task_run: TaskRun, moment: Moment) -> None:
+    def _tend_begun(self, step: str, task: Task, task_run: TaskRun, moment: WalkState) -> None:
         robot, phase = task_run.robot, task_run.phase
         trouble = self._world.trouble(robot, self._world.needs(robot, task))
         since = self.silent_since(task_run)
@@ -221,7 +221,7 @@ class Tending:
             else:
                 self._halt(step, task_run, TaskOutcome.TIMED_OUT, f"not done in {task.timeout_s:g} s", moment)
 
-    def _tend_standing(self, step: str, task_run: TaskRun, since: float | None, reason: str, moment: Moment) -> None:
+    def _tend_standing(self, step: str, task_run: TaskRun, since: float | None, reason: str, moment: WalkState) -> None:
         """Who can say that it has a fault stands: what it was at is over. It may just be saying that it was done."""
         if task_run.phase is not TaskPhase.HALTING:
             self._run.note(TaskHalting(moment.now, step, task_run.attempt, TaskOutcome.FAULT, reason), moment)
@@ -237,7 +237,7 @@ class Tending:
         self._standing_since.pop(task_run.execution_id, None)
         self._run.over(step, task_run, TaskOutcome.FAULT, reason, {}, moment)
 
-    def _tend_lost(self, step: str, task_run: TaskRun, since: float | None, moment: Moment) -> None:
+    def _tend_lost(self, step: str, task_run: TaskRun, since: float | None, moment: WalkState) -> None:
         """A robot may be at it that is waited for: not for ever, and once it is heard, not for long."""
         until = (moment.now if task_run.lost_since is None else task_run.lost_since) + self._world.return_s
         if since is None:
@@ -252,7 +252,7 @@ class Tending:
         self._heard_since.pop(task_run.execution_id, None)
         self._run.over(step, task_run, TaskOutcome.UNKNOWN, said, {}, moment)
 
-    def _tend_halting(self, step: str, task_run: TaskRun, since: float | None, moment: Moment) -> None:
+    def _tend_halting(self, step: str, task_run: TaskRun, since: float | None, moment: WalkState) -> None:
         halting = task_run.halting
         assert halting is not None, "the fact that made the phase"
         until = halting.at + HALT_S
@@ -264,7 +264,7 @@ class Tending:
         said = f"{halting.reason}; {task_run.robot} did not say that it has stopped"
         self._run.over(step, task_run, TaskOutcome.UNKNOWN, said, {}, moment)
 
-    def _tend_silent(self, step: str, task: Task, task_run: TaskRun, since: float, moment: Moment) -> None:
+    def _tend_silent(self, step: str, task: Task, task_run: TaskRun, since: float, moment: WalkState) -> None:
         until, why = since + self._world.silence_s, self._silent(task_run.robot)
         if task.timeout_s is not None:
             due = max(task_run.assigned_at + task.timeout_s, since + LEAST_SILENCE_S)
@@ -280,7 +280,7 @@ class Tending:
         else:
             self._run.over(step, task_run, TaskOutcome.UNKNOWN, why, {}, moment)
 
-    def _halt(self, step: str, task_run: TaskRun, outcome: TaskOutcome, reason: str, moment: Moment) -> None:
+    def _halt(self, step: str, task_run: TaskRun, outcome: TaskOutcome, reason: str, moment: WalkState) -> None:
         """Have the robot stop. Nobody else begins before it says that it has."""
         self._run.note(TaskHalting(moment.now, step, task_run.attempt, outcome, reason), moment)
         moment.effects.append(cancel(task_run))

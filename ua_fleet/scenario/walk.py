@@ -17,10 +17,10 @@ from ua_fleet.scenario.facts import (
     StepStarted,
     StepState,
 )
-from ua_fleet.scenario.model import Condition, End, OnTimeout, Outcome, Parallel, Repeat, Sequence, Step, Task, Wait
+from ua_fleet.scenario.model import Condition, End, EndOutcome, OnTimeout, Parallel, Repeat, Sequence, Step, Task, Wait
 from ua_fleet.scenario.state import RunState
 
-__all__ = ["Moment", "Walk"]
+__all__ = ["StepWalk", "WalkState"]
 
 _Result = tuple[StepState | None, str]
 """How a step has ended, or None while it has not, and why."""
@@ -29,7 +29,7 @@ _DONE: _Result = (StepState.DONE, "")
 
 
 @dataclass(slots=True)
-class Moment:
+class WalkState:
     """What one call of a run knows and collects."""
 
     now: float
@@ -38,15 +38,15 @@ class Moment:
     deadlines: list[float] = field(default_factory=list[float])
 
 
-class Walk:
+class StepWalk:
     """Takes steps as far as they go now. A step within repetitions has their numbers at the end of its key."""
 
     def __init__(
         self,
         state: RunState,
-        note: Callable[[Fact, Moment], None],
-        close: Callable[[RunClosing, Moment], None],
-        task: Callable[[Task, str, Moment], StepState | None],
+        note: Callable[[Fact, WalkState], None],
+        close: Callable[[RunClosing, WalkState], None],
+        task: Callable[[Task, str, WalkState], StepState | None],
     ) -> None:
         """Make a walk.
 
@@ -58,7 +58,7 @@ class Walk:
         """
         self._state, self._note, self._close, self._task = state, note, close, task
 
-    def go(self, step: Step, moment: Moment, scope: str = "") -> StepState | None:
+    def go(self, step: Step, moment: WalkState, scope: str = "") -> StepState | None:
         """Take a step as far as it goes; how it has ended, or None while it has not."""
         key = step.key + scope
         ended = self._state.ended.get(key)
@@ -71,7 +71,7 @@ class Walk:
             self._note(StepEnded(moment.now, key, result, reason), moment)
         return result
 
-    def _take(self, step: Step, key: str, scope: str, moment: Moment) -> _Result:
+    def _take(self, step: Step, key: str, scope: str, moment: WalkState) -> _Result:
         match step:
             case Task():
                 return self._task(step, key, moment), ""
@@ -89,18 +89,18 @@ class Walk:
             case Wait():
                 return self._wait(step, key, moment)
             case End(outcome=outcome, reason=reason):
-                ended = RunOutcome.DONE if outcome is Outcome.DONE else RunOutcome.FAILED
+                ended = RunOutcome.DONE if outcome is EndOutcome.DONE else RunOutcome.FAILED
                 self._close(RunClosing(moment.now, ended, reason or "the scenario ends here"), moment)
                 return _GOING_ON
 
-    def _sequence(self, steps: tuple[Step, ...], scope: str, moment: Moment) -> _Result:
+    def _sequence(self, steps: tuple[Step, ...], scope: str, moment: WalkState) -> _Result:
         for step in steps:
             result = self.go(step, moment, scope)
             if result is not StepState.DONE:
                 return result, ""
         return _DONE
 
-    def _condition(self, step: Condition, key: str, scope: str, moment: Moment) -> _Result:
+    def _condition(self, step: Condition, key: str, scope: str, moment: WalkState) -> _Result:
         then = self._state.branches.get(key)
         if then is None:
             decided = self._decide(step.when, key, step.timeout_s, moment)
@@ -112,7 +112,7 @@ class Walk:
             then = decided
         return self.go(step.then if then else step.otherwise, moment, scope), ""
 
-    def _repeat(self, step: Repeat, key: str, scope: str, moment: Moment) -> _Result:
+    def _repeat(self, step: Repeat, key: str, scope: str, moment: WalkState) -> _Result:
         while True:
             number = self._state.iterations.get(key, -1)
             if number >= 0:
@@ -131,7 +131,7 @@ class Walk:
                     return _DONE
             self._note(IterationStarted(moment.now, key, number + 1), moment)
 
-    def _decide(self, when: Expression, key: str, timeout_s: float, moment: Moment) -> bool | str | None:
+    def _decide(self, when: Expression, key: str, timeout_s: float, moment: WalkState) -> bool | str | None:
         """Whether a condition holds; None while its values are waited for; a text when they do not come."""
         undecided = self._state.undecided
         try:
@@ -145,7 +145,7 @@ class Walk:
         undecided.pop(key, None)
         return holds
 
-    def _wait(self, step: Wait, key: str, moment: Moment) -> _Result:
+    def _wait(self, step: Wait, key: str, moment: WalkState) -> _Result:
         since = self._state.started[key]
         if step.for_s is not None:
             if moment.now >= since + step.for_s:
@@ -164,7 +164,7 @@ class Walk:
         what = step.event if step.until is None else step.until.text
         return StepState.FAILED, f"{what!r} did not come in {step.timeout_s:g} s"
 
-    def _has_come(self, step: Wait, key: str, moment: Moment) -> bool:
+    def _has_come(self, step: Wait, key: str, moment: WalkState) -> bool:
         if step.until is None:
             if key in self._state.events_seen:
                 return True

@@ -8,7 +8,7 @@ from typing import NamedTuple, Protocol
 
 from ua_fleet.scenario.model import Task
 
-__all__ = ["AllWell", "Trouble", "World"]
+__all__ = ["AllWell", "RobotsView", "Trouble"]
 
 
 class Trouble(NamedTuple):
@@ -21,7 +21,7 @@ class Trouble(NamedTuple):
     """The same for people whose task it keeps from being begun: which fault, since when, and what ends it."""
 
 
-class World(Protocol):
+class RobotsView(Protocol):
     """The robots as they are known now."""
 
     @property

@@ -21,12 +21,12 @@ from ua_fleet.endpoint.expiry import CertificateWatch
 from ua_fleet.endpoint.hardened_server import create_server
 from ua_fleet.endpoint.standard_nodes import forget_makers
 from ua_fleet.keys.source import KeySource
-from ua_fleet.monitoring import Monitor, Process
+from ua_fleet.monitoring import Monitor, ProcessKind
 from ua_fleet.nodes.address_space import FleetNodes
 from ua_fleet.nodes.change_events import tell_capacities
 from ua_fleet.nodes.client_writes import ClientWrites
 from ua_fleet.nodes.events import ServerEvents
-from ua_fleet.nodes.node_factory import NodeParts
+from ua_fleet.nodes.node_factory import NodeFactory
 from ua_fleet.nodes.nodeset import load_types
 from ua_fleet.nodes.projection import Projection
 from ua_fleet.nodes.recent_message_methods import RecentMessageMethods
@@ -34,7 +34,7 @@ from ua_fleet.nodes.session_key_methods import SessionKeyMethods
 from ua_fleet.nodes.skill_events import tell_transition
 from ua_fleet.nodes.skill_methods import SkillMethods
 from ua_fleet.nodes.wanted_data import WantedData
-from ua_fleet.operation.robots.roster import Roster
+from ua_fleet.operation.robots.roster import RobotRegistry
 from ua_fleet.operation.runs.activity import RobotActivities
 from ua_fleet.operation.skills.router import SkillRouter
 from ua_fleet.operation.skills.tracker import SkillTransitioned
@@ -105,7 +105,7 @@ async def run_server(
         TransportError: PubSub has no route, no permission or no such interface.
     """
     configured = fleet_model(config)
-    monitor = monitor or Monitor(Process.SERVER)
+    monitor = monitor or Monitor(ProcessKind.SERVER)
     mistakes = monitor.mistakes
     state_dir = config_dir / config.server.state_dir
     has_key_service = _has_key_service(config.pubsub)
@@ -126,12 +126,12 @@ async def run_server(
     loop.set_exception_handler(mistakes.in_loop)
     try:
         registry = stack.enter_context(Registry(state_dir / REGISTRY))
-        roster = Roster(config, configured, registry, time.time, structlog.get_logger("ua_fleet.server"))
+        roster = RobotRegistry(config, configured, registry, time.time, structlog.get_logger("ua_fleet.server"))
         model = roster.restore()
         await load_types(server, config.fleet.namespace_uri, config.fleet.namespace_index, config.fleet.namespaces)
         nodes = FleetNodes(server.iserver.aspace, model)
         nodes.build()
-        SessionKeyMethods(server, NodeParts(server.iserver.aspace, nodes.ns)).build()
+        SessionKeyMethods(server, NodeFactory(server.iserver.aspace, nodes.ns)).build()
         keys: KeySource | None = None
         if has_key_service:
             service = KeyService(config, state_dir)
@@ -167,7 +167,7 @@ async def run_server(
         )
         RecentMessageMethods(
             server,
-            NodeParts(server.iserver.aspace, nodes.ns),
+            NodeFactory(server.iserver.aspace, nodes.ns),
             hub.recent,
             is_encrypted=hub.envelope.mode is SecurityMode.SIGN_AND_ENCRYPT,
         ).build()

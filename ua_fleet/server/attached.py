@@ -8,7 +8,7 @@ from ua_fleet.pubsub.events import ActionReceived, SubscriberEvent
 from ua_fleet.topics import Topic
 from ua_fleet.wire.discovered import ActionMetaDataAnnouncement
 
-__all__ = ["Announced", "Clock", "Part", "Teleoperation"]
+__all__ = ["Announced", "Clock", "TeleoperationPart", "TimedPart"]
 
 
 class Announced(Protocol):
@@ -35,7 +35,7 @@ class Clock(Protocol):
         ...
 
 
-class Part(Protocol):
+class TimedPart(Protocol):
     """What has to be called in time, by the clock of the event loop."""
 
     def poll(self, now: float) -> None:
@@ -47,7 +47,7 @@ class Part(Protocol):
         ...
 
 
-class Teleoperation(Protocol):
+class TeleoperationPart(Protocol):
     """Robots that are driven by hand; see `server.teleoperation.service`."""
 
     def begin(self) -> None:

@@ -55,10 +55,10 @@ from ua_fleet.pubsub.publisher import Publisher
 from ua_fleet.pubsub.recent import RecentMessages
 from ua_fleet.pubsub.security.groups import telemetry_group
 from ua_fleet.pubsub.subscriber import LoopRule, Subscriber
-from ua_fleet.server.attached import Announced, Clock, Part, Teleoperation
+from ua_fleet.server.attached import Announced, Clock, TeleoperationPart, TimedPart
 from ua_fleet.server.message_tap import MessageTap
 from ua_fleet.server.timetable import Timetable
-from ua_fleet.skill.executions import Outcome
+from ua_fleet.skill.executions import RequestOutcome
 from ua_fleet.skill.journal import RequestorJournal
 from ua_fleet.skill.status import ROBOT_PROPERTY
 from ua_fleet.topics import SERVER_SPACE, Topic, loop_verdict
@@ -190,7 +190,7 @@ class Hub:
         self.want_action = self._subscriber.want_action
         """Asks for an Action until it is announced."""
         self._scenarios: ScenarioService | None = None
-        self._teleoperation: Teleoperation | None = None
+        self._teleoperation: TeleoperationPart | None = None
         self._roster: Announced | None = None
         self._wanted: WantedData | None = None
         self._sooner = asyncio.Event()
@@ -213,7 +213,7 @@ class Hub:
         self._scenarios = service
         self._timetable.add("scenarios", lambda _: service.poll(), lambda _: service.next_deadline())
 
-    def add_teleoperation(self, service: Teleoperation) -> None:
+    def add_teleoperation(self, service: TeleoperationPart) -> None:
         """Let robots be driven by hand too; before `start`."""
         self._teleoperation = service
         self._timetable.add("teleoperation", service.poll, lambda _: service.next_deadline())
@@ -227,7 +227,7 @@ class Hub:
 
         self._timetable.add(type(clock).__name__, lambda _: clock.poll(), due_at)
 
-    def add_part(self, name: str, part: Part) -> None:
+    def add_part(self, name: str, part: TimedPart) -> None:
         """Call something in time, counting its mistakes by this name; before `start`."""
         self._timetable.add(name, part.poll, part.next_deadline)
 
@@ -468,7 +468,7 @@ class Hub:
         self._handle([event], asyncio.get_running_loop().time())
         self.check_deadline()
 
-    def concluded(self, execution_id: bytes, outcome: Outcome) -> None:
+    def concluded(self, execution_id: bytes, outcome: RequestOutcome) -> None:
         """The outcome of a request is known, or known better."""
         named = execution_id.hex()
         with self.mistakes.guard("outcomes", execution_id=named):

@@ -10,15 +10,15 @@ from ua_fleet.nodes.change_events import Verb, tell_model_change
 from ua_fleet.nodes.events import ServerEvents
 from ua_fleet.nodes.projection import Projection
 from ua_fleet.nodes.skill_methods import SkillMethods
-from ua_fleet.operation.robots.offers import Offers
+from ua_fleet.operation.robots.offers import ClientOffers
 from ua_fleet.operation.skills.executions import SkillKeys
 from ua_fleet.server.hub import Hub
 from ua_fleet.topics import Topic
 
-__all__ = ["ServerParts"]
+__all__ = ["RobotAdmission"]
 
 
-class ServerParts:
+class RobotAdmission:
     """Takes robots in and lets them go; see `roster.Taking`."""
 
     def __init__(
@@ -27,7 +27,7 @@ class ServerParts:
         skills: SkillMethods,
         projection: Projection,
         events: ServerEvents,
-        offers: Offers,
+        offers: ClientOffers,
         runs_of: Callable[[str], list[str]],
         wall_ticks: Callable[[], int],
     ) -> None:

@@ -9,37 +9,39 @@ import structlog
 from ua_fleet.endpoint.hardened_server import HardenedServer
 from ua_fleet.nodes.address_space import FleetNodes
 from ua_fleet.nodes.events import ServerEvents
-from ua_fleet.nodes.node_factory import NodeParts
+from ua_fleet.nodes.node_factory import NodeFactory
 from ua_fleet.nodes.offer_nodes import OfferNodes
 from ua_fleet.nodes.projection import Projection
-from ua_fleet.nodes.registry_methods import RosterMethods
+from ua_fleet.nodes.registry_methods import RobotRegistryMethods
 from ua_fleet.nodes.skill_methods import SkillMethods
 from ua_fleet.nodes.summary_nodes import SummaryNodes
-from ua_fleet.operation.robots.offers import Offers
-from ua_fleet.operation.robots.roster import Roster
+from ua_fleet.operation.robots.offers import ClientOffers
+from ua_fleet.operation.robots.roster import RobotRegistry
 from ua_fleet.operation.runs.activity import RobotActivities
 from ua_fleet.operation.runs.service import ScenarioService
 from ua_fleet.server.hub import Hub, wall_ticks
-from ua_fleet.server.robot_admission import ServerParts
-from ua_fleet.skill.executions import Outcome
+from ua_fleet.server.robot_admission import RobotAdmission
+from ua_fleet.skill.executions import RequestOutcome
 from ua_fleet.skill.journal import ResponderJournal
 
 __all__ = ["add_roster", "make_offers"]
 
 
-def make_offers(hub: Hub, journal: ResponderJournal) -> Offers:
+def make_offers(hub: Hub, journal: ResponderJournal) -> ClientOffers:
     """What clients do; requests for it go through `SkillRouter`. Raises StorageUnavailable."""
     loop = asyncio.get_running_loop()
 
-    def told(execution_id: bytes, outcome: Outcome) -> None:
+    def told(execution_id: bytes, outcome: RequestOutcome) -> None:
         loop.call_soon(hub.concluded, execution_id, outcome)
 
-    return Offers(journal, show=hub.hear, told=told, wall_ticks=wall_ticks, log=structlog.get_logger("ua_fleet.server"))
+    return ClientOffers(
+        journal, show=hub.hear, told=told, wall_ticks=wall_ticks, log=structlog.get_logger("ua_fleet.server")
+    )
 
 
 def add_roster(
-    roster: Roster,
-    offers: Offers,
+    roster: RobotRegistry,
+    offers: ClientOffers,
     server: HardenedServer,
     hub: Hub,
     nodes: FleetNodes,
@@ -61,11 +63,11 @@ def add_roster(
         scenarios: runs that may need a robot.
         activities: what robots are at.
     """
-    parts = NodeParts(server.iserver.aspace, nodes.ns)
+    parts = NodeFactory(server.iserver.aspace, nodes.ns)
     parts.values = nodes.values
     events = ServerEvents(server.iserver)
-    roster.connect(ServerParts(hub, skills, projection, events, offers, scenarios.users_of, wall_ticks))
-    RosterMethods(server, parts, roster, projection.settled).build()
+    roster.connect(RobotAdmission(hub, skills, projection, events, offers, scenarios.users_of, wall_ticks))
+    RobotRegistryMethods(server, parts, roster, projection.settled).build()
     offer_nodes = OfferNodes(server, parts, projection, roster, offers, wall_ticks)
     offer_nodes.build()
     offers.changed = offer_nodes.show

@@ -13,7 +13,7 @@ from ua_fleet.endpoint.hardened_server import HardenedServer
 from ua_fleet.fleet.model import FleetModel
 from ua_fleet.nodes.address_space import FleetNodes
 from ua_fleet.nodes.events import ServerEvents
-from ua_fleet.nodes.node_factory import NodeParts
+from ua_fleet.nodes.node_factory import NodeFactory
 from ua_fleet.nodes.place_nodes import add_places, places_of
 from ua_fleet.nodes.projection import Projection
 from ua_fleet.nodes.robot_methods import RobotMethods
@@ -63,7 +63,7 @@ def add_scenarios(
     Raises:
         StorageUnavailable: the journal cannot be read.
     """
-    parts = NodeParts(server.iserver.aspace, model.ns)
+    parts = NodeFactory(server.iserver.aspace, model.ns)
     parts.values = fleet.values
     nodes = ScenarioNodes(parts, projection.put, wall_ticks)
     nodes.build()

@@ -16,58 +16,58 @@ carried out in their order. What must survive a restart is in a journal before t
 """
 
 from ua_fleet.skill.executions import (
+    ExecutionReport,
     ExecutionState,
-    Outcome,
     OutcomeKind,
-    Report,
     RequestorName,
+    RequestOutcome,
     Target,
     pack,
     unpack,
 )
-from ua_fleet.skill.journal import Execution, MemoryJournal, Request, RequestorJournal, ResponderJournal
+from ua_fleet.skill.journal import MemoryJournal, RecordedExecution, RecordedRequest, RequestorJournal, ResponderJournal
 from ua_fleet.skill.offers import Offer
 from ua_fleet.skill.requestor import (
+    ActionRequestor,
     Concluded,
     Contradicted,
     OutcomeCorrected,
-    Requestor,
     RequestorEffect,
     RequestPace,
     Send,
 )
 from ua_fleet.skill.responder import (
+    ActionResponder,
     Execute,
     ExecutionChanged,
     Query,
     Respond,
-    Responder,
     ResponderEffect,
     ResponderLimits,
 )
 
 __all__ = [
+    "ActionRequestor",
+    "ActionResponder",
     "Concluded",
     "Contradicted",
     "Execute",
-    "Execution",
     "ExecutionChanged",
+    "ExecutionReport",
     "ExecutionState",
     "MemoryJournal",
     "Offer",
-    "Outcome",
     "OutcomeCorrected",
     "OutcomeKind",
     "Query",
-    "Report",
-    "Request",
+    "RecordedExecution",
+    "RecordedRequest",
+    "RequestOutcome",
     "RequestPace",
-    "Requestor",
     "RequestorEffect",
     "RequestorJournal",
     "RequestorName",
     "Respond",
-    "Responder",
     "ResponderEffect",
     "ResponderJournal",
     "ResponderLimits",

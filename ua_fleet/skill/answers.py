@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from typing import Any, Final
 
-from ua_fleet.skill.executions import ExecutionState, Outcome, OutcomeKind, Report, pack, unpack
+from ua_fleet.skill.executions import ExecutionReport, ExecutionState, OutcomeKind, RequestOutcome, pack, unpack
 from ua_fleet.values import BuiltinType, Quality, StatusCode, quality_of
 from ua_fleet.wire.actions import ActionMessage
 
@@ -32,7 +32,7 @@ _KINDS: Final = {
 }
 
 
-def answer_fields(report: Report) -> tuple[tuple[int, ...], tuple[Any, ...]]:
+def answer_fields(report: ExecutionReport) -> tuple[tuple[int, ...], tuple[Any, ...]]:
     """Types and values of a response that says this. Of what is suspended it says Running: it was accepted."""
     results = unpack(report.result)
     # A requestor that does not know the state would take the Good status for the end.
@@ -43,13 +43,13 @@ def answer_fields(report: Report) -> tuple[tuple[int, ...], tuple[Any, ...]]:
     )
 
 
-def read_answer(message: ActionMessage) -> Report:
+def read_answer(message: ActionMessage) -> ExecutionReport:
     """What a response says."""
     status = (message.status or 0) & _UPPER_BITS
     if message.types[:2] == LEADING_TYPES and message.values[0] in _SAID:
         state = ExecutionState(message.values[0])
-        return Report(state, status, message.values[1] or "", pack(message.types[2:], message.values[2:]))
-    return Report(_state_of(status), status, "", pack(message.types, message.values))
+        return ExecutionReport(state, status, message.values[1] or "", pack(message.types[2:], message.values[2:]))
+    return ExecutionReport(_state_of(status), status, "", pack(message.types, message.values))
 
 
 def _state_of(status: int) -> ExecutionState:
@@ -61,6 +61,6 @@ def _state_of(status: int) -> ExecutionState:
     return ExecutionState.TIMED_OUT if status == StatusCode.BAD_TIMEOUT else ExecutionState.REFUSED
 
 
-def outcome_of(report: Report) -> Outcome:
+def outcome_of(report: ExecutionReport) -> RequestOutcome:
     """What a requestor knows once it was told this."""
-    return Outcome(_KINDS[report.state], report)
+    return RequestOutcome(_KINDS[report.state], report)

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from ua_fleet.skill.answers import answer_fields
-from ua_fleet.skill.executions import Report
+from ua_fleet.skill.executions import ExecutionReport
 from ua_fleet.values import StatusCode
 from ua_fleet.wire.actions import ActionMessage, ActionState
 
@@ -32,7 +32,7 @@ class Respond:
     """What came with the request as `reply_to`."""
 
 
-def answer(request: ActionMessage, state: ActionState, report: Report | None, to: object) -> Respond:
+def answer(request: ActionMessage, state: ActionState, report: ExecutionReport | None, to: object) -> Respond:
     """The response to a request; without a report it has no fields."""
     types, values = answer_fields(report) if report is not None else ((), ())
     message = ActionMessage(

@@ -30,10 +30,10 @@ __all__ = [
     "RESUME_TARGETS",
     "ROBOT_STANDS",
     "SUSPEND_TARGETS",
+    "ExecutionReport",
     "ExecutionState",
-    "Outcome",
     "OutcomeKind",
-    "Report",
+    "RequestOutcome",
     "RequestorName",
     "Target",
     "halt_id",
@@ -129,7 +129,7 @@ class Target(NamedTuple):
     action_target_id: int
 
 
-class Report(NamedTuple):
+class ExecutionReport(NamedTuple):
     """The state of an execution with what belongs to it; `result` is packed (see `pack`)."""
 
     state: ExecutionState
@@ -139,11 +139,11 @@ class Report(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True)
-class Outcome:
+class RequestOutcome:
     """What a requestor ends with. `report` is the responder's last word; its state is UNKNOWN where none came."""
 
     kind: OutcomeKind
-    report: Report
+    report: ExecutionReport
     names: tuple[str, ...] | None = field(default=None, compare=False)
     """Of the results in `report`, in their order, as the responder announces them; None where that is not known.
 
@@ -201,7 +201,7 @@ def unpack(content: bytes) -> tuple[Variant, ...]:
     return tuple(values)
 
 
-def named_results(outcome: Outcome, declared: Sequence[str]) -> dict[str, Any]:
+def named_results(outcome: RequestOutcome, declared: Sequence[str]) -> dict[str, Any]:
     """The results of an outcome by their names.
 
     Where nobody knows the responder's names (its announcement was not heard since a restart) the one result that is

@@ -14,18 +14,18 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping
 from typing import NamedTuple, Protocol
 
-from ua_fleet.skill.executions import Outcome, Report, Target
+from ua_fleet.skill.executions import ExecutionReport, RequestOutcome, Target
 
 __all__ = [
-    "Execution",
     "MemoryJournal",
-    "Request",
+    "RecordedExecution",
+    "RecordedRequest",
     "RequestorJournal",
     "ResponderJournal",
 ]
 
 
-class Request(NamedTuple):
+class RecordedRequest(NamedTuple):
     """A requestor's record of one execution."""
 
     execution_id: bytes
@@ -36,12 +36,12 @@ class Request(NamedTuple):
     """Ticks; strictly increasing over all requests of a journal."""
     timeout_ms: int
     """0: it was withdrawn, and only asks."""
-    outcome: Outcome | None = None
+    outcome: RequestOutcome | None = None
     version: int = 0
     """Of the announcement by which the arguments were put in order; 0: it is not said."""
 
 
-class Execution(NamedTuple):
+class RecordedExecution(NamedTuple):
     """A responder's record of one execution."""
 
     execution_id: bytes
@@ -52,13 +52,13 @@ class Execution(NamedTuple):
     content: bytes
     issued: int
     timeout_ms: int
-    report: Report
+    report: ExecutionReport
 
 
 class RequestorJournal(Protocol):
     """What a requestor writes down."""
 
-    def requested(self, request: Request) -> None:
+    def requested(self, request: RecordedRequest) -> None:
         """A new request, before it is sent. Its id is not in the journal."""
         ...
 
@@ -66,11 +66,11 @@ class RequestorJournal(Protocol):
         """A request must not be begun any more; its timeout is 0."""
         ...
 
-    def concluded(self, execution_id: bytes, outcome: Outcome) -> None:
+    def concluded(self, execution_id: bytes, outcome: RequestOutcome) -> None:
         """The outcome of a request, also one that corrects an earlier outcome."""
         ...
 
-    def requests(self) -> Collection[Request]:
+    def requests(self) -> Collection[RecordedRequest]:
         """All that are remembered, by their issue time."""
         ...
 
@@ -82,15 +82,15 @@ class RequestorJournal(Protocol):
 class ResponderJournal(Protocol):
     """What a responder writes down."""
 
-    def recorded(self, execution: Execution) -> None:
+    def recorded(self, execution: RecordedExecution) -> None:
         """A new execution: an intent (RUNNING), or that it will never begin. Its id is not in the journal."""
         ...
 
-    def reported(self, execution_id: bytes, report: Report) -> None:
+    def reported(self, execution_id: bytes, report: ExecutionReport) -> None:
         """A new state of an execution."""
         ...
 
-    def executions(self) -> Collection[Execution]:
+    def executions(self) -> Collection[RecordedExecution]:
         """All that are remembered, in the order in which they were recorded."""
         ...
 
@@ -107,11 +107,11 @@ class MemoryJournal:
     """Both journals in memory: it outlives state machines, but not its process."""
 
     def __init__(self) -> None:
-        self._requests: dict[bytes, Request] = {}
-        self._executions: dict[bytes, Execution] = {}
+        self._requests: dict[bytes, RecordedRequest] = {}
+        self._executions: dict[bytes, RecordedExecution] = {}
         self._forgotten: dict[int, int] = {}
 
-    def requested(self, request: Request) -> None:
+    def requested(self, request: RecordedRequest) -> None:
         """See RequestorJournal."""
         self._requests[request.execution_id] = request
 
@@ -119,11 +119,11 @@ class MemoryJournal:
         """See RequestorJournal."""
         self._requests[execution_id] = self._requests[execution_id]._replace(timeout_ms=0)
 
-    def concluded(self, execution_id: bytes, outcome: Outcome) -> None:
+    def concluded(self, execution_id: bytes, outcome: RequestOutcome) -> None:
         """See RequestorJournal."""
         self._requests[execution_id] = self._requests[execution_id]._replace(outcome=outcome)
 
-    def requests(self) -> Collection[Request]:
+    def requests(self) -> Collection[RecordedRequest]:
         """See RequestorJournal."""
         return tuple(self._requests.values())
 
@@ -132,15 +132,15 @@ class MemoryJournal:
         for execution_id in execution_ids:
             del self._requests[execution_id]
 
-    def recorded(self, execution: Execution) -> None:
+    def recorded(self, execution: RecordedExecution) -> None:
         """See ResponderJournal."""
         self._executions[execution.execution_id] = execution
 
-    def reported(self, execution_id: bytes, report: Report) -> None:
+    def reported(self, execution_id: bytes, report: ExecutionReport) -> None:
         """See ResponderJournal."""
         self._executions[execution_id] = self._executions[execution_id]._replace(report=report)
 
-    def executions(self) -> Collection[Execution]:
+    def executions(self) -> Collection[RecordedExecution]:
         """See ResponderJournal."""
         return tuple(self._executions.values())
 

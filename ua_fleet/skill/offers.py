@@ -25,11 +25,11 @@ from dataclasses import dataclass, field
 from typing import Any, Final, NamedTuple
 
 from ua_fleet.counters import Drop
-from ua_fleet.skill.executions import NEVER_BEGUN, ExecutionState, Report, Target
-from ua_fleet.skill.journal import Execution
+from ua_fleet.skill.executions import NEVER_BEGUN, ExecutionReport, ExecutionState, Target
+from ua_fleet.skill.journal import RecordedExecution
 from ua_fleet.values import TICKS_PER_SECOND, StatusCode
 
-__all__ = ["REMEMBERED_S", "Decision", "Offer", "Offers"]
+__all__ = ["REMEMBERED_S", "ActionOffers", "Offer", "OfferDecision"]
 
 REMEMBERED_S: Final = 60.0
 """So long after its last request, and its last execution, a requestor still counts as one."""
@@ -58,10 +58,10 @@ class Offer:
     """Why these arguments are not legal, or None."""
 
 
-class Decision(NamedTuple):
+class OfferDecision(NamedTuple):
     """What is to be recorded of a new request, and what a refusal is counted as."""
 
-    report: Report
+    report: ExecutionReport
     drop: Drop | None = None
 
 
@@ -70,16 +70,16 @@ class _Use:
     """What was accepted of one offer; times are monotonic."""
 
     last_at: float = -math.inf
-    last: Execution | None = None
+    last: RecordedExecution | None = None
     """What was accepted last, then."""
     requestors: dict[str, float] = field(default_factory=dict[str, float])
     """When each was accepted last."""
 
 
-class Offers:
+class ActionOffers:
     """The offers of one responder, and how they are used."""
 
-    def __init__(self, offers: Iterable[Offer], executions: Iterable[Execution]) -> None:
+    def __init__(self, offers: Iterable[Offer], executions: Iterable[RecordedExecution]) -> None:
         """Begin with what the journal has of a run before."""
         self._offers = {offer.target: offer for offer in offers}
         self._before = [execution for execution in executions if execution.report.state not in NEVER_BEGUN]
@@ -104,15 +104,15 @@ class Offers:
 
     def decide(
         self,
-        execution: Execution,
+        execution: RecordedExecution,
         types: tuple[int, ...],
         values: tuple[Any, ...],
-        under_way: Collection[Execution],
+        under_way: Collection[RecordedExecution],
         now: float,
         utc: int,
         *,
         version: int | None = None,
-    ) -> Decision:
+    ) -> OfferDecision:
         """RUNNING where a new request of a space that may ask can begin; else why not. See `accepted`.
 
         Args:
@@ -143,8 +143,8 @@ class Offers:
         return self._within_limits(offer, execution, same, now, utc)
 
     def _within_limits(
-        self, offer: Offer, execution: Execution, under_way: Collection[Execution], now: float, utc: int
-    ) -> Decision:
+        self, offer: Offer, execution: RecordedExecution, under_way: Collection[RecordedExecution], now: float, utc: int
+    ) -> OfferDecision:
         self._recall(now, utc)
         use = self._uses.get(offer.target) or _Use()
         if offer.most_requestors is not None:
@@ -160,9 +160,9 @@ class Offers:
         if now < use.last_at + offer.least_interval_s and not _has_waited(execution, use.last, offer.least_interval_s):
             said = f"asked for again within {offer.least_interval_s:g} s"
             return _refused(StatusCode.BAD_SERVER_TOO_BUSY, said, Drop.TOO_SOON)
-        return Decision(Report(ExecutionState.RUNNING))
+        return OfferDecision(ExecutionReport(ExecutionState.RUNNING))
 
-    def accepted(self, execution: Execution, now: float) -> None:
+    def accepted(self, execution: RecordedExecution, now: float) -> None:
         """A new execution was recorded, and is told to the robot."""
         use = self._uses.setdefault(execution.target, _Use())
         use.last_at, use.last = now, execution
@@ -181,12 +181,12 @@ class Offers:
         self._before.clear()
 
 
-def _has_waited(execution: Execution, last: Execution | None, interval_s: float) -> bool:
+def _has_waited(execution: RecordedExecution, last: RecordedExecution | None, interval_s: float) -> bool:
     """Whether a requestor has waited so long since its last request."""
     if last is None or last.requestor_id != execution.requestor_id:
         return False
     return execution.issued - last.issued >= round(interval_s * TICKS_PER_SECOND)
 
 
-def _refused(status: StatusCode, said: str, drop: Drop) -> Decision:
-    return Decision(Report(ExecutionState.REFUSED, status, said), drop)
+def _refused(status: StatusCode, said: str, drop: Drop) -> OfferDecision:
+    return OfferDecision(ExecutionReport(ExecutionState.REFUSED, status, said), drop)

@@ -40,26 +40,26 @@ from ua_fleet.errors import SkillRejected, StorageUnavailable
 from ua_fleet.skill.answers import outcome_of, read_answer
 from ua_fleet.skill.executions import (
     EXECUTION_ID_BYTES,
+    ExecutionReport,
     ExecutionState,
-    Outcome,
     OutcomeKind,
-    Report,
     RequestorName,
+    RequestOutcome,
     Target,
     pack,
     unpack,
 )
-from ua_fleet.skill.journal import Request, RequestorJournal
+from ua_fleet.skill.journal import RecordedRequest, RequestorJournal
 from ua_fleet.values import TICKS_PER_SECOND, StatusCode, Variant
 from ua_fleet.wire.actions import ActionMessage, ActionState
 
-__all__ = ["Concluded", "Contradicted", "OutcomeCorrected", "RequestPace", "Requestor", "RequestorEffect", "Send"]
+__all__ = ["ActionRequestor", "Concluded", "Contradicted", "OutcomeCorrected", "RequestPace", "RequestorEffect", "Send"]
 
 REQUEST_ID: Final = 1
 """Unique within RequestorId and CorrelationData, as the specification wants it: each execution has its own of those."""
-_NO_ANSWER: Final = Outcome(
+_NO_ANSWER: Final = RequestOutcome(
     OutcomeKind.UNKNOWN,
-    Report(ExecutionState.UNKNOWN, StatusCode.BAD_NO_COMMUNICATION, "no answer came; see what the robot does"),
+    ExecutionReport(ExecutionState.UNKNOWN, StatusCode.BAD_NO_COMMUNICATION, "no answer came; see what the robot does"),
 )
 _CONTRADICTION: Final = {OutcomeKind.ACCEPTED, OutcomeKind.REFUSED}
 
@@ -76,7 +76,7 @@ class Concluded:
     """The outcome of a request is known, and journaled."""
 
     execution_id: bytes
-    outcome: Outcome
+    outcome: RequestOutcome
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,7 +84,7 @@ class OutcomeCorrected:
     """An outcome that was Unknown is known after all, and journaled."""
 
     execution_id: bytes
-    outcome: Outcome
+    outcome: RequestOutcome
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,11 +130,11 @@ class _Exchange:
     arguments: tuple[Variant, ...]
     sent: int = 0
     """Messages of this phase, since the last answer."""
-    refused: Outcome | None = None
+    refused: RequestOutcome | None = None
     """A refusal that counts at `next_at`, unless an acceptance comes before."""
 
 
-class Requestor:
+class ActionRequestor:
     """Asks responders for executions. `now` is a monotonic clock in seconds, `utc` the wall clock in ticks.
 
     Whatever the journal cannot write raises StorageUnavailable; then nothing has happened.
@@ -168,7 +168,7 @@ class Requestor:
         self._contradicted: dict[bytes, None] = {}
         """Executions of which that was told, the oldest first."""
 
-    def outcome(self, execution_id: bytes) -> Outcome | None:
+    def outcome(self, execution_id: bytes) -> RequestOutcome | None:
         """What is known of a request; None while it is asked for, KeyError where it was never made or is forgotten."""
         return self._requests[execution_id].outcome
 
@@ -227,7 +227,9 @@ class Requestor:
                 raise SkillRejected(f"execution {execution_id.hex()} is another request already")
             return [] if known.outcome is None else [Concluded(execution_id, known.outcome)]
         self._make_room()
-        request = Request(execution_id, target, content, max(utc, self._last_issued + 1), timeout_ms, version=version)
+        request = RecordedRequest(
+            execution_id, target, content, max(utc, self._last_issued + 1), timeout_ms, version=version
+        )
         self._journal.requested(request)
         self._last_issued = request.issued
         self._requests[execution_id] = request
@@ -307,13 +309,13 @@ class Requestor:
         """When `poll` is to be called next, or None."""
         return min((_due(exchange) for exchange in self._exchanges.values()), default=None)
 
-    def _ask(self, request: Request, now: float, deadline: float) -> list[RequestorEffect]:
+    def _ask(self, request: RecordedRequest, now: float, deadline: float) -> list[RequestorEffect]:
         give_up = deadline + self._pace.grace_s
         exchange = _Exchange(_Phase.ASKING, deadline, give_up, now, unpack(request.content))
         self._exchanges[request.execution_id] = exchange
         return [self._say(request, exchange, now)]
 
-    def _say(self, request: Request, exchange: _Exchange, now: float) -> Send:
+    def _say(self, request: RecordedRequest, exchange: _Exchange, now: float) -> Send:
         """The message of the present phase, and when it is due again."""
         pause = min(self._pace.interval_s * 2.0 ** min(exchange.sent, 32), self._pace.longest_interval_s)
         exchange.sent += 1
@@ -335,7 +337,7 @@ class Requestor:
             )
         )
 
-    def _message(self, request: Request, state: ActionState) -> ActionMessage:
+    def _message(self, request: RecordedRequest, state: ActionState) -> ActionMessage:
         target = request.target
         return ActionMessage(
             target.publisher_id,
@@ -349,7 +351,7 @@ class Requestor:
             correlation_data=request.execution_id,
         )
 
-    def _receive_one(self, request: Request, message: ActionMessage, now: float) -> list[RequestorEffect]:
+    def _receive_one(self, request: RecordedRequest, message: ActionMessage, now: float) -> list[RequestorEffect]:
         exchange = self._exchanges.get(request.execution_id)
         if message.action_state == ActionState.DONE:
             return self._receive_done(request, exchange, message, now)
@@ -368,7 +370,7 @@ class Requestor:
         return []
 
     def _receive_done(
-        self, request: Request, exchange: _Exchange | None, message: ActionMessage, now: float
+        self, request: RecordedRequest, exchange: _Exchange | None, message: ActionMessage, now: float
     ) -> list[RequestorEffect]:
         outcome = outcome_of(read_answer(message))
         told = request.outcome
@@ -390,11 +392,11 @@ class Requestor:
             return [*effects, Send(self._message(request, ActionState.IDLE))]
         return [*effects, self._close(request, exchange, now)]
 
-    def _close(self, request: Request, exchange: _Exchange, now: float) -> Send:
+    def _close(self, request: RecordedRequest, exchange: _Exchange, now: float) -> Send:
         exchange.phase, exchange.give_up, exchange.sent, exchange.refused = _Phase.CLOSING, math.inf, 0, None
         return self._say(request, exchange, now)
 
-    def _contradicts(self, request: Request) -> list[RequestorEffect]:
+    def _contradicts(self, request: RecordedRequest) -> list[RequestorEffect]:
         """Once for each request: both answers are repeated."""
         if request.execution_id in self._contradicted:
             return []
@@ -403,10 +405,12 @@ class Requestor:
             del self._contradicted[next(iter(self._contradicted))]
         return [Contradicted(request.execution_id, request.target)]
 
-    def _conclude(self, request: Request, outcome: Outcome) -> list[RequestorEffect]:
+    def _conclude(self, request: RecordedRequest, outcome: RequestOutcome) -> list[RequestorEffect]:
         self._journal.concluded(request.execution_id, outcome)
         self._requests[request.execution_id] = request._replace(outcome=outcome)
-        kind: Callable[[bytes, Outcome], RequestorEffect] = Concluded if request.outcome is None else OutcomeCorrected
+        kind: Callable[[bytes, RequestOutcome], RequestorEffect] = (
+            Concluded if request.outcome is None else OutcomeCorrected
+        )
         return [kind(request.execution_id, outcome)]
 
     def _make_room(self) -> None:

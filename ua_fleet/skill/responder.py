@@ -46,24 +46,24 @@ from ua_fleet.skill.exchanges import Exchanges, Respond, answer
 from ua_fleet.skill.executions import (
     EXECUTION_ID_BYTES,
     OPEN,
+    ExecutionReport,
     ExecutionState,
-    Report,
     RequestorName,
     Target,
     pack,
 )
-from ua_fleet.skill.journal import Execution, ResponderJournal
-from ua_fleet.skill.offers import Decision, Offer, Offers
+from ua_fleet.skill.journal import RecordedExecution, ResponderJournal
+from ua_fleet.skill.offers import ActionOffers, Offer, OfferDecision
 from ua_fleet.values import TICKS_PER_SECOND, StatusCode
 from ua_fleet.wire.actions import ActionMessage, ActionState
 
 __all__ = [
+    "ActionResponder",
     "Execute",
     "ExecutionChanged",
     "Offer",
     "Query",
     "Respond",
-    "Responder",
     "ResponderEffect",
     "ResponderLimits",
 ]
@@ -102,27 +102,27 @@ class ResponderLimits:
 class Execute:
     """Tell the robot, once. Then say `begun`, or `refused` where nothing was begun."""
 
-    execution: Execution
+    execution: RecordedExecution
 
 
 @dataclass(frozen=True, slots=True)
 class Query:
     """Find out what became of an execution. Then say `running`, `ended` or `not_begun`."""
 
-    execution: Execution
+    execution: RecordedExecution
 
 
 @dataclass(frozen=True, slots=True)
 class ExecutionChanged:
     """An execution is new, or has a new state: for SkillStatus."""
 
-    execution: Execution
+    execution: RecordedExecution
 
 
 ResponderEffect = Execute | Query | Respond | ExecutionChanged
 
 
-class Responder:
+class ActionResponder:
     """Answers the requests to one space. `now` is a monotonic clock in seconds, `utc` the wall clock in ticks.
 
     Effects are to be carried out in their order. Whatever the journal cannot write raises StorageUnavailable; then
@@ -158,7 +158,7 @@ class Responder:
         self._allowed = frozenset(allowed_spaces)
         self._must_be_verified = must_be_verified
         self._executions = {execution.execution_id: execution for execution in journal.executions()}
-        self._offers = Offers(offers, self._executions.values())
+        self._offers = ActionOffers(offers, self._executions.values())
         self._under_way = {key for key, execution in self._executions.items() if execution.report.state in OPEN}
         self._forgotten = dict(journal.forgotten())
         self._to_begin: set[bytes] = set()
@@ -173,11 +173,11 @@ class Responder:
         """Refuse requests for it from now on."""
         self._offers.remove(target)
 
-    def executions(self) -> list[Execution]:
+    def executions(self) -> list[RecordedExecution]:
         """All that are remembered, in the order in which they came."""
         return list(self._executions.values())
 
-    def execution(self, execution_id: bytes) -> Execution | None:
+    def execution(self, execution_id: bytes) -> RecordedExecution | None:
         """One of them; None where it is not remembered."""
         return self._executions.get(execution_id)
 
@@ -214,7 +214,9 @@ class Responder:
             self._counters.drop(Drop.REQUESTOR, len(parts))
             if name is None:
                 return []
-            report = Report(_S.REFUSED, StatusCode.BAD_USER_ACCESS_DENIED, f"space {name.space} may not command")
+            report = ExecutionReport(
+                _S.REFUSED, StatusCode.BAD_USER_ACCESS_DENIED, f"space {name.space} may not command"
+            )
             return [answer(part, ActionState.DONE, report, reply_to) for part in parts]
         effects: list[ResponderEffect] = []
         for part in parts:
@@ -235,7 +237,7 @@ class Responder:
         """After Execute, in place of `begun`: nothing was begun, and nothing will be."""
         if execution_id not in self._to_begin:
             return []
-        return self._become(execution_id, Report(_S.REFUSED, status, message), now)
+        return self._become(execution_id, ExecutionReport(_S.REFUSED, status, message), now)
 
     def running(self, execution_id: bytes) -> list[ResponderEffect]:
         """The answer to Query: the robot is still at it."""
@@ -259,10 +261,12 @@ class Responder:
             self._to_begin.add(execution_id)
             return [*effects, Execute(execution)]
         self._executions[execution_id] = execution._replace(report=execution.report._replace(state=_S.ASKING))
-        late = Report(_S.TIMED_OUT, StatusCode.BAD_TIMEOUT, "a restart came before it began, and its time is over")
+        late = ExecutionReport(
+            _S.TIMED_OUT, StatusCode.BAD_TIMEOUT, "a restart came before it began, and its time is over"
+        )
         return self._become(execution_id, late, now)
 
-    def ended(self, execution_id: bytes, report: Report, now: float) -> list[ResponderEffect]:
+    def ended(self, execution_id: bytes, report: ExecutionReport, now: float) -> list[ResponderEffect]:
         """An execution is over: DONE, FAILED, or UNKNOWN where nobody can tell. Said twice, the first counts."""
         if report.state not in (_S.DONE, _S.FAILED, _S.UNKNOWN):
             raise ValueError(f"an execution does not end as {report.state.name}")
@@ -290,24 +294,26 @@ class Responder:
             return []
         if len(execution_id) != EXECUTION_ID_BYTES or message.timestamp is None or message.timeout_hint_ms is None:
             what = f"CorrelationData of {EXECUTION_ID_BYTES} bytes, a Timestamp and a TimeoutHint"
-            report = Report(_S.REFUSED, StatusCode.BAD_INVALID_ARGUMENT, f"a request needs {what}")
+            report = ExecutionReport(_S.REFUSED, StatusCode.BAD_INVALID_ARGUMENT, f"a request needs {what}")
             return [answer(message, ActionState.DONE, report, reply_to)]
         try:
             content = pack(message.types, message.values)
         except LocalWireError as error:  # what was decoded, but has no bytes of ours
-            report = Report(_S.REFUSED, StatusCode.BAD_NOT_SUPPORTED, str(error))
+            report = ExecutionReport(_S.REFUSED, StatusCode.BAD_NOT_SUPPORTED, str(error))
             return [answer(message, ActionState.DONE, report, reply_to)]
         execution = self._executions.get(execution_id)
         effects: list[ResponderEffect] = []
         if execution is None:
             if message.timestamp <= self._forgotten.get(name.space, -1):
-                report = Report(_S.UNKNOWN, StatusCode.UNCERTAIN, "older than what is remembered; it may be done")
+                report = ExecutionReport(
+                    _S.UNKNOWN, StatusCode.UNCERTAIN, "older than what is remembered; it may be done"
+                )
                 return [answer(message, ActionState.DONE, report, reply_to)]
             if self._offers.is_hidden(_target_of(message), name.space):
                 # Not recorded: who may not ask for this must not use up the id of who may.
                 self._counters.drop(Drop.REQUESTOR)
                 said = f"this skill is not for space {name.space}"
-                report = Report(_S.REFUSED, StatusCode.BAD_USER_ACCESS_DENIED, said)
+                report = ExecutionReport(_S.REFUSED, StatusCode.BAD_USER_ACCESS_DENIED, said)
                 return [answer(message, ActionState.DONE, report, reply_to)]
             execution = self._record(message, content, name, now, utc)
             effects.append(ExecutionChanged(execution))
@@ -316,7 +322,7 @@ class Responder:
                 effects.append(Execute(execution))
         elif (execution.space, execution.target, execution.content) != (name.space, _target_of(message), content):
             said = "this execution id belongs to another request"
-            report = Report(_S.REFUSED, StatusCode.BAD_INVALID_ARGUMENT, said)
+            report = ExecutionReport(_S.REFUSED, StatusCode.BAD_INVALID_ARGUMENT, said)
             return [answer(message, ActionState.DONE, report, reply_to)]
         wait_until = now
         if self._is_immediate(execution.target):
@@ -328,11 +334,13 @@ class Responder:
             return effects  # `begun` and `refused` go on
         return effects + self._tell(execution_id, now)
 
-    def _record(self, message: ActionMessage, content: bytes, name: RequestorName, now: float, utc: int) -> Execution:
+    def _record(
+        self, message: ActionMessage, content: bytes, name: RequestorName, now: float, utc: int
+    ) -> RecordedExecution:
         """Decide on a new request, and journal it."""
         self._make_room()
         timestamp, hint_ms = message.timestamp or 0, message.timeout_hint_ms or 0.0
-        execution = Execution(
+        execution = RecordedExecution(
             message.correlation_data or b"",
             name.text,
             name.space,
@@ -341,7 +349,7 @@ class Responder:
             # Forgetting it must not set a mark that other requests, of a right clock, would be below.
             min(timestamp, utc + round(self._limits.clock_tolerance_s * TICKS_PER_SECOND)),
             min(round(hint_ms), 0x7FFF_FFFF),
-            Report(_S.RUNNING),
+            ExecutionReport(_S.RUNNING),
         )
         decision = self._decide(execution, message, now, utc)
         execution = execution._replace(report=decision.report)
@@ -354,23 +362,25 @@ class Responder:
             self._counters.drop(decision.drop)
         return execution
 
-    def _decide(self, execution: Execution, message: ActionMessage, now: float, utc: int) -> Decision:
+    def _decide(self, execution: RecordedExecution, message: ActionMessage, now: float, utc: int) -> OfferDecision:
         """RUNNING, or why not."""
         tolerance_s, hint_ms = self._limits.clock_tolerance_s, message.timeout_hint_ms or 0.0
         ahead_s = ((message.timestamp or 0) - utc) / TICKS_PER_SECOND
         if hint_ms <= 0 or -ahead_s > hint_ms / 1000 + tolerance_s:
-            late = Report(_S.TIMED_OUT, StatusCode.BAD_TIMEOUT, f"it came {-ahead_s:.3f} s after it was issued")
-            return Decision(late, Drop.REFUSED)
+            late = ExecutionReport(
+                _S.TIMED_OUT, StatusCode.BAD_TIMEOUT, f"it came {-ahead_s:.3f} s after it was issued"
+            )
+            return OfferDecision(late, Drop.REFUSED)
         if ahead_s > tolerance_s:
             said = f"it was issued {ahead_s:.3f} s ahead of this clock; set the clocks of both sides"
-            return Decision(Report(_S.REFUSED, StatusCode.BAD_INVALID_TIMESTAMP, said), Drop.REFUSED)
+            return OfferDecision(ExecutionReport(_S.REFUSED, StatusCode.BAD_INVALID_TIMESTAMP, said), Drop.REFUSED)
         under_way = [self._executions[key] for key in self._under_way]
         decision = self._offers.decide(
             execution, message.types, message.values, under_way, now, utc, version=message.major_version
         )
         if decision.report.state is _S.RUNNING and len(under_way) >= self._limits.requests_at_once:
             said = f"{len(under_way)} executions are under way"
-            return Decision(Report(_S.REFUSED, StatusCode.BAD_TOO_MANY_OPERATIONS, said), Drop.TOO_MANY)
+            return OfferDecision(ExecutionReport(_S.REFUSED, StatusCode.BAD_TOO_MANY_OPERATIONS, said), Drop.TOO_MANY)
         return decision
 
     def _go_over(
@@ -384,7 +394,7 @@ class Responder:
         self._executions[execution_id] = execution
         return [ExecutionChanged(execution)]
 
-    def _become(self, execution_id: bytes, report: Report, now: float) -> list[ResponderEffect]:
+    def _become(self, execution_id: bytes, report: ExecutionReport, now: float) -> list[ResponderEffect]:
         """Journal a new state and say it; nothing where the table has no such transition."""
         execution = self._executions.get(execution_id)
         if execution is None or report.state not in TRANSITIONS[execution.report.state]:

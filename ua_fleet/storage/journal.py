@@ -12,8 +12,8 @@ from pathlib import Path
 from typing import Any, Final, Self
 
 from ua_fleet.errors import StorageUnavailable
-from ua_fleet.skill.executions import ExecutionState, Outcome, OutcomeKind, Report, Target
-from ua_fleet.skill.journal import Execution, Request
+from ua_fleet.skill.executions import ExecutionReport, ExecutionState, OutcomeKind, RequestOutcome, Target
+from ua_fleet.skill.journal import RecordedExecution, RecordedRequest
 from ua_fleet.storage.database import Database
 
 __all__ = ["SqliteJournal"]
@@ -56,7 +56,7 @@ class SqliteJournal:
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    def requested(self, request: Request) -> None:
+    def requested(self, request: RecordedRequest) -> None:
         """See RequestorJournal."""
         outcome = () if request.outcome is None else _outcome_row(request.outcome)
         row = (
@@ -78,14 +78,14 @@ class SqliteJournal:
         """See RequestorJournal."""
         self._update("UPDATE requests SET timeout_ms = 0 WHERE execution_id = ?", (execution_id,))
 
-    def concluded(self, execution_id: bytes, outcome: Outcome) -> None:
+    def concluded(self, execution_id: bytes, outcome: RequestOutcome) -> None:
         """See RequestorJournal."""
         self._update(
             "UPDATE requests SET outcome = ?, state = ?, status = ?, message = ?, result = ? WHERE execution_id = ?",
             (*_outcome_row(outcome), execution_id),
         )
 
-    def requests(self) -> Collection[Request]:
+    def requests(self) -> Collection[RecordedRequest]:
         """See RequestorJournal."""
         rows = self._database.read(f"SELECT {_REQUEST_COLUMNS} FROM requests ORDER BY issued")  # noqa: S608 - constant
         versions = dict(self._database.read("SELECT execution_id, version FROM request_versions"))
@@ -99,7 +99,7 @@ class SqliteJournal:
             tables = ("requests", "request_versions")
             self._database.commit(*(_delete(table, each) for each in execution_ids for table in tables))
 
-    def recorded(self, execution: Execution) -> None:
+    def recorded(self, execution: RecordedExecution) -> None:
         """See ResponderJournal."""
         row = (
             execution.execution_id,
@@ -113,14 +113,14 @@ class SqliteJournal:
         )
         self._database.commit(_insert("executions", _EXECUTION_COLUMNS, row))
 
-    def reported(self, execution_id: bytes, report: Report) -> None:
+    def reported(self, execution_id: bytes, report: ExecutionReport) -> None:
         """See ResponderJournal."""
         self._update(
             "UPDATE executions SET state = ?, status = ?, message = ?, result = ? WHERE execution_id = ?",
             (*_report_row(report), execution_id),
         )
 
-    def executions(self) -> Collection[Execution]:
+    def executions(self) -> Collection[RecordedExecution]:
         """See ResponderJournal."""
         rows = self._database.read(f"SELECT {_EXECUTION_COLUMNS} FROM executions ORDER BY number")  # noqa: S608 - constant
         return self._records(_execution, rows)
@@ -168,25 +168,27 @@ def _delete(table: str, execution_id: bytes) -> tuple[str, tuple[Any, ...]]:
     return f"DELETE FROM {table} WHERE execution_id = ?", (execution_id,)  # noqa: S608 - constants of this module
 
 
-def _report_row(report: Report) -> tuple[Any, ...]:
+def _report_row(report: ExecutionReport) -> tuple[Any, ...]:
     return int(report.state), int(report.status), report.message, report.result
 
 
-def _outcome_row(outcome: Outcome) -> tuple[Any, ...]:
+def _outcome_row(outcome: RequestOutcome) -> tuple[Any, ...]:
     return str(outcome.kind), *_report_row(outcome.report)
 
 
-def _report(row: tuple[Any, ...]) -> Report:
+def _report(row: tuple[Any, ...]) -> ExecutionReport:
     state, status, message, result = row
-    return Report(ExecutionState(state), status, message, result)
+    return ExecutionReport(ExecutionState(state), status, message, result)
 
 
-def _request(row: tuple[Any, ...]) -> Request:
+def _request(row: tuple[Any, ...]) -> RecordedRequest:
     execution_id, *target, content, issued, timeout_ms, outcome = row[:9]
-    known = None if outcome is None else Outcome(OutcomeKind(outcome), _report(row[9:]))
-    return Request(execution_id, Target(*target), content, issued, timeout_ms, known)
+    known = None if outcome is None else RequestOutcome(OutcomeKind(outcome), _report(row[9:]))
+    return RecordedRequest(execution_id, Target(*target), content, issued, timeout_ms, known)
 
 
-def _execution(row: tuple[Any, ...]) -> Execution:
+def _execution(row: tuple[Any, ...]) -> RecordedExecution:
     execution_id, requestor_id, space, *target, content, issued, timeout_ms = row[:10]
-    return Execution(execution_id, requestor_id, space, Target(*target), content, issued, timeout_ms, _report(row[10:]))
+    return RecordedExecution(
+        execution_id, requestor_id, space, Target(*target), content, issued, timeout_ms, _report(row[10:])
+    )

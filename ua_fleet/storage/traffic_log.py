@@ -10,7 +10,7 @@ from typing import Final, NamedTuple, TextIO
 
 from ua_fleet.errors import ConfigError
 from ua_fleet.topics import Topic
-from ua_fleet.traffic import Kind, Traffic
+from ua_fleet.traffic import MessageKind, Traffic
 
 __all__ = ["SentMessage", "TrafficLog", "read_traffic"]
 
@@ -23,7 +23,7 @@ class SentMessage(NamedTuple):
 
     at: float
     """Seconds since 1970."""
-    kinds: tuple[Kind, ...]
+    kinds: tuple[MessageKind, ...]
     """Of each DataSetMessage, request, response, probe or announcement in it."""
     size: int
     """Bytes on the wire, with what security adds, without UDP and IP."""
@@ -32,7 +32,7 @@ class SentMessage(NamedTuple):
 class TrafficLog:
     """Writes a line for each message as it is sent, so that it is there also when the process is killed."""
 
-    def __init__(self, path: Path, known: Mapping[Topic, Kind], *, most_bytes: int = MOST_BYTES) -> None:
+    def __init__(self, path: Path, known: Mapping[Topic, MessageKind], *, most_bytes: int = MOST_BYTES) -> None:
         """Go on with a file, or begin it.
 
         Args:
@@ -91,5 +91,7 @@ def read_traffic(paths: Iterable[Path]) -> list[SentMessage]:
             for line in path.read_text(encoding="ascii", errors="replace").splitlines():
                 with suppress(ValueError, KeyError, TypeError):
                     said = json.loads(line)
-                    messages.append(SentMessage(said["t"], tuple(Kind(kind) for kind in said["kinds"]), said["bytes"]))
+                    messages.append(
+                        SentMessage(said["t"], tuple(MessageKind(kind) for kind in said["kinds"]), said["bytes"])
+                    )
     return sorted(messages)

@@ -51,10 +51,10 @@ from ua_fleet.wire.messages import (
     ProbeKind,
 )
 
-__all__ = ["Kind", "Traffic"]
+__all__ = ["MessageKind", "Traffic"]
 
 
-class Kind(StrEnum):
+class MessageKind(StrEnum):
     """What a message is for. The values are the names that reports have."""
 
     REGISTRATION = "registration"
@@ -97,21 +97,21 @@ class _Columns(NamedTuple):
 class Traffic:
     """Counts the messages of a network by kind. Give it each datagram once, as it was sent, in the order of sending."""
 
-    def __init__(self, known: Mapping[Topic, Kind] | None = None) -> None:
+    def __init__(self, known: Mapping[Topic, MessageKind] | None = None) -> None:
         """Begin with nothing.
 
         Args:
             known: kinds of data that their configuration tells: sensors, and what robots announce of their faults.
         """
-        self.messages: Counter[Kind] = Counter()
-        self.bytes: Counter[Kind] = Counter()
+        self.messages: Counter[MessageKind] = Counter()
+        self.bytes: Counter[MessageKind] = Counter()
         """As on the wire: what security adds is in it, what UDP and IP add is not."""
-        self.messages_at: Counter[tuple[int, Kind]] = Counter()
+        self.messages_at: Counter[tuple[int, MessageKind]] = Counter()
         """By (whole seconds since time 0, kind)."""
-        self.bytes_at: Counter[tuple[int, Kind]] = Counter()
+        self.bytes_at: Counter[tuple[int, MessageKind]] = Counter()
         self.unreadable = 0
         """Datagrams that the codec refused; they are in none of the counts."""
-        self._known: Mapping[Any, Kind] = known or {}
+        self._known: Mapping[Any, MessageKind] = known or {}
         self._codec = Codec()
         self._columns: dict[tuple[int | str | None, int], _Columns] = {}
         """Of the sources that are a SkillStatus, by PublisherId and DataSetWriterId."""
@@ -120,7 +120,7 @@ class Traffic:
         self._failed: dict[_Writer, frozenset[Any]] = {}
         """The executions that the last SkillStatus told as failed."""
 
-    def take(self, plain: bytes, wire_bytes: int, now: float) -> list[Kind]:
+    def take(self, plain: bytes, wire_bytes: int, now: float) -> list[MessageKind]:
         """Count a message, and say what it was.
 
         Args:
@@ -139,9 +139,9 @@ class Traffic:
         if isinstance(message, NetworkMessage):
             kinds = [self._data_kind(message, part) for part in message.messages]
         elif isinstance(message, ActionMessage):
-            kinds = [Kind.REQUEST if message.is_request else Kind.RESPONSE] * (1 + len(message.others))
+            kinds = [MessageKind.REQUEST if message.is_request else MessageKind.RESPONSE] * (1 + len(message.others))
         elif isinstance(message, Probe):
-            kinds = [Kind.REGISTRATION if message.kind == ProbeKind.FIND_APPLICATIONS else Kind.METADATA]
+            kinds = [MessageKind.REGISTRATION if message.kind == ProbeKind.FIND_APPLICATIONS else MessageKind.METADATA]
         else:
             kinds = [self._announcement_kind(message)]
         if kinds:
@@ -150,7 +150,7 @@ class Traffic:
                 self.record(kind, share + (rest if number == 0 else 0), now)
         return kinds
 
-    def record(self, kind: Kind, size: int, now: float) -> None:
+    def record(self, kind: MessageKind, size: int, now: float) -> None:
         """Count a message of a kind that the caller knows."""
         second = int(now)
         self.messages[kind] += 1
@@ -158,21 +158,21 @@ class Traffic:
         self.messages_at[second, kind] += 1
         self.bytes_at[second, kind] += size
 
-    def _announcement_kind(self, announcement: AnyAnnouncement) -> Kind:
+    def _announcement_kind(self, announcement: AnyAnnouncement) -> MessageKind:
         said: Any = announcement._replace(sequence_number=0)
-        new, again = Kind.REGISTRATION, Kind.REPEAT
+        new, again = MessageKind.REGISTRATION, MessageKind.REPEAT
         about: tuple[Any, ...] = ()
         if isinstance(announcement, MetaDataAnnouncement):
-            new, about = Kind.METADATA, (announcement.data_set_writer_id,)
+            new, about = MessageKind.METADATA, (announcement.data_set_writer_id,)
             self._learn(announcement.publisher_id, announcement.data_set_writer_id, announcement.metadata)
         elif isinstance(announcement, ActionMetaDataAnnouncement):
-            new, about = Kind.METADATA, (announcement.data_set_writer_id,)
+            new, about = MessageKind.METADATA, (announcement.data_set_writer_id,)
         elif isinstance(announcement, WriterConfigurationAnnouncement):
             about = announcement.writer_group.writer_group_id, announcement.data_set_writer_ids
         elif isinstance(announcement, StatusAnnouncement):
-            again, said = Kind.KEEP_ALIVE, (announcement.is_cyclic, announcement.state)
+            again, said = MessageKind.KEEP_ALIVE, (announcement.is_cyclic, announcement.state)
             if announcement.state == PubSubState.ERROR:
-                new = Kind.FAULT
+                new = MessageKind.FAULT
         key = (type(announcement), announcement.publisher_id, *about)
         if self._said.get(key) == said:
             return again
@@ -186,27 +186,27 @@ class Traffic:
         else:
             self._columns.pop((publisher_id, writer_id), None)
 
-    def _data_kind(self, message: NetworkMessage, part: DataSetMessage) -> Kind:
+    def _data_kind(self, message: NetworkMessage, part: DataSetMessage) -> MessageKind:
         if part.kind == FrameKind.KEEP_ALIVE or (part.kind == FrameKind.KEY and not part.types and part.raw is None):
-            return Kind.KEEP_ALIVE
+            return MessageKind.KEEP_ALIVE
         writer: _Writer = message.publisher_id, message.writer_group_id, part.data_set_writer_id
         timestamp = part.timestamp if part.timestamp is not None else message.timestamp
         if timestamp is not None:
             if timestamp <= self._timestamps.get(writer, -1):
-                return Kind.REPEAT
+                return MessageKind.REPEAT
             self._timestamps[writer] = timestamp
         if (part.status or 0) >> 16 == _NO_COMMUNICATION:
-            return Kind.FAULT
+            return MessageKind.FAULT
         columns = self._columns.get((message.publisher_id, part.data_set_writer_id))
         if columns is not None:
             return self._skill_status_kind(writer, part, columns)
-        return self._known.get(writer, Kind.TELEMETRY)
+        return self._known.get(writer, MessageKind.TELEMETRY)
 
-    def _skill_status_kind(self, writer: _Writer, part: DataSetMessage, columns: _Columns) -> Kind:
+    def _skill_status_kind(self, writer: _Writer, part: DataSetMessage, columns: _Columns) -> MessageKind:
         if len(part.values) <= max(columns):
-            return Kind.STATUS
+            return MessageKind.STATUS
         rows = zip(part.values[columns.execution_id] or (), part.values[columns.state] or (), strict=False)
         failed = frozenset([execution_id for execution_id, state in rows if state in _FAILED])
         is_new = bool(failed - self._failed.get(writer, _NOTHING))
         self._failed[writer] = failed
-        return Kind.FAULT if is_new else Kind.STATUS
+        return MessageKind.FAULT if is_new else MessageKind.STATUS

@@ -9,8 +9,8 @@ from ua_fleet.wire.decode_plan import (
     GIVE_UP,
     MOST_PLANNED_FIELDS,
     DecodePlan,
-    Layout,
     PlanFactory,
+    PlanLayout,
     compile_layout,
     make_plan,
     prefix_length,
@@ -47,8 +47,8 @@ class Codec:
         """Make one; with `packed_arrays` arrays and ByteStrings may be views of the message (see `packed.py`)."""
         self._packed_arrays = packed_arrays
         self._plans: dict[bytes, DecodePlan] = {}
-        self._seen: dict[bytes, Layout] = {}
-        self._layouts: dict[Layout, PlanFactory] = {}
+        self._seen: dict[bytes, PlanLayout] = {}
+        self._layouts: dict[PlanLayout, PlanFactory] = {}
         self._writer_plans: dict[_Writer, WriterPlan] = {}
         self._credit = FULL_CREDIT
 
@@ -81,7 +81,7 @@ class Codec:
         self._credit = min(self._credit + 1, FULL_CREDIT)
         if not 0 < len(part.types) <= MOST_PLANNED_FIELDS:
             return
-        layout = Layout(
+        layout = PlanLayout(
             len(prefix),
             part.sequence_number is not None,
             part.timestamp is not None,
@@ -98,7 +98,7 @@ class Codec:
         if plan is not None:
             _remember(self._plans, prefix, plan, MOST_PLANS)
 
-    def _compile(self, layout: Layout) -> PlanFactory | None:
+    def _compile(self, layout: PlanLayout) -> PlanFactory | None:
         if self._credit < COST_OF_A_LAYOUT:
             return None
         self._credit -= COST_OF_A_LAYOUT

@@ -27,8 +27,8 @@ __all__ = [
     "MOST_PLANNED_FIELDS",
     "ArrayUnpackers",
     "DecodePlan",
-    "Layout",
     "PlanFactory",
+    "PlanLayout",
     "compile_layout",
     "make_plan",
     "prefix_length",
@@ -54,7 +54,7 @@ FEWEST_SLICED: Final = 12
 _PUBLISHER_ID_SIZES: Final = (1, 2, 4, 8)
 
 
-class Layout(NamedTuple):
+class PlanLayout(NamedTuple):
     """What the generated function depends on."""
 
     prefix_length: int
@@ -122,7 +122,7 @@ class ArrayUnpackers(dict[int, Callable[..., tuple[Any, ...]]]):
 _ARRAYS: Final = {kind: ArrayUnpackers(kind) for kind in FIXED}
 
 
-def compile_layout(layout: Layout, *, packed_arrays: bool = False) -> PlanFactory:
+def compile_layout(layout: PlanLayout, *, packed_arrays: bool = False) -> PlanFactory:
     """Generate the function for a layout: it takes what differs between writers and gives a plan.
 
     With `packed_arrays` arrays of numbers are views of the message's bytes (see `packed.py`), and ByteStrings too.
@@ -134,7 +134,7 @@ def compile_layout(layout: Layout, *, packed_arrays: bool = False) -> PlanFactor
     return make
 
 
-def make_plan(make: PlanFactory, layout: Layout, data: bytes, message: NetworkMessage) -> DecodePlan | None:
+def make_plan(make: PlanFactory, layout: PlanLayout, data: bytes, message: NetworkMessage) -> DecodePlan | None:
     """A plan for messages like `message`, which the generic codec decoded from `data`; None if it can have none."""
     part = message.messages[0]
     start = layout.prefix_length + 2 * layout.has_sequence_number + 8 * layout.has_timestamp + 2 * layout.has_status
@@ -167,7 +167,7 @@ OF_A_PLAN: Final = (
 class _Source:
     """Writes the function for a layout."""
 
-    def __init__(self, layout: Layout, *, packed_arrays: bool) -> None:
+    def __init__(self, layout: PlanLayout, *, packed_arrays: bool) -> None:
         self._layout, self._packed_arrays = layout, packed_arrays
         self._lines: list[str] = []
         self._names: dict[str, Any] = {

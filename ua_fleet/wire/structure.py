@@ -53,10 +53,10 @@ __all__ = [
     "UINT16",
     "UINT32",
     "VARIANT",
-    "Choice",
     "Elements",
     "Record",
     "Shape",
+    "StructureChoice",
     "array",
     "array_decoder",
     "extension",
@@ -73,7 +73,7 @@ class Shape(NamedTuple):
     """Bytes that a value takes at least."""
     decode: Decoder
     encode: Encoder
-    form: BuiltinType | Record | Elements | Choice | None = None
+    form: BuiltinType | Record | Elements | StructureChoice | None = None
     """What it is made of, for `annotate`; None where its decoder alone knows."""
 
 
@@ -90,7 +90,7 @@ class Elements(NamedTuple):
     of: Shape
 
 
-class Choice(NamedTuple):
+class StructureChoice(NamedTuple):
     """An ExtensionObject, with the structures that are known, by the number of their encoding."""
 
     known: Mapping[int, tuple[type, Shape]]
@@ -204,4 +204,4 @@ def extension(known: Mapping[int, tuple[type, Shape]] | None = None) -> Shape:
             value = ExtensionObject(NodeId(0, number), bytes(body))
         encode_extension_object(out, value)
 
-    return Shape(3, decode, encode, Choice(shapes))
+    return Shape(3, decode, encode, StructureChoice(shapes))

@@ -12,7 +12,7 @@ from ua_fleet.config.register_schema import Address, RegisterConfig
 from ua_fleet.config.schema import DataMapping, RobotConfig, VendorBridgeConfig
 from ua_fleet.config.shapes import all_of, exactly_one, given, implies, none_of
 from ua_fleet.document import KeyPath
-from ua_fleet.registers import Limits, Order, Table
+from ua_fleet.registers import ByteOrder, DeviceLimits, Table
 
 __all__ = [
     "DeviceConfig",
@@ -87,7 +87,7 @@ class DeviceConfig(
     """A serial line instead of `host`."""
     unit: int = Field(default=1, ge=0, le=255)
     """Unit identifier (slave address): 1 to 247 on a serial line; many devices with TCP take any."""
-    order: Order = Order.ABCD
+    order: ByteOrder = ByteOrder.ABCD
     """How the bytes of the value 0xAABBCCDD lie in two words."""
     timeout_s: float = Field(default=1.0, gt=0, le=60)
     """So long an answer is waited for."""
@@ -132,7 +132,7 @@ class DeviceConfig(
         return self
 
     @property
-    def limits(self) -> Limits:
+    def limits(self) -> DeviceLimits:
         """What it takes in one request, and which addresses it has."""
         tables = (
             (Table.COIL, self.coils),
@@ -140,7 +140,7 @@ class DeviceConfig(
             (Table.HOLDING, self.holding_registers),
             (Table.INPUT, self.input_registers),
         )
-        return Limits(
+        return DeviceLimits(
             self.read_words,
             self.read_bits,
             self.write_words,

@@ -28,7 +28,7 @@ from ua_bridges.modbus.sources import Answer, Failed, PolledSource, ReadPlan, So
 from ua_fleet.bridge.driver import DriverEvent, Dropped
 from ua_fleet.bridge.offenders import Offenders
 from ua_fleet.counters import Drop
-from ua_fleet.registers import Cell, RegisterUnfit, Span, Table
+from ua_fleet.registers import AddressSpan, Cell, RegisterUnfit, Table
 
 __all__ = ["Device", "SinkWrite", "check_fits"]
 
@@ -102,7 +102,7 @@ class Device:
         self._order: deque[SinkSpec] = deque()
         self._last: dict[SinkSpec, tuple[Any, ...]] = {}
         self._written: dict[SinkSpec, tuple[Any, ...]] = {}
-        self._answering: dict[Span, None] = {}
+        self._answering: dict[AddressSpan, None] = {}
         """The requests that were answered when they were asked last, the latest at the end."""
         self._tried = 0
         """Which request tells whether it is back."""
@@ -166,7 +166,7 @@ class Device:
         self._go_away(f"{offence}; it is put aside for {pause_s:g} s")
         return pause_s
 
-    async def read_plan(self, plan: ReadPlan) -> Mapping[Span, Sequence[Cell]]:
+    async def read_plan(self, plan: ReadPlan) -> Mapping[AddressSpan, Sequence[Cell]]:
         """See DeviceRequests."""
         return {request: await self._read(request) for request in list(plan.requests)}
 
@@ -182,7 +182,7 @@ class Device:
             await self._check_there(silent)
             raise
 
-    async def _read(self, request: Span) -> Sequence[Cell]:
+    async def _read(self, request: AddressSpan) -> Sequence[Cell]:
         self._answering.pop(request, None)
         try:
             cells = await self._ask(lambda: self._line.read(self._config.unit, request))
@@ -317,7 +317,7 @@ class Device:
             pass
 
     async def _poll(self, group: _Group) -> None:
-        answers: dict[Span, Answer] = {}
+        answers: dict[AddressSpan, Answer] = {}
         todo = deque(group.plan.requests)
         while todo:
             request = todo.popleft()
@@ -382,8 +382,8 @@ class Device:
     async def _check(self, sink: SinkSpec, write: Writing | BitWrite) -> None:
         """Whether the device has what was written."""
         if isinstance(write, BitWrite):
-            (word,) = await self._read(Span(Table.HOLDING, write.address, 1))
-            is_same, span = (int(word) ^ write.word) & write.mask == 0, Span(Table.HOLDING, write.address, 1)
+            (word,) = await self._read(AddressSpan(Table.HOLDING, write.address, 1))
+            is_same, span = (int(word) ^ write.word) & write.mask == 0, AddressSpan(Table.HOLDING, write.address, 1)
         else:
             span = write.span
             is_same = tuple(await self._read(span)) == tuple(write.cells)

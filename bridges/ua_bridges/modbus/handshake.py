@@ -31,7 +31,7 @@ from ua_bridges.modbus.sources import ReadPlan
 from ua_fleet.bridge.configured import ConfiguredSkill
 from ua_fleet.config.base import ScalarType
 from ua_fleet.config.register_schema import RegisterConfig
-from ua_fleet.registers import Cell, Register, RegisterUnfit, Span, cast, decode
+from ua_fleet.registers import AddressSpan, Cell, Register, RegisterUnfit, cast, decode
 
 __all__ = ["Phase", "SkillRegisters", "StatusWords", "next_number", "phase_of"]
 
@@ -139,21 +139,21 @@ class SkillRegisters:
             pairs.append((self._command, self.via.code))
         return writes_of(pairs, self._device.write_words, self._device.write_bits)
 
-    def status(self, cells: Mapping[Span, Sequence[Cell]]) -> StatusWords:
+    def status(self, cells: Mapping[AddressSpan, Sequence[Cell]]) -> StatusWords:
         """What was read by `first`, and by `then` where it is needed."""
         words = [int(_value(register, cells)) for register in (self.request, self._accepted)]
         there = self.then is None or any(request in cells for request in self.then.requests)
         flags = [bool(_value(flag, cells)) for flag in self._flags] if there else [False] * 3
         return StatusWords(words[0], words[1], *flags)
 
-    def progress(self, cells: Mapping[Span, Sequence[Cell]]) -> float:
+    def progress(self, cells: Mapping[AddressSpan, Sequence[Cell]]) -> float:
         """How far it is, 0 to 1; 0 where nothing says it."""
         if self._progress is None:
             return 0.0
         number = float(_value(self._progress, cells))
         return min(max(number, 0.0), 1.0) if number == number else 0.0
 
-    def error(self, cells: Mapping[Span, Sequence[Cell]]) -> str:
+    def error(self, cells: Mapping[AddressSpan, Sequence[Cell]]) -> str:
         """Why it failed, in a line."""
         text = ""
         if self._error_text is not None:
@@ -165,12 +165,12 @@ class SkillRegisters:
             text = f"the device says error {_value(self._error_code, cells)}"
         return text or "the device says that it failed"
 
-    def results(self, cells: Mapping[Span, Sequence[Cell]]) -> tuple[Any, ...]:
+    def results(self, cells: Mapping[AddressSpan, Sequence[Cell]]) -> tuple[Any, ...]:
         """The results; raises RegisterUnfit where one does not fit its type."""
         return tuple([cast(_value(register, cells), kind) for register, kind in self._results])
 
 
-def _value(register: Register, cells: Mapping[Span, Sequence[Cell]]) -> Any:
+def _value(register: Register, cells: Mapping[AddressSpan, Sequence[Cell]]) -> Any:
     span = register.span
     for request, content in cells.items():
         if request.table is span.table and request.address <= span.address and span.end <= request.end:

@@ -26,7 +26,7 @@ from ua_fleet.bridge.driver import (
 from ua_fleet.bridge.executing import Ended, Executing, ended_text
 from ua_fleet.counters import Drop
 from ua_fleet.errors import LocalWireError, SkillRejected, StorageUnavailable
-from ua_fleet.registers import Cell, RegisterUnfit, Span
+from ua_fleet.registers import AddressSpan, Cell, RegisterUnfit
 from ua_fleet.skill.executions import pack, unpack
 from ua_fleet.values import StatusCode
 
@@ -45,7 +45,7 @@ _log = structlog.get_logger("ua_bridges.modbus")
 class DeviceRequests(Protocol):
     """What a handshake needs of its device; each raises RequestFailed."""
 
-    async def read_plan(self, plan: ReadPlan) -> Mapping[Span, Sequence[Cell]]:
+    async def read_plan(self, plan: ReadPlan) -> Mapping[AddressSpan, Sequence[Cell]]:
         """All cells of a plan."""
         ...
 

@@ -23,7 +23,7 @@ from pymodbus.transport import CommParams, CommType
 from ua_bridges.modbus.config import DeviceConfig, TlsConfig
 from ua_fleet.counters import Drop
 from ua_fleet.errors import BridgeUnavailable
-from ua_fleet.registers import Cell, Span, Table
+from ua_fleet.registers import AddressSpan, Cell, Table
 from ua_fleet.values import StatusCode
 
 __all__ = ["MOST_BYTES", "Line", "NoAnswer", "RequestFailed"]
@@ -144,7 +144,7 @@ class Line:
         offence, self._offence = self._offence, ""
         return offence
 
-    async def read(self, unit: int, span: Span) -> Sequence[Cell]:
+    async def read(self, unit: int, span: AddressSpan) -> Sequence[Cell]:
         """The cells of a span; raises RequestFailed."""
         client = self._connected()
         functions: dict[Table, Callable[..., Awaitable[ModbusPDU]]] = {
@@ -162,7 +162,7 @@ class Line:
             raise self._malformed(f"function {answer.function_code}", span)
         return cells[: span.count]
 
-    async def write(self, unit: int, span: Span, cells: Sequence[Cell]) -> None:
+    async def write(self, unit: int, span: AddressSpan, cells: Sequence[Cell]) -> None:
         """Write a span; raises RequestFailed. After NoAnswer the device may have it or not."""
         client = self._connected()
         if span.table is Table.COIL:
@@ -184,7 +184,7 @@ class Line:
 
         Reading and writing back instead could undo what the device's program does between the two.
         """
-        span = Span(Table.HOLDING, address, 1)
+        span = AddressSpan(Table.HOLDING, address, 1)
         request = self._connected().mask_write_register(
             address=address, and_mask=0xFFFF & ~mask, or_mask=word & mask, device_id=unit
         )
@@ -247,7 +247,7 @@ class Line:
             raise NoAnswer("the connection is lost")
         return self._client
 
-    async def _ask(self, request: Awaitable[ModbusPDU], span: Span) -> ModbusPDU:
+    async def _ask(self, request: Awaitable[ModbusPDU], span: AddressSpan) -> ModbusPDU:
         self._received, self._offence = 0, ""
         try:
             answer = await request
@@ -262,14 +262,14 @@ class Line:
             raise RequestFailed(status, Drop.REJECTED, reason, answer.exception_code)
         return answer
 
-    def _check_written(self, answer: ModbusPDU, function: int, span: Span) -> None:
+    def _check_written(self, answer: ModbusPDU, function: int, span: AddressSpan) -> None:
         """Each answer to a write repeats its function and address (MODBUS Application Protocol 1.1b3, 6)."""
         if answer.function_code != function:
             raise self._malformed(f"function {answer.function_code}", span)
         if answer.address != span.address:
             raise self._malformed(f"address {answer.address}", span)
 
-    def _malformed(self, what: str, span: Span) -> RequestFailed:
+    def _malformed(self, what: str, span: AddressSpan) -> RequestFailed:
         return RequestFailed(
             StatusCode.BAD_COMMUNICATION_ERROR, Drop.MALFORMED, f"the device answers {what} when asked for {span.text}"
         )

@@ -11,7 +11,7 @@ from ua_bridges.modbus.sources import differs
 from ua_fleet.bridge.configured import ConfiguredData, configured_sinks
 from ua_fleet.config.schema import FleetConfig
 from ua_fleet.fleet.matching import FieldOrder
-from ua_fleet.registers import Cell, Register, RegisterType, Span, Table, encode
+from ua_fleet.registers import AddressSpan, Cell, Register, RegisterType, Table, encode
 from ua_fleet.topics import Topic
 
 __all__ = ["BitWrite", "SinkSpec", "WriteField", "Writing", "sink_specs", "writes_of"]
@@ -59,7 +59,7 @@ class BitWrite(NamedTuple):
 class Writing(NamedTuple):
     """Cells side by side."""
 
-    span: Span
+    span: AddressSpan
     cells: tuple[Cell, ...]
 
 
@@ -114,7 +114,7 @@ def writes_of(
             and last.span.end == write.span.address
             and last.span.count + write.span.count <= most
         ):
-            span = Span(last.span.table, last.span.address, last.span.count + write.span.count)
+            span = AddressSpan(last.span.table, last.span.address, last.span.count + write.span.count)
             joined[-1] = Writing(span, last.cells + write.cells)
         else:
             joined.append(write)

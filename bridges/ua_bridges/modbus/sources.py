@@ -16,7 +16,16 @@ from ua_fleet.bridge.driver import DriverEvent, Dropped, SampleRead, SourceFound
 from ua_fleet.config.schema import FleetConfig
 from ua_fleet.counters import Drop
 from ua_fleet.pubsub.metadata import make_field
-from ua_fleet.registers import Cell, Limits, Register, RegisterUnfit, Span, make_cast, make_decoder, plan_reads
+from ua_fleet.registers import (
+    AddressSpan,
+    Cell,
+    DeviceLimits,
+    Register,
+    RegisterUnfit,
+    make_cast,
+    make_decoder,
+    plan_reads,
+)
 from ua_fleet.topics import Topic
 from ua_fleet.values import BuiltinType, Variant
 
@@ -87,7 +96,7 @@ def source_specs(config: FleetConfig, bridge_name: str) -> tuple[SourceSpec, ...
 class ReadPlan:
     """The requests that read a set of spans; one that is refused for an address is taken apart."""
 
-    def __init__(self, spans: Iterable[Span], limits: Limits) -> None:
+    def __init__(self, spans: Iterable[AddressSpan], limits: DeviceLimits) -> None:
         self.spans = tuple(set(spans))
         self.requests = list(plan_reads(self.spans, limits))
 
@@ -96,7 +105,7 @@ class ReadPlan:
         """How many requests fewer than values these are."""
         return len(self.spans) - len(self.requests)
 
-    def split(self, request: Span) -> list[Span]:
+    def split(self, request: AddressSpan) -> list[AddressSpan]:
         """Read each value of a request for itself from now on; those requests, or none where it was one value."""
         within = [span for span in self.spans if _is_within(span, request)]
         alone = sorted({span for span in within if not any(_is_within(span, o) and span != o for o in within)})
@@ -106,12 +115,12 @@ class ReadPlan:
         self.requests[position : position + 1] = alone
         return alone
 
-    def request_of(self, span: Span) -> Span:
+    def request_of(self, span: AddressSpan) -> AddressSpan:
         """The request that reads a span."""
         return next(request for request in self.requests if _is_within(span, request))
 
 
-def _is_within(span: Span, request: Span) -> bool:
+def _is_within(span: AddressSpan, request: AddressSpan) -> bool:
     return span.table is request.table and request.address <= span.address and span.end <= request.end
 
 
@@ -119,7 +128,7 @@ _Reader = tuple[Callable[[Sequence[Cell]], Any], Callable[[Any], Any]]
 
 
 class _Place(NamedTuple):
-    request: Span
+    request: AddressSpan
     begin: int
     end: int
 
@@ -143,7 +152,7 @@ class PolledSource:
             begin = span.address - request.address
             self._places.append(_Place(request, begin, begin + span.count))
 
-    def take(self, answers: Mapping[Span, Answer], time_ns: int) -> list[DriverEvent]:
+    def take(self, answers: Mapping[AddressSpan, Answer], time_ns: int) -> list[DriverEvent]:
         """What the answers to a plan's requests tell."""
         events: list[DriverEvent] = []
         if not self._found:
@@ -173,7 +182,7 @@ class PolledSource:
         field: ReadField,
         reader: _Reader,
         place: _Place,
-        answers: Mapping[Span, Answer],
+        answers: Mapping[AddressSpan, Answer],
         events: list[DriverEvent],
     ) -> Any:
         answer = answers[place.request]

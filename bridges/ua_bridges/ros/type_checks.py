@@ -12,7 +12,7 @@ from ua_bridges.ros.leaves import OCTETS, Leaf, leaves_of
 from ua_bridges.ros.mapping import flat_path, steps_of
 from ua_bridges.ros.schema import Member, MessageSchema
 from ua_bridges.ros.sink import compile_sink
-from ua_fleet.config.schema import DataSetConfig, FieldConfig, Finding, RobotConfig, ScalarType
+from ua_fleet.config.schema import DataSetConfig, FieldConfig, MachineFinding, RobotConfig, ScalarType
 from ua_fleet.document import KeyPath
 from ua_fleet.names import closest, listed
 
@@ -25,7 +25,7 @@ _SEQ: Final = Member("seq", "seq", "uint32")
 
 def message_type_findings(
     robots: Mapping[str, RobotConfig], bridge: str, ros: Literal[1, 2]
-) -> Iterator[tuple[KeyPath, Finding]]:
+) -> Iterator[tuple[KeyPath, MachineFinding]]:
     """What is wrong with the mapped topics of a bridge's robots, by the message types that are installed here.
 
     Args:
@@ -49,25 +49,25 @@ def message_type_findings(
                         yield (*path, *field), finding
 
 
-def _missing(ros_type: str, missing: Missing, ros: Literal[1, 2]) -> Finding:
+def _missing(ros_type: str, missing: Missing, ros: Literal[1, 2]) -> MachineFinding:
     name = ros_type.replace("/msg/", "/")
     if not missing.types:
         text = f"messages of {missing.package} for ROS {ros} are not installed here: {name} was not looked at"
-        return Finding(text, "install the package here, or check where the bridge runs", is_doubt=True)
+        return MachineFinding(text, "install the package here, or check where the bridge runs", is_doubt=True)
     hint = f"{closest(name, missing.types)} {missing.package} has: {listed(missing.types)}".strip()
-    return Finding(f"{missing.package} has no message type {name} in ROS {ros}", hint)
+    return MachineFinding(f"{missing.package} has no message type {name} in ROS {ros}", hint)
 
 
 def _field_findings(
     data: DataSetConfig, name: str, schema: MessageSchema, side: str
-) -> Iterator[tuple[KeyPath, Finding]]:
+) -> Iterator[tuple[KeyPath, MachineFinding]]:
     for field_name, field in data.all_fields().items():
         path = field.path or field_name or "data"
         where: KeyPath = ("fields", field_name) if field_name else ()
         where = (*where, "path") if field.path else where
         problem = source_problem(schema, path, field) if side == "source" else _sink_problem(schema, path)
         if problem is not None:
-            yield where, Finding(problem[0] if field_name else f"{name}: {problem[0]}", problem[1])
+            yield where, MachineFinding(problem[0] if field_name else f"{name}: {problem[0]}", problem[1])
 
 
 def _sink_problem(schema: MessageSchema, path: str) -> tuple[str, str] | None:

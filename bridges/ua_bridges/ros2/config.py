@@ -10,7 +10,7 @@ from pydantic import BaseModel, Field, field_validator
 from ua_bridges.ros.installed import ros_type_problems
 from ua_bridges.ros.skills import RosSkillMapping, skill_problems
 from ua_bridges.ros.type_checks import message_type_findings
-from ua_fleet.config.schema import BridgeConfig, DataMapping, Finding, RobotConfig, TopicMapping
+from ua_fleet.config.schema import BridgeConfig, DataMapping, MachineFinding, RobotConfig, TopicMapping
 from ua_fleet.document import KeyPath
 from ua_fleet.errors import TopicInvalid
 from ua_fleet.topics import LAST_ROS2_SPACE, ROS1_SPACE, check_ros2_space
@@ -53,6 +53,6 @@ class Ros2BridgeConfig(BridgeConfig, frozen=True):
         yield from super().fleet_problems(name, robots)
         yield from ros_type_problems(robots, name)
 
-    def findings_here(self, name: str, robots: Mapping[str, RobotConfig]) -> Iterable[tuple[KeyPath, Finding]]:
+    def findings_here(self, name: str, robots: Mapping[str, RobotConfig]) -> Iterable[tuple[KeyPath, MachineFinding]]:
         """See BridgeConfig."""
         return message_type_findings(robots, name, 2)

@@ -21,7 +21,7 @@ from ua_demo.equations import (
     total,
 )
 from ua_fleet.storage.traffic_log import SentMessage
-from ua_fleet.traffic import Kind
+from ua_fleet.traffic import MessageKind
 
 __all__ = ["MOST_BYTES", "MOST_MESSAGES", "PAPER", "Costs", "cost_lines"]
 
@@ -49,8 +49,8 @@ worst case; its equation gives 299 with the robot that fails."""
 class Costs:
     """Messages and bytes by kind."""
 
-    messages: Counter[Kind]
-    bytes: Counter[Kind]
+    messages: Counter[MessageKind]
+    bytes: Counter[MessageKind]
 
     @classmethod
     def of(cls, sent: Iterable[SentMessage], *, since: float) -> Costs:
@@ -78,8 +78,8 @@ class Costs:
     def report(self) -> dict[str, Any]:
         """As it is written to a file."""
         return {
-            "messages": {kind.value: self.messages[kind] for kind in Kind},
-            "bytes": {kind.value: self.bytes[kind] for kind in Kind},
+            "messages": {kind.value: self.messages[kind] for kind in MessageKind},
+            "bytes": {kind.value: self.bytes[kind] for kind in MessageKind},
             "paper": dict(PAPER),
         }
 
@@ -105,16 +105,21 @@ def cost_lines(costs: Costs, *, robots: int, actors: Sequence[str], elapsed_s: f
     )
     registration = boot(robots) + identification(robots) + devices(_RATES, 0)
     updates = devices(_RATES, elapsed_s) - devices(_RATES, 0) + sensor(0, 1)
-    rows: list[tuple[str, tuple[Kind, ...], str, str]] = [
-        ("registration", (Kind.REGISTRATION,), f"{registration:.0f}", "Eq. 1, 2, and 2 for the sensor (Eq. 3)"),
-        ("request, response, status", (Kind.REQUEST, Kind.RESPONSE, Kind.STATUS), f"{task(here)}", "Eq. 7"),
-        ("token", (Kind.TOKEN,), f"{forward(here)}", "Eq. 8: the scenario, handed on"),
-        ("fault", (Kind.FAULT,), f"{fail(faulty)}", "Eq. 11"),
-        ("sensor", (Kind.SENSOR,), f"{updates:.0f}", "Eq. 3 and 10: its updates, and who asks for them"),
-        ("metadata", (Kind.METADATA,), "-", "not counted there: what data and Actions look like"),
-        ("keep_alive", (Kind.KEEP_ALIVE,), "-", "not counted there"),
-        ("repeat", (Kind.REPEAT,), "-", "not counted there"),
-        ("telemetry", (Kind.TELEMETRY,), "-", "not counted there: poses, batteries, the bridges' own state"),
+    rows: list[tuple[str, tuple[MessageKind, ...], str, str]] = [
+        ("registration", (MessageKind.REGISTRATION,), f"{registration:.0f}", "Eq. 1, 2, and 2 for the sensor (Eq. 3)"),
+        (
+            "request, response, status",
+            (MessageKind.REQUEST, MessageKind.RESPONSE, MessageKind.STATUS),
+            f"{task(here)}",
+            "Eq. 7",
+        ),
+        ("token", (MessageKind.TOKEN,), f"{forward(here)}", "Eq. 8: the scenario, handed on"),
+        ("fault", (MessageKind.FAULT,), f"{fail(faulty)}", "Eq. 11"),
+        ("sensor", (MessageKind.SENSOR,), f"{updates:.0f}", "Eq. 3 and 10: its updates, and who asks for them"),
+        ("metadata", (MessageKind.METADATA,), "-", "not counted there: what data and Actions look like"),
+        ("keep_alive", (MessageKind.KEEP_ALIVE,), "-", "not counted there"),
+        ("repeat", (MessageKind.REPEAT,), "-", "not counted there"),
+        ("telemetry", (MessageKind.TELEMETRY,), "-", "not counted there: poses, batteries, the bridges' own state"),
     ]
     lines = [f"{'':<26} {'messages':>8} {'bytes':>8}   TalkRoBots"]
     for name, kinds, there, why in rows:

@@ -16,7 +16,7 @@ from tests.integration.actions.requesting import Requesting, requesting
 from tests.system import Child, Processes
 from ua_fleet.config.schema import FleetConfig
 from ua_fleet.config.security import all_groups
-from ua_fleet.skill.executions import Outcome
+from ua_fleet.skill.executions import RequestOutcome
 from ua_fleet.storage.key_files import KeyFile, KeyFolder
 from ua_fleet.topics import Topic
 from ua_fleet.wire.security import SecurityPolicy
@@ -83,7 +83,7 @@ def secured_cell(tmp_path: Path, udp_url: str, processes: Processes) -> Cell:
     return Cell(tmp_path, udp_url, processes, "sign_and_encrypt")
 
 
-async def work(requestor: Requesting, *values: Any, action: Topic = ACTION, **options: Any) -> Outcome:
+async def work(requestor: Requesting, *values: Any, action: Topic = ACTION, **options: Any) -> RequestOutcome:
     """Ask the machine for something."""
     timeout_s = options.pop("timeout_s", TIMEOUT_S)
     return await requestor.invoke(action, values, timeout_s, **options)

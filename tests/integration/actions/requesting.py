@@ -29,7 +29,7 @@ from ua_fleet.pubsub.events import (
 from ua_fleet.pubsub.security.envelope import Envelope
 from ua_fleet.pubsub.subscriber import Subscriber
 from ua_fleet.pubsub.timing import PubSubTiming
-from ua_fleet.skill.executions import Outcome
+from ua_fleet.skill.executions import RequestOutcome
 from ua_fleet.skill.journal import RequestorJournal
 from ua_fleet.storage.journal import SqliteJournal
 from ua_fleet.topics import Topic
@@ -105,11 +105,11 @@ class Requesting:
 
     async def invoke(
         self, topic: Topic, values: tuple[Any, ...], timeout_s: float, execution_id: bytes | None = None
-    ) -> Outcome:
+    ) -> RequestOutcome:
         """Have the robot do a skill, and wait until it is known whether it was told to."""
         return await self._outcomes.invoke(self.commands, topic, values, timeout_s, execution_id=execution_id)
 
-    async def outcome(self, execution_id: bytes) -> Outcome:
+    async def outcome(self, execution_id: bytes) -> RequestOutcome:
         """Wait for the outcome of a request that this run or one before has made."""
         return await self._outcomes.of(self.commands, execution_id)
 

@@ -14,12 +14,12 @@ from tests.integration.actions.conftest import QUICK_ACTION, Cell, work
 from tests.integration.actions.requesting import LossyTransport, Requesting
 from tests.system import Child, Processes
 from tests.waiting import until
-from ua_fleet.skill.executions import ExecutionState, Outcome, OutcomeKind
+from ua_fleet.skill.executions import ExecutionState, OutcomeKind, RequestOutcome
 
 ASKING = Path(__file__).parent / "asking.py"
 
 
-async def ask_deadly(cell: Cell, requestor: Requesting, what: str, *, forgetful: bool = False) -> Outcome:
+async def ask_deadly(cell: Cell, requestor: Requesting, what: str, *, forgetful: bool = False) -> RequestOutcome:
     """Ask for what kills the bridge, and start it again."""
     bridge = cell.bridge()
     asking = asyncio.ensure_future(work(requestor, what, 0.1))

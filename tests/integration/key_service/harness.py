@@ -21,7 +21,7 @@ from ua_fleet.client.identity import ClientIdentity
 from ua_fleet.config.schema import FleetConfig
 from ua_fleet.endpoint.certificates import CertificateFiles, own_files, trust, trust_bridge
 from ua_fleet.endpoint.hardened_server import HardenedServer, create_server
-from ua_fleet.endpoint.limits import Limits
+from ua_fleet.endpoint.limits import EndpointLimits
 from ua_fleet.endpoint.users import Role, UserStore
 from ua_fleet.pubsub.application import bridge_application_uri
 from ua_fleet.server.key_service.nodes import KeyServiceNodes
@@ -184,7 +184,7 @@ async def desk(
             config.server.model_copy(update={"port": port, **server_config}),
             state_dir,
             application_uri=SERVER_URI,
-            limits=Limits(tick_s=0.02),
+            limits=EndpointLimits(tick_s=0.02),
             users=UserStore(state_dir / "users.yaml", CHEAP),
             bridges={bridge_application_uri(config.fleet.name, name): name for name in config.bridges},
         )

@@ -20,7 +20,7 @@ from ua_fleet.client import ClientIdentity, FleetClient
 from ua_fleet.config.modbus_schema import ModbusServerConfig
 from ua_fleet.config.schema import FleetConfig
 from ua_fleet.modbus.gateway import Gateway
-from ua_fleet.modbus.listener import Listener
+from ua_fleet.modbus.listener import ModbusListener
 from ua_fleet.modbus.memory import CommandMemory
 from ua_fleet.modbus.words import STATUS, CommandState
 
@@ -144,7 +144,7 @@ class ModbusPlant(Plant):
 
         gateway = Gateway(fleet, memory)
         try:
-            async with Listener(gateway.image, fleet.modbus, gateway.written):
+            async with ModbusListener(gateway.image, fleet.modbus, gateway.written):
                 work = asyncio.create_task(gateway.run(connect))
                 panel = Panel(self.port)
                 try:

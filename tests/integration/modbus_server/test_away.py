@@ -22,7 +22,7 @@ from ua_fleet.modbus import gateway as module
 from ua_fleet.modbus.gateway import Gateway
 from ua_fleet.modbus.memory import CommandMemory
 from ua_fleet.modbus.words import CommandState, control, status
-from ua_fleet.registers import Register, RegisterType, Span, Table
+from ua_fleet.registers import AddressSpan, Register, RegisterType, Table
 
 GOAL = Register(Table.HOLDING, 10, RegisterType.INT16)
 FLEET = b"""\
@@ -104,7 +104,7 @@ class Working:
     def write(self, *values: tuple[Register, int]) -> None:
         for register, value in values:
             self.gateway.image.put(register, value)
-        self.gateway.written(Span(Table.HOLDING, 0, 11))
+        self.gateway.written(AddressSpan(Table.HOLDING, 0, 11))
 
     def word(self, name: str) -> int:
         return int(self.gateway.image.get(status(name, 0)))

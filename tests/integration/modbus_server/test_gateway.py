@@ -10,7 +10,7 @@ import pytest
 
 from tests.contract.skilled import ENDLESS_WORK, FAILING_WORK, REFUSED_WORK
 from tests.integration.modbus_server.conftest import SHIFT, WORDS, ModbusPlant, Panel
-from ua_fleet.modbus.words import CommandState, Outcome
+from ua_fleet.modbus.words import CommandState, DecisionOutcome
 
 pytestmark = pytest.mark.needs("mbpoll")
 
@@ -131,9 +131,9 @@ async def test_panel_sees_a_fault_and_confirms_who_takes_over(plant: ModbusPlant
         # A number that stands for no decision is refused.
         assert await panel.write(3, candidates[0])
         assert await panel.write(2, 999)
-        assert await panel.until(lambda words: words[0] == 999, "decided", 2) == [999, Outcome.REFUSED]
+        assert await panel.until(lambda words: words[0] == 999, "decided", 2) == [999, DecisionOutcome.REFUSED]
         assert await panel.write(2, decision)
-        assert await panel.until(lambda words: words[0] == decision, "decided", 2) == [decision, Outcome.TAKEN]
+        assert await panel.until(lambda words: words[0] == decision, "decided", 2) == [decision, DecisionOutcome.TAKEN]
         await panel.until(lambda words: words[0] == 0, "decision")
         chosen = ("left", "middle", "right")[candidates[0] - 1]
         async with asyncio.timeout(60):

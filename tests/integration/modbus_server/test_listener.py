@@ -19,8 +19,8 @@ from ua_fleet.config.modbus_schema import ModbusServerConfig
 from ua_fleet.errors import ServerStartError
 from ua_fleet.modbus import listener
 from ua_fleet.modbus.image import Image
-from ua_fleet.modbus.listener import Listener
-from ua_fleet.registers import Cell, Register, RegisterType, Span, Table
+from ua_fleet.modbus.listener import ModbusListener
+from ua_fleet.registers import AddressSpan, Cell, Register, RegisterType, Table
 
 WORDS = [Register(Table.HOLDING, address, RegisterType.UINT16) for address in range(4)]
 COILS = [Register(Table.COIL, address, RegisterType.BOOL) for address in range(4)]
@@ -28,7 +28,7 @@ SHOWN = [Register(Table.INPUT, 2, RegisterType.UINT16), Register(Table.DISCRETE,
 
 
 class Device:
-    def __init__(self, image: Image, listener: Listener, written: list[Span], port: int) -> None:
+    def __init__(self, image: Image, listener: ModbusListener, written: list[AddressSpan], port: int) -> None:
         self.image, self.listener, self.written, self.port = image, listener, written, port
 
     @asynccontextmanager
@@ -44,8 +44,8 @@ class Device:
 @pytest.fixture
 async def device(tcp_port: int) -> AsyncGenerator[Device]:
     config = ModbusServerConfig(port=tcp_port, writers=("127.0.0.0/16",), most_connections=2)
-    image, written = Image(SHOWN, [*WORDS, *COILS]), list[Span]()
-    async with Listener(image, config, written.append) as listener:
+    image, written = Image(SHOWN, [*WORDS, *COILS]), list[AddressSpan]()
+    async with ModbusListener(image, config, written.append) as listener:
         yield Device(image, listener, written, tcp_port)
 
 
@@ -65,7 +65,7 @@ async def test_every_function_that_the_page_names(device: Device) -> None:
         both = await client.readwrite_registers(read_address=0, read_count=2, write_address=3, values=[9])
         assert both.registers == [1, 0x000C]
         assert (await client.read_holding_registers(3, count=1)).registers == [9]
-    assert device.written[:2] == [Span(Table.HOLDING, 0, 1), Span(Table.HOLDING, 1, 2)]
+    assert device.written[:2] == [AddressSpan(Table.HOLDING, 0, 1), AddressSpan(Table.HOLDING, 1, 2)]
     assert not device.listener.refused
 
 
@@ -78,7 +78,7 @@ async def test_what_is_refused_is_counted(device: Device) -> None:
         assert (await client.read_holding_registers(0, count=1)).registers == [0]
     assert device.listener.refused["address"] == 2
     assert device.listener.refused["unit"] == 1
-    assert device.image.cells(Span(Table.HOLDING, 0, 4)) == [0, 0, 0, 0]
+    assert device.image.cells(AddressSpan(Table.HOLDING, 0, 4)) == [0, 0, 0, 0]
 
 
 async def test_connections_are_bounded_and_come_free_again(device: Device) -> None:
@@ -155,7 +155,7 @@ class Counting(Image):
 
     count = 0
 
-    def cells(self, span: Span) -> list[Cell]:
+    def cells(self, span: AddressSpan) -> list[Cell]:
         self.count += 1
         return super().cells(span)
 
@@ -165,7 +165,7 @@ async def test_client_that_reads_no_answers_gets_no_more_until_it_does(
 ) -> None:
     monkeypatch.setattr(listener, "_KEEP_ALIVE", ((socket.SOL_SOCKET, socket.SO_SNDBUF, 4096),))
     image = Counting([Register(Table.INPUT, 124, RegisterType.UINT16)], [])
-    async with Listener(image, ModbusServerConfig(port=tcp_port), lambda _: None):
+    async with ModbusListener(image, ModbusServerConfig(port=tcp_port), lambda _: None):
         with socket.socket() as connection:
             connection.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
             connection.connect(("127.0.0.1", tcp_port))
@@ -244,5 +244,5 @@ async def test_request_in_pieces_is_one_request(device: Device) -> None:
 async def test_port_in_use_is_said_with_what_to_do(device: Device) -> None:
     config = ModbusServerConfig(port=device.port)
     with pytest.raises(ServerStartError, match=r"choose another modbus\.port"):
-        async with Listener(device.image, config, device.written.append):
+        async with ModbusListener(device.image, config, device.written.append):
             pass

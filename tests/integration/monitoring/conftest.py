@@ -15,7 +15,7 @@ import pytest
 
 from tests.scraped import Samples, scrape
 from tests.system import Child, Processes, clean_environment, free_multicast_url, free_tcp_port
-from ua_fleet.cli.health import Asked, Verdict, check
+from ua_fleet.cli.health import HealthQuestion, HealthVerdict, check
 from ua_fleet.client import ClientIdentity, FleetClient
 from ua_fleet.endpoint.users import USERS_FILE, Role, ScryptCost, UserStore
 from ua_fleet.monitoring.address import ADDRESS_FILE
@@ -142,10 +142,10 @@ class Plant:
         """The metrics of a process."""
         return await asyncio.to_thread(scrape, self.monitoring_url(process))
 
-    async def health(self, process: str, *, live: bool = False, timeout_s: float = 3.0) -> Verdict:
+    async def health(self, process: str, *, live: bool = False, timeout_s: float = 3.0) -> HealthVerdict:
         """What `ua-fleet healthcheck` says of a process."""
         folder = str(self.folder / STATE[process])
-        return await asyncio.to_thread(check, Asked(state_dir=folder, live=live, timeout_s=timeout_s))
+        return await asyncio.to_thread(check, HealthQuestion(state_dir=folder, live=live, timeout_s=timeout_s))
 
     def client(self) -> Any:
         """An operator's client."""

@@ -13,7 +13,7 @@ from urllib.request import urlopen
 from tests.integration.monitoring.conftest import PASSWORD, Plant, names, until
 from ua_fleet.client import ScenarioClient
 from ua_fleet.errors import SkillFailed
-from ua_fleet.monitoring import METRICS, Process
+from ua_fleet.monitoring import METRICS, ProcessKind
 from ua_fleet.server.key_service.files import GROUPS_FILE, load_groups
 
 
@@ -50,7 +50,7 @@ async def test_from_start_to_end(plant: Plant) -> None:
     for process in ("server", "bridge", "modbus"):
         with urlopen(f"{plant.monitoring_url(process)}/metrics", timeout=10) as answer:
             shown = names(answer.read().decode())
-        assert shown == {metric.name for metric in METRICS if Process(process) in metric.processes}, process
+        assert shown == {metric.name for metric in METRICS if ProcessKind(process) in metric.processes}, process
 
     # Data, and what is no data.
     await until(lambda: plant.said("server", "bridge cell is there", bridge="cell"), "the bridge")

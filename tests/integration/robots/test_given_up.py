@@ -13,7 +13,7 @@ from tests.integration.robots.conftest import Yard
 from tests.integration.robots.test_client import SKILL, connected
 from tests.integration.server_model.harness import OPERATOR
 from ua_fleet.client import FleetClient
-from ua_fleet.endpoint.subscriptions import Subscriptions
+from ua_fleet.endpoint.subscriptions import SubscriptionRegistry
 from ua_fleet.errors import NotConnected, RobotOffline
 
 STATE: Final = "i=2259"
@@ -22,14 +22,14 @@ STATE: Final = "i=2259"
 @pytest.fixture
 def open_ones(monkeypatch: pytest.MonkeyPatch) -> Callable[[], int]:
     """How many subscriptions the server has that the test starts."""
-    made: list[Subscriptions] = []
-    real = Subscriptions.__init__
+    made: list[SubscriptionRegistry] = []
+    real = SubscriptionRegistry.__init__
 
-    def noted(self: Subscriptions, *arguments: Any) -> None:
+    def noted(self: SubscriptionRegistry, *arguments: Any) -> None:
         real(self, *arguments)
         made.append(self)
 
-    monkeypatch.setattr(Subscriptions, "__init__", noted)
+    monkeypatch.setattr(SubscriptionRegistry, "__init__", noted)
     return lambda: sum(len(service.subscriptions) for service in made)
 
 

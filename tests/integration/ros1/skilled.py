@@ -10,7 +10,7 @@ from tests.integration.actions.requesting import Requesting
 from tests.integration.ros1.ros1_graph import Ros1Graph
 from tests.system import Child
 from tests.waiting import until
-from ua_fleet.skill.executions import OPEN, ExecutionState, Outcome, OutcomeKind
+from ua_fleet.skill.executions import OPEN, ExecutionState, OutcomeKind, RequestOutcome
 from ua_fleet.skill.status import read_result
 from ua_fleet.topics import Topic
 
@@ -92,7 +92,7 @@ class Robot:
         told = [line.removeprefix("told: ") for line in self.node.lines if line.startswith("told: ")]
         return [" ".join(word for word in line.split() if len(word) < 32) for line in told]
 
-    async def ask(self, skill: int, *values: Any, execution_id: bytes | None = None) -> Outcome:
+    async def ask(self, skill: int, *values: Any, execution_id: bytes | None = None) -> RequestOutcome:
         topic = Topic(SPACE, 2, skill)
         return await self._requestor.invoke(topic, values, 20.0, execution_id)
 

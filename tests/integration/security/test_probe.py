@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 
 from tests.integration.security.conftest import COUNTER_ONE, ONE, STATUS_ONE, TWO, Site
-from ua_fleet.cli.kind import Kind
+from ua_fleet.cli.kind import HealthKind
 from ua_fleet.cli.opening import Opener, tool_envelope, tool_keys
 from ua_fleet.cli.probe_tables import table
 from ua_fleet.cli.prober import Prober
@@ -15,7 +15,7 @@ from ua_fleet.transport.udp import UdpTransport
 from ua_fleet.wire.discovered import PubSubState, StatusAnnouncement, WriterConfigurationAnnouncement
 
 
-async def probe(site: Site, kind: Kind, publisher_id: int | None = None) -> Prober:
+async def probe(site: Site, kind: HealthKind, publisher_id: int | None = None) -> Prober:
     counters = Counters()
     envelope = tool_envelope(site.config, counters)
     prober = Prober(kind, publisher_id, Opener(counters, envelope))
@@ -28,25 +28,25 @@ async def probe(site: Site, kind: Kind, publisher_id: int | None = None) -> Prob
 async def test_secured_bridges_answer_who_has_the_keys(secured: Site) -> None:
     await asyncio.to_thread(secured.bridge, "one")
     await asyncio.to_thread(secured.bridge, "two")
-    found = table(Kind.APPLICATIONS, (await probe(secured, Kind.APPLICATIONS)).answers)
+    found = table(HealthKind.APPLICATIONS, (await probe(secured, HealthKind.APPLICATIONS)).answers)
     assert [row[:4] for row in found[1:]] == [
         [str(ONE), "bridge one", "client", "operational"],
         [str(TWO), "bridge two", "client", "operational"],
     ]
-    writers = (await probe(secured, Kind.WRITERS, ONE)).answers
+    writers = (await probe(secured, HealthKind.WRITERS, ONE)).answers
     groups = [found for found in writers if isinstance(found, WriterConfigurationAnnouncement)]
     assert {writer_id for group in groups for writer_id in group.data_set_writer_ids} == {COUNTER_ONE.id, STATUS_ONE.id}
     assert {group.writer_group.security_group_id for group in groups} == {f"t-{ONE}"}
-    [_, row] = table(Kind.ENDPOINTS, (await probe(secured, Kind.ENDPOINTS, ONE)).answers)
+    [_, row] = table(HealthKind.ENDPOINTS, (await probe(secured, HealthKind.ENDPOINTS, ONE)).answers)
     assert row[1] == "BadNotSupported", "a bridge has no server, and says so"
-    both = await probe(secured, Kind.METADATA)
+    both = await probe(secured, HealthKind.METADATA)
     assert both.answered == {ONE, TWO}, "who is found is asked"
 
 
 async def test_without_keys_nobody_is_heard(secured: Site) -> None:
     await asyncio.to_thread(secured.bridge, "one")
     counters = Counters()
-    prober = Prober(Kind.APPLICATIONS, None, Opener(counters, tool_envelope(None, counters)))
+    prober = Prober(HealthKind.APPLICATIONS, None, Opener(counters, tool_envelope(None, counters)))
     await prober.ask(UdpTransport(secured.url, "lo"), None, 1.0)
     assert prober.answers == []
     assert set(counters.drops) == {Drop.SECURED}

@@ -13,8 +13,8 @@ from ua_fleet.endpoint.expiry import CertificateWatch
 from ua_fleet.fleet.coalesce import Coalescer
 from ua_fleet.fleet.state import FleetState
 from ua_fleet.nodes.address_space import FleetNodes
-from ua_fleet.operation.robots.offers import Offers
-from ua_fleet.operation.robots.roster import Roster
+from ua_fleet.operation.robots.offers import ClientOffers
+from ua_fleet.operation.robots.roster import RobotRegistry
 from ua_fleet.operation.runs.service import ScenarioService
 from ua_fleet.pubsub.events import DataReceived
 from ua_fleet.pubsub.metadata import make_field
@@ -72,11 +72,11 @@ LOOPS: dict[str, tuple[str, Any, str, Callable[..., bool]]] = {
     "scenario values": ("changes", ScenarioService, "value_changed", is_broken_change),
     "nodes": ("projection", FleetNodes, "add_source", always),
     "every second": ("each second", FleetState, "tick", always),
-    "announced robots": ("announced robots", Roster, "tick", always),
+    "announced robots": ("announced robots", RobotRegistry, "tick", always),
     "scenario timer": ("scenarios", ScenarioService, "poll", always),
     "its deadline": ("scenarios", ScenarioService, "next_deadline", always),
     "a clock": ("CertificateWatch", CertificateWatch, "poll", always),
-    "another clock": ("Offers", Offers, "poll", always),
+    "another clock": ("Offers", ClientOffers, "poll", always),
     "keep-alives": ("publisher", hub.Hub, "_poll_publisher", always),
 }
 

@@ -21,7 +21,7 @@ from tests.integration.server_model.harness import (
     ua,
     until,
 )
-from ua_fleet.topics import Side, Verdict
+from ua_fleet.topics import LoopVerdict, Side
 from ua_fleet.values import StatusCode, datetime_from_ticks
 
 DOUBLE = ua.VariantType.Double
@@ -169,8 +169,8 @@ async def test_the_server_hears_itself_and_drops_it(udp_url: str, tcp_port: int,
         assert (await reader(client, "ns=2;s=Fleet.Traffic.Looped")()).Value.Value == 0
 
 
-def no_rule(side: Side, _origin: int, _own_space: int, _own_publication: bool) -> Verdict:
-    return Verdict.TO_SPACE if side is Side.PUBSUB else Verdict.TO_PUBSUB
+def no_rule(side: Side, _origin: int, _own_space: int, _own_publication: bool) -> LoopVerdict:
+    return LoopVerdict.TO_SPACE if side is Side.PUBSUB else LoopVerdict.TO_PUBSUB
 
 
 async def test_without_the_loop_rule_deliveries_are_counted_as_looped(

@@ -26,7 +26,7 @@ from tests.standard_space import quick_start
 from ua_fleet.config.schema import ServerConfig
 from ua_fleet.endpoint.certificates import CertificateFiles, create_certificate, own_files, trust
 from ua_fleet.endpoint.hardened_server import HardenedServer, create_server
-from ua_fleet.endpoint.limits import Limits
+from ua_fleet.endpoint.limits import EndpointLimits
 from ua_fleet.endpoint.users import Role, ScryptCost, UserStore, current_user
 from ua_fleet.errors import SkillRejected
 
@@ -285,7 +285,7 @@ async def door(
             state_dir,
             application_uri=SERVER_URI,
             users=users,
-            limits=Limits(**small),
+            limits=EndpointLimits(**small),
         )
     nodes = await build(server)
     server.require_role(nodes.methods["engineering"], Role.ENGINEER)

@@ -31,7 +31,7 @@ from ua_fleet.client import ClientIdentity, FleetClient
 from ua_fleet.config.schema import ServerConfig
 from ua_fleet.endpoint.certificates import revoke_gateway, trust, trust_gateway
 from ua_fleet.endpoint.charges import GATEWAY_AT_ONCE_S, REFUSED_LOGIN_S
-from ua_fleet.endpoint.gateway_logins import UNKNOWN_AT_ONCE, Attempt, Outcome
+from ua_fleet.endpoint.gateway_logins import UNKNOWN_AT_ONCE, Attempt, LoginOutcome
 from ua_fleet.endpoint.hardened_server import create_server
 from ua_fleet.endpoint.key_text import new_key
 from ua_fleet.endpoint.strangers import AT_ONCE_S, StrangersTime
@@ -95,7 +95,7 @@ class Console:
     @property
     def outcomes(self) -> dict[str, int]:
         counted = self.door.server.context.gateway_logins.outcomes
-        return {outcome.value: counted["console", outcome] for outcome in Outcome}
+        return {outcome.value: counted["console", outcome] for outcome in LoginOutcome}
 
 
 @pytest_asyncio.fixture(loop_scope="module")

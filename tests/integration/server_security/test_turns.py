@@ -12,7 +12,7 @@ import pytest
 
 from tests.integration.server_security.harness import Identities, bad, door, lose, ua
 from tests.waiting import until
-from ua_fleet.endpoint.connection import Connection
+from ua_fleet.endpoint.connection import TcpConnection
 from ua_fleet.endpoint.turns import TURN_S
 from ua_fleet.endpoint.users import Role, UserStore
 
@@ -25,9 +25,9 @@ async def test_others_have_their_turn_between_the_chunks_of_a_large_answer(
     """An answer of 8 MiB was encrypted in one go: 37 to 74 ms."""
     sent: list[tuple[float, int]] = []
     turns: list[float] = []
-    send = Connection.send
+    send = TcpConnection.send
 
-    def noted(connection: Connection, data: bytes) -> None:
+    def noted(connection: TcpConnection, data: bytes) -> None:
         send(connection, data)
         sent.append((time.monotonic(), len(data)))
 
@@ -48,7 +48,7 @@ async def test_others_have_their_turn_between_the_chunks_of_a_large_answer(
         await subscription.subscribe_data_change(client.get_node(running.nodes.plain))
         held = running.server.get_node(running.nodes.text)
         await held.write_value("x" * (1 << 20))
-        monkeypatch.setattr(Connection, "send", noted)
+        monkeypatch.setattr(TcpConnection, "send", noted)
         task = asyncio.ensure_future(take_turns())
         try:
             for number in range(5):

@@ -11,7 +11,7 @@ from typing import Any
 from tests.integration.actions.requesting import Requesting, requesting
 from ua_fleet.config.schema import FleetConfig
 from ua_fleet.config.teleoperation import teleoperations
-from ua_fleet.skill.executions import Outcome, OutcomeKind, named_results
+from ua_fleet.skill.executions import OutcomeKind, RequestOutcome, named_results
 from ua_fleet.skill.journal import MemoryJournal
 from ua_fleet.teleoperation import Setpoint, Status
 from ua_fleet.teleoperation.messages import STATUS_FIELDS, encode_setpoint, read_granted, read_status
@@ -43,11 +43,11 @@ class Driver:
             return None
         return read_status({field.name: one for field, one in zip(STATUS_FIELDS, message.values, strict=True)})
 
-    async def ask(self, topic: Topic, *values: Any) -> Outcome:
+    async def ask(self, topic: Topic, *values: Any) -> RequestOutcome:
         """Ask the bridge for something."""
         return await self.requestor.invoke(topic, values, TIMEOUT_S)
 
-    async def acquire(self, *, take_over: bool = False) -> Outcome:
+    async def acquire(self, *, take_over: bool = False) -> RequestOutcome:
         """Ask for a lease, and keep it where it is granted."""
         outcome = await self.ask(self.model.acquire, self.name, f"session of {self.name}", take_over)
         if outcome.kind is OutcomeKind.ACCEPTED:

@@ -27,8 +27,8 @@ from ua_fleet.pubsub.metadata import make_field
 from ua_fleet.pubsub.publisher import Publisher
 from ua_fleet.pubsub.subscriber import Subscriber
 from ua_fleet.pubsub.timing import PubSubTiming
-from ua_fleet.skill import Execution as Recorded
-from ua_fleet.skill import ExecutionState, MemoryJournal, Report
+from ua_fleet.skill import ExecutionReport, ExecutionState, MemoryJournal
+from ua_fleet.skill import RecordedExecution as Recorded
 from ua_fleet.skill.answers import read_answer
 from ua_fleet.skill.status import read_result
 from ua_fleet.topics import Topic
@@ -64,7 +64,7 @@ class FullDisk(MemoryJournal):
         self._check()
         super().recorded(execution)
 
-    def reported(self, execution_id: bytes, report: Report) -> None:
+    def reported(self, execution_id: bytes, report: ExecutionReport) -> None:
         self._check()
         super().reported(execution_id, report)
 
@@ -157,7 +157,7 @@ class Bench:
         """What the driver says."""
         self.core.from_space(fact, now=self.now, wall_ticks=WALL)
 
-    def reports(self) -> list[Report]:
+    def reports(self) -> list[ExecutionReport]:
         """What was answered with Done."""
         return [read_answer(message) for message, _ in self.answers if message.action_state == ActionState.DONE]
 
@@ -338,7 +338,7 @@ def test_a_mistake_in_recording_one_fact_keeps_no_other_back(monkeypatch: pytest
     bench = two_under_way(MemoryJournal())
     reported = bench.journal.reported
 
-    def mistaken(execution_id: bytes, report: Report) -> None:
+    def mistaken(execution_id: bytes, report: ExecutionReport) -> None:
         if execution_id == ID:
             raise KeyError(execution_id)
         reported(execution_id, report)

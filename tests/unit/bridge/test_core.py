@@ -20,7 +20,7 @@ from ua_fleet.pubsub.metadata import make_field
 from ua_fleet.pubsub.publisher import Publisher
 from ua_fleet.pubsub.subscriber import Subscriber
 from ua_fleet.pubsub.timing import PubSubTiming
-from ua_fleet.topics import Side, Topic, Verdict, loop_verdict
+from ua_fleet.topics import LoopVerdict, Side, Topic, loop_verdict
 from ua_fleet.values import BuiltinType, StatusCode, Variant, ticks_from_unix_ns
 from ua_fleet.wire import Codec
 from ua_fleet.wire.messages import DataSetMessage, DataSetMetaData, FieldMetaData, FrameKind, NetworkMessage
@@ -31,8 +31,8 @@ START_NS = 1_700_000_000_000_000_000
 DATA = (make_field("data", BuiltinType.DOUBLE, properties={"RosType": "std_msgs/Float64"}),)
 
 
-def always_forward(side: Side, _origin: int, _own_space: int, _own: bool) -> Verdict:
-    return Verdict.TO_SPACE if side is Side.PUBSUB else Verdict.TO_PUBSUB
+def always_forward(side: Side, _origin: int, _own_space: int, _own: bool) -> LoopVerdict:
+    return LoopVerdict.TO_SPACE if side is Side.PUBSUB else LoopVerdict.TO_PUBSUB
 
 
 class Bridge:

@@ -14,7 +14,7 @@ from ua_fleet.bridge.inlet import BoundedInlet
 from ua_fleet.bridge.lag import LagMeter
 from ua_fleet.counters import Counters
 from ua_fleet.keys.keeper import KeysKept
-from ua_fleet.monitoring import Monitor, Process
+from ua_fleet.monitoring import Monitor, ProcessKind
 from ua_fleet.monitoring.endpoint import MonitoringEndpoint
 from ua_fleet.topics import Topic
 from ua_fleet.transport.base import TransportStats
@@ -51,7 +51,12 @@ class Late:
 
 class Scene:
     def __init__(self) -> None:
-        self.monitor, self.lag, self.clock, self.sender = Monitor(Process.BRIDGE, "cell"), LagMeter(), Late(), Parts()
+        self.monitor, self.lag, self.clock, self.sender = (
+            Monitor(ProcessKind.BRIDGE, "cell"),
+            LagMeter(),
+            Late(),
+            Parts(),
+        )
         self.inlet = BoundedInlet(asyncio.get_running_loop(), 10, lambda _event: None, clock=self.clock)
         figures = BridgeFigures(
             Counters(),

@@ -10,17 +10,17 @@ from ua_fleet.bridge.driver import (
     ExecutionResumed,
     ExecutionSuspended,
 )
-from ua_fleet.bridge.lane import Lane
+from ua_fleet.bridge.lane import ExecutionLane
 
 X, Y = b"x" * 16, b"y" * 16
 
 
-def left(lane: Lane) -> list[ExecutionFact]:
+def left(lane: ExecutionLane) -> list[ExecutionFact]:
     return [lane.pop() for _ in range(len(lane))]
 
 
 def test_an_execution_that_is_suspended_and_resumed_without_end_takes_three_places() -> None:
-    lane, pushed_out = Lane(), 0
+    lane, pushed_out = ExecutionLane(), 0
     for number in range(10_000):
         pushed_out += lane.put(ExecutionSuspended(X, str(number)))
         pushed_out += lane.put(ExecutionProgressed(X, 0.5))
@@ -31,7 +31,7 @@ def test_an_execution_that_is_suspended_and_resumed_without_end_takes_three_plac
 
 
 def test_each_execution_has_its_own_and_the_order_stays() -> None:
-    lane = Lane()
+    lane = ExecutionLane()
     facts: list[ExecutionFact] = [ExecutionSuspended(X), ExecutionProgressed(Y, 0.1), ExecutionResumed(X)]
     for fact in (*facts, ExecutionProgressed(Y, 0.2)):
         lane.put(fact)
@@ -39,7 +39,7 @@ def test_each_execution_has_its_own_and_the_order_stays() -> None:
 
 
 def test_ends_and_what_is_begun_anew_push_nothing_out() -> None:
-    lane = Lane()
+    lane = ExecutionLane()
     facts: list[ExecutionFact]
     facts = [ExecutionSuspended(X), ExecutionNotBegun(X), ExecutionSuspended(X), ExecutionEnded(X), ExecutionEnded(X)]
     assert [lane.put(fact) for fact in facts] == [0] * 5
@@ -62,7 +62,7 @@ def after(facts: list[ExecutionFact], state: str) -> tuple[str, float | None]:
 def test_whoever_hears_the_rest_knows_the_same_in_the_end() -> None:
     random = Random(3)
     for _ in range(2_000):
-        lane, facts = Lane(), list[ExecutionFact]()
+        lane, facts = ExecutionLane(), list[ExecutionFact]()
         for number in range(random.randrange(1, 12)):
             said: list[ExecutionFact] = [
                 ExecutionProgressed(X, float(number)),

@@ -11,8 +11,8 @@ from structlog.testing import capture_logs
 from ua_fleet.bridge.driver import DriverStatus
 from ua_fleet.bridge.execution_log import ExecutionLog
 from ua_fleet.bridge.link_log import LinkLog
-from ua_fleet.skill.executions import ExecutionState, Report, Target
-from ua_fleet.skill.journal import Execution
+from ua_fleet.skill.executions import ExecutionReport, ExecutionState, Target
+from ua_fleet.skill.journal import RecordedExecution
 from ua_fleet.values import StatusCode
 
 THERE, AWAY = DriverStatus(True, "here"), DriverStatus(False, "no cable")
@@ -74,9 +74,11 @@ def test_a_source_that_is_put_aside_has_a_line_each_way_and_a_crowd_has_one() ->
     assert [line["put_aside"] for line in lines if line["event"] == "more sources"] == [95, 0]
 
 
-def execution(state: ExecutionState, number: int = 1, status: int = 0, message: str = "") -> Execution:
+def execution(state: ExecutionState, number: int = 1, status: int = 0, message: str = "") -> RecordedExecution:
     target = Target(300, 2, 1900, 1)
-    return Execution(bytes([number] * 16), "0.server", 0, target, b"", 1, 1000, Report(state, status, message))
+    return RecordedExecution(
+        bytes([number] * 16), "0.server", 0, target, b"", 1, 1000, ExecutionReport(state, status, message)
+    )
 
 
 def test_an_execution_has_a_line_for_its_begin_and_one_for_its_end() -> None:

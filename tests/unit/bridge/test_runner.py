@@ -29,7 +29,7 @@ from ua_fleet.pubsub.metadata import make_field
 from ua_fleet.pubsub.publisher import Publisher
 from ua_fleet.pubsub.subscriber import Subscriber
 from ua_fleet.pubsub.timing import PubSubTiming
-from ua_fleet.topics import Side, Topic, Verdict, loop_verdict
+from ua_fleet.topics import LoopVerdict, Side, Topic, loop_verdict
 from ua_fleet.transport.base import Address, Receive, TransportStats
 from ua_fleet.values import BuiltinType
 from ua_fleet.wire import Codec
@@ -257,8 +257,8 @@ async def test_timers_repeat_messages_and_keep_sources_alive() -> None:
 
 
 async def test_with_the_rule_off_the_status_shows_looped_deliveries(monkeypatch: pytest.MonkeyPatch) -> None:
-    def always_forward(side: Side, _origin: int, _own_space: int, _own: bool) -> Verdict:
-        return Verdict.TO_SPACE if side is Side.PUBSUB else Verdict.TO_PUBSUB
+    def always_forward(side: Side, _origin: int, _own_space: int, _own: bool) -> LoopVerdict:
+        return LoopVerdict.TO_SPACE if side is Side.PUBSUB else LoopVerdict.TO_PUBSUB
 
     robot, line = Robot(), Line()
     async with running(robot, line, always_forward):

@@ -20,14 +20,14 @@ from ua_fleet.bridge import run_bridge, runner, teleoperation
 from ua_fleet.config.load import load_content
 from ua_fleet.config.teleoperation import teleoperations
 from ua_fleet.counters import Counters
-from ua_fleet.monitoring import Monitor, Process
+from ua_fleet.monitoring import Monitor, ProcessKind
 from ua_fleet.operation.skills.commands import SkillCommands
 from ua_fleet.pubsub.events import ActionReceived, AnnouncementReceived, DataReceived, ProbeDue, SourceUnknown
 from ua_fleet.pubsub.metadata import make_field
 from ua_fleet.pubsub.publisher import Publisher
 from ua_fleet.pubsub.subscriber import Subscriber
 from ua_fleet.pubsub.timing import PubSubTiming
-from ua_fleet.skill.executions import Outcome, OutcomeKind, named_results
+from ua_fleet.skill.executions import OutcomeKind, RequestOutcome, named_results
 from ua_fleet.skill.journal import MemoryJournal
 from ua_fleet.teleoperation import Setpoint, State, Status
 from ua_fleet.teleoperation.messages import STATUS_FIELDS, encode_setpoint, read_granted, read_status
@@ -116,7 +116,7 @@ class Server:
             self.hear()
             await asyncio.sleep(0.002)
 
-    async def ask(self, topic: Topic, *values: Any) -> Outcome:
+    async def ask(self, topic: Topic, *values: Any) -> RequestOutcome:
         return await self._outcomes.invoke(self._commands, topic, values, 5.0)
 
     async def acquire(self, holder: str = "anna") -> int:
@@ -177,7 +177,7 @@ async def test_the_driver_is_told_each_period_what_the_robot_is_to_do(tmp_path: 
 
 
 async def test_a_driver_that_fails_costs_the_lease_and_nothing_else(tmp_path: Path) -> None:
-    robot, monitor = DrivenRobot(), Monitor(Process.BRIDGE)
+    robot, monitor = DrivenRobot(), Monitor(ProcessKind.BRIDGE)
     async with driven(robot, tmp_path, monitor) as server:
         await server.acquire()
         await server.until(lambda status: status.state is State.HELD)

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from tests.system import clean_environment
-from ua_fleet.cli.context_file import Context, ContextFile
+from ua_fleet.cli.context_file import ContextFile, LoginContext
 
 BASH = """
 eval "$(ua-fleet completion bash)"
@@ -28,7 +28,9 @@ def environment(tmp_path: Path) -> dict[str, str]:
     file = ContextFile(tmp_path / "home" / "ua-fleet" / "client")
     for name in ("hall", "hangar"):
         until = datetime(2030, 1, 31, tzinfo=UTC)
-        context = Context(name, "opc.tcp://hall:4840/ua_fleet", "anna", "", "Basic256Sha256", False, "1f", until, "key")
+        context = LoginContext(
+            name, "opc.tcp://hall:4840/ua_fleet", "anna", "", "Basic256Sha256", False, "1f", until, "key"
+        )
         file.put(context, "key")
     return clean_environment(
         PATH=f"{Path(sys.executable).parent}:/usr/bin:/bin",

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from ua_fleet.cli.context_file import Context, ContextFile
+from ua_fleet.cli.context_file import ContextFile, LoginContext
 from ua_fleet.cli.endings import UsageError
-from ua_fleet.cli.options import Connection
+from ua_fleet.cli.options import ConnectionOptions
 from ua_fleet.client import AnotherServer, FleetClient
 
 ENDPOINT = "opc.tcp://127.0.0.1:1/ua_fleet"
@@ -24,13 +24,13 @@ def contexts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> ContextFile:
     return ContextFile()
 
 
-def context(server_uri: str, *, insecure: bool) -> Context:
+def context(server_uri: str, *, insecure: bool) -> LoginContext:
     until = datetime(2030, 1, 31, tzinfo=UTC)
-    return Context("hall", ENDPOINT, "anna", server_uri, "Basic256Sha256", insecure, "1f", until, "key")
+    return LoginContext("hall", ENDPOINT, "anna", server_uri, "Basic256Sha256", insecure, "1f", until, "key")
 
 
-def connection(*, insecure: bool) -> Connection:
-    return Connection.of(None, None, None, None, None, insecure, 1.0)
+def connection(*, insecure: bool) -> ConnectionOptions:
+    return ConnectionOptions.of(None, None, None, None, None, insecure, 1.0)
 
 
 def test_the_key_of_a_server_that_is_known_is_not_given_to_whoever_answers(contexts: ContextFile) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from ua_fleet.cli.drive import duration_s
-from ua_fleet.cli.drive_keys import KEY_S, Asked, Controls, TerminalKeys
+from ua_fleet.cli.drive_keys import KEY_S, Controls, KeyRequest, TerminalKeys
 from ua_fleet.cli.endings import UsageError
 
 REST = ("", 0)
@@ -28,7 +28,7 @@ REST = ("", 0)
 )
 def test_the_newest_key_counts(typed: str, held: tuple[str, int]) -> None:
     keys = TerminalKeys(0.5)
-    assert keys.type(typed, 0.0) is Asked.NOTHING
+    assert keys.type(typed, 0.0) is KeyRequest.NOTHING
     assert keys.held(0.1) == held
 
 
@@ -42,12 +42,18 @@ def test_a_key_counts_for_a_short_time_after_each_repetition() -> None:
 
 @pytest.mark.parametrize(
     ("typed", "asked"),
-    [("x", Asked.END), ("\x1b", Asked.END), ("w\x04", Asked.END), ("w\x1b[O", Asked.AWAY), ("w", Asked.NOTHING)],
+    [
+        ("x", KeyRequest.END),
+        ("\x1b", KeyRequest.END),
+        ("w\x04", KeyRequest.END),
+        ("w\x1b[O", KeyRequest.AWAY),
+        ("w", KeyRequest.NOTHING),
+    ],
 )
-def test_what_else_is_asked_for(typed: str, asked: Asked) -> None:
+def test_what_else_is_asked_for(typed: str, asked: KeyRequest) -> None:
     keys = TerminalKeys(0.5)
     assert keys.type(typed, 0.0) is asked
-    assert (keys.held(0.1) == REST) == (asked is not Asked.NOTHING)
+    assert (keys.held(0.1) == REST) == (asked is not KeyRequest.NOTHING)
 
 
 def test_the_speed_stays_within_its_bounds() -> None:

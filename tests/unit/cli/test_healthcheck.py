@@ -10,17 +10,17 @@ import pytest
 
 from tests.unit.cli.conftest import Invoke
 from ua_fleet.cli import health, healthcheck
-from ua_fleet.cli.health import Asked, Verdict, quick
+from ua_fleet.cli.health import HealthQuestion, HealthVerdict, quick
 
 
 @pytest.fixture
-def asked(monkeypatch: pytest.MonkeyPatch) -> list[Asked]:
+def asked(monkeypatch: pytest.MonkeyPatch) -> list[HealthQuestion]:
     """What was asked for."""
-    found: list[Asked] = []
+    found: list[HealthQuestion] = []
 
-    def check(asked: Asked) -> Verdict:
+    def check(asked: HealthQuestion) -> HealthVerdict:
         found.append(asked)
-        return Verdict(True, "well")
+        return HealthVerdict(True, "well")
 
     for module in (health, healthcheck):
         monkeypatch.setattr(module, "check", check)
@@ -30,14 +30,16 @@ def asked(monkeypatch: pytest.MonkeyPatch) -> list[Asked]:
 @pytest.mark.parametrize(
     ("words", "wanted"),
     [
-        ([], Asked()),
-        (["--state-dir", "state/bridges/cell", "--live"], Asked(state_dir="state/bridges/cell", live=True)),
-        (["--at", "[::1]:9464", "--timeout", "0.5"], Asked(at="[::1]:9464", timeout_s=0.5)),
-        (["--tcp", "a:1", "--heartbeat", "f", "--within", "5"], Asked(tcp="a:1", heartbeat="f", within_s=5.0)),
-        (["--json"], Asked()),
+        ([], HealthQuestion()),
+        (["--state-dir", "state/bridges/cell", "--live"], HealthQuestion(state_dir="state/bridges/cell", live=True)),
+        (["--at", "[::1]:9464", "--timeout", "0.5"], HealthQuestion(at="[::1]:9464", timeout_s=0.5)),
+        (["--tcp", "a:1", "--heartbeat", "f", "--within", "5"], HealthQuestion(tcp="a:1", heartbeat="f", within_s=5.0)),
+        (["--json"], HealthQuestion()),
     ],
 )
-def test_both_ask_for_the_same(words: list[str], wanted: Asked, asked: list[Asked], invoke: Invoke) -> None:
+def test_both_ask_for_the_same(
+    words: list[str], wanted: HealthQuestion, asked: list[HealthQuestion], invoke: Invoke
+) -> None:
     assert quick(words) == 0
     ended = invoke("healthcheck", *words)
     assert ended.code == 0
@@ -49,7 +51,7 @@ def test_both_ask_for_the_same(words: list[str], wanted: Asked, asked: list[Aske
     "words",
     [["--help"], ["--att", "x"], ["--at"], ["--at", "--live"], ["--within", "soon"], ["--timeout", "-1"], ["here"]],
 )
-def test_what_is_not_plain_is_left_to_the_whole_command_line(words: list[str], asked: list[Asked]) -> None:
+def test_what_is_not_plain_is_left_to_the_whole_command_line(words: list[str], asked: list[HealthQuestion]) -> None:
     assert quick(words) is None
     assert asked == []
 
@@ -62,7 +64,7 @@ def test_what_is_not_plain_is_left_to_the_whole_command_line(words: list[str], a
         (["--timeout", "0"], "0.001"),
     ],
 )
-def test_it_says_what_is_wrong(words: list[str], said: str, invoke: Invoke, asked: list[Asked]) -> None:
+def test_it_says_what_is_wrong(words: list[str], said: str, invoke: Invoke, asked: list[HealthQuestion]) -> None:
     ended = invoke("healthcheck", *words)
     assert ended.code == 2
     assert said in ended.stderr

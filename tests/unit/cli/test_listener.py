@@ -15,7 +15,7 @@ from tests.unit.pubsub.publishing import TOPIC, Writing
 from tests.unit.pubsub.security.securing import SIGN, action, data, envelope, group_keys, probe
 from tests.unit.wire.discovery_samples import ANNOUNCEMENTS
 from tests.unit.wire.everything import ACTIONS
-from ua_fleet.cli.listener import Listener, figures_text
+from ua_fleet.cli.listener import MessagePrinter, figures_text
 from ua_fleet.cli.opening import TOOL_SPACE, Opener, ToolKeys, lacks_keys, tool_envelope
 from ua_fleet.config import load
 from ua_fleet.counters import Counters
@@ -57,8 +57,8 @@ class Recorded:
         pass
 
 
-def listener(opener: Opener, *, as_json: bool = True, count: int | None = None) -> Listener:
-    return Listener(PubSubTiming(), opener, count=count, as_json=as_json, setpoint_groups=SETPOINT_GROUPS)
+def listener(opener: Opener, *, as_json: bool = True, count: int | None = None) -> MessagePrinter:
+    return MessagePrinter(PubSubTiming(), opener, count=count, as_json=as_json, setpoint_groups=SETPOINT_GROUPS)
 
 
 def heard(
@@ -209,7 +209,7 @@ def test_malformed_messages_are_counted(capsys: pytest.CaptureFixture[str]) -> N
 
 
 def test_lines_for_people(capsys: pytest.CaptureFixture[str]) -> None:
-    async def listen(opener: Opener, datagrams: list[bytes], count: int) -> Listener:
+    async def listen(opener: Opener, datagrams: list[bytes], count: int) -> MessagePrinter:
         listening = listener(opener, as_json=False, count=count)
         await listening.listen(Recorded(datagrams))
         return listening

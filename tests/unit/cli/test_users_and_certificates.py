@@ -12,7 +12,7 @@ import pytest
 
 from tests.system import clean_environment
 from tests.unit.cli.conftest import Invoke
-from ua_fleet.cli.decision import LimitName, ModeName
+from ua_fleet.cli.decision import DecisionModeName, LimitName
 from ua_fleet.cli.options import Policy
 from ua_fleet.cli.user import RoleName
 from ua_fleet.endpoint import certificates
@@ -20,7 +20,7 @@ from ua_fleet.endpoint.certificates import CertificateFiles, create_certificate
 from ua_fleet.endpoint.rejected import RejectedCertificates
 from ua_fleet.endpoint.session_keys import DAY_S, KEYS_FILE, SessionKeys
 from ua_fleet.endpoint.users import USERS_FILE, Role, ScryptCost, UserStore
-from ua_fleet.resilience import Mode, OnLimit
+from ua_fleet.resilience import DecisionMode, OnLimit
 
 PASSWORD = "correct horse"
 ON_OWN_TERMINAL = "import fcntl, termios; fcntl.ioctl(0, termios.TIOCSCTTY, 0); from ua_fleet.cli import main; main()"
@@ -45,7 +45,7 @@ def test_the_names_of_roles_and_policies_are_those_of_the_parts_that_know_them()
 
     assert [role.value for role in RoleName] == [role.value for role in Role]
     assert [policy.value for policy in Policy] == list(POLICIES)
-    assert [mode.value for mode in ModeName] == [mode.value for mode in Mode]
+    assert [mode.value for mode in DecisionModeName] == [mode.value for mode in DecisionMode]
     assert [limit.value for limit in LimitName] == [limit.value for limit in OnLimit]
 
 

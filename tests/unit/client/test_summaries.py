@@ -41,7 +41,7 @@ FIELDS: tuple[tuple[str, int | ua.NodeId, int], ...] = (
     ("Bridge", 12, -1),
     ("Capacities", 12, 1),
 )
-ROVER = server.RobotSummary(
+ROVER = server.SummaryRecord(
     "rover",
     2,
     ticks_from_datetime(NOON),
@@ -68,7 +68,7 @@ def definition(*fields: tuple[str, int | ua.NodeId, int]) -> ua.StructureDefinit
     return made
 
 
-def encoded(summary: server.RobotSummary) -> ua.ExtensionObject:
+def encoded(summary: server.SummaryRecord) -> ua.ExtensionObject:
     body = bytearray()
     SUMMARY_SHAPE.encode(body, summary)
     return ua.ExtensionObject(ENCODING, ua.ByteString(bytes(body)))

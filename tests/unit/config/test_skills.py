@@ -9,7 +9,7 @@ from ua_fleet.config.load import load_content
 from ua_fleet.config.nodes import fleet_model
 from ua_fleet.errors import ConfigInvalid
 from ua_fleet.orchestrator import DistanceFrom, TasksAhead, ValueOf
-from ua_fleet.resilience import Mode, OnLimit, Synthesis
+from ua_fleet.resilience import DecisionMode, OnLimit, Synthesis
 from ua_fleet.values import BuiltinType, NodeId
 
 HEAD = """\
@@ -133,12 +133,16 @@ def test_resilience() -> None:
         TasksAhead(),
     ]
     assert settings.judgements["battery", "free"] == 3
-    assert (settings.mode, settings.on_limit, settings.synthesis) == (Mode.AUTOMATIC, OnLimit.ABORT, Synthesis.IDEAL)
+    assert (settings.mode, settings.on_limit, settings.synthesis) == (
+        DecisionMode.AUTOMATIC,
+        OnLimit.ABORT,
+        Synthesis.IDEAL,
+    )
 
 
 def test_without_a_word_the_least_busy_robot_is_offered_to_the_operator() -> None:
     settings = load_content(HEAD.encode(), "f.yaml", {}).resilience.settings()
-    assert settings.mode is Mode.OPERATOR
+    assert settings.mode is DecisionMode.OPERATOR
     assert [source for _, source in settings.criteria] == [TasksAhead()]
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from ua_fleet.config.schema import FleetConfig
 from ua_fleet.config.traffic import known_kinds
 from ua_fleet.topics import Topic
-from ua_fleet.traffic import Kind
+from ua_fleet.traffic import MessageKind
 
 
 def test_sensors_and_announced_faults_are_known() -> None:
@@ -27,4 +27,4 @@ def test_sensors_and_announced_faults_are_known() -> None:
             },
         }
     )
-    assert known_kinds(config) == {Topic(7, 2, 1001): Kind.SENSOR, Topic(7, 2, 1010): Kind.FAULT}
+    assert known_kinds(config) == {Topic(7, 2, 1001): MessageKind.SENSOR, Topic(7, 2, 1010): MessageKind.FAULT}

@@ -5,14 +5,14 @@ from __future__ import annotations
 from ua_demo.talkrobots.costs import PAPER, Costs, cost_lines
 
 from ua_fleet.storage.traffic_log import SentMessage
-from ua_fleet.traffic import Kind
+from ua_fleet.traffic import MessageKind
 
 SENT = [
-    SentMessage(10.0, (Kind.REGISTRATION,), 100),
-    SentMessage(11.0, (Kind.REQUEST,), 60),
-    SentMessage(11.5, (Kind.STATUS, Kind.TELEMETRY), 101),
+    SentMessage(10.0, (MessageKind.REGISTRATION,), 100),
+    SentMessage(11.0, (MessageKind.REQUEST,), 60),
+    SentMessage(11.5, (MessageKind.STATUS, MessageKind.TELEMETRY), 101),
     SentMessage(12.0, (), 7),
-    SentMessage(13.0, (Kind.SENSOR,), 40),
+    SentMessage(13.0, (MessageKind.SENSOR,), 40),
 ]
 
 
@@ -23,14 +23,24 @@ def test_the_papers_own_figures() -> None:
 
 def test_messages_are_counted_by_kind_from_a_moment_on() -> None:
     costs = Costs.of(SENT, since=11.0)
-    assert dict(costs.messages) == {Kind.REQUEST: 1, Kind.STATUS: 1, Kind.TELEMETRY: 1, Kind.SENSOR: 1}
-    assert dict(costs.bytes) == {Kind.REQUEST: 60, Kind.STATUS: 51, Kind.TELEMETRY: 50, Kind.SENSOR: 40}
+    assert dict(costs.messages) == {
+        MessageKind.REQUEST: 1,
+        MessageKind.STATUS: 1,
+        MessageKind.TELEMETRY: 1,
+        MessageKind.SENSOR: 1,
+    }
+    assert dict(costs.bytes) == {
+        MessageKind.REQUEST: 60,
+        MessageKind.STATUS: 51,
+        MessageKind.TELEMETRY: 50,
+        MessageKind.SENSOR: 40,
+    }
     assert (costs.counted_messages, costs.counted_bytes) == (2, 111)
 
 
 def test_the_report_has_every_kind() -> None:
     report = Costs.of(SENT, since=0.0).report()
-    assert report["messages"].keys() == report["bytes"].keys() == {kind.value for kind in Kind}
+    assert report["messages"].keys() == report["bytes"].keys() == {kind.value for kind in MessageKind}
     assert report["messages"]["token"] == 0
     assert report["paper"] == PAPER
 

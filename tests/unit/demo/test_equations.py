@@ -8,7 +8,7 @@ from ua_demo import equations
 from ua_demo.equations import EQUATION_12_KINDS, Situation, cyclic, equation_12_sum
 
 from ua_fleet.errors import ScenarioError
-from ua_fleet.traffic import Kind, Traffic
+from ua_fleet.traffic import MessageKind, Traffic
 
 DEMONSTRATION = Situation(robots=5, sensor_rates=(1.0,), elapsed_s=180.0)
 """Section 6.2: five robots, one sensor that says something each second, about three minutes."""
@@ -86,9 +86,15 @@ def test_what_cannot_be(case: dict[str, Any], said: str) -> None:
 
 def test_what_equation_12_counts() -> None:
     traffic = Traffic()
-    for number, kind in enumerate(Kind):
+    for number, kind in enumerate(MessageKind):
         traffic.record(kind, 10**number, 0.0)
-    counted = {kind for kind in Kind if kind in EQUATION_12_KINDS}
-    assert counted == set(Kind) - {Kind.METADATA, Kind.KEEP_ALIVE, Kind.REPEAT, Kind.TELEMETRY, Kind.SENSOR}
+    counted = {kind for kind in MessageKind if kind in EQUATION_12_KINDS}
+    assert counted == set(MessageKind) - {
+        MessageKind.METADATA,
+        MessageKind.KEEP_ALIVE,
+        MessageKind.REPEAT,
+        MessageKind.TELEMETRY,
+        MessageKind.SENSOR,
+    }
     assert equation_12_sum(traffic.messages) == 6
     assert equation_12_sum(traffic.bytes) == 1111101

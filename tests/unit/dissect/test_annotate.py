@@ -14,7 +14,7 @@ from tests.unit.wire.discovery_samples import ANNOUNCEMENTS
 from tests.unit.wire.everything import ACTIONS, KEYS, PROBES, chunked_messages, plain_messages, secured_messages
 from tests.unit.wire.test_bad_messages import TABLE
 from ua_fleet.dissect.annotate import annotate
-from ua_fleet.dissect.spans import Span, type_name
+from ua_fleet.dissect.spans import ByteSpan, type_name
 from ua_fleet.errors import RemoteWireError
 from ua_fleet.values import (
     ARRAY,
@@ -53,7 +53,7 @@ HOW_TO_READ_ON = re.compile(
 DIMENSIONS_OF_AN_ARRAY = re.compile(r"ArrayDimensions\[\d+\]$")
 
 
-def shown(spans: tuple[Span, ...]) -> list[Named]:
+def shown(spans: tuple[ByteSpan, ...]) -> list[Named]:
     """The values of a message, without what only says how to read on."""
     return [
         (span.name, span.value)
@@ -67,7 +67,7 @@ def shown(spans: tuple[Span, ...]) -> list[Named]:
     ]
 
 
-def covers(spans: tuple[Span, ...], datagram: bytes) -> bool:
+def covers(spans: tuple[ByteSpan, ...], datagram: bytes) -> bool:
     position = 0
     for span in spans:
         if span.offset != position or not span.data:
@@ -264,7 +264,7 @@ def test_every_byte_once_and_the_values_of_the_decoder(datagram: bytes) -> None:
         assert expected is None or shown(spans) == expected
 
 
-def shown_behind(spans: tuple[Span, ...], section: str) -> list[Named]:
+def shown_behind(spans: tuple[ByteSpan, ...], section: str) -> list[Named]:
     return [(name, value) for name, value in shown(tuple(span for span in spans if span.section == section))]
 
 

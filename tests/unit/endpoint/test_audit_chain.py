@@ -14,8 +14,8 @@ from pathlib import Path
 import pytest
 
 from ua_fleet.endpoint.audit import AuditLog, Caller
-from ua_fleet.endpoint.audit.chain import Link, digest_of
-from ua_fleet.endpoint.audit.verification import AuditLogMissing, Report, verify
+from ua_fleet.endpoint.audit.chain import ChainLink, digest_of
+from ua_fleet.endpoint.audit.verification import AuditLogMissing, ChainReport, verify
 
 ANNA = Caller("10.0.0.7:5000", "anna", "operator", "3f2a")
 
@@ -43,7 +43,7 @@ def path(tmp_path: Path) -> Path:
     return written
 
 
-def said(report: Report) -> str:
+def said(report: ChainReport) -> str:
     return "; ".join(f"{problem.file}:{problem.line}: {problem.text}" for problem in report.problems)
 
 
@@ -124,9 +124,9 @@ def test_a_log_made_anew_is_found_by_an_anchor_alone(path: Path, tmp_path: Path)
     forged = tmp_path / "forged" / "audit.log"
     write(forged, last.seq + 10, max_bytes=1_000_000)
     assert verify(forged).whole
-    assert "anchor" in said(verify(forged, [Link(last.seq, last.digest[:12])]))
-    assert verify(path, [Link(last.seq, last.digest[:12])]).whole
-    assert "missing at the end" in said(verify(path, [Link(last.seq + 1, "0" * 8)]))
+    assert "anchor" in said(verify(forged, [ChainLink(last.seq, last.digest[:12])]))
+    assert verify(path, [ChainLink(last.seq, last.digest[:12])]).whole
+    assert "missing at the end" in said(verify(path, [ChainLink(last.seq + 1, "0" * 8)]))
 
 
 def test_lines_of_an_older_version_come_before_the_chain(tmp_path: Path) -> None:

@@ -5,7 +5,7 @@ from ua_fleet.endpoint.gateway_logins import (
     UNKNOWN_PER_S,
     Attempt,
     GatewayLogins,
-    Outcome,
+    LoginOutcome,
 )
 from ua_fleet.endpoint.throttle import FREE_FAILURES, FREE_FAILURES_OF_ADDRESS, MAX_SOURCES
 
@@ -25,7 +25,7 @@ def test_a_name_that_is_guessed_at_is_locked_and_no_other() -> None:
     assert logins.locked_for(user("anna"), 0.0) > 0
     assert logins.locked_for(user("bert"), 0.0) == 0
     assert logins.locked_for(user("anna", "board"), 0.0) == 0, "another gateway"
-    assert logins.outcomes == {("console", Outcome.LOCKED_OUT): 1}
+    assert logins.outcomes == {("console", LoginOutcome.LOCKED_OUT): 1}
 
 
 def test_all_users_of_a_gateway_may_fail_together() -> None:

@@ -2,11 +2,11 @@ from __future__ import annotations
 
 import pytest
 
-from ua_fleet.endpoint.limits import Limits
+from ua_fleet.endpoint.limits import EndpointLimits
 from ua_fleet.endpoint.places import Holder, NoPlace, SessionPlaces, Standing, holder_of, standing_of
 from ua_fleet.endpoint.users import ANONYMOUS, Role, User
 
-PLACES = SessionPlaces(Limits(sessions=6, sessions_per_user=3, reserved_sessions=2))
+PLACES = SessionPlaces(EndpointLimits(sessions=6, sessions_per_user=3, reserved_sessions=2))
 
 
 def held(
@@ -81,7 +81,7 @@ def test_an_engineers_session_gives_way_to_nobody_but_engineers() -> None:
 
 
 def test_all_may_be_reserved_but_half() -> None:
-    places = SessionPlaces(Limits(sessions=1, reserved_sessions=10))
+    places = SessionPlaces(EndpointLimits(sessions=1, reserved_sessions=10))
     assert places.make_room([], "a", Standing.ORDINARY) == []
     with pytest.raises(NoPlace):
         places.make_room(held("a"), "eva", Standing.ENGINEER)
@@ -113,6 +113,6 @@ def test_a_bridge_that_is_gone_makes_room_for_one_that_is_there() -> None:
 
 
 def test_a_bridge_has_few() -> None:
-    places = SessionPlaces(Limits())
+    places = SessionPlaces(EndpointLimits())
     with pytest.raises(NoPlace, match="3 sessions"):
         places.make_room(held("one", "one", "one", standing=Standing.BRIDGE), "one", Standing.BRIDGE)

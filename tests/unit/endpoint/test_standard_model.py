@@ -8,7 +8,7 @@ import pytest
 from asyncua.server.server import Server
 
 from tests.standard_space import quick_start
-from ua_fleet.endpoint.limits import Limits
+from ua_fleet.endpoint.limits import EndpointLimits
 from ua_fleet.endpoint.stack import AttributeIds, ObjectIds, ns0
 from ua_fleet.endpoint.standard_model import (
     close_declarations,
@@ -26,7 +26,7 @@ async def _space(*, key_service: bool) -> Any:
         await server.init()
     space = server.iserver.aspace
     remove_unsupported(space, key_service=key_service)
-    fill_standard_nodes(space, Limits(), [POLICY])
+    fill_standard_nodes(space, EndpointLimits(), [POLICY])
     if key_service:
         fill_key_service(space)
     close_declarations(space)

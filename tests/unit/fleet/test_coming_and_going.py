@@ -14,7 +14,7 @@ from ua_fleet.config.schema import UnknownSources
 from ua_fleet.counters import Drop
 from ua_fleet.fleet import Commands, RobotModel, RobotState, SourceQuarantined, SourceRemoved
 from ua_fleet.fleet.changes import RobotAdded, RobotRemoved, SourceReleased
-from ua_fleet.fleet.members import RobotStatus
+from ua_fleet.fleet.members import RobotLiveness
 from ua_fleet.fleet.model import FleetModel
 from ua_fleet.pubsub.events import SourceSilent
 from ua_fleet.pubsub.metadata import make_field
@@ -158,14 +158,14 @@ def test_a_mistake_about_one_robot_costs_the_others_nothing(monkeypatch: pytest.
     fleet.state.add_robot(robot())
     caught: list[str] = []
     fleet.state.caught = lambda loop, error: caught.append(f"{loop}: {error}")
-    tick = RobotStatus.tick
+    tick = RobotLiveness.tick
 
-    def mistaken(self: RobotStatus, wall_ticks: int) -> Any:
+    def mistaken(self: RobotLiveness, wall_ticks: int) -> Any:
         if self.model.name == "lift":
             raise KeyError("lift")
         return tick(self, wall_ticks)
 
-    monkeypatch.setattr(RobotStatus, "tick", mistaken)
+    monkeypatch.setattr(RobotLiveness, "tick", mistaken)
     shown = values(fleet.state.tick(1))
     assert "Robots.rover.State" in shown
     assert STATE not in shown

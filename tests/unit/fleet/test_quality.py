@@ -9,7 +9,7 @@ from ua_fleet.config.nodes import fleet_model
 from ua_fleet.config.schema import FleetConfig
 from ua_fleet.counters import Counters
 from ua_fleet.fleet import FleetState
-from ua_fleet.fleet.members import BridgeStatus, RobotStatus
+from ua_fleet.fleet.members import BridgeLiveness, RobotLiveness
 from ua_fleet.fleet.moved import MovedRobots
 from ua_fleet.pubsub.events import DataReceived, SourceReturned, SourceSilent, SourceStale
 from ua_fleet.values import BuiltinType, StatusCode, status_name
@@ -18,7 +18,7 @@ from ua_fleet.wire.messages import DataSetMessage
 BOOLEAN = int(BuiltinType.BOOLEAN)
 
 
-def rover(state: FleetState) -> RobotStatus:
+def rover(state: FleetState) -> RobotLiveness:
     found = state.robot_status("rover")
     assert found is not None
     return found
@@ -135,11 +135,11 @@ def test_what_nobody_wants_to_be_read_does_not_count_beside_what_is_read() -> No
     not_read = [0, int(StatusCode.UNCERTAIN_LAST_USABLE_VALUE)]
     (bridge,) = fleet.model.bridges
     for on_demand, expected in ((True, "Good"), (False, "UncertainLastUsableValue")):
-        status = RobotStatus(
-            fleet.model.robots[0], BridgeStatus(replace(bridge, reads_on_demand=on_demand)), MovedRobots()
+        status = RobotLiveness(
+            fleet.model.robots[0], BridgeLiveness(replace(bridge, reads_on_demand=on_demand)), MovedRobots()
         )
         assert status_name(status.quality_of_values(not_read)) == expected
-    alone = RobotStatus(fleet.model.robots[0], BridgeStatus(replace(bridge, reads_on_demand=True)), MovedRobots())
+    alone = RobotLiveness(fleet.model.robots[0], BridgeLiveness(replace(bridge, reads_on_demand=True)), MovedRobots())
     assert status_name(alone.quality_of_values(not_read[1:])) == "UncertainLastUsableValue"
 
 

@@ -8,13 +8,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ua_fleet.fleet.summaries import PERIOD_S, RobotSummary, Summaries
+from ua_fleet.fleet.summaries import PERIOD_S, Summaries, SummaryRecord
 
 EVERYTHING: Final = 1000
-PLAIN: Final = RobotSummary("", 1, 0, 0, 0, "", "", False, "", 0, "", 0, "", "floor", ())
+PLAIN: Final = SummaryRecord("", 1, 0, 0, 0, "", "", False, "", 0, "", 0, "", "floor", ())
 
 
-def robot(name: str, last_update: int = 0) -> RobotSummary:
+def robot(name: str, last_update: int = 0) -> SummaryRecord:
     return PLAIN._replace(name=name, last_update=last_update)
 
 
@@ -87,9 +87,9 @@ STEPS = st.lists(
 def test_no_change_is_lost_and_none_is_told_too_often(steps: list[tuple[str, int, bool, float]]) -> None:
     summaries = Summaries(group_size=2)
     now = 0.0
-    told: dict[int, tuple[RobotSummary, ...]] = {}
+    told: dict[int, tuple[SummaryRecord, ...]] = {}
     told_at: dict[int, float] = {}
-    there: dict[str, RobotSummary] = {}
+    there: dict[str, SummaryRecord] = {}
 
     def poll() -> None:
         deadline = summaries.next_deadline()

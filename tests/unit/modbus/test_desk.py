@@ -18,9 +18,9 @@ from ua_fleet.modbus.commands import CommandDesk
 from ua_fleet.modbus.decisions import DecisionDesk
 from ua_fleet.modbus.image import Image
 from ua_fleet.modbus.memory import CommandMemory, LastCommand
-from ua_fleet.modbus.table import Argument, Command
-from ua_fleet.modbus.words import CONTROL, STATUS, CommandState, Outcome, control, status
-from ua_fleet.registers import Register, RegisterType, Span, Table
+from ua_fleet.modbus.table import ArgumentRegisters, Command
+from ua_fleet.modbus.words import CONTROL, STATUS, CommandState, DecisionOutcome, control, status
+from ua_fleet.registers import AddressSpan, Register, RegisterType, Table
 from ua_fleet.values import StatusCode
 
 ANGLE = Register(Table.HOLDING, 20, RegisterType.INT16, scale=0.1)
@@ -28,8 +28,8 @@ REACHED = Register(Table.INPUT, 60, RegisterType.INT16, scale=0.1)
 TURN = Command(
     "turn",
     CommandConfig(code=7, robot="arm", skill="turn"),
-    (Argument("angle", ANGLE, ScalarType.DOUBLE),),
-    (Argument("reached", REACHED, ScalarType.DOUBLE),),
+    (ArgumentRegisters("angle", ANGLE, ScalarType.DOUBLE),),
+    (ArgumentRegisters("reached", REACHED, ScalarType.DOUBLE),),
 )
 
 
@@ -236,7 +236,7 @@ class Decisions:
     def choose(self, number: int, robot: int) -> None:
         self.image.put(control("chosen", 0), robot)
         self.image.put(control("decision", 0), number)
-        self.desk.written(Span(Table.HOLDING, 2, 1))
+        self.desk.written(AddressSpan(Table.HOLDING, 2, 1))
 
     def words(self, *names: str) -> tuple[Any, ...]:
         return tuple(self.image.get(status(name, 0)) for name in names)
@@ -267,7 +267,7 @@ def test_choice_is_told_once_and_repeated_ones_are_not(decisions: Decisions) -> 
     assert (choice.decision_id, choice.robot) == ("d1", "drone")
     assert decisions.desk.take() is None
     decisions.desk.answered(choice, is_taken=True)
-    assert decisions.words("decided", "outcome") == (1, Outcome.TAKEN)
+    assert decisions.words("decided", "outcome") == (1, DecisionOutcome.TAKEN)
     decisions.choose(1, 3)
     assert decisions.desk.take() is None
 
@@ -277,7 +277,7 @@ def test_choice_of_nothing_is_refused(decisions: Decisions, number: int, robot: 
     decisions.desk.show([OPEN], [])
     decisions.choose(number, robot)
     assert decisions.desk.take() is None
-    assert decisions.words("decided", "outcome") == (number, Outcome.REFUSED)
+    assert decisions.words("decided", "outcome") == (number, DecisionOutcome.REFUSED)
 
 
 def test_refused_choice_may_be_made_again(decisions: Decisions) -> None:
@@ -300,12 +300,14 @@ def test_the_second_decision_of_a_step_can_be_answered_as_the_first(decisions: D
     assert choice is not None
     decisions.desk.answered(choice, is_taken=True)
     decisions.desk.show([OPEN], [])
-    assert decisions.words("decided", "outcome") == (1, Outcome.TAKEN), "the server shows it as open a little longer"
+    assert decisions.words("decided", "outcome") == (1, DecisionOutcome.TAKEN), (
+        "the server shows it as open a little longer"
+    )
     decisions.desk.show([], [])
     decisions.choose(1, 2)
-    assert decisions.words("decided", "outcome") == (1, Outcome.TAKEN)
+    assert decisions.words("decided", "outcome") == (1, DecisionOutcome.TAKEN)
     decisions.desk.show([OPEN], [])
-    assert decisions.words("decision", "decided", "outcome") == (1, 0, Outcome.NONE)
+    assert decisions.words("decision", "decided", "outcome") == (1, 0, DecisionOutcome.NONE)
     decisions.choose(1, 3)
     again = decisions.desk.take()
     assert again is not None

@@ -10,7 +10,7 @@ from ua_fleet.config.load import load_content
 from ua_fleet.errors import ConfigInvalid
 from ua_fleet.modbus.image import Image
 from ua_fleet.modbus.table import map_rows
-from ua_fleet.registers import Register, RegisterType, Span, Table
+from ua_fleet.registers import AddressSpan, Register, RegisterType, Table
 
 WORD = Register(Table.HOLDING, 4, RegisterType.INT32)
 BIT = Register(Table.HOLDING, 8, RegisterType.BOOL, bit=3)
@@ -20,17 +20,17 @@ INPUT = Register(Table.INPUT, 2, RegisterType.UINT16)
 @pytest.mark.parametrize(
     ("span", "reads", "writes"),
     [
-        (Span(Table.HOLDING, 4, 2), True, True),
-        (Span(Table.HOLDING, 4, 1), True, True),
-        (Span(Table.HOLDING, 3, 2), True, False),
-        (Span(Table.HOLDING, 8, 1), True, True),
-        (Span(Table.HOLDING, 9, 1), False, False),
-        (Span(Table.INPUT, 0, 3), True, False),
-        (Span(Table.INPUT, 0, 4), False, False),
-        (Span(Table.COIL, 0, 1), False, False),
+        (AddressSpan(Table.HOLDING, 4, 2), True, True),
+        (AddressSpan(Table.HOLDING, 4, 1), True, True),
+        (AddressSpan(Table.HOLDING, 3, 2), True, False),
+        (AddressSpan(Table.HOLDING, 8, 1), True, True),
+        (AddressSpan(Table.HOLDING, 9, 1), False, False),
+        (AddressSpan(Table.INPUT, 0, 3), True, False),
+        (AddressSpan(Table.INPUT, 0, 4), False, False),
+        (AddressSpan(Table.COIL, 0, 1), False, False),
     ],
 )
-def test_what_may_be_read_and_written(span: Span, reads: bool, writes: bool) -> None:
+def test_what_may_be_read_and_written(span: AddressSpan, reads: bool, writes: bool) -> None:
     image = Image([INPUT], [WORD, BIT])
     assert image.has(span) is reads
     assert image.can_write(span) is writes

@@ -17,9 +17,9 @@ import pytest
 
 from tests.system import clean_environment
 from ua_fleet.cli import health
-from ua_fleet.cli.health import Asked, Verdict, check
+from ua_fleet.cli.health import HealthQuestion, HealthVerdict, check
 from ua_fleet.errors import ServerStartError
-from ua_fleet.monitoring import Monitor, Process, endpoint
+from ua_fleet.monitoring import Monitor, ProcessKind, endpoint
 from ua_fleet.monitoring.address import ADDRESS_FILE, remove_address, write_address
 from ua_fleet.monitoring.endpoint import MonitoringEndpoint
 
@@ -28,7 +28,7 @@ Send = Callable[[bytes], Awaitable[bytes]]
 
 @pytest.fixture
 def monitor() -> Monitor:
-    return Monitor(Process.SERVER, "Hall")
+    return Monitor(ProcessKind.SERVER, "Hall")
 
 
 @pytest.fixture
@@ -56,7 +56,7 @@ def send(listening: MonitoringEndpoint) -> Send:
     return sent
 
 
-async def ask(asked: Asked) -> Verdict:
+async def ask(asked: HealthQuestion) -> HealthVerdict:
     return await asyncio.to_thread(check, asked)
 
 
@@ -199,16 +199,16 @@ async def test_a_process_is_found_by_its_folder(listening: MonitoringEndpoint, t
     state = tmp_path / "state"
     assert json.loads((state / ADDRESS_FILE).read_text())["port"] == listening.port
     assert state.stat().st_mode & 0o777 == 0o700
-    assert await ask(Asked(state_dir=str(state), live=True)) == (True, "ok")
-    assert await ask(Asked(state_dir=str(state))) == (False, "not ready: it is starting")
-    assert await ask(Asked(at=f"127.0.0.1:{listening.port}")) == (False, "not ready: it is starting")
+    assert await ask(HealthQuestion(state_dir=str(state), live=True)) == (True, "ok")
+    assert await ask(HealthQuestion(state_dir=str(state))) == (False, "not ready: it is starting")
+    assert await ask(HealthQuestion(at=f"127.0.0.1:{listening.port}")) == (False, "not ready: it is starting")
 
 
 async def test_after_the_end_there_is_no_file(monitor: Monitor, tmp_path: Path) -> None:
     async with MonitoringEndpoint(monitor, "127.0.0.1", 0, tmp_path, key="monitoring.port"):
         assert (tmp_path / ADDRESS_FILE).exists()
     assert list(tmp_path.iterdir()) == []
-    is_well, text = await ask(Asked(state_dir=str(tmp_path)))
+    is_well, text = await ask(HealthQuestion(state_dir=str(tmp_path)))
     assert not is_well
     assert text == (
         f"{tmp_path / ADDRESS_FILE}: no such file or directory; check that the process runs, with monitoring.enabled"
@@ -219,7 +219,7 @@ async def test_another_process_at_the_port_of_one_that_was_killed(
     listening: MonitoringEndpoint, tmp_path: Path
 ) -> None:
     write_address(tmp_path, "127.0.0.1", listening.port, "gone")
-    assert (await ask(Asked(state_dir=str(tmp_path), live=True))).text == (
+    assert (await ask(HealthQuestion(state_dir=str(tmp_path), live=True))).text == (
         f"another process answers at 127.0.0.1:{listening.port}; the process of this state_dir has ended"
     )
     remove_address(tmp_path, "another")
@@ -233,8 +233,10 @@ def test_both_sides_name_the_same_file() -> None:
 # Whoever answers badly, or not at all.
 
 
-@pytest.mark.parametrize("asked", [Asked(at="here"), Asked(at="127.0.0.1:0"), Asked(tcp="127.0.0.1:99999")])
-def test_an_address_that_is_none(asked: Asked) -> None:
+@pytest.mark.parametrize(
+    "asked", [HealthQuestion(at="here"), HealthQuestion(at="127.0.0.1:0"), HealthQuestion(tcp="127.0.0.1:99999")]
+)
+def test_an_address_that_is_none(asked: HealthQuestion) -> None:
     place = asked.at or asked.tcp
     assert check(asked) == (False, f"{place} is no address; write it as HOST:PORT")
 
@@ -243,13 +245,16 @@ def test_nobody_there() -> None:
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         place = f"127.0.0.1:{probe.getsockname()[1]}"
-        assert check(Asked(at=place)) == (
+        assert check(HealthQuestion(at=place)) == (
             False,
             f"no answer at {place}: connection refused; check that the process runs",
         )
-        assert check(Asked(tcp=place)) == (False, f"nothing accepts connections at {place}: connection refused")
+        assert check(HealthQuestion(tcp=place)) == (
+            False,
+            f"nothing accepts connections at {place}: connection refused",
+        )
         probe.listen()
-        assert check(Asked(tcp=place)) == (True, f"{place} accepts connections")
+        assert check(HealthQuestion(tcp=place)) == (True, f"{place} accepts connections")
 
 
 def test_something_else_answers() -> None:
@@ -271,16 +276,16 @@ def test_something_else_answers() -> None:
 
 def test_a_heartbeat(tmp_path: Path) -> None:
     beat = tmp_path / "beat"
-    assert check(Asked(heartbeat=str(beat))) == (
+    assert check(HealthQuestion(heartbeat=str(beat))) == (
         False,
         f"{beat}: no such file or directory; check that the program has started",
     )
     beat.touch()
-    is_well, text = check(Asked(heartbeat=str(beat), within_s=5))
+    is_well, text = check(HealthQuestion(heartbeat=str(beat), within_s=5))
     assert is_well
     assert text.startswith(f"{beat} was touched 0.")
     os.utime(beat, (time.time() - 60, time.time() - 60))
-    is_well, text = check(Asked(heartbeat=str(beat), within_s=5))
+    is_well, text = check(HealthQuestion(heartbeat=str(beat), within_s=5))
     assert not is_well
     assert text.endswith(" s ago, more than 5 s: the program does not work")
 
@@ -312,7 +317,7 @@ def test_a_blocked_event_loop_is_unwell_and_then_well_again(tmp_path: Path) -> N
         assert child.stdin is not None
         assert child.stdout is not None
         assert child.stdout.readline() == "up\n"
-        asked = Asked(state_dir=str(tmp_path), live=True, timeout_s=1.0)
+        asked = HealthQuestion(state_dir=str(tmp_path), live=True, timeout_s=1.0)
         assert check(asked) == (True, "ok")
         child.stdin.write("\n")
         child.stdin.flush()
@@ -321,7 +326,7 @@ def test_a_blocked_event_loop_is_unwell_and_then_well_again(tmp_path: Path) -> N
             pass
         assert verdict.text.endswith("did not answer within 1 s: its event loop is blocked, or the machine is busy")
         assert child.stdout.readline() == "over\n"
-        assert check(Asked(state_dir=str(tmp_path), live=True)) == (True, "ok")
+        assert check(HealthQuestion(state_dir=str(tmp_path), live=True)) == (True, "ok")
         child.stdin.write("\n")
         child.stdin.flush()
 

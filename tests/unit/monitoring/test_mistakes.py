@@ -8,7 +8,7 @@ from math import inf
 import pytest
 from structlog.testing import capture_logs
 
-from ua_fleet.monitoring import Mistakes, Monitor, Process
+from ua_fleet.monitoring import Mistakes, Monitor, ProcessKind
 from ua_fleet.monitoring import mistakes as module
 
 
@@ -92,7 +92,7 @@ async def test_a_callback_without_a_guard_is_counted_by_the_loop() -> None:
 
 
 def test_health_and_metrics_show_them_and_go_on_without_a_part_that_fails() -> None:
-    monitor = Monitor(Process.SERVER, "Hall")
+    monitor = Monitor(ProcessKind.SERVER, "Hall")
     assert monitor.alive_text() == "ok"
 
     def broken() -> list[object]:

@@ -8,7 +8,7 @@ import pytest
 
 from tests.scraped import OPENMETRICS, Samples, samples
 from ua_fleet.counters import Counters, Drop
-from ua_fleet.monitoring import METRICS, Kind, Monitor, Process, metrics
+from ua_fleet.monitoring import METRICS, MetricKind, Monitor, ProcessKind, metrics
 from ua_fleet.monitoring.counted import counted, keys_left, transported
 from ua_fleet.monitoring.reference import table
 from ua_fleet.transport.base import TransportStats
@@ -22,7 +22,7 @@ def told(monitor: Monitor) -> Samples:
 
 
 def test_a_new_monitor_says_what_it_is_and_that_it_is_not_ready() -> None:
-    monitor = Monitor(Process.BRIDGE, "cell")
+    monitor = Monitor(ProcessKind.BRIDGE, "cell")
     shown = told(monitor)
     assert shown["ua_fleet_ready",] == 0
     ((build, value),) = [(key, value) for key, value in shown.items() if key[0] == "ua_fleet_build_info"]
@@ -34,14 +34,14 @@ def test_a_new_monitor_says_what_it_is_and_that_it_is_not_ready() -> None:
 
 
 def test_without_a_wish_the_format_is_that_of_old() -> None:
-    body, content_type = Monitor(Process.SERVER).exposition()
+    body, content_type = Monitor(ProcessKind.SERVER).exposition()
     assert content_type.startswith("text/plain; version=0.0.4")
     assert b"# TYPE ua_fleet_loop_lag_seconds histogram\n" in body
     assert b"_created" not in body
 
 
 def test_each_counter_is_told() -> None:
-    counters, stats, monitor = Counters(), TransportStats(), Monitor(Process.BRIDGE)
+    counters, stats, monitor = Counters(), TransportStats(), Monitor(ProcessKind.BRIDGE)
     monitor.add(lambda: counted(counters, has_space=True))
     monitor.add(lambda: transported(stats))
     monitor.add(lambda: keys_left({"t-1": 7200.0}, "it is away"))
@@ -81,7 +81,7 @@ def test_names_follow_the_conventions() -> None:
     assert len({metric.name for metric in METRICS}) == len(METRICS)
     for metric in METRICS:
         assert re.fullmatch(r"ua_fleet_[a-z_]+", metric.name)
-        assert metric.name.endswith("_total") == (metric.kind is Kind.COUNTER)
+        assert metric.name.endswith("_total") == (metric.kind is MetricKind.COUNTER)
         assert metric.help.endswith(".")
         assert "|" not in metric.help
         assert f"| `{metric.name}` |" in table()
@@ -89,6 +89,6 @@ def test_names_follow_the_conventions() -> None:
 
 @pytest.mark.parametrize("text", ["a\\b", 'say "x"', "two\nlines", "ü"])
 def test_labels_may_hold_anything(text: str) -> None:
-    monitor = Monitor(Process.SERVER)
+    monitor = Monitor(ProcessKind.SERVER)
     monitor.add(lambda: [metrics.ROBOT_UP.many([((text,), 1)])])
     assert told(monitor)["ua_fleet_robot_up", text] == 1

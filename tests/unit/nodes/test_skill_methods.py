@@ -15,7 +15,7 @@ from ua_fleet.errors import RobotOffline, UaFleetError
 from ua_fleet.nodes.skill_methods import SkillMethods
 from ua_fleet.operation.skills.tracker import SkillTracker, SkillTransitioned
 from ua_fleet.pubsub.events import SourceSilent
-from ua_fleet.skill.executions import ExecutionState, Outcome, OutcomeKind, Report
+from ua_fleet.skill.executions import ExecutionReport, ExecutionState, OutcomeKind, RequestOutcome
 from ua_fleet.skill.status import ExecutionStatus
 from ua_fleet.topics import Topic
 
@@ -113,7 +113,9 @@ async def test_limits_are_kept() -> None:
     await bench.start()
     bench.now = 4.0
     assert await refused(bench.start()) == StatusCodes.BadTooManyOperations
-    bench.tracker.concluded(bench.asked[0][4], Outcome(OutcomeKind.ACCEPTED, Report(ExecutionState.DONE)), 5)
+    bench.tracker.concluded(
+        bench.asked[0][4], RequestOutcome(OutcomeKind.ACCEPTED, ExecutionReport(ExecutionState.DONE)), 5
+    )
     await bench.start()
     assert len(bench.asked) == 3
 
@@ -139,7 +141,9 @@ async def test_reset_is_for_what_is_halted() -> None:
     bench = Bench()
     assert await refused(bench.other(71005)) == StatusCodes.BadInvalidState
     await bench.start()
-    bench.tracker.concluded(bench.asked[0][4], Outcome(OutcomeKind.ACCEPTED, Report(ExecutionState.FAILED)), 5)
+    bench.tracker.concluded(
+        bench.asked[0][4], RequestOutcome(OutcomeKind.ACCEPTED, ExecutionReport(ExecutionState.FAILED)), 5
+    )
     assert await bench.other(71005) == []
     assert bench.moves[-1] == "HaltedToReady"
 

@@ -13,7 +13,7 @@ from ua_fleet.config.nodes import fleet_model
 from ua_fleet.counters import Counters
 from ua_fleet.fleet import FleetState, ValueChanged
 from ua_fleet.monitoring.mistakes import Mistakes
-from ua_fleet.nodes.node_factory import NodeParts
+from ua_fleet.nodes.node_factory import NodeFactory
 from ua_fleet.nodes.summary_nodes import (
     GROUPS_AT_ONCE,
     MOST_CAPACITIES,
@@ -38,7 +38,7 @@ METADATA = DataSetMetaData("v", (make_field("data", DOUBLE),), ConfigurationVers
 class Summarised:
     """A fleet of so many robots with a value each, and what is written of it."""
 
-    def __init__(self, parts: NodeParts, count: int) -> None:
+    def __init__(self, parts: NodeFactory, count: int) -> None:
         robots = {
             f"r{number}": {"bridge": "mobile", "data": {"v": {"id": 1 + number, "type": "Double"}}}
             for number in range(count)
@@ -74,7 +74,7 @@ class Summarised:
 @asynccontextmanager
 async def summarised(count: int) -> AsyncGenerator[Summarised]:
     async with fleet_built() as (server, nodes):
-        parts = NodeParts(server.iserver.aspace, nodes.ns)
+        parts = NodeFactory(server.iserver.aspace, nodes.ns)
         parts.values = nodes.values
         yield Summarised(parts, count)
 

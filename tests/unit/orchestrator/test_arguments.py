@@ -6,13 +6,13 @@ import pytest
 
 from ua_fleet.fleet.skills import ArgumentModel, SkillModel
 from ua_fleet.orchestrator import DecisionChanged, Orchestrator, Output, ResilienceSettings, TasksAhead, TaskStarted
-from ua_fleet.resilience import Criterion, CriterionKind, Mode, RankingChanged
+from ua_fleet.resilience import Criterion, CriterionKind, DecisionMode, RankingChanged
 from ua_fleet.scenario import FleetView, RobotView, scenario_of, validate
 from ua_fleet.scenario.consequences import SETTLE_S
 from ua_fleet.values import BuiltinType
 
 FREE = Criterion("availability", CriterionKind.BENEFIT, (0, 100))
-SETTINGS = ResilienceSettings(((FREE, TasksAhead()),), {}, mode=Mode.AUTOMATIC)
+SETTINGS = ResilienceSettings(((FREE, TasksAhead()),), {}, mode=DecisionMode.AUTOMATIC)
 
 
 def turn(unit: str, *more: ArgumentModel, limit: float = 360) -> SkillModel:

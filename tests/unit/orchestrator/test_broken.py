@@ -22,7 +22,7 @@ from ua_fleet.orchestrator import (
     TaskStarted,
 )
 from ua_fleet.orchestrator.knowledge import Knowledge
-from ua_fleet.resilience import Criterion, CriterionKind, Mode
+from ua_fleet.resilience import Criterion, CriterionKind, DecisionMode
 from ua_fleet.scenario import FleetView, Lookup, RobotView, Run, Value, scenario_of
 from ua_fleet.scenario.effects import Effect
 from ua_fleet.scenario.facts import (
@@ -105,7 +105,7 @@ BOTH = scenario_of(
     f"{HEAD}  - parallel:\n      - {{task: t, robot: ned, skill: go}}\n      - {{task: u, robot: ted, skill: go}}\n"
 )
 ANYBODY = scenario_of(f"{HEAD}  - {{task: t, capacity: mobile, skill: go}}\n")
-OPERATED = replace(SETTINGS, mode=Mode.OPERATOR, limit_s=60.0)
+OPERATED = replace(SETTINGS, mode=DecisionMode.OPERATOR, limit_s=60.0)
 
 
 class BrokenRankings(Orchestrator):

@@ -24,7 +24,7 @@ from ua_fleet.orchestrator import (
     TasksAhead,
     TaskStarted,
 )
-from ua_fleet.resilience import Criterion, CriterionKind, Mode
+from ua_fleet.resilience import Criterion, CriterionKind, DecisionMode
 from ua_fleet.scenario import FleetView, RobotView, Value, scenario_of
 from ua_fleet.scenario.consequences import HALT_S, NOT_HALTED, SETTLE_S, SILENT
 from ua_fleet.scenario.facts import Fact, RunEnded, RunOutcome, TaskHalting, TaskOutcome
@@ -33,7 +33,7 @@ GO = SkillModel(1, "go", ("mobile",))
 FLEET = FleetView({name: RobotView(name, frozenset({"mobile"}), {"go": GO}) for name in ("ned", "ted")})
 Kind = TypeVar("Kind", bound=Output)
 CRITERIA = ((Criterion("availability", CriterionKind.BENEFIT, (0, 100)), TasksAhead()),)
-SETTINGS = ResilienceSettings(CRITERIA, {}, mode=Mode.AUTOMATIC, limit_s=60.0, silence_s=30.0, return_s=100.0)
+SETTINGS = ResilienceSettings(CRITERIA, {}, mode=DecisionMode.AUTOMATIC, limit_s=60.0, silence_s=30.0, return_s=100.0)
 
 
 class World:

@@ -31,7 +31,7 @@ from ua_fleet.orchestrator import (
     TasksAhead,
     TaskStarted,
 )
-from ua_fleet.resilience import Criterion, CriterionKind, Mode, OnLimit, RankingChanged, ReplacementChosen
+from ua_fleet.resilience import Criterion, CriterionKind, DecisionMode, OnLimit, RankingChanged, ReplacementChosen
 from ua_fleet.scenario import FleetView, RobotView, Scenario, Value, ValueUnknown, scenario_of
 from ua_fleet.scenario.consequences import NOT_HALTED
 from ua_fleet.scenario.facts import Fact, RunEnded, TaskOutcome, TaskOver, decode_fact, encode_fact
@@ -71,8 +71,8 @@ class Request:
 class Fleet(RuleBasedStateMachine):
     """An orchestrator between people, time, and robots that do what they are told, or nothing."""
 
-    @initialize(mode=st.sampled_from(Mode), on_limit=st.sampled_from((OnLimit.BEST_IF_KNOWN, OnLimit.ABORT)))
-    def begin(self, mode: Mode, on_limit: OnLimit) -> None:
+    @initialize(mode=st.sampled_from(DecisionMode), on_limit=st.sampled_from((OnLimit.BEST_IF_KNOWN, OnLimit.ABORT)))
+    def begin(self, mode: DecisionMode, on_limit: OnLimit) -> None:
         self.settings = ResilienceSettings(CRITERIA, {}, mode=mode, limit_s=20, on_limit=on_limit)
         self.now = 0.0
         self.texts: dict[str, str] = {}

@@ -17,7 +17,7 @@ from ua_fleet.orchestrator import (
 from ua_fleet.resilience import (
     Aborted,
     Confirmation,
-    Mode,
+    DecisionMode,
     OnLimit,
     RankingChanged,
     ReplacementChosen,
@@ -122,7 +122,7 @@ def test_replacements_fail_until_none_is_left_and_the_run_ends_clearly() -> None
 
 
 def test_an_operator_confirms_and_of_two_the_first_decides() -> None:
-    world = World(Mode.OPERATOR)
+    world = World(DecisionMode.OPERATOR)
     world.start("a", "  - {task: t1, robot: ridgeback, skill: go}\n")
     world.take(world.make.fault_raised("ridgeback", "robot", "stuck", 0.0))
     ((decision_id, decision),) = world.make.decisions.items()
@@ -140,7 +140,7 @@ def test_an_operator_confirms_and_of_two_the_first_decides() -> None:
 
 
 def test_a_changed_value_and_a_changed_judgement_rank_an_open_decision_again() -> None:
-    world = World(Mode.OPERATOR)
+    world = World(DecisionMode.OPERATOR)
     world.start("a", "  - {task: t1, robot: ridgeback, skill: go}\n")
     world.take(world.make.fault_raised("ridgeback", "robot", "stuck", 0.0))
     before = len(world.decisions())
@@ -152,7 +152,7 @@ def test_a_changed_value_and_a_changed_judgement_rank_an_open_decision_again() -
     assert isinstance(changed, RankingChanged)
     assert changed.ranking.best == "pioneer_2"
     other = {("battery", "distance"): 1 / 9, ("battery", "availability"): 1 / 9, ("distance", "availability"): 1.0}
-    world.take(world.make.set_settings(ResilienceSettings(settings().criteria, other, mode=Mode.OPERATOR), 3.0))
+    world.take(world.make.set_settings(ResilienceSettings(settings().criteria, other, mode=DecisionMode.OPERATOR), 3.0))
     changed = world.decisions()[-1].event
     assert isinstance(changed, RankingChanged)
     assert changed.ranking.best == "pioneer_1"
@@ -166,7 +166,7 @@ def test_a_changed_value_and_a_changed_judgement_rank_an_open_decision_again() -
     ],
 )
 def test_the_limit_of_an_operator(on_limit: OnLimit, last: str) -> None:
-    world = World(Mode.OPERATOR, on_limit)
+    world = World(DecisionMode.OPERATOR, on_limit)
     world.start("a", "  - {task: t1, robot: ridgeback, skill: go}\n")
     world.take(world.make.fault_raised("ridgeback", "robot", "stuck", 0.0))
     world.go()
@@ -216,7 +216,7 @@ def test_a_robot_that_is_back_takes_a_task_that_waits_for_who_stands_in() -> Non
 
 
 def test_availability_falls_with_the_tasks_that_a_robot_has_ahead() -> None:
-    world = World(Mode.OPERATOR)
+    world = World(DecisionMode.OPERATOR)
     world.values.update({"pioneer_1.x": 5.0, "pioneer_2.x": 5.0})
     world.start("busy", "".join(f"  - {{task: t{n}, robot: pioneer_1, skill: go}}\n" for n in range(4)))
     world.start("a", "  - {task: t, robot: ridgeback, skill: go}\n")
@@ -241,7 +241,7 @@ def test_a_task_for_a_capacity_goes_to_the_best_that_is_fit() -> None:
 
 
 def test_without_any_fit_robot_the_reason_is_said() -> None:
-    world = World(Mode.ABORT)
+    world = World(DecisionMode.ABORT)
     world.take(world.make.fault_raised("ur3", "silent", "nothing heard for 3 s", -50.0))
     world.take(world.make.fault_raised("ridgeback", "robot", "stuck", 0.0))
     world.start("a", "  - {task: t1, capacity: grab, skill: grab}\n")
@@ -266,11 +266,11 @@ def test_an_unknown_end_is_asked_about() -> None:
 
 
 def test_a_restart_goes_on_with_faults_and_decisions() -> None:
-    world = World(Mode.OPERATOR)
+    world = World(DecisionMode.OPERATOR)
     world.start("a", "  - {task: t1, robot: ridgeback, skill: go}\n  - {task: t2, robot: ur3, skill: grab}\n")
     world.take(world.make.fault_raised("ridgeback", "robot", "stuck", 0.0))
     assert len(world.make.decisions) == 1
-    again = World(Mode.OPERATOR)
+    again = World(DecisionMode.OPERATOR)
     again.take(again.make.fault_raised("ridgeback", "robot", "stuck", 10.0))
     scenario = scenario_of(world.make.runs["a"].state.run_id and _text_of(world))
     facts = [decode_fact(line) for _, line in world.journal]
@@ -342,7 +342,7 @@ def test_after_a_restart_a_robot_stays_with_what_it_is_at() -> None:
 
 def test_the_distance_is_to_the_place_that_the_task_names() -> None:
     """Its own place, given as it stands or computed, and at each further replacement; not where a robot failed."""
-    world = World(Mode.OPERATOR)
+    world = World(DecisionMode.OPERATOR)
     world.values |= {"pioneer_1.x": 40.0, "pioneer_2.x": 1.0, "ridgeback.x": 45.0}
     text = "version: 1\nname: s\nparameters: {place: {default: dock}}\nsteps:\n"
     text += "  - {task: t, robot: ridgeback, skill: go, arguments: {to: =place}}\n"
@@ -399,7 +399,7 @@ def test_robots_that_refuse_a_task_are_not_asked_again_and_there_is_an_end() -> 
 
 
 def test_a_robot_that_is_repaired_while_somebody_decides_may_have_its_task_back() -> None:
-    world = World(Mode.OPERATOR)
+    world = World(DecisionMode.OPERATOR)
     world.start("a", "  - {task: t, robot: ur3, skill: grab}\n")
     world.take(world.make.fault_raised("ridgeback", "robot", "stuck", 0.1))
     world.take(world.make.fault_raised("ur3", "robot", "stuck", 0.2))
@@ -419,7 +419,7 @@ OTHERWISE = {("battery", "distance"): 1 / 9, ("battery", "availability"): 1 / 9,
 
 def deciding() -> tuple[World, str]:
     """An open decision, in which pioneer_2 has the battery and pioneer_1 is nearer."""
-    world = World(Mode.OPERATOR)
+    world = World(DecisionMode.OPERATOR)
     world.values["pioneer_2.battery"] = 100.0
     world.start("a", "  - {task: t1, robot: ridgeback, skill: go}\n")
     world.take(world.make.fault_raised("ridgeback", "robot", "stuck", 0.0))
@@ -440,7 +440,9 @@ def test_a_preview_is_the_ranking_that_would_be_and_changes_nothing() -> None:
         world.make.preview(decision_id, {**OTHERWISE, ("distance", "availability"): 9.0})
     with pytest.raises(ScenarioError, match="there is no decision 'b'"):
         world.make.preview("b", None)
-    world.take(world.make.set_settings(ResilienceSettings(settings().criteria, OTHERWISE, mode=Mode.OPERATOR), 3.0))
+    world.take(
+        world.make.set_settings(ResilienceSettings(settings().criteria, OTHERWISE, mode=DecisionMode.OPERATOR), 3.0)
+    )
     assert world.make.decisions[decision_id].ranking == previewed
 
 

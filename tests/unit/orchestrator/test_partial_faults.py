@@ -8,7 +8,7 @@ import pytest
 from tests.unit.orchestrator.world import World
 from ua_fleet.orchestrator import Fault, FaultChanged, RunChanged
 from ua_fleet.orchestrator.faults import Faults
-from ua_fleet.resilience import Mode, RankingChanged
+from ua_fleet.resilience import DecisionMode, RankingChanged
 from ua_fleet.scenario.facts import RobotReturned, TaskAssigned, decode_fact
 
 GO_GRAB_GO = "".join(
@@ -80,7 +80,7 @@ def test_a_robot_takes_back_what_it_can_again_and_no_more() -> None:
 
 
 def test_what_if_asks_for_each_task_by_what_it_needs() -> None:
-    world = World(Mode.OPERATOR)
+    world = World(DecisionMode.OPERATOR)
     world.make.fault_raised("pioneer_1", "robot", "hot", 0.0, ("mobile",))
     world.start("a", GO_GRAB_GO)
     best = {one.task: one.ranking.best for one in world.make.what_if("ridgeback")[1]}

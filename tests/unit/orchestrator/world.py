@@ -23,7 +23,7 @@ from ua_fleet.orchestrator import (
 from ua_fleet.resilience import (
     Criterion,
     CriterionKind,
-    Mode,
+    DecisionMode,
     OnLimit,
 )
 from ua_fleet.scenario import FleetView, RobotView, Value, ValueUnknown, scenario_of
@@ -46,7 +46,7 @@ FREE = Criterion("availability", CriterionKind.BENEFIT, (0, 100))
 JUDGEMENTS = {("battery", "distance"): 2.0, ("battery", "availability"): 2.0, ("distance", "availability"): 1.0}
 
 
-def settings(mode: Mode = Mode.AUTOMATIC, on_limit: OnLimit = OnLimit.BEST) -> ResilienceSettings:
+def settings(mode: DecisionMode = DecisionMode.AUTOMATIC, on_limit: OnLimit = OnLimit.BEST) -> ResilienceSettings:
     sources = (
         (BATTERY, ValueOf("battery")),
         (DISTANCE, DistanceFrom("x", "y", "to", {"dock": (0.0, 0.0)})),
@@ -58,7 +58,7 @@ def settings(mode: Mode = Mode.AUTOMATIC, on_limit: OnLimit = OnLimit.BEST) -> R
 class World:
     """Robots that take a second for each task and stop at once, and everything that was said."""
 
-    def __init__(self, mode: Mode = Mode.AUTOMATIC, on_limit: OnLimit = OnLimit.BEST) -> None:
+    def __init__(self, mode: DecisionMode = DecisionMode.AUTOMATIC, on_limit: OnLimit = OnLimit.BEST) -> None:
         self.values: dict[str, Value] = {}
         for number, robot in enumerate(FLEET.robots):
             self.values.update({f"{robot}.battery": 50.0, f"{robot}.x": float(number), f"{robot}.y": 0.0})

@@ -18,7 +18,7 @@ from ua_fleet.errors import RemoteWireError
 from ua_fleet.pubsub import DataReceived, PubSubTiming, Subscriber
 from ua_fleet.pubsub.events import SourceRefused
 from ua_fleet.pubsub.security.envelope import Envelope
-from ua_fleet.pubsub.security.refused import Refused
+from ua_fleet.pubsub.security.refused import DatagramRefused
 from ua_fleet.wire import Cause, SecurityMode
 from ua_fleet.wire.messages import PublisherIdType
 from ua_fleet.wire.security import MessageKey, read_security
@@ -77,7 +77,7 @@ def test_only_the_typed_error_comes_out_of_an_envelope(mode: SecurityMode) -> No
         try:
             datagram = mutated(random, datagrams)
             plain = reader.open(datagram, now)
-        except Refused as refused:
+        except DatagramRefused as refused:
             ends[refused.drop] += 1
         except RemoteWireError as error:
             ends[error.cause] += 1

@@ -21,7 +21,7 @@ from ua_fleet.pubsub import (
 )
 from ua_fleet.pubsub.liveness import Liveness
 from ua_fleet.pubsub.remote_writer import RemoteWriter
-from ua_fleet.topics import Topic, Verdict
+from ua_fleet.topics import LoopVerdict, Topic
 from ua_fleet.values import BuiltinType, StatusCode, Variant
 from ua_fleet.wire import encode_metadata_announcement, encode_probe
 from ua_fleet.wire.messages import (
@@ -103,7 +103,7 @@ def test_the_loop_rule_comes_first() -> None:
 
 def test_without_the_loop_rule_our_own_data_comes_in() -> None:
     writing = Writing()
-    subscriber = Subscriber(1, PubSubTiming(), Counters(), CODEC, rule=lambda _, __, ___, ____: Verdict.TO_SPACE)
+    subscriber = Subscriber(1, PubSubTiming(), Counters(), CODEC, rule=lambda _, __, ___, ____: LoopVerdict.TO_SPACE)
     events = [
         event for datagram in [*writing.announce(), *writing.publish()] for event in subscriber.receive(datagram, 1.0)
     ]

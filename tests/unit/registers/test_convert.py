@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ua_fleet.registers import (
-    Order,
+    ByteOrder,
     Register,
     RegisterType,
     RegisterUnfit,
@@ -30,33 +30,35 @@ def holding(kind: RegisterType, **more: Any) -> Register:
     return Register(HOLDING, 0, kind, **more)
 
 
-WORDS: list[tuple[RegisterType, Order, tuple[int, ...], Any]] = [
+WORDS: list[tuple[RegisterType, ByteOrder, tuple[int, ...], Any]] = [
     # 123456789.0 as a double is 0x419D6F34_54000000, 1.5 as a float 0x3FC00000, -2 all ones but the last bit.
-    (RegisterType.INT16, Order.ABCD, (0xFFFE,), -2),
-    (RegisterType.INT16, Order.CDAB, (0xFFFE,), -2),
-    (RegisterType.INT16, Order.BADC, (0xFEFF,), -2),
-    (RegisterType.UINT16, Order.DCBA, (0x3412,), 0x1234),
-    (RegisterType.UINT32, Order.ABCD, (0xAABB, 0xCCDD), 0xAABBCCDD),
-    (RegisterType.UINT32, Order.CDAB, (0xCCDD, 0xAABB), 0xAABBCCDD),
-    (RegisterType.UINT32, Order.BADC, (0xBBAA, 0xDDCC), 0xAABBCCDD),
-    (RegisterType.UINT32, Order.DCBA, (0xDDCC, 0xBBAA), 0xAABBCCDD),
-    (RegisterType.INT32, Order.CDAB, (0xFFFE, 0xFFFF), -2),
-    (RegisterType.FLOAT32, Order.ABCD, (0x3FC0, 0x0000), 1.5),
-    (RegisterType.FLOAT32, Order.CDAB, (0x0000, 0x3FC0), 1.5),
-    (RegisterType.FLOAT32, Order.BADC, (0xC03F, 0x0000), 1.5),
-    (RegisterType.FLOAT32, Order.DCBA, (0x0000, 0xC03F), 1.5),
-    (RegisterType.UINT64, Order.ABCD, (0x0102, 0x0304, 0x0506, 0x0708), 0x0102030405060708),
-    (RegisterType.UINT64, Order.CDAB, (0x0708, 0x0506, 0x0304, 0x0102), 0x0102030405060708),
-    (RegisterType.UINT64, Order.BADC, (0x0201, 0x0403, 0x0605, 0x0807), 0x0102030405060708),
-    (RegisterType.UINT64, Order.DCBA, (0x0807, 0x0605, 0x0403, 0x0201), 0x0102030405060708),
-    (RegisterType.INT64, Order.ABCD, (0xFFFF, 0xFFFF, 0xFFFF, 0xFFFE), -2),
-    (RegisterType.FLOAT64, Order.ABCD, (0x419D, 0x6F34, 0x5400, 0x0000), 123456789.0),
-    (RegisterType.FLOAT64, Order.DCBA, (0x0000, 0x0054, 0x346F, 0x9D41), 123456789.0),
+    (RegisterType.INT16, ByteOrder.ABCD, (0xFFFE,), -2),
+    (RegisterType.INT16, ByteOrder.CDAB, (0xFFFE,), -2),
+    (RegisterType.INT16, ByteOrder.BADC, (0xFEFF,), -2),
+    (RegisterType.UINT16, ByteOrder.DCBA, (0x3412,), 0x1234),
+    (RegisterType.UINT32, ByteOrder.ABCD, (0xAABB, 0xCCDD), 0xAABBCCDD),
+    (RegisterType.UINT32, ByteOrder.CDAB, (0xCCDD, 0xAABB), 0xAABBCCDD),
+    (RegisterType.UINT32, ByteOrder.BADC, (0xBBAA, 0xDDCC), 0xAABBCCDD),
+    (RegisterType.UINT32, ByteOrder.DCBA, (0xDDCC, 0xBBAA), 0xAABBCCDD),
+    (RegisterType.INT32, ByteOrder.CDAB, (0xFFFE, 0xFFFF), -2),
+    (RegisterType.FLOAT32, ByteOrder.ABCD, (0x3FC0, 0x0000), 1.5),
+    (RegisterType.FLOAT32, ByteOrder.CDAB, (0x0000, 0x3FC0), 1.5),
+    (RegisterType.FLOAT32, ByteOrder.BADC, (0xC03F, 0x0000), 1.5),
+    (RegisterType.FLOAT32, ByteOrder.DCBA, (0x0000, 0xC03F), 1.5),
+    (RegisterType.UINT64, ByteOrder.ABCD, (0x0102, 0x0304, 0x0506, 0x0708), 0x0102030405060708),
+    (RegisterType.UINT64, ByteOrder.CDAB, (0x0708, 0x0506, 0x0304, 0x0102), 0x0102030405060708),
+    (RegisterType.UINT64, ByteOrder.BADC, (0x0201, 0x0403, 0x0605, 0x0807), 0x0102030405060708),
+    (RegisterType.UINT64, ByteOrder.DCBA, (0x0807, 0x0605, 0x0403, 0x0201), 0x0102030405060708),
+    (RegisterType.INT64, ByteOrder.ABCD, (0xFFFF, 0xFFFF, 0xFFFF, 0xFFFE), -2),
+    (RegisterType.FLOAT64, ByteOrder.ABCD, (0x419D, 0x6F34, 0x5400, 0x0000), 123456789.0),
+    (RegisterType.FLOAT64, ByteOrder.DCBA, (0x0000, 0x0054, 0x346F, 0x9D41), 123456789.0),
 ]
 
 
 @pytest.mark.parametrize(("kind", "order", "words", "value"), WORDS)
-def test_numbers_lie_as_the_order_says(kind: RegisterType, order: Order, words: tuple[int, ...], value: Any) -> None:
+def test_numbers_lie_as_the_order_says(
+    kind: RegisterType, order: ByteOrder, words: tuple[int, ...], value: Any
+) -> None:
     register = holding(kind, order=order)
     assert decode(register, words) == value
     assert encode(register, value) == words
@@ -66,16 +68,16 @@ def test_numbers_lie_as_the_order_says(kind: RegisterType, order: Order, words: 
 @pytest.mark.parametrize(
     ("order", "words", "text"),
     [
-        (Order.ABCD, (0x4142, 0x4300, 0x0000), "ABC"),
-        (Order.CDAB, (0x4142, 0x4300, 0x0000), "ABC"),
-        (Order.BADC, (0x4241, 0x0043, 0x0000), "ABC"),
-        (Order.DCBA, (0x4241, 0x0043, 0x0000), "ABC"),
-        (Order.ABCD, (0x4142, 0x4344, 0x4546), "ABCDEF"),
-        (Order.ABCD, (0, 0, 0), ""),
-        (Order.ABCD, (0xC3BC, 0x0000, 0x0000), "ü"),
+        (ByteOrder.ABCD, (0x4142, 0x4300, 0x0000), "ABC"),
+        (ByteOrder.CDAB, (0x4142, 0x4300, 0x0000), "ABC"),
+        (ByteOrder.BADC, (0x4241, 0x0043, 0x0000), "ABC"),
+        (ByteOrder.DCBA, (0x4241, 0x0043, 0x0000), "ABC"),
+        (ByteOrder.ABCD, (0x4142, 0x4344, 0x4546), "ABCDEF"),
+        (ByteOrder.ABCD, (0, 0, 0), ""),
+        (ByteOrder.ABCD, (0xC3BC, 0x0000, 0x0000), "ü"),
     ],
 )
-def test_text_keeps_its_words_in_order(order: Order, words: tuple[int, ...], text: str) -> None:
+def test_text_keeps_its_words_in_order(order: ByteOrder, words: tuple[int, ...], text: str) -> None:
     register = holding(RegisterType.STRING, length=3, order=order)
     assert decode(register, words) == text
     assert encode(register, text) == words
@@ -87,9 +89,9 @@ def test_text_ends_at_its_first_zero_whatever_lies_behind_it() -> None:
 
 @pytest.mark.parametrize(
     ("bit", "order", "word"),
-    [(0, Order.ABCD, 1), (15, Order.ABCD, 0x8000), (0, Order.BADC, 0x0100), (9, Order.DCBA, 2)],
+    [(0, ByteOrder.ABCD, 1), (15, ByteOrder.ABCD, 0x8000), (0, ByteOrder.BADC, 0x0100), (9, ByteOrder.DCBA, 2)],
 )
-def test_bit_of_a_word(bit: int, order: Order, word: int) -> None:
+def test_bit_of_a_word(bit: int, order: ByteOrder, word: int) -> None:
     register = holding(RegisterType.BOOL, bit=bit, order=order)
     assert encode(register, True) == (word,)
     assert encode(register, False) == (0,)
@@ -228,12 +230,12 @@ def test_types_that_can_never_fit(register: Register, wanted: BuiltinType, probl
     assert fit_problem(register, wanted) == problem
 
 
-ORDERS = st.sampled_from(list(Order))
+ORDERS = st.sampled_from(list(ByteOrder))
 NUMBERS = st.sampled_from([kind for kind in RegisterType if kind not in (RegisterType.BOOL, RegisterType.STRING)])
 
 
 @given(NUMBERS, ORDERS, st.data())
-def test_every_number_comes_back(kind: RegisterType, order: Order, data: st.DataObject) -> None:
+def test_every_number_comes_back(kind: RegisterType, order: ByteOrder, data: st.DataObject) -> None:
     if kind.is_integer:
         value: float = data.draw(st.integers(*kind.integer_range))
     else:
@@ -243,7 +245,7 @@ def test_every_number_comes_back(kind: RegisterType, order: Order, data: st.Data
 
 
 @given(NUMBERS, ORDERS, st.data())
-def test_every_word_comes_back(kind: RegisterType, order: Order, data: st.DataObject) -> None:
+def test_every_word_comes_back(kind: RegisterType, order: ByteOrder, data: st.DataObject) -> None:
     words = tuple(data.draw(st.lists(st.integers(0, 0xFFFF), min_size=kind.words, max_size=kind.words)))
     register = holding(kind, order=order)
     value = decode(register, words)
@@ -260,6 +262,6 @@ def test_scaling_loses_nothing(raw: int, scale: float, offset: int) -> None:
 
 
 @given(st.text(alphabet=st.characters(exclude_characters="\0", codec="utf-8"), max_size=8), ORDERS)
-def test_every_text_comes_back(text: str, order: Order) -> None:
+def test_every_text_comes_back(text: str, order: ByteOrder) -> None:
     register = holding(RegisterType.STRING, length=16, order=order)
     assert decode(register, encode(register, text)) == text

@@ -12,8 +12,8 @@ from ua_fleet.resilience import (
     Criterion,
     CriterionKind,
     Decision,
+    DecisionMode,
     Excluded,
-    Mode,
     OnLimit,
     Ranking,
     RankingChanged,
@@ -31,12 +31,12 @@ def ranking(**batteries: float) -> Ranking:
     return rank([BATTERY], weigh(("battery",), {}), candidates, excluded=left)
 
 
-def decision(mode: Mode, first: Ranking, on_limit: OnLimit = OnLimit.BEST) -> Decision:
+def decision(mode: DecisionMode, first: Ranking, on_limit: OnLimit = OnLimit.BEST) -> Decision:
     return Decision("d1", mode, first, limit_s=60, on_limit=on_limit, now=100)
 
 
 def test_automatic_takes_the_best_at_once() -> None:
-    made = decision(Mode.AUTOMATIC, ranking(pioneer_1=40, pioneer_2=80))
+    made = decision(DecisionMode.AUTOMATIC, ranking(pioneer_1=40, pioneer_2=80))
     assert [type(event) for event in made.begin()] == [RankingChanged, ReplacementChosen]
     assert isinstance(made.outcome, ReplacementChosen)
     assert (made.outcome.robot, made.outcome.by) == ("pioneer_2", "automatic")
@@ -44,18 +44,18 @@ def test_automatic_takes_the_best_at_once() -> None:
 
 
 def test_automatic_without_a_candidate_ends_clearly() -> None:
-    made = decision(Mode.AUTOMATIC, ranking())
+    made = decision(DecisionMode.AUTOMATIC, ranking())
     assert made.begin()[-1] == Aborted("d1", "no robot is left that can take over")
     assert made.poll(1e9) == []
 
 
 def test_abort_gives_up_at_once() -> None:
-    made = decision(Mode.ABORT, ranking(pioneer_1=40))
+    made = decision(DecisionMode.ABORT, ranking(pioneer_1=40))
     assert made.begin()[-1] == Aborted("d1", "the mode is Abort")
 
 
 def test_an_operator_may_take_another_than_the_best() -> None:
-    made = decision(Mode.OPERATOR, ranking(pioneer_1=40, pioneer_2=80))
+    made = decision(DecisionMode.OPERATOR, ranking(pioneer_1=40, pioneer_2=80))
     assert [type(event) for event in made.begin()] == [RankingChanged]
     what, (chosen,) = made.confirm("pioneer_1", "anna")
     assert what is Confirmation.TAKEN
@@ -65,7 +65,7 @@ def test_an_operator_may_take_another_than_the_best() -> None:
 
 
 def test_of_two_operators_the_first_decides() -> None:
-    made = decision(Mode.OPERATOR, ranking(pioneer_1=40, pioneer_2=80))
+    made = decision(DecisionMode.OPERATOR, ranking(pioneer_1=40, pioneer_2=80))
     made.begin()
     made.confirm("pioneer_1", "anna")
     assert made.confirm("pioneer_1", "bert") == (Confirmation.REPEATED, [])
@@ -76,7 +76,7 @@ def test_of_two_operators_the_first_decides() -> None:
 
 
 def test_only_candidates_can_be_chosen_and_the_reason_is_said() -> None:
-    made = decision(Mode.OPERATOR, ranking(pioneer_1=40))
+    made = decision(DecisionMode.OPERATOR, ranking(pioneer_1=40))
     made.begin()
     with pytest.raises(NoCandidate, match="sawyer cannot take over: lacks the capacity mobile"):
         made.confirm("sawyer", "anna")
@@ -86,7 +86,7 @@ def test_only_candidates_can_be_chosen_and_the_reason_is_said() -> None:
 
 
 def test_a_changed_value_ranks_an_open_decision_again() -> None:
-    made = decision(Mode.OPERATOR, ranking(pioneer_1=40, pioneer_2=80))
+    made = decision(DecisionMode.OPERATOR, ranking(pioneer_1=40, pioneer_2=80))
     made.begin()
     assert made.rank_again(ranking(pioneer_1=40, pioneer_2=80)) == []
     changed = ranking(pioneer_1=90, pioneer_2=80)
@@ -98,7 +98,7 @@ def test_a_changed_value_ranks_an_open_decision_again() -> None:
 
 @pytest.mark.parametrize("first", [ranking(pioneer_1=40, pioneer_2=80), ranking()])
 def test_at_the_limit_the_best_of_then_is_taken(first: Ranking) -> None:
-    made = decision(Mode.OPERATOR, first)
+    made = decision(DecisionMode.OPERATOR, first)
     made.begin()
     assert made.next_deadline() == 160
     assert made.poll(159.9) == []
@@ -109,7 +109,7 @@ def test_at_the_limit_the_best_of_then_is_taken(first: Ranking) -> None:
 
 
 def test_at_the_limit_it_may_be_given_up() -> None:
-    made = decision(Mode.OPERATOR, ranking(pioneer_1=40), OnLimit.ABORT)
+    made = decision(DecisionMode.OPERATOR, ranking(pioneer_1=40), OnLimit.ABORT)
     made.begin()
     assert made.poll(160) == [Aborted("d1", "no operator chose in time")]
     with pytest.raises(NoCandidate, match="given up: no operator"):

@@ -13,10 +13,10 @@ from ua_fleet.errors import ScenarioError
 from ua_fleet.scenario.effects import (
     AskOperator,
     CancelTask,
+    DecisionNeeded,
     Effect,
     FollowTask,
     Happened,
-    OpenDecision,
     ReleaseRobot,
     StartTask,
     TaskWaits,
@@ -87,7 +87,7 @@ class Owner:
         self.skills: dict[tuple[str, str], Skill] = {}
         self.says = ""
         """What robots say at each end."""
-        self.stand_in: Callable[[OpenDecision], str | None] | None = None
+        self.stand_in: Callable[[DecisionNeeded], str | None] | None = None
         """Decides at once; None lets decisions wait in `decisions`."""
         self.answer: Callable[[AskOperator], str] | None = None
         """Answers after two seconds; None lets questions wait in `questions`."""
@@ -96,7 +96,7 @@ class Owner:
         self.any_robot: dict[str, str] = {}
         """Which robot has a capacity."""
         self.log: list[str] = []
-        self.decisions: list[OpenDecision] = []
+        self.decisions: list[DecisionNeeded] = []
         self.questions: list[AskOperator] = []
         self.begun: Counter[str] = Counter()
         """How often robots began an execution; they take each id once."""
@@ -203,7 +203,7 @@ class Owner:
                     self._grant(effect)
                 case StartTask():
                     self._start(effect)
-                case OpenDecision():
+                case DecisionNeeded():
                     self._decide(effect)
                 case AskOperator():
                     self.questions.append(effect)
@@ -307,7 +307,7 @@ class Owner:
         assert known is not None
         return self.run.ended(execution_id, known[0], self.now, message=self.says, results=known[1])
 
-    def _decide(self, decision: OpenDecision) -> None:
+    def _decide(self, decision: DecisionNeeded) -> None:
         self.decisions.append(decision)
         if self.stand_in is None:
             return

@@ -14,9 +14,9 @@ from ua_fleet.scenario.expression import Expression
 from ua_fleet.scenario.model import (
     Condition,
     End,
+    EndOutcome,
     OnTimeout,
     OnUnknown,
-    Outcome,
     Parallel,
     Repeat,
     Task,
@@ -92,7 +92,7 @@ def test_a_scenario_comes_to_its_steps() -> None:
     assert isinstance(event, Wait)
     assert event.event == "BoxArrived"
     assert isinstance(end, End)
-    assert (end.outcome, end.reason) == (Outcome.FAILED, "for a test")
+    assert (end.outcome, end.reason) == (EndOutcome.FAILED, "for a test")
     assert [task.name for task in scenario.tasks()] == ["fetch", "fly", "measure", "left", "right", "blink"]
     blink = list(scenario.tasks())[-1]
     assert (blink.capacities, blink.after) == (("light", "sound"), ("fly",))

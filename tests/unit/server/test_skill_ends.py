@@ -11,9 +11,9 @@ from structlog.testing import capture_logs
 
 from tests.scraped import OPENMETRICS, Samples, samples
 from ua_fleet.fleet.skills import SkillModel
-from ua_fleet.monitoring import Monitor, Process
+from ua_fleet.monitoring import Monitor, ProcessKind
 from ua_fleet.monitoring.metrics import EXECUTIONS, MOST_ROBOTS, MOST_SKILLS
-from ua_fleet.operation.skills.executions import Execution
+from ua_fleet.operation.skills.executions import KnownExecution
 from ua_fleet.operation.skills.program import Transition
 from ua_fleet.operation.skills.tracker import SkillTransitioned
 from ua_fleet.server import skill_ends as ends
@@ -22,12 +22,12 @@ from ua_fleet.skill.executions import ExecutionState
 from ua_fleet.values import TICKS_PER_SECOND, NodeId, StatusCode
 
 SECOND = TICKS_PER_SECOND
-RUNNING = Execution(bytes(16), ExecutionState.RUNNING, began=SECOND)
+RUNNING = KnownExecution(bytes(16), ExecutionState.RUNNING, began=SECOND)
 DONE = replace(RUNNING, state=ExecutionState.DONE, ended=4 * SECOND)
 UNKNOWN = replace(RUNNING, state=ExecutionState.UNKNOWN, ended=2 * SECOND, message="nobody can tell")
 
 
-def moved(move: Transition, execution: Execution, robot: str = "arm", skill: str = "lift") -> SkillTransitioned:
+def moved(move: Transition, execution: KnownExecution, robot: str = "arm", skill: str = "lift") -> SkillTransitioned:
     return SkillTransitioned(robot, SkillModel(1, skill), NodeId(2, 1), move, execution, 5 * SECOND)
 
 
@@ -37,7 +37,7 @@ def told(monitor: Monitor) -> Samples:
 
 @pytest.fixture
 def monitor() -> Monitor:
-    return Monitor(Process.SERVER)
+    return Monitor(ProcessKind.SERVER)
 
 
 @pytest.fixture
@@ -95,7 +95,7 @@ def _nothing(*_: object) -> str:
 
 def test_all_transitions_of_an_end_are_told_apart() -> None:
     """An execution that began and ended between two messages has two transitions, of which one is its end."""
-    made = SkillEnds(Monitor(Process.SERVER))
+    made = SkillEnds(Monitor(ProcessKind.SERVER))
     with capture_logs() as lines:
         for move, execution in itertools.product((Transition.READY_TO_RUNNING, Transition.RUNNING_TO_READY), (DONE,)):
             made.moved(moved(move, execution))

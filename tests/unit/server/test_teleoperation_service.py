@@ -19,7 +19,7 @@ from ua_fleet.pubsub.events import (
     SourceStale,
     SubscriberEvent,
 )
-from ua_fleet.server.teleoperation.service import Driver, TeleoperationService
+from ua_fleet.server.teleoperation.service import DrivingSession, TeleoperationService
 from ua_fleet.teleoperation import State, Status
 from ua_fleet.teleoperation.messages import STATUS_FIELDS
 from ua_fleet.values import StatusCode
@@ -117,7 +117,7 @@ async def test_a_bridge_that_is_gone_is_asked_for_nothing(event: SubscriberEvent
         server.follow(event)
     assert server.nodes["Holder"] == ("anna", code)
     assert server.nodes["Counter"] == (5, code)
-    driver = Driver("s1", "otto", None, lambda: "")
+    driver = DrivingSession("s1", "otto", None, lambda: "")
     with pytest.raises(RobotOffline, match="the bridge of carrier is silent"):
         await server.service.acquire("carrier", driver, take_over=False)
     for back, shown in ((SourceStale, 0x408F_0000), (SourceReturned, 0)):

@@ -5,7 +5,16 @@ from __future__ import annotations
 import pytest
 
 from ua_fleet.counters import Counters, Drop
-from ua_fleet.skill import Execute, ExecutionState, MemoryJournal, Offer, Report, Respond, Responder, Target
+from ua_fleet.skill import (
+    ActionResponder,
+    Execute,
+    ExecutionReport,
+    ExecutionState,
+    MemoryJournal,
+    Offer,
+    Respond,
+    Target,
+)
 from ua_fleet.skill.answers import read_answer
 from ua_fleet.skill.offers import REMEMBERED_S
 from ua_fleet.values import TICKS_PER_SECOND, BuiltinType, StatusCode
@@ -14,7 +23,7 @@ from ua_fleet.wire import ActionMessage, ActionState
 S = ExecutionState
 WORK, OTHER_WORK = Target(7, 3, 100, 1), Target(7, 3, 100, 2)
 UTC = 10**17
-ACCEPTED = Report(S.RUNNING)
+ACCEPTED = ExecutionReport(S.RUNNING)
 
 
 class Side:
@@ -23,7 +32,7 @@ class Side:
     def __init__(self, *offers: Offer, journal: MemoryJournal | None = None) -> None:
         self.counters = Counters()
         self.journal = journal or MemoryJournal()
-        self.responder = Responder(7, self.journal, self.counters, offers=offers, allowed_spaces=(0, 2, 5))
+        self.responder = ActionResponder(7, self.journal, self.counters, offers=offers, allowed_spaces=(0, 2, 5))
         self.responder.recover()
 
     def ask(
@@ -37,7 +46,7 @@ class Side:
         booted_at: float = 0.0,
         delayed_s: float = 0.0,
         version: int | None = None,
-    ) -> Report:
+    ) -> ExecutionReport:
         """What a request is answered with, once the robot was told where it is to be."""
         utc = UTC + round((booted_at + now) * TICKS_PER_SECOND)
         issued = utc - round(delayed_s * TICKS_PER_SECOND)
@@ -64,10 +73,10 @@ class Side:
 
     def end(self, number: int, now: float) -> None:
         """The robot has done it."""
-        self.responder.ended(number.to_bytes(16, "big"), Report(S.DONE), now)
+        self.responder.ended(number.to_bytes(16, "big"), ExecutionReport(S.DONE), now)
 
 
-def refusal(report: Report) -> int:
+def refusal(report: ExecutionReport) -> int:
     assert report.state is S.REFUSED, report
     return report.status
 

@@ -6,18 +6,18 @@ import pytest
 
 from ua_fleet.errors import LocalWireError, SkillRejected, StorageUnavailable
 from ua_fleet.skill import (
+    ActionRequestor,
     Concluded,
     Contradicted,
+    ExecutionReport,
     ExecutionState,
     MemoryJournal,
-    Outcome,
     OutcomeCorrected,
     OutcomeKind,
-    Report,
-    Request,
-    Requestor,
+    RecordedRequest,
     RequestorEffect,
     RequestorName,
+    RequestOutcome,
     RequestPace,
     Send,
     Target,
@@ -36,11 +36,11 @@ PACE = RequestPace(interval_s=0.1, longest_interval_s=0.4, grace_s=2.0, most_clo
 class BrokenJournal(MemoryJournal):
     broken = False
 
-    def requested(self, request: Request) -> None:
+    def requested(self, request: RecordedRequest) -> None:
         self._check()
         super().requested(request)
 
-    def concluded(self, execution_id: bytes, outcome: Outcome) -> None:
+    def concluded(self, execution_id: bytes, outcome: RequestOutcome) -> None:
         self._check()
         super().concluded(execution_id, outcome)
 
@@ -49,12 +49,14 @@ class BrokenJournal(MemoryJournal):
             raise StorageUnavailable("the disk is full")
 
 
-def make(journal: MemoryJournal | None = None, *, verified: bool = False, most: int = 100) -> Requestor:
+def make(journal: MemoryJournal | None = None, *, verified: bool = False, most: int = 100) -> ActionRequestor:
     name = RequestorName.checked(0, "server")
-    return Requestor(name, journal or MemoryJournal(), pace=PACE, must_be_verified=verified, most_remembered=most)
+    return ActionRequestor(name, journal or MemoryJournal(), pace=PACE, must_be_verified=verified, most_remembered=most)
 
 
-def start(requestor: Requestor, now: float = 0.0, execution_id: bytes = ID, utc: int = UTC) -> list[RequestorEffect]:
+def start(
+    requestor: ActionRequestor, now: float = 0.0, execution_id: bytes = ID, utc: int = UTC
+) -> list[RequestorEffect]:
     return requestor.start(execution_id, TARGET, (BuiltinType.INT32,), (5,), 1.0, now, utc)
 
 
@@ -64,7 +66,7 @@ def sent(effects: list[RequestorEffect]) -> ActionMessage:
 
 
 def said(
-    state: ActionState, report: Report | None = None, execution_id: bytes = ID, requestor: str = "0.server"
+    state: ActionState, report: ExecutionReport | None = None, execution_id: bytes = ID, requestor: str = "0.server"
 ) -> ActionMessage:
     types, values = answer_fields(report) if report is not None else ((), ())
     status = report.status if report is not None else None
@@ -73,7 +75,7 @@ def said(
     )  # fmt: skip
 
 
-RUNNING = said(ActionState.DONE, Report(ExecutionState.RUNNING))
+RUNNING = said(ActionState.DONE, ExecutionReport(ExecutionState.RUNNING))
 
 
 def test_a_request_is_repeated_in_the_interval_until_it_is_heard() -> None:
@@ -128,9 +130,9 @@ def test_executing_stops_the_repetition_for_a_while() -> None:
 def test_done_is_the_outcome_and_acknowledged_until_idle_comes(state: ExecutionState, kind: OutcomeKind) -> None:
     requestor = make()
     start(requestor)
-    answer = said(ActionState.DONE, Report(state, StatusCode.BAD, "so it is", b""))
+    answer = said(ActionState.DONE, ExecutionReport(state, StatusCode.BAD, "so it is", b""))
     concluded, idle = requestor.receive(answer, 0.2)
-    assert concluded == Concluded(ID, Outcome(kind, Report(state, StatusCode.BAD, "so it is")))
+    assert concluded == Concluded(ID, RequestOutcome(kind, ExecutionReport(state, StatusCode.BAD, "so it is")))
     assert isinstance(idle, Send)
     assert (idle.message.action_state, idle.message.types) == (ActionState.IDLE, ())
     assert requestor.receive(answer, 0.25) == [], "said again before it heard our Idle"
@@ -173,9 +175,11 @@ def test_an_answer_that_comes_late_corrects_unknown_and_nothing_else() -> None:
     start(requestor)
     requestor.poll(3.0)
     corrected, idle = requestor.receive(RUNNING, 5.0)
-    assert corrected == OutcomeCorrected(ID, Outcome(OutcomeKind.ACCEPTED, Report(ExecutionState.RUNNING)))
+    assert corrected == OutcomeCorrected(
+        ID, RequestOutcome(OutcomeKind.ACCEPTED, ExecutionReport(ExecutionState.RUNNING))
+    )
     assert isinstance(idle, Send)
-    refused = said(ActionState.DONE, Report(ExecutionState.REFUSED))
+    refused = said(ActionState.DONE, ExecutionReport(ExecutionState.REFUSED))
     assert [type(effect) for effect in requestor.receive(refused, 6.0)] == [Contradicted, Send]
     assert isinstance(corrected, OutcomeCorrected)
     assert requestor.outcome(ID) == corrected.outcome
@@ -215,7 +219,9 @@ def test_the_same_request_again_asks_for_nothing() -> None:
     start(requestor)
     assert start(requestor, 0.1) == []
     requestor.receive(RUNNING, 0.2)
-    assert start(requestor, 0.3) == [Concluded(ID, Outcome(OutcomeKind.ACCEPTED, Report(ExecutionState.RUNNING)))]
+    assert start(requestor, 0.3) == [
+        Concluded(ID, RequestOutcome(OutcomeKind.ACCEPTED, ExecutionReport(ExecutionState.RUNNING)))
+    ]
     with pytest.raises(SkillRejected, match="another request"):
         requestor.start(ID, TARGET, (BuiltinType.INT32,), (6,), 1.0, 0.4, UTC)
 
@@ -261,7 +267,7 @@ def test_the_oldest_are_forgotten_but_for_those_that_are_open() -> None:
     for number in range(1, 20):
         execution_id = bytes([number]) * 16
         start(requestor, execution_id=execution_id, utc=UTC + number)
-        requestor.receive(said(ActionState.DONE, Report(ExecutionState.DONE), execution_id), 0.0)
+        requestor.receive(said(ActionState.DONE, ExecutionReport(ExecutionState.DONE), execution_id), 0.0)
         requestor.receive(said(ActionState.IDLE, None, execution_id), 0.0)
     remembered = [request.execution_id for request in journal.requests()]
     assert len(remembered) <= 9
@@ -300,7 +306,7 @@ def test_what_was_journaled_before_the_journal_broke_is_told() -> None:
 
     written: list[bytes] = []
 
-    def concluded(execution_id: bytes, outcome: Outcome) -> None:
+    def concluded(execution_id: bytes, outcome: RequestOutcome) -> None:
         if written:
             raise StorageUnavailable("the disk is full")
         written.append(execution_id)
@@ -333,9 +339,9 @@ def test_a_request_that_is_withdrawn_only_asks_from_then_on_also_after_a_restart
     assert sent(requestor.poll(requestor.next_deadline() or 0.0)).timeout_hint_ms == 0.0
     again = make(journal)
     assert sent(again.resume(0.0, UTC + 100)).timeout_hint_ms == 0.0
-    never = Report(ExecutionState.TIMED_OUT, StatusCode.BAD_TIMEOUT)
+    never = ExecutionReport(ExecutionState.TIMED_OUT, StatusCode.BAD_TIMEOUT)
     told = again.receive(said(ActionState.DONE, never), 0.5)
-    assert Concluded(ID, Outcome(OutcomeKind.TIMED_OUT, never)) in told
+    assert Concluded(ID, RequestOutcome(OutcomeKind.TIMED_OUT, never)) in told
 
 
 def test_what_was_answered_or_never_asked_is_not_withdrawn() -> None:
@@ -358,16 +364,16 @@ def test_a_withdrawal_that_cannot_be_written_holds_until_a_restart() -> None:
     assert sent(requestor.poll(0.25)).timeout_hint_ms == 0.0
 
 
-REFUSED = said(ActionState.DONE, Report(ExecutionState.REFUSED, StatusCode.BAD_TOO_MANY_OPERATIONS, "busy"))
+REFUSED = said(ActionState.DONE, ExecutionReport(ExecutionState.REFUSED, StatusCode.BAD_TOO_MANY_OPERATIONS, "busy"))
 
 
 def kinds(effects: list[RequestorEffect]) -> list[OutcomeKind]:
     return [effect.outcome.kind for effect in effects if isinstance(effect, Concluded | OutcomeCorrected)]
 
 
-def waiting(journal: MemoryJournal | None = None) -> Requestor:
+def waiting(journal: MemoryJournal | None = None) -> ActionRequestor:
     pace = RequestPace(interval_s=0.1, longest_interval_s=0.4, grace_s=2.0, most_closing=2, refusal_wait_s=0.1)
-    return Requestor(RequestorName.checked(0, "server"), journal or MemoryJournal(), pace=pace)
+    return ActionRequestor(RequestorName.checked(0, "server"), journal or MemoryJournal(), pace=pace)
 
 
 def test_an_acceptance_soon_after_a_refusal_wins() -> None:

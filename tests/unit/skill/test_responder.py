@@ -7,16 +7,16 @@ import pytest
 from ua_fleet.counters import Counters, Drop
 from ua_fleet.errors import StorageUnavailable
 from ua_fleet.skill import (
+    ActionResponder,
     Execute,
-    Execution,
     ExecutionChanged,
+    ExecutionReport,
     ExecutionState,
     MemoryJournal,
     Offer,
     Query,
-    Report,
+    RecordedExecution,
     Respond,
-    Responder,
     ResponderEffect,
     ResponderLimits,
     Target,
@@ -33,7 +33,7 @@ MOVE, GRAB = Target(7, 3, 100, 1), Target(7, 3, 100, 2)
 ID, OTHER_ID = bytes(16), bytes([1]) * 16
 UTC = 10**17
 LIMITS = ResponderLimits(requests_at_once=4, most_remembered=8, clock_tolerance_s=2.0, interval_s=0.1, most_repeats=2)
-DONE = Report(S.DONE, StatusCode.GOOD, "", pack((BuiltinType.INT32,), (9,)))
+DONE = ExecutionReport(S.DONE, StatusCode.GOOD, "", pack((BuiltinType.INT32,), (9,)))
 REQUEST = ActionMessage(
     *MOVE,
     1,
@@ -53,8 +53,10 @@ OFFERS = (
 )
 
 
-def make(journal: MemoryJournal | None = None, *, keys: bool = False, counters: Counters | None = None) -> Responder:
-    return Responder(
+def make(
+    journal: MemoryJournal | None = None, *, keys: bool = False, counters: Counters | None = None
+) -> ActionResponder:
+    return ActionResponder(
         7,
         journal or MemoryJournal(),
         counters or Counters(),
@@ -66,7 +68,7 @@ def make(journal: MemoryJournal | None = None, *, keys: bool = False, counters: 
 
 
 def receive(
-    responder: Responder, request: ActionMessage = REQUEST, now: float = 0.0, utc: int = UTC
+    responder: ActionResponder, request: ActionMessage = REQUEST, now: float = 0.0, utc: int = UTC
 ) -> list[ResponderEffect]:
     return responder.receive(request, "there", now, utc)
 
@@ -83,13 +85,13 @@ def response(effects: list[ResponderEffect]) -> ActionMessage:
     return message
 
 
-def report(effects: list[ResponderEffect]) -> Report:
+def report(effects: list[ResponderEffect]) -> ExecutionReport:
     message = response(effects)
     assert message.action_state == ActionState.DONE
     return read_answer(message)
 
 
-def state(responder: Responder, execution_id: bytes = ID) -> ExecutionState:
+def state(responder: ActionResponder, execution_id: bytes = ID) -> ExecutionState:
     return next(e.report.state for e in responder.executions() if e.execution_id == execution_id)
 
 
@@ -101,7 +103,7 @@ def test_a_request_is_journaled_begun_and_accepted() -> None:
     assert changed == ExecutionChanged(recorded)
     assert execute == Execute(recorded)
     content = pack((BuiltinType.INT32,), (5,))
-    assert recorded == Execution(ID, "0.server", 0, MOVE, content, UTC, 5000, Report(S.RUNNING))
+    assert recorded == RecordedExecution(ID, "0.server", 0, MOVE, content, UTC, 5000, ExecutionReport(S.RUNNING))
     (accepted,) = responder.begun(ID, 0.0)
     assert isinstance(accepted, Respond)
     assert accepted.to == "there"
@@ -122,7 +124,7 @@ def test_a_repeated_request_gets_the_record_and_begins_nothing() -> None:
     assert isinstance(changed, ExecutionChanged)
     assert isinstance(said, Respond)
     assert report(receive(responder, now=9.0, utc=UTC + 10**9)) == DONE, "however late"
-    assert responder.ended(ID, Report(S.FAILED), 9.0) == [], "the first end counts"
+    assert responder.ended(ID, ExecutionReport(S.FAILED), 9.0) == [], "the first end counts"
 
 
 def test_an_end_before_the_robot_side_has_said_begun() -> None:
@@ -135,7 +137,7 @@ def test_an_end_before_the_robot_side_has_said_begun() -> None:
 def test_the_robot_side_may_refuse_before_it_has_begun_and_not_after() -> None:
     responder = make()
     receive(responder)
-    no = Report(S.REFUSED, StatusCode.BAD_NOT_EXECUTABLE, "the gripper is off")
+    no = ExecutionReport(S.REFUSED, StatusCode.BAD_NOT_EXECUTABLE, "the gripper is off")
     assert report(responder.refused(ID, no.status, no.message, 0.0)) == no
     assert report(receive(responder)) == no
     receive(responder, of(1))
@@ -296,7 +298,7 @@ def test_an_immediate_skill_that_takes_too_long_is_accepted_in_time() -> None:
     assert report(again).state is S.RUNNING
 
 
-def restarted(journal: MemoryJournal) -> Responder:
+def restarted(journal: MemoryJournal) -> ActionResponder:
     receive(make(journal))
     responder = make(journal)
     changed, query = responder.recover()
@@ -307,9 +309,10 @@ def restarted(journal: MemoryJournal) -> Responder:
 
 
 @pytest.mark.parametrize(
-    "end", [DONE, Report(S.FAILED, StatusCode.BAD, "it fell"), Report(S.UNKNOWN, StatusCode.UNCERTAIN)]
+    "end",
+    [DONE, ExecutionReport(S.FAILED, StatusCode.BAD, "it fell"), ExecutionReport(S.UNKNOWN, StatusCode.UNCERTAIN)],
 )
-def test_after_a_restart_the_robot_is_asked_what_became_of_it(end: Report) -> None:
+def test_after_a_restart_the_robot_is_asked_what_became_of_it(end: ExecutionReport) -> None:
     journal = MemoryJournal()
     responder = restarted(journal)
     assert response(receive(responder)).action_state == ActionState.EXECUTING
@@ -346,7 +349,7 @@ def test_after_a_restart_what_was_surely_not_begun_begins_if_it_is_in_time() -> 
 
 def test_an_unknown_end_may_be_known_later() -> None:
     responder = restarted(MemoryJournal())
-    responder.ended(ID, Report(S.UNKNOWN, StatusCode.UNCERTAIN), 0.0)
+    responder.ended(ID, ExecutionReport(S.UNKNOWN, StatusCode.UNCERTAIN), 0.0)
     responder.ended(ID, DONE, 1.0)
     assert state(responder) is S.DONE
     assert responder.ended(OTHER_ID, DONE, 1.0) == []
@@ -392,7 +395,7 @@ def test_what_is_under_way_is_not_forgotten() -> None:
 
 def test_a_responder_remembers_more_than_it_does_at_once() -> None:
     with pytest.raises(ValueError, match="remembers more"):
-        Responder(7, MemoryJournal(), Counters(), limits=ResponderLimits(requests_at_once=8, most_remembered=8))
+        ActionResponder(7, MemoryJournal(), Counters(), limits=ResponderLimits(requests_at_once=8, most_remembered=8))
 
 
 def test_offers_come_and_go() -> None:
@@ -407,11 +410,11 @@ def test_offers_come_and_go() -> None:
 class BrokenJournal(MemoryJournal):
     left = 0
 
-    def recorded(self, execution: Execution) -> None:
+    def recorded(self, execution: RecordedExecution) -> None:
         self._check()
         super().recorded(execution)
 
-    def reported(self, execution_id: bytes, report: Report) -> None:
+    def reported(self, execution_id: bytes, report: ExecutionReport) -> None:
         self._check()
         super().reported(execution_id, report)
 
@@ -447,7 +450,7 @@ def test_what_was_journaled_before_the_journal_broke_is_begun() -> None:
 
 
 def test_open_exchanges_are_bounded_and_end() -> None:
-    responder = Responder(
+    responder = ActionResponder(
         7, MemoryJournal(), Counters(), limits=ResponderLimits(requests_at_once=1, most_remembered=1000)
     )
     for number in range(MOST_OPEN + 50):

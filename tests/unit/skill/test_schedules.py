@@ -10,20 +10,20 @@ import pytest
 
 from tests.unit.skill.world import CrashingJournal, Makers, World
 from ua_fleet.skill import (
-    Execution,
+    ActionRequestor,
+    ActionResponder,
+    ExecutionReport,
     ExecutionState,
-    Outcome,
     OutcomeKind,
-    Report,
-    Request,
-    Requestor,
+    RecordedExecution,
+    RecordedRequest,
     RequestorEffect,
     RequestorName,
-    Responder,
+    RequestOutcome,
     ResponderEffect,
 )
 from ua_fleet.skill.executions import NEVER_BEGUN
-from ua_fleet.skill.offers import Decision
+from ua_fleet.skill.offers import OfferDecision
 from ua_fleet.wire import ActionMessage
 
 SCHEDULES = 10_000
@@ -70,10 +70,10 @@ def test_none_is_done_twice_and_the_requestor_knows(share: int) -> None:
 class KeepsNoIntents(CrashingJournal):
     """As if the robot were told first."""
 
-    def recorded(self, execution: Execution) -> None:
+    def recorded(self, execution: RecordedExecution) -> None:
         pass
 
-    def reported(self, execution_id: bytes, report: Report) -> None:
+    def reported(self, execution_id: bytes, report: ExecutionReport) -> None:
         pass
 
     def forget_executions(self, execution_ids: Collection[bytes], forgotten: Mapping[int, int]) -> None:
@@ -81,32 +81,34 @@ class KeepsNoIntents(CrashingJournal):
 
 
 class KeepsNoRequests(CrashingJournal):
-    def requested(self, request: Request) -> None:
+    def requested(self, request: RecordedRequest) -> None:
         pass
 
     def withdrawn(self, execution_id: bytes) -> None:
         pass
 
-    def concluded(self, execution_id: bytes, outcome: Outcome) -> None:
+    def concluded(self, execution_id: bytes, outcome: RequestOutcome) -> None:
         pass
 
 
-class ForgetsRefusals(Responder):
-    def _record(self, message: ActionMessage, content: bytes, name: RequestorName, now: float, utc: int) -> Execution:
+class ForgetsRefusals(ActionResponder):
+    def _record(
+        self, message: ActionMessage, content: bytes, name: RequestorName, now: float, utc: int
+    ) -> RecordedExecution:
         execution = super()._record(message, content, name, now, utc)
         if execution.report.state in NEVER_BEGUN:
             del self._executions[execution.execution_id]
         return execution
 
 
-class BeginsWhenAsked(Responder):
+class BeginsWhenAsked(ActionResponder):
     """Begins on a TimeoutHint of 0, and however late."""
 
-    def _decide(self, execution: Execution, message: ActionMessage, now: float, utc: int) -> Decision:
+    def _decide(self, execution: RecordedExecution, message: ActionMessage, now: float, utc: int) -> OfferDecision:
         return super()._decide(execution, message._replace(timestamp=utc, timeout_hint_ms=1e9), now, utc)
 
 
-class KnowsNoRepetition(Responder):
+class KnowsNoRepetition(ActionResponder):
     def receive(
         self, message: ActionMessage, reply_to: object, now: float, utc: int, *, verified: bool = False
     ) -> list[ResponderEffect]:
@@ -115,36 +117,36 @@ class KnowsNoRepetition(Responder):
         return super().receive(message, reply_to, now, utc, verified=verified)
 
 
-class BelievesWhatItDoesNotKnow(Responder):
+class BelievesWhatItDoesNotKnow(ActionResponder):
     """Takes a robot that cannot tell for one that was not told."""
 
-    def ended(self, execution_id: bytes, report: Report, now: float) -> list[ResponderEffect]:
+    def ended(self, execution_id: bytes, report: ExecutionReport, now: float) -> list[ResponderEffect]:
         if report.state is ExecutionState.UNKNOWN and execution_id in self._executions:
             return self.not_begun(execution_id, now, 0)
         return super().ended(execution_id, report, now)
 
 
-class SetsNoMark(Responder):
+class SetsNoMark(ActionResponder):
     def _make_room(self) -> None:
         super()._make_room()
         self._forgotten.clear()
 
 
-class TakesSilenceForNo(Requestor):
-    def _conclude(self, request: Request, outcome: Outcome) -> list[RequestorEffect]:
+class TakesSilenceForNo(ActionRequestor):
+    def _conclude(self, request: RecordedRequest, outcome: RequestOutcome) -> list[RequestorEffect]:
         if outcome.kind is OutcomeKind.UNKNOWN:
             outcome = replace(outcome, kind=OutcomeKind.TIMED_OUT)
         return super()._conclude(request, outcome)
 
 
-class TakesSilenceForYes(Requestor):
-    def _conclude(self, request: Request, outcome: Outcome) -> list[RequestorEffect]:
+class TakesSilenceForYes(ActionRequestor):
+    def _conclude(self, request: RecordedRequest, outcome: RequestOutcome) -> list[RequestorEffect]:
         if outcome.kind is OutcomeKind.UNKNOWN:
             outcome = replace(outcome, kind=OutcomeKind.ACCEPTED)
         return super()._conclude(request, outcome)
 
 
-class WithdrawsNothing(Requestor):
+class WithdrawsNothing(ActionRequestor):
     def withdraw(self, execution_id: bytes, now: float) -> list[RequestorEffect]:
         return []
 

@@ -17,24 +17,24 @@ from random import Random
 
 from ua_fleet.counters import Counters
 from ua_fleet.skill import (
+    ActionRequestor,
+    ActionResponder,
     Contradicted,
     Execute,
-    Execution,
+    ExecutionReport,
     ExecutionState,
     MemoryJournal,
     Offer,
-    Outcome,
     OutcomeCorrected,
     OutcomeKind,
     Query,
-    Report,
-    Request,
-    Requestor,
+    RecordedExecution,
+    RecordedRequest,
     RequestorEffect,
     RequestorName,
+    RequestOutcome,
     RequestPace,
     Respond,
-    Responder,
     ResponderEffect,
     ResponderLimits,
     Send,
@@ -84,19 +84,19 @@ class CrashingJournal(MemoryJournal):
         write()
         self._maybe_crash(f"after {name}")
 
-    def requested(self, request: Request) -> None:
+    def requested(self, request: RecordedRequest) -> None:
         self._write("requested", lambda: super(CrashingJournal, self).requested(request))
 
     def withdrawn(self, execution_id: bytes) -> None:
         self._write("withdrawn", lambda: super(CrashingJournal, self).withdrawn(execution_id))
 
-    def concluded(self, execution_id: bytes, outcome: Outcome) -> None:
+    def concluded(self, execution_id: bytes, outcome: RequestOutcome) -> None:
         self._write("concluded", lambda: super(CrashingJournal, self).concluded(execution_id, outcome))
 
-    def recorded(self, execution: Execution) -> None:
+    def recorded(self, execution: RecordedExecution) -> None:
         self._write("recorded", lambda: super(CrashingJournal, self).recorded(execution))
 
-    def reported(self, execution_id: bytes, report: Report) -> None:
+    def reported(self, execution_id: bytes, report: ExecutionReport) -> None:
         self._write("reported", lambda: super(CrashingJournal, self).reported(execution_id, report))
 
     def forget_executions(self, execution_ids: Collection[bytes], forgotten: Mapping[int, int]) -> None:
@@ -114,7 +114,7 @@ class Robot:
     """Whether that was after the request was withdrawn, and nothing of it on its way any more."""
     tells: bool = True
     """Whether it can say later what became of an execution."""
-    report: Report | None = None
+    report: ExecutionReport | None = None
 
 
 @dataclass
@@ -127,7 +127,7 @@ class Wish:
     timeout_s: float
     robot: Robot
     lasts_s: float
-    outcome: Outcome | None = None
+    outcome: RequestOutcome | None = None
     answered: bool = False
     """A Done for it reached the requestor while it still asked, and it lived to journal that."""
     from_silence: bool = False
@@ -139,8 +139,8 @@ class Wish:
 class Makers:
     """What the two sides are made of; a test puts something wrong in their place."""
 
-    requestor: type[Requestor] = Requestor
-    responder: type[Responder] = Responder
+    requestor: type[ActionRequestor] = ActionRequestor
+    responder: type[ActionResponder] = ActionResponder
     journal: type[CrashingJournal] = CrashingJournal
 
 
@@ -174,8 +174,8 @@ class World:
         self._events: list[tuple[float, int, Callable[[], None]]] = []
         self._order = count()
         self._here, self._there = self.network.endpoint(), self.network.endpoint()
-        self._requestor: Requestor | None = None
-        self._responder: Responder | None = None
+        self._requestor: ActionRequestor | None = None
+        self._responder: ActionResponder | None = None
         self._requestor_journal = makers.journal(self._maybe_crash)
         self._responder_journal = makers.journal(self._maybe_crash)
         self.wishes: dict[bytes, Wish] = {}
@@ -282,7 +282,7 @@ class World:
         if wish is not None and in_time and said and self._requestor is not None:
             wish.answered = True
 
-    def _in_requestor(self, step: Callable[[Requestor], Iterable[RequestorEffect]]) -> None:
+    def _in_requestor(self, step: Callable[[ActionRequestor], Iterable[RequestorEffect]]) -> None:
         if self._requestor is None:
             return
         try:
@@ -297,7 +297,7 @@ class World:
         except Crash:
             self._requestor_down()
 
-    def _learn(self, execution_id: bytes, outcome: Outcome) -> None:
+    def _learn(self, execution_id: bytes, outcome: RequestOutcome) -> None:
         wish = self.wishes[execution_id]
         if wish.outcome is not None and wish.outcome.kind is not OutcomeKind.UNKNOWN and wish.outcome != outcome:
             self.seen["contradicted"] += 1
@@ -325,7 +325,7 @@ class World:
         utc = self._utc(self._skew_ticks)
         self._in_responder(lambda responder: responder.receive(message, sender, self.now, utc))
 
-    def _in_responder(self, step: Callable[[Responder], Iterable[ResponderEffect]]) -> None:
+    def _in_responder(self, step: Callable[[ActionResponder], Iterable[ResponderEffect]]) -> None:
         if self._responder is None:
             return
         try:
@@ -340,7 +340,7 @@ class World:
         except Crash:
             self._responder_down()
 
-    def _execute(self, execution: Execution) -> None:
+    def _execute(self, execution: RecordedExecution) -> None:
         execution_id, wish = execution.execution_id, self.wishes[execution.execution_id]
         if wish.target == UNKIND:
             status = StatusCode.BAD_NOT_EXECUTABLE
@@ -358,10 +358,10 @@ class World:
 
     def _robot_ends(self, wish: Wish) -> None:
         if wish.argument % 4 == 3:
-            wish.robot.report = Report(ExecutionState.FAILED, StatusCode.BAD_OUT_OF_SERVICE, "it fell over")
+            wish.robot.report = ExecutionReport(ExecutionState.FAILED, StatusCode.BAD_OUT_OF_SERVICE, "it fell over")
         else:
             result = pack((BuiltinType.INT32,), (wish.argument * 2,))
-            wish.robot.report = Report(ExecutionState.DONE, StatusCode.GOOD, "", result)
+            wish.robot.report = ExecutionReport(ExecutionState.DONE, StatusCode.GOOD, "", result)
         report = wish.robot.report
         self._in_responder(lambda responder: responder.ended(wish.execution_id, report, self.now))
 
@@ -369,7 +369,7 @@ class World:
         self.seen["queried"] += 1
         robot = self.wishes[execution_id].robot
         if not robot.tells:
-            lost = Report(ExecutionState.UNKNOWN, StatusCode.UNCERTAIN, "the robot cannot tell")
+            lost = ExecutionReport(ExecutionState.UNKNOWN, StatusCode.UNCERTAIN, "the robot cannot tell")
             self._in_responder(lambda responder: responder.ended(execution_id, lost, self.now))
         elif not robot.told:
             utc = self._utc(self._skew_ticks)
@@ -433,7 +433,7 @@ class World:
             self.seen[f"crash {where}"] += 1
         return result
 
-    def _problem_of(self, wish: Wish, record: Report | None) -> str:
+    def _problem_of(self, wish: Wish, record: ExecutionReport | None) -> str:
         told = wish.robot.told
         if told > 1:
             return f"done {told} times"
@@ -462,7 +462,7 @@ class World:
             return "unknown, though the responder knows"
         return ""
 
-    def _count(self, wish: Wish, record: Report | None) -> None:
+    def _count(self, wish: Wish, record: ExecutionReport | None) -> None:
         if wish.outcome is None:
             return
         kind, report = wish.outcome.kind, wish.outcome.report

@@ -12,26 +12,26 @@ import pytest
 
 from tests import system
 from ua_fleet.errors import StorageUnavailable
-from ua_fleet.skill.executions import ExecutionState, Outcome, OutcomeKind, Report, Target
-from ua_fleet.skill.journal import Execution, MemoryJournal, Request, RequestorJournal, ResponderJournal
+from ua_fleet.skill.executions import ExecutionReport, ExecutionState, OutcomeKind, RequestOutcome, Target
+from ua_fleet.skill.journal import MemoryJournal, RecordedExecution, RecordedRequest, RequestorJournal, ResponderJournal
 from ua_fleet.storage.journal import SqliteJournal
 
 TARGET = Target(300, 2, 1500, 7)
-RUNNING = Report(ExecutionState.RUNNING)
-DONE = Report(ExecutionState.DONE, 0x4000_0000, "half of it: ½", b"\x0b\0\1")
-ACCEPTED = Outcome(OutcomeKind.ACCEPTED, DONE)
+RUNNING = ExecutionReport(ExecutionState.RUNNING)
+DONE = ExecutionReport(ExecutionState.DONE, 0x4000_0000, "half of it: ½", b"\x0b\0\1")
+ACCEPTED = RequestOutcome(OutcomeKind.ACCEPTED, DONE)
 
 
 def id_of(number: int) -> bytes:
     return number.to_bytes(16, "big")
 
 
-def request(number: int, outcome: Outcome | None = None) -> Request:
-    return Request(id_of(number), TARGET, b"\x06\x01\0\0\0", 133_000_000_000_000_000 + number, 2_000, outcome)
+def request(number: int, outcome: RequestOutcome | None = None) -> RecordedRequest:
+    return RecordedRequest(id_of(number), TARGET, b"\x06\x01\0\0\0", 133_000_000_000_000_000 + number, 2_000, outcome)
 
 
-def execution(number: int, report: Report = RUNNING) -> Execution:
-    return Execution(id_of(number), "0.engine", 0, TARGET, b"", 133_000_000_000_000_000 - number, 0, report)
+def execution(number: int, report: ExecutionReport = RUNNING) -> RecordedExecution:
+    return RecordedExecution(id_of(number), "0.engine", 0, TARGET, b"", 133_000_000_000_000_000 - number, 0, report)
 
 
 @pytest.fixture(params=["memory", "sqlite"])
@@ -48,7 +48,7 @@ def test_requests_are_remembered_with_their_outcomes(journal: RequestorJournal) 
     for number in (1, 2, 3):
         journal.requested(request(number))
     journal.requested(request(4, ACCEPTED))
-    journal.concluded(id_of(2), Outcome(OutcomeKind.UNKNOWN, Report(ExecutionState.UNKNOWN)))
+    journal.concluded(id_of(2), RequestOutcome(OutcomeKind.UNKNOWN, ExecutionReport(ExecutionState.UNKNOWN)))
     journal.concluded(id_of(2), ACCEPTED)
     journal.withdrawn(id_of(3))
     withdrawn = request(3)._replace(timeout_ms=0)

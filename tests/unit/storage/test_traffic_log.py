@@ -10,7 +10,7 @@ import pytest
 from ua_fleet.errors import ConfigError
 from ua_fleet.storage.traffic_log import TrafficLog, read_traffic
 from ua_fleet.topics import Topic
-from ua_fleet.traffic import Kind
+from ua_fleet.traffic import MessageKind
 from ua_fleet.wire import encode_probe
 from ua_fleet.wire.messages import Probe, ProbeKind
 
@@ -25,12 +25,12 @@ def test_messages_of_all_processes_come_back_in_their_order(tmp_path: Path) -> N
         two.sent(PROBE, 200, 12.0)
         messages = read_traffic(paths)
     assert [(message.at, message.size) for message in messages] == [(11.0, 100), (12.0, 200), (13.0, 300)]
-    assert all(message.kinds == (Kind.REGISTRATION,) for message in messages)
+    assert all(message.kinds == (MessageKind.REGISTRATION,) for message in messages)
 
 
 def test_what_cannot_be_decoded_is_there_without_a_kind(tmp_path: Path) -> None:
     path = tmp_path / "log.jsonl"
-    with closing(TrafficLog(path, {Topic(2, 2, 1): Kind.SENSOR})) as log:
+    with closing(TrafficLog(path, {Topic(2, 2, 1): MessageKind.SENSOR})) as log:
         log.sent(b"\xff", 1, 11.0)
     assert [(message.kinds, message.size) for message in read_traffic([path])] == [((), 1)]
 

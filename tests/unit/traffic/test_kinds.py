@@ -11,7 +11,7 @@ from ua_fleet.pubsub.timing import PubSubTiming
 from ua_fleet.skill.executions import ExecutionState
 from ua_fleet.skill.status import SKILL_STATUS_FIELDS, ExecutionStatus, SkillStatus
 from ua_fleet.topics import Topic
-from ua_fleet.traffic import Kind, Traffic
+from ua_fleet.traffic import MessageKind, Traffic
 from ua_fleet.values import BuiltinType
 from ua_fleet.wire import ActionMessage, ActionState, Codec, encode_action, encode_announcement, encode_probe
 from ua_fleet.wire.discovered import ActionTarget, PubSubState, StatusAnnouncement
@@ -29,20 +29,20 @@ X = (make_field("x", BuiltinType.DOUBLE),)
 class Robot:
     """A publisher, and what it says to a Traffic."""
 
-    def __init__(self, known: dict[Topic, Kind] | None = None) -> None:
+    def __init__(self, known: dict[Topic, MessageKind] | None = None) -> None:
         self.traffic = Traffic(known)
         self.publisher = Publisher(SPACE, TIMING, Counters(), Codec())
         self.status = SkillStatus()
 
-    def kinds(self, datagrams: Iterable[bytes], now: float = 0.0) -> list[Kind]:
+    def kinds(self, datagrams: Iterable[bytes], now: float = 0.0) -> list[MessageKind]:
         return [kind for datagram in datagrams for kind in self.traffic.take(datagram, len(datagram), now)]
 
-    def announce_status(self) -> list[Kind]:
+    def announce_status(self) -> list[MessageKind]:
         return self.kinds(
             self.publisher.announce(STATUS, "robot skill status", SKILL_STATUS_FIELDS, now=0.0, wall_ticks=WALL)
         )
 
-    def show(self, number: int, state: ExecutionState, timestamp: int) -> list[Kind]:
+    def show(self, number: int, state: ExecutionState, timestamp: int) -> list[MessageKind]:
         self.status.show(ExecutionStatus(number.to_bytes(16), "task", state))
         types, values = self.status.fields()
         return self.kinds(self.publisher.publish(STATUS, values, timestamp=timestamp, now=0.0, types=types))
@@ -50,20 +50,26 @@ class Robot:
 
 def test_who_comes_registers_and_then_is_alive() -> None:
     robot = Robot()
-    assert robot.kinds(robot.publisher.begin(now=0.0, wall_ticks=WALL)) == [Kind.REGISTRATION, Kind.REGISTRATION]
-    assert robot.kinds(robot.publisher.poll(10.0, WALL)) == [Kind.KEEP_ALIVE]
-    assert robot.kinds(robot.publisher.poll(60.0, WALL)) == [Kind.KEEP_ALIVE, Kind.REPEAT]  # status, application
-    assert robot.kinds(robot.publisher.end()) == [Kind.REGISTRATION]
+    assert robot.kinds(robot.publisher.begin(now=0.0, wall_ticks=WALL)) == [
+        MessageKind.REGISTRATION,
+        MessageKind.REGISTRATION,
+    ]
+    assert robot.kinds(robot.publisher.poll(10.0, WALL)) == [MessageKind.KEEP_ALIVE]
+    assert robot.kinds(robot.publisher.poll(60.0, WALL)) == [
+        MessageKind.KEEP_ALIVE,
+        MessageKind.REPEAT,
+    ]  # status, application
+    assert robot.kinds(robot.publisher.end()) == [MessageKind.REGISTRATION]
 
 
 def test_a_source_is_metadata_and_configuration() -> None:
     robot = Robot()
     robot.publisher.begin(now=0.0, wall_ticks=WALL)
-    assert robot.announce_status() == [Kind.METADATA, Kind.KEEP_ALIVE]
-    assert robot.kinds(robot.publisher.poll(0.5, WALL)) == [Kind.REGISTRATION]  # the WriterGroup
+    assert robot.announce_status() == [MessageKind.METADATA, MessageKind.KEEP_ALIVE]
+    assert robot.kinds(robot.publisher.poll(0.5, WALL)) == [MessageKind.REGISTRATION]  # the WriterGroup
     asked = Probe(SPACE, 1, ProbeKind.DATA_SET_META_DATA, (STATUS.id,))
-    assert robot.kinds([encode_probe(asked)]) == [Kind.METADATA]
-    assert robot.kinds(robot.publisher.answer(asked, 5.0)) == [Kind.REPEAT, Kind.KEEP_ALIVE]
+    assert robot.kinds([encode_probe(asked)]) == [MessageKind.METADATA]
+    assert robot.kinds(robot.publisher.answer(asked, 5.0)) == [MessageKind.REPEAT, MessageKind.KEEP_ALIVE]
 
 
 def test_other_metadata_than_before_is_no_repeat() -> None:
@@ -71,26 +77,26 @@ def test_other_metadata_than_before_is_no_repeat() -> None:
     robot.kinds(robot.publisher.announce(POSE, "pose", X, now=0.0, wall_ticks=WALL))
     other = (*X, make_field("y", BuiltinType.DOUBLE))
     changed = robot.kinds(robot.publisher.announce(POSE, "pose", other, now=0.0, wall_ticks=WALL))
-    assert changed == [Kind.METADATA, Kind.KEEP_ALIVE]
+    assert changed == [MessageKind.METADATA, MessageKind.KEEP_ALIVE]
 
 
 def test_an_action_is_metadata_and_its_responder_registration() -> None:
     robot = Robot()
     target = (ActionTarget(1, "robot"),)
     said = robot.publisher.announce_action(SKILL, "task", target, X, (), now=0.0, wall_ticks=WALL)
-    assert robot.kinds(said) == [Kind.METADATA]
+    assert robot.kinds(said) == [MessageKind.METADATA]
     assert robot.kinds(robot.publisher.poll(0.5, WALL)) == []
     asked = Probe(SPACE, 1, ProbeKind.PUBSUB_CONNECTIONS)
-    assert robot.kinds(robot.publisher.answer(asked, 1.0)) == [Kind.REGISTRATION, Kind.REGISTRATION]
+    assert robot.kinds(robot.publisher.answer(asked, 1.0)) == [MessageKind.REGISTRATION, MessageKind.REGISTRATION]
 
 
 def test_looking_for_applications_is_registration() -> None:
     robot = Robot()
-    assert robot.kinds([encode_probe(Probe(None, 1, ProbeKind.FIND_APPLICATIONS))]) == [Kind.REGISTRATION]
+    assert robot.kinds([encode_probe(Probe(None, 1, ProbeKind.FIND_APPLICATIONS))]) == [MessageKind.REGISTRATION]
 
 
-@pytest.mark.parametrize(("is_request", "kind"), [(True, Kind.REQUEST), (False, Kind.RESPONSE)])
-def test_actions(is_request: bool, kind: Kind) -> None:
+@pytest.mark.parametrize(("is_request", "kind"), [(True, MessageKind.REQUEST), (False, MessageKind.RESPONSE)])
+def test_actions(is_request: bool, kind: MessageKind) -> None:
     robot = Robot()
     message = ActionMessage(*SKILL, 1, 1, ActionState.DONE, is_request, "0.server", bytes(16))
     assert robot.kinds([encode_action(message)] * 2) == [kind, kind]  # asked again is asked
@@ -101,37 +107,37 @@ def test_actions(is_request: bool, kind: Kind) -> None:
 def test_status_tells_each_failure_once() -> None:
     robot = Robot()
     robot.announce_status()
-    assert robot.show(1, ExecutionState.RUNNING, 1) == [Kind.STATUS]
-    assert robot.show(1, ExecutionState.FAILED, 2) == [Kind.FAULT]
-    assert robot.show(2, ExecutionState.RUNNING, 3) == [Kind.STATUS]  # it still shows the first one
-    assert robot.show(2, ExecutionState.UNKNOWN, 4) == [Kind.FAULT]
-    assert robot.kinds(robot.publisher.poll(TIMING.repeat_interval_s, WALL)) == [Kind.REPEAT]
+    assert robot.show(1, ExecutionState.RUNNING, 1) == [MessageKind.STATUS]
+    assert robot.show(1, ExecutionState.FAILED, 2) == [MessageKind.FAULT]
+    assert robot.show(2, ExecutionState.RUNNING, 3) == [MessageKind.STATUS]  # it still shows the first one
+    assert robot.show(2, ExecutionState.UNKNOWN, 4) == [MessageKind.FAULT]
+    assert robot.kinds(robot.publisher.poll(TIMING.repeat_interval_s, WALL)) == [MessageKind.REPEAT]
 
 
 def test_data_without_a_skill_status_s_metadata_is_telemetry() -> None:
     robot = Robot()
     robot.publisher.announce(STATUS, "robot skill status", SKILL_STATUS_FIELDS, now=0.0, wall_ticks=WALL)
-    assert robot.show(1, ExecutionState.FAILED, 1) == [Kind.TELEMETRY]
+    assert robot.show(1, ExecutionState.FAILED, 1) == [MessageKind.TELEMETRY]
 
 
 def test_a_source_that_goes_is_a_fault() -> None:
     robot = Robot()
     robot.kinds(robot.publisher.announce(POSE, "pose", X, now=0.0, wall_ticks=WALL))
-    assert robot.kinds(robot.publisher.publish(POSE, (1.0,), timestamp=5, now=0.0)) == [Kind.TELEMETRY]
-    assert robot.kinds(robot.publisher.source_lost(POSE, timestamp=6, now=1.0)) == [Kind.FAULT]
+    assert robot.kinds(robot.publisher.publish(POSE, (1.0,), timestamp=5, now=0.0)) == [MessageKind.TELEMETRY]
+    assert robot.kinds(robot.publisher.source_lost(POSE, timestamp=6, now=1.0)) == [MessageKind.FAULT]
 
 
 def test_a_process_in_error_is_a_fault() -> None:
     robot = Robot()
     failed = StatusAnnouncement(SPACE, 1, 0, False, PubSubState.ERROR)
-    assert robot.kinds([encode_announcement(failed)]) == [Kind.FAULT]
+    assert robot.kinds([encode_announcement(failed)]) == [MessageKind.FAULT]
 
 
 def test_the_owner_knows_sensors() -> None:
-    robot = Robot({POSE: Kind.SENSOR})
+    robot = Robot({POSE: MessageKind.SENSOR})
     robot.kinds(robot.publisher.announce(POSE, "temperature", X, now=0.0, wall_ticks=WALL))
-    assert robot.kinds(robot.publisher.publish(POSE, (20.5,), timestamp=5, now=0.0)) == [Kind.SENSOR]
-    assert robot.kinds(robot.publisher.poll(TIMING.repeat_interval_s, WALL)) == [Kind.REPEAT]
+    assert robot.kinds(robot.publisher.publish(POSE, (20.5,), timestamp=5, now=0.0)) == [MessageKind.SENSOR]
+    assert robot.kinds(robot.publisher.poll(TIMING.repeat_interval_s, WALL)) == [MessageKind.REPEAT]
 
 
 def test_messages_of_one_datagram_share_its_bytes() -> None:
@@ -139,10 +145,10 @@ def test_messages_of_one_datagram_share_its_bytes() -> None:
     data = DataSetMessage(2, types=(BuiltinType.DOUBLE,), values=(1.0,), sequence_number=1, timestamp=5)
     plain = Codec().encode(NetworkMessage(SPACE, writer_group_id=2, messages=(alive, data)))
     traffic = Traffic()
-    assert traffic.take(plain, 101, 61.9) == [Kind.KEEP_ALIVE, Kind.TELEMETRY]
-    assert traffic.bytes == {Kind.KEEP_ALIVE: 51, Kind.TELEMETRY: 50}
-    assert traffic.bytes_at == {(61, Kind.KEEP_ALIVE): 51, (61, Kind.TELEMETRY): 50}
-    assert traffic.messages_at == {(61, Kind.KEEP_ALIVE): 1, (61, Kind.TELEMETRY): 1}
+    assert traffic.take(plain, 101, 61.9) == [MessageKind.KEEP_ALIVE, MessageKind.TELEMETRY]
+    assert traffic.bytes == {MessageKind.KEEP_ALIVE: 51, MessageKind.TELEMETRY: 50}
+    assert traffic.bytes_at == {(61, MessageKind.KEEP_ALIVE): 51, (61, MessageKind.TELEMETRY): 50}
+    assert traffic.messages_at == {(61, MessageKind.KEEP_ALIVE): 1, (61, MessageKind.TELEMETRY): 1}
 
 
 def test_what_nobody_can_read_is_counted_apart() -> None:

@@ -18,7 +18,7 @@ from ua_fleet.console.shown import harmless_value, shown_time, shown_value
 __all__ = ["EVENTS"]
 
 
-class Wanted(FeedParameters):
+class EventFeedParameters(FeedParameters):
     """How many are kept."""
 
     most: int = Field(default=500, ge=1, le=2000)
@@ -37,7 +37,7 @@ def _event(one: EventInfo) -> dict[str, Any]:
     }
 
 
-async def _run(client: FleetClient, parameters: Wanted, board: Board) -> None:
+async def _run(client: FleetClient, parameters: EventFeedParameters, board: Board) -> None:
     shown: deque[str] = deque()
     async with client.events() as events:
         board.ready()
@@ -51,4 +51,4 @@ async def _run(client: FleetClient, parameters: Wanted, board: Board) -> None:
                 board.gone(shown.popleft())
 
 
-EVENTS: Final = FeedKind("events", Wanted, _run)
+EVENTS: Final = FeedKind("events", EventFeedParameters, _run)

@@ -22,7 +22,7 @@ _AT_ONCE: Final = 3
 """Calls of a period, where there is much."""
 
 
-class Wanted(FeedParameters):
+class MessageFeedParameters(FeedParameters):
     """Whose messages, and how many are kept."""
 
     source: str = Field(default="", max_length=256)
@@ -46,7 +46,7 @@ def _entry(one: PubSubMessage) -> dict[str, Any]:
     }
 
 
-async def _run(client: FleetClient, parameters: Wanted, board: Board) -> None:
+async def _run(client: FleetClient, parameters: MessageFeedParameters, board: Board) -> None:
     shown: deque[str] = deque()
     after = lost = 0
     while True:
@@ -67,4 +67,4 @@ async def _run(client: FleetClient, parameters: Wanted, board: Board) -> None:
         await asyncio.sleep(_PERIOD_S)
 
 
-MESSAGES: Final = FeedKind("messages", Wanted, _run)
+MESSAGES: Final = FeedKind("messages", MessageFeedParameters, _run)

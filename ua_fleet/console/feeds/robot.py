@@ -27,7 +27,7 @@ _STATES: Final = {int(state): state.name.lower() for state in ExecutionState}
 _HELD: Final = ("HeldBy", "HeldSince", "HeldReason")
 
 
-class OfRobot(FeedParameters):
+class RobotFeedParameters(FeedParameters):
     """Which robot."""
 
     robot: str = Field(min_length=1, max_length=200)
@@ -190,7 +190,7 @@ def _now(stands: dict[str, Reading]) -> dict[str, Any]:
     }
 
 
-async def _run(client: FleetClient, parameters: OfRobot, board: Board) -> None:
+async def _run(client: FleetClient, parameters: RobotFeedParameters, board: Board) -> None:
     async def look() -> RobotNodes:
         return await robot_nodes(client, parameters.robot)
 
@@ -204,4 +204,4 @@ async def _run(client: FleetClient, parameters: OfRobot, board: Board) -> None:
     await followed(client, look, show)
 
 
-ROBOT: Final = FeedKind("robot", OfRobot, _run)
+ROBOT: Final = FeedKind("robot", RobotFeedParameters, _run)

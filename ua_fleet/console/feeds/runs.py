@@ -36,7 +36,7 @@ _LIBRARY_S: Final = 2.0
 """Nothing tells of a scenario that was stored: the list is asked for."""
 
 
-class OfRun(FeedParameters):
+class RunFeedParameters(FeedParameters):
     """Which run."""
 
     run: str = Field(min_length=1, max_length=100)
@@ -158,7 +158,7 @@ class _Steps:
             self._board.gone(self._facts.popleft())
 
 
-async def _run_run(client: FleetClient, parameters: OfRun, board: Board) -> None:
+async def _run_run(client: FleetClient, parameters: RunFeedParameters, board: Board) -> None:
     run = parameters.run
     node = f"{_FOLDER}.{run}"
     state = await client.read(f"{node}.State")
@@ -210,5 +210,5 @@ async def _run_library(client: FleetClient, parameters: NoParameters, board: Boa
 
 
 RUNS: Final = FeedKind("runs", NoParameters, _run_runs)
-RUN: Final = FeedKind("run", OfRun, _run_run)
+RUN: Final = FeedKind("run", RunFeedParameters, _run_run)
 LIBRARY: Final = FeedKind("library", NoParameters, _run_library)

@@ -49,7 +49,7 @@ class Confirmed(OperationParameters):
     robot: str = Field(min_length=1, max_length=200)
 
 
-class OfRobot(OperationParameters):
+class FailedRobotParameters(OperationParameters):
     """A robot."""
 
     robot: str = Field(min_length=1, max_length=200)
@@ -103,7 +103,7 @@ async def _confirm(client: FleetClient, asked: Confirmed) -> dict[str, Any]:
     return {"outcome": await ScenarioClient(client).confirm(asked.decision, asked.robot)}
 
 
-async def _what_if(client: FleetClient, asked: OfRobot) -> list[dict[str, Any]]:
+async def _what_if(client: FleetClient, asked: FailedRobotParameters) -> list[dict[str, Any]]:
     forecasts = await ScenarioClient(client).what_if(asked.robot)
     return [
         {"run": one.run_id, "task": one.task, "best": one.best, "explanation": harmless_value(one.explanation)}
@@ -128,7 +128,7 @@ RESILIENCE_OPERATIONS: Final = (
     OperationKind("resilience.preview", Judged, _preview, "Resilience.Preview", "observer"),
     OperationKind("resilience.judge", Judged, _judge, "Resilience.JudgeDecision", "operator"),
     OperationKind("resilience.confirm", Confirmed, _confirm, "Resilience.Confirm", "operator"),
-    OperationKind("resilience.what_if", OfRobot, _what_if, "Resilience.WhatIf", "observer"),
+    OperationKind("resilience.what_if", FailedRobotParameters, _what_if, "Resilience.WhatIf", "observer"),
     OperationKind("resilience.mode", ModeSet, _mode, "Resilience.SetMode", "engineer"),
     OperationKind("resilience.set_judgements", JudgementsSet, _set_judgements, "Resilience.SetJudgements", "engineer"),
 )

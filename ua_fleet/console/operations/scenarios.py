@@ -45,31 +45,31 @@ class Deleted(Named):
     version: str = Field(max_length=100)
 
 
-class Run(Text):
+class StartParameters(Text):
     """What a run is started with, as texts."""
 
     parameters: dict[str, str] = Field(default_factory=dict[str, str], max_length=200)
 
 
-class Rehearsed(Run):
+class Rehearsed(StartParameters):
     """Values of robots and results of tasks, in place of those of now."""
 
     values: dict[str, str] = Field(default_factory=dict[str, str], max_length=1000)
 
 
-class OfRun(OperationParameters):
+class RunParameters(OperationParameters):
     """A run."""
 
     run: str = Field(min_length=1, max_length=100)
 
 
-class Aborted(OfRun):
+class AbortParameters(RunParameters):
     """Why."""
 
     reason: str = Field(default="", max_length=500)
 
 
-class Answered(OfRun):
+class Answered(RunParameters):
     """What became of a task."""
 
     step: str = Field(min_length=1, max_length=500)
@@ -118,19 +118,19 @@ async def _delete(client: FleetClient, asked: Deleted) -> None:
     await ScenarioClient(client).delete(asked.name, asked.version)
 
 
-async def _run(client: FleetClient, asked: Run) -> dict[str, Any]:
+async def _run(client: FleetClient, asked: StartParameters) -> dict[str, Any]:
     return {"run": await ScenarioClient(client).run(asked.scenario, asked.parameters)}
 
 
-async def _pause(client: FleetClient, asked: OfRun) -> None:
+async def _pause(client: FleetClient, asked: RunParameters) -> None:
     await ScenarioClient(client).pause(asked.run)
 
 
-async def _resume(client: FleetClient, asked: OfRun) -> None:
+async def _resume(client: FleetClient, asked: RunParameters) -> None:
     await ScenarioClient(client).resume(asked.run)
 
 
-async def _abort(client: FleetClient, asked: Aborted) -> None:
+async def _abort(client: FleetClient, asked: AbortParameters) -> None:
     await ScenarioClient(client).abort(asked.run, asked.reason)
 
 
@@ -149,10 +149,10 @@ SCENARIO_OPERATIONS: Final = (
     OperationKind("scenario.dry_run", Rehearsed, _dry_run, "Scenarios.DryRun", "operator"),
     OperationKind("scenario.store", Stored, _store, "Scenarios.Store", "engineer"),
     OperationKind("scenario.delete", Deleted, _delete, "Scenarios.Delete", "engineer"),
-    OperationKind("scenario.run", Run, _run, "Scenarios.Run", "operator"),
-    OperationKind("run.pause", OfRun, _pause, "Scenarios.Pause", "operator"),
-    OperationKind("run.resume", OfRun, _resume, "Scenarios.Resume", "operator"),
-    OperationKind("run.abort", Aborted, _abort, "Scenarios.Abort", "operator"),
+    OperationKind("scenario.run", StartParameters, _run, "Scenarios.Run", "operator"),
+    OperationKind("run.pause", RunParameters, _pause, "Scenarios.Pause", "operator"),
+    OperationKind("run.resume", RunParameters, _resume, "Scenarios.Resume", "operator"),
+    OperationKind("run.abort", AbortParameters, _abort, "Scenarios.Abort", "operator"),
     OperationKind("run.answer", Answered, _answer, "Scenarios.Answer", "operator"),
     OperationKind("run.tell_event", ToldEvent, _tell_event, "Scenarios.TellEvent", "operator"),
 )

@@ -14,20 +14,20 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import Any, Final, cast
 
-__all__ = ["BEGIN", "Link", "digest_of", "encode_line", "link_of", "now_text", "parse_line"]
+__all__ = ["BEGIN", "ChainLink", "digest_of", "encode_line", "link_of", "now_text", "parse_line"]
 
 NO_LINE: Final = "0" * 64
 
 
 @dataclass(frozen=True, slots=True)
-class Link:
+class ChainLink:
     """Where a chain ends: the number of its last line, and that line's hash."""
 
     seq: int
     digest: str
 
 
-BEGIN: Final = Link(0, NO_LINE)
+BEGIN: Final = ChainLink(0, NO_LINE)
 """Before the first line."""
 
 
@@ -41,11 +41,11 @@ def now_text() -> str:
     return datetime.now(UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")
 
 
-def encode_line(record: Mapping[str, Any], after: Link) -> tuple[bytes, Link]:
+def encode_line(record: Mapping[str, Any], after: ChainLink) -> tuple[bytes, ChainLink]:
     """A record as a line without its newline, in ASCII, and where the chain ends with it."""
     chained = {**record, "seq": after.seq + 1, "prev": after.digest}
     line = json.dumps(chained, ensure_ascii=True, default=str).encode()
-    return line, Link(after.seq + 1, digest_of(line))
+    return line, ChainLink(after.seq + 1, digest_of(line))
 
 
 def parse_line(line: bytes) -> dict[str, Any] | None:
@@ -57,9 +57,9 @@ def parse_line(line: bytes) -> dict[str, Any] | None:
     return cast("dict[str, Any]", record) if isinstance(record, dict) else None
 
 
-def link_of(record: Mapping[str, Any]) -> Link | None:
+def link_of(record: Mapping[str, Any]) -> ChainLink | None:
     """Number of a line, and the hash of the one before it; None for a line of a version without a chain."""
     seq, prev = record.get("seq"), record.get("prev")
     if isinstance(seq, int) and not isinstance(seq, bool) and isinstance(prev, str):
-        return Link(seq, prev)
+        return ChainLink(seq, prev)
     return None

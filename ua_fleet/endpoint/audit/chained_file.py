@@ -29,7 +29,7 @@ from typing import Any, Final
 
 import structlog
 
-from ua_fleet.endpoint.audit.chain import BEGIN, Link, digest_of, encode_line, link_of, now_text, parse_line
+from ua_fleet.endpoint.audit.chain import BEGIN, ChainLink, digest_of, encode_line, link_of, now_text, parse_line
 from ua_fleet.errors import ServerStartError
 from ua_fleet.storage.files import make_private_folder
 
@@ -62,7 +62,7 @@ def log_files(path: Path) -> list[Path]:
     return [*files, path] if path.exists() else files
 
 
-def read_head(path: Path) -> Link | None:
+def read_head(path: Path) -> ChainLink | None:
     """The last line that was safe on the disk, as `audit.head` beside the log says; None where nothing is said."""
     try:
         record = parse_line((path.parent / HEAD_FILE).read_bytes()[:_HEAD_BYTES])
@@ -70,7 +70,7 @@ def read_head(path: Path) -> Link | None:
         return None
     if record is None or not isinstance(record.get("seq"), int) or not isinstance(record.get("hash"), str):
         return None
-    return Link(record["seq"], record["hash"])
+    return ChainLink(record["seq"], record["hash"])
 
 
 class ChainedFile:
@@ -146,7 +146,7 @@ class ChainedFile:
             last = _last_line(older[-1])
         if last is not None:
             link = link_of(parse_line(last) or {})
-            self.link = Link(link.seq if link is not None else 0, digest_of(last))
+            self.link = ChainLink(link.seq if link is not None else 0, digest_of(last))
         if head is None:
             if self.link.seq:
                 self.found.append({"event": "missing", "reason": f"{HEAD_FILE} was not there"})
@@ -155,7 +155,7 @@ class ChainedFile:
             gone = head.seq - self.link.seq
             self.found.append({"event": "missing", "lines": gone, "last": head.seq, "last_hash": head.digest})
             _log.error("lines are missing at the end of the audit log", path=str(self._path), lines=gone)
-            self.link = Link(head.seq, self.link.digest)
+            self.link = ChainLink(head.seq, self.link.digest)
         elif self.link.seq == head.seq and self.link.digest != head.digest:
             self.found.append({"event": "missing", "reason": "the last line was changed", "last_hash": head.digest})
             _log.error("the last line of the audit log was changed", path=str(self._path), line=head.seq)
@@ -189,7 +189,7 @@ class ChainedFile:
             self._warn()
         return lines
 
-    def _write(self, lines: Sequence[bytes], link: Link) -> None:
+    def _write(self, lines: Sequence[bytes], link: ChainLink) -> None:
         data = b"".join(line + b"\n" for line in lines)
         try:
             written = os.write(self._file, data)
@@ -279,7 +279,7 @@ class ChainedFile:
         os.close(self._head)
 
 
-def _encode(records: Sequence[Mapping[str, Any]], after: Link) -> tuple[list[bytes], Link]:
+def _encode(records: Sequence[Mapping[str, Any]], after: ChainLink) -> tuple[list[bytes], ChainLink]:
     lines: list[bytes] = []
     for record in records:
         line, after = encode_line(record, after)

@@ -13,12 +13,12 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
 
-from ua_fleet.endpoint.audit.chain import BEGIN, Link, digest_of, link_of, parse_line
+from ua_fleet.endpoint.audit.chain import BEGIN, ChainLink, digest_of, link_of, parse_line
 from ua_fleet.endpoint.audit.chained_file import HEAD_FILE, log_files, read_head
 from ua_fleet.errors import UaFleetError
 from ua_fleet.values import StatusCode
 
-__all__ = ["AuditLogMissing", "ChainCheck", "Problem", "Report", "verify"]
+__all__ = ["AuditLogMissing", "ChainCheck", "ChainProblem", "ChainReport", "verify"]
 
 MAX_PROBLEMS: Final = 100
 """Problems that are told one by one; the rest is counted."""
@@ -34,7 +34,7 @@ class AuditLogMissing(UaFleetError):
 
 
 @dataclass(frozen=True, slots=True)
-class Problem:
+class ChainProblem:
     """Something that should not be."""
 
     file: str
@@ -44,7 +44,7 @@ class Problem:
 
 
 @dataclass(slots=True)
-class Report:
+class ChainReport:
     """What was found."""
 
     files: int = 0
@@ -53,9 +53,9 @@ class Report:
     unchained: int = 0
     """Lines of an older version, before the chain."""
     first: int = 0
-    last: Link = BEGIN
+    last: ChainLink = BEGIN
     """Number and hash of the last line: note them elsewhere, as an anchor."""
-    problems: list[Problem] = field(default_factory=list[Problem])
+    problems: list[ChainProblem] = field(default_factory=list[ChainProblem])
     more_problems: int = 0
     notes: list[str] = field(default_factory=list[str])
 
@@ -68,12 +68,12 @@ class Report:
 class ChainCheck:
     """Follows a chain line by line; pure."""
 
-    def __init__(self, head: Link | None, anchors: Sequence[Link] = ()) -> None:
-        self.report = Report()
+    def __init__(self, head: ChainLink | None, anchors: Sequence[ChainLink] = ()) -> None:
+        self.report = ChainReport()
         self._head = head
         self._anchors = {anchor.seq: anchor.digest for anchor in anchors}
-        self._before: Link | None = None
-        self._first: Link | None = None
+        self._before: ChainLink | None = None
+        self._first: ChainLink | None = None
         self._removed_to = -1
         self._seen_head = False
         self._place = ("", 0)
@@ -84,7 +84,7 @@ class ChainCheck:
             report.more_problems += 1
             return
         place = self._place if file is None else (file, line)
-        report.problems.append(Problem(*place, text))
+        report.problems.append(ChainProblem(*place, text))
 
     def file(self, name: str, lines: Iterable[bytes], *, newest: bool) -> None:
         """The next file, with its newlines; the last line of the newest may be incomplete."""
@@ -111,7 +111,7 @@ class ChainCheck:
                 self._problem("no JSON")
             else:
                 self.report.unchained += 1
-            self._before = Link(before.seq if before is not None else 0, digest)
+            self._before = ChainLink(before.seq if before is not None else 0, digest)
             return
         self.report.lines += 1
         if self._first is None:
@@ -122,10 +122,10 @@ class ChainCheck:
         elif before is not None:
             self._follow(before, link)
         self._note(record)
-        self._before = self.report.last = Link(link.seq, digest)
+        self._before = self.report.last = ChainLink(link.seq, digest)
         self._hold_against(link.seq, digest)
 
-    def _follow(self, before: Link, link: Link) -> None:
+    def _follow(self, before: ChainLink, link: ChainLink) -> None:
         if link.seq > before.seq + 1:
             gone = (
                 f"line {before.seq + 1} is"
@@ -159,7 +159,7 @@ class ChainCheck:
         if expected is not None and not digest.startswith(expected):
             self._problem(f"the line (number {seq}) is not the one of the anchor")
 
-    def end(self) -> Report:
+    def end(self) -> ChainReport:
         """There are no more files: what is known of the whole."""
         first, last, name = self._first, self.report.last, self._place[0]
         if first is not None:
@@ -177,14 +177,14 @@ class ChainCheck:
                 self.report.notes.append(f"number {seq}, the anchor's, is older than the files")
         return self.report
 
-    def _check_begin(self, first: Link) -> None:
+    def _check_begin(self, first: ChainLink) -> None:
         if first.seq == 1 and (first.digest == BEGIN.digest or self.report.unchained):
             return
         if first.seq - 1 > self._removed_to:
             self._problem(f"lines up to number {first.seq - 1} are missing, and no rotation removed them", "", 0)
 
 
-def verify(path: Path, anchors: Sequence[Link] = ()) -> Report:
+def verify(path: Path, anchors: Sequence[ChainLink] = ()) -> ChainReport:
     """Read and check the files of a log; raises AuditLogMissing.
 
     Args:
@@ -208,7 +208,7 @@ def _names(path: Path) -> list[tuple[str, int]]:
         return []
 
 
-def _verify(path: Path, anchors: Sequence[Link]) -> Report:
+def _verify(path: Path, anchors: Sequence[ChainLink]) -> ChainReport:
     head = read_head(path)  # before the lines: what it knows is in the files by then
     files = log_files(path)
     if not files and head is None:

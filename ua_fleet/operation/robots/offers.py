@@ -24,14 +24,23 @@ from ua_fleet.fleet.model import RobotModel
 from ua_fleet.fleet.skills import ArgumentModel, SkillModel, argument_problem
 from ua_fleet.operation.log import Log
 from ua_fleet.pubsub.events import DataReceived, SourceReturned, SourceSilent, SubscriberEvent
-from ua_fleet.skill.executions import OPEN, ExecutionState, Outcome, OutcomeKind, Report, Target, pack, unpack
-from ua_fleet.skill.journal import Execution, ResponderJournal
+from ua_fleet.skill.executions import (
+    OPEN,
+    ExecutionReport,
+    ExecutionState,
+    OutcomeKind,
+    RequestOutcome,
+    Target,
+    pack,
+    unpack,
+)
+from ua_fleet.skill.journal import RecordedExecution, ResponderJournal
 from ua_fleet.skill.status import SKILL_STATUS_FIELDS, ExecutionStatus, SkillStatus, result_text
 from ua_fleet.topics import SERVER_SPACE, Topic
 from ua_fleet.values import TICKS_PER_SECOND, BuiltinType, StatusCode
 from ua_fleet.wire.messages import ConfigurationVersion, DataSetMessage, DataSetMetaData
 
-__all__ = ["Asked", "OfferRefused", "Offers", "read_results"]
+__all__ = ["ClientOffers", "OfferRefused", "OfferedExecution", "read_results"]
 
 MOST_REMEMBERED: Final = 1000
 """Executions; the others are forgotten, the oldest first."""
@@ -55,7 +64,7 @@ class OfferRefused(SkillError):
 
 
 @dataclass(frozen=True, slots=True)
-class Asked:
+class OfferedExecution:
     """An execution of such a skill, as clients see it."""
 
     execution_id: bytes
@@ -68,7 +77,7 @@ class Asked:
     """Ticks."""
     until: int
     """Ticks, when it is given up."""
-    report: Report = field(default_factory=lambda: Report(_S.RUNNING))
+    report: ExecutionReport = field(default_factory=lambda: ExecutionReport(_S.RUNNING))
     taken_by: str = ""
     """The user who does it; empty while nobody does."""
     session: str = ""
@@ -97,7 +106,7 @@ class _Robot:
     is_heard: bool = False
 
 
-class Offers:
+class ClientOffers:
     """The skills of robots of clients. A client is known by its session; times are ticks of the wall clock."""
 
     def __init__(
@@ -105,7 +114,7 @@ class Offers:
         journal: ResponderJournal,
         *,
         show: Callable[[SubscriberEvent], None],
-        told: Callable[[bytes, Outcome], None],
+        told: Callable[[bytes, RequestOutcome], None],
         wall_ticks: Callable[[], int],
         log: Log,
     ) -> None:
@@ -122,9 +131,9 @@ class Offers:
             StorageUnavailable: the journal cannot be used.
         """
         self._journal, self._show, self._told, self._wall_ticks, self._log = journal, show, told, wall_ticks, log
-        self.changed: Callable[[Asked], None] = lambda _asked: None
+        self.changed: Callable[[OfferedExecution], None] = lambda _asked: None
         """Told of every change of an execution."""
-        self._unwritten: dict[bytes, Report] = {}
+        self._unwritten: dict[bytes, ExecutionReport] = {}
         """Ends that could not be written down; tried again."""
         self._retry_at = 0
         self._robots: dict[Topic, _Robot] = {}
@@ -133,21 +142,21 @@ class Offers:
         """By their Actions."""
         self._sessions: dict[tuple[str, str], dict[str, str]] = {}
         """Users that offer a skill, named by robot and skill, by their sessions."""
-        self._asked: dict[bytes, Asked] = {}
-        self._open: dict[bytes, Asked] = {}
+        self._asked: dict[bytes, OfferedExecution] = {}
+        self._open: dict[bytes, OfferedExecution] = {}
         """Those of them that are not over; looked at after each datagram."""
-        self._before: dict[bytes, Execution] = {}
+        self._before: dict[bytes, RecordedExecution] = {}
         """Executions of runs before."""
         self._newest = 0
         for known in journal.executions():
             execution = known
             if known.report.state in OPEN:
-                report = Report(
+                report = ExecutionReport(
                     _S.REFUSED, int(StatusCode.BAD_NO_COMMUNICATION), "the server was restarted before anybody took it"
                 )
                 if known.report.message:
                     said = f"the server was restarted while it was {known.report.message}"
-                    report = Report(_S.UNKNOWN, int(StatusCode.UNCERTAIN), said)
+                    report = ExecutionReport(_S.UNKNOWN, int(StatusCode.UNCERTAIN), said)
                 journal.reported(known.execution_id, report)
                 execution = known._replace(report=report)
             self._before[known.execution_id] = execution
@@ -207,15 +216,15 @@ class Offers:
             raise SkillRejected(f"{robot}.{offered.name}: {error}") from error
         now = self._wall_ticks()
         until = now + round(offered.timeout_s * TICKS_PER_SECOND)
-        asked = Asked(execution_id, known.model.name, offered, topic, given, now, until)
+        asked = OfferedExecution(execution_id, known.model.name, offered, topic, given, now, until)
         target = Target(*topic, _TARGET_ID)
         timeout_ms = round(offered.timeout_s * 1000)
         self._journal.recorded(
-            Execution(execution_id, _REQUESTOR, SERVER_SPACE, target, content, now, timeout_ms, asked.report)
+            RecordedExecution(execution_id, _REQUESTOR, SERVER_SPACE, target, content, now, timeout_ms, asked.report)
         )
         self._forget()
         self._put(asked)
-        self._told(execution_id, Outcome(OutcomeKind.ACCEPTED, asked.report))
+        self._told(execution_id, RequestOutcome(OutcomeKind.ACCEPTED, asked.report))
 
     def halt(self, topic: Topic, robot: str, execution_id: bytes) -> None:
         """Have the client stop that does an execution; nobody has to where nobody has taken it."""
@@ -226,7 +235,7 @@ class Offers:
             self._put(replace(asked, is_halted=True))
         else:
             status = StatusCode.BAD_REQUEST_CANCELLED_BY_CLIENT
-            self._end(asked, Report(_S.REFUSED, int(status), "halted before anybody took it"))
+            self._end(asked, ExecutionReport(_S.REFUSED, int(status), "halted before anybody took it"))
 
     def suspend_execution(self, topic: Topic, robot: str, execution_id: bytes) -> None:
         """Raise SkillRejected, with Bad_NotSupported: nobody tells a client to stand, only to stop."""
@@ -238,17 +247,17 @@ class Offers:
         """As `suspend_execution`."""
         self.suspend_execution(topic, robot, execution_id)
 
-    def known_outcome(self, execution_id: bytes) -> Outcome:
+    def known_outcome(self, execution_id: bytes) -> RequestOutcome:
         """What is known of a request; KeyError where it was never made."""
         asked = self._asked.get(execution_id)
         report = asked.report if asked is not None else self._before[execution_id].report
         names = tuple([result.name for result in asked.skill.results]) if asked is not None else None
-        return Outcome(_KINDS.get(report.state, OutcomeKind.ACCEPTED), report, names)
+        return RequestOutcome(_KINDS.get(report.state, OutcomeKind.ACCEPTED), report, names)
 
     # What clients say.
 
     @property
-    def open(self) -> list[Asked]:
+    def open(self) -> list[OfferedExecution]:
         """What is asked for or under way, the oldest first."""
         return list(self._open.values())
 
@@ -278,12 +287,12 @@ class Offers:
         for asked in self.open:
             if asked.session == session:
                 said = f"the client of {asked.taken_by}, who had taken it, is gone"
-                self._end_later(asked, Report(_S.UNKNOWN, int(StatusCode.UNCERTAIN), said))
+                self._end_later(asked, ExecutionReport(_S.UNKNOWN, int(StatusCode.UNCERTAIN), said))
         for name, sessions in list(self._sessions.items()):
             if sessions.pop(session, None) is not None:
                 self._left(name)
 
-    def accept(self, session: str, user: str, execution_id: bytes) -> Asked:
+    def accept(self, session: str, user: str, execution_id: bytes) -> OfferedExecution:
         """A client does what is asked for; raises OfferRefused where another one does, or it is over."""
         asked = self._offered(session, execution_id)
         if not asked.is_open:
@@ -291,7 +300,7 @@ class Offers:
         if asked.session and asked.session != session:
             raise OfferRefused(f"{asked.taken_by} has taken it before")
         if not asked.taken_by:
-            report = Report(_S.RUNNING, message=f"taken by {user}")
+            report = ExecutionReport(_S.RUNNING, message=f"taken by {user}")
             self._journal.reported(execution_id, report)
             asked = replace(asked, report=report, taken_by=user, session=session)
             self._put(asked)
@@ -313,18 +322,18 @@ class Offers:
             packed = pack(types, tuple([results[result.name] for result in asked.skill.results]))
         except (LocalWireError, ValueError, KeyError) as error:
             raise OfferRefused(f"the results do not fit: {error}") from error
-        self._end(asked, Report(_S.DONE, int(StatusCode.GOOD), message, packed))
+        self._end(asked, ExecutionReport(_S.DONE, int(StatusCode.GOOD), message, packed))
 
     def fail(self, session: str, user: str, execution_id: bytes, message: str) -> None:
         """It is not done and will not be; where nobody has taken it, this client refuses for all."""
         asked = self._offered(session, execution_id)
         if asked.is_open and not asked.taken_by:
             said = message or f"{user} does not do it"
-            self._end(asked, Report(_S.REFUSED, int(StatusCode.BAD_REQUEST_NOT_ALLOWED), said))
+            self._end(asked, ExecutionReport(_S.REFUSED, int(StatusCode.BAD_REQUEST_NOT_ALLOWED), said))
             return
         asked = self._taken(session, user, execution_id, late=True)
         status = StatusCode.BAD_REQUEST_CANCELLED_BY_CLIENT if asked.is_halted else StatusCode.BAD_UNEXPECTED_ERROR
-        self._end(asked, Report(_S.FAILED, int(status), message or f"{user} could not do it"))
+        self._end(asked, ExecutionReport(_S.FAILED, int(status), message or f"{user} could not do it"))
 
     # Time.
 
@@ -339,10 +348,10 @@ class Offers:
         for asked in self.open:
             if now >= asked.until and asked.execution_id not in self._unwritten:
                 within = f"within {asked.skill.timeout_s:g} s"
-                report = Report(_S.TIMED_OUT, int(StatusCode.BAD_TIMEOUT), f"nobody took it {within}")
+                report = ExecutionReport(_S.TIMED_OUT, int(StatusCode.BAD_TIMEOUT), f"nobody took it {within}")
                 if asked.taken_by:
                     said = f"{asked.taken_by} did not say how it ended {within}"
-                    report = Report(_S.UNKNOWN, int(StatusCode.UNCERTAIN), said)
+                    report = ExecutionReport(_S.UNKNOWN, int(StatusCode.UNCERTAIN), said)
                 self._end_later(asked, report)
 
     def due_in_s(self) -> float | None:
@@ -361,7 +370,7 @@ class Offers:
             raise SkillRejected(f"{topic.name} is no skill that clients do")
         return found
 
-    def _offered(self, session: str, execution_id: bytes) -> Asked:
+    def _offered(self, session: str, execution_id: bytes) -> OfferedExecution:
         self.skill_of(execution_id)
         asked = self._asked[execution_id]
         self._skill(asked.topic)  # its robot may be gone
@@ -369,7 +378,7 @@ class Offers:
             raise OfferRefused(f"this session does not offer {asked.robot}.{asked.skill.name}")
         return asked
 
-    def _taken(self, session: str, user: str, execution_id: bytes, *, late: bool = False) -> Asked:
+    def _taken(self, session: str, user: str, execution_id: bytes, *, late: bool = False) -> OfferedExecution:
         """What a client has taken; `late` also what its user had taken before its session was lost or time ran out."""
         asked = self._offered(session, execution_id)
         if asked.is_open and asked.session == session:
@@ -380,12 +389,12 @@ class Offers:
             raise OfferRefused(f"{asked.taken_by} has taken it" if asked.taken_by else "accept it first")
         raise OfferRefused(f"it is over: {asked.state}")
 
-    def _end(self, asked: Asked, report: Report) -> None:
+    def _end(self, asked: OfferedExecution, report: ExecutionReport) -> None:
         self._journal.reported(asked.execution_id, report)
         progress = 1.0 if report.state is _S.DONE else asked.progress
         self._put(replace(asked, report=report, progress=progress))
 
-    def _end_later(self, asked: Asked, report: Report) -> None:
+    def _end_later(self, asked: OfferedExecution, report: ExecutionReport) -> None:
         """End an execution that nobody asked to end; where it cannot be written down, it is tried again."""
         if asked.execution_id in self._unwritten:
             return
@@ -397,7 +406,7 @@ class Offers:
             self._unwritten[asked.execution_id] = report
             self._retry_at = self._wall_ticks() + TICKS_PER_SECOND
 
-    def _put(self, asked: Asked) -> None:
+    def _put(self, asked: OfferedExecution) -> None:
         self._asked[asked.execution_id] = asked
         if asked.is_open:
             self._open[asked.execution_id] = asked
@@ -417,7 +426,7 @@ class Offers:
         for asked in self.open:
             if (asked.robot, asked.skill.name) == name and not asked.taken_by:
                 said = "the last client that offered it is gone"
-                self._end_later(asked, Report(_S.REFUSED, int(StatusCode.BAD_NO_COMMUNICATION), said))
+                self._end_later(asked, ExecutionReport(_S.REFUSED, int(StatusCode.BAD_NO_COMMUNICATION), said))
         for known in self._robots.values():
             if known.model.name == name[0]:
                 self._look(known)
@@ -489,7 +498,7 @@ def _typed(result: ArgumentModel, text: str) -> Any:
     return text if value is None else value
 
 
-def _status_of(skill: SkillModel, execution_id: bytes, report: Report) -> ExecutionStatus:
+def _status_of(skill: SkillModel, execution_id: bytes, report: ExecutionReport) -> ExecutionStatus:
     values = [variant.value for variant in unpack(report.result)]
     results = dict(zip([result.name for result in skill.results], values, strict=False))
     progress = 1.0 if report.state is _S.DONE else 0.0

@@ -23,7 +23,7 @@ from ua_fleet.storage.registry import Registry, StoredRobot
 from ua_fleet.topics import SERVER_SPACE, Topic
 from ua_fleet.values import StatusCode
 
-__all__ = ["RobotFixed", "RobotInUse", "RobotUnknown", "Roster", "Taking"]
+__all__ = ["RobotFixed", "RobotInUse", "RobotRegistry", "RobotUnknown", "Taking"]
 
 
 class RobotUnknown(UaFleetError):
@@ -71,7 +71,7 @@ class Taking(Protocol):
         ...
 
 
-class Roster:
+class RobotRegistry:
     """The robots of one server. `restore` before all else, `connect` before robots come and go."""
 
     def __init__(

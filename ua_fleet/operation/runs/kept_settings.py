@@ -15,7 +15,7 @@ from ua_fleet.errors import UaFleetError
 from ua_fleet.operation.log import Log
 from ua_fleet.operation.runs.decision_judgements import DECISION_PREFIX
 from ua_fleet.orchestrator import ResilienceSettings
-from ua_fleet.resilience import Mode, OnLimit
+from ua_fleet.resilience import DecisionMode, OnLimit
 from ua_fleet.storage.run_journal import RunJournal, StoredSetting
 
 __all__ = ["KeptSettings"]
@@ -35,7 +35,7 @@ def _mode_text(settings: ResilienceSettings) -> str:
 def _put_mode(settings: ResilienceSettings, stored: Any) -> ResilienceSettings:
     return replace(
         settings,
-        mode=Mode(stored["mode"]),
+        mode=DecisionMode(stored["mode"]),
         limit_s=float(stored["limit_s"]),
         on_limit=OnLimit(stored["on_limit"]),
     )

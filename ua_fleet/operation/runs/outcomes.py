@@ -8,7 +8,7 @@ from typing import Any, Final
 from ua_fleet.pubsub.events import DataReceived
 from ua_fleet.scenario import Value
 from ua_fleet.scenario.facts import TaskOutcome
-from ua_fleet.skill.executions import NOT_REACHED, ROBOT_STANDS, ExecutionState, Report
+from ua_fleet.skill.executions import NOT_REACHED, ROBOT_STANDS, ExecutionReport, ExecutionState
 from ua_fleet.skill.status import read_result, read_status
 from ua_fleet.values import StatusCode, is_finite, status_name
 
@@ -55,7 +55,7 @@ def refusal(status: int) -> TaskOutcome:
     return TaskOutcome.STOPPED if status in ROBOT_STANDS else TaskOutcome.REFUSED
 
 
-def is_no_answer(report: Report) -> bool:
+def is_no_answer(report: ExecutionReport) -> bool:
     """Whether nobody has said anything, and not the robot's side that it cannot tell."""
     return report.state is ExecutionState.UNKNOWN and report.status == StatusCode.BAD_NO_COMMUNICATION
 

@@ -27,7 +27,7 @@ from ua_fleet.scenario.facts import (
 )
 from ua_fleet.scenario.state import RunState, TaskPhase
 
-__all__ = ["DecisionRecord", "RunRecord", "TaskRow"]
+__all__ = ["DecisionRecord", "RunRecord", "TaskRecord"]
 
 MOST_ROWS: Final = 500
 """Tasks of a run that are shown: the last ones, where repetitions make more."""
@@ -40,7 +40,7 @@ _NOT_KNOWN: Final = (Then.ASK, Then.AWAIT)
 """What follows where nobody knows whether an attempt has ended."""
 
 
-class TaskRow(NamedTuple):
+class TaskRecord(NamedTuple):
     """One task of a run."""
 
     step: str
@@ -170,9 +170,9 @@ class RunRecord:
         """The parameters as a JSON object."""
         return json.dumps(self.state.parameters, ensure_ascii=False)
 
-    def rows(self) -> list[TaskRow]:
+    def rows(self) -> list[TaskRecord]:
         """The tasks, in the order in which their turn came."""
-        rows: list[TaskRow] = []
+        rows: list[TaskRecord] = []
         for step, task in list(self.state.tasks.items())[-MOST_ROWS:]:
             ended = self.state.ended.get(step)
             state = ended.value if ended is not None else task.phase.name.lower()
@@ -180,7 +180,7 @@ class RunRecord:
             if task.phase is TaskPhase.OVER:
                 results.update(self.state.results.get(task.name, {}))
             rows.append(
-                TaskRow(
+                TaskRecord(
                     step,
                     task.name,
                     task.robot,
@@ -201,9 +201,9 @@ class RunRecord:
         return rows[-MOST_ROWS:]
 
 
-def _waiting_row(waits: TaskWaits) -> TaskRow:
+def _waiting_row(waits: TaskWaits) -> TaskRecord:
     state = TaskPhase.WANTED.name.lower()
-    return TaskRow(waits.step, waits.task, waits.robot, waits.skill, state, 0, "{}", waits.reason)
+    return TaskRecord(waits.step, waits.task, waits.robot, waits.skill, state, 0, "{}", waits.reason)
 
 
 @dataclass(slots=True)

@@ -30,8 +30,8 @@ from ua_fleet.scenario.facts import TaskOutcome
 from ua_fleet.skill.executions import (
     OPEN,
     ExecutionState,
-    Outcome,
     OutcomeKind,
+    RequestOutcome,
     named_results,
 )
 from ua_fleet.topics import Topic
@@ -73,7 +73,7 @@ class Requests(Protocol):
         """Ask once more what became of a request that nobody has answered."""
         ...
 
-    def known_outcome(self, execution_id: bytes) -> Outcome | None:
+    def known_outcome(self, execution_id: bytes) -> RequestOutcome | None:
         """What is known of a request; None while it is asked for, KeyError where it was never made."""
         ...
 
@@ -342,7 +342,7 @@ class TaskRequests:
                 with self._mistakes.guard("tasks", execution_id=execution_id):
                     self._take_state(execution_id, *shown[execution_id])
 
-    def concluded(self, execution_id: bytes, outcome: Outcome) -> None:
+    def concluded(self, execution_id: bytes, outcome: RequestOutcome) -> None:
         """The outcome of a request is known."""
         hex_id = execution_id.hex()
         skill = self._skills.get(hex_id)
@@ -403,7 +403,7 @@ class TaskRequests:
         due += [halt.next_at for halt in self._halts.values()]
         return min(due, default=None)
 
-    def _is_unanswered(self, outcome: Outcome, robot: str) -> bool:
+    def _is_unanswered(self, outcome: RequestOutcome, robot: str) -> bool:
         """Whether nobody has answered a request since its robot is silent."""
         return outcome.kind is OutcomeKind.UNKNOWN and is_no_answer(outcome.report) and self._is_silent(robot)
 

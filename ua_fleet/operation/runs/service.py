@@ -37,8 +37,8 @@ from ua_fleet.orchestrator import (
     DecisionChanged,
     Fault,
     FaultChanged,
+    FaultForecast,
     FaultFound,
-    Forecast,
     OperatorAsked,
     Orchestrator,
     Output,
@@ -55,7 +55,7 @@ from ua_fleet.resilience import Confirmation, Judgements, Ranking
 from ua_fleet.scenario import Scenario, Value
 from ua_fleet.scenario.consequences import NOT_HALTED, SILENT
 from ua_fleet.scenario.facts import Fact, RunEnded, TaskOutcome
-from ua_fleet.skill.executions import Outcome
+from ua_fleet.skill.executions import RequestOutcome
 from ua_fleet.storage.run_journal import RunJournal
 from ua_fleet.topics import Topic
 from ua_fleet.values import BuiltinType, NodeId, Quality, quality_of
@@ -382,7 +382,7 @@ class ScenarioService:
                 f"there is no open decision {decision_id[:MOST_NAME]!r}; somebody may have decided it"
             )
 
-    def what_if(self, robot: str) -> tuple[int, Iterator[Forecast]]:
+    def what_if(self, robot: str) -> tuple[int, Iterator[FaultForecast]]:
         """How many tasks a robot has ahead, and who would take over each of them, one by one and without effect."""
         self._robot(robot)
         return self._orchestrator.what_if(robot)
@@ -576,7 +576,7 @@ class ScenarioService:
         """People drive a robot by hand, in words that follow its name; empty: nobody does."""
         self._do(self._orchestrator.driven(robot, told, self._wall_s()))
 
-    def concluded(self, execution_id: bytes, outcome: Outcome) -> None:
+    def concluded(self, execution_id: bytes, outcome: RequestOutcome) -> None:
         """The outcome of a request is known."""
         self.take_news()
         self._tasks.concluded(execution_id, outcome)

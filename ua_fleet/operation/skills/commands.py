@@ -26,14 +26,14 @@ from ua_fleet.skill.executions import (
     MOST_HALTS,
     RESUME_TARGETS,
     SUSPEND_TARGETS,
-    Outcome,
     OutcomeKind,
     RequestorName,
+    RequestOutcome,
     Target,
     halt_id,
 )
 from ua_fleet.skill.journal import RequestorJournal
-from ua_fleet.skill.requestor import Contradicted, OutcomeCorrected, Requestor, RequestorEffect, RequestPace, Send
+from ua_fleet.skill.requestor import ActionRequestor, Contradicted, OutcomeCorrected, RequestorEffect, RequestPace, Send
 from ua_fleet.topics import SERVER_SPACE, Topic
 from ua_fleet.values import BuiltinType, StatusCode
 from ua_fleet.wire.actions import encode_action
@@ -57,7 +57,7 @@ REFUSAL_WAIT_S: Final = 0.1
 RETRY_S: Final = 1.0
 """After a journal that could not be written, it is tried again after so long."""
 
-Told = Callable[[bytes, Outcome], None]
+Told = Callable[[bytes, RequestOutcome], None]
 """Called with each outcome, and again where one that was Unknown is known after all."""
 
 
@@ -100,7 +100,7 @@ class SkillCommands:
         """
         self.outcomes: Counter[str] = Counter()
         """Outcomes by their kind, corrections apart; `problems` are attempts that the journal could not record."""
-        self._requestor = Requestor(
+        self._requestor = ActionRequestor(
             RequestorName.checked(space, instance),
             journal,
             pace=pace or RequestPace(refusal_wait_s=REFUSAL_WAIT_S),
@@ -218,7 +218,7 @@ class SkillCommands:
             self._want(topic.space, topic.id, self._clock())
             self._sooner()
 
-    def known_outcome(self, execution_id: bytes) -> Outcome | None:
+    def known_outcome(self, execution_id: bytes) -> RequestOutcome | None:
         """What is known of a request now; None while it is asked for, KeyError where it was never made."""
         outcome = self._requestor.outcome(execution_id)
         return None if outcome is None else self._named(execution_id, outcome)
@@ -278,7 +278,7 @@ class SkillCommands:
                 self.outcomes[effect.outcome.kind] += 1
                 self._tell(effect.execution_id, effect.outcome)
 
-    def _tell(self, execution_id: bytes, outcome: Outcome) -> None:
+    def _tell(self, execution_id: bytes, outcome: RequestOutcome) -> None:
         what, asked = self._controls.pop(execution_id, ("", ""))
         if asked and outcome.kind is not OutcomeKind.ACCEPTED:
             reason = outcome.report.message
@@ -292,7 +292,7 @@ class SkillCommands:
         if self._told is not None:
             self._told(execution_id, self._named(execution_id, outcome))
 
-    def _named(self, execution_id: bytes, outcome: Outcome) -> Outcome:
+    def _named(self, execution_id: bytes, outcome: RequestOutcome) -> RequestOutcome:
         """An outcome with the names of its results, where there are some."""
         if not outcome.report.result:
             return outcome

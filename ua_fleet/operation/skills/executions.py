@@ -7,11 +7,11 @@ from dataclasses import dataclass, field, replace
 from typing import Any, Final, NamedTuple
 
 from ua_fleet.fleet.skills import SkillModel, argument_problem
-from ua_fleet.skill.executions import OPEN, ExecutionState, Outcome, named_results
+from ua_fleet.skill.executions import OPEN, ExecutionState, RequestOutcome, named_results
 from ua_fleet.skill.status import ExecutionStatus, read_result
 from ua_fleet.values import BuiltinType, NodeId, Quality, StatusCode, quality_of
 
-__all__ = ["STATUS_OF", "Execution", "SkillKeys", "answered", "heard"]
+__all__ = ["STATUS_OF", "KnownExecution", "SkillKeys", "answered", "heard"]
 
 _S: Final = ExecutionState
 STATUS_OF: Final = {
@@ -49,7 +49,7 @@ class SkillKeys(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True)
-class Execution:
+class KnownExecution:
     """One execution as it is known."""
 
     id: bytes
@@ -70,7 +70,7 @@ class Execution:
         return self.state not in OPEN
 
 
-def heard(model: SkillModel, said: ExecutionStatus, known: Execution | None, ticks: int) -> Execution | None:
+def heard(model: SkillModel, said: ExecutionStatus, known: KnownExecution | None, ticks: int) -> KnownExecution | None:
     """An execution as the robot tells it; None where that is no news, or cannot be."""
     state = said.state
     if known is not None and (known.state, state) == (_S.SUSPENDED, _S.ASKING):
@@ -80,7 +80,7 @@ def heard(model: SkillModel, said: ExecutionStatus, known: Execution | None, tic
     if known is not None and known.state == state and known.is_over:
         return None
     is_over = state not in OPEN
-    return Execution(
+    return KnownExecution(
         said.execution_id,
         state,
         _end_status(state, said.status),
@@ -100,7 +100,7 @@ def _end_status(state: ExecutionState, said: int) -> int:
     return said if usual and quality_of(said) is quality_of(usual) else usual
 
 
-def answered(model: SkillModel, outcome: Outcome) -> dict[str, Any]:
+def answered(model: SkillModel, outcome: RequestOutcome) -> dict[str, Any]:
     """Results in an ActionResponse, by the names that its bridge announces."""
     return _declared(model, named_results(outcome, [result.name for result in model.results]))
 

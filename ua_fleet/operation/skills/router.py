@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from ua_fleet.operation.robots.offers import Offers
+from ua_fleet.operation.robots.offers import ClientOffers
 from ua_fleet.operation.skills.commands import SkillCommands
-from ua_fleet.skill.executions import Outcome
+from ua_fleet.skill.executions import RequestOutcome
 from ua_fleet.topics import SERVER_SPACE, Topic
 
 __all__ = ["SkillRouter"]
@@ -16,7 +16,7 @@ __all__ = ["SkillRouter"]
 class SkillRouter:
     """Asks by the space of the Action; space 0 is the server's own, and has the skills of clients."""
 
-    def __init__(self, commands: SkillCommands, offers: Offers) -> None:
+    def __init__(self, commands: SkillCommands, offers: ClientOffers) -> None:
         self._commands, self._offers = commands, offers
 
     def request(
@@ -44,12 +44,12 @@ class SkillRouter:
         except KeyError:
             self._commands.inquire(execution_id)
 
-    def known_outcome(self, execution_id: bytes) -> Outcome | None:
+    def known_outcome(self, execution_id: bytes) -> RequestOutcome | None:
         """What is known of a request; None while it is asked for, KeyError where it was never made."""
         try:
             return self._offers.known_outcome(execution_id)
         except KeyError:
             return self._commands.known_outcome(execution_id)
 
-    def _of(self, topic: Topic) -> SkillCommands | Offers:
+    def _of(self, topic: Topic) -> SkillCommands | ClientOffers:
         return self._offers if topic.space == SERVER_SPACE else self._commands

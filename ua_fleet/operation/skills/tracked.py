@@ -9,7 +9,7 @@ from typing import Any, Final, NamedTuple
 from ua_fleet.fleet.changes import ValueChanged
 from ua_fleet.fleet.model import RobotModel
 from ua_fleet.fleet.skills import SkillModel
-from ua_fleet.operation.skills.executions import Execution, SkillKeys
+from ua_fleet.operation.skills.executions import KnownExecution, SkillKeys
 from ua_fleet.operation.skills.program import ProgramState, Transition, path, state_of
 from ua_fleet.skill.executions import OPEN, ExecutionState
 from ua_fleet.values import TICKS_PER_SECOND, BuiltinType, LocalizedText, NodeId, StatusCode
@@ -30,7 +30,7 @@ class SkillTransitioned(NamedTuple):
     skill: SkillModel
     key: NodeId
     transition: Transition
-    execution: Execution
+    execution: KnownExecution
     ticks: int
 
 
@@ -43,12 +43,12 @@ class TrackedSkill:
     def __init__(self, robot: RobotModel, model: SkillModel) -> None:
         self.robot, self.model = robot.name, model
         self.keys = SkillKeys(robot.ns, model.id)
-        self.executions: dict[bytes, Execution] = {}
+        self.executions: dict[bytes, KnownExecution] = {}
         """In the order in which they were begun."""
         self.listed: frozenset[bytes] = frozenset()
         """Executions that the robot's last SkillStatus tells of."""
         self.state = ProgramState.READY
-        self.last_over: Execution | None = None
+        self.last_over: KnownExecution | None = None
         self.shown: dict[NodeId, ValueChanged] = {}
         self.status = int(StatusCode.BAD_WAITING_FOR_INITIAL_DATA)
         """What all that is driven by the robot's word has for a status."""
@@ -68,7 +68,7 @@ class TrackedSkill:
             return state_of(next(reversed(self.executions.values())).state)
         return ProgramState.RUNNING if self.ids(OPEN - {_S.SUSPENDED}) else ProgramState.SUSPENDED
 
-    def take(self, execution: Execution, ticks: int, *, quiet: bool = False) -> list[SkillChange]:
+    def take(self, execution: KnownExecution, ticks: int, *, quiet: bool = False) -> list[SkillChange]:
         """A new execution, or its new state."""
         before = self.executions.get(execution.id)
         if before == execution:
@@ -138,7 +138,7 @@ class TrackedSkill:
         """Nothing was ever executed, as far as anybody knows."""
         return self._put(ticks, list(self._state_values()))
 
-    def _show(self, latest: Execution, moved: Transition | None, ticks: int) -> list[ValueChanged]:
+    def _show(self, latest: KnownExecution, moved: Transition | None, ticks: int) -> list[ValueChanged]:
         part = self.keys.part
         values = [
             *self._state_values(),

@@ -17,7 +17,7 @@ from typing import Final
 
 from ua_fleet.fleet.changes import ValueChanged
 from ua_fleet.fleet.model import FleetModel, RobotModel
-from ua_fleet.operation.skills.executions import STATUS_OF, Execution, SkillKeys, answered, heard
+from ua_fleet.operation.skills.executions import STATUS_OF, KnownExecution, SkillKeys, answered, heard
 from ua_fleet.operation.skills.program import ProgramState
 from ua_fleet.operation.skills.tracked import SkillChange, SkillTransitioned, TrackedSkill
 from ua_fleet.pubsub.events import (
@@ -28,12 +28,12 @@ from ua_fleet.pubsub.events import (
     SourceStale,
     SubscriberEvent,
 )
-from ua_fleet.skill.executions import OPEN, ExecutionState, Outcome, OutcomeKind
+from ua_fleet.skill.executions import OPEN, ExecutionState, OutcomeKind, RequestOutcome
 from ua_fleet.skill.status import read_status
 from ua_fleet.topics import Topic
 from ua_fleet.values import NodeId, StatusCode
 
-__all__ = ["Execution", "SkillChange", "SkillKeys", "SkillTracker", "SkillTransitioned"]
+__all__ = ["KnownExecution", "SkillChange", "SkillKeys", "SkillTracker", "SkillTransitioned"]
 
 MOST_ASKED: Final = 1000
 """Requests whose outcome may still be told, or corrected."""
@@ -112,7 +112,7 @@ class SkillTracker:
         """The state that a skill shows."""
         return self._skills[key].state
 
-    def execution(self, key: NodeId, execution_id: bytes) -> Execution | None:
+    def execution(self, key: NodeId, execution_id: bytes) -> KnownExecution | None:
         """What is known of an execution."""
         return self._skills[key].executions.get(execution_id)
 
@@ -143,9 +143,12 @@ class SkillTracker:
         self._touched.add(self._topics[key])
         if execution_id in skill.executions:
             return []
-        return [*self._known_here(skill, ticks), *skill.take(Execution(execution_id, _S.RUNNING, began=ticks), ticks)]
+        return [
+            *self._known_here(skill, ticks),
+            *skill.take(KnownExecution(execution_id, _S.RUNNING, began=ticks), ticks),
+        ]
 
-    def concluded(self, execution_id: bytes, outcome: Outcome, ticks: int) -> list[SkillChange]:
+    def concluded(self, execution_id: bytes, outcome: RequestOutcome, ticks: int) -> list[SkillChange]:
         """The outcome of a request, also a corrected one; nothing where another run has asked for it."""
         skill = self._asked.get(execution_id)
         if skill is None:
@@ -157,7 +160,7 @@ class SkillTracker:
         known = skill.executions.get(execution_id)
         if known is not None and known.is_over and known.state is not _S.UNKNOWN:
             return []  # SkillStatus was faster
-        execution = known or Execution(execution_id, _S.RUNNING, began=ticks)
+        execution = known or KnownExecution(execution_id, _S.RUNNING, began=ticks)
         if report.state in OPEN:
             if known is not None and not known.is_over:
                 return []

@@ -12,15 +12,15 @@ from ua_fleet.pubsub.security.envelope import Envelope
 from ua_fleet.pubsub.security.groups import command_group, telemetry_group
 from ua_fleet.pubsub.security.keyring import GroupKeys
 from ua_fleet.pubsub.security.nonces import MemoryNonces, NonceReservations, NoncesUnavailable
-from ua_fleet.pubsub.security.refused import Refused
+from ua_fleet.pubsub.security.refused import DatagramRefused
 
 __all__ = [
+    "DatagramRefused",
     "Envelope",
     "GroupKeys",
     "MemoryNonces",
     "NonceReservations",
     "NoncesUnavailable",
-    "Refused",
     "command_group",
     "telemetry_group",
 ]

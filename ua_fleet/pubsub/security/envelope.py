@@ -3,8 +3,9 @@
     seal    [chunks] -> for each: the current key of its group, a nonce of its own, encrypt, sign
     open    own data? -> mode -> key of its group and token -> verify, decrypt -> replay -> [chunks]
 
-It fails closed. What does not pass is a `Refused` with the counter it belongs to, and nothing of it is handed on. Only
-what was verified changes anything here: replay windows, the wish for keys that a publisher's ForceKeyReset is, chunks.
+It fails closed. What does not pass is a `DatagramRefused` with the counter it belongs to, and nothing of it is handed
+on. Only what was verified changes anything here: replay windows, the wish for keys that a publisher's ForceKeyReset
+is, chunks.
 
 Probes are sent unsecured and taken so: they carry nothing but the wish for an answer, and answers are paced. A probe
 that somebody signed is verified like everything else, but not checked for replay: its sender does not stand in it.
@@ -21,11 +22,11 @@ from typing import Final
 
 from ua_fleet.counters import Counters, Drop
 from ua_fleet.errors import LocalWireError, RemoteWireError
-from ua_fleet.pubsub.security.groups import Group, Groups, command_group, telemetry_group
+from ua_fleet.pubsub.security.groups import Group, KeyGroups, command_group, telemetry_group
 from ua_fleet.pubsub.security.keyring import GroupKeys, Token
 from ua_fleet.pubsub.security.nonces import NonceReservations, NonceSequence, NoncesUnavailable, nonce_prefix
 from ua_fleet.pubsub.security.reassembly import Reassembly
-from ua_fleet.pubsub.security.refused import Refused
+from ua_fleet.pubsub.security.refused import DatagramRefused
 from ua_fleet.topics import SERVER_SPACE
 from ua_fleet.wire.chunks import ChunkReader, split, split_one_by_one
 from ua_fleet.wire.header import (
@@ -92,7 +93,7 @@ class Envelope:
         self._own_space, self._counters, self._mode, self._nonces = own_space, counters, mode, nonces
         self._most_bytes = max_datagram_bytes - (MOST_ADDED_BYTES if mode is not _NONE else 0)
         self._prefix = nonce_prefix(own_space, random.getrandbits(16))
-        self._groups = Groups(past_keys, frozenset(relaxed_replay), takes_all=asks_for_all)
+        self._groups = KeyGroups(past_keys, frozenset(relaxed_replay), takes_all=asks_for_all)
         self._telemetry: Mapping[int | str | None, Group] = self._groups.telemetry
         self._setpoint_groups = setpoint_groups or {}
         self._reassembly = Reassembly(counters, max_message_bytes)
@@ -188,11 +189,11 @@ class Envelope:
             return self._open_other(heard, now)
         publisher_id = heard.publisher_id
         if publisher_id == self._own_space:
-            raise Refused(Drop.LOOP, heard)
+            raise DatagramRefused(Drop.LOOP, heard)
         if publisher_id == SERVER_SPACE and self.is_setpoint(heard):
             return self._open_setpoints(heard, now)
         if heard.mode is not self._mode and heard.mode < self._mode:
-            raise Refused(Drop.NOT_SECURED, heard, self._mode)
+            raise DatagramRefused(Drop.NOT_SECURED, heard, self._mode)
         group = self._telemetry.get(publisher_id) or self._meet(heard)
         return self._verified(heard, group, _THE_PUBLISHER, now)
 
@@ -207,9 +208,11 @@ class Envelope:
         if group is None:
             return None
         if heard.mode < self._mode:
-            raise Refused(Drop.NOT_SECURED, heard, self._mode)
+            raise DatagramRefused(Drop.NOT_SECURED, heard, self._mode)
         if heard.datagram[0] & HAS_EXTENDED_FLAGS_1 and heard.datagram[1] & HAS_EXTENDED_FLAGS_2:
-            raise Refused(Drop.UNSUPPORTED, heard, self._mode)  # a chunk could be joined with those of other keys
+            raise DatagramRefused(
+                Drop.UNSUPPORTED, heard, self._mode
+            )  # a chunk could be joined with those of other keys
         return self._verified(heard, group, _ANY_MEMBER, now)
 
     def is_of_another(self, datagram: bytes, now: float) -> bool:
@@ -229,7 +232,7 @@ class Envelope:
             return False
         try:
             return self._verified(heard, group, _ANOTHER, now) is not None
-        except (Refused, RemoteWireError):
+        except (DatagramRefused, RemoteWireError):
             return False
 
     def _open_unsecured(self, datagram: bytes, now: float) -> bytes | None:
@@ -240,7 +243,7 @@ class Envelope:
         if chunk is None:
             return datagram
         if chunk.publisher_id == self._own_space and not chunk.is_action:
-            raise Refused(Drop.LOOP, read_security(datagram))
+            raise DatagramRefused(Drop.LOOP, read_security(datagram))
         return self._reassembly.add(chunk, now)
 
     def _open_other(self, heard: SecuredDatagram, now: float) -> bytes | None:
@@ -252,14 +255,14 @@ class Envelope:
                 return None
         elif is_probe and heard.mode is _NONE:
             if heard.datagram[2] & IS_CHUNK:
-                raise Refused(Drop.NOT_SECURED, heard, self._mode)
+                raise DatagramRefused(Drop.NOT_SECURED, heard, self._mode)
             return heard.datagram
         elif not is_probe and heard.publisher_id == self._own_space:
-            raise Refused(Drop.LOOP, heard)
+            raise DatagramRefused(Drop.LOOP, heard)
         else:
             group = None
         if heard.mode < self._mode and not is_probe:
-            raise Refused(Drop.NOT_SECURED, heard, self._mode)
+            raise DatagramRefused(Drop.NOT_SECURED, heard, self._mode)
         if group is None:
             group = self._telemetry.get(heard.publisher_id) or self._meet(heard)
         if is_probe:
@@ -280,14 +283,14 @@ class Envelope:
         try:
             plain = token.key.unprotect(heard)
         except RemoteWireError:
-            raise Refused(Drop.BAD_SIGNATURE, heard, self._mode, group.group_id) from None
+            raise DatagramRefused(Drop.BAD_SIGNATURE, heard, self._mode, group.group_id) from None
         if not group.is_relaxed and sender != _NOBODY:
             nonce = heard.nonce
             if len(nonce) != NONCE_BYTES:
-                raise Refused(Drop.REPLAYED, heard, self._mode, group.group_id)
+                raise DatagramRefused(Drop.REPLAYED, heard, self._mode, group.group_id)
             space, number = _read_nonce(nonce)
             if not token.windows.take(space if sender == _ANY_MEMBER else sender, number):
-                raise Refused(Drop.REPLAYED, heard, self._mode, group.group_id)
+                raise DatagramRefused(Drop.REPLAYED, heard, self._mode, group.group_id)
         if heard.force_key_reset:
             keyring.ask()
         if plain[1] & HAS_EXTENDED_FLAGS_2 and plain[0] & HAS_EXTENDED_FLAGS_1:
@@ -358,23 +361,23 @@ class Envelope:
         publisher_id = _space_of(heard)
         group = self._telemetry.get(publisher_id) or self._groups.hear(publisher_id)
         if group is None:
-            raise Refused(Drop.UNKNOWN_TOKEN, heard, self._mode)
+            raise DatagramRefused(Drop.UNKNOWN_TOKEN, heard, self._mode)
         return group
 
     def _open_unknown(self, heard: SecuredDatagram, group: Group, now: float) -> bytes | None:
         """A message whose token we do not have, or one that names none."""
         if heard.token_id or heard.nonce:
             group.keyring.ask()
-            raise Refused(Drop.UNKNOWN_TOKEN, heard, self._mode, group.group_id)
+            raise DatagramRefused(Drop.UNKNOWN_TOKEN, heard, self._mode, group.group_id)
         # The second form of a message that is only signed (table 154): nothing in it tells it from a replay.
         if not group.is_relaxed:
-            raise Refused(Drop.REPLAYED, heard, self._mode, group.group_id)
+            raise DatagramRefused(Drop.REPLAYED, heard, self._mode, group.group_id)
         for token in group.keyring.around_current():
             try:
                 return self._joined(token.key.unprotect(heard), now)
             except RemoteWireError:
                 continue
-        raise Refused(Drop.BAD_SIGNATURE, heard, self._mode, group.group_id)
+        raise DatagramRefused(Drop.BAD_SIGNATURE, heard, self._mode, group.group_id)
 
     def _joined(self, plain: bytes, now: float) -> bytes | None:
         chunk = self._chunks.read(plain)
@@ -390,5 +393,5 @@ def _space_of(heard: SecuredDatagram) -> int:
     """The PublisherId as a space; only those have SecurityGroups."""
     publisher_id = heard.publisher_id
     if heard.publisher_id_type != _UINT16 or type(publisher_id) is not int:
-        raise Refused(Drop.UNKNOWN_SOURCE, heard)
+        raise DatagramRefused(Drop.UNKNOWN_SOURCE, heard)
     return publisher_id

@@ -17,7 +17,7 @@ from ua_fleet.errors import LocalWireError
 from ua_fleet.pubsub.security.keyring import Keyring
 from ua_fleet.pubsub.security.nonces import NonceSequence
 
-__all__ = ["MOST_KEYLESS", "Group", "Groups", "command_group", "telemetry_group"]
+__all__ = ["MOST_KEYLESS", "Group", "KeyGroups", "command_group", "telemetry_group"]
 
 MOST_KEYLESS: Final = 256
 """Publishers that were heard and of which we have no key. Anybody can write any PublisherId."""
@@ -49,7 +49,7 @@ class Group:
         """The nonces of the token that was last used to send."""
 
 
-class Groups:
+class KeyGroups:
     """All groups that this process wants keys of: those it was told to want, and perhaps of publishers it hears.
 
     Groups of Actions are wanted only when told: a bystander hears the Actions of others and may not have their keys.

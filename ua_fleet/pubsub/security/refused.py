@@ -8,12 +8,12 @@ from ua_fleet.counters import Drop
 from ua_fleet.errors import RemoteWireError
 from ua_fleet.wire.security import SecuredDatagram, SecurityMode
 
-__all__ = ["Refused"]
+__all__ = ["DatagramRefused"]
 
 _MODES: Final = {SecurityMode.SIGN: "signed", SecurityMode.SIGN_AND_ENCRYPT: "signed and encrypted"}
 
 
-class Refused(RemoteWireError):
+class DatagramRefused(RemoteWireError):
     """A datagram that was dropped for its security. Nothing that its headers say is proved."""
 
     def __init__(

@@ -29,7 +29,7 @@ from ua_fleet.endpoint.users import Role
 from ua_fleet.errors import LeaseRefused
 from ua_fleet.nodes.method_factory import caller
 from ua_fleet.nodes.teleoperation_nodes import ACQUIRE, DRIVE, RELEASE, RENEW
-from ua_fleet.server.teleoperation.service import Driver, TeleoperationService
+from ua_fleet.server.teleoperation.service import DrivingSession, TeleoperationService
 from ua_fleet.teleoperation import TeleoperationModel
 from ua_fleet.values import BuiltinType, StatusCode
 
@@ -79,7 +79,7 @@ class TeleoperationMethods:
                 return "another user has the session"
             return "" if self._context.may_call(session.user, DRIVE) else f"{user.name} may not drive any more"
 
-        driver = Driver(session.key, user.name, session.caller, gone)
+        driver = DrivingSession(session.key, user.name, session.caller, gone)
         try:
             granted = await self._service.acquire(robot, driver, take_over=bool(take_over.Value))
         except Exception as error:

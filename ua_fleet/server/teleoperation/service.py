@@ -35,7 +35,7 @@ from ua_fleet.pubsub.events import (
     SourceStale,
     SubscriberEvent,
 )
-from ua_fleet.skill.executions import EXECUTION_ID_BYTES, Outcome, OutcomeKind, named_results
+from ua_fleet.skill.executions import EXECUTION_ID_BYTES, OutcomeKind, RequestOutcome, named_results
 from ua_fleet.skill.journal import MemoryJournal
 from ua_fleet.skill.requestor import RequestPace
 from ua_fleet.teleoperation import Setpoint, State, Status, TeleoperationModel
@@ -53,7 +53,7 @@ from ua_fleet.values import BuiltinType, Quality, StatusCode, quality_of
 from ua_fleet.wire import Codec
 from ua_fleet.wire.discovered import ActionMetaDataAnnouncement
 
-__all__ = ["Driver", "Granted", "TeleoperationService"]
+__all__ = ["AcquireAnswer", "DrivingSession", "TeleoperationService"]
 
 INSTANCE: Final = "teleoperation"
 """Second part of the RequestorId: these requests are not those of skills, and stand in no journal."""
@@ -73,7 +73,7 @@ _log: Any = structlog.get_logger("ua_fleet.server")
 
 
 @dataclass(frozen=True, slots=True)
-class Driver:
+class DrivingSession:
     """A session that wants to drive."""
 
     session: str
@@ -87,7 +87,7 @@ class Driver:
 
 
 @dataclass(frozen=True, slots=True)
-class Granted:
+class AcquireAnswer:
     """What Acquire answers."""
 
     lease: int
@@ -151,8 +151,8 @@ class TeleoperationService:
         self._driven, self._ended, self._clock, self._wall_ticks = driven, ended, clock, wall_ticks
         self._codec = Codec()
         self._leases = HeldLeases()
-        self._drivers: dict[HeldLease, Driver] = {}
-        self._asked: dict[bytes, Callable[[Outcome], None]] = {}
+        self._drivers: dict[HeldLease, DrivingSession] = {}
+        self._asked: dict[bytes, Callable[[RequestOutcome], None]] = {}
         self.commands = SkillCommands(
             MemoryJournal(),
             send=send,
@@ -212,7 +212,7 @@ class TeleoperationService:
 
     # What people ask for.
 
-    async def acquire(self, robot: str, driver: Driver, *, take_over: bool) -> Granted:
+    async def acquire(self, robot: str, driver: DrivingSession, *, take_over: bool) -> AcquireAnswer:
         """Get a robot for a session.
 
         Raises:
@@ -252,7 +252,7 @@ class TeleoperationService:
         self._tell_others(known)
         taken_from = named_results(outcome, ()).get("TakenFrom")
         _log.info("a lease to drive a robot by hand begins", robot=robot, lease=number, by=driver.name)
-        return Granted(number, counter, taken_from if isinstance(taken_from, str) else "")
+        return AcquireAnswer(number, counter, taken_from if isinstance(taken_from, str) else "")
 
     async def renew(self, robot: str, number: int, session: str) -> None:
         """Keep a lease. Raises LeaseRefused or RobotOffline."""
@@ -353,15 +353,15 @@ class TeleoperationService:
         name: str,
         arguments: Mapping[str, Any],
         *,
-        unwanted: Callable[[Outcome], None] = lambda _outcome: None,
-    ) -> Outcome:
+        unwanted: Callable[[RequestOutcome], None] = lambda _outcome: None,
+    ) -> RequestOutcome:
         """Ask a bridge and wait for its answer, which is `unwanted` where it comes too late."""
         model = known.model
         if known.is_silent:
             raise RobotOffline(f"the bridge of {model.robot} is silent; check that it runs")
-        answered: asyncio.Future[Outcome] = asyncio.get_running_loop().create_future()
+        answered: asyncio.Future[RequestOutcome] = asyncio.get_running_loop().create_future()
 
-        def told(outcome: Outcome) -> None:
+        def told(outcome: RequestOutcome) -> None:
             if answered.done():
                 unwanted(outcome)
             else:
@@ -393,7 +393,7 @@ class TeleoperationService:
         name: str,
         arguments: Mapping[str, Any],
         timeout_s: float,
-        told: Callable[[Outcome], None],
+        told: Callable[[RequestOutcome], None],
     ) -> None:
         execution_id = secrets.token_bytes(EXECUTION_ID_BYTES)
         self._asked[execution_id] = told
@@ -403,11 +403,11 @@ class TeleoperationService:
             del self._asked[execution_id]
             raise
 
-    def _told(self, execution_id: bytes, outcome: Outcome) -> None:
+    def _told(self, execution_id: bytes, outcome: RequestOutcome) -> None:
         if (told := self._asked.pop(execution_id, None)) is not None:
             told(outcome)
 
-    def _unwanted(self, model: TeleoperationModel, outcome: Outcome) -> None:
+    def _unwanted(self, model: TeleoperationModel, outcome: RequestOutcome) -> None:
         """A lease was granted, and nobody waits for it any more."""
         granted = read_granted(named_results(outcome, ())) if outcome.kind is OutcomeKind.ACCEPTED else None
         if granted is not None:

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, Final
 from ua_demo import equations
 from ua_demo.equations import EQUATION_12_KINDS, equation_12_sum
 from ua_demo.simulators.fleet.run import Result, simulate
-from ua_fleet.traffic import Kind
+from ua_fleet.traffic import MessageKind
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -147,7 +147,7 @@ def _over_time(result: Result, points: Points) -> Figure:
     fleets.set_title(f"Messages so far (kinds of Eq. 12), {most:,} tasks")
     fleets.legend()
     settings, traffic = result.settings, result.traffic
-    shown = sorted((kind for kind in Kind if traffic.messages[kind]), key=lambda kind: -traffic.messages[kind])
+    shown = sorted((kind for kind in MessageKind if traffic.messages[kind]), key=lambda kind: -traffic.messages[kind])
     for number, (kind, colour) in enumerate(zip(shown, (*_COLOURS, *_MORE_COLOURS), strict=False)):
         # There are as many requests as responses: through a dashed line the one behind is seen.
         style = ("-", "--")[number % 2] if kind in EQUATION_12_KINDS else ":"
@@ -158,7 +158,7 @@ def _over_time(result: Result, points: Points) -> Figure:
     return figure
 
 
-def _steps(axis: Axes, result: Result, kinds: Sequence[Kind], label: str, colour: str, style: str = "-") -> None:
+def _steps(axis: Axes, result: Result, kinds: Sequence[MessageKind], label: str, colour: str, style: str = "-") -> None:
     """What was sent up to the end of each second."""
     at, seconds = result.traffic.messages_at, range(int(result.ended_s) + 1)
     counted = accumulate(sum(at[second, kind] for kind in kinds) for second in seconds)

@@ -45,7 +45,7 @@ from ua_fleet.pubsub.subscriber import Subscriber
 from ua_fleet.pubsub.timing import PubSubTiming
 from ua_fleet.scenario import FleetView, Scenario, Value, ValueUnknown
 from ua_fleet.scenario.facts import Fact, TaskOutcome
-from ua_fleet.skill.executions import Outcome
+from ua_fleet.skill.executions import RequestOutcome
 from ua_fleet.skill.journal import MemoryJournal
 from ua_fleet.topics import SERVER_SPACE
 from ua_fleet.transport import Address, SealedSender
@@ -306,7 +306,7 @@ class VirtualServer:
                 self._commands.announced(event.announcement)
                 self._missing.discard((event.announcement.publisher_id, event.announcement.data_set_writer_id))
 
-    def _concluded(self, execution_id: bytes, outcome: Outcome) -> None:
+    def _concluded(self, execution_id: bytes, outcome: RequestOutcome) -> None:
         self._tasks.concluded(execution_id, outcome)
 
     def _accepted(self, execution_id: str) -> None:

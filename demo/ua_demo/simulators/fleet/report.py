@@ -10,7 +10,7 @@ from ua_demo.equations import EQUATION_12_KINDS, equation_12_sum
 from ua_demo.simulators.fleet.fleet import TASK_S, Settings
 from ua_demo.simulators.fleet.run import Result
 from ua_demo.simulators.fleet.world import LATENCY_S
-from ua_fleet.traffic import Kind
+from ua_fleet.traffic import MessageKind
 
 __all__ = ["as_csv", "as_json", "headline", "intervals", "kinds_table", "simplifications", "situation_of"]
 
@@ -39,15 +39,15 @@ def kinds_table(result: Result) -> list[list[str]]:
     traffic, situation = result.traffic, situation_of(result.settings)
     fleet = equations.boot(situation.robots) + equations.identification(situation.robots)
     expected = {
-        Kind.REGISTRATION: f"{fleet:,} (Eq. 1 and 2: middleware and fleet)",
-        Kind.REQUEST: f"{equations.scenario(situation):,} (Eq. 9: tasks and hand-overs), with the next three",
-        Kind.FAULT: f"{equations.fail(situation.faulty_robots):,} (Eq. 11)",
+        MessageKind.REGISTRATION: f"{fleet:,} (Eq. 1 and 2: middleware and fleet)",
+        MessageKind.REQUEST: f"{equations.scenario(situation):,} (Eq. 9: tasks and hand-overs), with the next three",
+        MessageKind.FAULT: f"{equations.fail(situation.faulty_robots):,} (Eq. 11)",
     }
     rows = [["kind", "messages", "bytes", "the equations expect"]]
     rows += [_row(kind, traffic.messages[kind], traffic.bytes[kind], expected.get(kind)) for kind in EQUATION_12_KINDS]
     total = f"{equations.total(situation):,.0f} (Eq. 12)"
     rows.append(_row("together", equation_12_sum(traffic.messages), equation_12_sum(traffic.bytes), total))
-    others = [kind for kind in Kind if kind not in EQUATION_12_KINDS]
+    others = [kind for kind in MessageKind if kind not in EQUATION_12_KINDS]
     rows += [_row(kind, traffic.messages[kind], traffic.bytes[kind]) for kind in others]
     for column in (1, 2):
         width = max(len(row[column]) for row in rows)
@@ -64,7 +64,7 @@ def intervals(result: Result) -> list[list[str]]:
     for start in range(0, int(result.ended_s) + 1, step):
         counts = [0, 0, 0, 0]
         for second in range(start, start + step):
-            for kind in Kind:
+            for kind in MessageKind:
                 offset = 0 if kind in EQUATION_12_KINDS else 2
                 counts[offset] += traffic.messages_at[second, kind]
                 counts[offset + 1] += traffic.bytes_at[second, kind]
@@ -111,9 +111,12 @@ def as_json(result: Result) -> dict[str, Any]:
             }
             for failure in result.failures
         ],
-        "messages": {TOTAL: equation_12_sum(traffic.messages), **{kind.value: traffic.messages[kind] for kind in Kind}},
-        "bytes": {TOTAL: equation_12_sum(traffic.bytes), **{kind.value: traffic.bytes[kind] for kind in Kind}},
-        "metadata_bytes_per_robot": round(traffic.bytes[Kind.METADATA] / settings.robots, 1),
+        "messages": {
+            TOTAL: equation_12_sum(traffic.messages),
+            **{kind.value: traffic.messages[kind] for kind in MessageKind},
+        },
+        "bytes": {TOTAL: equation_12_sum(traffic.bytes), **{kind.value: traffic.bytes[kind] for kind in MessageKind}},
+        "metadata_bytes_per_robot": round(traffic.bytes[MessageKind.METADATA] / settings.robots, 1),
         "equation_12": equations.total(situation),
         "equations": {
             "boot": equations.boot(situation.robots),
@@ -139,8 +142,8 @@ def as_csv(result: Result) -> Iterator[str]:
         yield f"{second},{kind.value},{messages},{size}"
 
 
-def _over_time(result: Result) -> Iterator[tuple[int, Kind, int, int]]:
-    traffic, order = result.traffic, list(Kind)
+def _over_time(result: Result) -> Iterator[tuple[int, MessageKind, int, int]]:
+    traffic, order = result.traffic, list(MessageKind)
     for second, kind in sorted(traffic.messages_at, key=lambda key: (key[0], order.index(key[1]))):
         yield second, kind, traffic.messages_at[second, kind], traffic.bytes_at[second, kind]
 

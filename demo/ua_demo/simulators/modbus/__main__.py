@@ -30,7 +30,7 @@ from typing import Any, Final
 from ua_demo.simulators.modbus.memory import Memory
 from ua_demo.simulators.modbus.program import Conveyor, HandshakeLayout, HandshakeProgram, Task, Work
 from ua_demo.simulators.modbus.server import PlcServer, make_server
-from ua_fleet.registers import Register, RegisterType, Span, Table
+from ua_fleet.registers import AddressSpan, Register, RegisterType, Table
 
 CYCLE_S: Final = 0.01
 BASE: Final = 100
@@ -57,7 +57,7 @@ class Plc:
         self._read = asyncio.Event()
         self._memory.on_read = self._on_read
         self._memory.on_write = self._on_write
-        self._awaited: Span | None = None
+        self._awaited: AddressSpan | None = None
 
     def _make_program(self) -> HandshakeProgram:
         def told(what: str) -> None:
@@ -68,11 +68,11 @@ class Plc:
             tasks[CONVEYOR_COMMAND] = Conveyor(BASE, told)
         return HandshakeProgram(self._memory, HandshakeLayout(BASE), tasks)
 
-    def _on_read(self, span: Span) -> None:
+    def _on_read(self, span: AddressSpan) -> None:
         if self._awaited is not None and self._awaited.overlaps(span):
             self._read.set()
 
-    def _on_write(self, span: Span) -> None:
+    def _on_write(self, span: AddressSpan) -> None:
         if self._options.tell_writes:
             _say(json.dumps({"written": [span.table, span.address, self._memory.cells(span)]}))
 
@@ -111,7 +111,7 @@ class Plc:
             case "put":
                 await self._put(command)
             case "cells":
-                span = Span(Table(command["table"]), command["address"], command["count"])
+                span = AddressSpan(Table(command["table"]), command["address"], command["count"])
                 answer["cells"] = self._units[command.get("unit", next(iter(self._units)))].cells(span)
             case "listen":
                 await self.listen()
@@ -121,7 +121,7 @@ class Plc:
                 self._runs = do == "run"
             case "clear":
                 for table in Table:
-                    empty = Span(table, 0, self._memory.size)
+                    empty = AddressSpan(table, 0, self._memory.size)
                     self._memory.put_cells(empty, [False if table.is_bits else 0] * self._memory.size)
                 self._program = self._make_program()
             case unknown:
@@ -131,7 +131,7 @@ class Plc:
     async def _put(self, command: dict[str, Any]) -> None:
         kind, address = RegisterType(command.get("type", "bool")), int(command["address"])
         memory = self._units[command.get("unit", next(iter(self._units)))]
-        last: Span | None = None
+        last: AddressSpan | None = None
         for value in command["values"]:
             register = Register(Table(command["table"]), address, kind, command.get("bit"), command.get("length", 0))
             memory.put(register, value)

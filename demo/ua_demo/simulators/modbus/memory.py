@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Final
 
-from ua_fleet.registers import Span, Table, Tables
+from ua_fleet.registers import AddressSpan, Table, Tables
 
 __all__ = ["Memory"]
 
@@ -19,7 +19,7 @@ class Memory(Tables):
         """Make one that is all zero."""
         self.size = size
         super().__init__(dict.fromkeys(Table, size))
-        self.on_read: Callable[[Span], None] = lambda span: None
+        self.on_read: Callable[[AddressSpan], None] = lambda span: None
         """Told what a client has read."""
-        self.on_write: Callable[[Span], None] = lambda span: None
+        self.on_write: Callable[[AddressSpan], None] = lambda span: None
         """Told what a client has written."""

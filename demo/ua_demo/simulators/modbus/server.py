@@ -13,7 +13,7 @@ from pymodbus.server import ModbusSerialServer, ModbusTcpServer, ModbusTlsServer
 from pymodbus.simulator import DataType, SimData, SimDevice
 
 from ua_demo.simulators.modbus.memory import Memory
-from ua_fleet.registers import TABLE_OF_FUNCTION, Cell, Span
+from ua_fleet.registers import TABLE_OF_FUNCTION, AddressSpan, Cell
 
 __all__ = ["PlcServer", "make_server"]
 
@@ -44,7 +44,7 @@ class _Memories:
         self, device_id: int, func_code: int, address: int, count: int = 1
     ) -> list[Cell] | ExcCodes:
         """What lies at the addresses."""
-        memory, span = self._units.get(device_id), Span(TABLE_OF_FUNCTION[func_code], address, count)
+        memory, span = self._units.get(device_id), AddressSpan(TABLE_OF_FUNCTION[func_code], address, count)
         if memory is None:
             raise NoSuchIdException
         if not memory.has(span):
@@ -57,7 +57,7 @@ class _Memories:
         self, device_id: int, func_code: int, address: int, values: list[int] | list[bool]
     ) -> ExcCodes | None:
         """Lay values at the addresses."""
-        memory, span = self._units.get(device_id), Span(TABLE_OF_FUNCTION[func_code], address, len(values))
+        memory, span = self._units.get(device_id), AddressSpan(TABLE_OF_FUNCTION[func_code], address, len(values))
         if memory is None:
             raise NoSuchIdException
         if not memory.has(span):

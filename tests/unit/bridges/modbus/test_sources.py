@@ -11,7 +11,7 @@ from ua_bridges.modbus.sources import Answer, Failed, PolledSource, ReadField, R
 
 from ua_fleet.bridge.driver import DriverEvent, Dropped, SampleRead, SourceFound, SourceLost, SourceRead
 from ua_fleet.counters import Drop
-from ua_fleet.registers import Limits, Register, RegisterType, RegisterUnfit, Span, Table
+from ua_fleet.registers import AddressSpan, DeviceLimits, Register, RegisterType, RegisterUnfit, Table
 from ua_fleet.topics import Topic
 from ua_fleet.values import BuiltinType, StatusCode, Variant
 
@@ -24,10 +24,10 @@ def word(address: int, kind: RegisterType = RegisterType.UINT16, **more: Any) ->
 
 
 class Scene:
-    def __init__(self, *fields: ReadField, limits: Limits | None = None, is_aging: bool = False) -> None:
+    def __init__(self, *fields: ReadField, limits: DeviceLimits | None = None, is_aging: bool = False) -> None:
         spec = SourceSpec(TOPIC, "press.x", "plc", 1.0, fields, is_aging)
         self.source = PolledSource(spec)
-        self.plan = ReadPlan([field.register.span for field in fields], limits or Limits())
+        self.plan = ReadPlan([field.register.span for field in fields], limits or DeviceLimits())
         self.source.place(self.plan)
         self.time_ns = 0
 
@@ -121,18 +121,18 @@ def test_refused_request_is_taken_apart_so_that_one_address_spoils_no_other() ->
         ReadField("c", BuiltinType.BOOLEAN, word(1, RegisterType.BOOL, bit=0)),
     )
     (request,) = scene.plan.requests
-    assert scene.plan.split(request) == [Span(HOLDING, 0, 1), Span(HOLDING, 1, 2)]
+    assert scene.plan.split(request) == [AddressSpan(HOLDING, 0, 1), AddressSpan(HOLDING, 1, 2)]
     scene.source.place(scene.plan)
     refused = Failed(StatusCode.BAD_CONFIGURATION_ERROR, Drop.REJECTED, "no such address")
     _, sample = scene.read([7], refused)
     assert isinstance(sample, SampleRead)
     assert sample.values[0] == 7
     assert sample.values[1] == Variant(BuiltinType.STATUS_CODE, StatusCode.BAD_CONFIGURATION_ERROR)
-    assert scene.plan.split(Span(HOLDING, 0, 1)) == []
+    assert scene.plan.split(AddressSpan(HOLDING, 0, 1)) == []
 
 
 def test_plan_says_what_it_saves() -> None:
-    assert ReadPlan([Span(HOLDING, address, 1) for address in range(10)], Limits()).saved == 9
+    assert ReadPlan([AddressSpan(HOLDING, address, 1) for address in range(10)], DeviceLimits()).saved == 9
 
 
 @pytest.mark.parametrize(
@@ -163,9 +163,9 @@ def test_neighbours_are_written_together_and_bits_alone() -> None:
         (Register(COIL, 2, RegisterType.BOOL), False),
     ]
     assert writes_of(values, 123, 1968) == [
-        Writing(Span(COIL, 1, 2), (True, False)),
-        Writing(Span(HOLDING, 0, 3), (1, 2, 5)),
-        Writing(Span(HOLDING, 9, 1), (6,)),
+        Writing(AddressSpan(COIL, 1, 2), (True, False)),
+        Writing(AddressSpan(HOLDING, 0, 3), (1, 2, 5)),
+        Writing(AddressSpan(HOLDING, 9, 1), (6,)),
         BitWrite(20, 0b1001, 0b0001),
     ]
     assert [write.span.count for write in writes_of(values[:2], 2, 8) if isinstance(write, Writing)] == [2, 1]

@@ -10,9 +10,9 @@ import structlog
 from tests.unit.fleet.fleet_of import fleet_config
 from ua_fleet.config.registration import CLIENTS, RobotText, read_robot
 from ua_fleet.errors import RobotOffline, SkillRejected, StorageUnavailable
-from ua_fleet.operation.robots.offers import MOST_REMEMBERED, Asked, OfferRefused, Offers, read_results
+from ua_fleet.operation.robots.offers import MOST_REMEMBERED, ClientOffers, OfferedExecution, OfferRefused, read_results
 from ua_fleet.pubsub.events import DataReceived, SourceReturned, SourceSilent, SubscriberEvent
-from ua_fleet.skill.executions import ExecutionState, Outcome, OutcomeKind, Report
+from ua_fleet.skill.executions import ExecutionReport, ExecutionState, OutcomeKind, RequestOutcome
 from ua_fleet.skill.journal import MemoryJournal
 from ua_fleet.skill.status import read_status
 from ua_fleet.topics import Topic
@@ -40,7 +40,7 @@ class Full(MemoryJournal):
 
     is_full = False
 
-    def reported(self, execution_id: bytes, report: Report) -> None:
+    def reported(self, execution_id: bytes, report: ExecutionReport) -> None:
         if self.is_full:
             raise StorageUnavailable("the disk is full")
         super().reported(execution_id, report)
@@ -56,9 +56,9 @@ class Hall:
         self.journal = journal or Full()
         self.now = 1000 * TICKS_PER_SECOND
         self.events: list[SubscriberEvent] = []
-        self.outcomes: list[tuple[bytes, Outcome]] = []
-        self.changes: list[Asked] = []
-        self.offers = Offers(
+        self.outcomes: list[tuple[bytes, RequestOutcome]] = []
+        self.changes: list[OfferedExecution] = []
+        self.offers = ClientOffers(
             self.journal,
             show=self.events.append,
             told=lambda execution_id, outcome: self.outcomes.append((execution_id, outcome)),
@@ -100,7 +100,7 @@ def hall() -> Hall:
 
 def test_what_is_asked_is_taken_done_and_brings_results(hall: Hall) -> None:
     hall.taken()
-    assert hall.outcomes == [(ONE, Outcome(OutcomeKind.ACCEPTED, Report(ExecutionState.RUNNING)))]
+    assert hall.outcomes == [(ONE, RequestOutcome(OutcomeKind.ACCEPTED, ExecutionReport(ExecutionState.RUNNING)))]
     hall.offers.progressed("s1", "anna", ONE, 0.5, "half way")
     assert hall.said() == {ONE: (ExecutionState.RUNNING, "half way")}
     hall.offers.complete("s1", "anna", ONE, RESULTS, "as new")

@@ -16,7 +16,7 @@ from ua_fleet.config.registration import RobotText, announced_robots, definition
 from ua_fleet.config.schema import FleetConfig
 from ua_fleet.errors import AccessRefused, ConfigInvalid
 from ua_fleet.fleet.model import RobotModel, RobotOrigin
-from ua_fleet.operation.robots.roster import RobotFixed, RobotInUse, RobotUnknown, Roster
+from ua_fleet.operation.robots.roster import RobotFixed, RobotInUse, RobotRegistry, RobotUnknown
 from ua_fleet.storage.registry import Registry
 from ua_fleet.topics import Topic
 
@@ -65,7 +65,9 @@ class Server:
         self.config = FleetConfig.model_validate(raw)
         self.registry = Registry(folder / "robots.db")
         self.parts = Parts()
-        self.roster = Roster(self.config, fleet_model(self.config), self.registry, lambda: 5.0, structlog.get_logger())
+        self.roster = RobotRegistry(
+            self.config, fleet_model(self.config), self.registry, lambda: 5.0, structlog.get_logger()
+        )
         self.restored = [robot.name for robot in self.roster.restore().robots]
         self.roster.connect(self.parts)
 

@@ -12,7 +12,7 @@ from tests.unit.operation.runs.world import ACCEPTED, CONFIG, IMMEDIATE, World
 from ua_fleet.errors import ScenarioError, StorageUnavailable
 from ua_fleet.operation.runs.library import ScenarioUnknown
 from ua_fleet.orchestrator import DecisionChanged, Hold, HoldChanged
-from ua_fleet.resilience import Mode, RankingChanged, ReplacementChosen
+from ua_fleet.resilience import DecisionMode, RankingChanged, ReplacementChosen
 from ua_fleet.scenario.consequences import BUSY_S
 
 SAID = "left is held by anna since 1970-01-01 00:01:40 UTC (new tyre); when it may have tasks again, run: "
@@ -47,7 +47,7 @@ def test_after_so_long_another_robot_takes_the_task(tmp_path: Path) -> None:
 
 
 def test_where_nobody_else_can_the_first_robot_has_it_back_when_it_is_released(tmp_path: Path) -> None:
-    resilience = CONFIG.resilience.model_copy(update={"mode": Mode.OPERATOR})
+    resilience = CONFIG.resilience.model_copy(update={"mode": DecisionMode.OPERATOR})
     world = World(tmp_path, config=CONFIG.model_copy(update={"resilience": resilience}))
     world.service.holds.hold("left", "", "anna")
     world.service.raise_fault("right", "hot")

@@ -14,7 +14,7 @@ from ua_fleet.config.resilience_schema import ResilienceConfig
 from ua_fleet.errors import StorageUnavailable
 from ua_fleet.operation.runs.kept_settings import KeptSettings
 from ua_fleet.orchestrator import ResilienceSettings
-from ua_fleet.resilience import Mode, OnLimit
+from ua_fleet.resilience import DecisionMode, OnLimit
 from ua_fleet.storage.run_journal import RunJournal, StoredSetting
 
 CRITERIA: dict[str, dict[str, Any]] = {
@@ -41,10 +41,10 @@ def set_by_anna(folder: Path, settings: ResilienceSettings, **changed: Any) -> N
 
 
 def test_what_a_user_has_set_counts_after_a_restart(tmp_path: Path) -> None:
-    set_by_anna(tmp_path, configured(), mode=Mode.ABORT, limit_s=7.5, on_limit=OnLimit.ABORT)
+    set_by_anna(tmp_path, configured(), mode=DecisionMode.ABORT, limit_s=7.5, on_limit=OnLimit.ABORT)
     set_by_anna(tmp_path, configured(), judgements={("availability", "battery"): 3.0})
     settings = after_restart(tmp_path, configured())
-    assert (settings.mode, settings.limit_s, settings.on_limit) == (Mode.ABORT, 7.5, OnLimit.ABORT)
+    assert (settings.mode, settings.limit_s, settings.on_limit) == (DecisionMode.ABORT, 7.5, OnLimit.ABORT)
     assert settings.judgements == {("availability", "battery"): 3.0}
     with RunJournal(tmp_path / "runs.db") as journal:
         assert {name: (one.by, one.at) for name, one in journal.settings().items()} == {
@@ -56,22 +56,22 @@ def test_what_a_user_has_set_counts_after_a_restart(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("later", "mode", "judgement"),
     [
-        ({"mode": "automatic"}, Mode.AUTOMATIC, 3.0),
-        ({"limit_s": 10}, Mode.OPERATOR, 3.0),
-        ({"judgements": {"battery": {"availability": 4}}}, Mode.ABORT, 4.0),
-        ({"criteria": CRITERIA | {"battery": CRITERIA["battery"] | {"range": [0, 50]}}}, Mode.ABORT, 3.0),
-        ({"synthesis": "ideal"}, Mode.ABORT, 3.0),
+        ({"mode": "automatic"}, DecisionMode.AUTOMATIC, 3.0),
+        ({"limit_s": 10}, DecisionMode.OPERATOR, 3.0),
+        ({"judgements": {"battery": {"availability": 4}}}, DecisionMode.ABORT, 4.0),
+        ({"criteria": CRITERIA | {"battery": CRITERIA["battery"] | {"range": [0, 50]}}}, DecisionMode.ABORT, 3.0),
+        ({"synthesis": "ideal"}, DecisionMode.ABORT, 3.0),
     ],
 )
 def test_a_later_change_of_the_configuration_counts(
-    tmp_path: Path, later: dict[str, Any], mode: Mode, judgement: float
+    tmp_path: Path, later: dict[str, Any], mode: DecisionMode, judgement: float
 ) -> None:
-    set_by_anna(tmp_path, configured(), mode=Mode.ABORT)
+    set_by_anna(tmp_path, configured(), mode=DecisionMode.ABORT)
     set_by_anna(tmp_path, configured(), judgements={("battery", "availability"): 3.0})
     settings = after_restart(tmp_path, configured(**later))
     assert (settings.mode, settings.judgements["battery", "availability"]) == (mode, judgement)
     settings = after_restart(tmp_path, configured())  # what was overruled does not come back
-    assert settings.mode is (Mode.ABORT if mode is Mode.ABORT else Mode.OPERATOR)
+    assert settings.mode is (DecisionMode.ABORT if mode is DecisionMode.ABORT else DecisionMode.OPERATOR)
 
 
 def test_other_criteria_need_other_judgements(tmp_path: Path) -> None:
@@ -81,14 +81,14 @@ def test_other_criteria_need_other_judgements(tmp_path: Path) -> None:
 
 
 def test_setting_what_the_configuration_says_takes_a_change_back(tmp_path: Path) -> None:
-    set_by_anna(tmp_path, configured(), mode=Mode.ABORT)
-    set_by_anna(tmp_path, configured(), mode=Mode.OPERATOR)
+    set_by_anna(tmp_path, configured(), mode=DecisionMode.ABORT)
+    set_by_anna(tmp_path, configured(), mode=DecisionMode.OPERATOR)
     with RunJournal(tmp_path / "runs.db") as journal:
         assert journal.settings() == {}
 
 
 def test_what_cannot_be_read_does_not_count(tmp_path: Path) -> None:
-    set_by_anna(tmp_path, configured(), mode=Mode.ABORT)
+    set_by_anna(tmp_path, configured(), mode=DecisionMode.ABORT)
     with RunJournal(tmp_path / "runs.db") as journal:
         stored = journal.settings()["mode"]
         journal.keep_setting("mode", stored._replace(value='{"mode": "nobody", "limit_s": 1, "on_limit": "best"}'))
@@ -101,7 +101,7 @@ def test_what_cannot_be_kept_has_not_changed(tmp_path: Path) -> None:
     kept = KeptSettings(configured(), journal, structlog.get_logger())
     journal.close()
     with pytest.raises(StorageUnavailable):
-        kept.keep(replace(kept.current, mode=Mode.ABORT), "anna", 1.0)
+        kept.keep(replace(kept.current, mode=DecisionMode.ABORT), "anna", 1.0)
     assert kept.current == configured()
 
 

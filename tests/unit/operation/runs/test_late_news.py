@@ -13,14 +13,14 @@ from ua_fleet.fleet.model import RobotState
 from ua_fleet.orchestrator import OperatorAsked, RunChanged
 from ua_fleet.scenario.consequences import HALT_S, LEAST_SILENCE_S, SETTLE_S
 from ua_fleet.scenario.facts import TaskOutcome, TaskOver
-from ua_fleet.skill.executions import ExecutionState, Outcome, OutcomeKind, Report
+from ua_fleet.skill.executions import ExecutionReport, ExecutionState, OutcomeKind, RequestOutcome
 from ua_fleet.skill.status import ExecutionStatus
 from ua_fleet.values import BuiltinType, StatusCode
 
 LONG = ONE.replace("angle: 5}", "angle: 5}, timeout_s: 500, on_unknown: replace")
 """Its author consents to a second robot as soon as nobody knows what the first one is at."""
-NO_ANSWER = Outcome(
-    OutcomeKind.UNKNOWN, Report(ExecutionState.UNKNOWN, StatusCode.BAD_NO_COMMUNICATION, "no answer came")
+NO_ANSWER = RequestOutcome(
+    OutcomeKind.UNKNOWN, ExecutionReport(ExecutionState.UNKNOWN, StatusCode.BAD_NO_COMMUNICATION, "no answer came")
 )
 
 
@@ -143,8 +143,8 @@ def test_what_a_robot_never_answered_is_asked_also_after_a_restart(tmp_path: Pat
     assert again.robots.inquired == []
     again.state("left", RobotState.IDLE)
     assert again.robots.inquired == [execution_id]
-    never = Report(ExecutionState.TIMED_OUT, StatusCode.BAD_TIMEOUT, "it came too late")
-    again.service.concluded(execution_id, Outcome(OutcomeKind.TIMED_OUT, never))
+    never = ExecutionReport(ExecutionState.TIMED_OUT, StatusCode.BAD_TIMEOUT, "it came too late")
+    again.service.concluded(execution_id, RequestOutcome(OutcomeKind.TIMED_OUT, never))
     again.pass_time(3)
     assert [robot for robot, _, _ in again.robots.asked] == ["left", "left"]
 

@@ -15,10 +15,10 @@ from ua_fleet.fleet.model import RobotState
 from ua_fleet.operation.runs.requests import START_WITHIN_S
 from ua_fleet.operation.runs.service import COALESCE_S
 from ua_fleet.orchestrator import DecisionChanged, Fault, OperatorAsked, RunChanged
-from ua_fleet.resilience import Mode
+from ua_fleet.resilience import DecisionMode
 from ua_fleet.scenario.consequences import HALT_S, SETTLE_S
 from ua_fleet.scenario.facts import TaskOutcome, TaskOver
-from ua_fleet.skill.executions import ExecutionState, Outcome, OutcomeKind, Report, pack
+from ua_fleet.skill.executions import ExecutionReport, ExecutionState, OutcomeKind, RequestOutcome, pack
 from ua_fleet.skill.status import ExecutionStatus
 from ua_fleet.storage.run_journal import RunJournal
 from ua_fleet.values import BuiltinType, NodeId, StatusCode
@@ -42,8 +42,8 @@ def test_a_result_that_is_no_value_of_a_condition_is_left_out(tmp_path: Path, ki
     world = World(tmp_path)
     world.start()
     ((_, _, execution_id),) = world.robots.asked
-    report = Report(ExecutionState.DONE, result=pack((kind,), (value,)))
-    world.service.concluded(execution_id, Outcome(OutcomeKind.ACCEPTED, report))
+    report = ExecutionReport(ExecutionState.DONE, result=pack((kind,), (value,)))
+    world.service.concluded(execution_id, RequestOutcome(OutcomeKind.ACCEPTED, report))
     assert (world.ended(), world.service.problem) == (["done"], "")
 
 
@@ -67,11 +67,11 @@ def test_a_robot_that_is_at_something_else_is_asked_again_a_little_later(tmp_pat
     for number in range(1, 4):
         assert [robot for robot, _, _ in world.robots.asked] == ["left"] * number
         if number < 3:
-            report = Report(ExecutionState.REFUSED, status, "1 such executions are under way")
-            world.service.concluded(world.robots.asked[-1][2], Outcome(OutcomeKind.REFUSED, report))
+            report = ExecutionReport(ExecutionState.REFUSED, status, "1 such executions are under way")
+            world.service.concluded(world.robots.asked[-1][2], RequestOutcome(OutcomeKind.REFUSED, report))
         else:  # its bridge has taken it, and the robot's program has not
-            report = Report(ExecutionState.FAILED, status, "the device is busy with something else")
-            world.service.concluded(world.robots.asked[-1][2], Outcome(OutcomeKind.ACCEPTED, report))
+            report = ExecutionReport(ExecutionState.FAILED, status, "the device is busy with something else")
+            world.service.concluded(world.robots.asked[-1][2], RequestOutcome(OutcomeKind.ACCEPTED, report))
         world.pass_time(0.4)
         assert len(world.robots.asked) == number, "not at once"
         world.pass_time(0.2)
@@ -231,7 +231,7 @@ def test_two_robots_that_cannot_be_reached_end_the_run_and_not_the_server(tmp_pa
     world = World(tmp_path)
     world.robots.refusal = RobotOffline("nobody announces it")
     world.start(BOTH)
-    world.service.set_settings(replace(world.service.settings, mode=Mode.ABORT), "anna")
+    world.service.set_settings(replace(world.service.settings, mode=DecisionMode.ABORT), "anna")
     world.pass_time(START_WITHIN_S + CONFIG.resilience.silence_s + 1)
     assert len(world.ended()) == 1
     assert world.service.run_ids == []
@@ -319,14 +319,14 @@ def test_a_silent_robot_that_never_answered_is_asked_when_it_is_heard(tmp_path: 
     world.start()
     ((_, _, execution_id),) = world.robots.asked
     world.state("left", RobotState.OFFLINE)
-    no_answer = Report(ExecutionState.UNKNOWN, StatusCode.BAD_NO_COMMUNICATION, "no answer came")
-    world.service.concluded(execution_id, Outcome(OutcomeKind.UNKNOWN, no_answer))
+    no_answer = ExecutionReport(ExecutionState.UNKNOWN, StatusCode.BAD_NO_COMMUNICATION, "no answer came")
+    world.service.concluded(execution_id, RequestOutcome(OutcomeKind.UNKNOWN, no_answer))
     world.pass_time(4)
     assert ([o for o in world.said if isinstance(o, OperatorAsked)], world.robots.inquired) == ([], [])
     world.state("left", RobotState.IDLE)
     assert world.robots.inquired == [execution_id]
-    never = Report(ExecutionState.TIMED_OUT, StatusCode.BAD_TIMEOUT, "it came too late")
-    world.service.concluded(execution_id, Outcome(OutcomeKind.TIMED_OUT, never))
+    never = ExecutionReport(ExecutionState.TIMED_OUT, StatusCode.BAD_TIMEOUT, "it came too late")
+    world.service.concluded(execution_id, RequestOutcome(OutcomeKind.TIMED_OUT, never))
     world.pass_time(3)
     assert [robot for robot, _, _ in world.robots.asked] == ["left", "left"], "it is known that it was never begun"
 
@@ -335,14 +335,14 @@ def test_a_request_that_came_too_late_is_made_again_until_its_robot_was_waited_f
     """Its bridge was away for longer than a request may take, and for less than a silent robot is waited for."""
     world = World(tmp_path)
     world.start()
-    never = Report(ExecutionState.TIMED_OUT, StatusCode.BAD_TIMEOUT, "it came 16.4 s after it was issued")
+    never = ExecutionReport(ExecutionState.TIMED_OUT, StatusCode.BAD_TIMEOUT, "it came 16.4 s after it was issued")
     while [robot for robot, _, _ in world.robots.asked].count("left") < 3:
         world.pass_time(8)
-        world.service.concluded(world.robots.asked[-1][2], Outcome(OutcomeKind.TIMED_OUT, never))
+        world.service.concluded(world.robots.asked[-1][2], RequestOutcome(OutcomeKind.TIMED_OUT, never))
         world.pass_time(2)
         assert {robot for robot, _, _ in world.robots.asked} == {"left"}
     world.pass_time(11)
-    world.service.concluded(world.robots.asked[-1][2], Outcome(OutcomeKind.TIMED_OUT, never))
+    world.service.concluded(world.robots.asked[-1][2], RequestOutcome(OutcomeKind.TIMED_OUT, never))
     assert [robot for robot, _, _ in world.robots.asked] == ["left", "left", "left", "right"]
 
 

@@ -14,7 +14,7 @@ from ua_fleet.operation.runs.library import ScenarioUnknown
 from ua_fleet.operation.runs.records import DecisionRecord, RunRecord
 from ua_fleet.orchestrator import DecisionChanged, RunChanged, TaskWaiting
 from ua_fleet.scenario.consequences import HALT_S, NOT_HALTED
-from ua_fleet.skill.executions import ExecutionState, Outcome, OutcomeKind, Report
+from ua_fleet.skill.executions import ExecutionReport, ExecutionState, OutcomeKind, RequestOutcome
 from ua_fleet.values import BuiltinType
 
 OPERATOR = CONFIG.model_copy(
@@ -49,7 +49,9 @@ def record_of(world: World, run_id: str) -> RunRecord:
 def timed_out(world: World) -> str:
     """A run whose second task takes too long, on a robot that does not say that it has stopped."""
     run_id = world.start(TWO)
-    world.service.concluded(world.robots.asked[-1][2], Outcome(OutcomeKind.ACCEPTED, Report(ExecutionState.DONE)))
+    world.service.concluded(
+        world.robots.asked[-1][2], RequestOutcome(OutcomeKind.ACCEPTED, ExecutionReport(ExecutionState.DONE))
+    )
     world.service.concluded(world.robots.asked[-1][2], ACCEPTED)
     world.pass_time(5 + HALT_S)
     return run_id

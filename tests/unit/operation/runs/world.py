@@ -19,7 +19,7 @@ from ua_fleet.operation.runs.service import ScenarioService
 from ua_fleet.orchestrator import FaultChanged, Output, RunChanged
 from ua_fleet.pubsub.events import DataReceived
 from ua_fleet.scenario.facts import RunEnded
-from ua_fleet.skill.executions import ExecutionState, Outcome, OutcomeKind, Report
+from ua_fleet.skill.executions import ExecutionReport, ExecutionState, OutcomeKind, RequestOutcome
 from ua_fleet.skill.status import SKILL_STATUS_FIELDS, ExecutionStatus, SkillStatus
 from ua_fleet.storage.run_journal import RunJournal
 from ua_fleet.topics import Topic
@@ -58,8 +58,8 @@ CONFIG = FleetConfig.model_validate(
 STATUS = {"left": Topic(2, 2, 1200), "right": Topic(2, 2, 1201)}
 """The SkillStatus of each robot."""
 ONE = "version: 1\nname: one\nsteps:\n  - {task: a, skill: grab, robot: left, arguments: {angle: 5}}\n"
-ACCEPTED = Outcome(OutcomeKind.ACCEPTED, Report(ExecutionState.RUNNING))
-IMMEDIATE = Outcome(OutcomeKind.ACCEPTED, Report(ExecutionState.DONE))
+ACCEPTED = RequestOutcome(OutcomeKind.ACCEPTED, ExecutionReport(ExecutionState.RUNNING))
+IMMEDIATE = RequestOutcome(OutcomeKind.ACCEPTED, ExecutionReport(ExecutionState.DONE))
 
 
 class Robots:
@@ -69,7 +69,7 @@ class Robots:
         self.asked: list[tuple[str, tuple[Any, ...], bytes]] = []
         self.halted: list[str] = []
         self.inquired: list[bytes] = []
-        self.known: dict[bytes, Outcome | None] = {}
+        self.known: dict[bytes, RequestOutcome | None] = {}
         self.refusal: Exception | None = None
 
     def request(
@@ -89,7 +89,7 @@ class Robots:
     def inquire(self, execution_id: bytes) -> None:
         self.inquired.append(execution_id)
 
-    def known_outcome(self, execution_id: bytes) -> Outcome | None:
+    def known_outcome(self, execution_id: bytes) -> RequestOutcome | None:
         return self.known[execution_id]
 
 

@@ -11,7 +11,7 @@ from ua_fleet.errors import RobotOffline, SkillRejected, StorageUnavailable
 from ua_fleet.operation.skills.commands import SkillCommands
 from ua_fleet.pubsub.events import ActionReceived
 from ua_fleet.pubsub.metadata import make_field
-from ua_fleet.skill import ExecutionState, MemoryJournal, Outcome, OutcomeKind, Report, Request
+from ua_fleet.skill import ExecutionReport, ExecutionState, MemoryJournal, OutcomeKind, RecordedRequest, RequestOutcome
 from ua_fleet.skill.exchanges import answer
 from ua_fleet.skill.executions import SUSPEND_TARGETS
 from ua_fleet.topics import Topic
@@ -27,17 +27,17 @@ ANNOUNCED = ActionMetaDataAnnouncement(
     300, PublisherIdType.UINT16, 0, ACTION.id, (ActionTarget(1, "arm"),), METADATA, METADATA._replace(fields=())
 )
 WALL = ticks_from_unix_ns(1_700_000_000_000_000_000)
-DONE = Report(ExecutionState.DONE)
+DONE = ExecutionReport(ExecutionState.DONE)
 
 
 class FullDisk(MemoryJournal):
     is_full = False
 
-    def requested(self, request: Request) -> None:
+    def requested(self, request: RecordedRequest) -> None:
         self._check()
         super().requested(request)
 
-    def concluded(self, execution_id: bytes, outcome: Outcome) -> None:
+    def concluded(self, execution_id: bytes, outcome: RequestOutcome) -> None:
         self._check()
         super().concluded(execution_id, outcome)
 
@@ -81,17 +81,19 @@ class Bench:
                 await asyncio.sleep(0)
         return self.requests()[-1]
 
-    def respond(self, request: ActionMessage, report: Report = DONE, *, verified: bool = False, now: float = 0) -> None:
+    def respond(
+        self, request: ActionMessage, report: ExecutionReport = DONE, *, verified: bool = False, now: float = 0
+    ) -> None:
         response = answer(request, ActionState.DONE, report, None).message
         self.commands.receive(ActionReceived(response, ("192.0.2.1", 1), verified), now)
 
-    def invoke(self, *values: Any, timeout_s: float = 5.0, **rest: Any) -> asyncio.Task[Outcome]:
+    def invoke(self, *values: Any, timeout_s: float = 5.0, **rest: Any) -> asyncio.Task[RequestOutcome]:
         return asyncio.ensure_future(self._outcomes.invoke(self.commands, ACTION, values, timeout_s, **rest))
 
-    def outcome(self, execution_id: bytes) -> asyncio.Task[Outcome]:
+    def outcome(self, execution_id: bytes) -> asyncio.Task[RequestOutcome]:
         return asyncio.ensure_future(self._outcomes.of(self.commands, execution_id))
 
-    def _tell(self, execution_id: bytes, outcome: Outcome) -> None:
+    def _tell(self, execution_id: bytes, outcome: RequestOutcome) -> None:
         self.told.append(outcome.kind)
         self._outcomes.tell(execution_id, outcome)
 

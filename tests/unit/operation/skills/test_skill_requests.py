@@ -13,9 +13,9 @@ from ua_fleet.skill.executions import (
     HALT_TARGETS,
     RESUME_TARGETS,
     SUSPEND_TARGETS,
+    ExecutionReport,
     ExecutionState,
     OutcomeKind,
-    Report,
     halt_id,
     is_halted_by,
     named_results,
@@ -65,7 +65,7 @@ async def test_arguments_go_with_the_version_of_what_was_announced() -> None:
     again = Bench(bench.journal)
     again.commands.resume(0.0)
     assert again.requests()[0].major_version == request.major_version, "also after a restart"
-    refused = Report(ExecutionState.REFUSED, StatusCode.BAD_CONFIGURATION_ERROR, "other arguments")
+    refused = ExecutionReport(ExecutionState.REFUSED, StatusCode.BAD_CONFIGURATION_ERROR, "other arguments")
     bench.respond(request, refused)
     bench.commands.poll(10.0)  # nobody else has accepted it meanwhile
     assert (bench.told, bench.wanted) == ([OutcomeKind.REFUSED], [(300, 1501)]), "it is asked what is announced now"
@@ -90,7 +90,7 @@ async def test_a_halt_names_its_execution_is_asked_for_once_and_a_refusal_is_log
         bench.commands.halt(ACTION, "arm", ID)
     (request,) = bench.requests()
     assert (request.action_target_id, request.correlation_data, request.values) == (1 | HALT_TARGETS, halt_id(ID), ())
-    bench.respond(request, Report(ExecutionState.REFUSED, message="it holds a load"))
+    bench.respond(request, ExecutionReport(ExecutionState.REFUSED, message="it holds a load"))
     bench.commands.poll(10.0)  # nobody else has accepted it meanwhile
     said = capsys.readouterr().out
     assert "a robot did not do it" in said
@@ -104,7 +104,7 @@ async def test_a_robot_that_has_not_stopped_is_told_again_by_another_request() -
     targets = (ActionTarget(1, "arm"), ActionTarget(1 | HALT_TARGETS, "arm, halt"))
     bench.commands.announced(ANNOUNCED._replace(targets=targets))
     bench.commands.halt(ACTION, "arm", ID)
-    bench.respond(bench.requests()[-1], Report(ExecutionState.DONE))
+    bench.respond(bench.requests()[-1], ExecutionReport(ExecutionState.DONE))
     bench.commands.halt(ACTION, "arm", ID)
     first, *_, last = bench.requests()
     assert (first.correlation_data, last.correlation_data) == (halt_id(ID), halt_id(ID, 1))
@@ -190,7 +190,7 @@ async def test_results_have_the_names_that_the_bridge_announces() -> None:
     bench.commands.request(ACTION, "arm", "pick", {"x": 1.0, "y": 2.0}, 5.0, ID)
     (request,) = bench.requests()
     packed = pack((int(BuiltinType.DOUBLE),) * 2, (2.0, 1.0))
-    bench.respond(request, Report(ExecutionState.DONE, result=packed))
+    bench.respond(request, ExecutionReport(ExecutionState.DONE, result=packed))
     outcome = bench.commands.known_outcome(ID)
     assert outcome is not None
     assert named_results(outcome, ("x", "y")) == {"x": 1.0, "y": 2.0}

@@ -12,7 +12,7 @@ from ua_fleet.fleet import ValueChanged
 from ua_fleet.operation.skills.program import ProgramState, Transition, path
 from ua_fleet.operation.skills.tracker import SkillChange, SkillTracker, SkillTransitioned
 from ua_fleet.pubsub.events import SourceReturned, SourceSilent
-from ua_fleet.skill.executions import ExecutionState, Outcome, OutcomeKind, Report, pack
+from ua_fleet.skill.executions import ExecutionReport, ExecutionState, OutcomeKind, RequestOutcome, pack
 from ua_fleet.skill.status import ExecutionStatus, result_text
 from ua_fleet.values import BuiltinType, StatusCode
 
@@ -57,7 +57,7 @@ def test_a_request_runs_is_accepted_goes_on_and_ends_with_its_results() -> None:
     assert told(began) == [(T.READY_TO_RUNNING, FIRST, False)]
     assert shown(began)["CurrentState"] == ("Running", 0)
     assert shown(began)["ExecutionId"] == (FIRST.hex(), 0)
-    accepted = Outcome(OutcomeKind.ACCEPTED, Report(S.RUNNING))
+    accepted = RequestOutcome(OutcomeKind.ACCEPTED, ExecutionReport(S.RUNNING))
     assert tracker.concluded(FIRST, accepted, 11) == []
     half = tracker.apply(said(status(FIRST, S.RUNNING, progress=0.5, message="half")), 12)
     assert shown(half) == {"Progress": (0.5, 0), "Message": ("half", 0)}
@@ -81,7 +81,7 @@ def test_a_request_runs_is_accepted_goes_on_and_ends_with_its_results() -> None:
 def test_what_was_asked_of_a_robot_that_was_never_heard_is_shown_and_not_good() -> None:
     tracker = SkillTracker(model())
     assert shown(tracker.requested(TURN, FIRST, 10))["CurrentState"] == ("Running", UNATTESTED)
-    assert tracker.concluded(FIRST, Outcome(OutcomeKind.ACCEPTED, Report(S.RUNNING)), 11) == []
+    assert tracker.concluded(FIRST, RequestOutcome(OutcomeKind.ACCEPTED, ExecutionReport(S.RUNNING)), 11) == []
     assert shown(tracker.apply(said(status(FIRST, S.RUNNING)), 12))["CurrentState"] == ("Running", 0)
 
 
@@ -97,7 +97,9 @@ def test_an_immediate_skill_brings_its_results_in_the_answer() -> None:
     tracker.requested(TURN, FIRST, 10)
     packed = pack((int(BuiltinType.UINT16), int(BuiltinType.DOUBLE)), (2, 1.5))
     names = ("count", "reached")  # the bridge has them in another order than the server's fleet.yaml
-    ended = tracker.concluded(FIRST, Outcome(OutcomeKind.ACCEPTED, Report(S.DONE, result=packed), names), 11)
+    ended = tracker.concluded(
+        FIRST, RequestOutcome(OutcomeKind.ACCEPTED, ExecutionReport(S.DONE, result=packed), names), 11
+    )
     assert (shown(ended)["Result.reached"], shown(ended)["Result.count"]) == ((1.5, 0), (2, 0))
     assert told(ended) == [(T.RUNNING_TO_READY, FIRST, True)]
     repeated = tracker.apply(said(status(FIRST, S.DONE)), 12)
@@ -107,16 +109,28 @@ def test_an_immediate_skill_brings_its_results_in_the_answer() -> None:
 @pytest.mark.parametrize(
     ("kind", "report", "move", "state"),
     [
-        (OutcomeKind.REFUSED, Report(S.REFUSED, int(StatusCode.BAD_OUT_OF_RANGE), "no"), T.RUNNING_TO_READY, "Ready"),
-        (OutcomeKind.TIMED_OUT, Report(S.TIMED_OUT), T.RUNNING_TO_READY, "Ready"),
-        (OutcomeKind.ACCEPTED, Report(S.FAILED, int(StatusCode.BAD_OUT_OF_SERVICE)), T.RUNNING_TO_HALTED, "Halted"),
-        (OutcomeKind.UNKNOWN, Report(S.UNKNOWN, NO_COMMUNICATION, "no answer"), T.RUNNING_TO_HALTED, "Halted"),
+        (
+            OutcomeKind.REFUSED,
+            ExecutionReport(S.REFUSED, int(StatusCode.BAD_OUT_OF_RANGE), "no"),
+            T.RUNNING_TO_READY,
+            "Ready",
+        ),
+        (OutcomeKind.TIMED_OUT, ExecutionReport(S.TIMED_OUT), T.RUNNING_TO_READY, "Ready"),
+        (
+            OutcomeKind.ACCEPTED,
+            ExecutionReport(S.FAILED, int(StatusCode.BAD_OUT_OF_SERVICE)),
+            T.RUNNING_TO_HALTED,
+            "Halted",
+        ),
+        (OutcomeKind.UNKNOWN, ExecutionReport(S.UNKNOWN, NO_COMMUNICATION, "no answer"), T.RUNNING_TO_HALTED, "Halted"),
     ],
 )
-def test_other_outcomes_end_an_execution(kind: OutcomeKind, report: Report, move: Transition, state: str) -> None:
+def test_other_outcomes_end_an_execution(
+    kind: OutcomeKind, report: ExecutionReport, move: Transition, state: str
+) -> None:
     tracker = heard()
     tracker.requested(TURN, FIRST, 10)
-    ended = tracker.concluded(FIRST, Outcome(kind, report), 11)
+    ended = tracker.concluded(FIRST, RequestOutcome(kind, report), 11)
     assert told(ended) == [(move, FIRST, True)]
     expected = report.status or int(StatusCode.BAD_TIMEOUT)
     assert shown(ended)["LastStatus"] == (expected, 0)
@@ -201,7 +215,7 @@ def test_a_server_that_was_started_anew_shows_that_a_robot_stands() -> None:
 def test_an_unknown_end_that_is_known_after_all_is_shown() -> None:
     tracker = SkillTracker(model())
     tracker.requested(TURN, FIRST, 10)
-    tracker.concluded(FIRST, Outcome(OutcomeKind.UNKNOWN, Report(S.UNKNOWN, NO_COMMUNICATION)), 11)
+    tracker.concluded(FIRST, RequestOutcome(OutcomeKind.UNKNOWN, ExecutionReport(S.UNKNOWN, NO_COMMUNICATION)), 11)
     goes_on = tracker.apply(said(status(FIRST, S.RUNNING)), 12)
     assert [move for move, _, _ in told(goes_on)] == [T.HALTED_TO_READY, T.READY_TO_RUNNING]
     ended = tracker.apply(said(status(FIRST, S.DONE), timestamp=60), 13)
@@ -294,7 +308,7 @@ def test_ended_executions_are_forgotten_in_time() -> None:
     for number in range(200):
         execution_id = number.to_bytes(16, "big")
         tracker.requested(TURN, execution_id, number)
-        tracker.concluded(execution_id, Outcome(OutcomeKind.ACCEPTED, Report(S.DONE)), number)
+        tracker.concluded(execution_id, RequestOutcome(OutcomeKind.ACCEPTED, ExecutionReport(S.DONE)), number)
     assert tracker.execution(TURN, bytes(16)) is None
     assert tracker.execution(TURN, (199).to_bytes(16, "big")) is not None
 

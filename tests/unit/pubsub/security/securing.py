@@ -11,7 +11,7 @@ from ua_fleet.counters import Counters, Drop
 from ua_fleet.pubsub.security.envelope import Envelope
 from ua_fleet.pubsub.security.keyring import GroupKeys, next_token_id
 from ua_fleet.pubsub.security.nonces import MemoryNonces, NonceReservations
-from ua_fleet.pubsub.security.refused import Refused
+from ua_fleet.pubsub.security.refused import DatagramRefused
 from ua_fleet.values import BuiltinType
 from ua_fleet.wire import SecurityMode, SecurityPolicy, encode_metadata_announcement, encode_probe
 from ua_fleet.wire.messages import (
@@ -100,6 +100,6 @@ def refusal(opener: Envelope, datagram: bytes, now: float = 0.0) -> Drop:
     """Why a datagram is refused."""
     try:
         opened = opener.open(datagram, now)
-    except Refused as refused:
+    except DatagramRefused as refused:
         return refused.drop
     raise AssertionError(f"not refused: {opened!r}")

@@ -34,7 +34,7 @@ from ua_fleet.pubsub.security.envelope import Envelope
 from ua_fleet.pubsub.security.groups import MOST_KEYLESS
 from ua_fleet.pubsub.security.keyring import GroupKeys
 from ua_fleet.pubsub.security.nonces import MemoryNonces, NoncesUnavailable
-from ua_fleet.pubsub.security.refused import Refused
+from ua_fleet.pubsub.security.refused import DatagramRefused
 from ua_fleet.wire import MessageKey, SecurityMode, SecurityPolicy, payload_offset, read_security
 from ua_fleet.wire.chunks import split
 from ua_fleet.wire.messages import NetworkMessage
@@ -313,7 +313,7 @@ def test_publishers_that_nobody_configured_make_nobody_ask_for_keys() -> None:
         assert refusal(opening, protected(data(publisher_id=space), key_data(1))) is Drop.UNKNOWN_TOKEN
         assert refusal(opening, announcement(space)) is Drop.NOT_SECURED
     assert opening.groups_wanted() == ["t-0", "t-1"]
-    with pytest.raises(Refused, match="no publisher of fleet"):
+    with pytest.raises(DatagramRefused, match="no publisher of fleet"):
         opening.open(protected(data(publisher_id=7), key_data(1)), 0.0)
 
 

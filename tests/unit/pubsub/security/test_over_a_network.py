@@ -12,7 +12,7 @@ from ua_fleet.counters import Counters, Drop
 from ua_fleet.pubsub.security.envelope import Envelope
 from ua_fleet.pubsub.security.keyring import GroupKeys
 from ua_fleet.pubsub.security.nonces import MemoryNonces, NonceReservations
-from ua_fleet.pubsub.security.refused import Refused
+from ua_fleet.pubsub.security.refused import DatagramRefused
 from ua_fleet.transport.memory import MemoryEndpoint, MemoryNetwork
 from ua_fleet.wire import SecurityPolicy
 
@@ -77,7 +77,7 @@ class Process:
         self.arrived.add(datagram)
         try:
             plain = self.envelope.open(datagram, self.now)
-        except Refused as refused:
+        except DatagramRefused as refused:
             if refused.drop is not Drop.LOOP:
                 self.refused[refused.drop] += 1
         else:

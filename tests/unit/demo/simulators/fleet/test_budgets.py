@@ -7,7 +7,7 @@ from ua_demo import equations
 from ua_demo.equations import equation_12_sum
 from ua_demo.simulators.fleet import Result, Settings, report, simulate
 
-from ua_fleet.traffic import Kind
+from ua_fleet.traffic import MessageKind
 
 
 @pytest.fixture(scope="module")
@@ -26,7 +26,7 @@ def test_they_take_a_tenth_of_the_bytes_of_the_paper(fifty: Result) -> None:
 
 
 def test_metadata_is_small(fifty: Result) -> None:
-    assert 0 < fifty.traffic.bytes[Kind.METADATA] / 50 <= 5_000
+    assert 0 < fifty.traffic.bytes[MessageKind.METADATA] / 50 <= 5_000
 
 
 def test_nothing_is_dropped_but_repeats(fifty: Result) -> None:
@@ -36,11 +36,11 @@ def test_nothing_is_dropped_but_repeats(fifty: Result) -> None:
 
 def test_each_kind_is_there_as_often_as_it_has_to_be(fifty: Result) -> None:
     counted = fifty.traffic.messages
-    assert counted[Kind.REGISTRATION] == 50 * 3 + 2  # who it is, that it works, its writers; the server
-    assert counted[Kind.METADATA] == 50 * 3  # the bridge's status, SkillStatus, the skill
-    assert counted[Kind.REQUEST] == counted[Kind.RESPONSE] == 100 * 2  # do it, done with it
-    assert counted[Kind.STATUS] == 50 + 100 * 2  # nothing yet, begun, ended
-    assert not counted[Kind.TOKEN] + counted[Kind.FAULT] + counted[Kind.SENSOR]
+    assert counted[MessageKind.REGISTRATION] == 50 * 3 + 2  # who it is, that it works, its writers; the server
+    assert counted[MessageKind.METADATA] == 50 * 3  # the bridge's status, SkillStatus, the skill
+    assert counted[MessageKind.REQUEST] == counted[MessageKind.RESPONSE] == 100 * 2  # do it, done with it
+    assert counted[MessageKind.STATUS] == 50 + 100 * 2  # nothing yet, begun, ended
+    assert not counted[MessageKind.TOKEN] + counted[MessageKind.FAULT] + counted[MessageKind.SENSOR]
 
 
 def test_tasks_take_three_seconds(fifty: Result) -> None:

@@ -12,7 +12,7 @@ import pytest
 from ua_demo.equations import EQUATION_12_KINDS, equation_12_sum
 from ua_demo.simulators.fleet import Result, Settings, figures, report, simulate
 
-from ua_fleet.traffic import Kind
+from ua_fleet.traffic import MessageKind
 
 
 @pytest.fixture(scope="module")
@@ -24,10 +24,11 @@ def test_json_has_the_form_that_was_promised(result: Result) -> None:
     shown = json.loads(json.dumps(report.as_json(result)))
     assert (shown["robots"], shown["tasks"], shown["tasks_done"], shown["outcome"]) == (4, 6, 6, "done")
     for name in ("messages", "bytes"):
-        assert shown[name].keys() == {"total_equation_12_kinds", *Kind}
+        assert shown[name].keys() == {"total_equation_12_kinds", *MessageKind}
         assert shown[name]["total_equation_12_kinds"] == sum(shown[name][kind] for kind in EQUATION_12_KINDS) > 0
         assert all(
-            shown[name][kind] == sum(row[name] for row in shown["over_time"] if row["kind"] == kind) for kind in Kind
+            shown[name][kind] == sum(row[name] for row in shown["over_time"] if row["kind"] == kind)
+            for kind in MessageKind
         )
     assert shown["equation_12"] == 4 * 11 / 2 + 2 * 1 + 5 * 6  # as the paper has it: n(n+7)/2 + 2 N_f + 5 N_d
     assert shown["wall_s"] > 0
@@ -42,7 +43,7 @@ def test_the_equations_parts_are_their_sum(result: Result) -> None:
 
 def test_csv_sums_up_to_the_totals(result: Result) -> None:
     rows = list(csv.DictReader(io.StringIO("\n".join(report.as_csv(result)))))
-    for kind in Kind:
+    for kind in MessageKind:
         of_kind = [row for row in rows if row["kind"] == kind]
         assert sum(int(row["messages"]) for row in of_kind) == result.traffic.messages[kind]
         assert sum(int(row["bytes"]) for row in of_kind) == result.traffic.bytes[kind]
@@ -58,7 +59,7 @@ def number(cell: str) -> int:
 def test_tables_sum_up_to_the_totals(result: Result) -> None:
     counted, others = equation_12_sum(result.traffic.messages), result.traffic.messages.total()
     table = {row[0]: row for row in report.kinds_table(result)}
-    assert table.keys() == {"kind", "together", *Kind}
+    assert table.keys() == {"kind", "together", *MessageKind}
     assert number(table["together"][1]) == sum(number(table[kind][1]) for kind in EQUATION_12_KINDS) == counted
     assert number(table["together"][2]) == sum(number(table[kind][2]) for kind in EQUATION_12_KINDS)
     assert table["together"][3].startswith("54 (Eq. 12)")

@@ -9,7 +9,7 @@ from ua_demo.equations import EQUATION_12_KINDS
 from ua_demo.simulators.fleet import Settings, report, simulate
 from ua_demo.simulators.fleet.fleet import SettingsInvalid
 
-from ua_fleet.traffic import Kind
+from ua_fleet.traffic import MessageKind
 
 SMALL = Settings(robots=6, tasks=12, faults=2)
 
@@ -26,7 +26,7 @@ def test_periods_change_nothing_of_equation_12() -> None:
     for kind in EQUATION_12_KINDS:
         assert usual.traffic.messages[kind] == slow.traffic.messages[kind]
         assert usual.traffic.bytes[kind] == slow.traffic.bytes[kind]
-    assert usual.traffic.messages[Kind.KEEP_ALIVE] > 5 * slow.traffic.messages[Kind.KEEP_ALIVE]
+    assert usual.traffic.messages[MessageKind.KEEP_ALIVE] > 5 * slow.traffic.messages[MessageKind.KEEP_ALIVE]
 
 
 def test_the_same_seed_gives_the_same_report() -> None:
@@ -44,7 +44,7 @@ def test_whatever_fails_each_task_is_done_once(faults: int) -> None:
     result = simulate(replace(SMALL, faults=faults))
     assert result.is_right, result.reason
     assert len({failure.robot for failure in result.failures}) == len(result.failures) == faults
-    assert result.traffic.messages[Kind.FAULT] == faults
+    assert result.traffic.messages[MessageKind.FAULT] == faults
     broken: set[str] = set()
     for failure in result.failures:
         broken.add(failure.robot)
@@ -56,7 +56,7 @@ def test_whatever_fails_each_task_is_done_once(faults: int) -> None:
 def test_a_failure_costs_the_fault_and_the_request_to_another_robot() -> None:
     none, one = simulate(replace(SMALL, faults=0)), simulate(replace(SMALL, faults=1))
     more = one.traffic.messages - none.traffic.messages
-    wanted = {Kind.FAULT: 1, Kind.REQUEST: 2, Kind.RESPONSE: 2, Kind.STATUS: 1}
+    wanted = {MessageKind.FAULT: 1, MessageKind.REQUEST: 2, MessageKind.RESPONSE: 2, MessageKind.STATUS: 1}
     assert {kind: count for kind, count in more.items() if kind in EQUATION_12_KINDS} == wanted
 
 
@@ -68,7 +68,7 @@ def test_one_robot_does_all_by_itself() -> None:
 def test_robots_without_a_task_are_there_all_the_same() -> None:
     result = simulate(Settings(4, 2, faults=2))
     assert result.is_right, result.reason
-    assert result.traffic.messages[Kind.REGISTRATION] == 4 * 3 + 2
+    assert result.traffic.messages[MessageKind.REGISTRATION] == 4 * 3 + 2
 
 
 def test_the_usual_period_stretches_with_the_fleet() -> None:

@@ -16,6 +16,7 @@ import signal
 import socket
 import subprocess
 import sys
+import tempfile
 import threading
 import time
 from collections.abc import Mapping, Sequence
@@ -104,8 +105,7 @@ class ForkedProcess:
         }
         with _lock:
             server = _server(command.python)
-            socket.send_fds(server, [json.dumps(request).encode()], [given, printed, complained, told.fileno()])
-            self.pid: Final = int(server.recv(32))
+            self.pid: Final = server.fork(request, [given, printed, complained, told.fileno()])
         for descriptor in (given, printed, complained):
             os.close(descriptor)
         told.close()
@@ -178,28 +178,50 @@ def command_of(words: Sequence[str | Path]) -> Command | None:
     return Command(python, rest[0], False, rest[1:]) if rest[0].endswith(".py") else None
 
 
+class _Server:
+    """The process that has imported everything."""
+
+    def __init__(self, python: str) -> None:
+        self._ours, its = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        environment = {
+            name: value
+            for name, value in os.environ.items()
+            if name not in ("LD_LIBRARY_PATH", "_ROS_WHEELS_BOOTSTRAP_COMPLETE")
+        }
+        path = os.pathsep.join((str(_ROOT), str(_ROOT / "bridges"), str(_ROOT / "demo")))
+        self._complaints = tempfile.TemporaryFile()  # noqa: SIM115 - read at its end
+        with its:
+            self._process = subprocess.Popen(
+                [python, "-u", _SERVER, *_IMPORTED],
+                stdin=its.fileno(),
+                stdout=subprocess.DEVNULL,
+                stderr=self._complaints,
+                env=environment | {"PYTHONPATH": path},
+            )
+
+    def fork(self, request: Mapping[str, object], descriptors: Sequence[int]) -> int:
+        """The id of a process that is forked off. Raises RuntimeError if that cannot be, with what was complained of."""
+        answer = b""
+        with contextlib.suppress(OSError):  # it has ended
+            socket.send_fds(self._ours, [json.dumps(request).encode()], descriptors)
+            answer = self._ours.recv(32)
+        if answer:
+            return int(answer)
+        code = self.end()
+        _server.cache_clear()  # one failed test is enough
+        self._complaints.seek(0)
+        complaints = self._complaints.read().decode(errors="replace")[-4_000:]
+        raise RuntimeError(f"the process that forks others ended with {code}: {complaints}")
+
+    def end(self) -> int:
+        """How it ended."""
+        self._ours.close()
+        return self._process.wait(10)
+
+
 @functools.cache
-def _server(python: str) -> socket.socket:
-    """The process that has imported everything, one of each Python for each process of tests."""
-    ours, its = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-    environment = {
-        name: value
-        for name, value in os.environ.items()
-        if name not in ("LD_LIBRARY_PATH", "_ROS_WHEELS_BOOTSTRAP_COMPLETE")
-    }
-    path = os.pathsep.join((str(_ROOT), str(_ROOT / "bridges"), str(_ROOT / "demo")))
-    server = subprocess.Popen(
-        [python, "-u", _SERVER, *_IMPORTED],
-        stdin=its.fileno(),
-        stdout=subprocess.DEVNULL,
-        env=environment | {"PYTHONPATH": path},
-    )
-    its.close()
-
-    def end() -> None:
-        with contextlib.suppress(OSError):
-            ours.close()
-        server.wait(10)
-
-    atexit.register(end)
-    return ours
+def _server(python: str) -> _Server:
+    """One of each Python for each process of tests."""
+    server = _Server(python)
+    atexit.register(server.end)
+    return server

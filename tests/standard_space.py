@@ -25,7 +25,7 @@ from asyncua.server.server import Server
 from asyncua.ua import ReferenceDescription
 from cryptography.hazmat.primitives.asymmetric import rsa
 
-from ua_fleet.server.nodeset import load_types
+from ua_fleet.nodes.nodeset import load_types
 
 __all__ = ["make_for_one", "quick_start"]
 

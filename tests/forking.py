@@ -200,7 +200,7 @@ class _Server:
             )
 
     def fork(self, request: Mapping[str, object], descriptors: Sequence[int]) -> int:
-        """The id of a process that is forked off. Raises RuntimeError if that cannot be, with what was complained of."""
+        """The id of a process that is forked off. Raises RuntimeError, with what was complained of, if it cannot be."""
         answer = b""
         with contextlib.suppress(OSError):  # it has ended
             socket.send_fds(self._ours, [json.dumps(request).encode()], descriptors)

@@ -63,7 +63,7 @@ def running() -> Generator[tuple[Fleet, Console]]:
         if reason := system.missing(needed):
             raise Unavailable(reason)
     with (
-        tempfile.TemporaryDirectory(dir=system.ROOT / "build") as folder,
+        tempfile.TemporaryDirectory() as folder,
         fleet_of(Path(folder)) as fleet,
         tempfile.TemporaryDirectory() as its,
         console_of(Path(its), {FLEET: fleet.endpoint}) as console,

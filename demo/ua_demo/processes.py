@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import json
+import signal
 import socket
 import time
 from collections import deque
@@ -156,6 +157,9 @@ class Processes:
         await end_child(process.process)
         if process.reader is not None:
             await process.reader
+        if process.code == -signal.SIGKILL:
+            with process.log.open("a", encoding="utf-8") as log:
+                log.write(f"{process.name} did not end when it was asked to, and was killed\n")
 
 
 def _last_words(log: str) -> str:

@@ -133,7 +133,9 @@ async def is_done(client: Client, run_id: str, asked: Iterable[str] = ()) -> set
     columns = [client.get_node(f"ns=2;s=Fleet.Scenarios.Runs.{run_id}.{name}") for name in names]
 
     async def read() -> Any:
-        steps, tasks, states, state = await client.read_values(columns)  # of one moment
+        steps, tasks, states, state = await client.read_values(columns)
+        if not len(steps) == len(tasks) == len(states):
+            return None  # a server may do other things between two values of one Read
         for step, name, shown in zip(steps, tasks, states, strict=True):
             if shown == "asked":
                 robot = name.partition("_")[0]

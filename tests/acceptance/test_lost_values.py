@@ -39,7 +39,7 @@ def prepare(works: Works, steps: str) -> None:
 
 
 async def test_a_robot_whose_values_are_lost_within_a_task_has_nobody_begin_beside_it(works: Works) -> None:
-    prepare(works, task("a", "left", 3 * SILENCE_S, on_unknown="replace") + task("b", "left", 0.0))
+    prepare(works, task("a", "left", 6 * SILENCE_S, on_unknown="replace") + task("b", "left", 0.0))
     for robot in ROBOTS:
         works.bridge(robot)
     async with works.server() as server, server.client() as client:

@@ -65,6 +65,12 @@ def drive(lease: int, number: int, echo: int, values: Any) -> Any:
     return ua.CallMethodRequest(ua.NodeId.from_string(OBJECT), ua.NodeId(METHODS["Drive"], 3), arguments)
 
 
+async def _drive_until(over: asyncio.Event, oscar: Operator) -> None:
+    while not over.is_set():
+        await oscar.drive(0.1, 0.0)
+        await asyncio.sleep(0.02)
+
+
 async def flood(client: Any, calls: list[Any]) -> set[str]:
     """Ask for all of them in one request; the names of the results."""
     request = ua.CallRequest()
@@ -111,11 +117,14 @@ async def test_floods_of_setpoints_move_nothing_that_is_not_theirs_and_fill_no_l
         oscar = Operator(one)
         await oscar.watch()
         await oscar.acquire()
-        for _ in range(FLOODS):
-            await oscar.drive(0.1, 0.0)
-            stolen = drive(oscar.lease, 0xFFFF_FFFF, oscar.echo, doubles(SPEED, 0.0))
-            assert await flood(two, [stolen] * IN_A_REQUEST) == {"BadUserAccessDenied"}
         await oscar.drive(0.1, 0.0)
+        over = asyncio.Event()
+        async with asyncio.TaskGroup() as beside:
+            beside.create_task(_drive_until(over, oscar))
+            for _ in range(FLOODS):
+                stolen = drive(oscar.lease, 0xFFFF_FFFF, oscar.echo, doubles(SPEED, 0.0))
+                assert await flood(two, [stolen] * IN_A_REQUEST) == {"BadUserAccessDenied"}
+            over.set()
         assert await shown(one, "LastNumber", oscar.number) == oscar.number
         assert max(linear for linear, _ in made.carrier.written) <= 0.1 + 1e-9
         # Its own: each is newer than the one before, and the last one counts.

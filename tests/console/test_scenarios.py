@@ -120,7 +120,7 @@ def test_a_run_is_paused_resumed_and_aborted_with_a_reason(fleet: Fleet, open_pa
     page.get_by_role("button", name="Abort…").click()
     dialog = page.get_by_role("dialog", name="Abort this run")
     dialog.get_by_role("button", name="Abort the run").click()
-    expect(dialog).to_contain_text("Say why")
+    expect(dialog).to_contain_text("Give a reason")
     dialog.get_by_label("Reason").fill("<b>enough</b>")
     page.keyboard.press("Enter")
     expect(page.locator("header").get_by_text("Aborted")).to_be_visible(timeout=20_000)
@@ -407,4 +407,6 @@ def test_a_dry_run_shows_what_would_happen_over_time(fleet: Fleet, open_page: Op
     expect(dialog).to_have_count(0)
     expect(text_of(page, "rehearsed")).to_be_focused()
     watcher = open_page("observer", PLACE + "/edit/rehearsed")
-    expect(watcher.get_by_role("button", name="Dry run…")).to_have_attribute("title", re.compile("it needs: Operator"))
+    expect(watcher.get_by_role("button", name="Dry run…")).to_have_attribute(
+        "title", re.compile("required role: Operator")
+    )

@@ -40,7 +40,7 @@ def test_listen_json_ends_by_count_and_tells_its_counters(site: Site) -> None:
 def test_listen_elsewhere_hears_nothing(site: Site) -> None:
     ended = site.run("pubsub", "listen", "--url", free_multicast_url(), "--timeout", "0.5", user=None)
     assert ended.code == 5
-    assert "nothing was heard for 0.5 s" in ended.stderr
+    assert "no message arrived within 0.5 s" in ended.stderr
     assert "messages: 0, gaps: 0, dropped: nothing" in ended.stderr
 
 

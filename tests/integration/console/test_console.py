@@ -100,7 +100,7 @@ async def test_mistakes_of_the_page_are_told_with_the_field(console: Console) ->
         assert (answer.status_code, answer.json()["error"]["field"]) == (400, "x")
         answer = await browser.ask("skill.start", robot="rover", skill="goto")
         assert answer.status_code == 409
-        assert "not heard" in answer.json()["error"]["message"]
+        assert "the robot is silent" in answer.json()["error"]["message"]
         assert (await browser.ask("skill.start", robot="nobody", skill="goto")).status_code == 404
         assert (await browser.ask("skill.jump")).status_code == 404
 

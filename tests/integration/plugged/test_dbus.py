@@ -172,7 +172,7 @@ async def test_a_bus_that_comes_late_and_goes(bus: BusDaemon) -> None:
             bus.end()
             await until(lambda: bridge.recorder.lost(bridge.topic(10)) == 1, "the loss")
         bridge.driver._appears_by = 0.0
-        with pytest.raises(RobotOffline, match=r"nobody on the D-Bus is trbots\.lamp"):
+        with pytest.raises(RobotOffline, match=r"no program on the D-Bus has the name trbots\.lamp"):
             bridge.begin(21, 1, 2)
 
 

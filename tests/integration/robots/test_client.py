@@ -97,7 +97,9 @@ async def test_a_program_offers_a_skill_and_others_call_it(yard: Yard) -> None:
         connected(running) as client,
         connected(running, OPERATOR) as caller,
     ):
-        with pytest.raises(AccessRefused, match="BadUserAccessDenied"):
+        with pytest.raises(
+            AccessRefused, match=r"mechanic\.repair is not registered, and only an engineer may change that"
+        ):
             async with caller.offer_skill("mechanic", "repair", SKILL):
                 pass
         with pytest.raises(NotDone, match="there is no robot 'mechanic'"):

@@ -148,7 +148,7 @@ async def test_what_is_absent_is_named(graph: Ros1Graph, tmp_path: Path) -> None
             (HOLD, (True,), "there is no service /hold; start the robot's node"),
             (MOVE, (1.0,), "/move has no subscriber; start the robot's node"),
             (COUNT, (1,), "there is no action server /count; start the robot's node"),
-            (DRIVE, ("dock", 0.0), "no program publishes /ua_1_2_1010"),
+            (DRIVE, ("dock", 0.0), "(/ua_1_2_1010 has no publisher)"),
         ):
             refused = await robot.ask(skill, *values)
             assert refused.kind is OutcomeKind.REFUSED

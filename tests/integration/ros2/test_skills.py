@@ -186,7 +186,7 @@ async def test_what_is_absent_is_named(ros2: Ros2Space) -> None:
         for skill, values, text in (
             (LOAD, ("home",), "there is no service /load_map"),
             (MOVE, (1.0,), "/move has no subscriber"),
-            (DRIVE, ("dock", 0.0), f"no program publishes /ua_{ros2.domain}_2_1010"),
+            (DRIVE, ("dock", 0.0), f"/ua_{ros2.domain}_2_1010 has no publisher"),
         ):
             with pytest.raises(RobotOffline, match=text):
                 skilled.begin(skill, *values)

@@ -57,7 +57,9 @@ async def test_a_bridge_whose_certificate_ends_goes_on_with_its_keys_and_heals_w
         await until(lambda: say(one, "our certificate expired on"))
         before = len(heard(two, COUNTER_ONE))
         await until(lambda: len(heard(two, COUNTER_ONE)) > before + 100)
-    await until(lambda: say(two, "the source of keys is away"))  # else a server that is quickly back was never missed
+    await until(
+        lambda: say(two, "the key source is not reachable")
+    )  # else a server that is quickly back was never missed
     async with serving(secured.folder, secured.config):
         # Only after its return the server knows nobody's channel any more.
         await until(lambda: say(two, "the key source is reachable again"))

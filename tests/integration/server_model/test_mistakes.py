@@ -76,7 +76,7 @@ LOOPS: dict[str, tuple[str, Any, str, Callable[..., bool]]] = {
     "scenario timer": ("scenarios", ScenarioService, "poll", always),
     "its deadline": ("scenarios", ScenarioService, "next_deadline", always),
     "a clock": ("CertificateWatch", CertificateWatch, "poll", always),
-    "another clock": ("Offers", ClientOffers, "poll", always),
+    "another clock": ("ClientOffers", ClientOffers, "poll", always),
     "keep-alives": ("publisher", hub.Hub, "_poll_publisher", always),
 }
 

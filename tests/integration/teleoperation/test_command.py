@@ -74,7 +74,7 @@ async def test_a_script_drives_for_a_time_and_gives_the_robot_back_at_a_standsti
         (("carrier", "--axis", "linear=nan", "--for", "1s"), OPERATOR, 2, "beyond the limit of 0.5"),
         (("carrier", "--axis", "linear", "--for", "1s"), OPERATOR, 2, "write name=value"),
         (("carrier", "--axis", "linear=0.1"), OPERATOR, 2, "give both"),
-        (("carrier",), OPERATOR, 2, "this is no terminal"),
+        (("carrier",), OPERATOR, 2, "stdin is no terminal"),
         (("carrier", "--axis", "linear=0.1", "--for", "1s"), OBSERVER, 1, "role does not allow"),
     ],
 )

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
 from typer.main import get_command
 
-from tests import system
+from tests import command_tree, system
 from tests.unit.cli.conftest import Invoke
 from ua_fleet.cli.app import app
 
@@ -44,14 +45,16 @@ class Site:
 
 
 @pytest.fixture
-def site(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Site:
+def site(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Site]:
     """Is forgotten after the test, and what was imported from it, too."""
     folder = tmp_path / "site"
     folder.mkdir()
     monkeypatch.setattr(sys, "path", [str(folder), *sys.path])
     for name in ("acme_greet", "acme_other"):
         monkeypatch.delitem(sys.modules, name, raising=False)
-    return Site(folder)
+    command_tree.forget()
+    yield Site(folder)
+    command_tree.forget()
 
 
 def test_a_command_of_another_package_is_one_of_ua_fleet(site: Site, invoke: Invoke) -> None:

@@ -294,11 +294,11 @@ BLOCKED = """
 import asyncio, sys, time
 from pathlib import Path
 from ua_fleet.cli.logs import set_up_logging
-from ua_fleet.monitoring import Monitor, Process
+from ua_fleet.monitoring import Monitor, ProcessKind
 from ua_fleet.monitoring.endpoint import MonitoringEndpoint
 
 async def main():
-    async with MonitoringEndpoint(Monitor(Process.SERVER), "127.0.0.1", 0, Path(sys.argv[1]), key="k"):
+    async with MonitoringEndpoint(Monitor(ProcessKind.SERVER), "127.0.0.1", 0, Path(sys.argv[1]), key="k"):
         print("up", flush=True)
         await asyncio.to_thread(sys.stdin.readline)
         time.sleep(3)

@@ -124,6 +124,6 @@ async def test_a_bridge_that_is_gone_is_asked_for_nothing(event: SubscriberEvent
         server.follow(SourceSilent(MODEL.status))
         server.follow(back(MODEL.status))
         assert server.nodes["Holder"] == ("anna", shown)
-        with pytest.raises(RobotOffline, match="nobody announces"):
+        with pytest.raises(RobotOffline, match="no bridge announces"):
             async with asyncio.timeout(1):
                 await server.service.acquire("carrier", driver, take_over=False)

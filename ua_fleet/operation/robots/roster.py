@@ -206,7 +206,8 @@ class RobotRegistry:
         if model == known:
             return model
         if not may_change:
-            reason = f"{name}.{skill} is not what it was registered as, and only an engineer may change it"
+            what = "is not registered" if known is None else "is not what it was registered as"
+            reason = f"{name}.{skill} {what}, and only an engineer may change that"
             raise AccessRefused(StatusCode.BAD_USER_ACCESS_DENIED, reason)
         if known is not None:
             self._check_idle(known)

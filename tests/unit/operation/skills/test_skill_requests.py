@@ -73,10 +73,10 @@ async def test_arguments_go_with_the_version_of_what_was_announced() -> None:
 
 async def test_what_nobody_has_announced_is_asked_for_and_refused() -> None:
     bench = Bench()
-    with pytest.raises(RobotOffline, match="nobody announces"):
+    with pytest.raises(RobotOffline, match="no bridge announces"):
         bench.commands.request(ACTION, "arm", "pick", {"place": "bin"}, 5.0, ID)
     assert (bench.wanted, bench.sent) == ([(300, 1501)], [])
-    with pytest.raises(RobotOffline, match="nobody announces"):
+    with pytest.raises(RobotOffline, match="no bridge announces"):
         bench.commands.halt(ACTION, "arm", ID)
 
 

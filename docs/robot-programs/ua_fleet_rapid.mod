@@ -3,8 +3,8 @@ MODULE UaFleet
     ! Runs as a background task (SEMISTATIC); the motion task reads `job_number` and does the work.
     ! Written from docs/tcp.md; it has not been run on a controller.
 
-    ! What is to be done, or was done last; survives a restart. A text, since a `num` is exact to 8388608 only, and the
-    ! bridge's numbers go to 2147483647.
+    ! Number of the job that is to be done, or was done last; survives a restart. A text, since a `num` is exact to
+    ! 8388608 only, and the bridge's numbers go to 2147483647.
     PERS string job_number := "";
     PERS string job_skill := "";
     PERS num job_size := 0;
@@ -14,7 +14,7 @@ MODULE UaFleet
 
     VAR socketdev listener;
     VAR socketdev bridge;
-    VAR string told_state := "";       ! the state of the job that was told last
+    VAR string told_state := "";       ! the state that was last sent to the bridge
 
     PROC main()
         SocketCreate listener;
@@ -37,7 +37,7 @@ MODULE UaFleet
             IF job_state <> told_state tell job_number;
         ENDWHILE
     ERROR
-        ! The bridge has gone; what it wants to know it asks when it is back.
+        ! The bridge has disconnected; it sends its queries when it connects again.
         RETURN;
     ENDPROC
 

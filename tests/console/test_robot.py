@@ -41,6 +41,7 @@ def fleet(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Fleet]:
 
     def change(raw: dict[str, Any]) -> None:
         raw["robots"]["left"]["data"] |= {name: {"origin": "server", **node} for name, node in NODES.items()}
+        raw["robots"]["left"]["card"] = ["speed_limit"]
 
     with fleet_of(tmp_path_factory.mktemp("fleet"), lambda plant: plant.declare(change)) as running:
         yield running
@@ -134,6 +135,16 @@ def test_a_value_is_written_within_its_range(open_page: Open, picture: Picture) 
     page.keyboard.press("Enter")
     expect(dialog).to_be_hidden()
     expect(row(page, "speed_limit")).to_contain_text("1.5")
+
+
+def test_the_card_of_a_robot_follows_the_value_that_is_marked(open_page: Open) -> None:
+    """While nothing else of the robot changes."""
+    page = open_page("operator", "#/hall/fleet")
+    card = page.get_by_role("article", name="left")
+    for speed in ("1.75", "0.25", "0.75"):
+        ask(page, "node.write", node="ns=2;i=1301", value=speed)
+        expect(card.get_by_role("definition")).to_have_text(f"{speed} m/s")
+    expect(card).to_contain_text("Idle")
 
 
 def test_an_array_is_written_element_by_element(open_page: Open, picture: Picture) -> None:

@@ -2,6 +2,8 @@
 class Clock {
   /** Milliseconds since 1970, renewed once a second. */
   now = $state(Date.now());
+  /** A time of the same day, renewed with the day: for what tells days apart, and would be the same each second. */
+  today = $state(Date.now());
   #offset_ms = 0;
 
   constructor() {
@@ -18,6 +20,7 @@ class Clock {
 
   #renew(): void {
     this.now = Date.now() + this.#offset_ms;
+    if (new Date(this.now).toDateString() !== new Date(this.today).toDateString()) this.today = this.now;
   }
 }
 

@@ -10,10 +10,16 @@ export type TextKey = Exclude<Leaves<typeof en>, `${string}_one`>;
 
 export type TextValues = Record<string, string | number>;
 
+const known = new Map<string, string | undefined>();
+
+/** The same keys are asked for each second, for each of many things that are shown. */
 function found(key: string): string | undefined {
+  if (known.has(key)) return known.get(key);
   let at: unknown = en;
   for (const part of key.split('.')) at = (at as Record<string, unknown> | undefined)?.[part];
-  return typeof at === 'string' ? at : undefined;
+  const text = typeof at === 'string' ? at : undefined;
+  known.set(key, text);
+  return text;
 }
 
 /** A text with its `{names}` filled in. */

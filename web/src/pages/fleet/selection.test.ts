@@ -1,6 +1,6 @@
 import { describe, expect, it } from 'vitest';
 import type { Robot } from './robots';
-import { countsOf, linesOf, selected, type Wish, wishOf } from './selection';
+import { agesOf, countsOf, linesOf, sameRows, selected, type Wish, wishOf } from './selection';
 
 const robot = (name: string, state: Robot['state']['v'], more: Partial<Robot> = {}): Robot => ({
   name,
@@ -29,7 +29,10 @@ const FLEET = [
 ];
 
 const wish = (given: Partial<Wish> = {}): Wish => ({ ...wishOf(() => ''), ...given });
-const names = (given: Partial<Wish>) => selected(FLEET, wish(given)).map((row) => row.robot.name);
+const LATER = Date.parse('2026-11-23T23:00:00Z');
+const ages = (nowMs: number, before = new Map<string, number | null>()) => agesOf(FLEET, nowMs, before);
+const names = (given: Partial<Wish>, nowMs = LATER) =>
+  selected(FLEET, wish(given), ages(nowMs)).map((row) => row.robot.name);
 
 describe('robots', () => {
   it.each<[Partial<Wish>, string[]]>([
@@ -53,6 +56,37 @@ describe('robots', () => {
     [{ sort: 'updated', down: true }, ['arm2', 'arm10', 'Belt', 'drone', 'shy']],
     [{ sort: 'task', down: true }, ['arm10', 'arm2', 'Belt', 'drone', 'shy']],
   ])('as wished for by %j', (given, expected) => expect(names(given)).toEqual(expected));
+
+  it('keep their places by age while all of them are fresh', () => {
+    const nowMs = Date.parse('2026-11-23T22:00:10.5Z');
+    expect(names({ sort: 'updated' }, nowMs)).toEqual(['arm2', 'arm10', 'Belt', 'drone', 'shy']);
+    expect(names({ sort: 'updated', down: true }, nowMs)).toEqual(['arm2', 'arm10', 'Belt', 'drone', 'shy']);
+    // The age of arm10 is 10 s then.
+    expect(names({ sort: 'updated' }, nowMs + 500)).toEqual(['arm10', 'arm2', 'Belt', 'drone', 'shy']);
+    expect(names({ sort: 'updated', down: true }, nowMs + 500)).toEqual(['arm2', 'arm10', 'Belt', 'drone', 'shy']);
+    const before = ages(nowMs);
+    expect(agesOf(FLEET, nowMs, before)).toBe(before);
+    expect(agesOf(FLEET, nowMs + 500, before)).not.toBe(before);
+    expect(agesOf(FLEET.slice(0, 4), nowMs, before)).not.toBe(before);
+    expect(agesOf([robot('arm', 'idle', { updated: 'not a time' })], nowMs, before)).toEqual(new Map([['arm', null]]));
+  });
+
+  it.each<Partial<Wish>>([{}, { group: 'capacity' }, { group: 'bridge', sort: 'updated' }])(
+    'have the same rows again, wished for by %j',
+    (given) => {
+      const before = selected(FLEET, wish(given), ages(LATER));
+      expect(sameRows(before, selected(FLEET, wish(given), ages(LATER)))).toBe(before);
+      const fewer = selected(FLEET.slice(1), wish(given), ages(LATER));
+      expect(sameRows(before, fewer)).toBe(fewer);
+      const other = selected(
+        FLEET.map((one) => (one.name === 'drone' ? { ...one } : one)),
+        wish(given),
+        ages(LATER),
+      );
+      expect(sameRows(before, other)).toBe(other);
+      expect(other.filter((row, place) => row !== before[place]).map((row) => row.robot.name)).toEqual(['drone']);
+    },
+  );
 
   it('stand in groups, each in all of its own', () => {
     expect(selected(FLEET, wish({ group: 'capacity' })).map((row) => row.key)).toEqual([

@@ -59,12 +59,39 @@ function isLike(robot: Robot, state: Exclude<Wish['state'], ''>): boolean {
   return state === 'fault' ? hasFault(robot) : standingOf(robot) === state;
 }
 
-const TOLD: Record<SortName, (robot: Robot) => string | number | null> = {
+/** A source that lives tells its last value again each 5 s, where `repeat_interval_s` says nothing else. */
+const FRESH_S = 10;
+
+/** By name when data of robots came that are not fresh; null: nobody knows. */
+export type Ages = ReadonlyMap<string, number | null>;
+
+/**
+ * What an order by age goes by; the map of before where it is the same. All that are fresh are equal: otherwise robots
+ * that tell something each second would change their places with each message, and none could be pressed.
+ */
+export function agesOf(robots: Iterable<Robot>, nowMs: number, before: Ages): Ages {
+  const ages = new Map<string, number | null>();
+  let same = true;
+  for (const { name, updated } of robots) {
+    const at = updated ? Date.parse(updated) : NaN;
+    if (nowMs - at < FRESH_S * 1000) continue;
+    const known = Number.isNaN(at) ? null : at;
+    ages.set(name, known);
+    same &&= before.get(name) === known;
+  }
+  return same && ages.size === before.size ? before : ages;
+}
+
+const TOLD: Record<Exclude<SortName, 'updated'>, (robot: Robot) => string | number | null> = {
   name: (robot) => robot.name,
   state: (robot) => STANDINGS.indexOf(standingOf(robot)),
-  updated: (robot) => (robot.updated ? Date.parse(robot.updated) : null),
   task: (robot) => robot.task || null,
   bridge: (robot) => robot.bridge || null,
+};
+
+const updatedBy = (ages: Ages) => (robot: Robot) => {
+  const at = ages.get(robot.name);
+  return at === undefined ? Infinity : at;
 };
 
 function groupsOf(robot: Robot, group: GroupName): string[] {
@@ -74,8 +101,12 @@ function groupsOf(robot: Robot, group: GroupName): string[] {
   return [''];
 }
 
-/** The robots that are wished for, sorted within their groups. Asked for with each message, of all robots. */
-export function selected(robots: Iterable<Robot>, wish: Wish): Row[] {
+/**
+ * The robots that are wished for, sorted within their groups. Asked for of all robots whenever one of them changes.
+ *
+ * @param ages for the order by them
+ */
+export function selected(robots: Iterable<Robot>, wish: Wish, ages: Ages = new Map()): Row[] {
   const words = wish.text.toLowerCase().split(/\s+/).filter(Boolean);
   const rows: Row[] = [];
   for (const robot of robots) {
@@ -86,12 +117,13 @@ export function selected(robots: Iterable<Robot>, wish: Wish): Row[] {
       const text = textOf(robot);
       if (!words.every((word) => text.includes(word))) continue;
     }
-    if (!wish.group) rows.push(rowOf(robot));
-    else for (const group of groupsOf(robot, wish.group)) rows.push({ key: `${group}/${robot.name}`, group, robot });
+    if (!wish.group) rows.push(rowOf(robot, robot.name, ''));
+    else for (const group of groupsOf(robot, wish.group)) rows.push(rowOf(robot, `${group}/${robot.name}`, group));
   }
   const names = nameRanks(rows);
   const name = rows.map((row) => names.get(row.robot.name) ?? 0);
-  const by = wish.sort === 'name' ? name : toldRanks(rows.map((row) => TOLD[wish.sort](row.robot)));
+  const told = wish.sort === 'updated' ? updatedBy(ages) : TOLD[wish.sort];
+  const by = wish.sort === 'name' ? name : toldRanks(rows.map((row) => told(row.robot)));
   const group = wish.group ? groupRanks(rows, wish.group) : null;
   const compare = (a: number, b: number): number => {
     if (group && group[a] !== group[b]) return (group[a] ?? 0) - (group[b] ?? 0);
@@ -110,13 +142,20 @@ export function selected(robots: Iterable<Robot>, wish: Wish): Row[] {
     .flatMap((at) => rows[at] ?? []);
 }
 
-const rowsKnown = new WeakMap<Robot, Row>();
+const rowsKnown = new WeakMap<Robot, Row[]>();
 
 /** The same row for the same robot, so that what has not changed is not looked at again. */
-function rowOf(robot: Robot): Row {
-  let row = rowsKnown.get(robot);
-  if (!row) rowsKnown.set(robot, (row = { key: robot.name, group: '', robot }));
+function rowOf(robot: Robot, key: string, group: string): Row {
+  let rows = rowsKnown.get(robot);
+  if (!rows) rowsKnown.set(robot, (rows = []));
+  let row = rows.find((one) => one.key === key);
+  if (!row) rows.push((row = { key, group, robot }));
   return row;
+}
+
+/** The rows of before, where they are the same. */
+export function sameRows(before: readonly Row[], now: readonly Row[]): readonly Row[] {
+  return before.length === now.length && now.every((row, at) => row === before[at]) ? before : now;
 }
 
 /** Rows as many beside each other as there is room for; a line that is the same as before is the same object. */

@@ -45,6 +45,20 @@ describe('data', () => {
     expect(groups[0]?.rows[0]?.value).toBeUndefined();
   });
 
+  it('have the same rows while nothing of them changes', () => {
+    const rows = (all: ReadonlyMap<string, unknown>) => groupsOf(all, '').flatMap((group) => group.rows);
+    const before = rows(entries);
+    const after = rows(new Map(entries).set('value/s', value(3)));
+    expect(after.map((row, place) => [row.name, row === before[place]])).toEqual([
+      ['mode', true],
+      ['x', true],
+      ['y', true],
+      ['range', false],
+    ]);
+    expect(after[3]?.value).toEqual({ ...value(3), u: 'm' });
+    expect(rows(new Map(entries).set('data/s', about(['lidar', 'far'], { folder: 'Sensors' })))[3]?.name).toBe('far');
+  });
+
   it.each([
     ['HALL pose', ['x']],
     ['lidar', ['range']],

@@ -117,6 +117,18 @@ export interface DataGroup {
   rows: DataRow[];
 }
 
+const rowsKnown = new WeakMap<DataNode | Shown, DataRow>();
+
+/** The same row while its Variable and its value are, so that what has not changed is not looked at again. */
+function rowOf(node: string, about: DataNode, told: Shown | undefined): DataRow {
+  const known = rowsKnown.get(told ?? about);
+  if (known?.node === node && known.about === about) return known;
+  const value = told && about.unit ? { ...told, u: about.unit } : told;
+  const row = { node, name: about.path.at(-1) ?? node, about, value };
+  rowsKnown.set(told ?? about, row);
+  return row;
+}
+
 /** Data in the groups of the address space, in its order; `words` in their path, description or value narrow them. */
 export function groupsOf(entries: ReadonlyMap<string, unknown>, words: string): DataGroup[] {
   const wanted = words.toLowerCase().split(/\s+/).filter(Boolean);
@@ -125,8 +137,6 @@ export function groupsOf(entries: ReadonlyMap<string, unknown>, words: string): 
     if (!key.startsWith('data/')) continue;
     const node = key.slice('data/'.length);
     const about = entry as DataNode;
-    const told = entries.get(`value/${node}`) as Shown | undefined;
-    const value = told && about.unit ? { ...told, u: about.unit } : told;
     if (wanted.length) {
       const text = [...about.path, about.folder, about.description].join('\n').toLowerCase();
       if (!wanted.every((word) => text.includes(word))) continue;
@@ -135,7 +145,7 @@ export function groupsOf(entries: ReadonlyMap<string, unknown>, words: string): 
     const title = (about.folder === 'Data' ? above : [about.folder, ...above]).join(' / ');
     let group = groups.get(title);
     if (!group) groups.set(title, (group = { title, rows: [] }));
-    group.rows.push({ node, name: about.path.at(-1) ?? node, about, value });
+    group.rows.push(rowOf(node, about, entries.get(`value/${node}`) as Shown | undefined));
   }
   // What stands directly in Data has no folder, and so comes first; sensors come last.
   const rank = (group: DataGroup) => (group.title === '' ? 0 : group.rows[0]?.about.folder === 'Sensors' ? 2 : 1);

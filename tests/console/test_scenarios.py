@@ -256,6 +256,41 @@ def test_blocks_are_put_in_moved_and_removed_by_keys_and_comments_stay(
     )
 
 
+def test_a_long_text_is_read_in_a_thread_of_its_own(fleet: Fleet, open_page: Open) -> None:
+    """So that a key which is pressed meanwhile does not wait for it. What follows it is right all the same."""
+    tasks = "".join(f"  - {{task: t{number}, skill: work, robot: left}}\n" for number in range(200))
+    fleet.plant.scenario("long", tasks)
+    page = open_page("engineer", PLACE + "/edit/long")
+    steps = page.get_by_role("tree", name="Blocks").get_by_role("treeitem")
+    expect(steps).to_have_count(200)
+    assert [worker.url for worker in page.workers if "reader" in worker.url]
+    expect(page.get_by_role("region", name="Fields of t0")).to_be_visible()
+    steps.nth(1).focus()
+    expect(page.get_by_role("region", name="Fields of t1")).to_be_visible()
+    text = text_of(page, "long")
+    text.click()
+    page.keyboard.press("Control+Home")
+    page.keyboard.insert_text("# first\n")
+    page.keyboard.press("Control+End")
+    page.keyboard.insert_text("  - {wait: 1}\n")
+    expect(steps).to_have_count(201)
+    # Those that are as before stand at other lines, and in the text as it is now.
+    steps.nth(1).press("Delete")
+    expect(steps).to_have_count(200)
+    expect(page.get_by_role("region", name="Fields of t0")).to_be_visible()
+    page.get_by_role("region", name="Fields of t0").get_by_label("Retries").fill("3")
+    page.keyboard.press("Control+s")
+    expect(page.get_by_text("long was stored.")).to_be_visible()
+    kept = tasks.replace("  - {task: t1, skill: work, robot: left}\n", "").replace("left}", "left, retries: 3}", 1)
+    assert stored(fleet, "long") == f"{kept}  - {{wait: 1}}\n"
+    text.click()
+    page.keyboard.press("Control+Home")
+    page.keyboard.insert_text("[")
+    expect(page.get_by_role("alert").filter(has_text="The text cannot be read")).to_be_visible()
+    page.keyboard.press("Backspace")
+    expect(steps).to_have_count(200)
+
+
 FORMS = """\
   # of one
   - {task: one, skill: work, robot: left}  # behind

@@ -12,7 +12,7 @@ from typing import Any, Final, NamedTuple
 
 from playwright.sync_api import Browser, Page
 
-from tests.console.conftest import log_in
+from tests.console.conftest import FLEET, log_in
 
 VIEWPORT: Final[Any] = {"width": 1280, "height": 800}
 _CATEGORIES: Final = ["-*", "devtools.timeline", "disabled-by-default-devtools.timeline"]
@@ -26,6 +26,19 @@ _FRAMES: Final = """seconds => new Promise(done => {
   };
   requestAnimationFrame(frame);
 })"""
+_RECEIVE: Final = """async want => {
+  const { csrf } = await (await fetch('api/me')).json();
+  const socket = new WebSocket(new URL('api/live', location).href.replace(/^http/, 'ws'));
+  socket.onopen = () => {
+    socket.send(JSON.stringify({ csrf }));
+    socket.send(JSON.stringify({ want }));
+  };
+  socket.onmessage = event => {
+    const seen = Number(/^{"n":(\\d+)/.exec(event.data)[1]);
+    requestAnimationFrame(() => socket.send(JSON.stringify({ seen })));
+  };
+  setInterval(() => {}, 1000);
+}"""
 _SCRIPTS: Final = """() => performance.getEntriesByType('resource')
   .filter(one => new URL(one.name).pathname.endsWith('.js'))
   .reduce((sum, one) => sum + one.encodedBodySize, 0)"""
@@ -71,6 +84,16 @@ def empty(browser: Browser) -> Generator[Page]:
         yield page
     finally:
         context.close()
+
+
+@contextmanager
+def receiving(browser: Browser, url: str, feeds: dict[str, dict[str, Any]]) -> Generator[Page]:
+    """A page with nothing in it that is told these feeds: what messages and frames take of a browser by themselves."""
+    with opened(browser, url) as page:
+        page.goto(f"{url}nothing")  # the console says so in two words: a page from elsewhere may not connect to it
+        want = {name: {"fleet": FLEET, "feed": name, "parameters": given} for name, given in feeds.items()}
+        page.evaluate(_RECEIVE, want)
+        yield page
 
 
 def traced(browser: Browser, page: Page, seconds: float) -> list[dict[str, Any]]:

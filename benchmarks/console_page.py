@@ -14,13 +14,13 @@ import sys
 import time
 from collections.abc import Generator
 from contextlib import contextmanager
-from typing import Final
+from typing import Any, Final
 
 from playwright.sync_api import Browser, expect
 
-from benchmarks._console_page import Heap, empty, frames, opened, part, scripts_kb, traced, work_of
-from benchmarks._console_recording import recorded
-from benchmarks.harness import FEWEST_ROUNDS, Figure, Unavailable, at_most, merge_results, within
+from benchmarks._console_page import Heap, empty, frames, opened, part, receiving, scripts_kb, traced, work_of
+from benchmarks._console_recording import WANTED, recorded
+from benchmarks.harness import FEWEST_ROUNDS, Figure, Unavailable, at_most, merge_results, shown, within
 from tests import system
 from tests.console.browsing import chromium
 from tests.console.conftest import USERS
@@ -32,6 +32,9 @@ PLACES: Final = {
     "Fleet, rows by age in groups": "#/hall/fleet?view=rows&sort=updated&group=state",
     "Robot": "#/hall/robot/robot0001",
 }
+_ALL: Final[dict[str, dict[str, Any]]] = {"counts": {}, "robots": {}}
+FEEDS: Final = dict.fromkeys(PLACES, _ALL) | {"Robot": WANTED | dict.fromkeys(("alarms", "robots"), WANTED["robot"])}
+"""What each of them wants of the console."""
 UPDATE_MS: Final = 8.0
 TASK_MS: Final = 50.0
 USABLE_S: Final = 1.5
@@ -78,6 +81,7 @@ def usable_s(browser: Browser, url: str, role: str = "operator") -> tuple[float,
 
 def page_figures(browser: Browser, url: str, name: str, rounds: int) -> list[Figure]:
     updates, longest, ours, theirs = list[float](), list[float](), list[float](), list[float]()
+    received: list[float] = []
     for _ in range(rounds):
         with opened(browser, url, PLACES[name]) as page:
             page.wait_for_timeout(SETTLE_MS)
@@ -85,11 +89,18 @@ def page_figures(browser: Browser, url: str, name: str, rounds: int) -> list[Fig
             updates += work.updates_ms
             longest.append(work.longest_ms)
             ours.append(part(frames(page, FRAMES_S), 95))
+        with receiving(browser, url, FEEDS[name]) as page:
+            page.wait_for_timeout(SETTLE_MS)
+            received += work_of(traced(browser, page, TRACED_S)).updates_ms
         with empty(browser) as page:
             theirs.append(part(frames(page, FRAMES_S), 95))
     empty_ms = statistics.median(theirs)
     return [
         within(f"{name}, main thread for an update, p95", part(updates, 95), "ms", UPDATE_MS),
+        shown(
+            f"{name}, main thread for an update, p50", part(updates, 50), "ms",
+            reference="an empty page that is told the same", reference_value=part(received, 50),
+        ),
         within(f"{name}, the longest task", statistics.median(longest), "ms", TASK_MS),
         at_most(
             f"{name}, between frames, p95", statistics.median(ours), "ms",
